@@ -132,7 +132,7 @@ class Lab:
             foreseen = () if progress is False else self._forewarned(study, backend)
         with _watching(progress) as watcher, _in_python():
             for line in foreseen:
-                watcher.tell(f"Warning: {line}")
+                watcher.tell(line)
             if cluster is not None:
                 summary = Cluster(study, self.place, self.backend, cluster, self.device, watcher=watcher).run()
             else:
@@ -153,17 +153,18 @@ class Lab:
         return summary
 
     def _forewarned(self, study: Study, backend: Backend) -> tuple[str, ...]:
-        """The warnings of a plan."""
+        """The warnings of a plan, and what was wrong with an index that has to be made first."""
 
         def looked() -> tuple[str, ...]:
             with self._catalogue() as catalogue:
-                return forewarn(study, catalogue, backend, self.device)
+                return tuple(f"Warning: {line}" for line in forewarn(study, catalogue, backend, self.device))
 
         try:
             return looked()
         except NoCatalogue:
-            Index(self.place).close()  # to run makes the index of a lab without one, where a plan only looks
-            return looked()
+            index = Index(self.place)  # to run makes the index of a lab without one, where a plan only looks
+            index.close()
+            return (*(f"Unreadable: {problem}" for problem in index.found.problems), *looked())
 
     def _no_flow(self, study: Study, summary: Summary) -> str:
         """Why no point has a flow rate, though the study measures it and runs are done; empty if one has."""

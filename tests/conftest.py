@@ -19,6 +19,8 @@ import pytest
 from hypothesis import HealthCheck, settings
 from labbook_dem import generated
 
+os.environ.pop("COLUMNS", None)  # of the terminal that the suite runs in; pytest-xdist hands it to its processes
+
 settings.register_profile("untimed", deadline=None, suppress_health_check=[HealthCheck.too_slow])
 settings.load_profile("untimed")
 

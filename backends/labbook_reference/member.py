@@ -101,6 +101,7 @@ class Run(Standing):
         self._plain = [PlainWall(wall.shape) for wall in self.walls]
         self.slender = rotation.slenderness(scene.grains)
         self.failure: Failure | None = None
+        self.frames = []
         found = features(scene, numerics, probes)
         self._friction, self._rolling = bool(found["FRICTION"]), bool(found["ROLLING_SPRING"])
         crossed = any(isinstance(probe, Crossing) for probe in probes)

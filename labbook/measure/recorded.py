@@ -101,7 +101,9 @@ class OfRecording(Measure):
 
 class FlowPattern(OfRecording):
     """Mean fields of a recorded run over the window of its flow rate, their means above the orifice, and the stagnant
-    part of the bed. Arrays: those of `Bed`."""
+    part of the bed. Of rods also their orientation: in a hopper O_xx and O_yy, about an axis O_rr and O_tt. Where no
+    grain is above the orifice in any frame, there is one number of NaN for the means, and the note says so. Arrays:
+    those of `Bed`."""
 
     name = "flow_pattern"
     version = 3
@@ -109,6 +111,12 @@ class FlowPattern(OfRecording):
         Quantity("orifice.packing_fraction", "φ", "", "packing fraction above the orifice, of recorded frames"),
         Quantity("orifice.v_z", "v_z", "m/s", "vertical velocity in this layer, weighted by φ"),
         Quantity("orifice.kinetic_pressure", "p_k", "Pa", "trace of the kinetic stress in this layer"),
+        Quantity("orifice.O_xx", "O_xx", "", "mean square of the cosine between rods and the width of a hopper"),
+        Quantity("orifice.O_yy", "O_yy", "", "mean square of the cosine with its thickness"),
+        Quantity("orifice.O_rr", "O_rr", "", "mean square of the cosine between rods and the radial direction"),
+        Quantity("orifice.O_tt", "O_tt", "", "mean square of the cosine with the azimuthal direction"),
+        Quantity("orifice.O_zz", "O_zz", "", "mean square of the cosine with the vertical"),
+        Quantity("orifice.S", "S", "", "largest eigenvalue of the orientation tensor averaged over time"),
         Quantity(
             "orifice.stagnant_fraction", "stagnant", "", "part of the mass of the bed that stands still", "%", 100
         ),
@@ -120,18 +128,23 @@ class FlowPattern(OfRecording):
         bed = bed_between(scene, frames, times)
         if bed is None:
             return Evaluation()
+        where, how = f"{bed.window[0]:.4g} s to {bed.window[1]:.4g} s", "recorded frames, coarse-grained"
+        units = {one.name: one.unit for one in self.declared}
+
+        def measured(name: str, value: float, frames: int = bed.frames, note: str = "") -> Measured:
+            quantity = f"orifice.{name}"
+            return Measured(quantity, value, math.nan, frames, where, how, units.get(quantity, ""), note)
+
         container = scene.container
         middle = container.eccentricity if isinstance(container, WedgeHopper) else 0.0
         width = float(getattr(container, "orifice", math.nan))
-        above = orifice_means(bed.fields, width, layer(scene, window), centre=middle)
-        means = {**above, "stagnant_fraction": bed.pattern.fraction}
-        units = {one.name: one.unit for one in self.declared}
-        where, how = f"{bed.window[0]:.4g} s to {bed.window[1]:.4g} s", "recorded frames, coarse-grained"
-        numbers = tuple(
-            Measured(f"orifice.{name}", value, math.nan, bed.frames, where, how, units.get(f"orifice.{name}", ""))
-            for name, value in means.items()
-        )
-        return Evaluation(numbers, bed.arrays())
+        try:
+            above = orifice_means(bed.fields, width, layer(scene, window), centre=middle)
+        except ValueError as problem:  # no grain is there, or the layer is thinner than a cell: the fields are known
+            numbers = (measured("v_z", math.nan, 0, str(problem)),)
+        else:
+            numbers = tuple(measured(name, value) for name, value in above.items())
+        return Evaluation((*numbers, measured("stagnant_fraction", bed.pattern.fraction)), bed.arrays())
 
 
 class FlowMoments(OfRecording):

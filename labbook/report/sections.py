@@ -130,7 +130,7 @@ def _acceleration(points: Sequence[PointResult], folder: Path, suffix: str, wher
         return []
     figure = figures.acceleration_against_height(found, found[0][0].point.scene.gravity)
     alt = f"acceleration against height{where}"
-    after = value_range((result.interval for result, _ in found), "ms", 1e3)
+    after = value_range((profile.interval for _, profile in found), "ms", 1e3)
     return [picture(figure, folder / f"acceleration{suffix}", alt, _ACCELERATION.format(after))]
 
 
@@ -150,7 +150,7 @@ PATTERNS = (
     "Percentages: stagnant part of the bed’s mass."
 )
 _ACCELERATION = (
-    "Mean change of the vertical velocity within {} (whole frames), of grains that start at this "
+    "Mean change of the vertical velocity within {}, of grains that start at this "
     "height within a quarter of the outlet’s width from its middle, in the window; 1 is free fall. Grains that leave "
     "meanwhile are continued by free fall. Bars: standard errors over grains, a lower bound."
 )

@@ -355,6 +355,8 @@ def orifice_table(rows: Sequence[tuple[PointResult, Mapping[str, Pooled]]]) -> T
         _ORIFICE.format(layer),
         *(meaning for name, meaning in _OF_ORIFICE.items() if name in names),
     ]
+    if any("v_z" not in means for _, means in rows):
+        told.append("there are none (–) where no grain was in this layer, or where a cell of the fields is thicker")
     alone = any(mean.n < 2 for _, means in rows for mean in means.values())
     more = " Errors need two recorded runs (record.replicates)." if alone else ""
     return Table(headings, tuple(cells), notes=(f"{'; '.join(told)}.{more}",))

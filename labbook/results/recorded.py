@@ -1,5 +1,6 @@
 """How the bed of a point flows: mean velocities of its recorded runs, one moment of one, means above the orifice."""
 
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
@@ -123,7 +124,8 @@ def pooled_means(patterns: list[Flowing]) -> dict[str, Pooled]:
     `orifice`, its means are those of all runs."""
     rows = [one.orifice for one in patterns]
     measured = patterns[0].result.pooled if patterns else {}
-    means = {name: pool([row[name] for row in rows]) for name in rows[0]} if rows else {}
+    names = dict.fromkeys(name for row in rows for name in row)
+    means = {name: pool([row[name] for row in rows if name in row]) for name in names}
     # of mean fields: not the mean of what S is in single frames
     same = {name: f"orifice_{'S_of_mean' if name == 'S' else name}" for name in means}
     return {name: measured.get(same[name], mean) for name, mean in means.items()}
@@ -141,4 +143,5 @@ def _of_run(result: PointResult, run: RunResult) -> Flowing | None:
     bed = Bed.of(found)
     if bed is None:
         return None
-    return Flowing(result, bed, {one.quantity.removeprefix("orifice."): one.value for one in found.numbers})
+    known = {one.quantity.removeprefix("orifice."): one.value for one in found.numbers if math.isfinite(one.value)}
+    return Flowing(result, bed, known)

@@ -339,8 +339,8 @@ class Hertz(Dashpot, ABC):
 class HertzMindlin(Hertz):
     """Hertz normal force with Mindlin's friction spring (Fan et al. 2023, eqs 6-8).
 
-    The normal force never pulls. A contact that sticks has Mindlin's spring and a dashpot, together at most mu F_n. The
-    spring is cut where its force reaches mu F_n^e; there the contact slides and friction is mu F_n.
+    The normal force never pulls. Eq 7 is taken with the total normal force F_n in place of its elastic part. The spring
+    is cut where its force reaches mu F_n; there the contact slides. Spring and dashpot together are at most mu F_n.
     """
 
     physics: ClassVar[str] = "labbook_dem.laws.hertz_mindlin"

@@ -112,7 +112,7 @@ container: {kind: conical-silo, diameter: 36 mm, height: 200 mm, angle: 45 deg, 
         wall="bottom",
         container="""\
 # A box has no outlet; `lid` closes its top once it is filled.
-container: {kind: box, width: 40 mm, depth: 40 mm, height: 100 mm, lid: false}
+container: {kind: box, width: 36 mm, depth: 36 mm, height: 120 mm, lid: false}
 """,
         sweep=_FRICTIONS,
         window=_bed("packing"),

@@ -160,8 +160,16 @@ class Law:
         if self.law.law == "hertz-printed":
             return math.inf
         if self._mindlin:
-            return mu * self._ratio * max(overlap, 0.0)
+            return self._farthest(overlap, vn)
         return mu * pushes * self.normal(overlap, vn)
+
+    def _farthest(self, overlap: float, vn: float) -> float:
+        """s_max [m] of the laws after Mindlin: mu kappa F_n/K, of the printed law with F_n^e, which is mu kappa delta."""
+        overlap = max(overlap, 0.0)
+        if self.law.law == "hertz-printed" or overlap == 0:
+            return self.surface.friction * self._ratio * overlap
+        stiff = self._slope * math.sqrt(overlap)
+        return self.surface.friction * self._ratio * self.normal(overlap, vn) / stiff
 
     def limited(self, overlap: float, s: float, vt: float) -> float:
         """What is limited while the contact sticks."""
@@ -180,27 +188,28 @@ class Law:
     def friction(self, overlap: float, vn: float, s: float, vt: float, damped: float) -> float:
         """Tangential force [N]; damped: part of the dashpot that acts, if the law has one only while it sticks."""
         if self._mindlin:
-            return self._mindlins(overlap, vn, s, vt, slides=damped == 0)
+            return self._mindlins(overlap, vn, s, vt)
         k, dashpot = self.tangential(overlap)
         return -k * s - (damped if self.grips else 1.0) * dashpot * vt
 
-    def _mindlins(self, overlap: float, vn: float, s: float, vt: float, slides: bool) -> float:
-        """mu F_n^e (1 - u^{3/2}), u = 1 - s/s_max, and a dashpot of C_t sqrt(6 m* K_t sqrt(u)); where labbook's own law
-        slides it is mu F_n."""
+    def _mindlins(self, overlap: float, vn: float, s: float, vt: float) -> float:
+        """mu F_n (1 - u^{3/2}), u = 1 - s/s_max, and a dashpot of C_t sqrt(6 m* K_t sqrt(u)), together at most mu F_n; of
+        the printed law F_n^e in place of F_n, and no limit."""
         assert isinstance(self.law, Hertz)
         mu, overlap = self.surface.friction, max(overlap, 0.0)
-        farthest = mu * self._ratio * overlap
+        farthest = self._farthest(overlap, vn)
         if farthest <= 0:
             return 0.0
         u = 1 - min(abs(s) / farthest, 1.0)
         stiff = self._slope * math.sqrt(overlap)
         c_t = self.law.tangential_damping * self.law.damping_ratio(self.surface.restitution)
         dashpot = c_t * math.sqrt(6 * self.mass * stiff / self._ratio * math.sqrt(u))
-        force = -math.copysign(mu * stiff * overlap * (1 - u**1.5), s) - dashpot * vt
-        if self.law.law == "hertz-printed":
+        printed = self.law.law == "hertz-printed"
+        most = mu * (stiff * overlap if printed else self.normal(overlap, vn))
+        force = -math.copysign(most * (1 - u**1.5), s) - dashpot * vt
+        if printed:
             return force
-        most = mu * self.normal(overlap, vn)
-        return -math.copysign(most, s) if slides else min(max(force, -most), most)
+        return min(max(force, -most), most)
 
     def first(self, vn: float, vt: float, duration: float) -> tuple[Regime, float, float]:
         """How a contact begins: regime, side to which it slides, and spring [m].

@@ -12,6 +12,7 @@ from labbook.compare.lockstep import record
 from labbook.compare.shown import contrast_table, cost_table, divergence_table, figure, summary
 from labbook.compare.sides import Side
 from labbook.compare.verdict import Contrast, Cost, Divergence, Entrant, PointVerdict, Verdict
+from labbook.export.recording import CLOCK, FRAMES
 from labbook.lab import Lab
 from labbook.report.style import encode
 
@@ -125,9 +126,14 @@ def test_a_recording_has_both_backends_on_one_clock(tmp_path):
     for chunk in RrdReader(str(path)).stream():
         if not chunk.is_static and chunk.entity_path.endswith("/grains"):
             batch = chunk.to_record_batch()
-            column = batch.column(batch.schema.names.index("Points3D:positions"))
-            frames.setdefault(chunk.entity_path, []).extend(len(cell.as_py()) for cell in column)
+            clock, cells = (batch.column(batch.schema.names.index(one)) for one in (CLOCK, "Points3D:positions"))
+            times = clock.to_numpy(zero_copy_only=False).astype(float) * 1e-9
+            counts = (len(one.as_py()) for one in cells)
+            frames.setdefault(chunk.entity_path, {}).update(zip(times, counts, strict=True))
     assert set(frames) == {"/toy/grains", "/twin/grains"}
-    assert len(frames["/toy/grains"]) == len(frames["/twin/grains"]) == 200
-    left = {name: 200 - min(counts) for name, counts in frames.items()}
+    for counts in frames.values():  # the packing comes first
+        np.testing.assert_allclose(sorted(counts), np.linspace(0, 0.05, FRAMES + 1), atol=1e-8)
+        assert counts[0] == 200
+    assert sorted(frames["/toy/grains"]) == sorted(frames["/twin/grains"])
+    left = {name: 200 - min(counts.values()) for name, counts in frames.items()}
     assert left["/twin/grains"] == pytest.approx(1.5 * left["/toy/grains"], abs=math.sqrt(left["/toy/grains"]))

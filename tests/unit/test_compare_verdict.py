@@ -99,7 +99,7 @@ def test_packings_that_cannot_be_made_have_no_number(tmp_path):
     verdict, failed = compare(asked, Lab(tmp_path / "other"), (second, first), 0.03)
     assert sorted(failed[:2]) == ends
     flow, packing = verdict.points[0].contrasts
-    assert (flow.finding, flow.note) == ("untested", "4 without a number: not run yet")
+    assert (flow.finding, flow.note) == ("untested", "4 without a number: its packing failed: no room")
     assert packing.note == "2 without a number: its packing was not made"
     assert verdict.points[0].divergence is None
     assert [(cost.runs, cost.rate) for cost in verdict.costs] == [(0, None), (0, None)]

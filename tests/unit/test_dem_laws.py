@@ -66,17 +66,17 @@ def test_a_surface_with_something_left_open_is_no_surface(given):
 
 
 def printed(delta, vn, s, vt, mu=0.5, nu=0.25):
-    """Fan's eqs 6 and 7 as printed, with the elastic part and the damping apart, and at most Coulomb's friction; a
-    contact that slides has exactly that."""
+    """Fan's eqs 6 and 7 as printed, with the elastic part and the damping apart, but with the total normal force in
+    place of its elastic part, and at most Coulomb's friction; and how far the spring may be stretched."""
     e_star, c_n = 1e8 / (1 - nu), hertz_mindlin.coefficients(FAN, SURFACE)[1]
     elastic = 4 / 3 * e_star * math.sqrt(RS) * delta**1.5
     fn = max(elastic - c_n * math.sqrt(8 * MS * e_star * math.sqrt(RS * delta)) * vn, 0.0)
-    s_max = mu * (2 - nu) / (2 * (1 - nu)) * delta
-    part = min(s, s_max) / s_max
-    spring = mu * elastic * (1 - (1 - part) ** 1.5)
-    damping = c_n * math.sqrt(6 * mu * MS * elastic * math.sqrt(1 - part) / s_max) * vt
+    s_max = mu * (2 - nu) / (2 * (1 - nu)) * delta * fn / elastic
+    part = min(s, s_max) / s_max if s_max else 1.0
+    spring = mu * fn * (1 - (1 - part) ** 1.5)
+    damping = c_n * math.sqrt(6 * mu * MS * fn * math.sqrt(1 - part) / s_max) * vt if s_max else 0.0
     ft = -(spring + damping)
-    return fn, -mu * fn if s >= s_max else math.copysign(min(abs(ft), mu * fn), ft)
+    return fn, math.copysign(min(abs(ft), mu * fn), ft), s_max
 
 
 @pytest.mark.parametrize("delta", [1e-7, 3e-6])
@@ -91,7 +91,7 @@ def test_hertz_mindlin_is_the_printed_law(delta, vn, part, vt):
     assert fn == pytest.approx(expected[0], rel=1e-12, abs=1e-15)
     assert ft.x == pytest.approx(expected[1], rel=1e-9, abs=1e-15)
     assert (ft.y, ft.z) == (0, 0)
-    assert kept.x == pytest.approx(min(s, 0.5 * 7 / 6 * delta), rel=1e-12)
+    assert kept.x == pytest.approx(min(s, expected[2]), rel=1e-12)
 
 
 @pytest.mark.parametrize("vn", [-0.3, 0.0, 0.02])
@@ -101,10 +101,20 @@ def test_a_sliding_contact_has_coulomb_s_friction_whatever_the_normal_dashpot_do
     c = hertz_mindlin.coefficients(FAN, SURFACE)
     delta = 2e-6
     elastic = hertz_mindlin.normal(c, RS, MS, delta, 0.0)
-    fn, ft, kept = hertz_mindlin.respond(c, RS, MS, delta, vn, vec3(3e-6, -4e-6, 0), vec3(vt, 0.1, 0))
+    fn, ft, kept = hertz_mindlin.respond(c, RS, MS, delta, vn, vec3(3e-4, -4e-4, 0), vec3(vt, 0.1, 0))
     assert (fn > elastic) == (vn < 0)
     assert (ft.x, ft.y, ft.z) == pytest.approx((-0.6 * 0.5 * fn, 0.8 * 0.5 * fn, 0), rel=1e-12)
-    assert math.hypot(kept.x, kept.y) == pytest.approx(0.5 * 7 / 6 * delta, rel=1e-12)
+    assert math.hypot(kept.x, kept.y) == pytest.approx(0.5 * 7 / 6 * delta * fn / elastic, rel=1e-12)
+
+
+@pytest.mark.parametrize("vn", [-0.3, 0.0, 0.02])
+def test_friction_does_not_jump_where_a_contact_begins_to_slide(vn):
+    """A force that jumps there lets contacts of inelastic grains alternate between two values of friction."""
+    c = hertz_mindlin.coefficients(FAN, SURFACE)
+    *_, kept = hertz_mindlin.respond(c, RS, MS, 2e-6, vn, vec3(1e-3, 0, 0), vec3(0, 0, 0))
+    _, before, _ = hertz_mindlin.respond(c, RS, MS, 2e-6, vn, vec3(kept.x * (1 - 1e-8), 0, 0), vec3(0, 0, 0))
+    _, after, _ = hertz_mindlin.respond(c, RS, MS, 2e-6, vn, vec3(kept.x * (1 + 1e-8), 0, 0), vec3(0, 0, 0))
+    assert before.x == pytest.approx(after.x, rel=1e-9)
 
 
 @pytest.mark.parametrize(
@@ -114,9 +124,9 @@ def test_a_sliding_contact_has_coulomb_s_friction_whatever_the_normal_dashpot_do
 )
 def test_a_contact_without_force_or_spring_or_friction_has_no_tangential_force(vn, spring, mu):
     c = hertz_mindlin.coefficients(FAN, SURFACE.changed(SurfaceChange(friction=mu)))
-    _, ft, kept = hertz_mindlin.respond(c, RS, MS, 2e-6, vn, vec3(spring, 0, 0), vec3(0, 0, 0))
+    fn, ft, kept = hertz_mindlin.respond(c, RS, MS, 2e-6, vn, vec3(spring, 0, 0), vec3(0, 0, 0))
     assert (ft.x, ft.y, ft.z) == (0, 0, 0)
-    assert kept.x == pytest.approx(min(spring, mu * 7 / 6 * 2e-6), abs=1e-15)
+    assert kept.x == pytest.approx(spring if mu * fn * spring else 0.0, abs=1e-15)
 
 
 def test_tangential_stiffness_at_first_is_mindlin_s():

@@ -157,7 +157,7 @@ def test_the_module_of_kernels_of_a_study_is_printed(backend, marks):
     [
         (["--backend", "reference"], "docs/kernels.md"),
         (["--backend", "nobody"], "there are: "),
-        (["--point", "99"], "has 4 points"),
+        (["--point", "99"], "has 5 points"),
     ],
 )
 def test_a_module_of_kernels_that_is_not_there_is_told(more, why):

@@ -87,7 +87,7 @@ def test_a_law_predicts_nothing_where_no_grain_can_pass():
     found = fit(LAWS["beverloo"], D, LAWS["beverloo"].flow(D, TRUE["beverloo"], FAN), np.full(len(D), 1e-4), FAN)
     with warnings.catch_warnings():
         warnings.simplefilter("error")
-        flow, low, high = found.predict(0.3 * FAN.d)
+        flow, low, high = found.band(np.array([0.3 * FAN.d]))
     assert flow.shape == low.shape == high.shape == (1,)
     assert not flow[0] > 0
     assert found.predict(D[0])[0] == pytest.approx(found.predict(D)[0][0])

@@ -119,12 +119,13 @@ def test_the_tests_of_the_index_pass_on_a_server(url):
 
 def test_a_server_that_is_not_there_is_one_line_and_the_lab_goes_home(tmp_path):
     lab, asked = tmp_path / "lab", small(tmp_path)
-    labbook("run", asked, "--lab", lab, "--backend", "toy")
+    labbook("run", asked, "--lab", lab, "--backend", "toy", check=False)  # too few grains for a flow rate
+    before = {path.name for path in lab.glob("catalogue.*")}
     nowhere = "postgresql://me:secret@127.0.0.1:1/silos"
     ended = labbook("reindex", "--lab", lab, "--index", nowhere, check=False)
     assert ended.exit_code == 1
     assert "no index can be made at postgresql://me:***@127.0.0.1:1/silos" in ended.output
-    assert [path.name for path in lab.glob("catalogue.*")] == ["catalogue.db"], "nothing changed"
+    assert {path.name for path in lab.glob("catalogue.*")} == before, "nothing changed"
     (lab / "catalogue.url").write_text(f'{{"url": "{nowhere}", "name": "x"}}')
     ended = labbook("status", "--lab", lab, check=False)
     assert ended.exit_code == 1

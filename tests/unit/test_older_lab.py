@@ -84,7 +84,7 @@ def test_runs_by_an_older_version_of_the_law_are_stale_and_stay(tmp_path):
     (item,) = json.loads(labbook("plan", study, "--lab", lab, "--backend", "toy", "--json").stdout)["runs"]
     assert (item["state"], item["reason"]) == ("stale", why)
     assert f"1 of 1 run is stale: {why}." in labbook("fit", study, "--lab", lab, "--backend", "toy").stdout
-    assert "1 of 1 runs done" in labbook("run", study, "--lab", lab, "--backend", "toy").stdout
+    assert "1 of 1 runs done" in labbook("run", study, "--lab", lab, "--backend", "toy", check=False).stdout
     assert "stale" not in labbook("fit", study, "--lab", lab, "--backend", "toy").stdout
     (made,) = {folder.name for folder in (lab / "runs").iterdir()} - {RUN.name}
     assert RunRecord.read(lab / "runs" / made).versions == {"law hertz-mindlin": 2}

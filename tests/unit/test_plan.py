@@ -76,7 +76,7 @@ def test_demand_minus_coverage(outcome, had, asked, lacks):
         ("diverged", {"crossed": 10}, {"speed_limit": 60.0}, ""),
         ("diverged", {"crossed": 10}, {"speed_limit": 3000.0}, "diverged with another speed_limit"),
         ("finished", {"recording": 0.01}, {"recording": 0.008}, ""),
-        ("finished", {"recording": 0.01}, {"recording": 0.004}, "recorded only every 0.01 s"),
+        ("finished", {"recording": 0.01}, {"recording": 0.004}, "has frames every 10 ms"),
     ],
 )
 def test_what_a_study_leaves_out_need_be_met_within_a_factor_of_two(outcome, had, usual, lacks):

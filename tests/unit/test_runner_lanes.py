@@ -53,6 +53,8 @@ def test_saving_takes_its_part_of_the_time_and_the_longest_unsaved_come_first(tm
     saved: list[str] = []
 
     class Slow:
+        unsaved = 0
+
         def save(self, ensemble, member):
             saved.append(member)
             now[0] += 10

@@ -69,7 +69,8 @@ def test_locks_that_are_not_supported_end_a_verb_in_one_line(tmp_path, monkeypat
     words = [path, "--backend", "toy"] if verb == "run" else [tmp_path / "other"]
     ended = labbook(verb, *words, "--lab", lab, check=False)
     assert ended.exit_code == 1
-    (line,) = ended.stderr.strip().splitlines()
+    *warnings, line = ended.stderr.strip().splitlines()
+    assert all(one.startswith(("Warning: ", "    remedy: ")) for one in warnings), "of the plan, which comes first"
     for part in (str(lab / "work"), "cannot be locked", os.strerror(number), "local disk"):
         assert part in line
     assert not list(lab.glob("runs/*"))

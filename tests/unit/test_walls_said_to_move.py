@@ -171,7 +171,7 @@ def test_surfaces_move_during_filling_only_if_asked(tmp_path, parts, motion, sti
     ],
 )
 def test_a_plan_refuses_surfaces_beyond_the_speed_limit(tmp_path, parts, motion, said):
-    asked = study(tmp_path, parts, motion=motion)
+    asked = study(tmp_path, parts, motion=motion).change({"numerics.speed_limit": "100 m/s"})
     with pytest.raises(Conflict, match=said):
         planned(asked)
 

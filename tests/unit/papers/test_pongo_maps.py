@@ -87,7 +87,10 @@ def test_how_close_frames_must_be_follows_from_the_window_alone(synthetic):
 
 def test_maps_of_orientation_are_those_of_the_rods(analysis):
     """All are upright: O_zz and S are 1 in the bed, and nothing is drawn above it."""
-    figure = figures.order_maps([flow_patterns(one)[0] for one in analysis.points])
+    patterns = [flow_patterns(one)[0] for one in analysis.points]
+    figure = figures.order_maps(patterns)
+    for one in patterns:
+        assert [one.orifice[name] for name in ("O_rr", "O_tt", "O_zz", "S")] == pytest.approx([0, 0, 1, 1])
     panels = [ax for ax in figure.axes if ax.get_title(loc="left")]
     assert [ax.get_title(loc="left") for ax in panels] == ["f = 0 Hz", "f = 0.32 Hz"] * 2
     for ax in panels:

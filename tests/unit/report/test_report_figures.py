@@ -40,8 +40,8 @@ def test_a_band_without_bounds_leaves_the_frame_to_points_and_curves(analysis):
             getattr(analysis.series[0].fits["beverloo"], name) for name in ("D", "W", "relative_error")
         )
 
-        def predict(self, D, *, new_point=False):
-            return np.full(len(D), 0.1), np.zeros(len(D)), np.full(len(D), 1e9)
+        def band(self, at, *, new_point=False):
+            return np.full(len(at), 0.1), np.zeros(len(at)), np.full(len(at), 1e9)
 
     (series,) = analysis.series
     main, _ = figures.flow_against_orifice(replace(series, fits={"beverloo": Boundless()})).axes
