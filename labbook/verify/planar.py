@@ -164,7 +164,7 @@ class Law:
         return mu * pushes * self.normal(overlap, vn)
 
     def _farthest(self, overlap: float, vn: float) -> float:
-        """s_max [m] of the laws after Mindlin: mu kappa F_n/K, of the printed law with F_n^e, which is mu kappa delta."""
+        """s_max [m] of the laws after Mindlin: mu kappa F_n/K; of the printed law with F_n^e, so mu kappa delta."""
         overlap = max(overlap, 0.0)
         if self.law.law == "hertz-printed" or overlap == 0:
             return self.surface.friction * self._ratio * overlap
@@ -193,8 +193,8 @@ class Law:
         return -k * s - (damped if self.grips else 1.0) * dashpot * vt
 
     def _mindlins(self, overlap: float, vn: float, s: float, vt: float) -> float:
-        """mu F_n (1 - u^{3/2}), u = 1 - s/s_max, and a dashpot of C_t sqrt(6 m* K_t sqrt(u)), together at most mu F_n; of
-        the printed law F_n^e in place of F_n, and no limit."""
+        """mu F_n (1 - u^{3/2}), u = 1 - s/s_max, and a dashpot of C_t sqrt(6 m* K_t sqrt(u)), together at most mu F_n;
+        of the printed law F_n^e in place of F_n, and no limit."""
         assert isinstance(self.law, Hertz)
         mu, overlap = self.surface.friction, max(overlap, 0.0)
         farthest = self._farthest(overlap, vn)

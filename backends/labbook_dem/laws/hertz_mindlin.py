@@ -3,8 +3,8 @@
 With K = (4/3) E* sqrt(R* delta): F_n^e = K delta and F_n^v = C_n sqrt(6 m* K) v_n, F_n = F_n^e + F_n^v. With
 kappa = (2 - nu)/(2 (1 - nu)), delta_max = mu kappa F_n/K, u = 1 - min(|s|, delta_max)/delta_max and K_t = K/kappa, eq 7
 reads without cancellation or division by the spring: F_t^e = K_t s (1 + u + u^2)/(1 + u^{3/2}), which is
-mu F_n (1 - u^{3/2}), and F_t^v = C_t sqrt(6 m* K_t sqrt(u)) v_t. The spring is cut at delta_max; then |F_t| <= mu F_n. A
-contact that slides, |s| >= delta_max, so carries mu F_n, without a dashpot.
+mu F_n (1 - u^{3/2}), and F_t^v = C_t sqrt(6 m* K_t sqrt(u)) v_t. The spring is cut at delta_max; then |F_t| <= mu F_n.
+A contact that slides, |s| >= delta_max, so carries mu F_n, without a dashpot.
 
 The stiffness at small |s| is that of the area of contact; what limits the force is Coulomb's friction (Mindlin and
 Deresiewicz 1953). At rest F_n = F_n^e and delta_max = mu kappa delta, as Fan et al. print it. Version 1 of the law took
