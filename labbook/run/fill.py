@@ -130,7 +130,7 @@ class FillJob(Job):
         self._warned = True
         return (
             f"{self.label}: does not seem to come to rest: {self._standing()}. The filling goes on until fill.max_time "
-            f"({self._longest:g} s). If it never rests, {self._remedy()}."
+            f"({self._longest:.3g} s). If it never rests, {self._remedy()}."
         )
 
     def _remedy(self) -> str:
@@ -284,7 +284,7 @@ class FillJob(Job):
         """The kinetic energy against that at rest, and the simulated time against the longest."""
         assert self.settled_below is not None
         now, below = short(self.status.kinetic), short(self.settled_below)
-        return f"settling: {now} of m g d, rests below {below}", f"{self.status.time:.2f} of {self._longest:g} s"
+        return f"settling: {now} of m g d, rests below {below}", f"{self.status.time:.2f} of {self._longest:.3g} s"
 
     @property
     def label(self) -> str:
