@@ -96,7 +96,7 @@ def test_in_a_pipe_every_run_is_a_whole_line(tmp_path):
 @pytest.mark.slow
 def test_a_lab_whose_path_is_no_text_is_worked_in(tmp_path):
     lab = tmp_path / os.fsdecode(b"not \xff text") / "lab"
-    path = study_file(tmp_path, count=60, orifices="[24]", replicates=1)
+    path = study_file(tmp_path, count=400, orifices="[24]", replicates=1)
     for words in (("run", path), ("plan", path), ("fit", path), ("export", path, "--out", tmp_path / "out")):
         ended = labbook(*words, "--lab", lab, "--backend", "toy", check=False)
         assert ended.exit_code == (1 if words[0] == "export" and "Error" in ended.output else 0), ended.output
