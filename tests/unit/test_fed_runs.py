@@ -19,6 +19,7 @@ from labbook.run.demand import PointDemand
 from labbook.run.forecast import discharge_time, discharge_work, disk_of
 from labbook.run.plan import Planner
 from labbook.run.runner import Runner
+from labbook.scene import HertzMindlin
 from labbook.stats.stopping import FIRST_LOOK
 
 FED = "feed: {kind: reinject}"
@@ -39,8 +40,9 @@ def only(lab):
     return record
 
 
-def test_a_run_ends_when_its_own_statistics_are_precise(tmp_path):
+def test_a_run_ends_when_its_own_statistics_are_precise(tmp_path, monkeypatch):
     """One bed is enough: the interval comes from within its run, and holds the rate at which toy grains leave."""
+    monkeypatch.setattr(HertzMindlin, "version", 1)  # with which the calibration that ships was measured
     asked = fed(tmp_path, TO.format("2 %"), LONG)
     summary = carry_out(asked, tmp_path / "lab")
     assert outcomes(summary) == ["precise"]
