@@ -36,7 +36,7 @@ from labbook.lab.database import connect, measurements, runs, upsert, writing
 from labbook.lab.folder import Lab
 from labbook.lab.index import Index
 from labbook.lab.records import Coverage
-from labbook.measure import MEASURES
+from labbook.measure import MEASURES, scales
 from labbook.run.demand import Demand, demands
 from labbook.run.runner import Runner
 from labbook.study import Study
@@ -140,7 +140,7 @@ def _numbers(study: Study, demand: Demand, key: str, rng: np.random.Generator) -
         yield {
             "run_key": key, "quantity": name, "version": MEASURES[measure].version, "measure": measure,
             "window_start": study.window.start, "window_end": study.window.end,
-            "window_timed": study.window.timed, "window": "made up",
+            "window_timed": study.window.timed, "window_scales": scales.in_text(study.window), "window": "made up",
             "value": value * rng.normal(1, 0.01), "error": 0.01 * value, "n_effective": 30.0, "unit": unit,
             "method": "made up", "note": "",
         }  # fmt: skip
