@@ -20,6 +20,9 @@ from toy_similar import D, G, Similar, asked
 from labbook.backend.numerics import Numerics
 from labbook.backend.probes import Contacts, Ledger, Sample, Slab, Zone, describe_probe
 from labbook.filling.placing import STARTS
+from labbook.fit.beverloo import Beverloo2D
+from labbook.fit.fitting import fit
+from labbook.fit.law import Context
 from labbook.lab.evaluations import expected, path_of
 from labbook.lab.records import Observe
 from labbook.measure import MEASURES, Measure, MeasureError, RunData, scales
@@ -314,3 +317,23 @@ def test_evaluations_by_other_times_are_kept_apart(tmp_path):
     assert expected(plain) != expected(stated)
     assert "gap" not in plain.model_dump_json(), "records of studies that state none stay as they were"
     assert Observe.model_validate_json(stated.model_dump_json()) == stated
+
+
+@pytest.mark.parametrize("length", [1e-3, 1.0, 1e3])
+@pytest.mark.parametrize("gravity", [1e-5, 1e2])
+def test_fits_of_similar_silos_give_the_same_dimensionless_parameters(length, gravity):
+    """W of a slot goes as rho sqrt(g) L^(5/2): C and k, their intervals and p do not change."""
+    D = np.array([18.0, 21, 24, 27, 30]) * 1e-3
+    W = np.array([18.75, 25.64, 34.14, 42.37, 50.0]) * 1e-3
+    errors = np.array([0.5, 0.42, 0.72, 0.73, 1.1]) * 1e-3
+
+    def fitted(scale: float, g: float):
+        context = Context(d=3e-3 * scale, rho_p=2500, rho_b=1476, Z=3.03e-3 * scale, g=g)
+        flow = scale**2.5 * math.sqrt(g / 9.81)
+        return fit(Beverloo2D(), D * scale, W * flow, errors * flow, context, [3] * 5)
+
+    plain, scaled = fitted(1.0, 9.81), fitted(length, 9.81 * gravity)
+    assert scaled.p_value == pytest.approx(plain.p_value, rel=1e-6)
+    for name in ("C", "C_particle", "k"):
+        mine, theirs = scaled.parameters[name], plain.parameters[name]
+        assert (mine.value, mine.low, mine.high) == pytest.approx((theirs.value, theirs.low, theirs.high), rel=1e-5)
