@@ -18,7 +18,7 @@ from typing import Any
 from labbook import Lab
 from labbook.backend import load
 from labbook.backend.machine import hardware
-from labbook.run.devices import named
+from labbook.plan.devices import named
 from labbook.study import Study
 from labbook.study import load as read
 

@@ -19,8 +19,8 @@ import pandas as pd
 from labbook.backend import Backend, load
 from labbook.backend.machine import hardware
 from labbook.backend.probes import Crossing
-from labbook.bench import speed
-from labbook.bench.speed import CYLINDER_STEP, FILLING_STEP, pongo
+from labbook.checks.bench import speed
+from labbook.checks.bench.speed import CYLINDER_STEP, FILLING_STEP, pongo
 from labbook.scene import Scene, Spheres, Spherocylinders
 
 ASPECT_RATIOS = (1.0, 2.0, 3.3, 5.0, 10.0)

@@ -23,7 +23,7 @@ import pandas as pd
 
 from labbook.backend import load
 from labbook.backend.machine import hardware
-from labbook.bench.speed import BOX_STEP, box
+from labbook.checks.bench.speed import BOX_STEP, box
 from labbook.filling.placing import place
 from labbook.lab.tables import read_table, write_table
 from labbook.scene.packing import Packing

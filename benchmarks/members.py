@@ -22,7 +22,7 @@ from labbook.backend import Backend, Weighed, load
 from labbook.backend.machine import hardware
 from labbook.backend.numerics import Numerics
 from labbook.backend.probes import Crossing
-from labbook.bench.speed import CYLINDER_STEP, FAN_STEP, FILLING_STEP, GRAVITY, advanced, cylinder, fan
+from labbook.checks.bench.speed import CYLINDER_STEP, FAN_STEP, FILLING_STEP, GRAVITY, advanced, cylinder, fan
 from labbook.filling.opening import opened
 from labbook.filling.placing import place
 from labbook.scene import LinearSpringDashpot, Plane, Primitives, Scene, Spheres, Strip, Wall

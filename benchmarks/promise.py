@@ -27,8 +27,8 @@ from labbook.accuracy import Choice
 from labbook.backend.machine import hardware
 from labbook.lab.packings import PackingRecord
 from labbook.lab.records import RunRecord
+from labbook.plan.demand import stopping_rule
 from labbook.results.points import by_seed
-from labbook.run.demand import stopping_rule
 from labbook.stats import StoppingRule, pool
 from labbook.study import load
 

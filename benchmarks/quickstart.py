@@ -18,9 +18,9 @@ import labbook
 from labbook.lab import Catalogue, evaluations
 from labbook.lab.folder import Lab
 from labbook.lab.records import Observe
+from labbook.plan.coverage import finished
 from labbook.report.result_box import concerns, headline
 from labbook.results.find import results_of
-from labbook.run.coverage import finished
 from labbook.study import Study
 
 STUDY = Path(__file__).parents[1] / "studies/quickstart.yaml"

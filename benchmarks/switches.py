@@ -24,7 +24,7 @@ import pandas as pd
 from labbook.backend import Backend, load
 from labbook.backend.machine import hardware
 from labbook.backend.probes import Ledger
-from labbook.bench.speed import FAN_STEP, GRAVITY, SETTLED, fan, on_one_thread, settled
+from labbook.checks.bench.speed import FAN_STEP, GRAVITY, SETTLED, fan, on_one_thread, settled
 from labbook.filling.placing import place
 from labbook.scene import Kind, LinearSpringDashpot, Primitives, Scene, Uniform
 from labbook.scene.packing import Packing

@@ -37,7 +37,7 @@ from labbook.lab.folder import Lab
 from labbook.lab.index import Index
 from labbook.lab.records import Coverage
 from labbook.measure import MEASURES, scales
-from labbook.run.demand import Demand, demands
+from labbook.plan.demand import Demand, demands
 from labbook.run.runner import Runner
 from labbook.study import Study
 

@@ -12,7 +12,7 @@ if TYPE_CHECKING:
     from labbook.fit import FitError, FitResult
     from labbook.lab import LabError
     from labbook.measure.trajectories import Trajectories
-    from labbook.run.plan import Plan
+    from labbook.plan.plan import Plan
     from labbook.run.runner import Summary
     from labbook.scene import Scene
     from labbook.study import Point, Study, StudyError, define, load
@@ -45,7 +45,7 @@ _PLACES = {
     "labbook.fit": ("FitError", "FitResult"),
     "labbook.lab": ("LabError",),
     "labbook.measure.trajectories": ("Trajectories",),
-    "labbook.run.plan": ("Plan",),
+    "labbook.plan.plan": ("Plan",),
     "labbook.run.runner": ("Summary",),
     "labbook.scene": ("Scene",),
     "labbook.study": ("Point", "Study", "StudyError", "define", "load"),

@@ -34,6 +34,10 @@ from labbook.lab.folder import DEFAULT
 from labbook.lab.index import Index
 from labbook.lab.runs import picture
 from labbook.measure.trajectories import Trajectories
+from labbook.plan.advice import foresee, forewarn
+from labbook.plan.demand import Conflict
+from labbook.plan.devices import named
+from labbook.plan.plan import Plan, flow_rates
 from labbook.report import gallery, page, style, tables
 from labbook.results import display
 from labbook.results.calibrating import Calibrated, PilotStopped, calibrate, flow_and_filling
@@ -42,12 +46,9 @@ from labbook.results.frames import frames, known_interval
 from labbook.results.points import FLOW_RATE, ORIFICE, RunResult
 from labbook.results.series import Series, series_of
 from labbook.results.study import Results as Found
-from labbook.run.advice import foresee, forewarn
 from labbook.run.cluster import Cluster
-from labbook.run.demand import Conflict
-from labbook.run.devices import Crew, named
+from labbook.run.devices import Crew
 from labbook.run.notebook import NotebookBar, counting, in_notebook
-from labbook.run.plan import Plan, flow_rates
 from labbook.run.progress import Bar
 from labbook.run.runner import CHECKPOINT_EVERY, Runner, Summary
 from labbook.run.shard import WHOLE, Shard

@@ -25,9 +25,9 @@ import pandas as pd
 from labbook.backend import load
 from labbook.backend.machine import hardware
 from labbook.backend.numerics import Numerics
+from labbook.checks.verify.materials import room, scene
 from labbook.scene import HertzLammps, HertzLiggghts
 from labbook.scene.packing import Packing
-from labbook.verify.materials import room, scene
 
 D, DENSITY, G, NU, E, MU = 3e-3, 2500.0, 1e8, 0.25, 0.2, 0.5
 YOUNG = 2 * G * (1 + NU)

@@ -21,9 +21,9 @@ from labbook.backend import load
 from labbook.backend.machine import hardware
 from labbook.backend.numerics import Numerics
 from labbook.backend.probes import Sample
+from labbook.checks.verify.materials import floor, scene
 from labbook.scene import HertzLiggghts, Primitives, SurfaceChange
 from labbook.scene.packing import Packing
-from labbook.verify.materials import floor, scene
 
 D, DENSITY, G, NU, E, MU, GRAVITY = 3e-3, 2500.0, 1e10, 0.25, 0.2, 0.5, 9.81
 SPEED = 5e-4  # m/s

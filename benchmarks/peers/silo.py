@@ -38,7 +38,7 @@ from labbook.backend.probes import Crossing
 from labbook.export.packing import data_file
 from labbook.filling.opening import opened
 from labbook.lab.packings import read_packing
-from labbook.run.demand import Demand, PointDemand
+from labbook.plan.demand import Demand, PointDemand
 from labbook.scene import ContactLaw, HertzLammps, HertzLiggghts, Scene, WedgeHopper
 from labbook.scene.packing import Packing
 from labbook.stats.equivalence import replicates_needed, tost

@@ -25,7 +25,7 @@ from silo import model
 
 from labbook.backend import Backend, load
 from labbook.backend.machine import hardware
-from labbook.bench.speed import FAN_STEP, OUTFLOW, SETTLED, advanced, fan, on_one_thread, settled, timed
+from labbook.checks.bench.speed import FAN_STEP, OUTFLOW, SETTLED, advanced, fan, on_one_thread, settled, timed
 from labbook.export.packing import data_file
 from labbook.filling.opening import opened
 from labbook.scene import ContactLaw, HertzLammps, HertzLiggghts, Scene

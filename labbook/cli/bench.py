@@ -62,16 +62,16 @@ def register(app: typer.Typer) -> None:
         try:
             with saying("preparing") as say:
                 if what == "speed":
-                    from labbook.bench import speed
+                    from labbook.checks.bench import speed
 
                     extent = "quick" if quick else "full" if full else "usual"
                     result = speed.run(backend, repeats or 5, say, extent)
                 elif what == "skips":
-                    from labbook.bench import skips
+                    from labbook.checks.bench import skips
 
                     result = skips.run(backend, repeats or 5, device or "cpu", precision or "double", say)
                 else:
-                    from labbook.bench import accuracy
+                    from labbook.checks.bench import accuracy
 
                     result = accuracy.run(backend, precision, device or "cpu", quick, say)
         except BackendMissing as error:

@@ -11,7 +11,7 @@ from labbook.cli.screen import say, screen
 from labbook.commands import command
 
 if TYPE_CHECKING:
-    from labbook.compare.verdict import Verdict
+    from labbook.checks.compare.verdict import Verdict
 
 
 def register(app: typer.Typer) -> None:
@@ -60,8 +60,8 @@ def register(app: typer.Typer) -> None:
 
         Missing runs are made first. Exit status 1 if a difference beyond the margin is found.
         """
-        from labbook.compare.sides import CannotCompare, names_of
-        from labbook.compare.verdict import NoVerdict, Verdict, path_of
+        from labbook.checks.compare.sides import CannotCompare, names_of
+        from labbook.checks.compare.verdict import NoVerdict, Verdict, path_of
         from labbook.lab.folder import Lab as Folder
 
         asked, failed = read_study(study), []
@@ -87,14 +87,14 @@ def register(app: typer.Typer) -> None:
 def _made(asked, lab, sides, margin, replicates, points: list[int], seconds: float | None, path: Path):
     """The verdict and what failed; everything that is missing is made."""
     from labbook.backend import BackendMissing, Unsupported
-    from labbook.compare.compare import Stopped, compare, narrowed
-    from labbook.compare.lockstep import record
-    from labbook.compare.shown import figure
-    from labbook.compare.sides import parse
+    from labbook.checks.compare.compare import Stopped, compare, narrowed
+    from labbook.checks.compare.lockstep import record
+    from labbook.checks.compare.shown import figure
+    from labbook.checks.compare.sides import parse
     from labbook.export.recording import ViewerMissing
     from labbook.measure import MeasureError
+    from labbook.plan.demand import Conflict
     from labbook.report.style import save
-    from labbook.run.demand import Conflict
     from labbook.run.progress import Bar
 
     console = screen(stderr=True, highlight=False, markup=False)
@@ -125,9 +125,9 @@ def _made(asked, lab, sides, margin, replicates, points: list[int], seconds: flo
 def _tell(verdict: "Verdict", asked, folder: Path, as_json: bool) -> None:
     import json
 
+    from labbook.checks.compare import shown
+    from labbook.checks.compare.compare import stale
     from labbook.cli.screen import print_table
-    from labbook.compare import shown
-    from labbook.compare.compare import stale
 
     reasons = stale(verdict, asked)
     if as_json:

@@ -11,7 +11,7 @@ from labbook.cli.options import BACKEND, Backend, fail, read_study
 from labbook.cli.screen import saying, screen
 
 if TYPE_CHECKING:
-    from labbook.lab.disk import Check
+    from labbook.checks.disk import Check
 
 
 def register(app: typer.Typer) -> None:
@@ -42,7 +42,7 @@ def register(app: typer.Typer) -> None:
         its clock, and the index. With --lab and --peer, wait for the same command with the same folder on another
         host, then test locks, rename, clocks and index between the two. Exit status 1 if a test fails.
         """
-        from labbook.doctor import examine
+        from labbook.checks.doctor import examine
 
         if lab is not None:
             _examine_lab(lab, peer, as_json)
@@ -63,7 +63,7 @@ def register(app: typer.Typer) -> None:
 
 
 def _examine_lab(lab: Path, peer: bool, as_json: bool) -> None:
-    from labbook.lab import disk
+    from labbook.checks import disk
 
     if not lab.is_dir():
         fail(f"{lab}: no such folder; create it first")
@@ -92,9 +92,9 @@ def _show_checks(lab: Path, checks: "list[Check]") -> None:
 
 def _kernel(study: Path, point: int, backend: str) -> str:
     from labbook.backend import BackendMissing, Unsupported, load
-    from labbook.doctor import NoKernel
-    from labbook.doctor import kernel as of
-    from labbook.run.demand import Conflict
+    from labbook.checks.doctor import NoKernel
+    from labbook.checks.doctor import kernel as of
+    from labbook.plan.demand import Conflict
 
     try:
         return of(load(backend), read_study(study), point)

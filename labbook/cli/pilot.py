@@ -42,8 +42,8 @@ def register(app: typer.Typer) -> None:
         from labbook.lab import NoCatalogue
         from labbook.lab.folder import DiskFull
         from labbook.measure import MeasureError
+        from labbook.plan.demand import Conflict
         from labbook.results.calibrating import NotCalibrated
-        from labbook.run.demand import Conflict
         from labbook.run.progress import Bar
         from labbook.study import StudyError
         from labbook.study.pilot import whole

@@ -13,7 +13,7 @@ from labbook.cli.screen import screen
 if TYPE_CHECKING:
     from rich.table import Table
 
-    from labbook.run.plan import Forecast, Plan, PointPlan
+    from labbook.plan.plan import Forecast, Plan, PointPlan
 
 _ROWS, _LABELS = 30, 3
 """Rows of the table of steps, and points that are named in each."""
@@ -35,8 +35,8 @@ def register(app: typer.Typer) -> None:
         from labbook.backend import BackendMissing, Unsupported
         from labbook.lab import NoCatalogue
         from labbook.measure import MeasureError
-        from labbook.run.advice import TooLarge
-        from labbook.run.demand import Conflict
+        from labbook.plan.advice import TooLarge
+        from labbook.plan.demand import Conflict
 
         asked = read_study(study)
         try:
@@ -57,7 +57,7 @@ def register(app: typer.Typer) -> None:
 
 def plain(plan: "Plan", ahead: "Forecast") -> dict[str, Any]:
     """The plan as plain values."""
-    from labbook.run.forecast import outline
+    from labbook.plan.forecast import outline
 
     record = plan.study.record
     return {
@@ -121,8 +121,8 @@ def _show(plan: "Plan") -> None:
     from rich.markup import escape
     from rich.table import Table
 
-    from labbook.run.forecast import outline
-    from labbook.run.progress import size
+    from labbook.plan.forecast import outline
+    from labbook.scene.quantities import size
 
     console = screen(highlight=False)
     groups: dict[tuple[str, str, str], list[int]] = defaultdict(list)
@@ -162,7 +162,7 @@ def _physics(plan: "Plan") -> "Table":
     from rich.markup import escape
     from rich.table import Table
 
-    from labbook.run.forecast import outline
+    from labbook.plan.forecast import outline
     from labbook.scene.quantities import percent
 
     sizes = {"L" if point.shared.scene.grains.half_length > 0 else "d" for point in plan.points}

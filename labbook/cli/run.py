@@ -98,9 +98,9 @@ def register(app: typer.Typer) -> None:
         from labbook.lab import NoCatalogue
         from labbook.lab.folder import DiskFull
         from labbook.measure import MeasureError
+        from labbook.plan.demand import Conflict
         from labbook.results.calibrating import PilotStopped
         from labbook.run.cluster import ClusterFailed
-        from labbook.run.demand import Conflict
         from labbook.run.progress import Bar
         from labbook.run.shard import Shard
 

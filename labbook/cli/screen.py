@@ -123,7 +123,7 @@ def saying(what: str) -> Iterator[Callable[[str], None]]:
     time since the beginning. Gives a function to call with the next."""
     import time
 
-    from labbook.run.progress import duration
+    from labbook.scene.quantities import duration
 
     console, begun = screen(stderr=True, markup=False), time.monotonic()
     if console.is_terminal:

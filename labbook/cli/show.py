@@ -84,8 +84,7 @@ def _show(record, folder, picture, measured) -> None:
     from rich.markup import escape
     from rich.table import Table
 
-    from labbook.run.progress import duration
-    from labbook.scene.quantities import percent
+    from labbook.scene.quantities import duration, percent
 
     coverage, provenance = record.coverage, record.provenance
     lines = {

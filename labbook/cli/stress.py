@@ -25,9 +25,9 @@ def register(app: typer.Typer) -> None:
 
         Every case must give a correct result or a clear error; exit status 1 if one does not.
         """
-        from labbook.stress.bounded import Bench
-        from labbook.stress.cases import chosen
-        from labbook.stress.show import list_cases, run_cases
+        from labbook.checks.stress.bounded import Bench
+        from labbook.checks.stress.cases import chosen
+        from labbook.checks.stress.show import list_cases, run_cases
 
         cases = asked("stress", chosen, names, quick)
         if list_:

@@ -25,8 +25,8 @@ def register(app: typer.Typer) -> None:
 
         Exit status 1 if a check fails.
         """
-        from labbook.verify.cases import chosen
-        from labbook.verify.show import list_cases, run_cases
+        from labbook.checks.verify.cases import chosen
+        from labbook.checks.verify.show import list_cases, run_cases
 
         cases = asked("verify", chosen, names, quick)
         if list_:

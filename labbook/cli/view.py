@@ -56,7 +56,7 @@ def _recordings(target: str, point: int | None, lab: Path, backend: str) -> list
     """Recordings of what is asked for; those that are missing are made."""
     from labbook.export.recording import NotRecorded, of_run
     from labbook.lab import Unreadable
-    from labbook.run.coverage import finished, unreadable
+    from labbook.plan.coverage import finished, unreadable
 
     catalogue = existing(lab)
     if not Path(target).is_file():

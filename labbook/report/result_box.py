@@ -6,6 +6,7 @@ from collections.abc import Callable, Sequence
 from labbook.commands import command
 from labbook.fit import FitResult
 from labbook.measure.flow import CUT_SHORT
+from labbook.plan.advice import limits
 from labbook.report.against import changes, found_against
 from labbook.report.blocks import Facts
 from labbook.report.fitted_tables import NOT_DETERMINED, parameter_row
@@ -19,7 +20,6 @@ from labbook.results.reference import agreement
 from labbook.results.series import PACKING_FRACTION, Series
 from labbook.results.statements import summed_up
 from labbook.results.study import Results
-from labbook.run.advice import limits
 from labbook.scene.quantities import percent
 
 ATTENTION = "Attention"

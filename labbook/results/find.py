@@ -10,6 +10,7 @@ from labbook.lab import Catalogue, evaluations
 from labbook.lab.evaluations import NotEvaluated, Numbers, ReadOnlyRun
 from labbook.lab.records import Observe
 from labbook.lab.suspect import counts
+from labbook.plan.coverage import Asked, finished, unreadable
 from labbook.results.numerical import numerical
 from labbook.results.paper import compared, further_fits, judged
 from labbook.results.points import Finished, RunResult, pooled_point, redundant
@@ -17,7 +18,6 @@ from labbook.results.reference import compare
 from labbook.results.series import series_of
 from labbook.results.statements import judge
 from labbook.results.study import Results
-from labbook.run.coverage import Asked, finished, unreadable
 from labbook.study import Study
 
 
@@ -75,7 +75,7 @@ def kept(
 ) -> Results:
     """The same for those who only look: nothing is evaluated, and no folder is looked at.
 
-    `asked`: what `labbook.run.coverage.asked` gives of the study, where it is known already. Profiles, traces and
+    `asked`: what `labbook.plan.coverage.asked` gives of the study, where it is known already. Profiles, traces and
     fields that were not evaluated raise NotEvaluated (of `labbook.lab.evaluations`) when they are asked for; where fits
     or comparisons of a paper rest on such ones, they are left out, and the run is among the unevaluated.
     """

@@ -18,8 +18,8 @@ from labbook.measure.orifice import OrificeMeans
 from labbook.measure.outlet import Outlet, OutletProfile, OutletProfiles
 from labbook.measure.steady import BLOCKS, FEWEST
 from labbook.measure.stress import ContactStress
+from labbook.plan.demand import stopping_rule
 from labbook.results import display
-from labbook.run.demand import stopping_rule
 from labbook.stats import Measured, Pooled
 from labbook.stats.pooling import student
 from labbook.stats.trend import MATERIAL

@@ -1,1 +1,1 @@
-"""What a study asks for, what of it is missing, and carrying that out: plans, forecasts, jobs, lanes."""
+"""Carrying out a plan: jobs, lanes, processes, and progress."""

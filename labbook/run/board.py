@@ -14,12 +14,12 @@ from labbook.lab.index import Index, RunRows, run_rows
 from labbook.lab.journal import Failure
 from labbook.lab.packings import just_made
 from labbook.lab.records import Observe
-from labbook.run.demand import Demand
+from labbook.plan.demand import Demand
+from labbook.plan.forecast import discharge_work, fill_work
+from labbook.plan.plan import Item, Plan, Planner, PointPlan, counted, specified
 from labbook.run.discharge import DischargeJob
 from labbook.run.fill import FillJob
-from labbook.run.forecast import discharge_work, fill_work
 from labbook.run.job import Bench, Job, JobFailed
-from labbook.run.plan import Item, Plan, Planner, PointPlan, counted, specified
 from labbook.run.shard import everything
 from labbook.scene.packing import Packing
 from labbook.study.problems import and_others

@@ -28,10 +28,10 @@ from labbook.lab.index import Index
 from labbook.lab.journal import PROGRESS, Progress
 from labbook.lab.merge import merge
 from labbook.lab.records import Observe, Unreadable
+from labbook.plan.demand import Demand
+from labbook.plan.forecast import discharge_work, fill_work
+from labbook.plan.plan import Item, Plan, Planner
 from labbook.run.board import Tally
-from labbook.run.demand import Demand
-from labbook.run.forecast import discharge_work, fill_work
-from labbook.run.plan import Item, Plan, Planner
 from labbook.run.runner import Runner, Summary
 from labbook.run.shard import everything
 from labbook.run.slurm import differs, expected

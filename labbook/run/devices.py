@@ -12,23 +12,21 @@ import subprocess
 import sys
 import threading
 import time
-from collections import Counter
 from collections.abc import Iterable, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from tempfile import TemporaryFile
 from typing import IO, Any
 
-from labbook.backend import Backend, Surveys, Unsupported, absent, load
-from labbook.backend.machine import cores
+from labbook.backend import Backend, Unsupported, load
 from labbook.lab.catalogue import Catalogue
 from labbook.lab.folder import DiskFull, Lab, LabError
 from labbook.lab.index import Index
+from labbook.plan.demand import PointDemand
+from labbook.plan.devices import speeds
+from labbook.plan.plan import Planner, check
 from labbook.run.board import Tally
-from labbook.run.demand import PointDemand
-from labbook.run.forecast import rate_of
 from labbook.run.live import running
-from labbook.run.plan import Planner, check
 from labbook.run.runner import CHECKPOINT_EVERY, Runner, Summary
 from labbook.run.shard import WHOLE, Seat, Shard, shard_of
 from labbook.run.stopping import Request
@@ -39,35 +37,6 @@ _LOOK = 0.2  # s
 _VIEW = 1.0  # s between two looks at where processes stand
 _LAST = 2000
 """Characters, at most, of what a process that failed said last."""
-
-
-def named(devices: str, backend: Backend) -> tuple[str, ...]:
-    """The devices that `cuda:0,cuda:1`, `cuda:all` or `cuda:all,cpu` names. Raises Unsupported for one named twice, or
-    where there is none of a kind."""
-    found: list[str] = []
-    for name in (one.strip() for one in devices.split(",")):
-        kind, _, which = name.partition(":")
-        if which != "all":
-            found.append(name)
-            continue
-        there = [one.alias for one in backend.survey().devices] if isinstance(backend, Surveys) else []
-        there = [one for one in there or backend.capabilities.devices if one.partition(":")[0] == kind]
-        if not there:
-            raise absent(backend, name)
-        found += there
-    if twice := [name for name, times in Counter(found).items() if times > 1]:
-        raise Unsupported("--device", f"{twice[0]} is named twice; name each device once")
-    return tuple(found)
-
-
-def speeds(devices: Sequence[str], backend: Backend, points: Sequence[PointDemand]) -> tuple[float, ...]:
-    """Grain-steps per second that each device is foreseen to take with all its lanes full; only ratios count."""
-    scene, numerics = points[0].scene, points[0].numerics
-    name, shape = backend.capabilities.name, scene.grains.shape
-    return tuple(
-        (cores() if device == "cpu" else 1) / rate_of(name, device, shape, numerics.precision).of(scene.grains.count)
-        for device in devices
-    )
 
 
 @dataclass(eq=False)

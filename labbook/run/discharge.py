@@ -32,17 +32,17 @@ from labbook.lab.identity import Keys
 from labbook.lab.index import RunRows, run_rows
 from labbook.lab.journal import PROGRESS, Journal, Saved, at_its_end
 from labbook.lab.packings import load_packing
+from labbook.lab.provenance import now
 from labbook.lab.records import Coverage, Failure, Observe, Outcome, Precise, RunRecord, Unreadable
 from labbook.lab.runs import CHECKPOINT, RECORDING, fault_of_crossings, film_of
 from labbook.lab.tables import fault_of_rows, write_checkpoint, write_table
 from labbook.measure.series import passages
 from labbook.measure.steady import steady_flow
 from labbook.picture import bed
-from labbook.run.coverage import unobserved
-from labbook.run.demand import Demand
+from labbook.plan.coverage import unobserved
+from labbook.plan.demand import Demand
 from labbook.run.job import Bench, Job, JobFailed, Kept, Left, failure
 from labbook.run.ledger import ledger
-from labbook.run.provenance import now
 from labbook.scene import Packing, Silo
 from labbook.scene.quantities import percent
 from labbook.stats.stopping import looks

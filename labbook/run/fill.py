@@ -20,8 +20,8 @@ from labbook.lab.index import RunRows, packing_row
 from labbook.lab.journal import PROGRESS, Saved
 from labbook.lab.packings import PackingRecord, write_packing
 from labbook.lab.records import Unreadable
-from labbook.run.demand import Demand, PackingsOf
-from labbook.run.forecast import fill_time
+from labbook.plan.demand import Demand, PackingsOf
+from labbook.plan.forecast import fill_time
 from labbook.run.job import Bench, Job, JobFailed, Kept, Left, failure
 from labbook.run.ledger import ledger
 from labbook.scene import Packing, Spheres

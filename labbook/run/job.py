@@ -14,9 +14,9 @@ from labbook.lab.folder import Claim, Lab, make_folder, room
 from labbook.lab.identity import Keys
 from labbook.lab.index import RunRows
 from labbook.lab.journal import Journal, Saved
+from labbook.lab.provenance import now, provenance
 from labbook.lab.records import Session, Unreadable
-from labbook.run.demand import Demand
-from labbook.run.provenance import now, provenance
+from labbook.plan.demand import Demand
 from labbook.scene import Scene
 from labbook.scene.packing import Packing
 

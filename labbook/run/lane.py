@@ -4,10 +4,9 @@ On a CPU every core gets a lane with one member, so that no run waits for anothe
 GPU one lane holds all members of a Spec.
 """
 
-import sys
 import threading
 import time
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Sequence
 from concurrent.futures import Future
 from contextlib import nullcontext
 from dataclasses import dataclass, field
@@ -16,11 +15,10 @@ from typing import TypeVar
 
 import numpy as np
 
-from labbook.backend import Backend, Ensemble, Event, Member, Rationed, Spec
+from labbook.backend import Backend, Ensemble, Event, Member, Spec
 from labbook.backend.probes import Probe, Table
 from labbook.run.board import Started
 from labbook.run.job import Job
-from labbook.run.plan import PointPlan, specified
 
 T = TypeVar("T")
 
@@ -151,17 +149,3 @@ class Lane:
         if self.ensemble is not None:
             self.ensemble.close()
         self.ensemble, self.spec = None, None
-
-
-def slots(backend: Backend, device: str, points: Iterable[PointPlan]) -> int:
-    """One on a CPU, where every core has a lane; else as many as the device holds of the point that needs most."""
-    if device == "cpu":
-        return 1
-    if not isinstance(backend, Rationed):
-        return sys.maxsize
-    fits = []
-    for shared in (point.shared for point in points):
-        filling, discharge = specified(backend, shared)
-        for spec, scene in ((filling, shared.closed), (discharge, shared.scene)):
-            fits.append(backend.capacity(spec, scene, device))
-    return min((fit for fit in fits if fit is not None), default=sys.maxsize)

@@ -20,7 +20,7 @@ from pydantic import ConfigDict, TypeAdapter
 from pydantic_core import to_json
 
 from labbook.lab.folder import Claim, Lab, LabError, is_locked, lock, open_file, remove, write_bytes
-from labbook.run.provenance import now
+from labbook.lab.provenance import now
 from labbook.run.watch import View, Watcher
 
 EVERY = 1.0

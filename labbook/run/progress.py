@@ -17,6 +17,7 @@ from rich.table import Table
 from rich.text import Text
 
 from labbook.run.watch import Going, Phase, View
+from labbook.scene.quantities import duration
 
 _JOBS = 3
 """Jobs that are shown one by one."""
@@ -180,22 +181,3 @@ def remaining(view: View) -> str:
     if not view.open_ended:
         return f"about {duration(left)} left" if left >= _FEW else "a few seconds left"
     return f"at least {duration(left)} left" if left >= _WORTH_SAYING else "time left unknown"
-
-
-def duration(seconds: float) -> str:
-    """A time span for people, to two figures or so: 40 s, 12 min, 3.5 h, 2.1 d."""
-    if seconds < 90:
-        return f"{seconds:.0f} s"
-    if seconds < 90 * 60:
-        return f"{seconds / 60:.0f} min"
-    if seconds < 48 * 3600:
-        return f"{seconds / 3600:.1f} h"
-    return f"{seconds / 86400:.1f} d"
-
-
-def size(count: float) -> str:
-    """Bytes for people: 40 kB, 1.2 MB, 3.5 GB."""
-    for unit, scale in (("GB", 1e9), ("MB", 1e6), ("kB", 1e3)):
-        if count >= scale:
-            return f"{count / scale:.1f} {unit}"
-    return f"{count:.0f} B"

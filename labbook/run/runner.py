@@ -16,19 +16,19 @@ from labbook.lab.folder import Lab, is_full, room
 from labbook.lab.index import Index
 from labbook.lab.merge import bring
 from labbook.lab.records import Observe
+from labbook.plan.demand import Demand, PackingsOf, recorded_in_words, stopping_rule
+from labbook.plan.devices import slots
+from labbook.plan.plan import Plan, Planner, PointPlan, check, counted
 from labbook.run.board import Board, Started, Tally
 from labbook.run.closing import Closing
-from labbook.run.demand import Demand, PackingsOf, recorded_in_words, stopping_rule
 from labbook.run.fill import FillJob
 from labbook.run.job import Bench, Job
-from labbook.run.lane import Lane, Turn, slots
+from labbook.run.lane import Lane, Turn
 from labbook.run.live import Publisher
-from labbook.run.plan import Plan, Planner, PointPlan, check, counted
-from labbook.run.progress import duration
 from labbook.run.shard import WHOLE, Seat, Shard, everything, part_of, shard_of
 from labbook.run.stopping import Request
 from labbook.run.watch import Going, Meter, Unwatched, View, Watcher
-from labbook.scene.quantities import percent
+from labbook.scene.quantities import duration, percent
 from labbook.study import Study
 from labbook.study.problems import grouped
 

@@ -5,8 +5,8 @@ from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 
 from labbook.backend import Capabilities
-from labbook.run.demand import Demand, PointDemand
-from labbook.run.forecast import discharge_work, fill_work
+from labbook.plan.demand import Demand, PointDemand
+from labbook.plan.forecast import discharge_work, fill_work
 
 MOST = 100_000
 _UNITS = 10_000

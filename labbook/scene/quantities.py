@@ -345,3 +345,22 @@ AngularSpeed = Annotated[float, _w, _w_, Field(ge=-1e9, le=1e9)]
 Ratio = Annotated[float, _one, _one_, Field(ge=-1e6, le=1e6)]
 Coefficient = Annotated[float, _one, _one_, Field(ge=0, le=1e6)]
 Whole = Annotated[int, Field(strict=True), _whole_]
+
+
+def duration(seconds: float) -> str:
+    """A time span for people, to two figures or so: 40 s, 12 min, 3.5 h, 2.1 d."""
+    if seconds < 90:
+        return f"{seconds:.0f} s"
+    if seconds < 90 * 60:
+        return f"{seconds / 60:.0f} min"
+    if seconds < 48 * 3600:
+        return f"{seconds / 3600:.1f} h"
+    return f"{seconds / 86400:.1f} d"
+
+
+def size(count: float) -> str:
+    """Bytes for people: 40 kB, 1.2 MB, 3.5 GB."""
+    for unit, scale in (("GB", 1e9), ("MB", 1e6), ("kB", 1e3)):
+        if count >= scale:
+            return f"{count / scale:.1f} {unit}"
+    return f"{count:.0f} B"

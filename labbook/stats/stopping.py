@@ -130,6 +130,6 @@ def looks(samples: int) -> int:
     samples again as the one before. What is looked at is the larger of two errors, of blocks and from the
     autocorrelation, with Student's quantile (`SteadyFlow.precision` of labbook.measure.steady). In simulations of
     series that were stopped so, regular, independent and correlated over up to 50 samples, its nominal 95 % intervals
-    held the mean in 92 % to 96 % (tests/unit/test_stats_within.py).
+    held the mean in 92 % to 96 % (tests/unit/stats/test_stats_within.py).
     """
     return 0 if samples < FIRST_LOOK else 1 + int(log(samples / FIRST_LOOK) / log(GROWTH) + 1e-9)

@@ -12,12 +12,12 @@ from stands import Bundled, stands, where
 from labbook.backend import Checkpoint, Ensemble, Member
 from labbook.backend.numerics import Numerics
 from labbook.backend.probes import Crossing, Ledger, Probe, Table
+from labbook.checks.verify.stand import rows_of
+from labbook.checks.verify.symmetry import DT, hopper
 from labbook.filling.opening import opened
 from labbook.filling.placing import place
 from labbook.scene import Scene
 from labbook.scene.packing import Packing
-from labbook.verify.stand import rows_of
-from labbook.verify.symmetry import DT, hopper
 
 STEPS = 250
 """Steps per beat of these tests."""

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from stands import identical
 
-from labbook.verify.stand import rows_of
+from labbook.checks.verify.stand import rows_of
 
 BEATS = 12
 

@@ -6,10 +6,10 @@ from stands import identical, specialised
 
 from labbook.backend import Emptied, Failed, Settled, Unsupported
 from labbook.backend.probes import Ledger
+from labbook.checks.verify.stand import grains_at
+from labbook.checks.verify.symmetry import DT, hopper
 from labbook.scene import LinearSpringDashpot, Plane, Primitives, SurfaceMotion, Wall
 from labbook.scene.packing import Packing
-from labbook.verify.stand import grains_at
-from labbook.verify.symmetry import DT, hopper
 
 
 def happened(events, kind):

@@ -9,10 +9,10 @@ from stands import identical
 
 from labbook.backend import Failed, Status
 from labbook.backend.probes import Ledger
+from labbook.checks.verify.collision import PHASES, duration, head_on
+from labbook.checks.verify.materials import D, G, floor, hertz, linear, room, scene
+from labbook.checks.verify.stand import Start, grains_at
 from labbook.scene import Primitives
-from labbook.verify.collision import PHASES, duration, head_on
-from labbook.verify.materials import D, G, floor, hertz, linear, room, scene
-from labbook.verify.stand import Start, grains_at
 
 BEATS, LEDGER = 6, Ledger()
 

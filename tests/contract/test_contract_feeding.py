@@ -5,11 +5,11 @@ import pytest
 from stands import identical
 
 from labbook.backend.probes import Crossing, Ledger
+from labbook.checks.verify.mixture import graded_hopper
+from labbook.checks.verify.stand import rows_of
+from labbook.checks.verify.symmetry import DT
 from labbook.filling import Feeder, opened, place
 from labbook.scene import CylinderSilo, Feed, LinearSpringDashpot, Packing, Scene, Spherocylinders
-from labbook.verify.mixture import graded_hopper
-from labbook.verify.stand import rows_of
-from labbook.verify.symmetry import DT
 
 BEATS = 24
 MOTION = ("x", "v", "omega")

@@ -8,8 +8,8 @@ from stands import identical, specialised
 
 from labbook.backend import Failed
 from labbook.backend.probes import Film, Sample
-from labbook.verify.stand import rows_of
-from labbook.verify.symmetry import DT
+from labbook.checks.verify.stand import rows_of
+from labbook.checks.verify.symmetry import DT
 
 BEATS, STEPS = 3, 250
 FIELDS = ("x", "v", "omega")

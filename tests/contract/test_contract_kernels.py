@@ -13,10 +13,10 @@ from labbook_dem.walls import WALLS
 from stands import specialised
 
 from labbook.backend.probes import Contacts
+from labbook.checks.verify.materials import D, G, hertz, linear
+from labbook.checks.verify.symmetry import DT, SOFT
 from labbook.scene import Frustum, Kind, Plane, Primitives, Scene, Spheres, Spherocylinders, Wall
 from labbook.scene.packing import Packing
-from labbook.verify.materials import D, G, hertz, linear
-from labbook.verify.symmetry import DT, SOFT
 
 STEPS = 100
 SPEED = 0.5

@@ -3,8 +3,8 @@
 import pytest
 from stands import identical
 
-from labbook.verify.stand import rows_of
-from labbook.verify.symmetry import DT
+from labbook.checks.verify.stand import rows_of
+from labbook.checks.verify.symmetry import DT
 
 BEATS = 12
 

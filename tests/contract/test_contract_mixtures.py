@@ -11,11 +11,11 @@ import pytest
 from stands import identical
 
 from labbook.backend.probes import Crossing, Ledger
+from labbook.checks.verify.bed import DT
+from labbook.checks.verify.mixture import graded_hopper
+from labbook.checks.verify.stand import rows_of
 from labbook.filling import opened, place
 from labbook.scene import Bodies
-from labbook.verify.bed import DT
-from labbook.verify.mixture import graded_hopper
-from labbook.verify.stand import rows_of
 
 
 @pytest.fixture(scope="module")

@@ -3,8 +3,8 @@
 import numpy as np
 
 from labbook.backend.probes import Crossing, Ledger
+from labbook.checks.verify.symmetry import DT, hopper
 from labbook.filling import opened, place
-from labbook.verify.symmetry import DT, hopper
 
 
 def _across(packing) -> np.ndarray:

@@ -7,9 +7,9 @@ import pytest
 from stands import identical, specialised
 
 from labbook.backend.probes import Contacts, Crossing, Ledger, Sample, Slab, Zone
+from labbook.checks.verify.stand import Start, grains_at, rows_of
+from labbook.checks.verify.symmetry import DT, difference, hopper
 from labbook.scene import Primitives, Spheres
-from labbook.verify.stand import Start, grains_at, rows_of
-from labbook.verify.symmetry import DT, difference, hopper
 
 BEATS = 12
 SAMPLE, CONTACTS = Sample(fields=("x", "v", "omega")), Contacts()

@@ -9,13 +9,13 @@ from stands import Bundled, identical
 from labbook.backend import Failed, Unsupported
 from labbook.backend.numerics import Numerics
 from labbook.backend.probes import Contacts, Crossing, Ledger, Probe, Sample, Table, Zone, columns
+from labbook.checks.verify.rods import rods as rods_alone
+from labbook.checks.verify.rods import rods_at
+from labbook.checks.verify.stand import rows_of
+from labbook.checks.verify.symmetry import hopper
 from labbook.filling import opened, place
 from labbook.scene import CylinderSilo, LinearSpringDashpot, Packing, Primitives, Scene, Spherocylinders
 from labbook.scene.orientation import axes
-from labbook.verify.rods import rods as rods_alone
-from labbook.verify.rods import rods_at
-from labbook.verify.stand import rows_of
-from labbook.verify.symmetry import hopper
 
 DT, STEPS = 1e-5, 200
 RODS, FALLEN, RESTING = 60, 100, 700

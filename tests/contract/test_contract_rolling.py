@@ -10,11 +10,11 @@ import pytest
 from stands import identical
 
 from labbook.backend import load
+from labbook.checks.verify.materials import D, G, hertz
+from labbook.checks.verify.symmetry import DT, SOFT
 from labbook.filling import opened, place
 from labbook.scene import Kind, Scene, Spheres, WedgeHopper
 from labbook.scene.packing import Packing
-from labbook.verify.materials import D, G, hertz
-from labbook.verify.symmetry import DT, SOFT
 
 KINDS = (Kind(name="large", share=0.5), Kind(name="small", share=0.5, diameter=0.8 * D, density=7800))
 

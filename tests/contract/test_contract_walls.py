@@ -9,10 +9,10 @@ from stands import Bundled, identical
 
 from labbook.backend import Overflow
 from labbook.backend.probes import Contacts
+from labbook.checks.verify.materials import D, G, hertz
+from labbook.checks.verify.symmetry import DT, SOFT
 from labbook.scene import Plane, Primitives, Scene, Spheres, Spherocylinders, Strip, Wall
 from labbook.scene.packing import Packing
-from labbook.verify.materials import D, G, hertz
-from labbook.verify.symmetry import DT, SOFT
 
 TILE, TILES = D / 2, 40
 """Width of a tile [m]; a rod of 2 d is near no more than eight, all that there is room for."""

@@ -9,12 +9,12 @@ from stands import stands, where
 from typer.testing import CliRunner
 
 from labbook.backend import Unsupported
+from labbook.checks.stress.bounded import Bench, judged
+from labbook.checks.stress.case import Ending, judge, within
+from labbook.checks.stress.cases import CASES, chosen
+from labbook.checks.verify.case import limited
+from labbook.checks.verify.stand import Stand, require
 from labbook.cli import build
-from labbook.stress.bounded import Bench, judged
-from labbook.stress.case import Ending, judge, within
-from labbook.stress.cases import CASES, chosen
-from labbook.verify.case import limited
-from labbook.verify.stand import Stand, require
 
 IN_ONE = {"pyramid", "edges", "time-step", "stiffness", "incline", "units", "size-ratio", "rods-stacked"}
 """Cases that take long, or kernels of their own: a backend takes them in its first precision only."""

@@ -8,10 +8,10 @@ from labbook_toy import Backend as Toy
 from labbook_toy import Ensemble, Glass
 
 from labbook.backend import Failed, Overflow
-from labbook.stress.case import Case
-from labbook.stress.watch import follow, named, sound
-from labbook.verify.materials import G, hertz, room, scene
-from labbook.verify.stand import Start, grains_at
+from labbook.checks.stress.case import Case
+from labbook.checks.stress.watch import follow, named, sound
+from labbook.checks.verify.materials import G, hertz, room, scene
+from labbook.checks.verify.stand import Start, grains_at
 
 START = Start(scene(2, hertz(), room(), G), 1e-5, grains_at([[0.0, 0.0, 0.1], [0.1, 0.0, 0.1]]))
 

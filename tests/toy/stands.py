@@ -14,9 +14,9 @@ import pytest
 
 from labbook.backend import BackendMissing, Unsupported, installed, load
 from labbook.backend.probes import Table
+from labbook.checks.verify.stand import Stand
 from labbook.scene import LinearSpringDashpot, Primitives, Scene, Spheres
 from labbook.scene.packing import Packing
-from labbook.verify.stand import Stand
 
 
 @dataclass(frozen=True)

@@ -4,8 +4,8 @@ from labbook_toy import Backend, Twin
 from toy_lab import study as toy_study
 from toy_lab import study_file as toy_study_file
 
-from labbook.compare.compare import compare
-from labbook.compare.sides import Side
+from labbook.checks.compare.compare import compare
+from labbook.checks.compare.sides import Side
 from labbook.lab import Lab, RunRecord
 from labbook.lab.folder import stamp
 

@@ -6,10 +6,10 @@ import pytest
 from stands import Bundled, specialised, stands, where
 
 from labbook.backend import Unsupported
-from labbook.verify.case import Case, Measure, judge
-from labbook.verify.cases import CASES, chosen
-from labbook.verify.materials import EVERY_LAW
-from labbook.verify.stand import Stand, require
+from labbook.checks.verify.case import Case, Measure, judge
+from labbook.checks.verify.cases import CASES, chosen
+from labbook.checks.verify.materials import EVERY_LAW
+from labbook.checks.verify.stand import Stand, require
 
 IN_ONE = {
     # of the law at the other; laws without friction, and each law's functions, are compared in both precisions

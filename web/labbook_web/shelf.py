@@ -17,16 +17,16 @@ from typing import Any, TypeVar
 from labbook.accuracy import BESIDE
 from labbook.backend import BackendMissing, installed
 from labbook.backend import load as load_backend
-from labbook.compare.compare import stale
-from labbook.compare.sides import CannotCompare, Side
-from labbook.compare.verdict import NoVerdict, Verdict, path_of
+from labbook.checks.compare.compare import stale
+from labbook.checks.compare.sides import CannotCompare, Side
+from labbook.checks.compare.verdict import NoVerdict, Verdict, path_of
 from labbook.lab import Catalogue, LabError, notes, studies
 from labbook.lab import Lab as Folder
 from labbook.lab.catalogue import StudyCount
 from labbook.lab.notes import Note
+from labbook.plan.coverage import Asked, asked
 from labbook.results.find import kept
 from labbook.results.study import Results
-from labbook.run.coverage import Asked, asked
 from labbook.run.live import Running, running
 from labbook.study import Study, StudyError, load
 

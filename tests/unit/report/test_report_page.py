@@ -86,7 +86,7 @@ def test_every_figure_lies_beside_it_in_three_formats(written):
 
 def test_warnings_of_the_plan_that_limit_numbers_reach_the_results(synthetic):
     """400 grains in a hopper 33 diameters wide are less than 1.2 widths high from the start: W may fall with that."""
-    from labbook.run.advice import limits
+    from labbook.plan.advice import limits
 
     points = [synthetic.point(k, D, count=400) for k, D in enumerate((0.024, 0.03))]
     low = analyse(synthetic.study_of(points), [synthetic.FinishedDouble(p, s) for p in points for s in (1, 2)])

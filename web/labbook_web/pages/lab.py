@@ -12,7 +12,7 @@ from labbook.lab.journal import unfinished
 from labbook.report.result_box import concerns, headline
 from labbook.results.study import Results
 from labbook.run.live import Running
-from labbook.run.progress import duration
+from labbook.scene.quantities import duration
 from labbook.study import StudyError
 from labbook_web.page import Page
 from labbook_web.pages.sheet import sheet

@@ -13,8 +13,8 @@ import numpy as np
 
 from labbook.api import Lab
 from labbook.api import Results as Tabled
+from labbook.checks.compare import shown
 from labbook.commands import command
-from labbook.compare import shown
 from labbook.fit import Law
 from labbook.lab.evaluations import NotEvaluated
 from labbook.measure import MeasureError

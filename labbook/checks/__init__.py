@@ -1,0 +1,1 @@
+"""Checks of backends and machines: verification, stress, benchmarks, comparison, and what is installed."""

@@ -1,0 +1,138 @@
+"""A dense bed before chaos: the error of positions and velocities by time step, against a step 32 times as small.
+
+A bed at rest is opened, and followed for so short a time that neighbours of a path in phase space have not yet parted.
+"""
+
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from itertools import pairwise
+
+import numpy as np
+
+from labbook.backend import Backend, Settled
+from labbook.checks.bench.order import Order, fitted
+from labbook.checks.bench.speed import pongo
+from labbook.checks.verify.materials import EVERY_LAW, G, spheres
+from labbook.checks.verify.stand import Stand, Start, require
+from labbook.filling.opening import opened
+from labbook.filling.placing import place
+from labbook.scene import CylinderSilo, Scene, Spherocylinders
+from labbook.scene.packing import Packing
+from labbook.scene.timescales import collision
+
+HALVINGS = 5
+"""The reference has a step 2^5 times as small as the coarsest."""
+COARSEST = 40
+"""Steps of a collision."""
+FOLLOWED = 0.1
+"""Time that is followed [sqrt(d/g)]."""
+SETTLED = 1e-6
+"""Kinetic energy per grain [m g d] of a bed at rest."""
+NUDGE = 1e-9
+"""By which positions are changed [d] to see how fast neighbours part."""
+
+
+@dataclass(frozen=True)
+class BedConvergence:
+    """Errors of a bed at each number of steps a collision, against the smallest step in double precision.
+
+    position, velocity: median over grains, in d and sqrt(g d); farthest, fastest: the largest. order: of the median
+    error of positions, from differences between a step and its half, which have the order of the error whatever the
+    reference; order_velocity: likewise. growth: by which a change of positions by 1e-9 d has grown at the end, median.
+    """
+
+    bed: str
+    law: str
+    precision: str
+    grains: int
+    steps: tuple[int, ...]
+    position: tuple[float, ...]
+    farthest: tuple[float, ...]
+    velocity: tuple[float, ...]
+    fastest: tuple[float, ...]
+    order: Order
+    order_velocity: Order
+    growth: float
+
+
+def of_spheres(law: str, count: int = 400) -> Scene:
+    """Fan's grains in a cylinder of 12 d, over a hole of 6 d."""
+    grains = spheres(count)
+    silo = CylinderSilo(diameter=12 * grains.diameter, height=1.0, orifice=6 * grains.diameter)
+    return Scene(grains=grains, contact=EVERY_LAW[law](rolling_friction=0.0), container=silo, gravity=G)
+
+
+def of_rods(count: int = 250) -> Scene:
+    """Pongo's rods in a cylinder of 80 mm that does not turn, over a hole of 54 mm; the law linear."""
+    scene = pongo(Spherocylinders(diameter=6e-3, length=20e-3, density=620, count=count), diameter=0.08)
+    return scene.model_copy(update={"container": CylinderSilo(diameter=0.08, height=2.0, orifice=0.054)})
+
+
+def settled(backend: Backend, scene: Scene, device: str = "cpu") -> Packing:
+    """A bed at rest in the closed container, made in double precision."""
+    closed = scene.close()
+    stand = Stand(backend, "double", device)
+    fallen = Start(closed, collision(closed) / 30, place(closed, "gas", 1), settled_below=SETTLED)
+    motion = stand.run(fallen, 3000, 1000, until_event=True)
+    require(any(isinstance(event, Settled) for event in motion.events), "the bed has not come to rest")
+    return motion.end
+
+
+def converge(stand: Stand, called: str, scene: Scene, bed: Packing, say: Callable[[str], None]) -> BedConvergence:
+    """Measure a bed that is opened, on a stand; `bed` rests in the closed container."""
+    start, unit = opened(bed, scene.close(), scene), math.sqrt(scene.gravity * scene.grains.diameter)
+    coarsest, d = collision(scene) / COARSEST, scene.grains.diameter
+    count = round(FOLLOWED * math.sqrt(d / scene.gravity) / coarsest)
+    exact = Stand(stand.backend, "double", stand.device)
+
+    def ends(on: Stand, begin: Packing, part: int) -> Packing:
+        say(f"{called}, {on.precision}, t_c/{COARSEST * part}")
+        return _followed(on, scene, begin, coarsest / part, count * part)
+
+    finest = ends(exact, start, 2**HALVINGS)
+    nudged = np.random.default_rng(1).normal(size=start.x.shape)
+    apart = Packing(**{**start.arrays(), "x": start.x + NUDGE * d * nudged})
+    growth = _off(ends(exact, apart, 4).x, ends(exact, start, 4).x) / (NUDGE * d)
+    parts = [2**k for k in range(HALVINGS)]
+    found = [ends(stand, start, part) for part in parts]
+    x, v = ([_off(getattr(one, name), getattr(finest, name)) for one in found] for name in ("x", "v"))
+    orders = [
+        fitted(
+            1 / np.array(parts[:-1]),
+            [np.median(_off(getattr(a, n), getattr(b, n))) for a, b in pairwise(found)],
+        )
+        for n in ("x", "v")
+    ]
+    return BedConvergence(
+        bed=called,
+        law=scene.contact.law,
+        precision=stand.precision,
+        grains=len(start),
+        steps=tuple(COARSEST * part for part in parts),
+        position=tuple(float(np.median(e)) / d for e in x),
+        farthest=tuple(float(e.max()) / d for e in x),
+        velocity=tuple(float(np.median(e)) / unit for e in v),
+        fastest=tuple(float(e.max()) / unit for e in v),
+        order=orders[0],
+        order_velocity=orders[1],
+        growth=float(np.median(growth)) / math.sqrt(3),
+    )
+
+
+def _followed(stand: Stand, scene: Scene, start: Packing, dt: float, steps: int) -> Packing:
+    beats = next(k for k in range(1, steps + 1) if steps % k == 0 and steps // k <= 1000)
+    end = stand.run(Start(scene, dt, start), beats, steps // beats).end
+    require(len(end) == len(start), "a grain has left")
+    order = np.argsort(end.ids) if end.ids is not None else slice(None)
+    return Packing(x=end.x[order], v=end.v[order], omega=end.omega[order])
+
+
+def _off(a: np.ndarray, b: np.ndarray) -> np.ndarray:
+    return np.linalg.norm(a - b, axis=1)
+
+
+def beds(rods: bool) -> Sequence[tuple[str, Scene]]:
+    """Beds by name."""
+    found = [("spheres, Hertz", of_spheres("hertz-mindlin")), ("spheres, linear", of_spheres("linear"))]
+    return [*found, ("rods, linear", of_rods())] if rods else found

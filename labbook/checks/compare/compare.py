@@ -1,0 +1,207 @@
+"""Comparing two backends on a study, from missing runs to the verdict; and whether a verdict still holds."""
+
+from collections.abc import Callable, Sequence
+from contextlib import closing, suppress
+from dataclasses import replace
+from statistics import median
+
+from labbook.backend import BackendMissing, load
+from labbook.checks.compare.contrast import ALPHA, COMPARED, contrast, of_packings, of_runs
+from labbook.checks.compare.lockstep import divergence
+from labbook.checks.compare.sides import CannotCompare, Pair, Side, from_shared
+from labbook.checks.compare.verdict import Cost, NoVerdict, PointVerdict, Verdict, path_of
+from labbook.lab import Catalogue, Entry, FinishedRun, RunRecord
+from labbook.lab.evaluations import numbers
+from labbook.lab.folder import Lab, stamp
+from labbook.lab.provenance import now
+from labbook.lab.records import Observe
+from labbook.measure import MEASURES
+from labbook.plan.demand import PointDemand
+from labbook.plan.plan import Planner, PointPlan
+from labbook.run.runner import Runner, Summary
+from labbook.run.watch import Unwatched, Watcher
+from labbook.study import Study
+from labbook.study.schema import Accuracy
+
+
+class Stopped(Exception):
+    """The runner was asked to stop; everything is saved. `left_behind` as in its Summary."""
+
+    def __init__(self, *, left_behind: bool = False):
+        super().__init__()
+        self.left_behind = left_behind
+
+
+def narrowed(study: Study, points: Sequence[int] = (), replicates: int | None = None) -> Study:
+    """`study` with only the points at these places (from 0; none: all), and a number of replicates fixed beforehand.
+
+    A test wants a number of replicates that does not depend on their values. Raises CannotCompare for a point that is
+    not there and for fewer than 2 replicates.
+    """
+    wrong = [index for index in points if not 0 <= index < len(study.points)]
+    if wrong:
+        raise CannotCompare(f"--point {wrong[0] + 1}: {study.name} has the points 1 to {len(study.points)}")
+    number = replicates or study.replicates
+    if number < 2:
+        raise CannotCompare(f"{study.name} has 1 replicate per point; a test needs 2: use --replicates 2 or more")
+    chosen = tuple(point for point in study.points if not points or point.index in points)
+    return replace(
+        study, points=chosen, replicates=number, accuracy=Accuracy(count_suspect=study.accuracy.count_suspect)
+    )
+
+
+def compare(
+    study: Study,
+    lab: Lab,
+    pair: Pair,
+    margin: float,
+    watcher: Watcher | None = None,
+    say: Callable[[str], None] = lambda _: None,
+) -> tuple[Verdict, list[str]]:
+    """Run what is missing and compare; the verdict is kept in the lab. Also what failed, in words.
+
+    `study` as `narrowed` gives it. Raises Stopped; Unsupported, Conflict or MeasureError before anything runs;
+    DiskFull; Unreadable.
+    """
+    entrants = pair[0].entrant, pair[1].entrant
+    for one, shared in zip(pair, from_shared(study, study.points[0], pair), strict=True):
+        say(f"opening {one.entrant.called} on {one.device}")  # before hours of the other backend's work
+        one.backend.open(one.backend.specialise(shared.scene, shared.numerics, shared.probes), 1, one.device).close()
+    path = path_of(lab, study.name, *(one.called for one in entrants))
+    before = None
+    with suppress(NoVerdict):
+        before = Verdict.read(path)
+    if before and before.entrants != entrants:  # other versions, or on other devices
+        before = None
+    known = {point.divergence.key: point.divergence for point in before.points if point.divergence} if before else {}
+    say("making missing runs")
+    sessions = _run(study, lab, pair, watcher or Unwatched())
+    measures = tuple(name for name in COMPARED if name in ("flow_rate", *study.measure))
+    points = []
+    with closing(Catalogue(lab)) as catalogue:
+        runs, own = (
+            [Planner(one.of(study), catalogue, one.can, of).plan().points for one in pair]
+            for of in (pair[0].packings(study), None)
+        )
+        observe = Observe.of(measures, study.window)
+        done = [_finished(lab, one, plans) for one, plans in zip(pair, runs, strict=True)]
+        found = numbers(catalogue, [*done[0], *done[1]], observe)
+        for point, a, b, *packed in zip(study.points, *runs, *own, strict=True):
+            say(f"comparing at {point.label or 'the only point'}")
+            contrasts = [
+                contrast(name, of_runs(a, found, of, name), of_runs(b, found, of, name), margin, paired=True)
+                for of in measures
+                for name in COMPARED[of]
+            ]
+            first, second = (of_packings(plan, catalogue) for plan in packed)
+            contrasts.append(contrast("packing_fraction", first, second, margin, paired=False))
+            demands = a.items[0].demand, b.items[0].demand
+            made = PointVerdict(
+                index=point.index,
+                label=point.label,
+                runs=(tuple(item.keys.run for item in a.items), tuple(item.keys.run for item in b.items)),
+                contrasts=tuple(contrasts),
+                divergence=divergence(pair, demands, lab, known) if a.items[0].packed else None,
+            )
+            points.append(made)
+    earlier = before.costs if before else (None, None)
+    verdict = Verdict(
+        study=study.name,
+        made=now(),
+        entrants=entrants,
+        measures={name: MEASURES[name].version for name in (measures[0], "packing", *measures[1:])},
+        margin=margin,
+        alpha=ALPHA,
+        replicates=study.replicates,
+        points=tuple(points),
+        costs=(
+            _cost(entrants[0].called, done[0], sessions[:1], earlier[0]),
+            _cost(entrants[1].called, done[1], sessions[1:], earlier[1]),
+        ),
+    )
+    verdict.write(path)
+    return verdict, [why for session in sessions for why in session.failed]
+
+
+def stale(verdict: Verdict, study: Study) -> list[str]:
+    """Why `verdict` is out of date, in words; nothing if it holds. `study` as its file has it now."""
+    reasons, sides = [], []
+    versions = [(f"the measure {name}", was, MEASURES[name].version) for name, was in verdict.measures.items()]
+    for entrant in reversed(verdict.entrants):
+        try:
+            sides.insert(0, Side(load(entrant.name), entrant.device, entrant.precision))
+            versions.insert(0, (entrant.name, entrant.cache_version, sides[0].can.cache_version))
+        except BackendMissing as problem:
+            reasons.insert(0, f"cannot check whether {entrant.name} has changed: {problem}")
+    reasons += [f"{name} was at version {was} and is now at {now}" for name, was, now in versions if was != now]
+    if reasons:
+        return reasons
+    now, before = set(), dict[tuple[tuple[str, ...], ...], str]()
+    try:
+        for point in study.points:
+            both = list(zip(sides, from_shared(study, point, (sides[0], sides[1])), strict=True))
+            now.add(_run_keys(both, verdict.replicates))
+            for outdated, scenes in both[0][1].older:
+                before[_run_keys(both, verdict.replicates, scenes)] = outdated
+    except CannotCompare as problem:
+        return [str(problem)]
+    outdated = dict.fromkeys(before[point.runs] for point in verdict.points if point.runs in before)
+    missed = [point for point in verdict.points if point.runs not in now and point.runs not in before]
+    changed = [point.label or "its point" for point in missed]
+    return [*outdated, *([f"the study has changed at {'; '.join(changed)}"] if changed else [])]
+
+
+def _run_keys(
+    both: Sequence[tuple[Side, PointDemand]], replicates: int, scenes: tuple[str, str] | None = None
+) -> tuple[tuple[str, ...], ...]:
+    """Keys of the runs of a point on both sides; `scenes`: see `Demand.keys`."""
+    seeds = range(1, replicates + 1)
+    return tuple(tuple(shared.run(seed).keys(one.can, scenes).run for seed in seeds) for one, shared in both)
+
+
+def _run(study: Study, lab: Lab, pair: Pair, watcher: Watcher) -> list[Summary]:
+    """Run what is missing: the first backend's runs, the second's from the same packings, and its own packings."""
+    first, second = pair
+    sessions = []
+    for one, of, packings_only in (
+        (first, None, False),
+        (second, first.packings(study), False),
+        (second, None, True),
+    ):
+        runner = Runner(one.of(study), lab, one.backend, one.device, watcher=watcher)
+        sessions.append(replace(runner, packings_of=of, packings_only=packings_only).run())
+        if sessions[-1].stopped:
+            raise Stopped(left_behind=sessions[-1].left_behind)
+    return sessions
+
+
+def _finished(lab: Lab, one: Side, plans: Sequence[PointPlan]) -> list[FinishedRun]:
+    """The runs that are there; one that several points share comes once."""
+    done = {item.keys.run: item for plan in plans for item in plan.items if item.state == "done"}
+    found = []
+    for key, item in done.items():
+        folder = lab.run(key)
+        entry = Entry.of(RunRecord.read(folder), stamp(folder))
+        found.append(FinishedRun(item.demand.point, item.demand.seed, folder, entry))
+    return found
+
+
+def _cost(backend: str, runs: Sequence[FinishedRun], sessions: Sequence[Summary], before: Cost | None) -> Cost:
+    """What runs took. `before`: what an earlier comparison by the same backend found; its session counts if nothing had
+    to be run now."""
+    records = [run.record for run in runs]
+    rates = [record.rate for record in records if record.rate == record.rate]
+    worked = [session for session in sessions if session.work_done]
+    wall = sum(session.wall_time for session in worked)
+    session = (wall, sum(session.work_done for session in worked) / wall) if worked else (None, None)
+    if before and not worked:
+        session = before.session_wall, before.session_rate
+    return Cost(
+        backend=backend,
+        devices=tuple(sorted({record.device for record in records})),
+        runs=len(records),
+        wall_time=sum(record.wall_time for record in records),
+        rate=median(rates) if rates else None,
+        session_wall=session[0],
+        session_rate=session[1],
+    )

@@ -1,0 +1,183 @@
+"""Two backends that start from the same packing, stepped side by side: how long they agree, and a recording of both.
+
+Backends add up forces in different orders. Their rounding errors, some 1e-16 of a diameter at first, grow exponentially
+in flowing grains, as any difference does; when they reach a diameter the two discharges are different replicates.
+"""
+
+import math
+import time
+from collections.abc import Generator, Mapping
+from contextlib import closing
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from labbook.backend import Failed
+from labbook.backend.numerics import Numerics
+from labbook.backend.probes import Sample, Table, film_probe
+from labbook.checks.compare.sides import Pair, Side, from_shared
+from labbook.checks.compare.verdict import Divergence
+from labbook.export.recording import (
+    FRAMES,
+    at_opening,
+    frames_of,
+    front_view,
+    log_bar,
+    log_grains,
+    need_rerun,
+    top_speed,
+    written,
+)
+from labbook.filling import opened
+from labbook.lab.folder import Lab
+from labbook.lab.packings import load_packing
+from labbook.plan.demand import Demand
+from labbook.scene import Packing, Scene
+from labbook.scene.model import digest
+from labbook.study import Point, Study
+
+AGREE = 1e-3
+"""Largest difference of a position [d] up to which backends agree."""
+APART = 1.0
+"""Largest difference [d] at which there is nothing left to compare."""
+LONGEST = 50.0
+"""Time after which looking ends [sqrt(d/g)]."""
+SEED = 1
+"""Of the packing that is recorded."""
+_INTERVAL = 0.05  # between frames [sqrt(d/g)]
+
+
+@dataclass(frozen=True)
+class Frame:
+    """The same moment in both backends: time since the opening [s] and rows of the sample, sorted by id.
+
+    `rates`: grain-steps per second of each backend so far, without its first beats, in which it may still compile;
+    `failure`: why a guard stopped one of them.
+    """
+
+    time: float
+    tables: tuple[Table, Table]
+    rates: tuple[float | None, float | None]
+    failure: str = ""
+
+    @property
+    def over(self) -> bool:
+        """Whether there is nothing to see any more: a guard stopped one of the backends, or one is empty."""
+        return bool(self.failure) or not all(len(table["id"]) for table in self.tables)
+
+
+def side_by_side(
+    pair: Pair, demand: Demand, lab: Lab, every: float, seconds: float, fields: tuple[str, ...]
+) -> Generator[Frame]:
+    """A run of the first side, by both: a frame with these `fields` about `every` [s], for `seconds` or until one is
+    over, which is the last. Raises Unreadable or Unsupported."""
+    shared = demand.shared
+    packing = load_packing(lab.packing(demand.keys(pair[0].can).packing))
+    start = opened(packing, shared.closed, shared.scene)
+    beat = {"steps_per_beat": max(1, round(every / shared.numerics.dt))}
+    numerics = shared.numerics.model_copy(update=beat)
+    with (
+        closing(_alone(pair[0], shared.scene, numerics, start, fields)) as first,
+        closing(_alone(pair[1], shared.scene, numerics, start, fields)) as second,
+    ):
+        for number in range(1, int(seconds / numerics.beat * (1 + 1e-9)) + 1):
+            (a, rate, why), (b, other_rate, other_why) = next(first), next(second)
+            frame = Frame(number * numerics.beat, (a, b), (rate, other_rate), why or other_why)
+            yield frame
+            if frame.over:
+                return
+
+
+def _alone(
+    side: Side, scene: Scene, numerics: Numerics, start: Packing, fields: tuple[str, ...]
+) -> Generator[tuple[Table, float | None, str]]:
+    """Of every beat of one backend the rows that it gave, its speed so far, and why it failed."""
+    numerics, probe = side.numerics(numerics), Sample(fields=fields, every=1)
+    ensemble = side.backend.open(side.backend.specialise(scene, numerics, (probe,)), 1, side.device)
+    try:
+        member = ensemble.admit(scene, numerics, start)
+        before, work, wall, warm = ensemble.status(member), 0.0, 0.0, False
+        while True:
+            begun = time.perf_counter()
+            events = ensemble.advance(1)
+            took, now = time.perf_counter() - begun, ensemble.status(member)
+            if warm:
+                wall += took
+                work += (now.step - before.step) * (now.grains + before.grains) / 2
+            before, warm = now, True
+            rows = ensemble.drain()[probe]
+            order = np.argsort(rows["id"], kind="stable")
+            table = {name: np.asarray(column)[order] for name, column in rows.items()}
+            failure = next((event.message for event in events if isinstance(event, Failed)), "")
+            yield table, work / wall if wall else None, failure
+    finally:
+        ensemble.close()
+
+
+def divergence(pair: Pair, demands: tuple[Demand, Demand], lab: Lab, known: Mapping[str, Divergence]) -> Divergence:
+    """Of the same run of both backends, whose packing the first one has made; one that is `known` by its key is not
+    found again. Raises Unreadable or Unsupported."""
+    keys = [demand.keys(one.can).run for one, demand in zip(pair, demands, strict=True)]
+    key = digest({"runs": keys, "devices": [one.device for one in pair], "looks": [AGREE, APART, LONGEST, _INTERVAL]})
+    if key in known:
+        return known[key]
+    scene = demands[0].shared.scene
+    tick = math.sqrt(scene.grains.diameter / scene.gravity)
+    times, medians, largest = [0.0], [0.0], [0.0]
+    ended, note, rates = "longest", "", (None, None)
+    with closing(side_by_side(pair, demands[0], lab, _INTERVAL * tick, LONGEST * tick, ("x",))) as frames:
+        for frame in frames:
+            note, rates = frame.failure, frame.rates
+            apart = distances(frame) / scene.grains.diameter
+            if frame.over or not len(apart):
+                ended = "failed" if note else "empty"
+                break
+            times.append(frame.time)
+            medians.append(float(np.median(apart)))
+            largest.append(float(apart.max()))
+            if largest[-1] >= APART:
+                ended = "diverged"
+                break
+    agreed = next((k for k, value in enumerate(largest) if value > AGREE), len(largest)) - 1
+    return Divergence(
+        key=key, seed=demands[0].seed, time=tuple(times), median=tuple(medians), largest=tuple(largest),
+        agree_until=times[agreed], ended=ended, note=note, rates=rates,
+    )  # fmt: skip
+
+
+def distances(frame: Frame) -> np.ndarray:
+    """Distances [m] between the two places of every grain that both backends have."""
+    a, b = frame.tables
+    _, here, there = np.intersect1d(a["id"], b["id"], assume_unique=True, return_indices=True)
+    apart = [np.asarray(a[axis])[here] - np.asarray(b[axis])[there] for axis in "xyz"]
+    return np.sqrt(sum(part**2 for part in apart))
+
+
+def record(study: Study, point: Point, lab: Lab, pair: Pair, seconds: float, path: Path) -> Path:
+    """Step both backends for `seconds` from the first one's packing at `point`, and write both side by side to `path`
+    (.rrd), on one clock, in place by one rename. Raises ViewerMissing, Unreadable or Unsupported."""
+    need_rerun()
+    import rerun.blueprint as rrb
+
+    demands = [shared.run(SEED) for shared in from_shared(study, point, pair)]
+    keys = [demand.keys(one.can) for demand, one in zip(demands, pair, strict=True)]
+    scene, names = point.scene, [one.entrant.called for one in pair]
+    fields = film_probe(seconds / FRAMES, scene.grains).fields
+    start = opened(load_packing(lab.packing(keys[0].packing)), demands[0].shared.closed, scene)
+    frames = [one for one in side_by_side(pair, demands[0], lab, seconds / FRAMES, seconds, fields) if not one.over]
+    films = []
+    for tables in zip(*(frame.tables for frame in frames), strict=True):
+        films.append(frames_of({name: np.concatenate([table[name] for table in tables]) for name in tables[0]}))
+    fastest = max(top_speed(scene, film) for film in films)
+    views = rrb.Horizontal(
+        *(front_view(scene, film, origin=name, name=name) for name, film in zip(names, films, strict=True))
+    )
+    title = f"{study.name}: {point.label}, seed {SEED}, {names[0]} beside {names[1]}"
+    for film in films:
+        film.insert(0, at_opening(start, film[0].q is not None))
+    with written(path, title, "-".join(one.run for one in keys), scene, views) as stream:
+        for name, film in zip(names, films, strict=True):
+            log_grains(stream, name, scene, start, film, fastest)
+        log_bar(stream, scene, fastest)
+    return path

@@ -1,0 +1,57 @@
+"""Cases in a process of their own: one that hangs is stopped, and one that ends the process is named."""
+
+import multiprocessing
+from collections.abc import Generator, Sequence
+from concurrent.futures import ProcessPoolExecutor
+from concurrent.futures.process import BrokenProcessPool
+from dataclasses import dataclass
+
+from labbook.backend import load
+from labbook.checks.stress.case import Case, Ending, Row, judge, row
+from labbook.checks.verify.stand import Stand
+
+
+@dataclass(frozen=True)
+class Bench:
+    """A backend by its name, in one precision on one device: what a process of its own can load."""
+
+    backend: str
+    precision: str
+    device: str
+
+    def stand(self) -> Stand:
+        """The stand. Raises BackendMissing, or Unsupported where the backend lacks the precision or device."""
+        return Stand(load(self.backend), self.precision, self.device)
+
+
+def judged(cases: Sequence[Case], bench: Bench) -> Generator[list[Row], None, None]:
+    """Rows of each case in turn, from a process that is started anew where a case hung or ended it."""
+    pool = _pool()
+    try:
+        for case in cases:
+            try:
+                yield pool.submit(_judge, case, bench).result(timeout=case.seconds)
+            except TimeoutError:
+                _stop(pool)
+                pool = _pool()
+                yield [row(case, Ending("", "failed", f"hung: no end after {case.seconds:g} s"))]
+            except BrokenProcessPool:
+                pool = _pool()
+                yield [row(case, Ending("", "failed", "crashed: the process of the case ended"))]
+    finally:
+        _stop(pool)
+
+
+def _judge(case: Case, bench: Bench) -> list[Row]:
+    return judge(case, bench.stand())
+
+
+def _pool() -> ProcessPoolExecutor:
+    # spawned, not forked: threads and devices of compiled backends do not survive a fork
+    return ProcessPoolExecutor(1, mp_context=multiprocessing.get_context("spawn"))
+
+
+def _stop(pool: ProcessPoolExecutor) -> None:
+    for process in list((pool._processes or {}).values()):
+        process.kill()
+    pool.shutdown(wait=True, cancel_futures=True)

@@ -1,0 +1,20 @@
+"""All cases, in the order in which they are best read."""
+
+from labbook.checks.stress import counts, frames, geometry, impacts, steps
+from labbook.checks.stress.case import Case
+
+CASES: tuple[Case, ...] = (
+    *impacts.CASES,
+    *steps.CASES,
+    *geometry.CASES,
+    *frames.CASES,
+    *counts.CASES,
+)
+
+
+def chosen(names: list[str]) -> list[Case]:
+    """Cases whose name is, or begins with, one of `names`; all if there are none. Raises KeyError for no match."""
+    for name in names:
+        if not any(case.name.startswith(name) for case in CASES):
+            raise KeyError(name)
+    return [case for case in CASES if not names or any(case.name.startswith(name) for name in names)]

@@ -1,0 +1,100 @@
+"""Cases of `labbook stress` on the terminal: the parts of each case as it ends, or JSON."""
+
+import json
+import math
+import sys
+from collections.abc import Iterator, Sequence
+from dataclasses import asdict
+
+import typer
+from rich.console import Console
+from rich.markup import escape
+from rich.progress import Progress, TimeElapsedColumn
+from rich.table import Table
+
+from labbook.backend import BackendMissing, Unsupported
+from labbook.checks.stress.bounded import Bench, judged
+from labbook.checks.stress.case import Case, Row
+
+SHOWN = {
+    "right": "[green]right[/]",
+    "named error": "[green]named error[/]",
+    "failed": "[bold red]FAILED[/]",
+    "unsupported": "[dim]unsupported[/]",
+}
+
+
+EXCERPT = 100
+"""Characters of a message that the table shows; JSON has all."""
+
+
+def list_cases(cases: Sequence[Case], as_json: bool, console: Console) -> None:
+    """Print what each case does, and its oracle."""
+    if as_json:
+        told = [{"case": case.name, "what": case.what, "oracle": case.oracle, "slow": case.slow} for case in cases]
+        typer.echo(json.dumps(told, indent=2))
+        return
+    table = Table("case", "what is done", "oracle")
+    for case in cases:
+        table.add_row(case.name, case.what, case.oracle)
+    console.print(table)
+
+
+def run_cases(cases: Sequence[Case], bench: Bench, as_json: bool, console: Console) -> bool:
+    """Run cases and print how they ended; whether none failed. A backend that cannot do it ends the program."""
+    try:
+        stand = bench.stand()
+        if bench.precision not in stand.backend.capabilities.precisions:
+            raise Unsupported("numerics.precision", f"{bench.backend} has no precision {bench.precision}")
+    except (BackendMissing, Unsupported) as error:
+        typer.echo(f"labbook stress: {error}", err=True)
+        raise typer.Exit(2) from None
+    rows: list[Row] = []
+    for found in _each(cases, bench):
+        rows += found
+        if not as_json:
+            console.print(_lines(found))
+            console.file.flush()  # whoever stops it later has this
+    if as_json:
+        # JSON has no NaN: a number that is not finite is null, and `figure` says what it was
+        typer.echo(json.dumps([{**asdict(row), "error": _finite(row.error)} for row in rows], indent=2))
+    else:
+        counts = ", ".join(f"{sum(row.outcome == name for row in rows)} {name}" for name in SHOWN)
+        typer.echo(f"{counts}; backend {bench.backend}, {bench.precision}, {bench.device}")
+    return all(row.outcome != "failed" for row in rows)
+
+
+def _finite(error: float | None) -> float | None:
+    return error if error is not None and math.isfinite(error) else None
+
+
+def _each(cases: Sequence[Case], bench: Bench) -> Iterator[list[Row]]:
+    """The rows of each case, when it ends."""
+    # standard output is another stream where only one of the two is a terminal
+    bar = Progress(
+        *Progress.get_default_columns(), TimeElapsedColumn(), console=Console(stderr=True),
+        redirect_stdout=sys.stdout.isatty(),
+    )  # fmt: skip
+    with bar:
+        task = bar.add_task("", total=len(cases))
+        found = judged(cases, bench)
+        for case in cases:
+            bar.update(task, description=case.name)
+            yield next(found)
+            bar.advance(task)
+        found.close()
+
+
+def _excerpt(figure: str) -> str:
+    return figure if len(figure) <= EXCERPT else figure[: EXCERPT - 1] + "…"
+
+
+def _lines(rows: Sequence[Row]) -> Table:
+    """The parts of a case: of one that failed also what is done, and the oracle."""
+    table = Table.grid(padding=(0, 2, 0, 0))
+    for row in rows:
+        table.add_row(SHOWN[row.outcome], row.case, escape(row.part), escape(_excerpt(row.figure)))
+    if any(row.outcome == "failed" for row in rows):
+        table.add_row("", "", "what is done", rows[0].what)
+        table.add_row("", "", "oracle", rows[0].oracle)
+    return table

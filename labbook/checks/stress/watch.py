@@ -1,0 +1,136 @@
+"""Following one member beat by beat: nothing that is not finite passes, and a guard must keep the last good state."""
+
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from labbook.backend import Emptied, Ensemble, Event, Failed, Member, Overflow, Status
+from labbook.backend.probes import Ledger, Probe
+from labbook.checks.stress.case import Broken, Ending
+from labbook.checks.verify.stand import Motion, Stand, Start
+from labbook.scene.packing import Packing
+
+GUARDS = ("state", "speed", "overlap")
+
+
+@dataclass(frozen=True, eq=False)
+class Course:
+    """What became of a member, and the named error that ended it, if one did.
+
+    `motion`: None if it never began. `guard`: `state`, `speed` or `overlap`, or `room` for lists that are too short;
+    empty if nothing ended it.
+    """
+
+    motion: Motion | None
+    guard: str = ""
+    message: str = ""
+
+
+def follow(stand: Stand, start: Start, beats: int, steps_per_beat: int = 1000, probes: Sequence[Probe] = ()) -> Course:
+    """Follow one member for `beats` beats, or until an error names what went wrong. A Ledger is always kept.
+
+    Raises Broken if a state or a row is not finite, if a member does not advance, or if the state after an error is not
+    that of the beat before.
+    """
+    kept = (*probes, *([] if any(isinstance(p, Ledger) for p in probes) else [Ledger()]))
+    with stand.admitted([start], steps_per_beat, kept) as admitted:
+        ensemble, (member,) = admitted.ensemble, admitted.members
+        try:
+            good, status = _state(ensemble, member)
+        except Overflow as error:  # before anything ran: the start is the last good state
+            return Course(None, "room", str(error))
+        events: list[Event] = []
+        guard = message = ""
+        for _ in range(beats):
+            try:
+                new = ensemble.advance(1)
+            except Overflow as error:
+                guard, message = "room", str(error)
+                _check_kept(ensemble, member, good, status)
+                break
+            events += new
+            if failed := next((event for event in new if isinstance(event, Failed)), None):
+                guard, message = failed.guard, failed.message
+                _check_named(failed, status, steps_per_beat)
+                _check_kept(ensemble, member, good, status)
+                if ensemble.advance(1):
+                    raise Broken("a member runs on after a guard stopped it")
+                break
+            if any(isinstance(event, Emptied) for event in new):
+                break
+            before = status.step
+            good, status = _state(ensemble, member)
+            if status.step != before + steps_per_beat:
+                raise Broken(f"a beat of {steps_per_beat} steps took {status.step - before}, and no event says why")
+        (motion,) = admitted.motions(events)
+    _check_tables(motion)
+    return Course(motion, guard, message)
+
+
+def _state(ensemble: Ensemble, member: Member) -> tuple[Packing, Status]:
+    try:
+        packing = ensemble.packing(member)  # refuses what is not finite
+    except ValueError as error:
+        raise Broken(f"no guard has named this: {error}") from None
+    status = ensemble.status(member)
+    if not math.isfinite(status.kinetic):
+        raise Broken(f"the kinetic energy is {status.kinetic} at step {status.step}, and no guard has named it")
+    return packing, status
+
+
+def _check_named(failed: Failed, before: Status, steps: int) -> None:
+    """An error says which guard, which grain and what to change, at a step of the beat that it stopped."""
+    if failed.guard not in GUARDS:
+        raise Broken(f"no guard is called {failed.guard!r}")
+    if f"grain {failed.grain}" not in failed.message or "numerics." not in failed.message:
+        raise Broken(f"the message names no grain or no remedy: {failed.message!r}")
+    if not before.step <= failed.step <= before.step + steps:
+        raise Broken(f"the guard names step {failed.step}, outside the beat from step {before.step}")
+
+
+def _check_kept(ensemble: Ensemble, member: Member, good: Packing, status: Status) -> None:
+    kept, now = _state(ensemble, member)
+    if now.step != status.step:
+        raise Broken(f"after the error the member stands at step {now.step}, not at {status.step}, the last good beat")
+    for name, array in good.arrays().items():
+        if not np.array_equal(array, kept.arrays()[name]):
+            raise Broken(f"after the error {name} is not that of the last good beat")
+
+
+def _check_tables(motion: Motion) -> None:
+    for probe, table in motion.tables.items():
+        for name, column in table.items():
+            if not np.isfinite(column).all():
+                raise Broken(f"the column {name} of {probe} is not finite")
+
+
+def sound(course: Course) -> Motion:
+    """The motion of a course that no error ended. Raises Broken with the message of one that did."""
+    if course.motion is None or course.guard:
+        raise Broken(f"stopped, but the motion should be correct: {course.message}")
+    return course.motion
+
+
+def named(part: str, course: Course, guards: Sequence[str] = GUARDS) -> Ending:
+    """A named error if one of `guards` ended the course; failed if another did, or none."""
+    if not course.guard:
+        return Ending(part, "failed", "silence: no guard reported anything")
+    outcome = "named error" if course.guard in guards else "failed"
+    return Ending(part, outcome, one_line(course.message))
+
+
+def refused(part: str, do: Callable[[], object], words: str, kinds: tuple[type[Exception], ...]) -> Ending:
+    """A named error if `do` raises one of `kinds` whose text has `words`; failed if it does not."""
+    try:
+        do()
+    except kinds as error:
+        outcome = "named error" if words in str(error) else "failed"
+        return Ending(part, outcome, one_line(str(error)))
+    return Ending(part, "failed", "silence: nothing was refused")
+
+
+def one_line(message: str) -> str:
+    """A message in one line."""
+    return " ".join(message.split())

@@ -1,0 +1,52 @@
+"""All cases, in the order in which they are best read: simple contacts first, flow last."""
+
+from labbook.checks.verify import (
+    bed,
+    collision,
+    edge,
+    energy,
+    flow,
+    gas,
+    mixture,
+    oblique,
+    rim,
+    rods,
+    rolling,
+    rolling_spring,
+    round,
+    sliding,
+    symmetry,
+    turned,
+    turntable,
+    unlike,
+)
+from labbook.checks.verify.case import Case
+
+CASES: tuple[Case, ...] = (
+    *collision.CASES,
+    *gas.CASES,
+    *rolling.CASES,
+    *rolling_spring.CASES,
+    *turntable.CASES,
+    *edge.CASES,
+    *round.CASES,
+    *rods.CASES,
+    *rim.CASES,
+    *energy.CASES,
+    *mixture.CASES,
+    *unlike.CASES,
+    *oblique.CASES,
+    *sliding.CASES,
+    *symmetry.CASES,
+    *turned.CASES,
+    *bed.CASES,
+    *flow.CASES,
+)
+
+
+def chosen(names: list[str]) -> list[Case]:
+    """Cases whose name is, or begins with, one of `names`; all if there are none. Raises KeyError for no match."""
+    for name in names:
+        if not any(case.name.startswith(name) for case in CASES):
+            raise KeyError(name)
+    return [case for case in CASES if not names or any(case.name.startswith(name) for name in names)]

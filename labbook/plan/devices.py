@@ -1,0 +1,54 @@
+"""Devices of a machine as the option `--device` names them, how fast they are, and how many runs each holds."""
+
+import sys
+from collections import Counter
+from collections.abc import Iterable, Sequence
+
+from labbook.backend import Backend, Rationed, Surveys, Unsupported, absent
+from labbook.backend.machine import cores
+from labbook.plan.demand import PointDemand
+from labbook.plan.forecast import rate_of
+from labbook.plan.plan import PointPlan, specified
+
+
+def named(devices: str, backend: Backend) -> tuple[str, ...]:
+    """The devices that `cuda:0,cuda:1`, `cuda:all` or `cuda:all,cpu` names. Raises Unsupported for one named twice, or
+    where there is none of a kind."""
+    found: list[str] = []
+    for name in (one.strip() for one in devices.split(",")):
+        kind, _, which = name.partition(":")
+        if which != "all":
+            found.append(name)
+            continue
+        there = [one.alias for one in backend.survey().devices] if isinstance(backend, Surveys) else []
+        there = [one for one in there or backend.capabilities.devices if one.partition(":")[0] == kind]
+        if not there:
+            raise absent(backend, name)
+        found += there
+    if twice := [name for name, times in Counter(found).items() if times > 1]:
+        raise Unsupported("--device", f"{twice[0]} is named twice; name each device once")
+    return tuple(found)
+
+
+def speeds(devices: Sequence[str], backend: Backend, points: Sequence[PointDemand]) -> tuple[float, ...]:
+    """Grain-steps per second that each device is foreseen to take with all its lanes full; only ratios count."""
+    scene, numerics = points[0].scene, points[0].numerics
+    name, shape = backend.capabilities.name, scene.grains.shape
+    return tuple(
+        (cores() if device == "cpu" else 1) / rate_of(name, device, shape, numerics.precision).of(scene.grains.count)
+        for device in devices
+    )
+
+
+def slots(backend: Backend, device: str, points: Iterable[PointPlan]) -> int:
+    """One on a CPU, where every core has a lane; else as many as the device holds of the point that needs most."""
+    if device == "cpu":
+        return 1
+    if not isinstance(backend, Rationed):
+        return sys.maxsize
+    fits = []
+    for shared in (point.shared for point in points):
+        filling, discharge = specified(backend, shared)
+        for spec, scene in ((filling, shared.closed), (discharge, shared.scene)):
+            fits.append(backend.capacity(spec, scene, device))
+    return min((fit for fit in fits if fit is not None), default=sys.maxsize)

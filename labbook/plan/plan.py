@@ -1,0 +1,506 @@
+"""What is done of a study, what is missing, partial or stale, and why; and whether a backend can do what is planned."""
+
+from collections import Counter
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property, lru_cache
+from html import escape
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Literal
+
+from labbook.accuracy.groups import has_groups
+from labbook.backend import Backend, Capabilities, Spec, Surveys, Unsupported, absent
+from labbook.commands import command
+from labbook.lab.catalogue import Catalogue, Entry
+from labbook.lab.folder import Listed, stamp
+from labbook.lab.identity import Keys
+from labbook.lab.journal import PROGRESS, Failure, Progress
+from labbook.lab.records import Unreadable
+from labbook.lab.runs import open_run
+from labbook.lab.suspect import counts
+from labbook.measure import MEASURES
+from labbook.measure.measure import window_in_words
+from labbook.plan.coverage import shortfall
+from labbook.plan.demand import Demand, PackingsOf, PointDemand, recorded_in_words, stopping_rule
+from labbook.plan.possible import check_container
+from labbook.scene.quantities import duration, percent, size, value_range
+from labbook.stats import Decision, StoppingRule
+from labbook.study import Point, Study
+from labbook.study.problems import grouped
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+State = Literal["done", "missing", "partial", "stale"]
+"""`partial`: begun, or covers less than is asked. `stale`: made by another version of the backend, or by an older
+one of the law or of a wall."""
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class Item:
+    """One run of a study: how it stands, and why."""
+
+    demand: Demand
+    keys: Keys
+    state: State
+    reason: str
+    outcome: str | None
+    packed: bool
+    """Whether its packing is there."""
+    suspect: str = ""
+    """Why the run is suspect (`labbook.lab.suspect`); empty if it is not."""
+
+    @property
+    def counts(self) -> bool:
+        """Whether the run, once it is done, takes part in means and fits."""
+        return counts(self.outcome or "", self.suspect, self.demand.shared.study.accuracy.count_suspect)
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class PointPlan:
+    """The runs of one point that are asked for so far. `decision`: None until all of them are done."""
+
+    shared: PointDemand
+    items: tuple[Item, ...]
+    decision: Decision | None
+
+
+@dataclass(frozen=True)
+class Forecast:
+    """Time [s] and disk [bytes] still needed; `basis` says what the speed rests on."""
+
+    seconds: float
+    disk: float
+    grain_steps: float
+    speed: float
+    """Grain-steps per second of one lane."""
+    lanes: int
+    basis: str
+    compiling: float = 0.0
+    """Part of the time [s] for sets of features that no run of this study was computed with yet."""
+    sets: int = 0
+    """How many of these there are."""
+
+
+@dataclass(frozen=True, eq=False)
+class Plan:
+    """All runs of a study, as they stand; what they will cost and what the study may well want otherwise, if that was
+    foreseen."""
+
+    study: Study
+    backend: Capabilities
+    points: tuple[PointPlan, ...]
+    rule: StoppingRule
+    forecast: Forecast | None = None
+    warnings: tuple[str, ...] = ()
+    """With file, key and remedy."""
+    pilot: "Plan | None" = None
+    """Of the pilot that runs first, if that was foreseen and there is one."""
+    lab: Path | None = None
+    """Folder of the lab that was looked at."""
+
+    @cached_property
+    def items(self) -> list[Item]:
+        """All runs: the first seed of every point, then the second, and so on."""
+        every = [item for point in self.points for item in point.items]
+        return sorted(every, key=lambda item: (item.demand.seed, item.demand.point.index))
+
+    @cached_property
+    def todo(self) -> list[Item]:
+        """Runs that are not done; one that several points share comes once."""
+        waiting: dict[str, Item] = {}
+        for item in self.items:
+            if item.state != "done":
+                waiting.setdefault(item.keys.run, item)
+        return list(waiting.values())
+
+    @cached_property
+    def fillings(self) -> dict[str, Item]:
+        """One run for each packing that is still to be made, by packing key."""
+        return {item.keys.packing: item for item in reversed(self.todo) if not item.packed}
+
+    def counts(self) -> Counter[str]:
+        """Number of runs by state."""
+        return Counter(item.state for item in self.items)
+
+    def frame(self) -> "pd.DataFrame":
+        """A row a run: `point` (from 1), what was swept [SI, units in `attrs`], `label`, `seed`, `state`, `reason`,
+        `outcome`, `run_key`, `packed` (whether its packing is there)."""
+        import pandas as pd
+
+        rows = []
+        for item in self.items:
+            point = item.demand.point
+            head = {"point": point.index + 1, **point.at, "label": point.label, "seed": item.demand.seed}
+            how = {"state": item.state, "reason": item.reason, "outcome": item.outcome}
+            rows.append({**head, **how, "run_key": item.keys.run, "packed": item.packed})
+        made = pd.DataFrame(rows)
+        made.attrs = {"study": self.study.name, "units": self.study.units}
+        return made
+
+    def __repr__(self) -> str:
+        return "\n".join([f"<Plan of {self.study.name} on {self.backend.name}>", *self.lines()])
+
+    def _repr_html_(self) -> str:
+        counts, cells = self.counts(), []
+        for point in self.points:
+            states = Counter(item.state for item in point.items)
+            numbers = "".join(f"<td>{states[state] or ''}</td>" for state in _STATES if counts[state])
+            cells.append(f'<tr><td style="text-align:left">{escape(point.shared.point.label)}</td>{numbers}</tr>')
+        more = len(cells) - _SHOWN
+        if more > 0:
+            cells[_SHOWN:] = [f"<tr><td>and {more} more points</td></tr>"]
+        heads = "".join(f"<th>{state}</th>" for state in _STATES if counts[state])
+        lines = "".join(f"<div>{escape(line)}</div>" for line in self.lines())
+        return (
+            f"<div><b>{escape(self.study.name)}</b> on {escape(self.backend.name)}</div>"
+            f"<table><thead><tr><th>point</th>{heads}</tr></thead><tbody>{''.join(cells)}</tbody></table>{lines}"
+        )
+
+    def lines(self) -> list[str]:
+        """How the runs stand, what is foreseen, and the warnings, line by line."""
+        counts = self.counts()
+        ahead, lines = self.forecast, [", ".join(f"{counts[state]} {state}" for state in _STATES if counts[state])]
+        if self.rule.sequential:
+            known = percent(self.rule.tolerance or 0.0)
+            lines.append(f"Up to {self.rule.cap} replicates per point, until the flow rate is known to {known}")
+            lines += self._chosen()
+        if "flow_rate" in self.study.measure:
+            lines.append(f"Flow rates from {window_in_words(self.study.window)}")
+        lines += filter(None, [recorded_in_words(point.shared for point in self.points)])
+        lines += self._ends()
+        if self.pilot is not None and self.pilot.todo and self.pilot.forecast is not None:
+            runs = f"{len(self.pilot.todo)} run{'' if len(self.pilot.todo) == 1 else 's'}"
+            lines.append(f"Before that, the pilot: {runs}, {self.pilot._cost(self.pilot.forecast)}")
+        if self.todo and ahead is not None:
+            lines.append(self._cost(ahead))
+            if ahead.compiling:
+                sets = "set of features" if ahead.sets == 1 else "sets of features"
+                cached = f"Of that about {duration(ahead.compiling)} for compiling {ahead.sets} {sets}"
+                lines.append(f"{cached}, unless it is cached")
+        lost = {one.keys.packing: one for one in reversed(self.todo) if one.reason.startswith(_FAILED)}
+        failed = [f"seed {one.demand.seed}: {one.reason.removeprefix(_FAILED)}" for one in reversed(lost.values())]
+        lines += [f"A filling failed before and will be tried again: {why}" for why in grouped(failed)]
+        return lines + [f"Warning: {line}" for line in self.warnings]
+
+    def _ends(self) -> list[str]:
+        """When runs end, by the times that the study leaves to labbook."""
+        stops, stated = [point.shared.stop for point in self.points], self.study.stop
+        said = []
+        if stated.stall is None and any(point.shared.scene.container.outlet_plane is not None for point in self.points):
+            stalls = value_range([stop.stall for stop in stops], "s")
+            said.append(f"{stalls} after the last grain, as clogged (stop.stall)")
+        if stated.max_time is None:
+            said.append(
+                f"at the latest {value_range([stop.max_time for stop in stops], 's')} after the opening (stop.max_time)"
+            )
+        return [f"Runs end {'; '.join(said)}"] if said else []
+
+    def _cost(self, ahead: Forecast) -> str:
+        making = f"{len(self.fillings)} packing{'' if len(self.fillings) == 1 else 's'} to make"
+        packings = making if self.fillings else "all packings are done"
+        cost = f"about {duration(ahead.seconds)} on {ahead.lanes} lane{'' if ahead.lanes == 1 else 's'}"
+        return f"{packings}; {cost} ({ahead.basis}), {size(ahead.disk)} on disk"
+
+    def _chosen(self) -> list[str]:
+        """The numerics that were chosen for the requested error, one line for all points that share them."""
+        groups: dict[str, list[str]] = {}
+        for point in (one.shared.point for one in self.points):
+            choice = point.choice
+            if choice is not None:
+                needed = stopping_rule(self.study, point).forecast(choice.scatter)
+                cap = f" (accuracy.max_replicates is {self.rule.cap})" if needed == self.rule.cap else ""
+                bias = f"{percent(choice.bias.value, '+.2f')} +- {percent(choice.bias.half_width, '.2f')}"
+                said = (
+                    f"dt = {choice.dt * 1e6:.3g} us, stiffness_scale = {choice.stiffness_scale:g}, precision = "
+                    f"{choice.precision}: they change the flow "
+                )
+                said += (
+                    f"rate by {bias}, which leaves {percent(choice.left, '.2f')} for the scatter; "
+                    f"{needed} replicates expected{cap}"
+                )
+                if choice.usual is not None:
+                    part = percent(choice.over_usual, ".0f")
+                    said += f"; {part} of the steps that {choice.usual * 1e6:.3g} us would take if it had no bias"
+                groups.setdefault(f"Chosen for {percent(choice.tolerance)}: {said} ({choice.source})", []).append(
+                    point.label
+                )
+            elif point.unchosen:
+                step = f"dt = {point.numerics.dt * 1e6:.3g} us, whose bias is not known"
+                if self.study.source:
+                    measure = command("pilot", self.study.path, lab=self.lab, backend=self.backend.name)
+                else:
+                    measure = "lab.pilot(study, seeds=8)"
+                verb = f"{measure} measures it"
+                if point.wants_pilot:
+                    verb = "labbook run first measures it by a pilot and chooses again"
+                if has_groups(point.scene):
+                    why = f"Not calibrated: {point.unchosen}; {step} ({verb})"
+                else:
+                    why = f"Cannot be calibrated: {point.unchosen}; {step}"
+                groups.setdefault(why, []).append(point.label)
+        if len(groups) == 1:
+            return list(groups)
+        return [f"{said}; at {'; '.join(at[:3])}{' ...' * (len(at) > 3)}" for said, at in groups.items()]
+
+
+_FAILED = "its packing failed: "
+"""How the reason of a run begins whose filling came to nothing before."""
+_STATES: tuple[State, ...] = ("done", "missing", "partial", "stale")
+_FEW = 100
+"""Runs that are looked for one by one: a listing of a large lab takes longer."""
+_SHOWN = 30
+"""Points that are shown one by one."""
+
+
+def counted(points: Iterable[PointPlan], holds: Callable[[Demand], bool]) -> tuple[int, int]:
+    """Runs of a part that are done, and that are asked for; one that several points share counts once."""
+    every = (item for point in points for item in point.items)
+    asked = {item.keys.run: item for item in every if holds(item.demand)}
+    return sum(item.state == "done" for item in asked.values()), len(asked)
+
+
+class Planner:
+    """Compares demands with what the catalogue and the lab's folders have.
+
+    `packings_of`: whose packings the runs start from; None: `backend` makes its own.
+    """
+
+    def __init__(
+        self, study: Study, catalogue: Catalogue, backend: Capabilities, packings_of: PackingsOf | None = None
+    ):
+        self.study, self.catalogue, self.backend, self.packings_of = study, catalogue, backend, packings_of
+        self.rule = stopping_rule(study)
+        self._extends = True
+        self._there: dict[str, Entry] = {}
+        self._older: dict[str, Entry] = {}
+        self._outdated: dict[str, str] = {}
+        """By lineage: what has changed of laws and walls since a run was made."""
+
+    def plan(self) -> Plan:
+        """The whole study. Raises Conflict or MeasureError where observations cannot be made."""
+        first = {shared: self._keyed(self._first(shared)) for shared in self.points}
+        listed = self._look_up(pair for pairs in first.values() for pair in pairs)
+        planned = tuple(
+            self._extended(shared, [self._item(*pair, listed) for pair in pairs]) for shared, pairs in first.items()
+        )
+        return self._plan_of(planned)
+
+    def _plan_of(self, points: tuple[PointPlan, ...]) -> Plan:
+        return Plan(self.study, self.backend, points, self.rule, lab=self.catalogue.lab.folder)
+
+    def of_base(self, base: Plan) -> Plan:
+        """What another lab lacks, as it stands here: what is done there stays done, and replicates are added by whoever
+        has all of them."""
+        self._extends = False
+        listed = self._look_up((item.demand, item.keys) for item in base.todo)
+        points = tuple(
+            self._anew(point, [item for item in point.items if item.state != "done"], listed) for point in base.points
+        )
+        return replace(base, points=points)
+
+    def these(self, seeds: Mapping[int, Iterable[int]]) -> Plan:
+        """These runs alone, by index of their point and seed, and none that follow from them."""
+        self._extends = False
+        asked = {
+            shared: self._keyed(shared.run(seed) for seed in seeds.get(shared.point.index, ()))
+            for shared in self.points
+        }
+        listed = self._look_up(pair for pairs in asked.values() for pair in pairs)
+        planned = (
+            PointPlan(shared, tuple(self._item(*pair, listed) for pair in pairs), None)
+            for shared, pairs in asked.items()
+        )
+        return self._plan_of(tuple(planned))
+
+    def point(self, before: PointPlan, done: str | None = None) -> PointPlan:
+        """One point anew, after the run with the key `done` was done; None: after any may have been, elsewhere.
+
+        What was done before is not looked at again: looking at all replicates after each of them would take as long as
+        the square of their number.
+        """
+        asked = [item for item in before.items if (item.state != "done" if done is None else item.keys.run == done)]
+        return self._anew(before, asked, self._look_up((item.demand, item.keys) for item in asked))
+
+    def _anew(self, before: PointPlan, asked: Iterable[Item], listed: Listed | None) -> PointPlan:
+        """A point with the runs that are `asked` for as they are now."""
+        now = {item.keys.run: self._item(item.demand, item.keys, listed) for item in asked}
+        return self._extended(before.shared, [now.get(item.keys.run, item) for item in before.items])
+
+    @cached_property
+    def points(self) -> list[PointDemand]:
+        """All points of the study."""
+        return [PointDemand(self.study, point, self.packings_of) for point in self.study.points]
+
+    def refresh(self, demand: Demand) -> Item:
+        """One run as its folder has it now, whatever the catalogue says."""
+        keys = demand.keys(self.backend)
+        return self._judged(demand, keys, self._looked_at(keys.run))
+
+    def _first(self, shared: PointDemand) -> list[Demand]:
+        return [shared.run(seed) for seed in range(1, self.rule.first + 1)]
+
+    def _extended(self, shared: PointDemand, items: list[Item]) -> PointPlan:
+        """With the replicates that are asked for once all so far are done."""
+        while self._extends and all(item.state == "done" for item in items):
+            decision = self._decide(shared.point, [item.keys.run for item in items])
+            if decision.more == 0:
+                return PointPlan(shared, tuple(items), decision)
+            added = self._keyed(shared.run(seed) for seed in range(len(items) + 1, len(items) + decision.more + 1))
+            listed = self._look_up(added)
+            items += [self._item(*pair, listed) for pair in added]
+        return PointPlan(shared, tuple(items), None)
+
+    def _decide(self, point: Point, run_keys: list[str]) -> Decision:
+        if self.rule.tolerance is None:
+            return Decision(None, 0, None)
+        rule = stopping_rule(self.study, point)
+        values = flow_rates(self.study, self.catalogue, run_keys)
+        return rule.decide(values, len(run_keys) - len(values))
+
+    def _keyed(self, demands: Iterable[Demand]) -> list[tuple[Demand, Keys]]:
+        return [(demand, demand.keys(self.backend)) for demand in demands]
+
+    def _look_up(self, asked: Iterable[tuple[Demand, Keys]]) -> Listed | None:
+        """Ask the catalogue for runs. What the lab has besides is listed where they are many, and looked for one by one
+        (None) where they are few."""
+        asked = list(asked)
+        keys = [keys for _, keys in asked]
+        for entry in self.catalogue.entries([one.run for one in keys], [one.lineage for one in keys]):
+            self._there[entry.run_key] = entry
+            if entry.coverage is not None and entry.cache_version != self.backend.cache_version:
+                self._older[entry.lineage_key] = entry
+        self._look_up_outdated(asked)
+        return Listed.of(self.catalogue.lab) if len(keys) > _FEW else None
+
+    def _look_up_outdated(self, asked: Iterable[tuple[Demand, Keys]]) -> None:
+        """Ask the catalogue, of runs that are not there, for those by older versions of laws and walls."""
+        lacking = [pair for pair in asked if pair[0].shared.versions and pair[1].run not in self._there]
+        if not lacking or not self.catalogue.counts():
+            return
+        known: dict[str, tuple[str, str]] = {}
+        for demand, keys in lacking:
+            for lineage, outdated in demand.older_lineages(self.backend.name):
+                known.setdefault(lineage, (keys.lineage, outdated))
+        there = {one.lineage_key for one in self.catalogue.entries((), known) if one.coverage is not None}
+        for lineage, (now, outdated) in known.items():
+            if lineage in there:
+                self._outdated.setdefault(now, outdated)
+
+    def _item(self, demand: Demand, keys: Keys, listed: Listed | None) -> Item:
+        entry = self._there.get(keys.run)
+        if entry is None and listed is not None and keys.run not in listed.runs:
+            return self._judged(demand, keys, None, listed)
+        if entry is None or entry.stamp != stamp(self.catalogue.lab.run(keys.run)):
+            entry = self._looked_at(keys.run)
+        return self._judged(demand, keys, entry, listed)
+
+    def _judged(self, demand: Demand, keys: Keys, entry: Entry | None, listed: Listed | None = None) -> Item:
+        state, reason = self._compare(demand, keys, entry, listed)
+        outcome = entry.outcome if entry else None
+        problem: str | None = "is not there"
+        if listed is None or keys.packing in listed.packings or state == "done":
+            problem = self.catalogue.packing_problem(keys.packing)
+        if problem and state == "done":
+            state, reason = "missing", f"its packing cannot be read: {problem}"
+        return Item(demand, keys, state, reason, outcome, problem is None, entry.suspect if entry else "")
+
+    def _compare(self, demand: Demand, keys: Keys, entry: Entry | None, listed: Listed | None) -> tuple[State, str]:
+        if entry is None:
+            begun = listed is None or keys.run in listed.work
+            begun = begun and (self.catalogue.lab.work(keys.run) / PROGRESS).exists()
+            older = self._older.get(keys.lineage)
+            if begun:
+                return "partial", "started, goes on from its checkpoint"
+            if older:
+                was, name = older.cache_version, self.backend.name
+                return "stale", f"made by version {was} of {name}, now at version {self.backend.cache_version}"
+            if outdated := self._outdated.get(keys.lineage):
+                return "stale", outdated
+            why = self._failed(demand, keys.packing) if listed is None or keys.packing in listed.work else ""
+            return "missing", f"{_FAILED}{why}" if why else "not run yet"
+        if entry.coverage is None:
+            return "missing", f"cannot be read: {entry.problem}"
+        shared = demand.shared
+        lacks = shortfall(
+            entry.outcome,
+            entry.coverage,
+            shared.stop,
+            demand.guards,
+            shared.probe_names,
+            demand.recording,
+            shared.unstated,
+        )
+        return ("partial", lacks) if lacks else ("done", entry.outcome)
+
+    def _failed(self, demand: Demand, packing: str) -> str:
+        """Why a filling came to nothing, and what to change; empty if none did, or if it may go on for longer now."""
+        folder = self.catalogue.lab.work(packing)
+        noted = Failure.read(folder)
+        if noted is not None:
+            cured = noted.max_time is not None and demand.shared.longest_filling > noted.max_time
+            return "" if cured else noted.why
+        try:
+            last = Progress.read(folder)
+        except Unreadable:
+            return ""
+        return last.failed if last else ""
+
+    def _looked_at(self, key: str) -> Entry | None:
+        """A run as its folder has it now: its process was killed before it was indexed, another machine put it there,
+        or something in it changed since."""
+        folder = self.catalogue.lab.run(key)
+        if not folder.is_dir():
+            return None
+        seen = stamp(folder)
+        try:
+            record, _ = open_run(folder)
+        except Unreadable as problem:
+            return Entry(key, "", 0, "unreadable", None, str(problem), seen)
+        return Entry.of(record, seen)
+
+
+QUANTITY = "flow_rate"
+
+
+def flow_rates(study: Study, catalogue: Catalogue, run_keys: Sequence[str]) -> list[float]:
+    """Flow rates [kg/s] of these runs, in their order, without those that gave none (clogged, diverged, suspect)."""
+
+    version, suspects = MEASURES[QUANTITY].version, study.accuracy.count_suspect
+    found = catalogue.values(run_keys, QUANTITY, version, study.window, suspects=suspects)
+    return [found[key] for key in run_keys if key in found]
+
+
+def check(backend: Backend, device: str, points: Iterable[PointDemand]) -> None:
+    """Whether `backend` can do all that is asked, on `device`. Raises Unsupported, Conflict or MeasureError.
+
+    It costs least before a plan: it makes keys, too, while the walls of a point are at hand.
+    """
+    can = backend.capabilities
+    if device.split(":")[0] not in {known.split(":")[0] for known in can.devices}:
+        raise absent(backend, device)
+    if isinstance(backend, Surveys) and device not in {found.alias for found in backend.survey().devices}:
+        raise absent(backend, device)
+    for shared in points:
+        if shared.scene.feed is not None and not can.feeds:
+            raise Unsupported("feed", f"the backend {can.name} cannot feed grains back; leave feed out")
+        specified(backend, shared)
+        check_container(shared)
+
+
+def specified(backend: Backend, shared: PointDemand) -> tuple[Spec, Spec]:
+    """The sets of features of the filling and the discharge of a point. Raises Unsupported."""
+    found = shared.specs
+    if found is None or found[0] is not backend:
+        closed = shared.closed
+        shared.identify(closed)  # while the walls of both scenes are at hand
+        filling = backend.specialise(closed, shared.filled_by, ())
+        discharge = backend.specialise(shared.scene, shared.numerics, shared.declared)
+        found = shared.specs = _same(backend, filling, discharge)
+    return found[1], found[2]
+
+
+@lru_cache(maxsize=1024)
+def _same(*specs: Any) -> tuple[Any, ...]:
+    """The same object for all that are equal: 100 000 points need few."""
+    return specs

@@ -1,0 +1,73 @@
+"""What a plan refuses of a container: that grains leave it while it is filled, and surfaces faster than any grain may
+be."""
+
+import math
+
+from labbook.filling.leaks import Leak, leak
+from labbook.filling.placing import STARTS
+from labbook.filling.room import PlacingError, Room
+from labbook.plan.demand import Conflict, PointDemand
+from labbook.scene import CylinderSilo, Frustum, Scene, Wall
+from labbook.scene.container import Primitives
+from labbook.scene.quantities import told_apart
+from labbook.scene.walls import AT_REST
+
+
+def check_container(shared: PointDemand) -> None:
+    """Raises Conflict, with file, key and remedy, if the container of a point cannot be filled, loses grains meanwhile,
+    or has a surface beyond `numerics.speed_limit`."""
+    fault = _leaks(shared) or _too_fast(shared)
+    if fault:
+        raise Conflict(f"{shared.study.path}: {fault}")
+
+
+def leak_of(shared: PointDemand) -> Leak | None:
+    """Where the container of a point may lose grains while it is filled; None where it cannot, or where containers are
+    closed by themselves. Raises PlacingError."""
+    if not isinstance(shared.scene.container, Primitives) or shared.scene.container.outlet_plane is None:
+        return None
+    return leak(shared.closed, STARTS[shared.point.fill.kind].flat)
+
+
+def _leaks(shared: PointDemand) -> str | None:
+    try:
+        found = leak_of(shared)
+    except PlacingError as error:
+        return f"container.parts: {error}"
+    if found is None or not found.certain:
+        return None
+    return (
+        f"container.outlet_plane: grains reach it while the container is filled, at {found.place}, so the discharge "
+        "would start without them\n    remedy: close the outlet by a part with opens: start (it stands while filling "
+        "and vanishes at the opening), or by a wall"
+    )
+
+
+def _too_fast(shared: PointDemand) -> str | None:
+    scene, limit = shared.scene, shared.numerics.speed_limit
+    moving = [wall for wall in scene.container.walls() if wall.motion != AT_REST]
+    for wall in moving:
+        reach = _reach(scene, wall)
+        if wall.motion.speed(reach) <= limit:
+            continue
+        speed, most = told_apart(wall.motion.speed(reach), limit)
+        key, remedy = "container.parts[].motion", "use a slower motion"
+        if isinstance(scene.container, CylinderSilo):
+            fastest = limit / (2 * math.pi * reach)
+            key, remedy = "container.rotation", f"use at most {math.floor(fastest * 1e3) / 1e3:g} Hz"
+        return (
+            f"{key}: the surface of {wall.name} moves at {speed} m/s, faster than numerics.speed_limit ({most} m/s) "
+            f"allows any grain\n    remedy: {remedy}, or raise numerics.speed_limit"
+        )
+    return None
+
+
+def _reach(scene: Scene, wall: Wall) -> float:
+    """Distance [m] from the axis x = y = 0 out to which grains touch a wall, at most."""
+    if isinstance(wall.shape, Frustum):
+        return wall.shape.upper[0]
+    try:
+        room = Room(scene.container.close(), 0.0)
+    except PlacingError:  # which is an error of its own
+        return 0.0
+    return math.hypot(max(map(abs, room.x)), max(map(abs, room.y)))

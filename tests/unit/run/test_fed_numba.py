@@ -1,0 +1,56 @@
+"""A small silo that stays full, on the CPU backend, from its study to its flow rate."""
+
+import numpy as np
+import pytest
+
+pytest.importorskip("numba")
+
+from labbook_numba import Backend
+from toy_results import analyse
+
+from labbook.lab import Catalogue, Lab
+from labbook.plan.coverage import finished
+from labbook.run.runner import Runner
+from labbook.study import define
+
+pytestmark = [pytest.mark.compiles, pytest.mark.slow]
+D = 3e-3
+
+
+def test_a_fed_silo_stays_full_and_its_run_ends_when_it_is_precise(tmp_path):
+    asked = define(
+        name="full",
+        grains={"shape": "sphere", "diameter": "3 mm", "density": "2500 kg/m^3", "count": 200},
+        contact={"law": "hertz-mindlin", "shear_modulus": "1 MPa", "poisson_ratio": 0.25, "friction": 0.5}
+        | {"restitution": 0.2, "rolling_friction": 0.01},
+        container={"kind": "wedge-hopper", "width": "40 mm", "height": "120 mm", "thickness": "1.01 d"}
+        | {"orifice": "20 mm"},
+        feed={"kind": "reinject"},
+        numerics={"dt": "25 us", "steps_per_beat": 500},
+        accuracy={"flow_rate": "12 %"},
+        record={"every": "50 ms"},
+    )
+    summary = Runner(asked, Lab(tmp_path), Backend(wide=True)).run()
+    assert list(summary.tally.ran.values()) == ["precise"], summary.tally.failed
+    (point,) = analyse(asked, finished(Catalogue(tmp_path), asked, "numba")).points
+    (run,) = point.runs
+    data, frames = run.run.data(), run.frames()
+    assert frames is not None
+    left = data.tables["crossing"]
+    assert len(left["id"]) > 6 * 200
+    assert np.unique(left["id"], return_counts=True)[1].max() > 3
+    times = np.unique(frames["time"])
+    inside = np.array([(frames["time"] == t).sum() for t in times])
+    assert (inside > 0.8 * 200).all(), "but for the few that fall below the outlet"
+
+    def height(t: float) -> float:
+        """Of the middle grain: those that fall above the bed stand for those of the bed that they were."""
+        return float(np.median(frames["z"][(frames["time"] == t) & (frames["z"] > 0)]))
+
+    steady = [height(t) for t in times if t > times[-1] / 4]
+    assert np.std(steady) < D
+    first, last = np.array_split(steady, 2)
+    assert abs(first.mean() - last.mean()) < D / 2, "it neither falls nor rises"
+    assert abs(np.mean(steady) - np.median(data.start.x[:, 2])) < 2 * D
+    assert point.flow_rate is not None
+    assert point.flow_rate.relative < 0.12

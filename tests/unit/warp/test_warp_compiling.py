@@ -1,0 +1,133 @@
+"""The GPU backend compiles what a study will need before its members come."""
+
+import threading
+from types import SimpleNamespace
+from typing import Any
+
+import pytest
+
+pytest.importorskip("warp")
+
+import warp as wp
+from labbook_warp import Backend, beat, compiling
+from toy_lab import carry_out, study
+
+from labbook.backend import Precompiles
+from labbook.lab import Catalogue, Lab
+from labbook.lab.index import Index
+from labbook.lab.records import Observe
+from labbook.plan.plan import Planner
+from labbook.run import board
+from labbook.run.job import Bench
+
+pytestmark = pytest.mark.compiles
+
+SMALL = {"count": 60, "orifices": "[18, 24]", "replicates": 1}
+FAST = "fill: {settled_below: 0.5, numerics: {dt: 20 us}}"
+GPU: Any = SimpleNamespace(is_cuda=True)
+
+
+@pytest.fixture
+def expected(tmp_path):
+    """What the board says of a small study: two runs from one packing."""
+    return said(tmp_path, SMALL)
+
+
+def said(tmp_path, of):
+    """What the board says of a study before anything runs."""
+    asked, backend, lab = study(tmp_path, FAST, **of), Backend(), Lab(tmp_path / "board")
+    catalogue, index = Catalogue(lab), Index(lab)
+    try:
+        planner = Planner(asked, catalogue, backend.capabilities)
+        observe = Observe(measure=asked.measure, start=0, end=1)
+        of_study = board.Board(Bench(lab, backend, "cpu"), planner, index, observe)
+        of_study.pin(planner.plan())
+        return of_study.expected()
+    finally:
+        catalogue.close()
+        index.close()
+
+
+@pytest.fixture
+def gate(monkeypatch):
+    """Modules whose compiling was begun, and an event that it waits for."""
+    begun, opened = [], threading.Event()
+
+    def compile_aot_module(module, device):
+        begun.append(module)
+        assert opened.wait(60)
+
+    monkeypatch.setattr(wp, "compile_aot_module", compile_aot_module)
+    monkeypatch.setattr(compiling, "_compiling", {})
+    monkeypatch.setattr(compiling, "_free", threading.Semaphore(2))
+    yield SimpleNamespace(begun=begun, open=opened.set)
+    opened.set()
+
+
+def test_the_board_names_fillings_and_runs(expected):
+    assert [(one.scene.container.closed, one.count) for one in expected] == [(True, 1), (False, 1), (False, 1)]
+    assert expected[1].spec == expected[2].spec != expected[0].spec
+
+
+def test_all_runs_of_a_point_are_counted(tmp_path, monkeypatch):
+    monkeypatch.setattr(board, "_AHEAD", 1)
+    assert [one.count for one in said(tmp_path, {**SMALL, "replicates": 3})] == [3, 3]
+
+
+def test_modules_are_compiled_once_and_waited_for(expected, gate):
+    needed = list(compiling.modules(expected, GPU, None))
+    assert len(needed) == len({*needed}) == 2
+    compiling.precompile(expected, GPU, None)
+    compiling.precompile(expected, GPU, None)
+    assert len(compiling._compiling) == 2
+    waiting = threading.Thread(target=compiling.wait_for, args=(needed[1],), daemon=True)
+    waiting.start()
+    waiting.join(0.1)
+    assert waiting.is_alive()
+    assert compiling.going()
+    gate.open()
+    waiting.join(60)
+    assert not waiting.is_alive()
+    compiling.wait_for(needed[0])
+    assert not compiling.going()
+    assert sorted(map(id, gate.begun)) == sorted(map(id, needed))
+
+
+@pytest.mark.filterwarnings("error::pytest.PytestUnhandledThreadExceptionWarning")
+def test_an_error_is_left_to_whoever_loads_the_kernels(expected, gate, monkeypatch):
+    def fails(module, device):
+        gate.begun.append(module)
+        raise RuntimeError("no such architecture")
+
+    monkeypatch.setattr(wp, "compile_aot_module", fails)
+    compiling.precompile(expected, GPU, None)
+    for module in compiling.modules(expected, GPU, None):
+        compiling.wait_for(module)
+    assert len(gate.begun) == 2
+
+
+def test_nothing_is_compiled_ahead_on_a_processor(expected, gate):
+    gate.open()
+    Backend().precompile(expected, "cpu")
+    assert not compiling._compiling
+
+
+def test_what_is_foreseen_is_what_is_needed(tmp_path, monkeypatch):
+    told, used, waited, made = [], [], [], beat.Beat.__init__
+
+    class Told(Backend):
+        def precompile(self, members, device):
+            told.extend(compiling.modules(members, wp.get_device(device), None))
+
+    def noted(self, arrays, steps):
+        used.append(arrays.module)
+        made(self, arrays, steps)
+
+    assert isinstance(Told(), Precompiles)
+    monkeypatch.setattr(beat.Beat, "__init__", noted)
+    monkeypatch.setattr(compiling, "wait_for", waited.append)
+    asked = study(tmp_path, FAST, **SMALL)
+    assert carry_out(asked, tmp_path / "lab", backend=Told(), lanes=1).done == 2
+    assert len(told) == 2
+    assert {*map(id, used)} == {*map(id, told)}
+    assert waited == used
