@@ -13,7 +13,7 @@ if TYPE_CHECKING:
     from labbook.lab import LabError
     from labbook.measure.trajectories import Trajectories
     from labbook.plan.plan import Plan
-    from labbook.run.runner import Summary
+    from labbook.run.summary import Summary
     from labbook.scene import Scene
     from labbook.study import Point, Study, StudyError, define, load
     from labbook.warning import LabWarning
@@ -46,7 +46,7 @@ _PLACES = {
     "labbook.lab": ("LabError",),
     "labbook.measure.trajectories": ("Trajectories",),
     "labbook.plan.plan": ("Plan",),
-    "labbook.run.runner": ("Summary",),
+    "labbook.run.summary": ("Summary",),
     "labbook.scene": ("Scene",),
     "labbook.study": ("Point", "Study", "StudyError", "define", "load"),
     "labbook.warning": ("LabWarning",),

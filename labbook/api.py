@@ -22,6 +22,7 @@ from labbook.accuracy import BESIDE, write
 from labbook.backend import Backend, Unsupported
 from labbook.backend import load as load_backend
 from labbook.backend.probes import UNITS
+from labbook.commands import command
 from labbook.export.packing import check_spheres, write_packings
 from labbook.export.recording import NotRecorded, of_run
 from labbook.export.study import write_numbers, write_recordings
@@ -40,7 +41,7 @@ from labbook.plan.devices import named
 from labbook.plan.plan import Plan, flow_rates
 from labbook.report import gallery, page, style, tables
 from labbook.results import display
-from labbook.results.calibrating import Calibrated, PilotStopped, calibrate, flow_and_filling
+from labbook.results.calibrating import Calibrated, NotCalibrated, PilotStopped, calibrate, flow_and_filling
 from labbook.results.find import find
 from labbook.results.frames import frames, known_interval
 from labbook.results.points import FLOW_RATE, ORIFICE, RunResult
@@ -48,14 +49,16 @@ from labbook.results.series import Series, series_of
 from labbook.results.study import Results as Found
 from labbook.run.cluster import Cluster
 from labbook.run.devices import Crew
+from labbook.run.execution import CHECKPOINT_EVERY
 from labbook.run.notebook import NotebookBar, counting, in_notebook
 from labbook.run.progress import Bar
-from labbook.run.runner import CHECKPOINT_EVERY, Runner, Summary
+from labbook.run.runner import Runner
 from labbook.run.shard import WHOLE, Shard
+from labbook.run.summary import Summary
 from labbook.run.watch import Unwatched, Watcher
 from labbook.scene.quantities import parse
 from labbook.stats import Measured
-from labbook.study import Point, Study, load
+from labbook.study import Point, Study
 from labbook.study.keys import find as find_keys
 from labbook.study.pilot import first_needed, whole
 from labbook.study.problems import grouped, instead
@@ -67,6 +70,10 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 __all__ = ["Conflict", "Lab", "LabWarning", "Results", "Run"]
+
+
+class PilotNeeded(Exception):
+    """A part of a study was asked for that needs a pilot as a whole; the message says what to do."""
 
 
 def _is_study(given: object) -> None:
@@ -103,7 +110,7 @@ class Lab:
         """
         _is_study(study)
         with self._catalogue() as catalogue, _in_python():
-            return foresee(study, catalogue, load_backend(self.backend), self.device)
+            return foresee(self._calibrated(study), catalogue, load_backend(self.backend), self.device)
 
     def run(
         self,
@@ -113,6 +120,7 @@ class Lab:
         shard: str | None = None,
         base: Path | str | None = None,
         cluster: str | None = None,
+        pilot: bool = True,
     ) -> Summary:
         """Make the runs that `study` still needs; finished runs are not repeated.
 
@@ -120,19 +128,25 @@ class Lab:
         run; more if saving took over 5 % of the time. shard: I/N, to run only part I of N parts of the study, which
         have about the same forecast cost; all runs from one packing are in one part. base: another lab, whose runs are
         not repeated and whose packings are used. cluster: address of a Dask scheduler; its workers run the study
-        (extra `cluster`). Ctrl-C saves unfinished runs and returns; a second one raises KeyboardInterrupt and keeps the
+        (extra `cluster`). pilot: whether the pilot that a requested error may need comes first (`pilot`); False: the
+        default step is used where none can be chosen, and the error budget says that its bias is not known.
+
+        Ctrl-C saves unfinished runs and returns; a second one raises KeyboardInterrupt and keeps the
         last checkpoints. Either way the next call goes on. Failed runs give a warning and are named in the summary.
         If anything is to run, the warnings of the plan are repeated before, unless progress is False. Raises what
-        `plan` does except TooLarge, before anything runs; ValueError for a wrong `shard`; DiskFull.
+        `plan` does except TooLarge, before anything runs; ValueError for a wrong `shard`; DiskFull; PilotNeeded for a
+        `shard` of a study that needs a pilot; PilotStopped after Ctrl-C in the pilot, and PermissionError where its
+        calibration cannot be written.
         """
         _is_study(study)
         part = WHOLE if shard is None else Shard.parse(shard)
         other = None if base is None else Folder(given_path(base, "base"))
         backend, plain = load_backend(self.backend), isinstance(progress, bool)
-        with _in_python():
-            foreseen = () if progress is False else self._forewarned(study, backend)
         with _watching(progress) as watcher, _in_python():
-            for line in foreseen:
+            study = self._calibrated(study)
+            if pilot and (needed := first_needed(study)) is not None:
+                study = self._piloted(study, needed, watcher, whole=shard is None)
+            for line in () if progress is False else self._forewarned(study, backend):
                 watcher.tell(line)
             if cluster is not None:
                 summary = Cluster(study, self.place, self.backend, cluster, self.device, watcher=watcher).run()
@@ -144,6 +158,7 @@ class Lab:
                 else:
                     runner = Runner(study, self.place, backend, first, *options, shard=part, base=other)
                 summary = runner.run()
+        summary = replace(summary, study=summary.study or study)
         if shard is None and base is None and not summary.stopped:
             summary = replace(summary, no_flow=self._no_flow(study, summary))
         if plain:
@@ -166,6 +181,39 @@ class Lab:
             index = Index(self.place)  # to run makes the index of a lab without one, where a plan only looks
             index.close()
             return (*(f"Unreadable: {problem}" for problem in index.found.problems), *looked())
+
+    def _piloted(self, study: Study, needed: Study, watcher: Watcher, whole: bool) -> Study:
+        """The study with numerics chosen by its pilot. whole: whether all of its runs are to be made here."""
+        verb = by_a_verb()
+        skip = "--no-pilot" if verb else "pilot=False"
+        if not whole:
+            first = command("pilot", study.path, lab=self.folder, backend=self.backend) if verb else "lab.pilot(study)"
+            raise PilotNeeded(f"{study.name} needs a pilot for all parts: give {first} first, or {skip}")
+        runs = len(needed.points) * needed.replicates
+        watcher.tell(f"Such scenes are not calibrated: a pilot of {runs} runs comes first ({skip} skips it)")
+        try:
+            study = self.pilot(study, watcher)
+        except PilotStopped:
+            raise
+        except NotCalibrated as problem:
+            watcher.tell(f"The pilot gave no calibration: {problem}. The default step is used; its bias is unknown")
+            return study
+        planned = command("plan", study.path, lab=self.folder, backend=self.backend) if verb else "lab.plan(study)"
+        watcher.tell(f"The pilot wrote {study.calibration_file}. To see the chosen numerics: {planned}")
+        return study
+
+    def _calibration_file(self, study: Study) -> Path:
+        """Where the pilot of a study writes its calibration: beside its file, or into the lab."""
+        if study.source:
+            return study.path.with_suffix(BESIDE)
+        return (self.place.studies / f"{study.name}{BESIDE}").resolve()
+
+    def _calibrated(self, study: Study) -> Study:
+        """The study with the numerics that its pilot has made possible, if it had one since the study was read."""
+        if not any(point.wants_pilot for point in study.points):
+            return study
+        file = self._calibration_file(study)
+        return study.calibrated(file) if file.is_file() else study
 
     def _no_flow(self, study: Study, summary: Summary) -> str:
         """Why no point has a flow rate, though the study measures it and runs are done; empty if one has."""
@@ -194,11 +242,11 @@ class Lab:
         runs = first_needed(study) if seeds is None else whole(study, seeds)
         if runs is None:
             return study
-        file = self.place.studies / f"{study.name}{BESIDE}" if not study.source else study.path.with_suffix(BESIDE)
+        file = self._calibration_file(study)
         if study.source and not os.access(file.parent, os.W_OK):
             raise PermissionError(errno.EACCES, "the calibration of its pilot cannot be written there", str(file))
         write(file, [one.effects for one in effects_of_numerics(self, runs, progress)])
-        return load(study.path) if study.source else study.change({"accuracy.calibration": str(file.resolve())})
+        return study.calibrated(file)
 
     def results(self, study: Study, progress: bool | Callable[[int], None] = True) -> "Results":
         """Results of `study` so far. Runs that are not evaluated yet are evaluated now, and the numbers are kept.
@@ -210,7 +258,7 @@ class Lab:
         if not Path(self.folder).exists():
             warn(f"there is no lab {self.folder} yet, so that it has no runs")
         with self._catalogue() as catalogue, _counting(progress, "evaluating runs") as told:
-            found = find(study, catalogue, self.backend, told)
+            found = find(self._calibrated(study), catalogue, self.backend, told)
         for problem in grouped(found.unreadable):
             warn(f"left out: {problem}")
         for problem in grouped(found.unmeasured):

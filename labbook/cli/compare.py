@@ -60,8 +60,9 @@ def register(app: typer.Typer) -> None:
 
         Missing runs are made first. Exit status 1 if a difference beyond the margin is found.
         """
-        from labbook.checks.compare.sides import CannotCompare, names_of
+        from labbook.checks.compare.sides import CannotCompare
         from labbook.checks.compare.verdict import NoVerdict, Verdict, path_of
+        from labbook.cli.sides import names_of
         from labbook.lab.folder import Lab as Folder
 
         asked, failed = read_study(study), []
@@ -90,7 +91,7 @@ def _made(asked, lab, sides, margin, replicates, points: list[int], seconds: flo
     from labbook.checks.compare.compare import Stopped, compare, narrowed
     from labbook.checks.compare.lockstep import record
     from labbook.checks.compare.shown import figure
-    from labbook.checks.compare.sides import parse
+    from labbook.cli.sides import parse
     from labbook.export.recording import ViewerMissing
     from labbook.measure import MeasureError
     from labbook.plan.demand import Conflict

@@ -6,6 +6,7 @@
 | lab/packings/KEY/         | a settled packing, put in place by one rename                            |
 | lab/study-files/NAME.yaml | the text of the study NAME as it was last run, and beside it its own      |
 |                           | calibration, if it has one                                               |
+| lab/campaigns/NAME-KEY.json | what a strategy has proposed for the study NAME, and why                |
 | lab/notes/studies/        | notes and tags that people gave to studies, NAME.md                      |
 | lab/notes/runs/           | the same of runs, KEY.md                                                 |
 | lab/work/KEY/             | unfinished work on a run or packing, with its exact checkpoints          |
@@ -183,6 +184,7 @@ class Lab:
         self.packings = self.folder / "packings"
         self.works = self.folder / "work"
         self.studies = self.folder / "study-files"
+        self.campaigns = self.folder / "campaigns"
         self.notes = self.folder / "notes"
         self.live = self.folder / "live"
         self.catalogue = self.folder / "catalogue.db"

@@ -358,7 +358,11 @@ def tolerance(study: Study, point: Point | None = None) -> float | None:
 
 def stopping_rule(study: Study, point: Point | None = None) -> StoppingRule:
     """The rule by which replicates are added to a point of `study`: until the half width of the interval is within the
-    `tolerance`. None are added where beds are fed: there each run goes on for as long as it takes."""
+    `tolerance`. None are added where beds are fed, since there each run goes on for as long as it takes, nor where a
+    strategy has proposed how many there shall be."""
+    proposed = [one.replicates for one in (study.points if point is None else (point,)) if one.replicates is not None]
+    if proposed:
+        return StoppingRule(tolerance=None, minimum=max(proposed), cap=max(proposed))
     asked, least = tolerance(study, point), study.replicates
     if asked is None or study.fed:
         return StoppingRule(tolerance=None, minimum=least, cap=least)

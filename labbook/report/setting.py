@@ -34,6 +34,7 @@ def setting(results: Results, today: date) -> Facts:
     points = results.study.points
     rows = common(points)
     rows += [("Swept", text) for text in _swept(points)]
+    rows += [("Points chosen", text) for text in results.campaign]
     rows += [("Measured", _measured(results)), ("Replicates", _replicates(results))]
     rows.append(("Recorded", _recorded(results)))
     rows += [("Backend", text) for text in _backend(results)]

@@ -7,6 +7,7 @@ from functools import partial
 from labbook.backend import BackendMissing, load
 from labbook.fit import LAWS
 from labbook.lab import Catalogue, evaluations
+from labbook.lab.campaigns import as_proposed
 from labbook.lab.evaluations import NotEvaluated, Numbers, ReadOnlyRun
 from labbook.lab.records import Observe
 from labbook.lab.suspect import counts
@@ -64,10 +65,11 @@ def find(
 
     `progress` is told how many runs are done.
     """
+    study, proposed = as_proposed(study, catalogue.lab, backend)
     runs, lost = finished(catalogue, study, backend), unreadable(catalogue, study, backend)
     observe = Observe.of(study.measure, study.window)
     results = results_of(study, runs, evaluations.numbers(catalogue, runs, observe, progress), lost)
-    return replace(results, installed=_installed(backend))
+    return replace(results, installed=_installed(backend), campaign=proposed)
 
 
 def kept(
@@ -79,7 +81,11 @@ def kept(
     fields that were not evaluated raise NotEvaluated (of `labbook.lab.evaluations`) when they are asked for; where fits
     or comparisons of a paper rest on such ones, they are left out, and the run is among the unevaluated.
     """
-    runs, lost = finished(catalogue, study, backend, asked, ReadOnlyRun), unreadable(catalogue, study, backend)
+    study, proposed = as_proposed(study, catalogue.lab, backend)
+    runs, lost = (
+        finished(catalogue, study, backend, None if proposed else asked, ReadOnlyRun),
+        unreadable(catalogue, study, backend),
+    )
     observe = Observe.of(study.measure, study.window)
     found = evaluations.kept_numbers(catalogue, runs, observe)
     lacking = dict.fromkeys(found.lacking)
@@ -89,7 +95,7 @@ def kept(
         lacking |= {problem.run_key: None}
         plain = replace(study, fit=tuple(law for law in study.fit if law in LAWS), reference=None)
         results = replace(results_of(plain, runs, found, lost), study=study)
-    return replace(results, installed=_installed(backend), unevaluated=tuple(lacking))
+    return replace(results, installed=_installed(backend), unevaluated=tuple(lacking), campaign=proposed)
 
 
 def _installed(backend: str) -> tuple[str, int] | None:

@@ -20,7 +20,7 @@ from labbook.measure.steady import BLOCKS, FEWEST
 from labbook.measure.stress import ContactStress
 from labbook.plan.demand import stopping_rule
 from labbook.results import display
-from labbook.stats import Measured, Pooled
+from labbook.stats import Measured, Pooled, Tolerance
 from labbook.stats.pooling import student
 from labbook.stats.trend import MATERIAL
 from labbook.study import Point, Study
@@ -332,7 +332,7 @@ class PointResult:
         if self.tolerance is None:
             return None
         bias = 0.0 if self.point.choice is None else self.point.choice.bias.bound
-        return self.flow_rate is not None and self.flow_rate.relative + bias <= self.tolerance
+        return self.flow_rate is not None and Tolerance(self.tolerance, bias).kept(self.flow_rate.relative)
 
     @property
     def partial(self) -> bool:
@@ -436,7 +436,8 @@ def pooled_point(study: Study, point: Point, extra: frozenset[str], runs: tuple[
     if study.fed and len(values.get(FLOW_RATE, ())) == 1:
         pooled |= _of_one_run(runs)
     along = {name: value for name, value in point.at.items() if name in extra}
-    return PointResult(point, swept(point, extra), runs, pooled, study.accuracy.flow_rate, study.replicates, along)
+    asked = point.replicates or study.replicates
+    return PointResult(point, swept(point, extra), runs, pooled, study.accuracy.flow_rate, asked, along)
 
 
 def _of_one_run(runs: tuple[RunResult, ...]) -> dict[str, Pooled]:

@@ -32,10 +32,11 @@ from labbook.plan.demand import Demand
 from labbook.plan.forecast import discharge_work, fill_work
 from labbook.plan.plan import Item, Plan, Planner
 from labbook.run.board import Tally
-from labbook.run.runner import Runner, Summary
+from labbook.run.runner import Runner
 from labbook.run.shard import everything
 from labbook.run.slurm import differs, expected
 from labbook.run.stopping import Request
+from labbook.run.summary import Summary
 from labbook.run.watch import Going, Meter, Unwatched, View, Watcher
 from labbook.study import Study
 
@@ -243,14 +244,16 @@ class Cluster:
                 client.close()
         wall = time.perf_counter() - begun
         problems = tuple(self._problems)
-        return Summary(self._tally, plan.points, request.made, wall, self._meter.work, problems, False, everything)
+        work, tally = self._meter.work, self._tally
+        found = Summary(tally, plan.points, request.made, wall, work, problems, False, everything)
+        return replace(found, study=plan.study, campaign=plan.campaign)
 
     def _plan(self, index: Index) -> Plan:
         """As things stand, with the replicates that are asked for."""
         while True:
             catalogue = Catalogue(self.lab)
             try:
-                plan = Planner(self.study, catalogue, load(self.backend).capabilities).plan()
+                plan = Planner(self.study, catalogue, load(self.backend).capabilities, writes=True).plan()
             finally:
                 catalogue.close()
             done = [item.keys.run for item in plan.items if item.state == "done"]
@@ -313,8 +316,9 @@ class Cluster:
             at = item.demand.point.index
             seeds[at] = (*seeds.get(at, ()), item.demand.seed)
         keys = {item.keys.packing for item in batch.items}, {item.keys.run for item in batch.items}
+        study = self._now.study  # with the points that its strategy has proposed
         task = Task(
-            study=replace(self.study, points=tuple(p for p in self.study.points if p.index in seeds)),
+            study=replace(study, adapt=None, points=tuple(p for p in study.points if p.index in seeds)),
             backend=self.backend,
             device=self.device,
             expected=self._expected,

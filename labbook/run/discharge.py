@@ -24,6 +24,8 @@ from labbook.backend.probes import (
     parse_probe,
     table_name,
 )
+from labbook.campaign import Assignment, Generation, History, PreciseRun, Trial
+from labbook.campaign.precise import HALF_WIDTH
 from labbook.filling import Feeder, PlacingError, opened
 from labbook.filling.bed import bed_height, parts_of_mass
 from labbook.lab import identity
@@ -276,7 +278,11 @@ class DischargeJob(Job):
         times, mass = passages(grains, self._packed, table)
         flow = steady_flow(times, grains.count, self.demand.shared.study.window, mass)
         self._precision = math.inf if flow is None or flow.trend.trending else flow.precision
-        return self._precision <= asked.flow_rate
+        known = {HALF_WIDTH: self._precision} if math.isfinite(self._precision) else {}
+        at = self.demand.point.at
+        look = Generation(0, (Assignment(at),), "", (Trial(at, self.demand.seed, self.key, "going on", known),))
+        history = History(self.demand.shared.study, (look,), (), 1)
+        return PreciseRun.of(error=asked.flow_rate).propose(history).state == "end"
 
     def _looks(self) -> int:
         """How often its flow rate was looked at so far."""

@@ -13,6 +13,7 @@ import annotated_types
 from pydantic.fields import FieldInfo
 
 from labbook.backend.numerics import Numerics
+from labbook.campaign import Strategies
 from labbook.measure import scales
 from labbook.scene.contact import CONTACT_LAWS
 from labbook.scene.model import Among, Choice, Internal, Model, Stated
@@ -115,7 +116,10 @@ def _field(name: str, field: FieldInfo, base: Any, metadata: list[Any], of: str)
     marks = [field.discriminator, *(mark.discriminator for mark in metadata if isinstance(mark, FieldInfo))]
     discriminator = next((mark for mark in marks if mark is not None), None)
     choice = next((mark for mark in metadata if isinstance(mark, Choice)), None)
-    if choice is not None:
+    if strategies := next((mark for mark in metadata if isinstance(mark, Strategies)), None):
+        for named, strategy in strategies.items():
+            yield from walk(strategy, f"{name}.{named}.", of)
+    elif choice is not None:
         yield from (replace(key, within=key.within or of) for key in _union(name, choice.tag, list(choice.values())))
     elif discriminator is not None:
         members = [_unwrap(member, [])[0] for member in get_args(base)]

@@ -11,6 +11,7 @@ from pydantic import ValidationError
 
 from labbook.accuracy import BESIDE, Calibration
 from labbook.accuracy import load as load_calibration
+from labbook.campaign import Strategy
 from labbook.fit import LAWS
 from labbook.measure import MEASURES
 from labbook.study.absent import absent
@@ -69,6 +70,8 @@ class Study:
     fit: tuple[str, ...]
     record: Record | None
     reference: Reference | None
+    adapt: Strategy | None = field(default=None, compare=False)
+    """Proposes the points that are run, within the range of `points`; None: `points` are run."""
     stated: Mapping[str, Any] = field(default_factory=dict, repr=False, compare=False)
     """What its author wrote: keys and values as in YAML."""
     source: str = field(default="", repr=False, compare=False)
@@ -93,6 +96,10 @@ class Study:
         new = {**_keys_and_values(changes, "change({'contact.friction': 0.3}), or change(replicates=4)"), **keys}
         stays = not any(str(key).partition(".")[0] == "accuracy" for key in new)
         return _resolved(changed(self.stated, new), self.calibration_file if stays else None)
+
+    def calibrated(self, file: Path) -> "Study":
+        """The study with numerics chosen by another calibration file. Raises StudyError."""
+        return _resolved(Source(self.path, dict(self.stated), {}, self.source), file)
 
     def frame(self) -> "pd.DataFrame":
         """The points: a row each, with `point` (from 1), what was swept [SI, units in `attrs`], and `label`."""

@@ -18,7 +18,8 @@ from typer.testing import CliRunner
 from labbook.cli import build
 from labbook.lab import Lab
 from labbook.lab.folder import EVALUATION, PICTURE
-from labbook.run.runner import Runner, Summary
+from labbook.run.runner import Runner
+from labbook.run.summary import Summary
 from labbook.study import Study, load
 
 ROOT = Path(__file__).parents[2]

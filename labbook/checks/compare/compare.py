@@ -18,7 +18,8 @@ from labbook.lab.records import Observe
 from labbook.measure import MEASURES
 from labbook.plan.demand import PointDemand
 from labbook.plan.plan import Planner, PointPlan
-from labbook.run.runner import Runner, Summary
+from labbook.run.runner import Runner
+from labbook.run.summary import Summary
 from labbook.run.watch import Unwatched, Watcher
 from labbook.study import Study
 from labbook.study.schema import Accuracy
@@ -38,6 +39,10 @@ def narrowed(study: Study, points: Sequence[int] = (), replicates: int | None = 
     A test wants a number of replicates that does not depend on their values. Raises CannotCompare for a point that is
     not there and for fewer than 2 replicates.
     """
+    if study.adapt is not None:
+        raise CannotCompare(
+            f"{study.name}: adapt: its points follow from the results of one backend; state the points to compare"
+        )
     wrong = [index for index in points if not 0 <= index < len(study.points)]
     if wrong:
         raise CannotCompare(f"--point {wrong[0] + 1}: {study.name} has the points 1 to {len(study.points)}")

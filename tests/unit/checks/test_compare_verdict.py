@@ -8,8 +8,9 @@ from toy_pair import compared, contestants, study
 
 from labbook.backend import Unsupported
 from labbook.checks.compare.compare import compare, narrowed, stale
-from labbook.checks.compare.sides import CannotCompare, Side, parse
+from labbook.checks.compare.sides import CannotCompare, Side
 from labbook.checks.compare.verdict import NoVerdict, Verdict, path_of
+from labbook.cli.sides import parse
 from labbook.lab import Lab
 from labbook.measure import MEASURES
 from labbook.scene import HertzMindlin

@@ -111,7 +111,7 @@ def test_long_recordings_are_whole_also_when_continued(tmp_path):
 
 
 def test_many_frames_do_not_wait_in_memory_for_the_next_save(tmp_path, monkeypatch):
-    monkeypatch.setattr("labbook.run.runner._MOST_UNSAVED", 3 * 10**5)
+    monkeypatch.setattr("labbook.run.execution._MOST_UNSAVED", 3 * 10**5)
     unsaved, write = [], Job._write
     monkeypatch.setattr(Job, "_write", lambda job, checkpoint: (unsaved.append(job.unsaved), write(job, checkpoint)))
     asked = study(tmp_path, "record: {every: 0.1 ms, replicates: 1}", replicates=1, orifices="[24]", count=100)
