@@ -50,7 +50,7 @@ def _place(at: Mapping[str, float | str]) -> tuple:
 
 
 def written_at(at: Mapping[str, float | str]) -> dict[str, str]:
-    """Write SI values of keys as a study file has them, with units; lengths in mm if that is read as the same number."""
+    """Write SI values of keys as a study file has them: with units, lengths in mm where these are the same number."""
     return {key: value if isinstance(value, str) else _written(key, value) for key, value in at.items()}
 
 
