@@ -80,7 +80,6 @@ def module_text(spec: Spec, uniform: bool, lanes: int, registers: int, apart: in
     physics = [WALLS[kind] for kind in dict.fromkeys((*kinds, *(("frustum",) if turns else ())))]
     physics = [contact, *modules_of(str(spec.feature("law"))), motion, *physics, *PHYSICS[grains].physics]
     modules = [
-        *physics,
         system,
         kernel_text(codec),
         walls,
@@ -88,7 +87,7 @@ def module_text(spec: Spec, uniform: bool, lanes: int, registers: int, apart: in
     ]
     modules += [bodies, sums, *own.kernels, forces, step, neighbours, observe, *([beside] if apart else [])]
     header = dialect.header(precision, registers, apart, own.unroll, several=lanes > 1)
-    return source.generate(header, named, modules)
+    return source.generate(header, named, physics, modules)
 
 
 @lru_cache(maxsize=64)
