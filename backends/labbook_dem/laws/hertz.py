@@ -51,17 +51,17 @@ def normal(c: coefs, rs: real, ms: real, delta: real, vn: real):
 
 
 @func
-def mindlin(c: coefs, ms: real, stiff_t: real, s_max: real, size: real, short: real, s: vec3, vt: vec3):
+def mindlin(c: coefs, ms: real, stiff_t: real, s_max: real, size: real, fraction: real, s: vec3, vt: vec3):
     """Friction [N] of Mindlin's spring and its dashpot, F_t^e + F_t^v as `hertz_mindlin` has them.
 
-    stiff_t: K/kappa [N/m]. size: length of the spring [m], which slides from s_max [m] on. s: the spring [m]; short:
+    stiff_t: K/kappa [N/m]. size: length of the spring [m], which slides from s_max [m] on. s: the spring [m]; fraction:
     the part of its length that counts. vt: tangential velocity [m/s].
     """
     zero = real(0.0)
     one = real(1.0)
     u = zero if size >= s_max else max(one - size / s_max, zero)  # an approximate quotient may exceed one
     root = sqrt(u)
-    k_t = stiff_t * short * (one + u + u * u) / (one + u * root)
+    k_t = stiff_t * fraction * (one + u + u * u) / (one + u * root)
     damp_t = c[C_T] * sqrt(real(6.0) * ms * stiff_t * root)
     return -(s * k_t) - vt * damp_t
 
