@@ -58,15 +58,15 @@ def unslid(size: real, s_max: real):
 
 
 @func
-def mindlin(c: coefs, ms: real, stiff_t: real, k: real, u: real, s: vec3, vt: vec3):
+def mindlin(c: coefs, ms: real, stiff_t: real, stiff_s: real, u: real, s: vec3, vt: vec3):
     """Friction [N] of Mindlin's spring and its dashpot, F_t^e + F_t^v as `hertz_mindlin` has them.
 
-    stiff_t: K/kappa [N/m]; k: the same, or less where s [m] is longer than what counts of it. u: what `unslid` gives.
+    stiff_t: K/kappa [N/m]; stiff_s: the same, or less where s [m] is longer than what counts of it. u: of `unslid`.
     vt: tangential velocity [m/s].
     """
     one = real(1.0)
     root = sqrt(u)
-    k_t = k * (one + u + u * u) / (one + u * root)
+    k_t = stiff_s * (one + u + u * u) / (one + u * root)
     damp_t = c[C_T] * sqrt(real(6.0) * ms * stiff_t * root)
     return -(s * k_t) - vt * damp_t
 
