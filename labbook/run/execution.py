@@ -5,7 +5,7 @@ from collections.abc import Callable, Sequence
 from concurrent.futures import FIRST_COMPLETED, Future, wait
 from typing import Any
 
-from labbook.backend import Backend, Compiles, Member, Overflow
+from labbook.backend import Backend, Member, Overflow
 from labbook.run.board import Board, Started
 from labbook.run.closing import Closing
 from labbook.run.fill import FillJob
@@ -206,7 +206,7 @@ class Execution:
         while any(not lane.preparing for lane, _ in turns.values()):
             for turn in wait(turns, timeout=_LOOK, return_when=FIRST_COMPLETED).done:
                 self._visit(*turns.pop(turn), turn)
-        self.left_behind = bool(turns) or self._compiling()
+        self.left_behind = bool(turns) or self._backend.compiling()
         waited = [lane for lane in lanes if lane not in [lane for lane, _ in turns.values()]]
         for lane in waited:
             for member, job in list(lane.jobs.items()):
@@ -243,12 +243,9 @@ class Execution:
         now = time.perf_counter()
         self._next_report = now + max(_LOOK, (now - begun) / _TELLING)  # counting 10^5 runs takes a while
 
-    def _compiling(self) -> bool:
-        return isinstance(self._backend, Compiles) and self._backend.compiling()
-
     def _going(self) -> list[Going]:
         """What every job is at."""
-        compiling = self._compiling()
+        compiling = self._backend.compiling()
         at_work = {job for lane in self._lanes if not lane.preparing for job in list(lane.jobs.values())}
         found, closing = [], dict.fromkeys(self._closing.jobs)
         for job in (*(job for job in self._board.going.values() if job not in closing), *closing):

@@ -4,7 +4,7 @@ import time
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 
-from labbook.backend import Backend, Precompiles
+from labbook.backend import Backend
 from labbook.backend.machine import cores
 from labbook.lab import studies
 from labbook.lab.catalogue import Catalogue
@@ -80,8 +80,7 @@ class Runner:
             board.pin(plan)
             if not board.runs()[1] and self.seat is None:
                 self.watcher.tell(f"Part {self.shard} has no runs: the study has fewer packings than parts")
-            if isinstance(self.backend, Precompiles):
-                self.backend.precompile(board.expected(), self.device)
+            self.backend.precompile(board.expected(), self.device)
             publisher = Publisher(self.lab, self.study.name, self.backend.capabilities.name, self.device, self.watcher)
             execution = Execution(
                 board,
