@@ -26,7 +26,7 @@ from labbook.backend.contract import (
     Verifies,
     Weighed,
 )
-from labbook.backend.registry import GROUP, BackendMissing, absent, installed, load
+from labbook.backend.registry import GROUP, BackendMissing, absent, extension_of, installed, load
 
 __all__ = [
     "GROUP",
@@ -56,6 +56,7 @@ __all__ = [
     "Verifies",
     "Weighed",
     "absent",
+    "extension_of",
     "installed",
     "load",
 ]

@@ -22,7 +22,7 @@ from labbook.backend import (
 )
 from labbook.backend.numerics import Numerics
 from labbook.plan.demand import PointDemand
-from labbook.plugins import extensions
+from labbook.plugins import installed as extensions
 from labbook.scene import LinearSpringDashpot, Plane, Primitives, Scene, Spheres, Wall
 from labbook.scene.packing import Packing
 from labbook.study import Study
@@ -85,7 +85,7 @@ def examine(say: Callable[[str], None] = lambda _: None) -> Examination:
     say: called with what is going on.
     """
     packages = tuple(Package(name, found, PACKAGES[name]) for name, found in machine.versions(PACKAGES).items())
-    packages += tuple(Package(name, version, "extends labbook") for name, version in extensions().items())
+    packages += _extending()
     backends: list[BackendHealth] = []
     versions: dict[str, dict[str, str]] = {}
     for name in sorted(installed()):
@@ -100,6 +100,14 @@ def examine(say: Callable[[str], None] = lambda _: None) -> Examination:
             versions[name] = dict(found.versions)
         backends += _try(backend, {device.alias: _what(device) for device in found.devices}, say)
     return Examination(__version__, machine.hardware(), packages, tuple(backends), versions)
+
+
+def _extending() -> tuple[Package, ...]:
+    """Packages that extend labbook, each with the names of all that it adds."""
+    added: dict[tuple[str, str], list[str]] = {}
+    for one in extensions():
+        added.setdefault((one.package, one.version), []).append(one.use)
+    return tuple(Package(name, version, f"adds {', '.join(uses)}") for (name, version), uses in added.items())
 
 
 def _reason(error: Exception) -> str:

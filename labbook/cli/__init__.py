@@ -61,6 +61,8 @@ class Verbs(TyperGroup):
         """Carry out the verb that was asked for."""
         try:
             return super().invoke(ctx)
+        except (typer.Exit, typer.Abort):
+            raise
         except Exception as error:
             line = told(error)
             if line is None:

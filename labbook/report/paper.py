@@ -1,12 +1,14 @@
 """What a paper's own analysis shows in reports."""
 
 from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
+from contextlib import suppress
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from labbook.report.blocks import Block, Section
+from labbook.plugins import ExtensionError
+from labbook.report.blocks import Block, Prose, Section
 from labbook.report.tables import Table
-from labbook.results.paper import Analysis
+from labbook.results.paper import Analysis, calling
 from labbook.results.points import PointResult
 from labbook.results.series import Series
 from labbook.results.study import Results
@@ -60,3 +62,84 @@ class Paper(Analysis):
 def papers() -> Iterator[Paper]:
     """Those that are installed. An entry of the group that is an `Analysis` or a `Vocabulary` only shows nothing."""
     return (paper for paper in PAPERS.values() if isinstance(paper, Paper))
+
+
+def sections_of_all(results: Results, folder: Path) -> list[Section]:
+    """Sections of all papers. Where the code of a paper fails, a section says so."""
+    found: list[Section] = []
+    for paper in papers():
+        try:
+            with calling(paper):
+                found += paper.sections(results, folder)
+        except ExtensionError as error:
+            found.append(Section(f"Analysis of {paper.name}", (_failed(error),)))
+    return found
+
+
+def blocks_of_all(results: Results, series: Series, folder: Path, suffix: str, where: str) -> list[Block]:
+    """All that papers add to the section of a series; where the code of a paper fails, the reason."""
+    found: list[Block] = []
+    for paper in papers():
+        try:
+            with calling(paper):
+                found += paper.of_series(results, series, folder, suffix, where)
+        except ExtensionError as error:
+            found.append(_failed(error))
+    return found
+
+
+def tables_of_all(results: Results, series: Series, where: str) -> tuple[list[tuple[str, Table]], list[str]]:
+    """Titles and tables of a series for the terminal, and why those of a paper are lacking."""
+    found, problems = list[tuple[str, Table]](), list[str]()
+    for paper in papers():
+        try:
+            with calling(paper):
+                found += paper.tables(results, series, where)
+        except ExtensionError as error:
+            problems.append(str(error))
+    return found, problems
+
+
+def figures_of_all(results: Results, series: Series | None = None) -> dict[str, Draw]:
+    """Figures of all papers by name: of one series, or (None) of several at once.
+
+    Drawing one raises ExtensionError where the code of its paper fails. A paper that cannot list its figures has one
+    under its own name, which raises that error.
+    """
+    found: dict[str, Draw] = {}
+    for paper in papers():
+        try:
+            with calling(paper):
+                own = paper.figures(results) if series is None else paper.figures_of(results, series)
+            found |= {name: _drawn(paper, draw) for name, draw in own.items()}
+        except ExtensionError as error:
+            found[paper.name] = _raising(error)
+    return found
+
+
+def beds_shown_by_all(results: Results) -> set[int]:
+    """Identities of the points whose beds sections of papers show."""
+    found = set[int]()
+    for paper in papers():
+        with suppress(ExtensionError), calling(paper):  # its sections say so, and the page shows these beds
+            found |= {id(one) for one in paper.shows_beds_of(results)}
+    return found
+
+
+def _drawn(paper: Paper, draw: Draw) -> Draw:
+    def drawn() -> "Figure":
+        with calling(paper):
+            return draw()
+
+    return drawn
+
+
+def _raising(error: ExtensionError) -> Draw:
+    def drawn() -> "Figure":
+        raise error
+
+    return drawn
+
+
+def _failed(error: ExtensionError) -> Prose:
+    return Prose(f"Not shown: {error}.", note=True)
