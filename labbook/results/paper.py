@@ -87,8 +87,8 @@ def compared(results: Results, quantity: str, at: Mapping[str, float | str]) -> 
 
 
 def judged(results: Results, statement: Statement) -> Sequence[Judged] | None:
-    """What the paper says whose quantity a statement is on; None if it is no paper's. Where the code of the paper fails,
-    the statement is undecided, with the reason."""
+    """What the paper says whose quantity a statement is on; None if it is no paper's. Where its code fails, the
+    statement is undecided, and says why."""
     for paper in analyses():
         try:
             with calling(paper):
