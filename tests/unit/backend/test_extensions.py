@@ -73,7 +73,7 @@ def put(write, monkeypatch):
 @pytest.mark.parametrize(
     ("kind", "names"),
     [
-        (ContactLaw, {"physics", "usual_step", "stiffened", "damping_ratio", "collision_time", "stability"}),
+        (ContactLaw, {"physics", "usual_step", "honours", "stiffened", "damping_ratio", "collision_time", "stability"}),
         (WallShape, {"physics", "distance"}),
         (Start, {"name", "version", "volume", "place"}),
         (Measure, {"name", "version", "declared", "check", "probes", "evaluate"}),
@@ -97,7 +97,8 @@ def test_what_a_class_has_to_define_follows_from_its_base(kind, names):
             Choice("law", "labbook.contact_laws", ContactLaw, ()),
             "class Own(ContactLaw):\n"
             "    physics: ClassVar[str] = __name__\n    usual_step: ClassVar[str] = '0.02 collision'\n"
-            "    law: Literal['own'] = 'own'\n    def stability(self, rods): ...\n    def damping_ratio(self, e): ...\n"
+            "    honours: ClassVar[frozenset[str]] = frozenset()\n    law: Literal['own'] = 'own'\n"
+            "    def stability(self, rods): ...\n    def damping_ratio(self, e): ...\n"
             "    def collision_time(self, mass, radius, speed): ...\n",
             "stiffened",
         ),
