@@ -18,7 +18,7 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from labbook.backend import Backend, Weighed, load
+from labbook.backend import Backend, load
 from labbook.backend.machine import hardware
 from labbook.backend.numerics import Numerics
 from labbook.backend.probes import Crossing
@@ -140,7 +140,7 @@ def timed(backend: Backend, device: str, bed: Bed, members: int, beats: int, **n
     spent = time.perf_counter() - began
     after = [ensemble.status(handle) for handle in handles]
     rate = sum((b.step - a.step) * (a.grains + b.grains) / 2 for a, b in zip(before, after, strict=True)) / spent
-    load = ensemble.load() if isinstance(ensemble, Weighed) else None
+    load = ensemble.load()
     ensemble.close()
     return {
         "scene": bed.name,

@@ -19,7 +19,7 @@ from typing import TYPE_CHECKING, Any, Literal
 
 from labbook import html
 from labbook.accuracy import BESIDE, write
-from labbook.backend import Backend, Unsupported
+from labbook.backend import Backend, Unsupported, load_to_plan
 from labbook.backend import load as load_backend
 from labbook.backend.probes import UNITS
 from labbook.export.packing import check_spheres, write_packings
@@ -103,7 +103,7 @@ class Lab:
         """
         _is_study(study)
         with self._catalogue() as catalogue, _in_python():
-            return foresee(study, catalogue, load_backend(self.backend), self.device)
+            return foresee(study, catalogue, load_to_plan(self.backend), self.device)
 
     def run(
         self,

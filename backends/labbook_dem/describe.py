@@ -7,6 +7,7 @@ import numpy as np
 
 from labbook.backend.numerics import Numerics
 from labbook.scene import Scene
+from labbook_dem.coefficients import C_N
 from labbook_dem.laws import LAWS
 from labbook_dem.motion import drift, kick, predict
 
@@ -21,7 +22,7 @@ def describe(scene: Scene, numerics: Numerics) -> Mapping[str, float]:
         "restitution_asked": scene.contact.restitution,
         "restitution_realised": float(e.mean()),
         "restitution_spread": float(e.std()),
-        "damping_coefficient": c[1],
+        "damping_coefficient": c[C_N],
     }
 
 

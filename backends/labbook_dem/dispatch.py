@@ -6,8 +6,8 @@ from typing import Any
 
 from labbook.plugins import BrokenPlugin
 from labbook.scene.walls import WallShape
-from labbook_dem.formulas import parameters_of
-from labbook_dem.walls import WALLS, number, prefix
+from labbook_dem.formulas import identifier, parameters_of
+from labbook_dem.walls import WALLS, number
 from labbook_dem.words import vec3, wide3
 
 _TAKES = {"wide": 1, "section": 2, "wide3": 3}
@@ -40,12 +40,12 @@ def most_parts(kinds: Iterable[str]) -> int:
 
 def finds_edges_together(kind: str) -> bool:
     """Whether a wall's edges are found together, by `WALL_edges`."""
-    return hasattr(WALLS[kind], f"{prefix(kind)}_edges")
+    return hasattr(WALLS[kind], f"{identifier(kind)}_edges")
 
 
 def _of_wall(kind: str, what: str) -> tuple[tuple[str, str], ...]:
     """The parameters of a wall's function that are its numbers: those before `x`."""
-    function = f"{prefix(kind)}_{what}"
+    function = f"{identifier(kind)}_{what}"
     try:
         found = parameters_of(WALLS[kind], function)
     except LookupError as error:
@@ -60,14 +60,14 @@ def _of_wall(kind: str, what: str) -> tuple[tuple[str, str], ...]:
             raise BrokenPlugin(f"the wall {kind}: {name} of {function} is no number of a wall; annotate it {known}")
     if what != "distance" and [of for _, of in mine] != [of for _, of in _of_wall(kind, "distance")]:
         raise BrokenPlugin(
-            f"the wall {kind}: {function} takes other numbers than {prefix(kind)}_distance; let them agree"
+            f"the wall {kind}: {function} takes other numbers than {identifier(kind)}_distance; let them agree"
         )
     return mine
 
 
 def _besides(kind: str, what: str) -> Iterator[str]:
     """Names of what a wall's function takes after its numbers."""
-    found = parameters_of(WALLS[kind], f"{prefix(kind)}_{what}")
+    found = parameters_of(WALLS[kind], f"{identifier(kind)}_{what}")
     return (name for name, _ in found[len(_of_wall(kind, what)) :])
 
 
@@ -132,9 +132,9 @@ def _call(kind: str, what: str, at: str, guard: str) -> Iterator[str]:
         yield f"{name} = {parts if of == 'wide' else f'wide3({parts})'}"
         names.append(name)
         k += _TAKES[of]
-    given = f"return {prefix(kind)}_{what}({', '.join([*names, *_besides(kind, what)])})"
+    given = f"return {identifier(kind)}_{what}({', '.join([*names, *_besides(kind, what)])})"
     if guard:
-        yield f"if {guard.format(wall=prefix(kind), p=', '.join(names))}:"
+        yield f"if {guard.format(wall=identifier(kind), p=', '.join(names))}:"
     yield f"    {given}" if guard else given
 
 
@@ -167,7 +167,7 @@ class PlainWall:
             for _, of in _of_wall(self.kind, what):
                 mine = [next(left) for _ in range(_TAKES[of])]
                 filled.append(mine[0] if of == "wide" else vec3(*(mine if of == "wide3" else (mine[0], 0.0, mine[1]))))
-            function = getattr(WALLS[self.kind], f"{prefix(self.kind)}_{what}")
+            function = getattr(WALLS[self.kind], f"{identifier(self.kind)}_{what}")
             self._filled[what] = function, filled, list(_besides(self.kind, what))
         function, filled, names = self._filled[what]
         return function(*filled, *(given[name] for name in names))

@@ -1,7 +1,7 @@
 """What ensembles of all backends do alike: members come and go, rows are collected, and events tell what happened."""
 
 import math
-from abc import ABC, abstractmethod
+from abc import abstractmethod
 from collections import defaultdict
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -9,6 +9,7 @@ from typing import Generic, TypeVar
 
 import numpy as np
 
+from labbook import backend
 from labbook.backend import Capabilities, Checkpoint, Emptied, Event, Failed, Member, Settled, Spec, Status
 from labbook.backend.numerics import Numerics
 from labbook.backend.probes import Crossing, Ledger, Probe, Table, empty_table
@@ -92,7 +93,7 @@ class Settling:
 R = TypeVar("R", bound=Standing)
 
 
-class Ensemble(ABC, Generic[R]):
+class Ensemble(backend.Ensemble, Generic[R]):
     """See `labbook.backend.Ensemble`. A backend adds how a member begins and is stepped."""
 
     def __init__(self, capabilities: Capabilities, spec: Spec):

@@ -12,6 +12,7 @@ from labbook.backend.probes import Contacts, Crossing, Film, Ledger, Probe, Samp
 from labbook.scene import ContactLaw, Grains, Scene, Surface
 from labbook.scene.model import once
 from labbook.scene.walls import AT_REST
+from labbook_dem.coefficients import COEFFICIENTS
 from labbook_dem.dispatch import numbers
 from labbook_dem.laws import LAWS
 from labbook_dem.shapes import SHAPES
@@ -207,7 +208,7 @@ def pair_table(scene: Scene, numerics: Numerics) -> np.ndarray:
     law, sorts = LAWS[scene.contact.law], range(len(scene.grains.species))
     scale = numerics.stiffness_scale
     rows = [law.coefficients(scene.law_between(a, b), scene.surface_between(a, b), scale) for a in sorts for b in sorts]
-    return _table(rows, 8)
+    return _table(rows, COEFFICIENTS)
 
 
 class WallTables(NamedTuple):
@@ -226,8 +227,9 @@ def wall_tables(scene: Scene, numerics: Numerics) -> WallTables:
     scale = numerics.stiffness_scale
     shapes = [numbers(wall.shape) for wall in walls]
     width = max(map(len, shapes), default=0)
+    rows = [law.coefficients(scene.law(w, k), scene.surface(w, k), scale, True) for w in walls for k in sorts]
     return WallTables(
-        _table([law.coefficients(scene.law(w, k), scene.surface(w, k), scale, True) for w in walls for k in sorts], 8),
+        _table(rows, COEFFICIENTS),
         _table([(*row, *[0.0] * (width - len(row))) for row in shapes], width),
         np.array([number(w.shape.kind) for w in walls], np.int64),
         _table([(*w.motion.velocity, w.motion.spin) for w in walls], 4),

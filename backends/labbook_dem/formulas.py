@@ -4,36 +4,40 @@ import ast
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from functools import cache
 from importlib import import_module
+from importlib.util import find_spec
 from types import ModuleType
-from typing import ClassVar, Protocol
 
 from labbook.plugins import BrokenPlugin
 from labbook_dem.source import module_text
 
 
-class Physical(Protocol):
-    """What says where its formulas stand."""
-
-    physics: ClassVar[str]
+def identifier(name: str) -> str:
+    """The name of a law or a wall as Python writes it: `hertz_mindlin` for `hertz-mindlin`."""
+    return name.replace("-", "_")
 
 
 class Formulas(Mapping[str, ModuleType]):
     """Modules by the names that scenes know, each imported when first asked for.
 
-    what: how the message calls them. known: types of scenes, by name. required: the names that the module of one of
-    them must define. Raises BrokenPlugin, which says what is missing, when a module is asked for.
+    A type of another package states its module in `physics`; labbook's own types have theirs in `package`, under their
+    names. what: the word for them in messages. known: types of scenes, by name. required: the names that the module of
+    one of them must define. Raises BrokenPlugin, with the missing name, when a module is asked for.
     """
 
-    def __init__(self, what: str, known: Mapping[str, type[Physical]], required: Callable[[str], Sequence[str]]):
-        self._what, self._known, self._required = what, known, required
+    def __init__(self, what: str, package: str, known: Mapping[str, type], required: Callable[[str], Sequence[str]]):
+        self._what, self._package, self._known, self._required = what, package, known, required
         self._found: dict[str, ModuleType] = {}
 
     def __getitem__(self, name: str) -> ModuleType:
         if name not in self._found:
-            self._found[name] = self._load(name, self._known[name].physics)
+            self._found[name] = self._load(name, self._known[name])
         return self._found[name]
 
-    def _load(self, name: str, where: str) -> ModuleType:
+    def _load(self, name: str, kind: type) -> ModuleType:
+        where = getattr(kind, "physics", f"{self._package}.{identifier(name)}")
+        if not hasattr(kind, "physics") and find_spec(where) is None:
+            remedy = f"state the module of its formulas in {kind.__module__}.{kind.__name__}.physics"
+            raise BrokenPlugin(f"the {self._what} {name} has no formulas: {remedy}")
         try:
             module = import_module(where)
         except ImportError as error:

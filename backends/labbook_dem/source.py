@@ -1,14 +1,18 @@
 """From modules in the vocabulary of `words` to the source of one self-contained module for a compiler.
 
 Functions keep their text; what goes are docstrings of modules and imports (of words, of one another, and the host's).
-Host functions, those not marked for a compiler, stay behind, whatever other decorators they have.
+Host functions, those not marked for a compiler, stay behind, whatever other decorators they have. Whole numbers with
+names in capitals, which functions of the physics use, become constants of the generated module.
 """
 
 import ast
-from collections.abc import Sequence
+import re
+from collections.abc import Mapping, Sequence
 from functools import cache
 from pathlib import Path
 from types import ModuleType
+
+from labbook.plugins import BrokenPlugin
 
 MARKS = frozenset({"func", "rare_func", "struct", "kernel", "hot_kernel", "wall_kernel", "entry"})
 """Decorators of what is compiled: `func` and `struct` of words, and the kernels of backends."""
@@ -25,10 +29,39 @@ def device_source(module: ModuleType) -> str:
 @cache
 def _marked_parts(text: str) -> str:
     lines = text.split("\n")
-    nodes = [
-        node for node in ast.parse(text).body if isinstance(node, ast.FunctionDef | ast.ClassDef) and _marked(node)
-    ]
-    return "\n\n".join("\n".join(lines[node.decorator_list[0].lineno - 1 : node.end_lineno]) for node in nodes)
+    return "\n\n".join(
+        "\n".join(lines[node.decorator_list[0].lineno - 1 : node.end_lineno]) for node in _marked_nodes(text)
+    )
+
+
+def _marked_nodes(text: str) -> list[ast.FunctionDef | ast.ClassDef]:
+    body = ast.parse(text).body
+    return [node for node in body if isinstance(node, ast.FunctionDef | ast.ClassDef) and _marked(node)]
+
+
+def named_numbers(modules: Sequence[ModuleType]) -> dict[str, int]:
+    """Collect the whole numbers that compiled functions of these modules use by a name in capitals, such as the places
+    of coefficients (`labbook_dem.coefficients`).
+
+    Raises BrokenPlugin if two modules use a name for different numbers.
+    """
+    numbers: dict[str, int] = {}
+    for module in modules:
+        for name in sorted(_capitals(module_text(module))):
+            value = vars(module).get(name)
+            if type(value) is int and numbers.setdefault(name, value) != value:
+                first, reason = numbers[name], "one kernel has the formulas of both"
+                raise BrokenPlugin(
+                    f"{module.__name__}: {name} is {value}, and {first} in another module; {reason}: rename it"
+                )
+    return numbers
+
+
+@cache
+def _capitals(text: str) -> frozenset[str]:
+    """Names in capitals that compiled functions read."""
+    nodes = (node for marked in _marked_nodes(text) for node in ast.walk(marked))
+    return frozenset(node.id for node in nodes if isinstance(node, ast.Name) and node.id.isupper())
 
 
 def module_text(module: ModuleType) -> str:
@@ -46,11 +79,25 @@ def _marked(node: ast.FunctionDef | ast.ClassDef) -> bool:
     return True
 
 
-def generate(header: str, constants: dict[str, object], modules: Sequence[ModuleType | str]) -> str:
-    """One module: `header` (a compiler's vocabulary), `constants` as assignments, then all device functions of modules,
-    with a line that says where they stand, and text as it is."""
-    assignments = "\n".join(f"{name} = {value!r}" for name, value in constants.items())
+def generate(
+    header: str,
+    constants: Mapping[str, object],
+    physics: Sequence[ModuleType],
+    kernels: Sequence[ModuleType | str] = (),
+) -> str:
+    """Write one module: `header` (a compiler's vocabulary), `constants` and the `named_numbers` of the physics as
+    assignments, then all device functions of physics and kernels, with a line that says where they stand, and text as
+    it is.
+
+    Raises BrokenPlugin if the physics has a number whose name is one of `header` or `constants`.
+    """
+    numbers = named_numbers(physics)
+    for name in numbers:
+        if name in constants or re.search(rf"^{name}\b", header, re.MULTILINE):
+            where = next(module.__name__ for module in physics if name in _capitals(module_text(module)))
+            raise BrokenPlugin(f"{where}: kernels use the name {name} for something else; rename it")
+    assignments = "\n".join(f"{name} = {value!r}" for name, value in {**constants, **numbers}.items())
     parts = [
-        module if isinstance(module, str) else f"# {module.__name__}\n{device_source(module)}" for module in modules
+        part if isinstance(part, str) else f"# {part.__name__}\n{device_source(part)}" for part in (*physics, *kernels)
     ]
     return "\n\n".join([header, assignments, *parts]) + "\n"

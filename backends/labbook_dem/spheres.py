@@ -5,6 +5,7 @@ contact twice, once for each sphere, gets opposite forces to the last bit.
 """
 
 from labbook_dem.chosen import normal, respond
+from labbook_dem.coefficients import MU_R
 from labbook_dem.contact import rolling, rolling_spring, slip, trial
 from labbook_dem.words import FRICTION, ROLLING, TWIST, VARIED, coefs, cross, dot, func, real, sqrt, vec3
 
@@ -33,7 +34,7 @@ def touch(
         arm = vec3(zero, zero, zero)
         kept = arm
     if ROLLING:
-        roll = rolling(turn, n, c[5] * radius * abs(fn), inertia_rate, TWIST)
+        roll = rolling(turn, n, c[MU_R] * radius * abs(fn), inertia_rate, TWIST)
     else:
         roll = vec3(zero, zero, zero)
     return force, arm, roll, kept
@@ -106,7 +107,7 @@ def rolling_resistance(
     """
     zero = real(0.0)
     k_n = max(normal(c, rs, ms, delta, zero), zero) / delta
-    reach = c[5] * rs
+    reach = c[MU_R] * rs
     return rolling_spring(
         before, turn, n, stiffness * k_n * reach * reach, reach * abs(fn), inertia, damping, dt, TWIST
     )

@@ -2,9 +2,9 @@
 
 Backends replace it: `func` marks a function to compile, `real` is the scalar of contact laws, `wide` that of positions,
 overlaps and updates (`real` may be single, `wide` never is), `vec3` and `wide3` are their vectors, `rounded` turns a
-wide number into a real one and `narrow` a vector, `coefs` is a row of eight coefficients of a law. Literals are written
-`real(0.5)`. Functions choose by conditional expressions and are free of loops, but for `for _ in range(8)`, so that
-they inline and vectorise.
+wide number into a real one and `narrow` a vector, `coefs` is the row of a law's coefficients, indexed by names
+(`labbook_dem.coefficients`). Literals are written `real(0.5)`, whole numbers may have names in capitals. Functions
+choose by conditional expressions and are free of loops, but for `for _ in range(8)`, so that they inline and vectorise.
 """
 
 import math
@@ -28,7 +28,7 @@ def struct(cls: type) -> type:
 
 real = float
 wide = float
-coefs = tuple[float, float, float, float, float, float, float, float]
+coefs = tuple[float, ...]
 
 
 @dataclass(slots=True)

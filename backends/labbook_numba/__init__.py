@@ -4,6 +4,7 @@ from collections.abc import Mapping, Sequence
 
 from labbook_dem.features import capabilities
 
+from labbook import backend
 from labbook.backend import Checkpoint, Spec, Unsupported
 from labbook.backend.numerics import Numerics
 from labbook.backend.probes import Probe
@@ -12,15 +13,14 @@ from labbook.scene import Scene
 CACHE_VERSION = 6
 
 
-class Backend:
-    """See `labbook.backend.Backend`. Nothing of Numba is loaded before `specialise` or `open`.
+class Backend(backend.Backend):
+    """See `labbook.backend.Backend`. Nothing of Numba is loaded before `open`.
 
     `threads`: that one large scene may use while cores are idle (None: as many as there are). `wide`: compile in what
     any scene of the same law and shape may need, for tests, which then share kernels; no run of a study does.
     """
 
     requires = ("numba",)
-
     capabilities = capabilities("numba", CACHE_VERSION, frozenset({"double", "mixed"}), ("cpu",), mixtures=True)
 
     def __init__(self, threads: int | None = None, *, wide: bool = False):
@@ -58,7 +58,7 @@ class Backend:
         return Ensemble(self.capabilities, spec, module, min(slots or many, many), self._threads or many)
 
     def generated(self, spec: Spec) -> str:
-        """See `labbook.backend.Generates`."""
+        """See `labbook.backend.Backend`."""
         from labbook_numba.build import module_text
 
         return module_text(spec)
@@ -70,7 +70,7 @@ class Backend:
         return compiling.going()
 
     def verify(self, scene: Scene, numerics: Numerics, checkpoint: Checkpoint, step: int) -> None:
-        """See `labbook.backend.Verifies`. Nothing is compiled for it."""
+        """See `labbook.backend.Backend`. Nothing is compiled for it."""
         from labbook_dem.ensemble import check_checkpoint
 
         from labbook_numba.state import STEP

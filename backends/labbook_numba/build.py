@@ -90,8 +90,8 @@ def module_text(spec: Spec) -> str:
     walls = dispatch.functions(kinds, rods=layout.ORIENTED, at="walls[{k}]", looks_first=True)
     named["WALL_NUMBERS"] = width = max(map(dispatch.how_many, kinds), default=1)
     numbers = f"@func\ndef wall_numbers(walls, w):\n    return {''.join(f'walls[w, {k}], ' for k in range(width))}\n"
-    modules = [*physics, surfaces, numbers, walls, *BEFORE, *own.kernels, *AFTER]
-    text = source.generate(dialect.header(spec.feature("precision")), named, modules)
+    modules = [surfaces, numbers, walls, *BEFORE, *own.kernels, *AFTER]
+    text = source.generate(dialect.header(spec.feature("precision")), named, physics, modules)
     # annotations name the backend's Python types, which compiled code has no use for
     return re.sub(r": (State|Params|Lists|Grid|Numbers)\b", "", text)
 

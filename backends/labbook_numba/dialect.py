@@ -29,7 +29,7 @@ real = {real}
 wide = float64
 vec3 = {vec3}
 wide3 = section = vec3d
-coefs = tuple  # of eight
+coefs = tuple
 LANES = uint64(16)
 
 

@@ -32,7 +32,6 @@ P, Q, A, M = 16, 20, 24, 28
 F, T, LOAD = 0, 4, 8
 ROLL = 4  # where in a row of springs that of rolling resistance starts, if there is one
 BODY = 4  # numbers of a row of State.body
-COEFFICIENTS = 8  # of a law, in the last columns of a block
 GHOSTS = 2  # rows behind the grains: one that may be written to for nothing, and one too far away to touch it
 FAR = 1e30
 

@@ -9,6 +9,7 @@ from collections.abc import Mapping, Sequence
 
 from labbook_dem.features import capabilities
 
+from labbook import backend
 from labbook.backend import Checkpoint, Spec, Unsupported
 from labbook.backend.numerics import Numerics
 from labbook.backend.probes import Probe
@@ -17,7 +18,7 @@ from labbook.scene import Scene
 CACHE_VERSION = 1
 
 
-class Backend:
+class Backend(backend.Backend):
     """See `labbook.backend.Backend`."""
 
     capabilities = capabilities("reference", CACHE_VERSION, frozenset({"double"}), ("cpu",), mixtures=True)
@@ -37,7 +38,7 @@ class Backend:
         return Ensemble(self.capabilities, spec)
 
     def verify(self, scene: Scene, numerics: Numerics, checkpoint: Checkpoint, step: int) -> None:
-        """See `labbook.backend.Verifies`."""
+        """See `labbook.backend.Backend`."""
         from labbook_reference.member import check_checkpoint
 
         check_checkpoint(self.capabilities, scene, checkpoint)

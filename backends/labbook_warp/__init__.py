@@ -4,6 +4,7 @@ from collections.abc import Mapping, Sequence
 
 from labbook_dem.features import capabilities
 
+from labbook import backend
 from labbook.backend import Checkpoint, Expected, Spec, Survey
 from labbook.backend.numerics import Numerics
 from labbook.backend.probes import Probe
@@ -12,11 +13,10 @@ from labbook.scene import Scene
 CACHE_VERSION = 4
 
 
-class Backend:
-    """See `labbook.backend.Backend`. Nothing of Warp is loaded before `specialise` or `open`."""
+class Backend(backend.Backend):
+    """See `labbook.backend.Backend`. Nothing of Warp is needed to plan."""
 
     requires = ("warp",)
-
     capabilities = capabilities(
         "warp",
         CACHE_VERSION,
@@ -38,7 +38,7 @@ class Backend:
 
     def specialise(self, scene: Scene, numerics: Numerics, probes: Sequence[Probe] = ()) -> Spec:
         """Features compiled in. Raises Unsupported."""
-        from labbook_warp.build import specialise
+        from labbook_warp.spec import specialise
 
         return specialise(self.capabilities, scene, numerics, probes)
 
@@ -50,20 +50,22 @@ class Backend:
         return Ensemble(self.capabilities, spec, find(device), slots, self._lanes)
 
     def generated(self, spec: Spec) -> str:
-        """See `labbook.backend.Generates`: the kernels for many grains that are alike, with a thread each."""
+        """See `labbook.backend.Backend`: the kernels for many grains that are alike, with a thread each."""
         from labbook_warp.build import module_text
 
         return module_text(spec, uniform=True, lanes=1, registers=0, apart=0, asked=0)
 
     def capacity(self, spec: Spec, scene: Scene, device: str) -> int | None:
-        """How many members of `scene` fit into the device's free memory; None: any number."""
+        """How many members of `scene` fit into the device's free memory; None: any number, or Warp is not installed."""
+        if self.missing():
+            return None
         from labbook_warp.devices import find
         from labbook_warp.room import capacity
 
         return capacity(spec, scene, find(device))
 
     def precompile(self, members: Sequence[Expected], device: str) -> None:
-        """See `labbook.backend.Precompiles`. For a GPU only."""
+        """See `labbook.backend.Backend`. For a GPU only."""
         from labbook_warp.compiling import precompile
         from labbook_warp.devices import find
 
@@ -76,13 +78,15 @@ class Backend:
         return going()
 
     def survey(self) -> Survey:
-        """Versions of Warp and CUDA, and every device."""
+        """Versions of Warp and CUDA, and every device; where Warp is not installed, the devices that it may have."""
+        if self.missing():
+            return super().survey()
         from labbook_warp.devices import survey
 
         return survey()
 
     def verify(self, scene: Scene, numerics: Numerics, checkpoint: Checkpoint, step: int) -> None:
-        """See `labbook.backend.Verifies`. Nothing is compiled for it."""
+        """See `labbook.backend.Backend`. Nothing is compiled for it."""
         from labbook_warp.stored import check
 
         check(self.capabilities, self.specialise(scene, numerics), scene, numerics, checkpoint)

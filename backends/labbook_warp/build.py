@@ -1,7 +1,5 @@
 """From features to compiled kernels: one generated module per specialisation; Warp caches what it compiles from it."""
 
-from collections.abc import Sequence
-from dataclasses import replace
 from functools import lru_cache
 from types import ModuleType
 
@@ -12,10 +10,7 @@ from labbook_dem.laws import modules_of
 from labbook_dem.shapes import SHAPES as PHYSICS
 from labbook_dem.walls import WALLS, number
 
-from labbook.backend import Capabilities, Spec, Unsupported
-from labbook.backend.numerics import Numerics
-from labbook.backend.probes import Probe
-from labbook.scene import Scene
+from labbook.backend import Spec
 from labbook_warp import dialect
 from labbook_warp.codec import Codec, kernel_text
 from labbook_warp.kernels import (
@@ -31,16 +26,10 @@ from labbook_warp.kernels import (
     walls,
     words,
 )
-from labbook_warp.kernels.words import MOST_GRAINS
-from labbook_warp.layout import MOST_CONTACTS
 from labbook_warp.shapes import SHAPES
+from labbook_warp.spec import most_parts
 
 OF_WORDS = ("PARKED", "LOOKS", "BAD_STATE", "BAD_SPEED", "BAD_FORCE", "BAD_OVERLAP", "NO_NUMBER", "REPORTED")
-
-
-def most_parts(spec: Spec) -> int:
-    """Contacts that a grain may have with one wall."""
-    return dispatch.most_parts(spec.feature("walls")) if spec.feature("ORIENTED") else 1
 
 
 def _edges(parts: int) -> int:
@@ -80,7 +69,6 @@ def module_text(spec: Spec, uniform: bool, lanes: int, registers: int, apart: in
     physics = [WALLS[kind] for kind in dict.fromkeys((*kinds, *(("frustum",) if turns else ())))]
     physics = [contact, *modules_of(str(spec.feature("law"))), motion, *physics, *PHYSICS[grains].physics]
     modules = [
-        *physics,
         system,
         kernel_text(codec),
         walls,
@@ -88,7 +76,7 @@ def module_text(spec: Spec, uniform: bool, lanes: int, registers: int, apart: in
     ]
     modules += [bodies, sums, *own.kernels, forces, step, neighbours, observe, *([beside] if apart else [])]
     header = dialect.header(precision, registers, apart, own.unroll, several=lanes > 1)
-    return source.generate(header, named, modules)
+    return source.generate(header, named, physics, modules)
 
 
 @lru_cache(maxsize=64)
@@ -106,13 +94,3 @@ def kernels(
     text = module_text(spec, uniform, lanes, registers, apart, asked)
     key = generated.digest(text, wp.config.version)
     return generated.load(f"labbook_warp_{key}", text, generated.cache_folder("warp") / key)
-
-
-def specialise(capabilities: Capabilities, scene: Scene, numerics: Numerics, probes: Sequence[Probe]) -> Spec:
-    """Features compiled in; LISTED: whether there are more walls than a grain has entries for. Raises Unsupported."""
-    if scene.grains.count > MOST_GRAINS:
-        remedy = f"the backend warp numbers at most {MOST_GRAINS} grains; use fewer, or the backend numba"
-        raise Unsupported("grains.count", remedy)
-    found = features.specialise(capabilities, scene, numerics, probes)
-    listed = len(scene.container.walls()) * most_parts(found) > MOST_CONTACTS
-    return replace(found, features=tuple(sorted((*found.features, ("LISTED", listed)))))

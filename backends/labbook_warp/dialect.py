@@ -1,5 +1,7 @@
 """Warp's vocabulary for the physics: what `labbook_dem.words` means in a generated kernel module."""
 
+from labbook_dem.coefficients import COEFFICIENTS
+
 from labbook_warp import snippets
 
 THREADS = 128
@@ -40,7 +42,7 @@ word = wp.{word}
 int64 = wp.int64
 uint32 = wp.uint32
 float32 = wp.float32
-coefs = wp.types.vector(length=8, dtype=real)
+coefs = wp.types.vector(length={coefficients}, dtype=real)
 motion4 = wp.types.vector(length=4, dtype=wide)
 Words = wp.array(dtype=word)
 Vectors = wp.array(dtype=vec3)
@@ -193,6 +195,7 @@ def header(precision: str, registers: int = 0, walls: int = 0, unroll: int = 16,
         load, store = snippets.LOAD_CHANGING, snippets.STORE_CHANGING
     return _HEADER.format(
         block=THREADS,
+        coefficients=COEFFICIENTS,
         fast=single,
         unroll=unroll,
         walls=f"(cuda_max_registers={walls})" if walls else "",

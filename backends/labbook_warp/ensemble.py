@@ -13,11 +13,11 @@ from labbook.backend import Capabilities, Checkpoint, Event, Load, Member, Spec
 from labbook.backend.numerics import Numerics
 from labbook.scene import Scene
 from labbook.scene.packing import Packing
-from labbook_warp.build import specialise
 from labbook_warp.kernels.words import MOST_GRAINS, NO_FAILURE
 from labbook_warp.reading import Seen
 from labbook_warp.report import Report
 from labbook_warp.run import Run
+from labbook_warp.spec import specialise
 from labbook_warp.stage import Stage
 from labbook_warp.stored import check
 from labbook_warp.traffic import weigh

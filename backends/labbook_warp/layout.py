@@ -7,6 +7,7 @@ from typing import Any
 
 import warp as wp
 
+from labbook_warp.kernels.words import MOST_CONTACTS
 from labbook_warp.shapes import SHAPES
 
 
@@ -84,8 +85,6 @@ SOMETIMES = (*OF_SHAPES, *OF_MANY_WALLS, *OF_ROLLING)
 """Arrays that are copied aside where there are any."""
 COPIED = ("p", *(name for name in STATE if name != "ids"), *SOMETIMES, "rebuilds", "left", *EXTREMES)
 """Arrays that are copied aside before every beat."""
-MOST_CONTACTS = 32
-"""Entries of a grain at walls: bits of a mask."""
 
 
 @dataclass(frozen=True)

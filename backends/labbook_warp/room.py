@@ -10,11 +10,12 @@ from labbook.backend import Overflow, Spec
 from labbook.backend.probes import Contacts, Crossing
 from labbook.scene import Scene
 from labbook_warp import devices
-from labbook_warp.build import kernels, most_parts
+from labbook_warp.build import kernels
 from labbook_warp.layout import Sizes, memory, shapes
 from labbook_warp.parameters import most_cells
 from labbook_warp.run import Run
 from labbook_warp.shapes import SHAPES
+from labbook_warp.spec import most_parts
 
 NEAR, DEPTH = 16, 8  # first guesses of neighbours a grain and grains a cell; both grow when they are too few
 MOST_NEAR = 32  # bits of a mask

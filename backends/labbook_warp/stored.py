@@ -8,11 +8,12 @@ from labbook_dem.ensemble import LONGEST, check_checkpoint
 from labbook.backend import Capabilities, Checkpoint, Spec
 from labbook.backend.numerics import Numerics
 from labbook.scene import Scene
-from labbook_warp.build import most_parts
 from labbook_warp.codec import Codec
-from labbook_warp.layout import MOST_CONTACTS, state
+from labbook_warp.kernels.words import MOST_CONTACTS
+from labbook_warp.layout import state
 from labbook_warp.room import MOST_NEAR
 from labbook_warp.shapes import SHAPES
+from labbook_warp.spec import most_parts
 
 _NUMBERS = ("step", "rebuilds")
 _NEWER = frozenset({"most"})

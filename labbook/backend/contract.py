@@ -6,9 +6,11 @@ from its packing. The result of a member depends, bit for bit, only on its scene
 members, its slot, or how `advance` is split.
 """
 
+from abc import ABC, abstractmethod
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import Any, Protocol, runtime_checkable
+from importlib.util import find_spec
+from typing import Any, ClassVar
 
 import numpy as np
 
@@ -128,67 +130,6 @@ class Overflow(Exception):
     """A buffer of fixed size is full. No row is dropped silently."""
 
 
-class Ensemble(Protocol):
-    """Running members of one Spec."""
-
-    def admit(
-        self,
-        scene: Scene,
-        numerics: Numerics,
-        start: Packing | Checkpoint,
-        *,
-        settled_below: float | None = None,
-        settled_beats: int = 3,
-        probes: Sequence[Probe] | None = None,
-    ) -> Member:
-        """Add a member. `settled_below`: report Settled below this kinetic energy per grain [m g d]. `probes`: those
-        of the Spec that read it; None: all. Crossing and Ledger, for which kernels are compiled, cannot be
-        left out.
-
-        Raises ValueError for a packing without grains, for other probes, and for a scene that needs more than the Spec
-        has. A scene that needs less may be accepted or refused."""
-        ...
-
-    def advance(self, beats: int = 1) -> Sequence[Event]:
-        """Advance every member by `beats` x steps_per_beat steps of its dt, except members that failed or emptied."""
-        ...
-
-    def drain(self) -> Mapping[Probe, Table]:
-        """Rows since the last drain, for every declared probe; a probe without rows gives an empty table with its
-        columns. A beat gives the frames of a Film that lie within it and at its end, the first beat also that at step
-        0; a beat in which a member fails gives none of it. Raises Overflow if rows would be lost."""
-        ...
-
-    def status(self, member: Member) -> Status:
-        """Step, time and state of a member."""
-        ...
-
-    def checkpoint(self, member: Member) -> Checkpoint:
-        """The exact state; the member does not change."""
-        ...
-
-    def packing(self, member: Member) -> Packing:
-        """The portable state, in double precision."""
-        ...
-
-    def put_back(self, member: Member, grains: Packing) -> None:
-        """Put grains that left back into a member, with positions and velocities from `grains`, without springs.
-
-        They keep their ids, and must have the same size and kind as before. Their next passage of a plane is recorded
-        as their first was. Nothing else changes, and the result depends on what was put back after which
-        beat, but not on its neighbours, its slot, how `advance` is split, or whether it was restored meanwhile.
-        Raises ValueError for grains that have not left."""
-        ...
-
-    def retire(self, member: Member) -> None:
-        """Drop a member; its slot is free."""
-        ...
-
-    def close(self) -> None:
-        """Free all resources."""
-        ...
-
-
 @dataclass(frozen=True)
 class Load:
     """Cost of a grain-step on a device limited by memory bandwidth; averages over all members."""
@@ -207,41 +148,69 @@ class Load:
     """Rebuilds of neighbour lists so far, per member."""
 
 
-@runtime_checkable
-class Weighed(Protocol):
-    """An ensemble that reports what limits its speed."""
+class Ensemble(ABC):
+    """Running members of one Spec."""
 
-    def load(self) -> Load:
-        """The present load."""
-        ...
+    @abstractmethod
+    def admit(
+        self,
+        scene: Scene,
+        numerics: Numerics,
+        start: Packing | Checkpoint,
+        *,
+        settled_below: float | None = None,
+        settled_beats: int = 3,
+        probes: Sequence[Probe] | None = None,
+    ) -> Member:
+        """Add a member. `settled_below`: report Settled below this kinetic energy per grain [m g d]. `probes`: those
+        of the Spec that read it; None: all. Crossing and Ledger, for which kernels are compiled, cannot be
+        left out.
 
+        Raises ValueError for a packing without grains, for other probes, and for a scene that needs more than the Spec
+        has. A scene that needs less may be accepted or refused."""
 
-@runtime_checkable
-class Backend(Protocol):
-    """A backend. Instances are cheap; compiling happens in `open` or at first use."""
+    @abstractmethod
+    def advance(self, beats: int = 1) -> Sequence[Event]:
+        """Advance every member by `beats` x steps_per_beat steps of its dt, except members that failed or emptied."""
 
-    capabilities: Capabilities
+    @abstractmethod
+    def drain(self) -> Mapping[Probe, Table]:
+        """Rows since the last drain, for every declared probe; a probe without rows gives an empty table with its
+        columns. A beat gives the frames of a Film that lie within it and at its end, the first beat also that at step
+        0; a beat in which a member fails gives none of it. Raises Overflow if rows would be lost."""
 
-    def specialise(self, scene: Scene, numerics: Numerics, probes: Sequence[Probe] = ()) -> Spec:
-        """Features compiled in. Raises Unsupported(key, remedy)."""
-        ...
+    @abstractmethod
+    def status(self, member: Member) -> Status:
+        """Step, time and state of a member."""
 
-    def open(self, spec: Spec, slots: int | None = None, device: str = "cpu") -> Ensemble:
-        """Prepare and allocate; `slots` None: as many as memory allows (members on a CPU: as many as are admitted)."""
-        ...
+    @abstractmethod
+    def checkpoint(self, member: Member) -> Checkpoint:
+        """The exact state; the member does not change."""
 
-    def describe(self, scene: Scene, numerics: Numerics) -> Mapping[str, float]:
-        """Derived physics for the catalogue: restitution_asked, restitution_realised, damping_coefficient."""
-        ...
+    @abstractmethod
+    def packing(self, member: Member) -> Packing:
+        """The portable state, in double precision."""
 
+    @abstractmethod
+    def put_back(self, member: Member, grains: Packing) -> None:
+        """Put grains that left back into a member, with positions and velocities from `grains`, without springs.
 
-@runtime_checkable
-class Compiles(Protocol):
-    """A backend that reports when it compiles."""
+        They keep their ids, and must have the same size and kind as before. Their next passage of a plane is recorded
+        as their first was. Nothing else changes, and the result depends on what was put back after which
+        beat, but not on its neighbours, its slot, how `advance` is split, or whether it was restored meanwhile.
+        Raises ValueError for grains that have not left."""
 
-    def compiling(self) -> bool:
-        """Whether this process is compiling kernels of the backend now; cheap, and from any thread."""
-        ...
+    @abstractmethod
+    def retire(self, member: Member) -> None:
+        """Drop a member; its slot is free."""
+
+    @abstractmethod
+    def close(self) -> None:
+        """Free all resources."""
+
+    def load(self) -> Load | None:
+        """The present load, from an ensemble whose speed memory limits; None: not known."""
+        return None
 
 
 @dataclass(frozen=True)
@@ -252,44 +221,6 @@ class Expected:
     scene: Scene
     numerics: Numerics
     count: int
-
-
-@runtime_checkable
-class Precompiles(Protocol):
-    """A backend that compiles before members are admitted."""
-
-    def precompile(self, members: Sequence[Expected], device: str) -> None:
-        """Begin to compile, in threads of its own, what these members will need. They may never come."""
-        ...
-
-
-@runtime_checkable
-class Generates(Protocol):
-    """A backend that can print its generated kernels."""
-
-    def generated(self, spec: Spec) -> str:
-        """Source of the module of kernels of a Spec, for reading (docs/kernels.md)."""
-        ...
-
-
-@runtime_checkable
-class Rationed(Protocol):
-    """A backend whose devices limit by memory how many members run at once."""
-
-    def capacity(self, spec: Spec, scene: Scene, device: str) -> int | None:
-        """How many members of `scene` fit into the memory that is free now, at least one; None: any number."""
-        ...
-
-
-@runtime_checkable
-class Verifies(Protocol):
-    """A backend that checks checkpoints, which may come from a damaged or foreign file."""
-
-    def verify(self, scene: Scene, numerics: Numerics, checkpoint: Checkpoint, step: int) -> None:
-        """Raises ValueError, with the reason, for a checkpoint that is not of this scene after `step` steps: arrays
-        that are missing or have other shapes or types, unknown grains, positions or velocities that are not
-        finite. `admit` raises the same before anything runs."""
-        ...
 
 
 @dataclass(frozen=True)
@@ -309,10 +240,59 @@ class Survey:
     devices: tuple[Device, ...]
 
 
-@runtime_checkable
-class Surveys(Protocol):
-    """A backend that reports its versions and devices."""
+class Backend(ABC):
+    """The base class of backends. Instances are cheap; compiling happens in `open` or at first use.
+
+    A backend has its `capabilities` and defines `specialise`, `open` and `describe`. `specialise` and all else that a
+    plan asks for work without the packages in `requires`.
+    """
+
+    requires: ClassVar[tuple[str, ...]] = ()
+    """Packages, by the names under which they are imported, without which it cannot run."""
+    capabilities: Capabilities
+
+    @abstractmethod
+    def specialise(self, scene: Scene, numerics: Numerics, probes: Sequence[Probe] = ()) -> Spec:
+        """Features compiled in. Raises Unsupported(key, remedy)."""
+
+    @abstractmethod
+    def open(self, spec: Spec, slots: int | None = None, device: str = "cpu") -> Ensemble:
+        """Prepare and allocate; `slots` None: as many as memory allows (members on a CPU: as many as are admitted)."""
+
+    @abstractmethod
+    def describe(self, scene: Scene, numerics: Numerics) -> Mapping[str, float]:
+        """Derived physics for the catalogue: restitution_asked, restitution_realised, damping_coefficient."""
+
+    def missing(self) -> tuple[str, ...]:
+        """Those of the packages in `requires` that are not installed. None is imported."""
+        return tuple(name for name in self.requires if find_spec(name) is None)
+
+    def precompile(self, members: Sequence[Expected], device: str) -> None:  # noqa: B027 - nothing is a choice
+        """Begin to compile, in threads of its own, what these members will need. They may never come. Does nothing for
+        a backend that compiles later."""
+
+    def compiling(self) -> bool:
+        """Whether this process is compiling kernels of the backend now; cheap, and from any thread."""
+        return False
+
+    def generated(self, spec: Spec) -> str | None:
+        """Source of the module of kernels of a Spec, for reading (docs/kernels.md); None: there is none."""
+        return None
+
+    def capacity(self, spec: Spec, scene: Scene, device: str) -> int | None:
+        """How many members of `scene` fit into the memory that is free now, at least one; None: any number."""
+        return None
+
+    def verify(  # noqa: B027 - nothing is a choice
+        self, scene: Scene, numerics: Numerics, checkpoint: Checkpoint, step: int
+    ) -> None:
+        """Check a checkpoint, which may come from a damaged or foreign file. Accepts all where it is not defined.
+
+        Raises ValueError, with the reason, for a checkpoint that is not of this scene after `step` steps: arrays that
+        are missing or have other shapes or types, unknown grains, positions or velocities that are not finite. `admit`
+        raises the same before anything runs.
+        """
 
     def survey(self) -> Survey:
-        """Versions and devices."""
-        ...
+        """Versions of libraries, and the devices of this machine; here those in `capabilities`, of unknown names."""
+        return Survey({}, tuple(Device(alias, "") for alias in self.capabilities.devices))

@@ -2,9 +2,8 @@
 
 from functools import cache
 from importlib.metadata import entry_points
-from importlib.util import find_spec
 
-from labbook.backend.contract import Backend, Surveys, Unsupported
+from labbook.backend.contract import Backend, Unsupported
 from labbook.plugins import Extension
 
 
@@ -27,9 +26,30 @@ def extension_of(name: str) -> Extension | None:
 
 
 def load(name: str) -> Backend:
-    """The backend called `name`. Raises BackendMissing with the reason if it is missing or broken.
+    """The backend called `name`, ready to run.
 
-    Backends import heavy modules late. The modules in their `requires` are looked for here, not imported.
+    Raises BackendMissing with the reason if it is missing or broken, or if a package in its `requires` is not
+    installed: packages are looked for here and imported later.
+    """
+    backend = load_to_plan(name)
+    if reason := unready(backend):
+        raise BackendMissing(reason)
+    return backend
+
+
+def unready(backend: Backend) -> str:
+    """The package that `backend` lacks to run, with the remedy; empty if it lacks none."""
+    name, missing = backend.capabilities.name, backend.missing()
+    if not missing:
+        return ""
+    remedy = f"install it: pip install 'labbook[{name}]'"
+    return f"the backend {name} needs the package {missing[0]}, which is not installed; {remedy}"
+
+
+def load_to_plan(name: str) -> Backend:
+    """The backend called `name`, for plans and keys: the packages that it runs with may be missing.
+
+    Raises BackendMissing with the reason if it is missing or broken.
     """
     for entry in entry_points(group=GROUP):
         if entry.name == name:
@@ -39,12 +59,8 @@ def load(name: str) -> Backend:
                 raise BackendMissing(
                     f"the backend {name} cannot be loaded ({error}); try: pip install 'labbook[{name}]'"
                 ) from error
-            for module in getattr(backend, "requires", ()):
-                if find_spec(module) is None:
-                    raise BackendMissing(
-                        f"the backend {name} needs the package {module}, which is not installed; "
-                        f"install it: pip install 'labbook[{name}]'"
-                    )
+            if not isinstance(backend, Backend):
+                raise BackendMissing(f"{entry.value} is no backend: derive it from labbook.backend.Backend")
             return backend
     known = ", ".join(sorted(installed())) or "none"
     raise BackendMissing(f"no backend is called {name}; there are: {known}")
@@ -54,7 +70,7 @@ def absent(backend: Backend, device: str) -> Unsupported:
     """That `backend` has no `device` (`cuda:0`, `cuda:all`) on this machine, with the devices that it has and what to
     do."""
     kind, known = device.partition(":")[0], backend.capabilities.devices
-    there = [found.alias for found in backend.survey().devices] if isinstance(backend, Surveys) else known
+    there = [found.alias for found in backend.survey().devices]
     said = f"the backend {backend.capabilities.name} has no {device} here; it has {', '.join(there) or 'no device'}"
     ways = [f"use --device {alias}" for alias in there if alias != "cpu"][:1]
     if "cpu" in there:

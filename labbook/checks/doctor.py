@@ -13,9 +13,6 @@ from labbook.backend import (
     Backend,
     BackendMissing,
     Device,
-    Generates,
-    Survey,
-    Surveys,
     Unsupported,
     installed,
     load,
@@ -94,7 +91,7 @@ def examine(say: Callable[[str], None] = lambda _: None) -> Examination:
         try:
             say(f"loading {name}")
             backend = load(name)
-            found = backend.survey() if isinstance(backend, Surveys) else Survey({}, ())
+            found = backend.survey()
         except Exception as error:  # whatever is wrong with a backend is what a doctor is for
             backends.append(BackendHealth(name, "", False, _reason(error)))
             continue
@@ -216,10 +213,11 @@ def kernel(backend: Backend, study: Study, point: int) -> str:
 
     Raises NoKernel, Unsupported and Conflict.
     """
-    if not isinstance(backend, Generates):
-        told = f"the backend {backend.capabilities.name} has no module of kernels to print"
-        raise NoKernel(f"--backend: {told}; docs/kernels.md says how a debugger steps through it")
     if point > len(study.points):
         raise NoKernel(f"--point: {study.name} has {len(study.points)} points, not a point {point}")
     shared = PointDemand(study, study.points[point - 1])
-    return backend.generated(backend.specialise(shared.scene, shared.numerics, shared.probes))
+    text = backend.generated(backend.specialise(shared.scene, shared.numerics, shared.probes))
+    if text is None:
+        reason = f"the backend {backend.capabilities.name} has no module of kernels to print"
+        raise NoKernel(f"--backend: {reason}; docs/kernels.md says how a debugger steps through it")
+    return text

@@ -66,7 +66,7 @@ def register(app: typer.Typer) -> None:
         same script again to go on. A task refuses to run if labbook, the backend or the study changed since the script
         was written.
         """
-        from labbook.backend import BackendMissing, load
+        from labbook.backend import BackendMissing, load_to_plan
         from labbook.run.slurm import Array, SlurmFailed
         from labbook.run.slurm import submit as hand_in
         from labbook.study.pilot import first_needed
@@ -76,7 +76,7 @@ def register(app: typer.Typer) -> None:
             first = command("pilot", study, lab=lab, backend=backend)
             fail(f"{asked.name} needs a pilot for all parts: give first: {first}")
         try:
-            capabilities = load(backend).capabilities
+            capabilities = load_to_plan(backend).capabilities
             many = gpus if gpus is not None else int(backend == "warp" and device in (None, "cuda:0"))
             array = Array(
                 study=asked,

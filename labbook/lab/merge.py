@@ -20,7 +20,7 @@ from pathlib import Path
 from typing import BinaryIO, get_args
 
 from labbook.accuracy import BESIDE
-from labbook.backend import BackendMissing, Verifies, load
+from labbook.backend import BackendMissing, load
 from labbook.backend.probes import parse_probe, table_name
 from labbook.lab import notes, studies
 from labbook.lab.folder import PICTURE, Lab, LabError, is_full, make_folder, remove, stamp
@@ -236,7 +236,7 @@ def _check_end(copy: Path, record: RunRecord) -> None:
     except BackendMissing:
         return  # the state is looked at again by whoever goes on from it
     own = backend.capabilities
-    if isinstance(backend, Verifies) and (own.name, own.cache_version) == (record.backend, record.cache_version):
+    if (own.name, own.cache_version) == (record.backend, record.cache_version):
         try:
             backend.verify(record.scene, record.numerics, read_end(copy, record), record.coverage.steps)
         except ImportError:

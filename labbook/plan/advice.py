@@ -8,7 +8,7 @@ from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import replace
 from pathlib import Path
 
-from labbook.backend import Backend
+from labbook.backend import Backend, unready
 from labbook.backend.machine import cores, memory
 from labbook.filling.bed import PACKED, bed_height
 from labbook.fit import LAWS
@@ -53,8 +53,8 @@ def foresee(study: Study, catalogue: Catalogue, backend: Backend, device: str) -
     """What `study` still needs in a lab, with time and disk on `device` (or several: `cuda:0,cuda:1`), warnings, and
     the same of the pilot that runs first, if there is one.
 
-    Raises Unsupported, Conflict or MeasureError for what cannot be done, TooLarge, ImportError where a package of the
-    backend is missing.
+    A backend whose packages are not installed can plan, with a warning. Raises Unsupported, Conflict or MeasureError
+    for what cannot be done, TooLarge.
     """
     plan = _foreseen(study, catalogue, backend, device)
     if device == "cpu" and (told := too_large(plan, cores(), memory())):
@@ -84,7 +84,10 @@ def _foreseen(study: Study, catalogue: Catalogue, backend: Backend, device: str)
         first, *more = speeds((device, *others), backend, [point.shared for point in plan.points])
         shared = (ahead.seconds - ahead.compiling) * first / (first + sum(more)) + ahead.compiling
         ahead = replace(ahead, seconds=shared, lanes=ahead.lanes + sum(cores() if o == "cpu" else 1 for o in others))
-    return replace(plan, forecast=ahead, warnings=(*cut_short(plan, catalogue.lab), *advice(plan, ahead.seconds)))
+    reason = unready(backend) if plan.todo else ""
+    unable = (f"{reason}; until then labbook run refuses",) if reason else ()
+    warnings = (*unable, *cut_short(plan, catalogue.lab), *advice(plan, ahead.seconds))
+    return replace(plan, forecast=ahead, warnings=warnings)
 
 
 def advice(plan: Plan, seconds: float = math.inf) -> Iterator[str]:

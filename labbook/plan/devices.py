@@ -4,7 +4,7 @@ import sys
 from collections import Counter
 from collections.abc import Iterable, Sequence
 
-from labbook.backend import Backend, Rationed, Surveys, Unsupported, absent
+from labbook.backend import Backend, Unsupported, absent
 from labbook.backend.machine import cores
 from labbook.plan.demand import PointDemand
 from labbook.plan.forecast import rate_of
@@ -20,8 +20,7 @@ def named(devices: str, backend: Backend) -> tuple[str, ...]:
         if which != "all":
             found.append(name)
             continue
-        there = [one.alias for one in backend.survey().devices] if isinstance(backend, Surveys) else []
-        there = [one for one in there or backend.capabilities.devices if one.partition(":")[0] == kind]
+        there = [device.alias for device in backend.survey().devices if device.alias.partition(":")[0] == kind]
         if not there:
             raise absent(backend, name)
         found += there
@@ -44,8 +43,6 @@ def slots(backend: Backend, device: str, points: Iterable[PointPlan]) -> int:
     """One on a CPU, where every core has a lane; else as many as the device holds of the point that needs most."""
     if device == "cpu":
         return 1
-    if not isinstance(backend, Rationed):
-        return sys.maxsize
     fits = []
     for shared in (point.shared for point in points):
         filling, discharge = specified(backend, shared)

@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
 from labbook.accuracy.groups import has_groups
-from labbook.backend import Backend, Capabilities, Spec, Surveys, Unsupported, absent
+from labbook.backend import Backend, Capabilities, Spec, Unsupported, absent
 from labbook.commands import command
 from labbook.lab import identity
 from labbook.lab.catalogue import Catalogue, Entry
@@ -492,7 +492,7 @@ def check(backend: Backend, device: str, points: Iterable[PointDemand]) -> None:
     can = backend.capabilities
     if device.split(":")[0] not in {known.split(":")[0] for known in can.devices}:
         raise absent(backend, device)
-    if isinstance(backend, Surveys) and device not in {found.alias for found in backend.survey().devices}:
+    if device not in {found.alias for found in backend.survey().devices}:
         raise absent(backend, device)
     for shared in points:
         if shared.scene.feed is not None and not can.feeds:

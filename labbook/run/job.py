@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, ClassVar
 
-from labbook.backend import Backend, Checkpoint, Ensemble, Event, Failed, Member, Status, Verifies
+from labbook.backend import Backend, Checkpoint, Ensemble, Event, Failed, Member, Status
 from labbook.backend.numerics import Numerics
 from labbook.backend.probes import Probe, Table
 from labbook.lab.folder import Claim, Lab, make_folder, room
@@ -190,8 +190,7 @@ class Job(ABC):
         try:
             if (saved.checkpoint.backend, saved.checkpoint.cache_version) != own:
                 raise ValueError(f"made by {saved.checkpoint.backend} version {saved.checkpoint.cache_version}")
-            if isinstance(backend, Verifies):
-                backend.verify(self.scene, self.numerics, saved.checkpoint, saved.step)
+            backend.verify(self.scene, self.numerics, saved.checkpoint, saved.step)
         except ValueError as error:
             raise Unreadable(f"{where}: the run cannot go on from the checkpoint: {error}") from error
 

@@ -8,7 +8,7 @@ from concurrent.futures import FIRST_COMPLETED, Future, wait
 from dataclasses import dataclass, field
 from typing import Any
 
-from labbook.backend import Backend, Compiles, Member, Overflow, Precompiles
+from labbook.backend import Backend, Member, Overflow
 from labbook.backend.machine import cores
 from labbook.lab import studies
 from labbook.lab.catalogue import Catalogue
@@ -248,8 +248,7 @@ class Runner:
             self._board.pin(plan)
             if not self._board.runs()[1] and self.seat is None:
                 self.watcher.tell(f"Part {self.shard} has no runs: the study has fewer packings than parts")
-            if isinstance(self.backend, Precompiles):
-                self.backend.precompile(self._board.expected(), self.device)
+            self.backend.precompile(self._board.expected(), self.device)
             # on a CPU lanes want all cores, and end their jobs one by one
             self._closing = Closing(self._board, 1 if self.device == "cpu" else min(_CLOSING, cores()))
             name = self.backend.capabilities.name
@@ -421,7 +420,7 @@ class Runner:
         while any(not lane.preparing for lane, _ in turns.values()):
             for turn in wait(turns, timeout=_LOOK, return_when=FIRST_COMPLETED).done:
                 self._visit(*turns.pop(turn), turn)
-        self._left_behind = bool(turns) or self._compiling()
+        self._left_behind = bool(turns) or self.backend.compiling()
         waited = [lane for lane in lanes if lane not in [lane for lane, _ in turns.values()]]
         for lane in waited:
             for member, job in list(lane.jobs.items()):
@@ -456,12 +455,9 @@ class Runner:
         now = time.perf_counter()
         self._next_tell = now + max(_LOOK, (now - begun) / _TELLING)  # counting 10^5 runs takes a while
 
-    def _compiling(self) -> bool:
-        return isinstance(self.backend, Compiles) and self.backend.compiling()
-
     def _going(self) -> list[Going]:
         """What every job is at."""
-        compiling = self._compiling()
+        compiling = self.backend.compiling()
         at_work = {job for lane in self._lanes if not lane.preparing for job in list(lane.jobs.values())}
         found, closing = [], dict.fromkeys(self._closing.jobs)
         for job in (*(job for job in self._board.going.values() if job not in closing), *closing):

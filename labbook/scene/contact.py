@@ -118,7 +118,7 @@ class ContactLaw(Model, ABC):
     """What every contact law has: parameters, and what follows from them before anything moves."""
 
     physics: ClassVar[str]
-    """The module of its formulas, as kernels take them; see `labbook_dem.laws`."""
+    """The module of its formulas, which a law of another package states; see `labbook_dem.laws`."""
     usual_step: ClassVar[str]
     """The time step where a study states none: a part of a time scale."""
     honours: ClassVar[frozenset[str]]
@@ -370,7 +370,6 @@ class HertzMindlin(Hertz):
     is cut where its force reaches mu F_n; there the contact slides. Spring and dashpot together are at most mu F_n.
     """
 
-    physics: ClassVar[str] = "labbook_dem.laws.hertz_mindlin"
     version: ClassVar[int] = 2
     changes: ClassVar[Mapping[int, str]] = {2: "sliding contacts carry mu F_n"}
 
@@ -409,8 +408,6 @@ class HertzPrinted(Tensile):
     to ten times the speed of free fall.
     """
 
-    physics: ClassVar[str] = "labbook_dem.laws.hertz_printed"
-
     law: Literal["hertz-printed"] = "hertz-printed"
 
 
@@ -420,8 +417,6 @@ class HertzLiggghts(Tensile):
     Friction is a spring of 8 G* sqrt(R* delta) and a dashpot. The spring is cut at mu |F_n|, and a contact that slides
     has no dashpot; one that does not slide has both, together not limited.
     """
-
-    physics: ClassVar[str] = "labbook_dem.laws.hertz_liggghts"
 
     law: Literal["hertz-liggghts"] = "hertz-liggghts"
 
@@ -433,15 +428,12 @@ class HertzLammps(Tensile):
     sum is cut at mu |F_n|, and the spring shortened to what then is left of it.
     """
 
-    physics: ClassVar[str] = "labbook_dem.laws.hertz_lammps"
-
     law: Literal["hertz-lammps"] = "hertz-lammps"
 
 
 class LinearSpringDashpot(Dashpot):
     """Linear springs and dashpots (Pongó et al. 2022)."""
 
-    physics: ClassVar[str] = "labbook_dem.laws.linear"
     usual_step: ClassVar[str] = "0.02 collision"  # the paper's: below so much
 
     law: Literal["linear"] = "linear"

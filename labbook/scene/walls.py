@@ -25,7 +25,7 @@ class WallShape(Model, ABC):
     """What every wall has: where it is, for kernels and for pictures."""
 
     physics: ClassVar[str]
-    """The module of its formulas, as kernels take them; see `labbook_dem.walls`."""
+    """The module of its formulas, which a wall of another package states; see `labbook_dem.walls`."""
     version: ClassVar[int] = 1
     """Raised whenever its formulas change what a run gives: runs and packings made by an older one are then stale."""
     changes: ClassVar[Mapping[int, str]] = {}
@@ -69,8 +69,6 @@ def _from_segment(section: np.ndarray, start: Point2, end: Point2) -> np.ndarray
 class Plane(WallShape):
     """The half-space behind an infinite plane; `normal` points to the grains."""
 
-    physics: ClassVar[str] = "labbook_dem.walls.plane"
-
     kind: Literal["plane"] = "plane"
     point: Point3
     """A point of the plane."""
@@ -105,8 +103,6 @@ class Strip(WallShape):
     Its two edges are real: a grain rolls over them. Two strips that share an end make a corner.
     """
 
-    physics: ClassVar[str] = "labbook_dem.walls.strip"
-
     kind: Literal["strip"] = "strip"
     start: Point2
     """x and z of one edge."""
@@ -139,8 +135,6 @@ class Frustum(WallShape):
     Upright it is the side of a cylinder, flat a plate with a hole, inclined a cone. Its lower edge is real: a grain
     rolls over it. Two frustums that share a circle make a corner.
     """
-
-    physics: ClassVar[str] = "labbook_dem.walls.frustum"
 
     kind: Literal["frustum"] = "frustum"
     lower: Point2

@@ -4,11 +4,12 @@
 and mass ms [kg], overlap delta [m], approach velocity vn [m/s] along n (negative when approaching), trial friction
 spring s [m] in the contact plane and tangential velocity vt [m/s]; it gives the normal force [N], the tangential force
 on i [N] and the spring as it may stay. `normal` is the normal force alone. `coefficients(law, surface, scale, wall)` is
-the host's: the eight numbers c; friction is c[4] and rolling friction c[5] in every law. A module may name others in
-NEEDS, a tuple, whose functions it calls; those of `labbook_dem.contact` are there in any case, among them `length` and
-`cut` for what is divided by a length that may vanish.
+the host's and fills the row c; its places have names (`labbook_dem.coefficients`). A module may name others in NEEDS, a
+tuple, whose functions it calls; those of `labbook_dem.contact` are there in any case, among them `length` and `cut` for
+what is divided by a length that may vanish.
 
-Which laws there are, and where their modules stand, say the types of scenes (`labbook.scene.contact.CONTACT_LAWS`).
+The types of scenes name the laws (`labbook.scene.contact.CONTACT_LAWS`): `hertz-mindlin` has its formulas in the module
+`hertz_mindlin` here, and a law of another package in the module that its type states in `physics`.
 """
 
 from types import ModuleType
@@ -19,7 +20,7 @@ from labbook_dem.formulas import Formulas
 REQUIRED = ("coefficients", "respond", "normal")
 """What the module of a law must define."""
 
-LAWS = Formulas("contact law", CONTACT_LAWS, lambda _name: REQUIRED)
+LAWS = Formulas("contact law", __name__, CONTACT_LAWS, lambda _name: REQUIRED)
 """Modules of the laws by name."""
 
 

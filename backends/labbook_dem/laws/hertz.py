@@ -1,37 +1,46 @@
-"""What the laws after Hertz share: F_n = K delta - C_n sqrt(6 m* K) v_n with K = (4/3) E* sqrt(R* delta).
+"""What the laws after Hertz share: F_n = K delta - C_n sqrt(6 m* K) v_n with K = (4/3) E* sqrt(R* delta), and Mindlin's
+friction spring.
 
 No law by itself: they differ in friction, and name this module in NEEDS.
 """
 
 from labbook.scene import Surface
 from labbook.scene.contact import Hertz
-from labbook_dem.words import coefs, func, real, sqrt
+from labbook_dem.coefficients import C_N, MU, MU_R, OWN, row
+from labbook_dem.words import coefs, func, real, sqrt, vec3
+
+MODULUS, C_T, KAPPA, LEAST = OWN[:4]
+"""(4/3) E* [Pa]; C_t; kappa; the least normal force [N], next to minus infinity where it may pull."""
 
 
 def coefficients(
     law: Hertz, surface: Surface, stiffness_scale: float = 1.0, wall: bool = False
 ) -> coefs:  # fmt: skip
-    """(4/3) E* [Pa], C_n, C_t, kappa, mu, mu_r of a contact between equal materials with this surface; and the least
-    normal force [N]: 0, or next to minus infinity where it may pull.
+    """Coefficients of a contact between equal materials with this surface.
 
     wall: whether it is of a grain and a wall; Hertz's laws have the same coefficients for both.
     """
     nu = law.poisson_ratio
     c_n = law.damping_ratio(surface.restitution)
-    modulus = 4 / 3 * law.effective_modulus * stiffness_scale
-    kappa = (2 - nu) / (2 * (1 - nu))
-    least = -1e30 if law.pulls else 0.0
-    return (
-        modulus, c_n, law.tangential_damping * c_n, kappa, surface.friction, surface.rolling_friction, least, 0.0,
-    )  # fmt: skip
+    return row(
+        {
+            MODULUS: 4 / 3 * law.effective_modulus * stiffness_scale,
+            C_N: c_n,
+            C_T: law.tangential_damping * c_n,
+            KAPPA: (2 - nu) / (2 * (1 - nu)),
+            MU: surface.friction,
+            MU_R: surface.rolling_friction,
+            LEAST: -1e30 if law.pulls else 0.0,
+        }
+    )
 
 
 @func
 def hertz(c: coefs, rs: real, ms: real, delta: real, vn: real):
     """Normal force, K [N/m] and sqrt(6 m* K) [kg/s]."""
-    stiff = c[0] * sqrt(rs * delta)
+    stiff = c[MODULUS] * sqrt(rs * delta)
     root = sqrt(real(6.0) * ms * stiff)
-    return max(stiff * delta - c[1] * root * vn, c[6]), stiff, root
+    return max(stiff * delta - c[C_N] * root * vn, c[LEAST]), stiff, root
 
 
 @func
@@ -39,3 +48,25 @@ def normal(c: coefs, rs: real, ms: real, delta: real, vn: real):
     """Normal force alone, for contacts without friction."""
     fn, _, _ = hertz(c, rs, ms, delta, vn)
     return fn
+
+
+@func
+def mindlin(c: coefs, ms: real, stiff_t: real, s_max: real, size: real, short: real, s: vec3, vt: vec3):
+    """Friction [N] of Mindlin's spring and its dashpot, F_t^e + F_t^v as `hertz_mindlin` has them.
+
+    stiff_t: K/kappa [N/m]. size: length of the spring [m], which slides from s_max [m] on. s: the spring [m]; short:
+    the part of its length that counts. vt: tangential velocity [m/s].
+    """
+    zero = real(0.0)
+    one = real(1.0)
+    u = zero if size >= s_max else max(one - size / s_max, zero)  # an approximate quotient may exceed one
+    root = sqrt(u)
+    k_t = stiff_t * short * (one + u + u * u) / (one + u * root)
+    damp_t = c[C_T] * sqrt(real(6.0) * ms * stiff_t * root)
+    return -(s * k_t) - vt * damp_t
+
+
+@func
+def without_slip(c: coefs, stiff: real):
+    """8 G* sqrt(R* delta) [N/m], the tangential stiffness of a contact that slips nowhere: 3/2 K/kappa."""
+    return real(1.5) * stiff / c[KAPPA]

@@ -5,9 +5,10 @@ As its source has it (pair_granular.cpp, January 2022): k_t = 8 G* sqrt(R* delta
 mu |F_n| it is cut to that, and the spring becomes what then is left of it: -(F_t + gamma_t v_t)/k_t.
 """
 
+from labbook_dem.coefficients import MU
 from labbook_dem.contact import cut, length
 from labbook_dem.laws import hertz as shared
-from labbook_dem.laws.hertz import coefficients, hertz, normal
+from labbook_dem.laws.hertz import C_T, coefficients, hertz, normal, without_slip
 from labbook_dem.words import coefs, func, real, vec3
 
 __all__ = ["coefficients", "normal", "respond"]
@@ -20,10 +21,10 @@ def respond(c: coefs, rs: real, ms: real, delta: real, vn: real, s: vec3, vt: ve
     """Normal force, tangential force on i and the spring; see `labbook_dem.laws`."""
     one = real(1.0)
     fn, stiff, root = hertz(c, rs, ms, delta, vn)
-    k_t = real(1.5) * stiff / c[3]
-    drag = vt * (c[2] * root)
+    k_t = without_slip(c, stiff)
+    drag = vt * (c[C_T] * root)
     ft = -(s * k_t) - drag
-    limit = c[4] * abs(fn)
+    limit = c[MU] * abs(fn)
     slides = length(ft) > limit
     ft = cut(ft, limit)
     kept = ((ft + drag) * (-(one / k_t))) if slides else s

@@ -6,9 +6,10 @@ k_t |s| exceeds mu |F_n| the spring is cut to mu |F_n|/k_t and there is no dashp
 F_t = -k_t s - gamma_t v_t, which nothing limits.
 """
 
+from labbook_dem.coefficients import MU
 from labbook_dem.contact import length
 from labbook_dem.laws import hertz as shared
-from labbook_dem.laws.hertz import coefficients, hertz, normal
+from labbook_dem.laws.hertz import C_T, coefficients, hertz, normal, without_slip
 from labbook_dem.words import coefs, func, real, sqrt, vec3
 
 __all__ = ["coefficients", "normal", "respond"]
@@ -22,10 +23,10 @@ def respond(c: coefs, rs: real, ms: real, delta: real, vn: real, s: vec3, vt: ve
     zero = real(0.0)
     one = real(1.0)
     fn, stiff, _ = hertz(c, rs, ms, delta, vn)
-    k_t = real(1.5) * stiff / c[3]
-    damp_t = real(2.0) * c[2] * sqrt(ms * k_t)
+    k_t = without_slip(c, stiff)
+    damp_t = real(2.0) * c[C_T] * sqrt(ms * k_t)
     pull = k_t * length(s)
-    limit = c[4] * abs(fn)
+    limit = c[MU] * abs(fn)
     slides = pull > limit
     s = s * ((limit / pull) if slides else one)
     ft = -(s * k_t) - vt * (zero if slides else damp_t)

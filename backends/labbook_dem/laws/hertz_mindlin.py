@@ -13,10 +13,11 @@ grains approach. Its spring with mu F_n where it is cut would jump by mu F_n^v a
 inelastic grains would alternate between both forces.
 """
 
+from labbook_dem.coefficients import MU
 from labbook_dem.contact import cut, length
 from labbook_dem.laws import hertz as shared
-from labbook_dem.laws.hertz import coefficients, hertz, normal
-from labbook_dem.words import coefs, func, real, sqrt, vec3
+from labbook_dem.laws.hertz import KAPPA, coefficients, hertz, mindlin, normal
+from labbook_dem.words import coefs, func, real, vec3
 
 __all__ = ["coefficients", "normal", "respond"]
 
@@ -26,19 +27,11 @@ NEEDS = (shared,)
 @func
 def respond(c: coefs, rs: real, ms: real, delta: real, vn: real, s: vec3, vt: vec3):
     """Normal force, tangential force on i and the spring; see `labbook_dem.laws`."""
-    zero = real(0.0)
-    one = real(1.0)
-    six = real(6.0)
     fn, stiff, _ = hertz(c, rs, ms, delta, vn)
-    stiff_t = stiff / c[3]
-    limit = c[4] * fn
+    limit = c[MU] * fn
+    stiff_t = stiff / c[KAPPA]
     s_max = limit / stiff_t
     size = length(s)
-    slides = size >= s_max
-    u = zero if slides else max(one - size / s_max, zero)  # an approximate quotient may exceed one
     s = cut(s, s_max)
-    root = sqrt(u)
-    k_t = stiff_t * (one + u + u * u) / (one + u * root)
-    damp_t = c[2] * sqrt(six * ms * stiff_t * root)
-    ft = -(s * k_t) - vt * damp_t
+    ft = mindlin(c, ms, stiff_t, s_max, size, real(1.0), s, vt)
     return fn, cut(ft, limit), s

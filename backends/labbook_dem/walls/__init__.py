@@ -1,4 +1,7 @@
-"""Walls, one a module, found through the types of scenes (`labbook.scene.walls.WALL_SHAPES`).
+"""Walls, one a module, named by the types of scenes (`labbook.scene.walls.WALL_SHAPES`).
+
+A wall of labbook's own has its formulas in the module of its name here, and a wall of another package in the module
+that its type states in `physics`.
 
 The module of a wall called WALL defines, with `_` for `-` in names:
 
@@ -25,20 +28,15 @@ plate, and nothing of it is left where both ends are on the plate; the force is 
 """
 
 from labbook.scene.walls import WALL_SHAPES
-from labbook_dem.formulas import Formulas
-
-
-def prefix(kind: str) -> str:
-    """What the names of a wall's functions begin with."""
-    return kind.replace("-", "_")
+from labbook_dem.formulas import Formulas, identifier
 
 
 def _required(kind: str) -> tuple[str, ...]:
-    name = prefix(kind)
+    name = identifier(kind)
     return "parameters", "PARTS", f"{name}_distance", f"{name}_rod"
 
 
-WALLS = Formulas("wall", WALL_SHAPES, _required)
+WALLS = Formulas("wall", __name__, WALL_SHAPES, _required)
 """Modules of the walls by kind."""
 
 

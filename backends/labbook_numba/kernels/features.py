@@ -3,6 +3,7 @@
 from collections.abc import Callable
 from typing import Any, TypeVar
 
+from labbook_dem.coefficients import COEFFICIENTS  # noqa: F401 - part of the vocabulary of kernels
 from labbook_dem.words import FRICTION  # noqa: F401 - part of the vocabulary of kernels
 
 from labbook_numba.state import (  # noqa: F401 - part of the vocabulary of kernels
@@ -11,7 +12,6 @@ from labbook_numba.state import (  # noqa: F401 - part of the vocabulary of kern
     BORROWED,
     BROKEN,
     CELLS,
-    COEFFICIENTS,
     CROSSED,
     DEEPEST,
     DOMAINS,

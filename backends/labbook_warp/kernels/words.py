@@ -118,3 +118,5 @@ NO_NUMBER = 1.0e30
 NO_FAILURE = (1 << 62) - 1
 MOST_GRAINS = 1 << 24
 """Of one member: the word of a failure has 24 bits for the grain, 2 for what was found, the rest for the step."""
+MOST_CONTACTS = 32
+"""Entries of a grain at walls: bits of a mask."""

@@ -26,6 +26,7 @@ from collections import defaultdict
 
 import numpy as np
 
+from labbook import backend as contract
 from labbook.backend import Capabilities, Checkpoint, Emptied, Failed, Member, Settled, Spec, Status, Unsupported
 from labbook.backend.probes import Contacts, Crossing, Film, Ledger, Sample, Slab, Zone, due, empty_table
 from labbook.scene.packing import Packing
@@ -35,7 +36,7 @@ DECAY = 0.9
 PAUSING = "in the middle of a long beat"
 
 
-class Backend:
+class Backend(contract.Backend):
     """The toy backend."""
 
     NAME, VERSION = "toy", "LABBOOK_TOY_VERSION"
@@ -109,7 +110,7 @@ def _rods(scene):
     return scene.grains.shape == "spherocylinder"
 
 
-class Ensemble:
+class Ensemble(contract.Ensemble):
     """Members side by side."""
 
     def __init__(self, backend, spec, slots):

@@ -4,11 +4,13 @@ from types import ModuleType
 from typing import ClassVar
 
 import pytest
-from labbook_dem import dispatch, formulas, walls
+from labbook_dem import dispatch, formulas, laws, walls
 from labbook_dem.laws import REQUIRED, hertz_mindlin
 from labbook_dem.walls import plane
 
 from labbook.plugins import BrokenPlugin
+from labbook.scene.contact import CONTACT_LAWS
+from labbook.scene.walls import WALL_SHAPES
 
 
 class Law:
@@ -16,12 +18,25 @@ class Law:
 
 
 def known(required) -> formulas.Formulas:
-    return formulas.Formulas("contact law", {"mine": Law}, lambda _name: required)
+    return formulas.Formulas("contact law", laws.__name__, {"mine": Law}, lambda _name: required)
 
 
 def test_a_law_whose_module_is_not_there_is_named():
     with pytest.raises(BrokenPlugin, match=r"the contact law mine: .*nowhere"):
         known(REQUIRED)["mine"]
+
+
+def test_a_law_without_a_module_is_asked_for_it(monkeypatch):
+    monkeypatch.delattr(Law, "physics")
+    with pytest.raises(BrokenPlugin, match=r"the contact law mine has no formulas: state .*\.Law\.physics"):
+        known(REQUIRED)["mine"]
+
+
+def test_every_law_and_wall_of_labbook_has_its_formulas_under_its_name():
+    types, modules = {**CONTACT_LAWS, **WALL_SHAPES}, {**laws.LAWS, **walls.WALLS}
+    own = {name for name in types if not hasattr(types[name], "physics")}
+    assert {"hertz-mindlin", "linear", "plane", "frustum"} <= own
+    assert {modules[name].__name__.rpartition(".")[2] for name in own} == {formulas.identifier(name) for name in own}
 
 
 def test_what_a_law_lacks_is_named_with_the_place(monkeypatch):

@@ -5,7 +5,10 @@ import math
 import numpy as np
 import pytest
 from labbook_dem import contact
+from labbook_dem.coefficients import C_N, MU, MU_R
 from labbook_dem.laws import hertz_mindlin, linear
+from labbook_dem.laws.hertz import C_T, KAPPA, LEAST, MODULUS
+from labbook_dem.laws.linear import GAMMA_RATIO, K_N, K_RATIO
 from labbook_dem.words import vec3
 from pydantic import ValidationError
 
@@ -20,16 +23,16 @@ RS, MS = 0.75e-3, 1.8e-5
 def test_coefficients_of_hertz_mindlin_by_hand():
     """E = 2 G (1 + nu) = 2.5e8, 1/E* = 2 (1 - nu^2)/E: E* = 1.3333e8; kappa = (2 - 1/4)/(2 (3/4)) = 7/6."""
     c = hertz_mindlin.coefficients(FAN, SURFACE)
-    assert c[0] == pytest.approx(4 / 3 / (2 * (1 - 0.0625) / 2.5e8), rel=1e-12)
-    assert c[1] == pytest.approx(0.6675, abs=5e-5)
-    assert c[2] == c[1]
-    assert c[3] == pytest.approx(7 / 6, rel=1e-12)
-    assert c[4:6] == (0.5, 0.01)
+    assert c[MODULUS] == pytest.approx(4 / 3 / (2 * (1 - 0.0625) / 2.5e8), rel=1e-12)
+    assert c[C_N] == pytest.approx(0.6675, abs=5e-5)
+    assert c[C_T] == c[C_N]
+    assert c[KAPPA] == pytest.approx(7 / 6, rel=1e-12)
+    assert (c[MU], c[MU_R], c[LEAST]) == (0.5, 0.01, 0.0)
     softer = hertz_mindlin.coefficients(FAN.model_copy(update={"tangential_damping": 2.0}), SURFACE, 0.1)
-    assert softer[0] == pytest.approx(0.1 * c[0], rel=1e-12)
-    assert softer[2] == pytest.approx(2 * c[1], rel=1e-12)
+    assert softer[MODULUS] == pytest.approx(0.1 * c[MODULUS], rel=1e-12)
+    assert softer[C_T] == pytest.approx(2 * c[C_N], rel=1e-12)
     textbook = hertz_mindlin.coefficients(FAN.model_copy(update={"damping": "textbook"}), SURFACE)
-    assert textbook[1] == pytest.approx(0.416, abs=5e-4)
+    assert textbook[C_N] == pytest.approx(0.416, abs=5e-4)
 
 
 def test_coefficients_of_the_linear_law_by_hand():
@@ -37,9 +40,10 @@ def test_coefficients_of_the_linear_law_by_hand():
     law = LinearSpringDashpot(normal_stiffness=5e4, tangential_damping=0.5, damping="textbook")
     c = linear.coefficients(law, SURFACE)
     gamma = math.sqrt(4 * 5e4 * MS / ((math.pi / math.log(0.2)) ** 2 + 1))
-    assert c[1] * math.sqrt(5e4 * MS) == pytest.approx(gamma, rel=1e-12)
-    assert (c[0], c[2], c[3], c[4], c[5]) == (5e4, 0.5, 2 / 7, 0.5, 0.01)
-    assert linear.coefficients(law, SMOOTH, 3.0)[:2] == pytest.approx((1.5e5, 0.0))
+    assert c[C_N] * math.sqrt(5e4 * MS) == pytest.approx(gamma, rel=1e-12)
+    assert (c[K_N], c[GAMMA_RATIO], c[K_RATIO], c[MU], c[MU_R]) == (5e4, 0.5, 2 / 7, 0.5, 0.01)
+    stiffer = linear.coefficients(law, SMOOTH, 3.0)
+    assert (stiffer[K_N], stiffer[C_N]) == pytest.approx((1.5e5, 0.0))
 
 
 def test_printed_damping_is_that_of_two_grains_at_walls_too():
@@ -47,11 +51,11 @@ def test_printed_damping_is_that_of_two_grains_at_walls_too():
     mass, surface = 3e-4, SMOOTH.changed(SurfaceChange(restitution=0.9))
     law = LinearSpringDashpot(normal_stiffness=1e5, damping="printed")
     printed = math.sqrt(2 * 1e5 * mass / ((math.pi / math.log(0.9)) ** 2 + 1))
-    pair, wall = (linear.coefficients(law, surface, wall=at_wall)[1] for at_wall in (False, True))
+    pair, wall = (linear.coefficients(law, surface, wall=at_wall)[C_N] for at_wall in (False, True))
     assert pair * math.sqrt(1e5 * mass / 2) == pytest.approx(printed, rel=1e-12)
     assert wall * math.sqrt(1e5 * mass) == pytest.approx(printed, rel=1e-12)
     textbook = law.model_copy(update={"damping": "textbook"})
-    assert linear.coefficients(textbook, surface, wall=True)[1] == pair
+    assert linear.coefficients(textbook, surface, wall=True)[C_N] == pair
 
 
 @pytest.mark.parametrize("given", [{"friction": 0.5}, {"restitution": 0.9}, {}])
@@ -145,7 +149,7 @@ def test_tangential_stiffness_at_first_is_mindlin_s():
 def test_the_linear_law_is_the_printed_law_and_keeps_the_spring_at_the_limit(shear, vt):
     law = LinearSpringDashpot(normal_stiffness=5e4, friction=0.5)
     c = linear.coefficients(law, SURFACE)
-    gamma = c[1] * math.sqrt(5e4 * MS)
+    gamma = c[C_N] * math.sqrt(5e4 * MS)
     delta, vn = 2e-6, -0.05
     fn, ft, kept = linear.respond(c, RS, MS, delta, vn, vec3(0, shear, 0), vec3(0, vt, 0))
     assert fn == pytest.approx(5e4 * delta - gamma * vn, rel=1e-12)

@@ -1,10 +1,13 @@
 """What of a module is taken to a compiler."""
 
 from types import ModuleType
+from typing import Any
 
 import pytest
 from labbook_dem import source
 from one_source import device_functions
+
+from labbook.plugins import BrokenPlugin
 
 MIXED = """
 from functools import lru_cache
@@ -47,3 +50,60 @@ def test_a_host_module_with_cached_functions_has_nothing_to_compile():
     from labbook_dem import describe
 
     assert source.device_source(describe) == ""
+
+
+LAW = """
+from labbook_dem.coefficients import MU, OWN
+from labbook_dem.words import func
+
+{name}, UNUSED = OWN[:2]
+VERSION = 3
+
+
+def host(law):
+    return VERSION
+
+
+@func
+def normal(c, delta):
+    return c[{name}] * delta * c[MU]
+"""
+
+
+@pytest.fixture
+def law(tmp_path):
+    """A module of LAW, whose coefficient has the given name."""
+
+    def written(module: str, name: str) -> ModuleType:
+        made = ModuleType(module)
+        made.__file__ = str(tmp_path / f"{module}.py")
+        (tmp_path / f"{module}.py").write_text(text := LAW.format(name=name))
+        exec(text, vars(made))
+        return made
+
+    return written
+
+
+def test_names_of_coefficients_are_constants_of_the_generated_module(law):
+    made = law("adhesive", "SURFACE_ENERGY")
+    text = source.generate("", {"KINDS": 2}, [made])
+    assert {"KINDS = 2", "MU = 4", "SURFACE_ENERGY = 0"} <= set(text.splitlines())
+    assert "UNUSED" not in text
+    assert "VERSION" not in text
+    scope: dict[str, Any] = {"func": lambda function: function}
+    exec(text, scope)
+    c = (5.0, 0.0, 0.0, 0.0, 0.5, 0.0, 0.0, 0.0)
+    assert scope["normal"](c, 3.0) == made.normal(c, 3.0) == 7.5
+
+
+@pytest.mark.parametrize(("header", "constants"), [("LANES = 16", {}), ("", {"LANES": 16})])
+def test_a_name_that_kernels_use_for_something_else_is_refused(law, header, constants):
+    with pytest.raises(BrokenPlugin, match="adhesive: kernels use the name LANES for something else; rename it"):
+        source.generate(header, constants, [law("adhesive", "LANES")])
+
+
+def test_one_name_for_two_numbers_is_refused(law):
+    other = law("other", "ENERGY")
+    vars(other)["ENERGY"] = 6
+    with pytest.raises(BrokenPlugin, match="other: ENERGY is 6, and 0 in another module"):
+        source.generate("", {}, [law("adhesive", "ENERGY"), other])

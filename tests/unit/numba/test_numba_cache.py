@@ -80,7 +80,7 @@ def test_a_second_process_hits_and_an_edited_law_misses(sources, tmp_path):
 
     law = sources / "labbook_dem/laws/hertz.py"
     text = law.read_text(encoding="utf-8")
-    edited = text.replace("c[0] * sqrt(rs * delta)", "real(4.0) * c[0] * sqrt(rs * delta)")
+    edited = text.replace("c[MODULUS] * sqrt(rs * delta)", "real(4.0) * c[MODULUS] * sqrt(rs * delta)")
     assert edited != text
     law.write_text(edited, encoding="utf-8")
     third = collide(sources, cache)

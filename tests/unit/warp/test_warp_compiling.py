@@ -12,7 +12,6 @@ import warp as wp
 from labbook_warp import Backend, beat, compiling
 from toy_lab import carry_out, study
 
-from labbook.backend import Precompiles
 from labbook.lab import Catalogue, Lab
 from labbook.lab.index import Index
 from labbook.lab.records import Observe
@@ -123,7 +122,6 @@ def test_what_is_foreseen_is_what_is_needed(tmp_path, monkeypatch):
         used.append(arrays.module)
         made(self, arrays, steps)
 
-    assert isinstance(Told(), Precompiles)
     monkeypatch.setattr(beat.Beat, "__init__", noted)
     monkeypatch.setattr(compiling, "wait_for", waited.append)
     asked = study(tmp_path, FAST, **SMALL)

@@ -3,11 +3,15 @@
 import math
 from typing import ClassVar, Literal, Self
 
+from labbook_dem.coefficients import MU, MU_R, OWN, row
 from labbook_dem.words import coefs, dot, func, real, sqrt, vec3
 
 from labbook.scene import Surface
 from labbook.scene.contact import ContactLaw
 from labbook.scene.quantities import Pressure
+
+(K,) = OWN[:1]
+"""k [Pa]."""
 
 
 class Quadratic(ContactLaw):
@@ -41,21 +45,21 @@ class Quadratic(ContactLaw):
 
 
 def coefficients(law: Quadratic, surface: Surface, stiffness_scale: float = 1.0, wall: bool = False) -> coefs:
-    """k [Pa], and friction where every law has it."""
-    return law.stiffness * stiffness_scale, 0.0, 0.0, 0.0, surface.friction, surface.rolling_friction, 0.0, 0.0
+    """Coefficients of a contact with this surface."""
+    return row({K: law.stiffness * stiffness_scale, MU: surface.friction, MU_R: surface.rolling_friction})
 
 
 @func
 def respond(c: coefs, rs: real, ms: real, delta: real, vn: real, s: vec3, vt: vec3):
     """Normal force, tangential force on i and the spring; see `labbook_dem.laws`."""
     zero = real(0.0)
-    fn = c[0] * delta * delta
+    fn = c[K] * delta * delta
     speed = sqrt(dot(vt, vt))
-    drag = c[4] * fn / speed if speed > zero else zero
+    drag = c[MU] * fn / speed if speed > zero else zero
     return fn, -(vt * drag), s * zero
 
 
 @func
 def normal(c: coefs, rs: real, ms: real, delta: real, vn: real):
     """Normal force alone, for contacts without friction."""
-    return c[0] * delta * delta
+    return c[K] * delta * delta
