@@ -22,6 +22,7 @@ _ALLOCATED = 10_000
 """Objects that are made between two looks for garbage."""
 VERBS = (
     "new",
+    "new_extension",
     "plan",
     "run",
     "pilot",

@@ -42,7 +42,7 @@ def test_docs_commands_is_what_the_help_texts_say():
 def test_every_verb_has_its_section(group):
     sections = set(re.findall(r"^## labbook (\S+)$", markdown(), re.MULTILINE))
     assert sections == set(group.commands)
-    assert {verb.rstrip("_") for verb in VERBS} <= sections
+    assert {verb.rstrip("_").replace("_", "-") for verb in VERBS} <= sections
 
 
 def test_every_verb_and_option_has_a_help_text(group):
