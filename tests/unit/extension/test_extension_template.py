@@ -50,7 +50,7 @@ def process(package: Path, *words: object) -> subprocess.CompletedProcess[str]:
     paths = [package / "site", ROOT, ROOT / "backends", ROOT / "tests/toy", ROOT / "tests/toy/outside"]
     environment = {**os.environ, "PYTHONPATH": os.pathsep.join(map(str, paths))}
     command = [sys.executable, *map(str, words)]
-    return subprocess.run(command, env=environment, cwd=package, capture_output=True, text=True)
+    return subprocess.run(command, env=environment, cwd=package.parent, capture_output=True, text=True)
 
 
 MAIN = "from labbook.cli import main; main()"
@@ -58,7 +58,8 @@ MAIN = "from labbook.cli import main; main()"
 
 @pytest.mark.slow
 def test_its_tests_and_its_case_pass(package):
-    code = f"import pytest; assert not pytest.main(['-q', '-p', 'no:cacheprovider', 'site/bed_extras']); {MAIN}"
+    tests = package / "site/bed_extras"
+    code = f"import pytest; assert not pytest.main(['-q', '-p', 'no:cacheprovider', {str(tests)!r}]); {MAIN}"
     ended = process(package, "-c", code, "verify", "viscous", "--backend", "reference", "--json")
     assert ended.returncode == 0, ended.stdout + ended.stderr
     verdicts = json.loads(ended.stdout[ended.stdout.index("\n[") :])
@@ -68,7 +69,7 @@ def test_its_tests_and_its_case_pass(package):
 @pytest.mark.ring
 def test_its_study_runs_and_is_stale_after_an_edit_of_the_law(package):
     """In parts: tests/unit/lab/test_extension_source.py."""
-    there = ("study.yaml", "--backend", "hourglass", "--json")
+    there = (package / "study.yaml", "--backend", "hourglass", "--json")
     law = package / "site/bed_extras/viscous.py"
 
     def reasons() -> set[tuple[str, str]]:
@@ -83,6 +84,6 @@ def test_its_study_runs_and_is_stale_after_an_edit_of_the_law(package):
     assert {state for state, _ in reasons()} == {"done"}
     law.write_text(formulas.replace("s * real(0.0)", "s"), encoding="utf-8")
     assert reasons() == {("stale", "the law viscous of bed-extras has changed since")}
-    (folder, *_) = (package / "lab/runs").iterdir()
+    (folder, *_) = (package.parent / "lab/runs").iterdir()
     made = json.loads((folder / "run.json").read_text())["sessions"][-1]["provenance"]["extensions"]
     assert made == {"contact law viscous": "bed-extras 0.1", "backend hourglass": "silo-extras 1"}
