@@ -88,6 +88,8 @@ def test_labbook_lines_in_the_pages_are_real(page, group):
     made = set()
     for words in labbook_lines(page):
         parse(group, words)
+        if words[0] == "new-extension":
+            made.add("study.yaml")
         if words[0] == "new":
             made.add(f"{words[1]}.yaml")
         for name in (word for word in words[1:] if word.endswith(".yaml")):

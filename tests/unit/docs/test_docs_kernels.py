@@ -13,7 +13,7 @@ PAGE = (ROOT / "docs/kernels.md").read_text(encoding="utf-8")
 @pytest.mark.slow
 def test_the_session_with_a_debugger_is_as_printed(tmp_path):
     blocks = re.findall(r"```(\w*)\n(.*?)```", PAGE, flags=re.DOTALL)
-    (program,) = (text for language, text in blocks if language == "python")
+    (program,) = (text for language, text in blocks if language == "python" and "bounce" in text)
     (session,) = (text for _, text in blocks if "(Pdb)" in text)
     (tmp_path / "drop.py").write_text(program, encoding="utf-8")
     lines = session.splitlines()
