@@ -34,8 +34,8 @@ KINDS = {
     "labbook.backends": "backend",
     "labbook.verbs": "verb",
 }
-"""What messages and pages call an entry of each group. A contact law gives forces, a flow law W(D); the further fits
-that a paper adds belong to the paper."""
+"""The word for an entry of each group in messages and pages. A contact law gives forces, a flow law W(D); the further
+fits that a paper adds belong to the paper."""
 
 
 @dataclass(frozen=True)
@@ -72,8 +72,9 @@ class Extension:
 def installed() -> tuple[Extension, ...]:
     """All entries that packages beside labbook announce in its groups, by package; none is imported."""
     groups = [group for group in sorted(entry_points().groups) if group.startswith(f"{_OWN}.")]
-    found = (Extension.of(entry) for group in groups for entry in entry_points(group=group))
-    return tuple(sorted({one for one in found if one is not None}, key=lambda one: (one.package, one.group, one.name)))
+    entries = (Extension.of(entry) for group in groups for entry in entry_points(group=group))
+    extensions = {entry for entry in entries if entry is not None}
+    return tuple(sorted(extensions, key=lambda extension: (extension.package, extension.group, extension.name)))
 
 
 class BrokenPlugin(Exception):
@@ -99,9 +100,10 @@ def blamed(error: BaseException) -> ExtensionError | None:
     Extensions call labbook and other libraries: the innermost frame of a loaded extension counts.
     """
     for package, extensions in _loaded.items():
-        if (found := _frame_of(error, package)) is not None:
-            module = found[0].f_globals.get("__name__")
-            return ExtensionError(next((one for one in extensions if one.module == module), extensions[0]), error)
+        if (place := _frame_of(error, package)) is not None:
+            module = place[0].f_globals.get("__name__")
+            of_module = (extension for extension in extensions if extension.module == module)
+            return ExtensionError(next(of_module, extensions[0]), error)
     return None
 
 
@@ -115,12 +117,12 @@ def _package_of(module: str) -> str:
 
 def _frame_of(error: BaseException, package: str) -> tuple[FrameType, int] | None:
     """The innermost frame of a package in a traceback, and its line."""
-    found, trace = None, error.__traceback__
+    innermost, trace = None, error.__traceback__
     while trace is not None:
         if _package_of(str(trace.tb_frame.f_globals.get("__name__"))) == package:
-            found = trace.tb_frame, trace.tb_lineno
+            innermost = trace.tb_frame, trace.tb_lineno
         trace = trace.tb_next
-    return found
+    return innermost
 
 
 def _place(frame: FrameType, line: int) -> str:
@@ -147,16 +149,16 @@ class Registry(Mapping[str, _T], Generic[_T]):
     @cached_property
     def _entries(self) -> tuple[dict[str, _T], dict[str, Extension]]:
         """Objects by name, and the extensions among them."""
-        found, extensions = {self._name(one): one for one in self._builtin}, dict[str, Extension]()
+        objects, extensions = {self._name(entry): entry for entry in self._builtin}, dict[str, Extension]()
         for entry in sorted(entry_points(group=self._group), key=lambda entry: entry.name):
-            name, one = self._load(entry)
-            if name in found:
+            name, loaded = self._load(entry)
+            if name in objects:
                 raise BrokenPlugin(f"{self._said(entry)}: another package provides {name}; uninstall one of the two")
-            found[name] = one
+            objects[name] = loaded
             if (extension := Extension.of(entry, name)) is not None:
                 extensions[name] = extension
                 _loaded.setdefault(_package_of(entry.module), []).append(extension)
-        return found, extensions
+        return objects, extensions
 
     @property
     def extensions(self) -> Mapping[str, Extension]:

@@ -104,8 +104,8 @@ def examine(say: Callable[[str], None] = lambda _: None) -> Examination:
 def _extending() -> tuple[Package, ...]:
     """Packages that extend labbook, each with the names of all that it adds."""
     added: dict[tuple[str, str], list[str]] = {}
-    for one in extensions():
-        added.setdefault((one.package, one.version), []).append(one.use)
+    for extension in extensions():
+        added.setdefault((extension.package, extension.version), []).append(extension.use)
     return tuple(Package(name, version, f"adds {', '.join(uses)}") for (name, version), uses in added.items())
 
 

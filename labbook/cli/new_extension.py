@@ -19,13 +19,13 @@ def register(app: typer.Typer) -> None:
     ) -> None:
         """Write a package that extends labbook: a contact law, a measure, a verification case, a test and a study.
 
-        An existing folder is never overwritten.
+        An existing folder is never overpackage.
         """
         from labbook.extension import NotWritten, write
 
         try:
-            written = write(name, folder)
+            package = write(name, folder)
         except NotWritten as error:
             say(f"labbook new-extension: {error}", err=True)
             raise typer.Exit(1) from None
-        say(f"Wrote {written}. Next: pip install --no-deps -e {shlex.quote(str(written))}")
+        say(f"Wrote {package}. Next: pip install --no-deps -e {shlex.quote(str(package))}")

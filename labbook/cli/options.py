@@ -59,7 +59,7 @@ def leave(status: int) -> NoReturn:
 
 
 def told(error: Exception) -> str | None:
-    """What an error of the storage or of an extension means, and what to do, in a line; None for any other error."""
+    """Meaning of an error of the storage or of an extension, and the remedy, in a line; None for any other error."""
     if isinstance(error, BrokenPlugin):
         return str(error)
     if isinstance(error, OSError):
@@ -71,8 +71,8 @@ def told(error: Exception) -> str | None:
             return f"{error}; labbook run makes it again, and labbook reindex lists all damaged files"
         if isinstance(error, LabError):
             return str(error)
-    whose = blamed(error)
-    return None if whose is None else str(whose)
+    of_extension = blamed(error)
+    return None if of_extension is None else str(of_extension)
 
 
 _REMEDIES = {

@@ -9,7 +9,7 @@ from importlib.resources.abc import Traversable
 from pathlib import Path
 
 NAME = "my-extension"
-"""What the template is called: its package `my_extension`."""
+"""Name of the template; its package is `my_extension`."""
 
 
 class NotWritten(Exception):

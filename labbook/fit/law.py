@@ -1,4 +1,4 @@
-"""What a flow law is: a formula for the mass flow rate, free parameters, and what is reported of them."""
+"""Flow laws: a formula for the mass flow rate, free parameters, and what is reported of them."""
 
 import math
 from abc import ABC, abstractmethod

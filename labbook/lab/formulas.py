@@ -33,33 +33,33 @@ def source_hash(kind: type[ContactLaw] | type[WallShape]) -> str:
     roots = {name for name in roots if not _is_ours(name)}
     packages = {name.partition(".")[0] for name in roots}
     with _reading:
-        found = _modules(roots, packages)
-    parts = [part for name in sorted(found) for part in (name, found[name])]
+        contents = _modules(roots, packages)
+    parts = [part for name in sorted(contents) for part in (name, contents[name])]
     return hashlib.sha256("\0".join(parts).encode()).hexdigest()[:LENGTH]
 
 
 def _is_ours(module: str) -> bool:
-    """Whether it is of labbook or a library: versions stand for those."""
+    """True of modules of labbook and of libraries: versions stand for those."""
     package = module.partition(".")[0]
     return package in _NOT_FOLLOWED or package.startswith("labbook_")
 
 
 def _modules(roots: Iterable[str], packages: Iterable[str]) -> dict[str, str]:
     """The content of modules and of those that they import from `packages`, by name."""
-    found: dict[str, str] = {}
+    contents: dict[str, str] = {}
     waiting = list(roots)
     while waiting:
         name = waiting.pop()
-        if name in found or (path := _file(name)) is None:
+        if name in contents or (path := _file(name)) is None:
             continue
         if path.suffix != ".py":
-            found[name] = hashlib.sha256(path.read_bytes()).hexdigest()
+            contents[name] = hashlib.sha256(path.read_bytes()).hexdigest()
             continue
         tree = ast.parse(path.read_text(encoding="utf-8"))
-        found[name] = without_comments(tree)
+        contents[name] = without_comments(tree)
         within = name if path.name == "__init__.py" else name.rpartition(".")[0]
         waiting += [one for one in _imports(tree, within) if one.partition(".")[0] in packages]
-    return found
+    return contents
 
 
 def _file(module: str) -> Path | None:

@@ -46,14 +46,14 @@ def versions(scene: Scene) -> dict[str, int | str]:
     return found
 
 
-def hashed(made: Versions) -> bool:
-    """Whether a hash is among these: a law or a wall is an extension."""
-    return any(name.startswith(_SOURCE) for name in made)
+def hashed(versions: Versions) -> bool:
+    """True if a hash is among these: a law or a wall is an extension."""
+    return any(name.startswith(_SOURCE) for name in versions)
 
 
-def numbered(made: Versions) -> dict[str, int]:
+def numbered(versions: Versions) -> dict[str, int]:
     """The versions among these, without hashes."""
-    return {name: version for name, version in made.items() if isinstance(version, int)}
+    return {name: version for name, version in versions.items() if isinstance(version, int)}
 
 
 def older(now: Versions) -> Iterator[Versions]:
@@ -70,19 +70,19 @@ def outdated(made: Versions, now: Versions) -> str:
     contacts carry mu F_n`; empty if nothing."""
     newer = {name: made.get(name, 1) for name, version in numbered(now).items() if made.get(name, 1) != version}
     edited = [name for name in now if name.startswith(_SOURCE) and made.get(name) != now[name]]
-    found = [_changed(name, int(was), int(now[name])) for name, was in newer.items()]
-    found += [_edited(name, name in made) for name in edited if name.removeprefix(_SOURCE) not in newer]
-    return "; ".join(found)
+    reasons = [_changed(name, int(was), int(now[name])) for name, was in newer.items()]
+    reasons += [_edited(name, name in made) for name in edited if name.removeprefix(_SOURCE) not in newer]
+    return "; ".join(reasons)
 
 
-def _edited(name: str, known: bool) -> str:
-    """That the source `name` has changed, or that it was not recorded when something was made."""
-    what = name.removeprefix(_SOURCE)
-    registry = CONTACT_LAWS if what.startswith(_LAW) else WALL_SHAPES
-    package = registry.extensions[what.removeprefix(_LAW).removeprefix(_WALL)].package
-    if known:
-        return f"the {what} of {package} has changed since"
-    return f"made before labbook recorded the source of the {what} of {package}"
+def _edited(source: str, recorded: bool) -> str:
+    """The words for a source that has changed, or that was not `recorded` before."""
+    entry = source.removeprefix(_SOURCE)
+    registry = CONTACT_LAWS if entry.startswith(_LAW) else WALL_SHAPES
+    package = registry.extensions[entry.removeprefix(_LAW).removeprefix(_WALL)].package
+    if recorded:
+        return f"the {entry} of {package} has changed since"
+    return f"made before labbook recorded the source of the {entry} of {package}"
 
 
 def _changed(name: str, was: int, now: int) -> str:
@@ -143,10 +143,11 @@ def _shape(shape: WallShape, made: Versions) -> dict[str, Any]:
     return shape.model_dump(mode="json") | _version(made, _WALL + shape.kind)
 
 
-def _version(made: Versions, name: str) -> dict[str, int | str]:
+def _version(versions: Versions, name: str) -> dict[str, int | str]:
     """Version and hash of a law or a wall, as they stand beside its parameters."""
-    found = {"version": made.get(name), "source hash": made.get(_SOURCE + name)}  # no field has a space in its name
-    return {key: value for key, value in found.items() if value is not None}
+    # no parameter of a law or a wall has a space in its name
+    entries = {"version": versions.get(name), "source hash": versions.get(_SOURCE + name)}
+    return {key: value for key, value in entries.items() if value is not None}
 
 
 def _wall(
@@ -290,10 +291,9 @@ def run_key(experiment: str, numerics: Numerics, backend: str, cache_version: in
     return digest({"experiment": experiment, **_how(numerics, backend), "cache_version": cache_version})
 
 
-def lineage_scene(scene: Scene, made: Versions, key: str) -> str:
-    """The key of a scene as lineages have it: that by the versions among `made`, whatever the hashes. `key`: that by
-    `made`."""
-    return scene_key(scene, numbered(made)) if hashed(made) else key
+def lineage_scene(scene: Scene, versions: Versions, key: str) -> str:
+    """The key of a scene as lineages have it: by `versions` without their hashes. `key`: that by all of them."""
+    return scene_key(scene, numbered(versions)) if hashed(versions) else key
 
 
 def lineage_key(

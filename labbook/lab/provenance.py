@@ -23,13 +23,13 @@ def now() -> str:
 
 
 def provenance(device: str, used: Iterable[Extension] = ()) -> dict[str, Any]:
-    """What made a session's numbers: commit, versions, processor, device; and the extensions that were `used`, by
+    """Origin of a session's numbers: commit, versions, processor, device; and the extensions that were `used`, by
     package and version. `machine` names processor and device: speeds are forecast from runs on the same."""
-    found, used = _of_machine(device), tuple(used)
+    origin, used = _of_machine(device), tuple(used)
     if not used:
-        return found
+        return origin
     packages = {one.package: one.version for one in used}
-    return {**found, "packages": found["packages"] | packages, "extensions": {one.use: one.made_by for one in used}}
+    return {**origin, "packages": origin["packages"] | packages, "extensions": {one.use: one.made_by for one in used}}
 
 
 @lru_cache(maxsize=8)

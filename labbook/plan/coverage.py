@@ -120,33 +120,35 @@ def asked(study: Study, backend: str, packings_of: PackingsOf | None = None) -> 
 
 
 class _Match(NamedTuple):
-    """A finished run that is one of a study. `made`: versions and hashes of extensions that made it; None: as
-    installed, or there is no extension."""
+    """A finished run that is one of a study. `versions`: those of the extensions that made it; None: as installed, or
+    there is no extension."""
 
-    asked: Asked
+    request: Asked
     entry: Entry
-    made: Versions | None
+    versions: Versions | None
     outdated: str
 
     @property
     def group(self) -> tuple[int, int, str]:
         """Runs of a point with the same are by the same laws, walls and backend."""
-        made = "" if self.made is None else str(sorted(self.made.items()))
-        return -self.asked.age, self.entry.cache_version, made
+        versions = "" if self.versions is None else str(sorted(self.versions.items()))
+        return -self.request.age, self.entry.cache_version, versions
 
     @property
     def rank(self) -> tuple[int, bool, int, str]:
         """The larger, the newer is what made it."""
-        return -self.asked.age, self.made is None, self.entry.cache_version, self.entry.finished
+        return -self.request.age, self.versions is None, self.entry.cache_version, self.entry.finished
 
 
-def _matched(lab: Lab, backend: str, one: Asked, entry: Entry) -> _Match:
-    now, current = one.demand.shared.versions, one.outdated
-    if not identity.hashed(now) or (not one.age and entry.run_key == one.demand.run_key(backend, entry.cache_version)):
-        return _Match(one, entry, None, current)
-    made = made_by(lab, entry)
-    outdated = identity.outdated(made, now)
-    return _Match(one, entry, made if outdated else None, outdated)
+def _match(lab: Lab, backend: str, request: Asked, entry: Entry) -> _Match:
+    demand = request.demand
+    now = demand.shared.versions
+    current = not request.age and entry.run_key == demand.run_key(backend, entry.cache_version)
+    if current or not identity.hashed(now):
+        return _Match(request, entry, None, request.outdated)
+    before = made_by(lab, entry)
+    outdated = identity.outdated(before, now)
+    return _Match(request, entry, before if outdated else None, outdated)
 
 
 def made_by(lab: Lab, entry: Entry) -> Versions:
@@ -188,16 +190,16 @@ def finished(
                 unstated=shared.unstated,
             )
             if not lacks:
-                found.append(_matched(lab, backend, one, entry))
+                found.append(_match(lab, backend, one, entry))
     newest: dict[int, _Match] = {}
     for match in found:
-        point = match.asked.demand.point.index
+        point = match.request.demand.point.index
         newest[point] = max(match, newest.get(point, match), key=lambda one: one.rank)
-    found.sort(key=lambda match: (match.asked.demand.point.index, match.asked.demand.seed))
+    found.sort(key=lambda match: (match.request.demand.point.index, match.request.demand.seed))
     return [
         kind(one.demand.point, one.demand.seed, lab.run(entry.run_key), entry, outdated)
         for one, entry, _, outdated in (
-            match for match in found if match.group == newest[match.asked.demand.point.index].group
+            match for match in found if match.group == newest[match.request.demand.point.index].group
         )
     ]
 

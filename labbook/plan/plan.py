@@ -275,7 +275,7 @@ class Planner:
         self._extends = True
         self._there: dict[str, Entry] = {}
         self._older: dict[str, Entry] = {}
-        self._others: dict[str, Entry] = {}
+        self._installed: dict[str, Entry] = {}
         """By lineage: a run by the installed version of the backend, which may have another key."""
         self._outdated: dict[str, str] = {}
         """By lineage: what has changed of laws and walls since a run was made."""
@@ -373,7 +373,7 @@ class Planner:
             self._there[entry.run_key] = entry
             if entry.coverage is not None:
                 installed = entry.cache_version == self.backend.cache_version
-                (self._others if installed else self._older)[entry.lineage_key] = entry
+                (self._installed if installed else self._older)[entry.lineage_key] = entry
         self._look_up_outdated(asked)
         return Listed.of(self.catalogue.lab) if len(keys) > _FEW else None
 
@@ -440,11 +440,11 @@ class Planner:
         return ("partial", lacks) if lacks else ("done", entry.outcome)
 
     def _edited(self, demand: Demand, keys: Keys) -> str:
-        """Which extension has another source now than when the run was made; empty if none has."""
-        now, other = demand.shared.versions, self._others.get(keys.lineage)
-        if other is None or not identity.hashed(now):
+        """The extensions whose source has changed since the run was made, in words; empty if none."""
+        now, entry = demand.shared.versions, self._installed.get(keys.lineage)
+        if entry is None or not identity.hashed(now):
             return ""
-        return identity.outdated(made_by(self.catalogue.lab, other), now)
+        return identity.outdated(made_by(self.catalogue.lab, entry), now)
 
     def _failed(self, demand: Demand, packing: str) -> str:
         """Why a filling came to nothing, and what to change; empty if none did, or if it may go on for longer now."""

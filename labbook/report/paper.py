@@ -66,38 +66,38 @@ def papers() -> Iterator[Paper]:
 
 def sections_of_all(results: Results, folder: Path) -> list[Section]:
     """Sections of all papers. Where the code of a paper fails, a section says so."""
-    found: list[Section] = []
+    sections: list[Section] = []
     for paper in papers():
         try:
             with calling(paper):
-                found += paper.sections(results, folder)
+                sections += paper.sections(results, folder)
         except ExtensionError as error:
-            found.append(Section(f"Analysis of {paper.name}", (_failed(error),)))
-    return found
+            sections.append(Section(f"Analysis of {paper.name}", (_failed(error),)))
+    return sections
 
 
 def blocks_of_all(results: Results, series: Series, folder: Path, suffix: str, where: str) -> list[Block]:
     """All that papers add to the section of a series; where the code of a paper fails, the reason."""
-    found: list[Block] = []
+    blocks: list[Block] = []
     for paper in papers():
         try:
             with calling(paper):
-                found += paper.of_series(results, series, folder, suffix, where)
+                blocks += paper.of_series(results, series, folder, suffix, where)
         except ExtensionError as error:
-            found.append(_failed(error))
-    return found
+            blocks.append(_failed(error))
+    return blocks
 
 
 def tables_of_all(results: Results, series: Series, where: str) -> tuple[list[tuple[str, Table]], list[str]]:
     """Titles and tables of a series for the terminal, and why those of a paper are lacking."""
-    found, problems = list[tuple[str, Table]](), list[str]()
+    titled, problems = list[tuple[str, Table]](), list[str]()
     for paper in papers():
         try:
             with calling(paper):
-                found += paper.tables(results, series, where)
+                titled += paper.tables(results, series, where)
         except ExtensionError as error:
             problems.append(str(error))
-    return found, problems
+    return titled, problems
 
 
 def figures_of_all(results: Results, series: Series | None = None) -> dict[str, Draw]:
@@ -106,39 +106,39 @@ def figures_of_all(results: Results, series: Series | None = None) -> dict[str, 
     Drawing one raises ExtensionError where the code of its paper fails. A paper that cannot list its figures has one
     under its own name, which raises that error.
     """
-    found: dict[str, Draw] = {}
+    figures: dict[str, Draw] = {}
     for paper in papers():
         try:
             with calling(paper):
                 own = paper.figures(results) if series is None else paper.figures_of(results, series)
-            found |= {name: _drawn(paper, draw) for name, draw in own.items()}
+            figures |= {name: _guarded(paper, draw) for name, draw in own.items()}
         except ExtensionError as error:
-            found[paper.name] = _raising(error)
-    return found
+            figures[paper.name] = _raising(error)
+    return figures
 
 
 def beds_shown_by_all(results: Results) -> set[int]:
     """Identities of the points whose beds sections of papers show."""
-    found = set[int]()
+    points = set[int]()
     for paper in papers():
         with suppress(ExtensionError), calling(paper):  # its sections say so, and the page shows these beds
-            found |= {id(one) for one in paper.shows_beds_of(results)}
-    return found
+            points |= {id(one) for one in paper.shows_beds_of(results)}
+    return points
 
 
-def _drawn(paper: Paper, draw: Draw) -> Draw:
-    def drawn() -> "Figure":
+def _guarded(paper: Paper, draw: Draw) -> Draw:
+    def guarded() -> "Figure":
         with calling(paper):
             return draw()
 
-    return drawn
+    return guarded
 
 
 def _raising(error: ExtensionError) -> Draw:
-    def drawn() -> "Figure":
+    def fail() -> "Figure":
         raise error
 
-    return drawn
+    return fail
 
 
 def _failed(error: ExtensionError) -> Prose:

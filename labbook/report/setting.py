@@ -100,10 +100,10 @@ def _with_youngs_moduli(leaves: Mapping[str, Any]) -> dict[str, Any]:
 def _plain(point: Point, part: str) -> Any:
     if part == "fill":
         return point.fill.model_dump(mode="json")
-    found = point.scene.model_dump(mode="json").get(part)
-    if part == "contact":  # a law's page does not show what it has no use for
-        return {key: value for key, value in found.items() if key not in point.scene.contact.ignored()}
-    return found
+    dumped = point.scene.model_dump(mode="json")
+    for key in point.scene.contact.ignored():
+        del dumped["contact"][key]
+    return dumped.get(part)
 
 
 def _leaves(value: Any, name: str) -> Iterator[tuple[str, float | str | bool | None]]:

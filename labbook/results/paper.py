@@ -78,40 +78,40 @@ def compared(results: Results, quantity: str, at: Mapping[str, float | str]) -> 
     for paper in analyses():
         try:
             with calling(paper):
-                found = paper.compared(results, quantity, at)
+                comparisons = paper.compared(results, quantity, at)
         except ExtensionError as error:
-            found = [replace(sought(quantity, at), why=str(error))] if _owns(paper, quantity) else None
-        if found is not None:
-            return found
+            comparisons = [replace(sought(quantity, at), why=str(error))] if _owns(paper, quantity) else None
+        if comparisons is not None:
+            return comparisons
     return None
 
 
 def judged(results: Results, statement: Statement) -> Sequence[Judged] | None:
-    """What the paper says whose quantity a statement is on; None if it is no paper's. Where its code fails, the
-    statement is undecided, and says why."""
+    """Verdicts of the paper whose quantity a statement is on; None if it is no paper's. Where its code fails, the
+    statement is undecided, with the reason."""
     for paper in analyses():
         try:
             with calling(paper):
-                found = paper.judged(results, statement)
+                verdicts = paper.judged(results, statement)
         except ExtensionError as error:
-            found = [Judged(statement, "", None, why=str(error))] if _owns(paper, statement.quantity) else None
-        if found is not None:
-            return found
+            verdicts = [Judged(statement, "", None, why=str(error))] if _owns(paper, statement.quantity) else None
+        if verdicts is not None:
+            return verdicts
     return None
 
 
 def frames(results: Results) -> tuple[dict[str, Iterable[Row]], list[str]]:
     """Rows of the data frames of all papers, by name; and why those of a paper are lacking."""
-    found, problems = dict[str, Iterable[Row]](), list[str]()
+    tables, problems = dict[str, Iterable[Row]](), list[str]()
     for paper in analyses():
         try:
             with calling(paper):
                 own = paper.frames(results)
                 # rows are made when they are read: those of another package here, where its errors are caught
-                found |= {name: list(rows) for name, rows in own.items()} if paper.name in PAPERS.extensions else own
+                tables |= {name: list(rows) for name, rows in own.items()} if paper.name in PAPERS.extensions else own
         except ExtensionError as error:
             problems.append(str(error))
-    return found, problems
+    return tables, problems
 
 
 def _owns(paper: Analysis, quantity: str) -> bool:

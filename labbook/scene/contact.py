@@ -122,7 +122,7 @@ class ContactLaw(Model, ABC):
     usual_step: ClassVar[str]
     """The time step where a study states none: a part of a time scale."""
     honours: ClassVar[frozenset[str]]
-    """Which of COMMON its formulas use; a study that states another one is refused."""
+    """Keys among COMMON that its formulas use; a study that states another one is refused."""
     version: ClassVar[int] = 1
     """Raised whenever its formulas change what a run gives: runs and packings made by an older one are then stale."""
     changes: ClassVar[Mapping[int, str]] = {}
@@ -173,9 +173,9 @@ class ContactLaw(Model, ABC):
     @model_validator(mode="after")
     def _ignores_nothing_stated(self, info: ValidationInfo):
         required = (info.context or {}).get("units") == "required"
-        stated = self.model_fields_set if required else ()  # records state all keys, with their defaults
+        explicit = self.model_fields_set if required else ()  # records have all keys, with their defaults
         fields = type(self).model_fields
-        keys = [key for key in self.ignored() if key in stated or getattr(self, key) != fields[key].default]
+        keys = [key for key in self.ignored() if key in explicit or getattr(self, key) != fields[key].default]
         refuse(Fault(key, useless(self.law, key), "leave it out") for key in keys)
         return self
 
@@ -233,7 +233,7 @@ class ContactLaw(Model, ABC):
 
 
 def useless(law: str, key: str) -> str:
-    """Why a study cannot state a key that the law ignores."""
+    """The reason against a key that the law ignores."""
     return f"the law {law} has no use for {key}"
 
 

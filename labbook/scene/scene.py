@@ -73,8 +73,8 @@ class Scene(Model):
 
     def _faults_of_ignored(self, law: ContactLaw) -> Iterator[Fault]:
         """Surfaces that state what the law ignores. Walls are stated for the scene's own law."""
-        stated = [(f"walls.{name}", wall) for name, wall in self.walls.items()] if law is self.contact else []
-        for where, change in (*stated, *(("contact.between", pair) for pair in law.between)):
+        walls = [(f"walls.{name}", wall) for name, wall in self.walls.items()] if law is self.contact else []
+        for where, change in (*walls, *(("contact.between", pair) for pair in law.between)):
             for key in law.ignored():
                 if getattr(change, key, None) is not None:
                     own = "" if where == "contact.between" else f".{key}"

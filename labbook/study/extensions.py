@@ -16,8 +16,8 @@ from labbook.study.point import Point
 
 def used_by_runs(point: Point, *backends: str) -> tuple[Extension, ...]:
     """The extensions that runs of a point use: contact laws, walls, the start, and the backends that are named."""
-    found = (*_of_point(point), *map(extension_of, backends))
-    return tuple(dict.fromkeys(one for one in found if one is not None))
+    entries = (*_of_point(point), *map(extension_of, backends))
+    return tuple(dict.fromkeys(entry for entry in entries if entry is not None))
 
 
 def used_by_analysis(study: Study) -> tuple[Extension, ...]:

@@ -46,7 +46,7 @@ CASES: tuple[Case, ...] = (
 
 
 EVERY = Registry[Case]("labbook.cases", Case, CASES)
-"""These, and the cases of other packages, by name."""
+"""All cases by name, also of other packages."""
 
 
 def chosen(names: list[str]) -> list[Case]:

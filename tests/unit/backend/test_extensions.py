@@ -61,10 +61,10 @@ def put(write, monkeypatch):
     """Puts an object of the package into a registry, in place of what has its name there."""
 
     def place(registry, group: str, kind: str, text: str) -> None:
-        one = write(kind, text).Own()
-        entries = {**registry, one.name: one}
-        extension = Extension(group, one.name, "bed-extras", "0.1", f"bed_extras.{kind}")
-        monkeypatch.setitem(vars(registry), "_entries", (entries, {**registry.extensions, one.name: extension}))
+        entry = write(kind, text).Own()
+        entries = {**registry, entry.name: entry}
+        extension = Extension(group, entry.name, "bed-extras", "0.1", f"bed_extras.{kind}")
+        monkeypatch.setitem(vars(registry), "_entries", (entries, {**registry.extensions, entry.name: extension}))
         monkeypatch.setitem(vars(registry), "_found", entries)
 
     return place
@@ -275,8 +275,8 @@ def test_runs_name_the_extensions_that_they_use_and_no_other(done, monkeypatch):
         extension = Extension("labbook.contact_laws", name, f"{name}-extras", "0.1", "bed_extras")
         monkeypatch.setitem(registry.extensions, name, extension)
     used = used_by_runs(point, "numba")
-    made = provenance("cpu", used)
-    assert made["extensions"] == {"contact law hertz-mindlin": "hertz-mindlin-extras 0.1"}
-    assert made["packages"]["hertz-mindlin-extras"] == "0.1"
-    assert "linear-extras" not in made["packages"]
+    origin = provenance("cpu", used)
+    assert origin["extensions"] == {"contact law hertz-mindlin": "hertz-mindlin-extras 0.1"}
+    assert origin["packages"]["hertz-mindlin-extras"] == "0.1"
+    assert "linear-extras" not in origin["packages"]
     assert "extensions" not in provenance("cpu")

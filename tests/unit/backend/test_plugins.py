@@ -189,8 +189,8 @@ def test_a_study_names_a_law_a_wall_and_a_start_from_outside(tmp_path):
         ended = labbook("plan", study, *there)
         assert ended.returncode == 1
         assert all(key in ended.stderr for key in keys)
-    unknown = STUDY.replace("law: quadratic", "law: cubic").replace("kind: stack", "kind: heap")
-    study.write_text(unknown, encoding="utf-8")
+    misspelt = STUDY.replace("law: quadratic", "law: cubic").replace("kind: stack", "kind: heap")
+    study.write_text(misspelt, encoding="utf-8")
     ended = labbook("plan", study, *there)
     assert ended.returncode == 1
     assert {"quadratic", "stack"} <= set(ended.stderr.replace(",", " ").split()), "names that there are, are listed"

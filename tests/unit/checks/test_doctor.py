@@ -32,10 +32,10 @@ def test_the_cpu_backend_bounces_a_grain():
     ],
 )
 def test_a_grain_bounces_off_another_wall_by_another_law(contact, wall, above):
-    more = {} if wall is None else {"wall": wall, "above": (0.01, 0.02, above)}
-    found = doctor.bounce(load("reference"), "cpu", contact, **more)
+    place = {} if wall is None else {"wall": wall, "above": (0.01, 0.02, above)}
+    restitution = doctor.bounce(load("reference"), "cpu", contact, **place)
     # the restitution asked for is exact but for the step, a 400th of the collision: 1e-3 of the damping
-    assert found == pytest.approx(0.5, abs=2e-3)
+    assert restitution == pytest.approx(0.5, abs=2e-3)
 
 
 def test_a_grain_that_would_miss_the_wall_is_told():

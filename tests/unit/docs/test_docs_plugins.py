@@ -33,9 +33,9 @@ def test_every_group_has_a_row():
     ],
 )
 def test_the_row_of_a_group_has_the_class_and_all_that_it_leaves_to_define(group, kind):
-    named = set(re.findall(r"`([\w.]+)`", ROWS[group]))
-    assert any(name.endswith(f".{kind.__name__}") for name in named)
-    assert set(required(kind)) <= named
+    names = set(re.findall(r"`([\w.]+)`", ROWS[group]))
+    assert any(name.endswith(f".{kind.__name__}") for name in names)
+    assert set(required(kind)) <= names
 
 
 def test_what_may_be_defined_is_there_to_be_defined():

@@ -85,5 +85,5 @@ def test_its_study_runs_and_is_stale_after_an_edit_of_the_law(package):
     law.write_text(formulas.replace("s * real(0.0)", "s"), encoding="utf-8")
     assert reasons() == {("stale", "the law viscous of bed-extras has changed since")}
     (folder, *_) = (package.parent / "lab/runs").iterdir()
-    made = json.loads((folder / "run.json").read_text())["sessions"][-1]["provenance"]["extensions"]
-    assert made == {"contact law viscous": "bed-extras 0.1", "backend hourglass": "silo-extras 1"}
+    used = json.loads((folder / "run.json").read_text())["sessions"][-1]["provenance"]["extensions"]
+    assert used == {"contact law viscous": "bed-extras 0.1", "backend hourglass": "silo-extras 1"}

@@ -66,20 +66,20 @@ def package(tmp_path, monkeypatch):
 
 def test_an_edit_of_what_is_computed_changes_the_hash_and_one_of_comments_does_not(package):
     before = package()
-    same = (
+    unimportant = (
         {"forces": FORCES.replace("# a spring", "# two springs").replace('"""N."""', '"""Forces [N]."""')},
         {"law": LAW.replace("A spring.", "A softer spring.").replace("  # used below", "")},
         {"helper": "# half of x\n\n\n" + HELPER},
         {"apart": "x = 2\n"},
     )
-    for files in same:
+    for files in unimportant:
         assert package(**files) == before, "comments, docstrings and modules that it does not import"
-    others = (
+    edits = (
         {"forces": FORCES.replace("c[0] * delta", "c[0] * delta / 2")},
         {"law": LAW.replace("half(restitution)", "restitution")},
         {"helper": HELPER.replace("/ 2", "/ 3")},
     )
-    assert len({before, *(package(**files) for files in others)}) == 4
+    assert len({before, *(package(**files) for files in edits)}) == 4
 
 
 def scene():
@@ -90,7 +90,7 @@ def scene():
 
 @pytest.fixture
 def edited(monkeypatch):
-    """As if hertz-mindlin were a law, and planes walls, of the package bed-extras: sets the hash of both sources."""
+    """Make hertz-mindlin a law, and planes walls, of the package bed-extras; sets the hash of both sources."""
     for registry, name in ((CONTACT_LAWS, "hertz-mindlin"), (WALL_SHAPES, "plane")):
         extension = Extension("labbook.contact_laws", name, "bed-extras", "0.1", "bed_extras")
         monkeypatch.setitem(registry.extensions, name, extension)
@@ -102,43 +102,43 @@ def edited(monkeypatch):
 def test_the_hash_is_part_of_keys_of_scenes_and_not_of_lineages(edited):
     own = identity.scene_key(scene(), {"law hertz-mindlin": 2})
     edited("b" * 24)
-    made = identity.versions(scene())
-    assert made == {
+    installed = identity.versions(scene())
+    assert installed == {
         "law hertz-mindlin": 2, "source of law hertz-mindlin": "b" * 24, "source of wall plane": "a" * 24,
     }  # fmt: skip
     key = identity.scene_key(scene())
-    assert key == identity.scene_key(scene(), made) != own
-    assert identity.lineage_scene(scene(), made, key) == own
+    assert key == identity.scene_key(scene(), installed) != own
+    assert identity.lineage_scene(scene(), installed, key) == own
     edited("b" * 24, "c" * 24)
     assert len({own, key, identity.scene_key(scene())}) == 3
-    assert identity.outdated(made, identity.versions(scene())) == "the wall plane of bed-extras has changed since"
+    assert identity.outdated(installed, identity.versions(scene())) == "the wall plane of bed-extras has changed since"
     assert "before labbook recorded the source of the wall plane" in identity.outdated({}, identity.versions(scene()))
 
 
-def plan(asked, lab):
-    return Planner(asked, Catalogue(lab), Backend().capabilities).plan()
+def plan(toy, lab):
+    return Planner(toy, Catalogue(lab), Backend().capabilities).plan()
 
 
 def test_runs_by_another_source_are_stale_and_enter_no_mean_of_newer_ones(tmp_path, edited):
-    lab, asked = tmp_path / "lab", study(tmp_path, replicates=2)
+    lab, toy = tmp_path / "lab", study(tmp_path, replicates=2)
     edited("b" * 24)
-    carry_out(asked, lab)
-    assert plan(asked, lab).counts() == {"done": 4}
+    carry_out(toy, lab)
+    assert plan(toy, lab).counts() == {"done": 4}
     for folder in Lab(lab).runs.iterdir():
         record, _ = open_run(folder)
         assert record.versions["source of law hertz-mindlin"] == "b" * 24
     why = "the law hertz-mindlin of bed-extras has changed since"
     edited("c" * 24)
-    assert {(item.state, item.reason) for item in plan(asked, lab).items} == {("stale", why)}
-    assert find(asked, Catalogue(lab), "toy").stale == {why: 4}
+    assert {(item.state, item.reason) for item in plan(toy, lab).items} == {("stale", why)}
+    assert find(toy, Catalogue(lab), "toy").stale == {why: 4}
     carry_out(study(tmp_path, replicates=1), lab)
-    mixed = find(asked, Catalogue(lab), "toy")
+    mixed = find(toy, Catalogue(lab), "toy")
     assert not mixed.stale
     assert {len(point.runs) for point in mixed.points} == {1}
     edited("b" * 24)
-    assert plan(asked, lab).counts() == {"done": 4}, "an edit that is taken back costs nothing"
+    assert plan(toy, lab).counts() == {"done": 4}, "an edit that is taken back costs nothing"
     edited("d" * 24)
-    shown = find(asked, Catalogue(lab), "toy")
-    assert {len(point.runs) for point in shown.points} == {1}, "of two sources the newer one is shown"
+    results = find(toy, Catalogue(lab), "toy")
+    assert {len(point.runs) for point in results.points} == {1}, "of two sources the newer one is shown"
     for folder in Lab(lab).runs.iterdir():
         open_run(folder)

@@ -75,10 +75,10 @@ class Measured(Adhesive):
 
 
 def test_a_law_refuses_the_common_keys_that_it_has_no_use_for():
-    for stated in ({"friction": 0.5}, {"damping": "textbook"}, {"rolling": "rolling"}):
-        (key,) = stated
+    for values in ({"friction": 0.5}, {"damping": "textbook"}, {"rolling": "rolling"}):
+        (key,) = values
         with pytest.raises(ValidationError, match=f"the law adhesive has no use for {key}"):
-            Measured.model_validate(stated)
+            Measured.model_validate(values)
     law = Measured(restitution=0.5)
     assert Measured.model_validate(law.model_dump()) == law, "records state all keys, with their defaults"
     with pytest.raises(ValidationError, match="no use for damping"):
