@@ -1,43 +1,143 @@
-"""What packages from outside add to labbook: they announce it by entry points, as the bundled backends and papers do.
+"""Extensions: what other packages add to labbook. They announce it by entry points, as bundled backends and papers do.
 
-A measure, a fit or a paper of another package stands in its `pyproject.toml`:
+A measure of another package stands in its `pyproject.toml`:
 
     [project.entry-points."labbook.measures"]
     wall_force = "my_package.wall_force:WallForce"
 
-The object is a class without arguments, or an instance; of contact laws and walls it is the class itself
-(`labbook.scene.model.Choice`). It is loaded when its registry is first asked for something.
+`KINDS` lists the groups. The object is an instance, or a class that takes no arguments; of contact laws and walls it is
+the class itself (`labbook.scene.model.Choice`). It is loaded when its registry is first used.
 """
 
 from collections.abc import Iterable, Iterator, Mapping
+from contextlib import contextmanager
+from dataclasses import dataclass, field
 from functools import cached_property
 from importlib.metadata import entry_points
-from typing import Any, Generic, TypeVar
+from inspect import get_annotations
+from pathlib import Path
+from types import FrameType
+from typing import Any, ClassVar, Generic, TypeVar, get_origin
 
 _T = TypeVar("_T")
 _OWN = "labbook"
 """The distribution that announces what is bundled, and how all groups of entry points begin."""
 
+KINDS = {
+    "labbook.contact_laws": "contact law",
+    "labbook.walls": "wall",
+    "labbook.starts": "start",
+    "labbook.measures": "measure",
+    "labbook.laws": "flow law",
+    "labbook.strategies": "strategy",
+    "labbook.papers": "paper",
+    "labbook.cases": "case",
+    "labbook.backends": "backend",
+    "labbook.verbs": "verb",
+}
+"""The word for an entry of each group in messages and pages. A contact law gives forces, a flow law W(D); the further
+fits that a paper adds belong to the paper."""
 
-def extensions() -> dict[str, str]:
-    """Name and version of every installed distribution, beside labbook's own, that announces an entry point in one of
-    labbook's groups. Their code can change numbers."""
-    entries = (
-        entry for group in entry_points().groups if group.startswith(f"{_OWN}.") for entry in entry_points(group=group)
-    )
-    found = {entry.dist.name: entry.dist.version for entry in entries if entry.dist is not None}
-    return {name: version for name, version in sorted(found.items()) if name != _OWN}
+
+@dataclass(frozen=True)
+class Extension:
+    """An entry that another package announces: of which group, its name, and the package with its version."""
+
+    group: str
+    name: str
+    package: str
+    version: str
+    module: str = field(compare=False)
+    """The module that the entry names."""
+
+    @property
+    def use(self) -> str:
+        """Kind and name: `contact law viscous`."""
+        return f"{KINDS.get(self.group, 'entry')} {self.name}"
+
+    @property
+    def made_by(self) -> str:
+        """Package and version: `bed-extras 0.1`."""
+        return f"{self.package} {self.version}".strip()
+
+    def __str__(self) -> str:
+        return f"{self.use} of {self.made_by}"
+
+    @classmethod
+    def of(cls, entry: Any, name: str = "") -> "Extension | None":
+        """The extension of an entry point; None of what labbook announces itself. `name`: that of the object."""
+        package, version = (entry.dist.name, entry.dist.version) if entry.dist is not None else (entry.module, "")
+        return None if package == _OWN else cls(entry.group, name or entry.name, package, version, entry.module)
+
+
+def installed() -> tuple[Extension, ...]:
+    """All entries that packages beside labbook announce in its groups, by package; none is imported."""
+    groups = [group for group in sorted(entry_points().groups) if group.startswith(f"{_OWN}.")]
+    entries = (Extension.of(entry) for group in groups for entry in entry_points(group=group))
+    extensions = {entry for entry in entries if entry is not None}
+    return tuple(sorted(extensions, key=lambda extension: (extension.package, extension.group, extension.name)))
 
 
 class BrokenPlugin(Exception):
-    """Something that a package announces cannot be loaded; the message says what, why, and what to do."""
+    """Something that a package announces cannot be used; the message says what, why, and what to do."""
+
+
+class ExtensionError(BrokenPlugin):
+    """The code of an extension has raised an exception, which is the cause of this one.
+
+    The message names the extension, its package, the exception, and the line of the package that raised it.
+    """
+
+    def __init__(self, extension: Extension, error: BaseException):
+        frame = _frame_of(error, _package_of(extension.module))
+        place = f" ({_place(*frame)})" if frame else ""
+        super().__init__(f"{extension}: {type(error).__name__}: {error}{place}")
+        self.extension = extension
+
+
+def blamed(error: BaseException) -> ExtensionError | None:
+    """The same error as one of the extension whose code raised it, by its traceback; None if it was labbook's code.
+
+    Extensions call labbook and other libraries: the innermost frame of a loaded extension counts.
+    """
+    for package, extensions in _loaded.items():
+        if (place := _frame_of(error, package)) is not None:
+            module = place[0].f_globals.get("__name__")
+            of_module = (extension for extension in extensions if extension.module == module)
+            return ExtensionError(next(of_module, extensions[0]), error)
+    return None
+
+
+_loaded: dict[str, list[Extension]] = {}
+"""By top-level package: the extensions whose code this process has imported."""
+
+
+def _package_of(module: str) -> str:
+    return module.partition(".")[0]
+
+
+def _frame_of(error: BaseException, package: str) -> tuple[FrameType, int] | None:
+    """The innermost frame of a package in a traceback, and its line."""
+    innermost, trace = None, error.__traceback__
+    while trace is not None:
+        if _package_of(str(trace.tb_frame.f_globals.get("__name__"))) == package:
+            innermost = trace.tb_frame, trace.tb_lineno
+        trace = trace.tb_next
+    return innermost
+
+
+def _place(frame: FrameType, line: int) -> str:
+    """`bed_extras/viscous.py, line 31`."""
+    package, path = _package_of(str(frame.f_globals["__name__"])), Path(frame.f_code.co_filename)
+    parts = path.parts[path.parts.index(package) :] if package in path.parts else path.parts[-1:]
+    return f"{'/'.join(parts)}, line {line}"
 
 
 class Registry(Mapping[str, _T], Generic[_T]):
     """What is built in and what other packages add in the entry-point group `group`, by name, in that order.
 
-    `kind`: the class that all must be of, each with a `name`. Raises BrokenPlugin when it is first asked, for something
-    that cannot be loaded, is of another kind, or has a name that is taken.
+    `kind`: the class that all must be of, each with a `name`. Raises BrokenPlugin when it is first used, for something
+    that cannot be loaded, is of another kind, lacks abstract methods or class variables, or has a name that is taken.
     """
 
     def __init__(self, group: str, kind: type, builtin: Iterable[_T]):
@@ -45,13 +145,43 @@ class Registry(Mapping[str, _T], Generic[_T]):
 
     @cached_property
     def _found(self) -> dict[str, _T]:
-        found = {self._name(one): one for one in self._builtin}
+        return self._entries[0]
+
+    @cached_property
+    def _entries(self) -> tuple[dict[str, _T], dict[str, Extension]]:
+        """Objects by name, and the extensions among them."""
+        objects, extensions = {self._name(entry): entry for entry in self._builtin}, dict[str, Extension]()
         for entry in sorted(entry_points(group=self._group), key=lambda entry: entry.name):
-            one = self._load(entry)
-            if (name := self._name(one)) in found:
+            name, loaded = self._load(entry)
+            if name in objects:
                 raise BrokenPlugin(f"{self._said(entry)}: another package provides {name}; uninstall one of the two")
-            found[name] = one
-        return found
+            objects[name] = loaded
+            if (extension := Extension.of(entry, name)) is not None:
+                extensions[name] = extension
+                _loaded.setdefault(_package_of(entry.module), []).append(extension)
+        return objects, extensions
+
+    @property
+    def extensions(self) -> Mapping[str, Extension]:
+        """The extensions in it, by name; labbook's own objects are not among them."""
+        return self._entries[1]
+
+    @contextmanager
+    def calling(self, name: str, *passing: type[Exception]) -> Iterator[None]:
+        """A context in which the code of the object called `name` is called.
+
+        An exception in it becomes an ExtensionError. Exceptions of the kinds `passing` stay, as do those for reasons of
+        the machine (ImportError, OSError, MemoryError), and all exceptions of labbook's own objects: those are errors
+        of labbook, which need their traceback.
+        """
+        try:
+            yield
+        except (*passing, ExtensionError, ImportError, OSError, MemoryError):
+            raise
+        except Exception as error:
+            if (extension := self.extensions.get(name)) is None:
+                raise
+            raise ExtensionError(extension, error) from error
 
     def _name(self, one: Any) -> str:
         return one.name
@@ -61,15 +191,28 @@ class Registry(Mapping[str, _T], Generic[_T]):
         one = loaded() if isinstance(loaded, type) else loaded
         return one if isinstance(one, self._kind) else None
 
-    def _load(self, entry: Any) -> _T:
+    def _load(self, entry: Any) -> tuple[str, _T]:
         try:
-            made = self._made(entry.load())
+            loaded = entry.load()
         except Exception as error:  # whatever a package does when it is imported
-            why = f"it cannot be loaded ({type(error).__name__}: {error})"
-            raise BrokenPlugin(f"{self._said(entry)}: {why}; fix or uninstall the package") from error
+            raise self._broken(entry, error) from error
+        kind = loaded if isinstance(loaded, type) else type(loaded)
+        if issubclass(kind, self._kind) and (missing := required(kind)):
+            raise BrokenPlugin(
+                f"{self._said(entry)}: it lacks {', '.join(missing)}; define that in {kind.__qualname__}"
+            )
+        try:
+            made = self._made(loaded)
+            name = "" if made is None else self._name(made)
+        except Exception as error:  # whatever its class does
+            raise self._broken(entry, error) from error
         if made is None:
             raise BrokenPlugin(f"{self._said(entry)}: it is not a {self._kind.__name__}; fix or uninstall the package")
-        return made
+        return name, made
+
+    def _broken(self, entry: Any, error: Exception) -> BrokenPlugin:
+        why = f"it cannot be loaded ({type(error).__name__}: {error})"
+        return BrokenPlugin(f"{self._said(entry)}: {why}; fix or uninstall the package")
 
     def _said(self, entry: Any) -> str:
         package = f" of {entry.dist.name}" if entry.dist is not None else ""
@@ -83,3 +226,14 @@ class Registry(Mapping[str, _T], Generic[_T]):
 
     def __len__(self) -> int:
         return len(self._found)
+
+
+def required(kind: type) -> tuple[str, ...]:
+    """Names that a class derived from `kind` has to define: class variables without a value, and abstract methods."""
+    variables = [
+        name
+        for base in reversed(kind.__mro__)
+        for name, annotation in get_annotations(base).items()
+        if get_origin(annotation) is ClassVar and not hasattr(kind, name)
+    ]
+    return (*dict.fromkeys(variables), *sorted(getattr(kind, "__abstractmethods__", ())))

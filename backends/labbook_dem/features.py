@@ -176,7 +176,8 @@ def _specialised(
 
 
 def check(can: Capabilities, needs: Needs, precision: str, probes: Sequence[Probe]) -> None:
-    """Raises Unsupported if a backend with these capabilities cannot do it."""
+    """Raises Unsupported if a backend with these capabilities cannot do it, BrokenPlugin for a law or a wall whose
+    formulas are not complete."""
     wanted = [
         ("grains.shape", needs.grains.shape, can.shapes),
         ("contact.law", needs.contact.law, can.laws),
@@ -188,6 +189,9 @@ def check(can: Capabilities, needs: Needs, precision: str, probes: Sequence[Prob
             has = ", ".join(sorted(known))
             state = f": state numerics: {{precision: {min(known)}}}" if key == "numerics.precision" else ""
             raise Unsupported(key, f"the backend {can.name} has no {value}; it has {has}{state}")
+    for formulas, names in ((LAWS, (needs.contact.law,)), (WALLS, needs.walls)):
+        for name in names:
+            _ = formulas[name]  # held to its definitions
     if sum(isinstance(probe, Crossing) for probe in probes) > 1:
         raise Unsupported("measure", f"the backend {can.name} records crossings of one plane at a time")
     if needs.grains.varied and not can.mixtures:

@@ -8,7 +8,7 @@ from importlib.util import find_spec
 from types import ModuleType
 
 from labbook.plugins import BrokenPlugin
-from labbook_dem.source import module_text
+from labbook_dem.source import module_text, undefined_names
 
 
 def identifier(name: str) -> str:
@@ -45,6 +45,9 @@ class Formulas(Mapping[str, ModuleType]):
         missing = [one for one in self._required(name) if not hasattr(module, one)]
         if missing:
             raise BrokenPlugin(f"the {self._what} {name}: {where} lacks {', '.join(missing)}; define it there")
+        if hasattr(kind, "physics"):  # of another package; tests compile those of labbook
+            for undefined, line in undefined_names(module):
+                raise BrokenPlugin(f"the {self._what} {name}: {where}, line {line}: {undefined} is not defined")
         return module
 
     def __iter__(self) -> Iterator[str]:

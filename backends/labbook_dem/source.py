@@ -6,7 +6,9 @@ names in capitals, which functions of the physics use, become constants of the g
 """
 
 import ast
+import builtins
 import re
+import symtable
 from collections.abc import Mapping, Sequence
 from functools import cache
 from pathlib import Path
@@ -62,6 +64,22 @@ def _capitals(text: str) -> frozenset[str]:
     """Names in capitals that compiled functions read."""
     nodes = (node for marked in _marked_nodes(text) for node in ast.walk(marked))
     return frozenset(node.id for node in nodes if isinstance(node, ast.Name) and node.id.isupper())
+
+
+def undefined_names(module: ModuleType) -> list[tuple[str, int]]:
+    """Names that compiled functions of a module read and that neither it nor Python defines, with their lines."""
+    text = module_text(module)
+    marked = {node.name: node for node in _marked_nodes(text)}
+    missing: list[tuple[str, int]] = []
+    for table in symtable.symtable(text, module.__name__, "exec").get_children():
+        node = marked.get(table.get_name())
+        if node is None or not isinstance(table, symtable.Function):
+            continue
+        for name in table.get_globals():
+            if not (name in vars(module) or hasattr(builtins, name)):
+                lines = [use.lineno for use in ast.walk(node) if isinstance(use, ast.Name) and use.id == name]
+                missing.append((name, min(lines, default=node.lineno)))
+    return sorted(missing, key=lambda place: place[1])
 
 
 def module_text(module: ModuleType) -> str:

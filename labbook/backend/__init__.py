@@ -19,7 +19,7 @@ from labbook.backend.contract import (
     Survey,
     Unsupported,
 )
-from labbook.backend.registry import GROUP, BackendMissing, absent, installed, load, load_to_plan, unready
+from labbook.backend.registry import GROUP, BackendMissing, absent, extension_of, installed, load, load_to_plan, unready
 
 __all__ = [
     "GROUP",
@@ -42,6 +42,7 @@ __all__ = [
     "Survey",
     "Unsupported",
     "absent",
+    "extension_of",
     "installed",
     "load",
     "load_to_plan",

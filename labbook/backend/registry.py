@@ -1,8 +1,10 @@
 """Backends are found by their entry points."""
 
+from functools import cache
 from importlib.metadata import entry_points
 
 from labbook.backend.contract import Backend, Unsupported
+from labbook.plugins import Extension
 
 
 class BackendMissing(Exception):
@@ -15,6 +17,12 @@ GROUP = "labbook.backends"
 def installed() -> dict[str, str]:
     """Names of the installed backends and their entry points; none is imported."""
     return {entry.name: entry.value for entry in entry_points(group=GROUP)}
+
+
+@cache
+def extension_of(name: str) -> Extension | None:
+    """The extension that provides the backend called `name`; None of bundled ones, and of one that is not installed."""
+    return next((Extension.of(entry) for entry in entry_points(group=GROUP) if entry.name == name), None)
 
 
 def load(name: str) -> Backend:

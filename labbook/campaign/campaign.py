@@ -8,7 +8,7 @@ from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import Any, Protocol
 
-from labbook.campaign.strategy import Assignment, Generation, History, Proposal, Strategy, Trial
+from labbook.campaign.strategy import STRATEGIES, Assignment, Generation, History, Proposal, Strategy, Trial
 
 Evaluate = Callable[[Generation], tuple[Trial, ...] | None]
 """Gives the finished runs of a generation; None as long as some are missing."""
@@ -138,7 +138,8 @@ class Campaign:
             # what is in flight may be complete by now, which is a matter of time: it is shown without its results
             pending = tuple(replace(one, trials=None) for one in self.generations[basis:])
             history = History(self.study, tuple(self.generations[:basis]), pending, number)
-            proposal = self.strategy.propose(history)
+            with STRATEGIES.calling(self.strategy.name):
+                proposal = self.strategy.propose(history)
             if proposal.state == "wait" and not pending:
                 reason = f"the strategy {self.strategy.name} waits, and no run of it is in flight"
                 raise ValueError(f"{reason}; let it propose assignments or end")

@@ -1,6 +1,7 @@
 """What is installed, and whether the backends work: each lets a grain bounce once on each of its devices; and what a
 backend compiles for a study."""
 
+import math
 import time
 from collections.abc import Callable
 from dataclasses import asdict, dataclass, replace
@@ -19,9 +20,10 @@ from labbook.backend import (
 )
 from labbook.backend.numerics import Numerics
 from labbook.plan.demand import PointDemand
-from labbook.plugins import extensions
-from labbook.scene import LinearSpringDashpot, Plane, Primitives, Scene, Spheres, Wall
+from labbook.plugins import installed as extensions
+from labbook.scene import ContactLaw, LinearSpringDashpot, Plane, Primitives, Scene, Spheres, Wall
 from labbook.scene.packing import Packing
+from labbook.scene.walls import WallShape
 from labbook.study import Study
 
 PACKAGES = {
@@ -82,7 +84,7 @@ def examine(say: Callable[[str], None] = lambda _: None) -> Examination:
     say: called with what is going on.
     """
     packages = tuple(Package(name, found, PACKAGES[name]) for name, found in machine.versions(PACKAGES).items())
-    packages += tuple(Package(name, version, "extends labbook") for name, version in extensions().items())
+    packages += _extending()
     backends: list[BackendHealth] = []
     versions: dict[str, dict[str, str]] = {}
     for name in sorted(installed()):
@@ -97,6 +99,14 @@ def examine(say: Callable[[str], None] = lambda _: None) -> Examination:
             versions[name] = dict(found.versions)
         backends += _try(backend, {device.alias: _what(device) for device in found.devices}, say)
     return Examination(__version__, machine.hardware(), packages, tuple(backends), versions)
+
+
+def _extending() -> tuple[Package, ...]:
+    """Packages that extend labbook, each with the names of all that it adds."""
+    added: dict[tuple[str, str], list[str]] = {}
+    for extension in extensions():
+        added.setdefault((extension.package, extension.version), []).append(extension.use)
+    return tuple(Package(name, version, f"adds {', '.join(uses)}") for (name, version), uses in added.items())
 
 
 def _reason(error: Exception) -> str:
@@ -131,27 +141,67 @@ def _try_on(backend: Backend, device: str) -> BackendHealth:
     return BackendHealth(can.name, device, works, note, precisions=precisions, laws=laws)
 
 
-ASKED = 0.8
+ASKED, SPEED, RADIUS = 0.8, 0.1, 5e-3
+"""Restitution of the linear law in the self-test, speed of an impact [m/s] and radius of the grain [m]."""
+_RESOLVED = 400
+"""Steps of a collision by another law."""
 
 
-def bounce(backend: Backend, device: str) -> float:
-    """Restitution of a grain that hits a plane at 0.1 m/s, on one device. Raises what the backend raises."""
-    floor = Wall(name="floor", shape=Plane(point=(0, 0, 0), normal=(0, 0, 1)))
+def bounce(
+    backend: Backend,
+    device: str = "cpu",
+    contact: ContactLaw | None = None,
+    wall: WallShape | None = None,
+    above: tuple[float, float, float] = (0.0, 0.0, 0.1),
+) -> float:
+    """Let a grain of 10 mm and 1000 kg/m^3 come down on a wall at 0.1 m/s, without gravity and spin.
+
+    Args:
+        backend: The backend that computes it.
+        device: One of its devices.
+        contact: The contact law; None: a linear spring of 10 kN/m with a restitution of 0.8.
+        wall: The shape of the wall; None: the plane z = 0.
+        above: A point above the wall [m]; the grain touches the wall straight below.
+
+    Returns:
+        Upward velocity after the impact over the speed before: the restitution, if the wall is level where it is hit.
+
+    Raises:
+        ValueError: There is no wall straight below `above`.
+        Exception: Whatever the backend raises.
+    """
+    grains = Spheres(diameter=2 * RADIUS, density=1000, count=1)
+    dt, gap = 2e-6, 1e-5
+    if contact is not None:
+        duration = contact.collision_time(grains.mass, RADIUS, SPEED)
+        dt, gap = duration / _RESOLVED, 0.1 * duration * SPEED
+    floor = Wall(name="floor", shape=wall or Plane(point=(0, 0, 0), normal=(0, 0, 1)))
     scene = Scene(
-        grains=Spheres(diameter=1e-2, density=1000, count=1),
-        contact=LinearSpringDashpot(normal_stiffness=1e4, restitution=ASKED),
+        grains=grains,
+        contact=contact or LinearSpringDashpot(normal_stiffness=1e4, restitution=ASKED),
         container=Primitives(parts=(floor,)),
         gravity=0.0,
     )
-    numerics = Numerics(dt=2e-6, steps_per_beat=1000)
+    x = np.array([[0, 0, RADIUS + gap]]) if wall is None else _just_above(wall, np.array([above]), RADIUS + gap)
+    numerics = Numerics(dt=dt, steps_per_beat=1000)
     ensemble = backend.open(backend.specialise(scene, numerics), 1, device)
     try:
-        start = Packing(x=np.array([[0, 0, 5.01e-3]]), v=np.array([[0, 0, -0.1]]), omega=np.zeros((1, 3)))
+        start = Packing(x=x, v=np.array([[0, 0, -SPEED]]), omega=np.zeros((1, 3)))
         member = ensemble.admit(scene, numerics, start)
         ensemble.advance(2)
-        return float(ensemble.packing(member).v[0, 2]) / 0.1
+        return float(ensemble.packing(member).v[0, 2]) / SPEED
     finally:
         ensemble.close()
+
+
+def _just_above(wall: WallShape, x: np.ndarray, distance: float) -> np.ndarray:
+    """The place straight below x [m], shape [1, 3], at a distance [m] from a wall, by steps as long as what is left."""
+    before = math.inf
+    while (left := float(wall.distance(x)[0]) - distance) < before:
+        if abs(left) < 1e-6 * distance:
+            return x
+        x, before = x - np.array([0.0, 0.0, left]), left
+    raise ValueError("there is no wall straight below `above`; choose another point")
 
 
 class NoKernel(Exception):

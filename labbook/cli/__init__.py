@@ -22,6 +22,7 @@ _ALLOCATED = 10_000
 """Objects that are made between two looks for garbage."""
 VERBS = (
     "new",
+    "new_extension",
     "plan",
     "run",
     "pilot",
@@ -61,6 +62,8 @@ class Verbs(TyperGroup):
         """Carry out the verb that was asked for."""
         try:
             return super().invoke(ctx)
+        except (typer.Exit, typer.Abort):
+            raise
         except Exception as error:
             line = told(error)
             if line is None:

@@ -3,7 +3,7 @@
 import typer
 
 from labbook.cli.options import BACKEND, LAB, AsJson, Backend, Lab, StudyFile, results
-from labbook.cli.screen import print_table, screen
+from labbook.cli.screen import print_table, say, screen
 
 
 def register(app: typer.Typer) -> None:
@@ -25,7 +25,7 @@ def _show(found) -> None:
     from labbook.report import tables
     from labbook.report.fitted_tables import fit_table
     from labbook.report.page import summary
-    from labbook.report.paper import papers
+    from labbook.report.paper import tables_of_all
     from labbook.report.statement_tables import statement_digest, statement_table
     from labbook.report.tables import numerical_table
     from labbook.results import display
@@ -49,9 +49,11 @@ def _show(found) -> None:
                 fit_table(law, fitted, at_series(found.comparisons, law, series), found.source),
                 f"{display.law(law)}{where}: {fitted.law.formula}",
             )
-        for paper in papers():
-            for title, table in paper.tables(found, series, where):
-                print_table(console, table, title)
+        further_tables, failed = tables_of_all(found, series, where)
+        for title, table in further_tables:
+            print_table(console, table, title)
+        for problem in failed:
+            say(f"Not shown: {problem}", err=True)
         for problem in series.problems:
             console.print(f"Not fitted{where}: {problem}.", markup=False)
         if series.verdict:

@@ -11,7 +11,7 @@ import typer
 
 from labbook.cli.screen import say
 from labbook.commands import DEFAULT_BACKEND, command
-from labbook.plugins import BrokenPlugin
+from labbook.plugins import BrokenPlugin, blamed
 
 if TYPE_CHECKING:
     from labbook.api import Results
@@ -59,18 +59,20 @@ def leave(status: int) -> NoReturn:
 
 
 def told(error: Exception) -> str | None:
-    """What an error of the storage or of a plug-in means, and what to do, in a line; None for any other error."""
+    """Meaning of an error of the storage or of an extension, and the remedy, in a line; None for any other error."""
     if isinstance(error, BrokenPlugin):
         return str(error)
     if isinstance(error, OSError):
         return _of_files(error) if error.errno not in (None, errno.EPIPE) else None
-    if "labbook.lab" not in sys.modules:
-        return None
-    from labbook.lab import LabError, Unreadable
+    if "labbook.lab" in sys.modules:
+        from labbook.lab import LabError, Unreadable
 
-    if isinstance(error, Unreadable):
-        return f"{error}; labbook run makes it again, and labbook reindex lists all damaged files"
-    return str(error) if isinstance(error, LabError) else None
+        if isinstance(error, Unreadable):
+            return f"{error}; labbook run makes it again, and labbook reindex lists all damaged files"
+        if isinstance(error, LabError):
+            return str(error)
+    of_extension = blamed(error)
+    return None if of_extension is None else str(of_extension)
 
 
 _REMEDIES = {

@@ -2,6 +2,7 @@
 
 import math
 from collections.abc import Callable
+from typing import ClassVar
 
 import numpy as np
 
@@ -19,6 +20,8 @@ class Beverloo(Law):
     `C_particle` with the density rho_p of the grains. The error of phi_B is not part of the interval of C.
     """
 
+    power: ClassVar[float]
+    """Of D in the limit of wide outlets."""
     version = 1
     free = ("ln C_particle", "k")
     least_ratio = 6.0

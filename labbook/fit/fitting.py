@@ -59,6 +59,8 @@ def fit(
     if why := law.without_minimum(D, W, weights.relative, context, allowed):
         raise FitError(f"{law.name}: {why}; use outlets over a wider range or more replicates")
     start = law.start(D, W, context)
+    if np.isnan(law.log_flow(D, start, context)).any():
+        raise FitError(f"{law.name}: log_flow gives NaN at the free parameters of start, {start}")
     for _ in range(_RESTARTS):
         try:
             minimum = minimise(residuals, start)

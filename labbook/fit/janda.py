@@ -1,6 +1,7 @@
 """Janda's law, for a slot and for a circular hole."""
 
 import math
+from typing import ClassVar
 
 import numpy as np
 
@@ -18,6 +19,8 @@ class Janda(Law):
     intervals then have no upper or lower end (infinity, zero).
     """
 
+    power: ClassVar[float]
+    """Of D in the limit of wide outlets."""
     version = 2
     source = "Janda, Zuriguel & Maza, Phys. Rev. Lett. 108 (2012) 248001"
     free = ("ln C' d^n sqrt(d/g)", "alpha_1", "ln alpha_2/d")

@@ -1,4 +1,4 @@
-"""What a law of flow is: a formula for the mass flow rate, free parameters, and what is reported of them."""
+"""Flow laws: a formula for the mass flow rate, free parameters, and what is reported of them."""
 
 import math
 from abc import ABC, abstractmethod
@@ -84,8 +84,6 @@ class Law(ABC):
     """D/d below which the law is not meant to hold."""
     outlet: ClassVar[Literal["slot", "hole", "any"]] = "any"
     """The outlets that it holds for."""
-    power: ClassVar[float]
-    """Of D in its limit for wide outlets, where it has one."""
 
     def __repr__(self) -> str:
         return f"<{self.name}: {self.formula}>"

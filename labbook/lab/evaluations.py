@@ -26,6 +26,7 @@ from labbook.lab.runs import open_run, read_recording, run_data
 from labbook.lab.tables import read_table, write_table
 from labbook.measure import MEASURES, Evaluation, Measure, MeasureError, RunData, Window, scales
 from labbook.measure.packing import PackingStructure
+from labbook.plugins import ExtensionError
 from labbook.scene import Scene
 from labbook.scene.packing import Packing
 from labbook.stats import Measured
@@ -86,8 +87,17 @@ def evaluated_packing(folder: Path, scene: Scene, packing: Callable[[], Packing]
 
 
 def evaluate(measure: Measure, window: Window, data: RunData) -> Evaluated:
-    """What a measure gives of a run, or why it cannot be taken. Raises ImportError if a package is missing."""
-    return _evaluated(measure, lambda: measure.evaluate(data, window))
+    """What a measure gives of a run, or why it cannot be taken.
+
+    Raises ImportError if a package is missing, ExtensionError if the code of another package fails: nothing is kept
+    then, so that the corrected code is tried again.
+    """
+
+    def evaluation() -> Evaluation:
+        with MEASURES.calling(measure.name, MeasureError):
+            return measure.evaluate(data, window)
+
+    return _evaluated(measure, evaluation)
 
 
 def _evaluated(measure: Measure, evaluation: Callable[[], Evaluation]) -> Evaluated:
@@ -95,9 +105,9 @@ def _evaluated(measure: Measure, evaluation: Callable[[], Evaluation]) -> Evalua
         result = evaluation()
     except MeasureError as error:
         return Evaluated(Evaluation(), str(error))
-    except _NOT_OF_THE_MEASURE:
+    except (ExtensionError, *_NOT_OF_THE_MEASURE):
         raise
-    except Exception as error:  # of a measure from outside it can be any: other measures and runs still count
+    except Exception as error:  # other measures and runs still count
         return Evaluated(Evaluation(), f"fails: {type(error).__name__}: {error}")
     declared = {quantity.name for quantity in measure.declared}
     if unknown := [number.quantity for number in result.numbers if number.quantity not in declared]:
@@ -224,7 +234,8 @@ class FinishedRun:
         return run_data(self.folder, self.record)
 
     def evaluated(self, measure: Measure, window: Window) -> Evaluated:
-        """What a measure gave of the run: kept beside it, or evaluated now. Raises Unreadable; ImportError."""
+        """What a measure gave of the run: kept beside it, or evaluated now. Raises Unreadable; ImportError;
+        ExtensionError."""
         return evaluated(self.folder, measure, window, self.data)
 
     def recording(self) -> dict[str, np.ndarray] | None:
@@ -259,13 +270,14 @@ def derive(folder: Path, observe: Observe, data: Callable[[], RunData]) -> list[
     """Rows for the table of measurements of the run in `folder`: of what is kept beside it, or else evaluated now.
 
     A measure that cannot be taken of this run, or that fails on it, leaves a row with its own name, no value, and the
-    reason as note. One that lacks a package leaves none, and is tried again. Raises what `data` raises.
+    reason as note. One that lacks a package, or an extension whose code fails, leaves none, and is tried again. Raises
+    what `data` raises.
     """
     rows = []
     for measure in wanted(observe):
         try:
             rows += rows_of(folder.name, measure, observe, evaluated(folder, measure, observe, data))
-        except ImportError:
+        except (ImportError, ExtensionError):
             continue
     return rows
 
@@ -330,8 +342,8 @@ def numbers(
                     if rows is None:
                         try:
                             rows = rows_of(key, measure, observe, evaluated(run.folder, measure, observe, run.data))
-                        except ImportError as missing:
-                            _note(found, run, measure, str(missing))
+                        except (ImportError, ExtensionError) as problem:
+                            _note(found, run, measure, str(problem))
                             continue
                         new += rows
                     _take(found, run, measure, rows)

@@ -4,8 +4,9 @@ A scene counts by its grains, its law, its walls (shape, motion and complete sur
 a study spells them: two containers that amount to the same walls are one scene. Stop rules, probes, guards,
 threads, slots and devices are no part of any key; they are coverage or provenance.
 
-Formulas of laws and walls count by their `version`, where that is above 1. What is stored says by which versions it was
-made, so that its keys can be checked when a law or a wall has a newer one.
+Formulas of laws and walls count by their `version`, where that is above 1, and those of extensions also by a hash of
+their source (`labbook.lab.formulas`). Records say by which versions and hashes they were made. So their keys can be
+checked when a law or a wall has changed.
 """
 
 from collections.abc import Callable, Iterator, Mapping
@@ -16,29 +17,48 @@ from typing import Any
 
 from labbook.backend import Capabilities
 from labbook.backend.numerics import Numerics
+from labbook.lab.formulas import source_hash
 from labbook.scene import CONTACT_LAWS, ContactLaw, Scene, Surface, Wall
 from labbook.scene.material import OwnMaterial
 from labbook.scene.model import Model, Text, canonical, digest, once
 from labbook.scene.walls import WALL_SHAPES, Frustum, Plane, Strip, SurfaceMotion, WallShape
 
 _GUARDS = ("speed_limit", "overlap_limit")
-_LAW, _WALL = "law ", "wall "
+_LAW, _WALL, _SOURCE = "law ", "wall ", "source of "
 
-Versions = Mapping[str, int]
-"""Versions of formulas that are above 1, by `law NAME` and `wall KIND`."""
+Versions = Mapping[str, int | str]
+"""Versions of formulas that are above 1, by `law NAME` and `wall KIND`; of extensions also hashes of their source, by
+`source of law NAME` and `source of wall KIND`."""
 
 
-def versions(scene: Scene) -> dict[str, int]:
-    """Versions, as installed, of the law and of the walls of a scene."""
-    law, found = scene.contact, dict[str, int]()
+def versions(scene: Scene) -> dict[str, int | str]:
+    """Versions and hashes, as installed, of the law and of the walls of a scene."""
+    law, found = scene.contact, dict[str, int | str]()
     if law.version > 1:
         found[_LAW + law.law] = law.version
-    shapes = {type(wall.shape): wall.shape.kind for wall in scene.container.walls()}
-    return found | {_WALL + kind: shape.version for shape, kind in shapes.items() if shape.version > 1}
+    if law.law in CONTACT_LAWS.extensions:
+        found[f"{_SOURCE}{_LAW}{law.law}"] = source_hash(type(law))
+    for shape, kind in {type(wall.shape): wall.shape.kind for wall in scene.container.walls()}.items():
+        if shape.version > 1:
+            found[_WALL + kind] = shape.version
+        if kind in WALL_SHAPES.extensions:
+            found[f"{_SOURCE}{_WALL}{kind}"] = source_hash(shape)
+    return found
+
+
+def hashed(versions: Versions) -> bool:
+    """True if a hash is among these: a law or a wall is an extension."""
+    return any(name.startswith(_SOURCE) for name in versions)
+
+
+def numbered(versions: Versions) -> dict[str, int]:
+    """The versions among these, without hashes."""
+    return {name: version for name, version in versions.items() if isinstance(version, int)}
 
 
 def older(now: Versions) -> Iterator[Versions]:
-    """All that these versions may have been before, the newest first."""
+    """All that the versions among these may have been before, the newest first, without hashes."""
+    now = numbered(now)
     for each in product(*(range(version, 0, -1) for version in now.values())):
         made = {name: version for name, version in zip(now, each, strict=True) if version > 1}
         if made != now:
@@ -48,7 +68,21 @@ def older(now: Versions) -> Iterator[Versions]:
 def outdated(made: Versions, now: Versions) -> str:
     """What has changed since something was made by the versions `made`: `law hertz-mindlin version 1, now 2: sliding
     contacts carry mu F_n`; empty if nothing."""
-    return "; ".join(_changed(name, was, now[name]) for name in now if (was := made.get(name, 1)) != now[name])
+    newer = {name: made.get(name, 1) for name, version in numbered(now).items() if made.get(name, 1) != version}
+    edited = [name for name in now if name.startswith(_SOURCE) and made.get(name) != now[name]]
+    reasons = [_changed(name, int(was), int(now[name])) for name, was in newer.items()]
+    reasons += [_edited(name, name in made) for name in edited if name.removeprefix(_SOURCE) not in newer]
+    return "; ".join(reasons)
+
+
+def _edited(source: str, recorded: bool) -> str:
+    """The words for a source that has changed, or that was not `recorded` before."""
+    entry = source.removeprefix(_SOURCE)
+    registry = CONTACT_LAWS if entry.startswith(_LAW) else WALL_SHAPES
+    package = registry.extensions[entry.removeprefix(_LAW).removeprefix(_WALL)].package
+    if recorded:
+        return f"the {entry} of {package} has changed since"
+    return f"made before labbook recorded the source of the {entry} of {package}"
 
 
 def _changed(name: str, was: int, now: int) -> str:
@@ -68,7 +102,7 @@ def scene_identity(scene: Scene, made: Versions | None = None) -> dict[str, Any]
     """What `scene_key` hashes. A law's friction, rolling friction and restitution are kept: they act between
     grains. Parts that many scenes have in common are canonical JSON already."""
     made = versions(scene) if made is None else made
-    law = made.get(_LAW + scene.contact.law, 1)
+    law = _version(made, _LAW + scene.contact.law)
     container, kinds = scene.container, range(len(scene.grains.kinds))
     grains: Any = _text(scene.grains)
     contact: dict[str, Any] = {}
@@ -88,7 +122,7 @@ def scene_identity(scene: Scene, made: Versions | None = None) -> dict[str, Any]
         walls = _written_walls(scene, made)
     return {
         "grains": grains,
-        "contact": {**_dumped(scene.contact, law), **contact} if contact else _law(scene.contact, law),
+        "contact": {**_dumped(scene.contact), **law, **contact} if contact else _law(scene.contact, tuple(law.items())),
         "walls": walls,
         "outlet_plane": scene.outlet,
         "gravity": scene.gravity,
@@ -106,12 +140,14 @@ def _walls(scene: Scene, made: Versions) -> list[dict[str, Any]]:
 
 
 def _shape(shape: WallShape, made: Versions) -> dict[str, Any]:
-    return shape.model_dump(mode="json") | _version(made.get(_WALL + shape.kind, 1))
+    return shape.model_dump(mode="json") | _version(made, _WALL + shape.kind)
 
 
-def _version(version: int) -> dict[str, int]:
-    """As a law or a wall has it beside its parameters."""
-    return {"version": version} if version > 1 else {}
+def _version(versions: Versions, name: str) -> dict[str, int | str]:
+    """Version and hash of a law or a wall, as they stand beside its parameters."""
+    # no parameter of a law or a wall has a space in its name
+    entries = {"version": versions.get(name), "source hash": versions.get(_SOURCE + name)}
+    return {key: value for key, value in entries.items() if value is not None}
 
 
 def _wall(
@@ -141,7 +177,7 @@ def _written_walls(scene: Scene, made: Versions) -> Text:
     is made once."""
     walls = scene.container.walls()
     plain = all([type(wall.shape) in _PLACES for wall in walls])  # not of another package
-    if not plain or any(name.startswith(_WALL) for name in made):
+    if not plain or any(_WALL in name for name in made):
         return canonical(_walls(scene, made))
     blank = tuple([(wall.name, type(wall.shape), wall.motion) for wall in walls])
     if scene.walls:
@@ -176,13 +212,13 @@ def _text(part: Model) -> Text:
 
 
 @once(256)
-def _law(contact: ContactLaw, version: int) -> Text:
-    return canonical(_dumped(contact, version))
+def _law(contact: ContactLaw, version: tuple[tuple[str, int | str], ...]) -> Text:
+    return canonical(_dumped(contact) | dict(version))
 
 
-def _dumped(contact: ContactLaw, version: int) -> dict[str, Any]:
+def _dumped(contact: ContactLaw) -> dict[str, Any]:
     """A law without the pairs that it states, which count as what they come to."""
-    return contact.model_dump(mode="json", exclude={"between"}) | _version(version)
+    return contact.model_dump(mode="json", exclude={"between"})
 
 
 def _stiffness(law: ContactLaw, contact: ContactLaw) -> dict[str, Any]:
@@ -227,7 +263,8 @@ class Keys:
     """Scene and packing: two backends with the same one ran the same experiment."""
     run: str
     lineage: str
-    """As `run`, whatever the backend's version: what a run that it made stale and its replacement have in common."""
+    """As `run`, whatever the backend's version and the source of extensions: what a stale run and its replacement have
+    in common."""
 
 
 @dataclass(frozen=True)
@@ -254,6 +291,11 @@ def run_key(experiment: str, numerics: Numerics, backend: str, cache_version: in
     return digest({"experiment": experiment, **_how(numerics, backend), "cache_version": cache_version})
 
 
+def lineage_scene(scene: Scene, versions: Versions, key: str) -> str:
+    """The key of a scene as lineages have it: by `versions` without their hashes. `key`: that by all of them."""
+    return scene_key(scene, numbered(versions)) if hashed(versions) else key
+
+
 def lineage_key(
     scene: str, closed: str, filling: Filling, numerics: Numerics, backend: str, maker: Maker | None = None
 ) -> str:
@@ -278,14 +320,16 @@ def run_keys(
     numerics: Numerics,
     backend: Capabilities,
     maker: Maker | None = None,
+    lineage_scenes: tuple[str, str] | None = None,
 ) -> Keys:
     """Identities of a run: keys of the scene and of its closed form, the filling, and how both are
-    computed. `maker`: what makes the packing; None: `backend` itself, by the same numerics."""
+    computed. `maker`: what makes the packing; None: `backend` itself, by the same numerics. `lineage_scenes`: keys of
+    both scenes as lineages have them (`lineage_scene`), where they differ."""
     made = maker or Maker(backend, numerics)
     packing = packing_key(closed, filling, made.numerics, made.backend.name, made.backend.cache_version)
     experiment = experiment_key(scene, packing)
     run = run_key(experiment, numerics, backend.name, backend.cache_version)
-    lineage = lineage_key(scene, closed, filling, numerics, backend.name, made)
+    lineage = lineage_key(*(lineage_scenes or (scene, closed)), filling, numerics, backend.name, made)
     return Keys(scene=scene, packing=packing, experiment=experiment, run=run, lineage=lineage)
 
 

@@ -3,6 +3,7 @@
 import os
 import platform
 import subprocess
+from collections.abc import Iterable
 from datetime import UTC, datetime
 from functools import lru_cache
 from pathlib import Path
@@ -10,10 +11,10 @@ from typing import Any
 
 import labbook
 from labbook.backend.machine import cores, gpu, processor, versions
-from labbook.plugins import extensions
+from labbook.plugins import Extension
 
 PACKAGES = ("labbook", "numpy", "scipy", "numba", "llvmlite", "warp-lang", "pydantic")
-"""Packages whose versions can change a number, beside those that extend labbook."""
+"""Packages whose versions can change a number, beside those of extensions."""
 
 
 def now() -> str:
@@ -21,15 +22,23 @@ def now() -> str:
     return datetime.now(UTC).isoformat(timespec="seconds")
 
 
+def provenance(device: str, used: Iterable[Extension] = ()) -> dict[str, Any]:
+    """Origin of a session's numbers: commit, versions, processor, device; and the extensions that were `used`, by
+    package and version. `machine` names processor and device: speeds are forecast from runs on the same."""
+    origin, used = _of_machine(device), tuple(used)
+    if not used:
+        return origin
+    packages = {one.package: one.version for one in used}
+    return {**origin, "packages": origin["packages"] | packages, "extensions": {one.use: one.made_by for one in used}}
+
+
 @lru_cache(maxsize=8)
-def provenance(device: str) -> dict[str, Any]:
-    """What made a session's numbers. `machine` names processor and device: speeds are forecast from runs on
-    the same."""
+def _of_machine(device: str) -> dict[str, Any]:
     card = None if device == "cpu" else gpu()
     machine = f"{processor()}, {os.cpu_count()} cores" + (f", {card[0]}" if card else "")
     return {
         **_commit(Path(labbook.__file__).parent),
-        "packages": {name: found for name, found in versions(PACKAGES).items() if found} | extensions(),
+        "packages": {name: found for name, found in versions(PACKAGES).items() if found},
         "python": platform.python_version(),
         "system": f"{platform.system()} {platform.release()}",
         "processor": processor(),

@@ -53,10 +53,11 @@ Stated = Annotated[Measure | None, Field(exclude_if=lambda stated: stated is Non
 """The same where a study may state it; None, and left out of what is stored, where it does not."""
 RunKey = Annotated[str, Field(pattern="^[0-9a-f]{8,64}$")]
 StoredVersions = Annotated[
-    dict[Text, Annotated[int, Field(gt=1, lt=2**31)]], Field(exclude_if=lambda versions: not versions)
+    dict[Text, Annotated[int, Field(gt=1, lt=2**31)] | Annotated[str, Field(pattern="^[0-9a-f]{8,64}$")]],
+    Field(exclude_if=lambda versions: not versions),
 ]
-"""Versions of the law and the walls of a scene that are above 1 (`labbook.lab.identity.Versions`); absent where none
-is, as of all runs and packings from before there were any."""
+"""Versions of the law and the walls of a scene that are above 1, and hashes of the source of extensions among them
+(`labbook.lab.identity.Versions`); absent where there is none, as in all records from before there were any."""
 StoredBackend = Annotated[Text, Field(validation_alias="engine", serialization_alias="engine")]
 """Name of a backend; files have it under the key `engine`."""
 THINNED_TO = 200

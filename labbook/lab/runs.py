@@ -179,10 +179,11 @@ def _check_start(folder: Path, record: RunRecord, packed: PackingRecord) -> None
     path = folder / RunRecord.FILE
     if packed.scene.grains != record.scene.grains:
         raise Unreadable(f"{path}: packing_key: the packing {packed.packing_key} has other grains")
+    scene = identity.lineage_scene(record.scene, record.versions, record.scene_key)
+    closed = identity.lineage_scene(packed.scene, packed.versions, packed.closed_key)
     lineage = identity.lineage_from(
-        record.scene_key, packed.closed_key, packed.filling, packed.numerics, packed.backend, record.numerics,
-        record.backend,
-    )  # fmt: skip
+        scene, closed, packed.filling, packed.numerics, packed.backend, record.numerics, record.backend
+    )
     if record.lineage_key != lineage:
         raise Unreadable(f"{path}: lineage_key: it does not match the record ({lineage})")
 

@@ -5,9 +5,13 @@ from collections.abc import Iterable, Mapping, Sequence
 from typing import NamedTuple
 
 from labbook.backend.probes import UNEVEN, Crossing, Probe, Sample, Slab, Zone, parse_probe, table_name
+from labbook.lab import identity
 from labbook.lab.catalogue import Catalogue, Entry
 from labbook.lab.evaluations import FinishedRun
-from labbook.lab.records import Coverage, StopRule
+from labbook.lab.folder import Lab
+from labbook.lab.identity import Versions
+from labbook.lab.packings import PackingRecord
+from labbook.lab.records import Coverage, RunRecord, StopRule, Unreadable
 from labbook.plan.demand import Demand, PackingsOf, demands, stopping_rule
 from labbook.scene.quantities import percent, span
 from labbook.study import Study
@@ -115,6 +119,48 @@ def asked(study: Study, backend: str, packings_of: PackingsOf | None = None) -> 
     return found
 
 
+class _Match(NamedTuple):
+    """A finished run that is one of a study. `versions`: those of the extensions that made it; None: as installed, or
+    there is no extension."""
+
+    request: Asked
+    entry: Entry
+    versions: Versions | None
+    outdated: str
+
+    @property
+    def group(self) -> tuple[int, int, str]:
+        """Runs of a point with the same are by the same laws, walls and backend."""
+        versions = "" if self.versions is None else str(sorted(self.versions.items()))
+        return -self.request.age, self.entry.cache_version, versions
+
+    @property
+    def rank(self) -> tuple[int, bool, int, str]:
+        """The larger, the newer is what made it."""
+        return -self.request.age, self.versions is None, self.entry.cache_version, self.entry.finished
+
+
+def _match(lab: Lab, backend: str, request: Asked, entry: Entry) -> _Match:
+    demand = request.demand
+    now = demand.shared.versions
+    current = not request.age and entry.run_key == demand.run_key(backend, entry.cache_version)
+    if current or not identity.hashed(now):
+        return _Match(request, entry, None, request.outdated)
+    before = made_by(lab, entry)
+    outdated = identity.outdated(before, now)
+    return _Match(request, entry, before if outdated else None, outdated)
+
+
+def made_by(lab: Lab, entry: Entry) -> Versions:
+    """Versions and hashes of the laws and walls that made a run and its packing, by their records; none of records that
+    cannot be read."""
+    try:
+        run, packing = RunRecord.read(lab.run(entry.run_key)), PackingRecord.read(lab.packing(entry.packing_key))
+    except Unreadable:
+        return {}
+    return {**packing.versions, **run.versions}
+
+
 def finished(
     catalogue: Catalogue,
     study: Study,
@@ -124,12 +170,12 @@ def finished(
 ) -> list[FinishedRun]:
     """Runs of `study` on `backend` that cover its stop rule and measures, by point and seed.
 
-    Replicates beyond the minimum count too. The runs of one point are all of one version of its law and walls and of
-    one version of the backend, the newest that has any: what several versions computed is never pooled. `known`: what
-    `asked` gives, where it is known already; `kind`: what is made of each run.
+    Replicates beyond the minimum count too. The runs of one point are all of one version of its law and walls, of one
+    source of extensions among these and of one version of the backend, the newest that has any: what several versions
+    computed is never pooled. `known`: what `asked` gives, where it is known already; `kind`: what is made of each run.
     """
     wanted = asked(study, backend) if known is None else known
-    found: list[tuple[Asked, Entry]] = []
+    lab, found = catalogue.lab, list[_Match]()
     for entry in catalogue.entries(lineages=wanted):
         if entry.coverage is None:
             continue
@@ -144,17 +190,17 @@ def finished(
                 unstated=shared.unstated,
             )
             if not lacks:
-                found.append((one, entry))
-    newest: dict[int, tuple[int, int]] = {}
-    for one, entry in found:
-        made, point = (-one.age, entry.cache_version), one.demand.point.index
-        newest[point] = max(made, newest.get(point, made))
-    found.sort(key=lambda pair: (pair[0].demand.point.index, pair[0].demand.seed))
-    lab = catalogue.lab
+                found.append(_match(lab, backend, one, entry))
+    newest: dict[int, _Match] = {}
+    for match in found:
+        point = match.request.demand.point.index
+        newest[point] = max(match, newest.get(point, match), key=lambda one: one.rank)
+    found.sort(key=lambda match: (match.request.demand.point.index, match.request.demand.seed))
     return [
-        kind(one.demand.point, one.demand.seed, lab.run(entry.run_key), entry, one.outdated)
-        for one, entry in found
-        if (-one.age, entry.cache_version) == newest[one.demand.point.index]
+        kind(one.demand.point, one.demand.seed, lab.run(entry.run_key), entry, outdated)
+        for one, entry, _, outdated in (
+            match for match in found if match.group == newest[match.request.demand.point.index].group
+        )
     ]
 
 

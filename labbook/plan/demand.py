@@ -55,6 +55,7 @@ class PointDemand:
     _scene_key: str = field(default="", init=False, repr=False)
     _closed_key: str = field(default="", init=False, repr=False)
     _versions: Versions = field(default_factory=dict, init=False, repr=False)
+    _lineage_scenes: tuple[str, str] | None = field(default=None, init=False, repr=False)
     _older: tuple[tuple[str, tuple[str, str]], ...] | None = field(default=None, init=False, repr=False)
     _probes: tuple[Probe, ...] | None = field(default=None, init=False, repr=False)
 
@@ -103,12 +104,21 @@ class PointDemand:
             self._closed_key = identity.scene_key(closed)
             self._scene_key = identity.scene_key(self.scene)
             self._versions = _same_versions(tuple((identity.versions(closed) | identity.versions(self.scene)).items()))
+            if identity.hashed(self._versions):
+                bare = identity.numbered(self._versions)
+                self._lineage_scenes = identity.scene_key(self.scene, bare), identity.scene_key(closed, bare)
 
     @property
     def versions(self) -> Versions:
         """Versions of the laws and walls of both scenes, as installed."""
         self.identify()
         return self._versions
+
+    @property
+    def lineage_scenes(self) -> tuple[str, str]:
+        """Keys of the open and of the closed scene whatever the source of extensions, as lineages have them."""
+        self.identify()
+        return self._lineage_scenes or (self._scene_key, self._closed_key)
 
     @property
     def older(self) -> tuple[tuple[str, tuple[str, str]], ...]:
@@ -233,7 +243,7 @@ def _same(probes: tuple[Probe, ...]) -> tuple[Probe, ...]:
 
 
 @lru_cache(maxsize=1024)
-def _same_versions(found: tuple[tuple[str, int], ...]) -> Versions:
+def _same_versions(found: tuple[tuple[str, int | str], ...]) -> Versions:
     return dict(found)
 
 
@@ -306,7 +316,8 @@ class Demand:
         """Identities of this run on `backend`; `scenes` as for `lineage`."""
         s = self.shared
         opened, closed = scenes or (s.scene_key, s.closed_key)
-        return identity.run_keys(opened, closed, self.filling, s.numerics, backend, s.maker(backend))
+        lineage = scenes or s.lineage_scenes
+        return identity.run_keys(opened, closed, self.filling, s.numerics, backend, s.maker(backend), lineage)
 
     def run_key(self, backend: str, version: int) -> str:
         """Key of this run on one version of the backend called `backend`."""
@@ -321,7 +332,7 @@ class Demand:
         """Identity of this run on any version of the backend called `backend`. `scenes`: keys of the open and of the
         closed scene, if not by laws and walls as installed."""
         s = self.shared
-        opened, closed = scenes or (s.scene_key, s.closed_key)
+        opened, closed = scenes or s.lineage_scenes
         made = backend if s.packings_of is None else s.packings_of.backend.name
         return identity.lineage_from(opened, closed, self.filling, s.filled_by, made, s.numerics, backend)
 

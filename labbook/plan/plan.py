@@ -13,6 +13,7 @@ from labbook.backend import Backend, Capabilities, Spec, Unsupported, absent
 from labbook.campaign import Assignment, Generation, History, Proposal, Replicates, Trial
 from labbook.campaign.replicates import QUANTITY
 from labbook.commands import command
+from labbook.lab import identity
 from labbook.lab.campaigns import campaign_of
 from labbook.lab.catalogue import Catalogue, Entry
 from labbook.lab.folder import Listed, stamp
@@ -23,7 +24,7 @@ from labbook.lab.runs import open_run
 from labbook.lab.suspect import counts
 from labbook.measure import MEASURES
 from labbook.measure.measure import window_in_words
-from labbook.plan.coverage import shortfall
+from labbook.plan.coverage import made_by, shortfall
 from labbook.plan.demand import Demand, PackingsOf, PointDemand, recorded_in_words, stopping_rule
 from labbook.plan.possible import check_container
 from labbook.scene.quantities import duration, percent, size, value_range
@@ -294,6 +295,8 @@ class Planner:
         self._extends = True
         self._there: dict[str, Entry] = {}
         self._older: dict[str, Entry] = {}
+        self._installed: dict[str, Entry] = {}
+        """By lineage: a run by the installed version of the backend, which may have another key."""
         self._outdated: dict[str, str] = {}
         """By lineage: what has changed of laws and walls since a run was made."""
 
@@ -470,8 +473,9 @@ class Planner:
         keys = [keys for _, keys in asked]
         for entry in self.catalogue.entries([one.run for one in keys], [one.lineage for one in keys]):
             self._there[entry.run_key] = entry
-            if entry.coverage is not None and entry.cache_version != self.backend.cache_version:
-                self._older[entry.lineage_key] = entry
+            if entry.coverage is not None:
+                installed = entry.cache_version == self.backend.cache_version
+                (self._installed if installed else self._older)[entry.lineage_key] = entry
         self._look_up_outdated(asked)
         return Listed.of(self.catalogue.lab) if len(keys) > _FEW else None
 
@@ -519,6 +523,8 @@ class Planner:
                 return "stale", f"made by version {was} of {name}, now at version {self.backend.cache_version}"
             if outdated := self._outdated.get(keys.lineage):
                 return "stale", outdated
+            if edited := self._edited(demand, keys):
+                return "stale", edited
             why = self._failed(demand, keys.packing) if listed is None or keys.packing in listed.work else ""
             return "missing", f"{_FAILED}{why}" if why else "not run yet"
         if entry.coverage is None:
@@ -534,6 +540,13 @@ class Planner:
             shared.unstated,
         )
         return ("partial", lacks) if lacks else ("done", entry.outcome)
+
+    def _edited(self, demand: Demand, keys: Keys) -> str:
+        """The extensions whose source has changed since the run was made, in words; empty if none."""
+        now, entry = demand.shared.versions, self._installed.get(keys.lineage)
+        if entry is None or not identity.hashed(now):
+            return ""
+        return identity.outdated(made_by(self.catalogue.lab, entry), now)
 
     def _failed(self, demand: Demand, packing: str) -> str:
         """Why a filling came to nothing, and what to change; empty if none did, or if it may go on for longer now."""

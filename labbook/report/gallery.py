@@ -5,7 +5,7 @@ from typing import TYPE_CHECKING
 from labbook.report import figures
 from labbook.report.against import found_against
 from labbook.report.blocks import slug
-from labbook.report.paper import Draw, papers
+from labbook.report.paper import Draw, figures_of_all
 from labbook.results.recorded import acceleration, flow_patterns
 from labbook.results.series import Series
 from labbook.results.study import Results
@@ -30,9 +30,7 @@ def of_results(results: Results) -> dict[str, Draw]:
         found["overview"] = lambda: figures.overview(fitted)
     for one in found_against(results):
         found[f"against_{slug(one.key)}"] = lambda one=one: figures.against_key(one)
-    for paper in papers():
-        found |= paper.figures(results)
-    return found
+    return found | figures_of_all(results)
 
 
 def of_series(results: Results, series: Series) -> dict[str, Draw]:
@@ -46,9 +44,7 @@ def of_series(results: Results, series: Series) -> dict[str, Draw]:
     if any(run.recorded for result in series.points for run in result.runs):
         found["patterns"] = lambda: _patterns(series)
         found["acceleration"] = lambda: _acceleration(series)
-    for paper in papers():
-        found |= paper.figures_of(results, series)
-    return found
+    return found | figures_of_all(results, series)
 
 
 def _patterns(series: Series) -> "Figure":

@@ -19,7 +19,7 @@ from labbook.report.against import against_sections
 from labbook.report.blocks import Block, Folded, Picture, Section, Verbatim, anchored, picture, slug
 from labbook.report.figures.orifice import side_by_side
 from labbook.report.formulas import mathml
-from labbook.report.paper import papers
+from labbook.report.paper import sections_of_all
 from labbook.report.result_box import concerns, result_box, summary
 from labbook.report.sections import marks, series_sections
 from labbook.report.setting import setting
@@ -131,10 +131,6 @@ def _statements(results: Results, folder: Path) -> list[Section]:
     return [Section(f"Statements of {results.source}", blocks)]
 
 
-def _of_papers(results: Results, folder: Path) -> list[Section]:
-    return [section for paper in papers() for section in paper.sections(results, folder)]
-
-
 def _numerics(results: Results, folder: Path) -> list[Section]:
     return [Section("Do numerics matter?", (tables.numerical_table(results.numerical),))] if results.numerical else []
 
@@ -165,7 +161,7 @@ PARTS: tuple[Part, ...] = (
     _overview,
     _reference,
     _statements,
-    _of_papers,
+    sections_of_all,
     _flow_rates,
     _budget,
     _numerics,

@@ -9,7 +9,7 @@ from labbook.report import figures
 from labbook.report.blocks import Beside, Block, Formula, Picture, Prose, Section, picture
 from labbook.report.figures.flow import drawn
 from labbook.report.fitted_tables import fit_table
-from labbook.report.paper import papers
+from labbook.report.paper import beds_shown_by_all, blocks_of_all
 from labbook.report.tables import orifice_table
 from labbook.results import display
 from labbook.results.points import PointResult
@@ -52,8 +52,7 @@ def _series(results: Results, index: int, folder: Path) -> Section:
     blocks += [Prose(text, note=True) for text in lacking]
     blocks.append(_flow(series, folder, suffix, where))
     blocks += patterns
-    for paper in papers():
-        blocks += paper.of_series(results, series, folder, suffix, where)
+    blocks += blocks_of_all(results, series, folder, suffix, where)
     return Section(series.label or "Flow rate against orifice", tuple(blocks))
 
 
@@ -104,7 +103,7 @@ def _patterns_if_they_can_be(
     results: Results, series: Series, folder: Path, suffix: str, where: str
 ) -> tuple[list[Block], list[str]]:
     """How the beds flow, of points that no paper shows in a section of its own; and what is lacking."""
-    elsewhere = {id(one) for paper in papers() for one in paper.shows_beds_of(results)}
+    elsewhere = beds_shown_by_all(results)
     points = [one for one in series.points if id(one) not in elsewhere]
     blocks, lacking = [], []
     try:

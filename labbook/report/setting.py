@@ -101,7 +101,10 @@ def _with_youngs_moduli(leaves: Mapping[str, Any]) -> dict[str, Any]:
 def _plain(point: Point, part: str) -> Any:
     if part == "fill":
         return point.fill.model_dump(mode="json")
-    return point.scene.model_dump(mode="json").get(part)
+    dumped = point.scene.model_dump(mode="json")
+    for key in point.scene.contact.ignored():
+        del dumped["contact"][key]
+    return dumped.get(part)
 
 
 def _leaves(value: Any, name: str) -> Iterator[tuple[str, float | str | bool | None]]:

@@ -19,6 +19,7 @@ from labbook.results.study import Results
 from labbook.scene.quantities import percent, value_range
 from labbook.stats import Measured, Pooled
 from labbook.stats.equivalence import replicates_needed
+from labbook.study.extensions import used_by_analysis
 
 CONVENTIONS = (
     "Intervals are 95 %, by Student’s t on n replicates: those that gave a flow rate. ± is one standard error, from "
@@ -250,7 +251,8 @@ def outcomes_table(results: Results) -> Table:
 
 
 def provenance_table(results: Results) -> Table:
-    """What made the runs: every fact on which they agree, and how many ways there are where they differ."""
+    """What made the runs: every fact on which they agree, and how many ways there are where they differ; and which
+    extensions the analysis uses now."""
     skipped = {"seed", "sessions"}
     facts: dict[str, list] = {}
     for run in (run for result in results.points for run in result.runs):
@@ -268,6 +270,7 @@ def provenance_table(results: Results) -> Table:
             distinct = list(dict.fromkeys("not known" if v is None else str(v) for v in values))
             text = "; ".join(distinct[:6]) + (f"; and {len(distinct) - 6} more" if len(distinct) > 6 else "")
         rows.append((name.replace("_", " "), text))
+    rows += [(f"analysis: {one.use}", one.made_by) for one in used_by_analysis(results.study)]
     return Table(("fact", "of the runs"), tuple(rows), frozenset({0, 1}))
 
 

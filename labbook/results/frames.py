@@ -13,6 +13,7 @@ from labbook.results.against import against
 from labbook.results.against import rows as against_rows
 from labbook.results.budget import budgets
 from labbook.results.paper import Row, analyses
+from labbook.results.paper import frames as frames_of_papers
 from labbook.results.points import PointResult
 from labbook.results.recorded import acceleration
 from labbook.results.series import Series
@@ -80,7 +81,7 @@ def frames(
         "series": _series(results),
         "fits": _fits(results),
         "bands": _bands(results),
-        "problems": _problems(results),
+        "problems": (),
         "reference": _reference(results),
         "statements": _statements(results),
         "numerics": _numerics(results),
@@ -88,8 +89,9 @@ def frames(
         "accelerations": _accelerations(results),
         "profiles": _profiles(results),
     }
-    for paper in analyses():
-        made |= paper.frames(results)
+    of_papers, problems = frames_of_papers(results)
+    made |= of_papers
+    made["problems"] = (*_problems(results), *({"kind": "paper", "where": "", "why": why} for why in problems))
     asked = made.keys() if names is None else names
     found = {name: pd.DataFrame(list(rows)) for name, rows in made.items() if name in asked and name not in without}
     return {name: _with_units(results, name, _with_known_ends(frame)) for name, frame in found.items() if len(frame)}

@@ -1,12 +1,17 @@
 """The numbers that a paper's own analysis makes of the points and series of a study."""
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from functools import partial
+from contextlib import AbstractContextManager
+from dataclasses import replace
 from types import MappingProxyType
 from typing import TYPE_CHECKING, Any, ClassVar
 
+from labbook.fit import FitError
+from labbook.lab.evaluations import NotEvaluated
+from labbook.lab.records import Unreadable
+from labbook.plugins import ExtensionError
 from labbook.results.points import PointResult
-from labbook.results.reference import Comparison
+from labbook.results.reference import Comparison, sought
 from labbook.results.series import FitTo, FurtherFit
 from labbook.results.statements import Judged
 from labbook.results.study import Results
@@ -48,18 +53,66 @@ def analyses() -> Iterator[Analysis]:
     return (paper for paper in PAPERS.values() if isinstance(paper, Analysis))
 
 
+def calling(paper: Vocabulary) -> AbstractContextManager[None]:
+    """A context for a call of a paper's method: what the code of another package raises becomes an ExtensionError,
+    unless it is about the lab or the data."""
+    return PAPERS.calling(paper.name, FitError, NotEvaluated, Unreadable)
+
+
 def further_fits() -> dict[str, FitTo]:
     """What papers can fit to the points of a series, by name."""
-    return {name: partial(paper.fit, name) for paper in analyses() for name in paper.fits}
+    return {name: _fit_of(paper, name) for paper in analyses() for name in paper.fits}
+
+
+def _fit_of(paper: Analysis, name: str) -> FitTo:
+    def fit(points: Sequence[PointResult]) -> FurtherFit:
+        with calling(paper):
+            return paper.fit(name, points)
+
+    return fit
 
 
 def compared(results: Results, quantity: str, at: Mapping[str, float | str]) -> Sequence[Comparison] | None:
-    """Ours for a quantity of a paper; None if no paper has it."""
-    every = (paper.compared(results, quantity, at) for paper in analyses())
-    return next((found for found in every if found is not None), None)
+    """Ours for a quantity of a paper; None if no paper has it. Where the code of the paper fails, a comparison without
+    numbers says so."""
+    for paper in analyses():
+        try:
+            with calling(paper):
+                comparisons = paper.compared(results, quantity, at)
+        except ExtensionError as error:
+            comparisons = [replace(sought(quantity, at), why=str(error))] if _owns(paper, quantity) else None
+        if comparisons is not None:
+            return comparisons
+    return None
 
 
 def judged(results: Results, statement: Statement) -> Sequence[Judged] | None:
-    """What the paper says whose quantity a statement is on; None if it is no paper's."""
-    every = (paper.judged(results, statement) for paper in analyses())
-    return next((found for found in every if found is not None), None)
+    """Verdicts of the paper whose quantity a statement is on; None if it is no paper's. Where its code fails, the
+    statement is undecided, with the reason."""
+    for paper in analyses():
+        try:
+            with calling(paper):
+                verdicts = paper.judged(results, statement)
+        except ExtensionError as error:
+            verdicts = [Judged(statement, "", None, why=str(error))] if _owns(paper, statement.quantity) else None
+        if verdicts is not None:
+            return verdicts
+    return None
+
+
+def frames(results: Results) -> tuple[dict[str, Iterable[Row]], list[str]]:
+    """Rows of the data frames of all papers, by name; and why those of a paper are lacking."""
+    tables, problems = dict[str, Iterable[Row]](), list[str]()
+    for paper in analyses():
+        try:
+            with calling(paper):
+                own = paper.frames(results)
+                # rows are made when they are read: those of another package here, where its errors are caught
+                tables |= {name: list(rows) for name, rows in own.items()} if paper.name in PAPERS.extensions else own
+        except ExtensionError as error:
+            problems.append(str(error))
+    return tables, problems
+
+
+def _owns(paper: Analysis, quantity: str) -> bool:
+    return quantity.partition(".")[0] in paper.words

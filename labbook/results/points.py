@@ -187,6 +187,7 @@ class RunResult:
 
         Raises:
             ImportError: a package that the measure needs is missing.
+            ExtensionError: the code of a measure of another package fails.
             LookupError: no measure has this name.
         """
         if isinstance(measure, str):

@@ -9,6 +9,7 @@ from typing import ClassVar, Literal
 import numpy as np
 
 from labbook.fit import LAWS, Context, FitError, FitResult, Parameter, contenders, fit
+from labbook.plugins import ExtensionError
 from labbook.results import display
 from labbook.results.points import ORIFICE, PointResult, names_scene
 from labbook.scene import outlet_shape
@@ -136,7 +137,7 @@ class Series:
 
 
 FitTo = Callable[[Sequence[PointResult]], FurtherFit]
-"""Fits the points of a series; raises FitError."""
+"""Fits the points of a series; raises FitError, and ExtensionError where the code of another package fails."""
 
 
 def series_of(
@@ -171,16 +172,17 @@ def _series(
             problems.append(f"{display.law(name)}: it is a law for a {LAWS[name].outlet}, and this is a {outlet}")
             continue
         try:
-            found = fit(LAWS[name], D, W, error, context(points), replicates)
+            with LAWS.calling(name, FitError):
+                found = fit(LAWS[name], D, W, error, context(points), replicates)
             fits[name] = replace(found, notes=(*found.notes, *_lacking([result for result, _ in used])))
-        except FitError as failure:
+        except (FitError, ExtensionError) as failure:
             problems.append(f"{display.law(name)}: {str(failure).removeprefix(f'{name}: ')}")
     others: dict[str, FurtherFit] = {}
     for name in (law for law in laws if law in further):
         try:
             other = further[name](points)
             others[name] = replace(other, notes=(*other.notes, *_lacking(other.points)))
-        except FitError as failure:
+        except (FitError, ExtensionError) as failure:
             problems.append(f"{display.law(name)}: {failure}")
     outside = np.zeros(len(used), bool)
     for one in fits.values():

@@ -19,6 +19,7 @@ from labbook.lab.records import Session, Unreadable
 from labbook.plan.demand import Demand
 from labbook.scene import Scene
 from labbook.scene.packing import Packing
+from labbook.study.extensions import used_by_runs
 
 
 @dataclass(frozen=True)
@@ -236,6 +237,7 @@ class Job(ABC):
 
     def sessions(self) -> tuple[Session, ...]:
         """The stretches in which it was computed, this one last."""
+        used = used_by_runs(self.demand.point, self.bench.backend.capabilities.name)
         this = Session(
             from_step=self._from,
             to_step=self.status.step,
@@ -243,7 +245,7 @@ class Job(ABC):
             wall_time=self._wall,
             process_time=self._process,
             grain_steps=self._grain_steps,
-            provenance=provenance(self.bench.device),
+            provenance=provenance(self.bench.device, used),
         )
         return (*self._earlier, this)
 

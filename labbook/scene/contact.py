@@ -26,6 +26,9 @@ Damping = Literal["clamped", "textbook", "printed"]
 Rolling = Literal["full", "rolling"]
 RollingModel = Literal["cdt", "epsd"]
 
+COMMON = ("friction", "rolling_friction", "restitution", "damping")
+"""Keys of all laws that a law may have no use for."""
+_OF_ROLLING = ("rolling", "rolling_model", "rolling_stiffness", "rolling_damping")
 
 ROLLING_STIFFNESS, ROLLING_DAMPING = 2.25, 0.3
 """Of rolling springs where a study states none: k_r/(k_n mu_r^2 R_r^2) of Ai et al. 2011, and the dashpot over the
@@ -118,6 +121,8 @@ class ContactLaw(Model, ABC):
     """The module of its formulas, which a law of another package states; see `labbook_dem.laws`."""
     usual_step: ClassVar[str]
     """The time step where a study states none: a part of a time scale."""
+    honours: ClassVar[frozenset[str]]
+    """Keys among COMMON that its formulas use; a study that states another one is refused."""
     version: ClassVar[int] = 1
     """Raised whenever its formulas change what a run gives: runs and packings made by an older one are then stale."""
     changes: ClassVar[Mapping[int, str]] = {}
@@ -158,6 +163,21 @@ class ContactLaw(Model, ABC):
         A law that has one takes `shear_modulus` and `poisson_ratio` of the `Material` that a contact comes to.
         """
         return None
+
+    @classmethod
+    def ignored(cls) -> tuple[str, ...]:
+        """The keys of all laws that this law has no use for."""
+        keys = tuple(key for key in COMMON if key not in cls.honours)
+        return (*keys, *_OF_ROLLING) if "rolling_friction" in keys else keys
+
+    @model_validator(mode="after")
+    def _ignores_nothing_stated(self, info: ValidationInfo):
+        required = (info.context or {}).get("units") == "required"
+        explicit = self.model_fields_set if required else ()  # records have all keys, with their defaults
+        fields = type(self).model_fields
+        keys = [key for key in self.ignored() if key in explicit or getattr(self, key) != fields[key].default]
+        refuse(Fault(key, useless(self.law, key), "leave it out") for key in keys)
+        return self
 
     @model_validator(mode="after")
     def _rolling_fits(self):
@@ -212,9 +232,16 @@ class ContactLaw(Model, ABC):
         return None
 
 
+def useless(law: str, key: str) -> str:
+    """The reason against a key that the law ignores."""
+    return f"the law {law} has no use for {key}"
+
+
 class Dashpot(ContactLaw, ABC):
     """Laws with a normal dashpot that follows from the coefficient of restitution, which a study therefore states: with
     the default of 1 no bed would come to rest."""
+
+    honours: ClassVar[frozenset[str]] = frozenset(COMMON)
 
     restitution: Annotated[Restitution, Stated()] = 1.0
     """Coefficient of normal restitution e, in (0, 1]; a law by Hertz may state `normal_damping` instead."""

@@ -6,7 +6,7 @@ from typing import Annotated, TypeVar
 
 from pydantic import Field, model_validator
 
-from labbook.scene.contact import AnyLaw, Between, ContactLaw, Surface, SurfaceChange
+from labbook.scene.contact import AnyLaw, Between, ContactLaw, Surface, SurfaceChange, useless
 from labbook.scene.container import Box, ConicalSilo, Container, CylinderSilo, Primitives, Silo, WedgeHopper
 from labbook.scene.drawing import describe, svg
 from labbook.scene.feed import Feed
@@ -69,6 +69,16 @@ class Scene(Model):
             yield Fault("contact.rolling_model", "rods have no rolling springs", "use cdt, or spheres")
         yield from self._faults_between_kinds(law)
         yield from self._faults_of_stiffness(law)
+        yield from self._faults_of_ignored(law)
+
+    def _faults_of_ignored(self, law: ContactLaw) -> Iterator[Fault]:
+        """Surfaces that state what the law ignores. Walls are stated for the scene's own law."""
+        walls = [(f"walls.{name}", wall) for name, wall in self.walls.items()] if law is self.contact else []
+        for where, change in (*walls, *(("contact.between", pair) for pair in law.between)):
+            for key in law.ignored():
+                if getattr(change, key, None) is not None:
+                    own = "" if where == "contact.between" else f".{key}"
+                    yield Fault(f"{where}{own}", useless(law.law, key), "leave it out")
 
     def _faults_between_kinds(self, contact: ContactLaw) -> Iterator[Fault]:
         """What is wrong with the pairs of kinds that a law for these grains states."""

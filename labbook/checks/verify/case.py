@@ -94,10 +94,15 @@ def judge(case: Case, stand: Stand) -> list[Verdict]:
         found = [_verdict(case, name, math.nan, kind(stand), reason.remedy) for name in case.measures]
         return [replace(verdict, result="unsupported") for verdict in found]
     except NotMeasured as reason:
-        return [_verdict(case, name, math.nan, kind(stand), str(reason)) for name in case.measures]
+        return failed(case, stand, str(reason))
     if set(errors) != set(case.measures):
         raise ValueError(f"case {case.name} measures {sorted(errors)}, not {sorted(case.measures)}")
     return [_verdict(case, name, float(errors[name]), kind(stand)) for name in case.measures]
+
+
+def failed(case: Case, stand: Stand, why: str) -> list[Verdict]:
+    """Verdicts of a case that measured nothing; `why`: the reason."""
+    return [_verdict(case, name, math.nan, kind(stand), why) for name in case.measures]
 
 
 def _verdict(case: Case, name: str, error: float, precision: str, note: str = "") -> Verdict:

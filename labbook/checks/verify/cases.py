@@ -1,4 +1,4 @@
-"""All cases, in the order in which they are best read: simple contacts first, flow last."""
+"""All cases, in the order in which they are best read: simple contacts first, flow last, then those of extensions."""
 
 from labbook.checks.verify import (
     bed,
@@ -21,6 +21,7 @@ from labbook.checks.verify import (
     unlike,
 )
 from labbook.checks.verify.case import Case
+from labbook.plugins import Registry
 
 CASES: tuple[Case, ...] = (
     *collision.CASES,
@@ -44,9 +45,13 @@ CASES: tuple[Case, ...] = (
 )
 
 
+EVERY = Registry[Case]("labbook.cases", Case, CASES)
+"""All cases by name, also of other packages."""
+
+
 def chosen(names: list[str]) -> list[Case]:
     """Cases whose name is, or begins with, one of `names`; all if there are none. Raises KeyError for no match."""
     for name in names:
-        if not any(case.name.startswith(name) for case in CASES):
+        if not any(known.startswith(name) for known in EVERY):
             raise KeyError(name)
-    return [case for case in CASES if not names or any(case.name.startswith(name) for name in names)]
+    return [case for case in EVERY.values() if not names or any(case.name.startswith(name) for name in names)]

@@ -10,8 +10,10 @@ from rich.progress import Progress, TimeElapsedColumn
 from rich.table import Table
 
 from labbook.backend import BackendMissing, Unsupported, load
-from labbook.checks.verify.case import Case, Verdict, judge
+from labbook.checks.verify.case import Case, Verdict, failed, judge
+from labbook.checks.verify.cases import EVERY
 from labbook.checks.verify.stand import Stand
+from labbook.plugins import ExtensionError
 
 COLOURS = {"passed": "green", "failed": "bold red", "reported": "dim", "unsupported": "dim"}
 
@@ -59,7 +61,11 @@ def _judged(cases: Sequence[Case], stand: Stand) -> list[Verdict]:
         task = bar.add_task("", total=len(cases))
         for case in cases:
             bar.update(task, description=case.name)
-            verdicts += judge(case, stand)
+            try:
+                with EVERY.calling(case.name, Unsupported):
+                    verdicts += judge(case, stand)
+            except ExtensionError as error:
+                verdicts += failed(case, stand, str(error))
             bar.advance(task)
     return verdicts
 

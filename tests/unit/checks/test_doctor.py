@@ -12,6 +12,7 @@ from typer.testing import CliRunner
 from labbook.backend import BackendMissing, Device, Survey, Unsupported, load
 from labbook.checks import doctor
 from labbook.cli import build
+from labbook.scene import HertzMindlin, LinearSpringDashpot, Plane, Strip
 
 
 @pytest.mark.compiles
@@ -20,6 +21,27 @@ def test_the_cpu_backend_bounces_a_grain():
 
     backend = Backend(wide=True)  # whose kernels are those of the contract's tests
     assert doctor.bounce(backend, "cpu") == pytest.approx(doctor.ASKED, abs=2e-3)
+
+
+@pytest.mark.parametrize(
+    ("contact", "wall", "above"),
+    [
+        (HertzMindlin(shear_modulus=1e7, poisson_ratio=0.25, restitution=0.5), None, None),
+        (LinearSpringDashpot(normal_stiffness=1e5, restitution=0.5), Plane(point=(0, 0, 0.3), normal=(0, 0, 2)), 0.9),
+        (LinearSpringDashpot(normal_stiffness=1e3, restitution=0.5), Strip(start=(-0.1, -0.2), end=(0.1, -0.2)), 0.0),
+    ],
+)
+def test_a_grain_bounces_off_another_wall_by_another_law(contact, wall, above):
+    place = {} if wall is None else {"wall": wall, "above": (0.01, 0.02, above)}
+    restitution = doctor.bounce(load("reference"), "cpu", contact, **place)
+    # the restitution asked for is exact but for the step, a 400th of the collision: 1e-3 of the damping
+    assert restitution == pytest.approx(0.5, abs=2e-3)
+
+
+def test_a_grain_that_would_miss_the_wall_is_told():
+    plate = Strip(start=(0.5, 0.0), end=(0.6, 0.0))
+    with pytest.raises(ValueError, match="no wall straight below"):
+        doctor.bounce(load("reference"), "cpu", wall=plate)
 
 
 def test_a_broken_backend_is_a_line_with_its_reason(monkeypatch):

@@ -6,6 +6,7 @@ from typing import ClassVar
 import pytest
 from labbook_dem import dispatch, formulas, laws, walls
 from labbook_dem.laws import REQUIRED, hertz_mindlin
+from labbook_dem.source import undefined_names
 from labbook_dem.walls import plane
 
 from labbook.plugins import BrokenPlugin
@@ -44,6 +45,42 @@ def test_what_a_law_lacks_is_named_with_the_place(monkeypatch):
     assert known(REQUIRED)["mine"] is hertz_mindlin
     with pytest.raises(BrokenPlugin, match=r"the contact law mine: labbook_dem.laws.hertz_mindlin lacks adhesion"):
         known((*REQUIRED, "adhesion"))["mine"]
+
+
+TYPO = """
+from labbook_dem.contact import cut
+from labbook_dem.words import coefs, func, real, vec3
+
+
+def coefficients(law, surface, stiffness_scale=1.0, wall=False):
+    return later(law)
+
+
+@func
+def respond(c: coefs, rs: real, ms: real, delta: real, vn: real, s: vec3, vt: vec3):
+    force = max(delta, real(0.0))
+    return force, curt(vt, force), s
+
+
+@func
+def normal(c: coefs, rs: real, ms: real, delta: real, vn: real):
+    return delta
+"""
+
+
+def test_a_name_that_formulas_use_and_nothing_defines_is_told_with_its_line(monkeypatch, tmp_path):
+    """Compilers tell it in some hundred lines, of which none names the law."""
+    (tmp_path / "law_with_a_typo.py").write_text(TYPO, encoding="utf-8")
+    monkeypatch.syspath_prepend(str(tmp_path))
+    monkeypatch.setattr(Law, "physics", "law_with_a_typo")
+    with pytest.raises(BrokenPlugin) as raised:
+        known(REQUIRED)["mine"]
+    assert str(raised.value) == "the contact law mine: law_with_a_typo, line 13: curt is not defined"
+
+
+def test_all_names_that_formulas_of_labbook_use_are_defined():
+    for module in (*laws.LAWS.values(), *walls.WALLS.values()):
+        assert undefined_names(module) == []
 
 
 WALL = """

@@ -42,7 +42,7 @@ def test_docs_commands_is_what_the_help_texts_say():
 def test_every_verb_has_its_section(group):
     sections = set(re.findall(r"^## labbook (\S+)$", markdown(), re.MULTILINE))
     assert sections == set(group.commands)
-    assert {verb.rstrip("_") for verb in VERBS} <= sections
+    assert {verb.rstrip("_").replace("_", "-") for verb in VERBS} <= sections
 
 
 def test_every_verb_and_option_has_a_help_text(group):
@@ -88,6 +88,8 @@ def test_labbook_lines_in_the_pages_are_real(page, group):
     made = set()
     for words in labbook_lines(page):
         parse(group, words)
+        if words[0] == "new-extension":
+            made.add("study.yaml")
         if words[0] == "new":
             made.add(f"{words[1]}.yaml")
         for name in (word for word in words[1:] if word.endswith(".yaml")):

@@ -1,12 +1,14 @@
 """Time scales against published values and an independent integration."""
 
 import math
+from typing import ClassVar
 
 import pytest
+from pydantic import ValidationError
 from scipy.integrate import solve_ivp
 
 from labbook.scene import HertzMindlin, LinearSpringDashpot, Scene, Spheres, WedgeHopper
-from labbook.scene.contact import ContactLaw
+from labbook.scene.contact import ContactLaw, SurfaceChange
 from labbook.scene.timescales import collision, largest_stable_step, rayleigh
 
 GRAINS = Spheres(diameter=0.003, density=2500.0, count=3000)
@@ -52,6 +54,7 @@ def test_linear_collision():
 class Adhesive(ContactLaw):
     """A law that does not say up to which step a bed comes to rest."""
 
+    honours: ClassVar[frozenset[str]] = frozenset({"restitution"})
     law: str = "adhesive"
 
     def stiffened(self, factor):
@@ -64,13 +67,30 @@ class Adhesive(ContactLaw):
         return 0.25
 
 
+class Measured(Adhesive):
+    """The same, which says so; it has no friction."""
+
+    def stability(self, rods):
+        return 4.0, 0.0
+
+
+def test_a_law_refuses_the_common_keys_that_it_has_no_use_for():
+    for values in ({"friction": 0.5}, {"damping": "textbook"}, {"rolling": "rolling"}):
+        (key,) = values
+        with pytest.raises(ValidationError, match=f"the law adhesive has no use for {key}"):
+            Measured.model_validate(values)
+    law = Measured(restitution=0.5)
+    assert Measured.model_validate(law.model_dump()) == law, "records state all keys, with their defaults"
+    with pytest.raises(ValidationError, match="no use for damping"):
+        Measured.model_validate({"restitution": 0.5, "damping": "clamped"}, context={"units": "required"})
+    rough = FAN.model_copy(update={"contact": law, "walls": {"front": SurfaceChange(friction=0.1, restitution=0.5)}})
+    assert [fault.key for fault in rough.faults_of_law(law)] == ["walls.front.friction"]
+    assert LinearSpringDashpot.ignored() == HertzMindlin.ignored() == ()
+
+
 def test_another_law_is_not_taken_for_one_of_these():
     with pytest.raises(TypeError, match="stability"):
         Adhesive()  # pyright: ignore[reportAbstractUsage]
-
-    class Measured(Adhesive):
-        def stability(self, rods):
-            return 4.0, 0.0
 
     scene = FAN.model_copy(update={"contact": Measured(restitution=0.5)})
     assert collision(scene) == 0.25

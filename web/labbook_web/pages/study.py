@@ -18,6 +18,7 @@ from labbook.commands import command
 from labbook.fit import Law
 from labbook.lab.evaluations import NotEvaluated
 from labbook.measure import MeasureError
+from labbook.plugins import ExtensionError
 from labbook.report import gallery, style, tables
 from labbook.report.blocks import Facts, slug
 from labbook.report.fitted_tables import fit_table
@@ -197,7 +198,7 @@ def why_not(error: Exception, found: Found) -> str:
     return f"{str(error)[:1].upper()}{str(error)[1:]}."
 
 
-CANNOT_DRAW = (NotEvaluated, LookupError, MeasureError, ImportError)
+CANNOT_DRAW = (NotEvaluated, LookupError, MeasureError, ImportError, ExtensionError)
 """What drawing a figure may raise of results that lack something."""
 
 

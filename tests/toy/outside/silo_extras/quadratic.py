@@ -19,6 +19,7 @@ class Quadratic(ContactLaw):
 
     physics: ClassVar[str] = __name__
     usual_step: ClassVar[str] = "0.02 collision"
+    honours: ClassVar[frozenset[str]] = frozenset({"friction", "rolling_friction"})
 
     law: Literal["quadratic"] = "quadratic"
     stiffness: Pressure
