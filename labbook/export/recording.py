@@ -20,7 +20,7 @@ from labbook.lab import RunRecord
 from labbook.lab.runs import read_recording, run_data
 from labbook.measure import RunData
 from labbook.measure.series import crossing_times, smooth_flow
-from labbook.scene import Bodies, Packing, Scene, WedgeHopper
+from labbook.scene import Bodies, Packing, Scene
 from labbook.scene.orientation import axes
 from labbook.study import Point
 
@@ -274,7 +274,7 @@ def seen_from(scene: Scene, positions: np.ndarray) -> tuple[np.ndarray, np.ndarr
     low = np.minimum(positions.min(axis=0) - reach, walls.min(axis=0, initial=np.inf))
     high = np.maximum(positions.max(axis=0) + reach, walls.max(axis=0, initial=-np.inf))
     middle = (low + high) / 2
-    above = 0.0 if isinstance(scene.container, WedgeHopper) else _SEEN_FROM
+    above = 0.0 if scene.container.symmetry == "planar" else _SEEN_FROM
     back = np.array([0, -math.cos(above), math.sin(above)])  # from the middle to the eye
     upward = np.array([0, math.sin(above), math.cos(above)])
     # A point is seen if it is no farther from the line of sight than `half` times its distance from the eye along it.
