@@ -94,7 +94,8 @@ def extent(distance: Distance) -> Bounds:
         farther = 10 * _FAR - np.abs(distance(10 * sense * _FAR * np.eye(3)))
         ends = np.abs(farther - reach) <= 1e-5 * (1 + np.abs(reach))
         found.append(np.where(ends, sense * reach, sense * math.inf))
-    return Bounds(_point(found[0]), _point(found[1]))
+    # of what is flat, an end may lie beyond the other by the error
+    return Bounds(_point(np.minimum(*found)), _point(np.maximum(*found)))
 
 
 def enclosed(inside: Callable[[np.ndarray], np.ndarray], bounds: Bounds) -> Bounds:
