@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from labbook.scene import Scene
-from labbook.scene.geometry import Bounds, Mesh, Segment
+from labbook.scene.geometry import Bounds, Mesh, Point3, Segment
 
 WALL_COLOUR = (120, 130, 150, 70)
 PANE_COLOUR = (120, 130, 150, 14)  # of walls with grains behind them, which must be seen
@@ -43,17 +43,24 @@ def drawn_walls(scene: Scene, positions: np.ndarray) -> Iterator[DrawnWall]:
     panes = {wall.name: box.low[1] for wall, box in walls if wall.shape.pane and box.endless == (True, False, True)}
     front, back = (end([y, *panes.values()]) for end, y in ((min, low[1]), (max, high[1])))
     bed = Bounds((low[0], low[1], low[2]), (high[0], high[1], high[2]))
-    above = Bounds((low[0], front, low[2]), (high[0], back, top))
+    around = (low[0], front, low[2]), (high[0], back, top)
     ribs = [wall.shape for wall, box in walls if box.endless == (False, True, False)]
     plates = [_cut(line, top) for shape in ribs for line in shape.section()]
     for wall, box in walls:
         shown = _pane(plates, panes[wall.name]) if wall.name in panes and len(plates) > 1 else None
-        shown = shown or wall.shape.mesh(bed if sum(box.endless) > 1 else above)
+        shown = shown or wall.shape.mesh(bed if sum(box.endless) > 1 else _up_to(top, box, *around))
         if shown is None:
             continue
         spin = 0.0 if any(box.endless) else wall.motion.spin
         colour = PANE_COLOUR if wall.shape.pane else WALL_COLOUR
         yield DrawnWall(wall.name, shown, colour, spin, _spokes(shown, r) if spin else ())
+
+
+def _up_to(top: float, wall: Bounds, low: Point3, high: Point3) -> Bounds:
+    """A box that cuts a wall at z = `top` [m], and along axes without an end from `low` to `high` [m]."""
+    inf = np.inf
+    x, y, z = zip(np.where(wall.endless, low, -inf).tolist(), np.where(wall.endless, high, inf).tolist(), strict=True)
+    return Bounds((x[0], y[0], z[0]), (x[1], y[1], top))
 
 
 def _cut(line: Segment, top: float) -> Segment:

@@ -187,7 +187,9 @@ class Room:
         across = np.linspace(0 if self.round else self.x[0], self.x[1], _COLUMNS)
         u, y = across, np.full(len(across), sum(self.y) / 2)
         if not self.round and not self.flat and any(not shape.symmetries for shape, _ in self._vessels):
-            u, y = (a.ravel() for a in np.meshgrid(*(np.linspace(*ends, _CROSSED) for ends in (self.x, self.y))))
+            middles = (np.arange(_CROSSED) + 0.5) / _CROSSED - 0.5
+            sides = zip((self.x, self.y), self._size, strict=True)
+            u, y = (a.ravel() for a in np.meshgrid(*(sum(ends) / 2 + size * middles for ends, size in sides)))
         points = np.column_stack([np.tile(u, len(z)), np.tile(y, len(z)), np.repeat(z, len(u))])
         return self.holds(points, clearance).reshape(len(z), -1), across if self.round else None
 

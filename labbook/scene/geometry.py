@@ -18,7 +18,7 @@ Distance = Callable[[np.ndarray], np.ndarray]
 CELLS = 48
 """Cells of the longest side of the grid on which a surface is sought."""
 _FAR = 1e6  # m: from here a bounded surface is a point, to 1e-8 m for one of 0.1 m
-_STEPS = 100
+_STEPS = 1000  # beside an upright wall they are short
 _TETRAHEDRA = ((0, 1, 3, 7), (0, 1, 5, 7), (0, 2, 3, 7), (0, 2, 6, 7), (0, 4, 5, 7), (0, 4, 6, 7))  # of a cube, by bits
 _EDGES = {1: ((0, 1), (0, 2), (0, 3)), 2: ((0, 2), (0, 3), (1, 3), (1, 2)), 3: ((3, 0), (3, 1), (3, 2))}
 
