@@ -16,8 +16,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from labbook.scene.bodies import Bodies
-from labbook.scene.container import ConicalSilo, Container, CylinderSilo
-from labbook.scene.drawing import sections
+from labbook.scene.container import Container
 from labbook.scene.orientation import axes
 from labbook.scene.packing import Packing
 from labbook.scene.scene import Scene
@@ -98,7 +97,7 @@ def cut(scene: Scene, start: Packing) -> bool:
     """Whether the bed is seen cut in the plane y = 0: in round silos, and where it is deep."""
     grains = scene.grains
     deep = float(np.ptp(start.x[:, 1])) + grains.diameter > _DEEP * grains.diameter * grains.aspect_ratio
-    return isinstance(scene.container, CylinderSilo | ConicalSilo) or deep
+    return scene.container.symmetry == "axial" or deep
 
 
 @dataclass(frozen=True, eq=False)
@@ -196,7 +195,7 @@ class View:
             raise ValueError("picture: the settled bed has no grains")
         plane, (least, most) = scene.container.outlet_plane, _extent(scene, start)
         (left, low), (right, high) = least, most
-        ends = np.array(list(sections(scene.container))).reshape(-1, 2)
+        ends = np.array(list(scene.container.section())).reshape(-1, 2)
         if not len(ends):  # free grains are followed
             ends = np.array([least, most, *(_extent(scene, now) if len(now) else ())])
         far, high = right - left, high + _ABOVE * scene.grains.diameter  # what is farther than the bed is wide is cut
@@ -286,7 +285,7 @@ class View:
         """How much of each pixel the section of the walls covers, shape [down, across]."""
         across, down, scale = self.across, self.down, self.scale
         covered = np.zeros((down, across), np.float32)
-        for segment in sections(container):
+        for segment in container.section():
             (x0, z0), (x1, z1) = (
                 ((x - self.x) * scale + across / 2, (self.z - z) * scale + down / 2) for x, z in segment
             )

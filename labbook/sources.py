@@ -388,6 +388,7 @@ MEASURES: Mapping[str, tuple[str, ...]] = {
     "orifice": ("goldhirsch2010", "pongo2022"),
     "contact_stress": ("goldhirsch2010",),
     "ledger": (),
+    "outlets": (),
 }
 """Keys of the sources of measures; none for definitions of labbook's own."""
 

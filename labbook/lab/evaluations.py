@@ -83,7 +83,7 @@ def evaluated_packing(folder: Path, scene: Scene, packing: Callable[[], Packing]
     """What is measured of the packing in `folder`, which stands in the container of `scene`, by the same rules."""
     measure = PackingStructure()
     path = folder / f"{EVALUATION}{measure.name}-{measure.version}-{scene_key(scene)}.npz"
-    return _once(path, lambda: _evaluated(measure, lambda: Evaluation(measure.of(scene, packing()))))
+    return _once(path, lambda: _evaluated(measure, scene, lambda: Evaluation(measure.of(scene, packing()))))
 
 
 def evaluate(measure: Measure, window: Window, data: RunData) -> Evaluated:
@@ -97,10 +97,10 @@ def evaluate(measure: Measure, window: Window, data: RunData) -> Evaluated:
         with MEASURES.calling(measure.name, MeasureError):
             return measure.evaluate(data, window)
 
-    return _evaluated(measure, evaluation)
+    return _evaluated(measure, data.scene, evaluation)
 
 
-def _evaluated(measure: Measure, evaluation: Callable[[], Evaluation]) -> Evaluated:
+def _evaluated(measure: Measure, scene: Scene, evaluation: Callable[[], Evaluation]) -> Evaluated:
     try:
         result = evaluation()
     except MeasureError as error:
@@ -109,7 +109,7 @@ def _evaluated(measure: Measure, evaluation: Callable[[], Evaluation]) -> Evalua
         raise
     except Exception as error:  # other measures and runs still count
         return Evaluated(Evaluation(), f"fails: {type(error).__name__}: {error}")
-    declared = {quantity.name for quantity in measure.declared}
+    declared = {quantity.name for quantity in (*measure.declared, *measure.quantities(scene))}
     if unknown := [number.quantity for number in result.numbers if number.quantity not in declared]:
         return Evaluated(Evaluation(), f"fails: it gives {', '.join(unknown)}, and does not declare it")
     return Evaluated(result)

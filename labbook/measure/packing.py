@@ -146,14 +146,12 @@ def _wider(scene: Scene) -> Iterator[tuple[str, str]]:
     if region.size[0] < least * (1 - 1e-9):
         yield "width", enough
     if region.size[1] <= 0:
-        key = "thickness" if hasattr(scene.container, "thickness") else "depth"
-        yield key, f"less than 2 d, or more than {2e3 * margin:.3g} mm"
+        yield scene.container.widths[0], f"less than 2 d, or more than {2e3 * margin:.3g} mm"
 
 
 def _layer(scene: Scene) -> bool:
     """Whether the grains are spheres between a front and a back wall less than 2 d apart."""
-    depth = getattr(scene.container, "thickness", getattr(scene.container, "depth", math.inf))
-    return depth < 2 * scene.grains.diameter and scene.grains.half_length == 0
+    return scene.container.front_to_back < 2 * scene.grains.diameter and scene.grains.half_length == 0
 
 
 def _distance(grains: Grains) -> str:

@@ -8,9 +8,8 @@ import numpy as np
 from labbook.fields import axes
 from labbook.measure.clipped import rod_in_box, rod_in_ring, sphere_in_box, sphere_in_ring
 from labbook.measure.measure import MeasureError
-from labbook.scene import Box, ConicalSilo, CylinderSilo, Grains, Scene, WedgeHopper
+from labbook.scene import Grains, Scene
 from labbook.scene.packing import Packing
-from labbook.scene.walls import Strip
 
 MARGIN = 3.0
 """Grain diameters between the bulk and walls or surface; at least the length of a rod."""
@@ -165,7 +164,7 @@ def margin_of(grains: Grains) -> float:
 
 def has_bulk(scene: Scene) -> bool:
     """Whether the walls of the container are known well enough to tell its bulk."""
-    return isinstance(scene.container, WedgeHopper | Box | CylinderSilo | ConicalSilo)
+    return scene.container.across is not None
 
 
 def least_extent(grains: Grains) -> float:
@@ -218,18 +217,12 @@ class _Sides:
 
 def _sides(scene: Scene) -> _Sides:
     container, layer = scene.container, 2 * scene.grains.diameter
-    if isinstance(container, CylinderSilo | ConicalSilo):
-        floor = container.rise if isinstance(container, ConicalSilo) else 0.0
-        return _Sides(container.diameter, container.diameter, floor, False, True)
-    if isinstance(container, WedgeHopper):
-        bottoms = [
-            wall.shape for wall in container.walls() if wall.name.startswith("bottom") and isinstance(wall.shape, Strip)
-        ]
-        floor = max(max(plate.start[1], plate.end[1]) for plate in bottoms)
-        return _Sides(container.width, container.thickness, floor, container.thickness < layer)
-    if isinstance(container, Box):
-        return _Sides(container.width, container.depth, 0.0, container.depth < layer)
-    raise MeasureError("measure: packing needs a hopper, a silo or a box, whose bulk is known")
+    if container.across is None:
+        raise MeasureError("measure: packing needs a hopper, a silo or a box, whose bulk is known")
+    if container.symmetry == "axial":
+        return _Sides(container.across, container.across, container.rise, False, True)
+    depth = container.front_to_back
+    return _Sides(container.across, depth, container.rise, depth < layer)
 
 
 def _tops(scene: Scene, packing: Packing) -> np.ndarray:

@@ -16,7 +16,7 @@ from labbook.lab.records import RunRecord, Unreadable
 from labbook.measure.expected import mass_flow
 from labbook.plan.demand import Demand, PointDemand
 from labbook.plan.plan import Forecast, Plan, specified
-from labbook.scene import Scene, outlet_shape
+from labbook.scene import Scene
 from labbook.scene.timescales import largest_stable_step
 
 DEFAULT_SPEED = 5e6
@@ -245,7 +245,7 @@ def discharge_time(shared: PointDemand) -> float:
 
 def _flow(scene: Scene) -> float:
     """Expected flow [kg/s]; 0 where none can be told."""
-    return mass_flow(scene) * (HOLE if outlet_shape(scene.container) == "hole" else 1.0)
+    return mass_flow(scene) * (HOLE if scene.container.outlet_form == "hole" else 1.0)
 
 
 def _passing(shared: PointDemand) -> float:

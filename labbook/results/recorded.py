@@ -11,7 +11,6 @@ from labbook.fields import Fields, Layer, Pattern, Ring
 from labbook.measure.acceleration import AccelerationProfile, pooled_profile
 from labbook.measure.recorded import Bed, FlowMoments, FlowPattern, FreeFall
 from labbook.results.points import PointResult, RunResult
-from labbook.scene import WedgeHopper
 from labbook.stats import Pooled, pool
 
 
@@ -132,8 +131,7 @@ def pooled_means(patterns: list[Flowing]) -> dict[str, Pooled]:
 
 
 def _recorded(result: PointResult) -> list[RunResult]:
-    container = result.point.scene.container
-    if not isinstance(container, WedgeHopper) and not hasattr(container, "diameter"):
+    if result.point.scene.container.symmetry is None:
         return []
     return [run for run in result.runs if run.recorded and run.counted]
 

@@ -45,7 +45,7 @@ from labbook.plan.coverage import unobserved
 from labbook.plan.demand import Demand
 from labbook.run.job import Bench, Job, JobFailed, Kept, Left, failure
 from labbook.run.ledger import ledger
-from labbook.scene import Packing, Silo
+from labbook.scene import Packing
 from labbook.scene.quantities import percent
 from labbook.stats.stopping import looks
 
@@ -87,7 +87,7 @@ class DischargeJob(Job):
     def fresh(self) -> Packing:
         """The packing, with the outlet open."""
         packing = self._packed
-        height = self.scene.container.height if isinstance(self.scene.container, Silo) else math.inf
+        height = self.scene.container.roof
         level = float(packing.x[:, 2].max())
         if level > height:
             raise JobFailed(

@@ -23,7 +23,7 @@ def ledger(
     """
     plane = scene.container.outlet_plane
     above = end.x[:, 2] >= (-math.inf if plane is None else plane)
-    held = scene.container.holds(end.x)
+    held = scene.container.inside(end.x)
     assert end.ids is not None
     inside, behind = end.ids[above & held], end.ids[above & ~held]
     passed = np.zeros(0, np.int64) if crossings is None else np.asarray(crossings["id"])
