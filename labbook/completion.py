@@ -28,7 +28,7 @@ class _Bracket:
 def offered(text: str, namespace: Mapping[str, Any]) -> tuple[str, list[str]]:
     """The unfinished word at the end of `text`, which is in quotes, and the words that may stand there.
 
-    namespace: objects by name. Nothing is offered outside of calls of `define`, `change`, `plot`, `fit` and their like.
+    namespace: objects by name. Outside of `define`, `change`, `plot`, `fit` and the argument `at` nothing is offered.
     """
     brackets, word = _read(text)
     calls = [at for at, bracket in enumerate(brackets) if bracket.kind == "("]
@@ -45,21 +45,22 @@ def offered(text: str, namespace: Mapping[str, Any]) -> tuple[str, list[str]]:
         words = getattr(namespace.get(owner), "figures", tuple)()
     elif function == "fit" and not inside:
         words = LAWS
-    return word, sorted({one for one in words if one.startswith(word)})
+    return word, sorted({name for name in words if name.startswith(word)})
 
 
 def _of_study(call: _Bracket, inside: list[_Bracket], dotted: bool) -> Iterable[str]:
     """Words at the cursor within `define(` or `change(`: keys of a section, or the choices of a key."""
     last = inside[-1] if inside else call
-    path = [one.name if one is last or one.kind == "{" else f"{one.name}[]" for one in inside if one.name]
+    named = [bracket for bracket in inside if bracket.name]
+    path = [part.name if part is last or part.kind == "{" else f"{part.name}[]" for part in named]
     if path and path[0] in ("sweep", "points[]"):
         return _swept() if last.kind == "{" and not last.key else ()
     key = ".".join([*path, last.key] if last.key else path)
     if last.kind == "{" and not last.key:
         if path or not dotted:
             return siblings(f"{key}.x" if path else "x")
-        return [one.name for one in all_keys() if "[]" not in one.name] + [f"sweep.{name}" for name in _swept()]
-    return _NAMES.get(key) or [choice for one in find(key) for choice in one.choices]
+        return [known.name for known in all_keys() if "[]" not in known.name] + [f"sweep.{name}" for name in _swept()]
+    return _NAMES.get(key) or [choice for known in find(key) for choice in known.choices]
 
 
 def _swept() -> list[str]:
@@ -101,7 +102,7 @@ def install(shell: Any) -> None:
     def labbook_words(context: Any) -> dict[str, Any]:
         lines = context.full_text.split("\n")[: context.cursor_line]
         word, words = offered("\n".join([*lines, context.text_until_cursor]), shell.user_ns)
-        found = [SimpleCompletion(text=one, type="text") for one in words]
-        return {"completions": found, "matched_fragment": word, "suppress": bool(found)}
+        completions = [SimpleCompletion(text=name, type="text") for name in words]
+        return {"completions": completions, "matched_fragment": word, "suppress": bool(completions)}
 
     shell.Completer.custom_matchers.append(labbook_words)

@@ -57,9 +57,10 @@ def _with_keys(function: _F) -> _F:
     """Show the keys of a study in `help` of a function that takes them, and in its signature, which notebooks read."""
     function.__doc__ = f"{cleandoc(function.__doc__ or '')}\n\nKeys, with SI units (see docs/studies.md):\n\n{KEYS}"
     own = signature(function)
-    first = [one.replace(annotation=Parameter.empty) for one in own.parameters.values()][:-1]
+    *fixed, _ = own.parameters.values()
+    fixed = [parameter.replace(annotation=Parameter.empty) for parameter in fixed]
     named = [Parameter(key, Parameter.KEYWORD_ONLY, default=...) for key in StudyKeys.__annotations__]
-    vars(function)["__signature__"] = own.replace(parameters=[*first, *named])
+    vars(function)["__signature__"] = own.replace(parameters=[*fixed, *named])
     return function
 
 
