@@ -65,3 +65,8 @@ def __getattr__(name: str) -> Any:
 def __dir__() -> list[str]:
     """All public names, imported or not."""
     return sorted({*globals(), *_PLACE})
+
+
+def load_ipython_extension(shell: Any) -> None:
+    """Turn on completion within quotes: `%load_ext labbook` in a notebook."""
+    import_module("labbook.completion").install(shell)

@@ -15,7 +15,7 @@ from functools import cached_property
 from html import escape
 from numbers import Integral
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Literal
+from typing import TYPE_CHECKING, Any, Literal, overload
 
 from labbook import html
 from labbook.accuracy import BESIDE, write
@@ -63,6 +63,7 @@ from labbook.study.keys import find as find_keys
 from labbook.study.pilot import first_needed, whole
 from labbook.study.problems import grouped, instead
 from labbook.study.source import given_path
+from labbook.study.stated import LawName, Swept
 from labbook.warning import LabWarning, by_a_verb, caller, warn
 
 if TYPE_CHECKING:
@@ -373,6 +374,12 @@ class Results(Found):
         """
         return frames(self)
 
+    @overload
+    def fit(self, law: LawName, at: Swept | None = None) -> FitResult: ...
+
+    @overload
+    def fit(self, law: str, at: Mapping[str, Any] | None = None) -> FitResult: ...
+
     def fit(self, law: str, at: Mapping[str, Any] | None = None) -> FitResult:
         """Fit of the law with this name (`beverloo_3d` or `Beverloo 3d`) to flow rates against the orifice; the study
         need not list it.
@@ -395,6 +402,12 @@ class Results(Found):
         own = [name for one in series for name in gallery.of_series(self, one)]
         shared = [*gallery.of_results(self)]
         return tuple(dict.fromkeys([*own, *shared] if len(series) == 1 else [*shared, *own]))
+
+    @overload
+    def plot(self, name: gallery.FigureName | None = None, at: Swept | None = None) -> "Figure": ...
+
+    @overload
+    def plot(self, name: str | None = None, at: Mapping[str, Any] | None = None) -> "Figure": ...
 
     def plot(self, name: str | None = None, at: Mapping[str, Any] | None = None) -> "Figure":
         """One of the report's figures, by its name in `figures()` (None: the first) or that of its file in the report

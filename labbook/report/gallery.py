@@ -1,6 +1,6 @@
 """The figures of a report by name, for whoever wants one of them and not the page."""
 
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Literal, TypeAlias
 
 from labbook.report import figures
 from labbook.report.against import found_against
@@ -16,6 +16,12 @@ if TYPE_CHECKING:
 
 FILES = {"fit": "flow_rate", "orifice": "flow_rate", "flow": "flow_over_time"}
 """Names of figures whose files in a report are called otherwise, by the name of the file."""
+
+
+FigureName: TypeAlias = Literal[
+    "flow_rate", "flow_over_time", "patterns", "acceleration", "overview", "fit", "orifice", "flow"
+]
+"""Names that editors complete: figures of any study, and names of their files. Papers and swept keys add others."""
 
 
 class NothingToShow(LookupError):

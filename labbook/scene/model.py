@@ -51,12 +51,6 @@ class Model(BaseModel):
         _set(one, "__pydantic_private__", None)
         return one
 
-    def sharing(self, stated: set[str]) -> Self:
-        """Itself, with `stated` in place of its own set of the fields that were stated, which is equal: it takes more
-        memory than all other things of a model."""
-        _set(self, "__pydantic_fields_set__", stated)
-        return self
-
 
 _M = TypeVar("_M", bound=Model)
 _P = ParamSpec("_P")

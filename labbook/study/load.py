@@ -1,11 +1,12 @@
 """A study, and how one is read from a file or made in Python: everything that is wrong is found at once, before
 anything runs."""
 
-from collections.abc import Iterator, Mapping, Set
+from collections.abc import Callable, Iterator, Mapping, Set
 from dataclasses import dataclass, field
+from inspect import Parameter, cleandoc, signature
 from itertools import islice
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, TypeVar, Unpack
 
 from pydantic import ValidationError
 
@@ -37,6 +38,7 @@ from labbook.study.schema import (
     Window,
 )
 from labbook.study.source import Source, changed, dotted, given, given_path, read, written
+from labbook.study.stated import KEYS, Changed, StudyKeys
 from labbook.study.sweep import BYTES, MAX_POINTS, Sweep
 from labbook.study.window import resolved
 
@@ -47,6 +49,20 @@ MAX_RUNS = 200_000
 """Runs that a plan holds at once."""
 _COMPARED = 200
 """Unknown keys that are compared with those that are known."""
+
+
+_F = TypeVar("_F", bound=Callable[..., Any])
+
+
+def _with_keys(function: _F) -> _F:
+    """Show the keys of a study in `help` of a function that takes them, and in its signature, which notebooks read."""
+    function.__doc__ = f"{cleandoc(function.__doc__ or '')}\n\nKeys, with SI units (see docs/studies.md):\n\n{KEYS}"
+    own = signature(function)
+    *fixed, _ = own.parameters.values()
+    fixed = [parameter.replace(annotation=Parameter.empty) for parameter in fixed]
+    named = [Parameter(key, Parameter.KEYWORD_ONLY, default=...) for key in StudyKeys.__annotations__]
+    vars(function)["__signature__"] = own.replace(parameters=[*fixed, *named])
+    return function
 
 
 @dataclass(frozen=True)
@@ -86,7 +102,8 @@ class Study:
         """Whether grains that left are fed again, at all points."""
         return self.points[0].scene.feed is not None
 
-    def change(self, changes: Mapping[str, Any] | None = None, /, **keys: Any) -> "Study":
+    @_with_keys
+    def change(self, changes: Changed | Mapping[str, Any] | None = None, /, **keys: Unpack[StudyKeys]) -> "Study":
         """The study with other values; this one stays as it is.
 
         changes: dotted keys (`contact.friction`, `sweep.container.orifice`) and new values, as `define` takes them;
@@ -154,7 +171,8 @@ def load(path: Path | str, calibration: Path | None = None) -> Study:
     return _resolved(read(given_path(path, "labbook.load")), calibration)
 
 
-def define(stated: Mapping[str, Any] | None = None, /, **keys: Any) -> Study:
+@_with_keys
+def define(stated: StudyKeys | Mapping[str, Any] | None = None, /, **keys: Unpack[StudyKeys]) -> Study:
     """A study made in Python, of the keys and values of a study file.
 
     Sections are dicts, quantities text with a unit (`"3 mm"`) or pint quantities, lists any sequence or array. keys and

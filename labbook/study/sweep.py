@@ -17,7 +17,7 @@ from labbook.study.problems import Problem, shown
 from labbook.study.source import Location, Source, dotted
 
 MAX_POINTS = 100_000
-BYTES = 4e3
+BYTES = 8e3
 """Memory that a plan takes for a point with one run, as measured."""
 
 _LIST = re.compile(r"\s*\[(.*)\]\s*(.*?)\s*", re.DOTALL)
