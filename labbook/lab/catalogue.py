@@ -64,6 +64,11 @@ class Entry:
         said = {name: getattr(record, name) for name in _SAID}
         return cls(coverage=record.coverage, stamp=stamp, suspect=suspicion(record.ledger), **said)
 
+    @property
+    def frame_interval(self) -> float | None:
+        """Time between two recorded frames [s]; None without any."""
+        return None if self.coverage is None else self.coverage.frame_interval
+
 
 _SAID = ("run_key", "lineage_key", "cache_version", "outcome", "packing_key", "backend", "device", "finished")
 """Of a run, in its record as in the index."""

@@ -6,14 +6,14 @@ from functools import partial
 
 from labbook.backend import BackendMissing, load
 from labbook.fit import LAWS
-from labbook.lab import Catalogue, evaluations
+from labbook.lab import Catalogue, FinishedRun, evaluations
 from labbook.lab.evaluations import NotEvaluated, Numbers, ReadOnlyRun
 from labbook.lab.records import Observe
 from labbook.lab.suspect import counts
 from labbook.plan.coverage import Asked, finished, unreadable
 from labbook.results.numerical import numerical
 from labbook.results.paper import compared, further_fits, judged
-from labbook.results.points import Finished, RunResult, pooled_point, redundant
+from labbook.results.points import RunResult, pooled_point, redundant
 from labbook.results.reference import compare
 from labbook.results.series import series_of
 from labbook.results.statements import judge
@@ -23,7 +23,7 @@ from labbook.study import Study
 
 def results_of(
     study: Study,
-    runs: Sequence[Finished],
+    runs: Sequence[FinishedRun],
     numbers: Numbers,
     lost: Sequence[str] = (),
 ) -> Results:
@@ -35,12 +35,13 @@ def results_of(
     unreadable, unmeasured = list(lost), list[str]()
     by_point: dict[int, list[RunResult]] = {}
     for run in sorted(runs, key=lambda run: (run.point.index, run.seed)):
-        if (why := numbers.problems.get(run.run_key)) is not None:
+        key = run.entry.run_key
+        if (why := numbers.problems.get(key)) is not None:
             unreadable.append(why)
             continue
-        unmeasured += numbers.failed.get(run.run_key, {}).values()
-        counted = counts(run.outcome, run.suspect, study.accuracy.count_suspect)
-        found = RunResult(run, numbers.measured.get(run.run_key, {}), study.measure, study.window, counted)
+        unmeasured += numbers.failed.get(key, {}).values()
+        counted = counts(run.entry.outcome, run.entry.suspect, study.accuracy.count_suspect)
+        found = RunResult(run, numbers.measured.get(key, {}), study.measure, study.window, counted)
         by_point.setdefault(run.point.index, []).append(found)
     read = [point for point in study.points if by_point.get(point.index)]
     extra = redundant(study.points)

@@ -313,9 +313,9 @@ def test_a_hundred_thousand_runs_are_listed(tmp_path):
 def test_versions_of_the_backend_do_not_mix(tmp_path):
     asked = study(tmp_path, replicates=1)
     carry_out(asked, tmp_path / "lab", backend=Backend(version=1))
-    old = {run.run_key for run in coverage.finished(Catalogue(tmp_path / "lab"), asked, "toy")}
+    old = {run.entry.run_key for run in coverage.finished(Catalogue(tmp_path / "lab"), asked, "toy")}
     carry_out(asked, tmp_path / "lab", backend=Backend(version=2))
-    new = {run.run_key for run in coverage.finished(Catalogue(tmp_path / "lab"), asked, "toy")}
+    new = {run.entry.run_key for run in coverage.finished(Catalogue(tmp_path / "lab"), asked, "toy")}
     assert len(old) == len(new) == 2
     assert not old & new
 
@@ -329,7 +329,7 @@ def test_replicates_of_an_older_version_are_not_pooled_with_newer_ones(tmp_path)
     newer = set(Catalogue(lab).runs()[lambda runs: runs.cache_version == 2].run_key)
     found = coverage.finished(Catalogue(lab), fewer, "toy")
     assert [run.seed for run in found] == [1, 2], "seeds 3 and 4 were run by version 1 only"
-    assert {run.run_key for run in found} == newer
+    assert {run.entry.run_key for run in found} == newer
     both = coverage.finished(Catalogue(lab), study(tmp_path, replicates=4), "toy")
     assert [(run.point.index, run.seed) for run in both] == [(0, 1), (0, 2), (0, 3), (0, 4), (1, 1), (1, 2)]
     assert all(run.record.cache_version == (1 if run.point.index == 0 else 2) for run in both)
