@@ -28,8 +28,7 @@ from labbook.export.study import write_numbers, write_recordings
 from labbook.export.viewer import show
 from labbook.fit import LAWS, FitError, FitResult
 from labbook.fit import named as named_law
-from labbook.lab import Catalogue, LabError, NoCatalogue
-from labbook.lab import Lab as Folder
+from labbook.lab import Catalogue, LabError, LabFolder, NoCatalogue
 from labbook.lab.folder import DEFAULT
 from labbook.lab.index import Index
 from labbook.lab.runs import picture
@@ -92,9 +91,9 @@ class Lab:
         object.__setattr__(self, "folder", given_path(self.folder, "labbook.Lab: folder"))
 
     @property
-    def place(self) -> Folder:
+    def place(self) -> LabFolder:
         """The folder, with methods for the places in it."""
-        return Folder(Path(self.folder))
+        return LabFolder(Path(self.folder))
 
     def plan(self, study: Study) -> Plan:
         """The runs that `study` still needs in this lab and why, with a forecast of time and disk space, and warnings.
@@ -127,7 +126,7 @@ class Lab:
         """
         _is_study(study)
         part = WHOLE if shard is None else Shard.parse(shard)
-        other = None if base is None else Folder(given_path(base, "base"))
+        other = None if base is None else LabFolder(given_path(base, "base"))
         backend, plain = load_backend(self.backend), isinstance(progress, bool)
         with _in_python():
             foreseen = () if progress is False else self._forewarned(study, backend)

@@ -10,7 +10,7 @@ from labbook.cli.screen import say, screen
 from labbook.commands import command
 
 if TYPE_CHECKING:
-    from labbook.lab import Lab as Folder
+    from labbook.lab import LabFolder
     from labbook.lab.notes import Note
 
 Key = Annotated[
@@ -61,7 +61,7 @@ def register(app: typer.Typer) -> None:
             say(f"Unreadable: {problem}", err=True)
 
 
-def _noted(lab: "Folder", key: str) -> tuple["Note", str | None]:
+def _noted(lab: "LabFolder", key: str) -> tuple["Note", str | None]:
     """The note of a run, and why it cannot be read."""
     from labbook.lab import LabError
     from labbook.lab.notes import Note, read

@@ -26,7 +26,7 @@ from labbook.lab.database import (
     schema_version,
     unusable,
 )
-from labbook.lab.folder import Lab, LabError, stamp
+from labbook.lab.folder import LabError, LabFolder, stamp
 from labbook.lab.packings import read_packing
 from labbook.lab.records import UNREADABLE, Coverage, Ending, RunRecord, Unreadable
 from labbook.lab.runs import open_run
@@ -132,8 +132,8 @@ class Catalogue:
     """Questions to the index of one lab. Raises NoCatalogue if there are runs but no index of this
     version."""
 
-    def __init__(self, lab: Path | Lab):
-        self.lab = lab if isinstance(lab, Lab) else Lab(lab)
+    def __init__(self, lab: Path | LabFolder):
+        self.lab = lab if isinstance(lab, LabFolder) else LabFolder(lab)
         self._engine = self._open()
         self._packings: dict[tuple[str, int], str | None] | None = None
         """Why a packing cannot be read, by its key and the stamp of its folder."""

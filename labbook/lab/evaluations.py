@@ -19,7 +19,7 @@ import numpy as np
 
 from labbook.lab.catalogue import Catalogue, Entry
 from labbook.lab.database import add_measurements
-from labbook.lab.folder import EVALUATION, Lab, is_beside, remove, stamp
+from labbook.lab.folder import EVALUATION, LabFolder, is_beside, remove, stamp
 from labbook.lab.identity import scene_key
 from labbook.lab.records import Observe, RunRecord, Unreadable
 from labbook.lab.runs import open_run, read_recording, run_data
@@ -109,7 +109,7 @@ def _once(path: Path, make: Callable[[], Evaluated]) -> Evaluated:
     if (found := _kept(path)) is not None:
         return found
     folder = path.parent
-    with Lab(folder.parent.parent).alone(folder.name):
+    with LabFolder(folder.parent.parent).alone(folder.name):
         if (found := _kept(path)) is not None:
             return found
         content, found = _content(folder), make()

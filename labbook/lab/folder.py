@@ -174,7 +174,7 @@ def is_locked(path: Path) -> bool:
     return False
 
 
-class Lab:
+class LabFolder:
     """Paths below one lab folder; nothing is made before something is written."""
 
     def __init__(self, folder: Path):
@@ -303,7 +303,7 @@ class Listed:
     work: Set[str]
 
     @classmethod
-    def of(cls, lab: Lab) -> "Listed":
+    def of(cls, lab: LabFolder) -> "Listed":
         """What lies in `lab` now."""
         return cls(*({*folders(place)} for place in (lab.runs, lab.packings, lab.works)))
 

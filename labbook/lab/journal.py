@@ -19,7 +19,7 @@ from pydantic import Field, ValidationError
 
 from labbook.backend import Checkpoint
 from labbook.backend.probes import Table, describe_probe
-from labbook.lab.folder import Lab, LabError, make_folder, open_file, room, sync_folder, write_bytes
+from labbook.lab.folder import LabError, LabFolder, make_folder, open_file, room, sync_folder, write_bytes
 from labbook.lab.records import LONGEST, Part, RunRecord, Session, Unreadable, Whole
 from labbook.lab.runs import RECORDING, check_keys, film_of, read_end, read_recording, read_tables
 from labbook.lab.tables import join, read_checkpoint, read_table, write_checkpoint, write_table
@@ -210,7 +210,7 @@ class Unfinished:
     """Why it came to nothing; see `Progress`."""
 
 
-def unfinished(lab: Lab) -> list[Unfinished]:
+def unfinished(lab: LabFolder) -> list[Unfinished]:
     """All unfinished work."""
     found = []
     for key in lab.working():

@@ -11,7 +11,7 @@ from toy_lab import arrays, labbook, start, study_file
 from toy_web import ORIFICES, REPLICATES, client, everything, make, pages, twins
 
 from labbook.accuracy.calibration import PATH
-from labbook.lab import Catalogue, Lab, studies
+from labbook.lab import Catalogue, LabFolder, studies
 from labbook.results.find import find
 from labbook.study import StudyError, load
 
@@ -170,7 +170,7 @@ def test_given_files_count_before_those_of_the_lab(done, tmp_path):
 
 def test_a_kept_study_has_the_calibration_that_is_kept_with_it(tmp_path):
     own = study_file(tmp_path, "accuracy: {flow_rate: 40 %, calibration: ../elsewhere.json}")
-    lab = Lab(tmp_path / "lab")
+    lab = LabFolder(tmp_path / "lab")
     studies.keep(lab, STUDY, own.read_text(), PATH)
     assert Shelf(lab.folder).study(STUDY)[0].calibration_file == lab.studies / f"{STUDY}.calibration.json"
 
@@ -240,7 +240,7 @@ def test_readers_neither_hold_up_nor_break_a_study_that_runs(tmp_path):
     assert len(frame) == 3 * replicates
     assert set(frame["outcome"]) == {"finished"}
     assert all(arrays(folder) for folder in (lab / "runs").iterdir())
-    assert not list(Lab(lab).folder.glob("work/*"))
+    assert not list(LabFolder(lab).folder.glob("work/*"))
     found = find(load(path), Catalogue(lab), "toy")
     assert [len(one.runs) for one in found.points] == [replicates] * 3
     assert found.unreadable == ()

@@ -20,8 +20,7 @@ from labbook.backend import load as load_backend
 from labbook.checks.compare.compare import stale
 from labbook.checks.compare.sides import CannotCompare, Side
 from labbook.checks.compare.verdict import NoVerdict, Verdict, path_of
-from labbook.lab import Catalogue, LabError, notes, studies
-from labbook.lab import Lab as Folder
+from labbook.lab import Catalogue, LabError, LabFolder, notes, studies
 from labbook.lab.catalogue import StudyCount
 from labbook.lab.notes import Note
 from labbook.plan.coverage import Asked, asked
@@ -160,7 +159,7 @@ class Shelf:
     given one counts. `only`: show no others. `noted`: show the notes and tags of people."""
 
     def __init__(self, lab: Path, given: Sequence[Path] = (), *, only: bool = False, noted: bool = True):
-        self.lab, self._only, self._noted = Folder(lab), only, noted
+        self.lab, self._only, self._noted = LabFolder(lab), only, noted
         self._given = tuple(given)
         self._studies, self._asked, self._results = Kept(1000), Kept(_KEPT), Kept(_KEPT)
         self._counts, self._texts = Kept(1), Kept(1000)

@@ -16,7 +16,7 @@ from labbook.backend.probes import Crossing, Ledger, columns
 from labbook.checks.verify.materials import G, floor, room
 from labbook.checks.verify.rods import ROD, rods_at
 from labbook.checks.verify.stand import Start, grains_at
-from labbook.lab import Catalogue, Lab
+from labbook.lab import Catalogue, LabFolder
 from labbook.lab.folder import EVALUATION
 from labbook.lab.runs import open_run
 from labbook.measure import MEASURES, Evaluation, MeasureError, RunData
@@ -235,7 +235,7 @@ def discharge(tmp_path_factory) -> RunData:
     folder = tmp_path_factory.mktemp("small")
     (folder / "small.yaml").write_text(SMALL)
     asked = load(folder / "small.yaml")
-    summary = Runner(asked, Lab(folder / "lab"), numba.Backend(wide=True)).run()
+    summary = Runner(asked, LabFolder(folder / "lab"), numba.Backend(wide=True)).run()
     assert list(summary.tally.ran.values()) == ["finished"], summary.tally.failed
     (kept,) = (folder / "lab/runs").iterdir()
     assert (kept / "ledger.npz").is_file()
