@@ -51,7 +51,7 @@ def register(app: typer.Typer) -> None:
         for path in paths:
             say(path)
         if packings:
-            written = write_packings(found, found.lab.place, folder / "packings")
+            written = write_packings(found, found.place, folder / "packings")
             where = (
                 f"{len(written)} files in {folder / 'packings'}" if written else "this study has no finished run yet"
             )

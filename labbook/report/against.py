@@ -12,7 +12,7 @@ from labbook.results import display
 from labbook.results.against import Against, Line, Place, against
 from labbook.results.points import FLOW_RATE, names_scene
 from labbook.results.series import PACKING_FRACTION
-from labbook.results.study import Results
+from labbook.results.study import StudyResults
 from labbook.stats import Pooled
 
 _CALLED = {FLOW_RATE: "Flow rate", PACKING_FRACTION: "Packing fraction"}
@@ -20,7 +20,7 @@ _LISTED = 3
 """Lines that a sentence names one by one."""
 
 
-def found_against(results: Results) -> tuple[Against, ...]:
+def found_against(results: StudyResults) -> tuple[Against, ...]:
     """The flow rate against every swept key but the orifice; the packing fraction where nothing flowed out."""
     for quantity in _CALLED:
         if any(quantity in result.pooled for result in results.points):
@@ -28,12 +28,12 @@ def found_against(results: Results) -> tuple[Against, ...]:
     return ()
 
 
-def against_sections(results: Results, folder: Path) -> list[Section]:
+def against_sections(results: StudyResults, folder: Path) -> list[Section]:
     """A section for each swept key but the orifice: figure, sentence and table."""
     return [_section(one, results, folder) for one in found_against(results)]
 
 
-def _section(found: Against, results: Results, folder: Path) -> Section:
+def _section(found: Against, results: StudyResults, folder: Path) -> Section:
     name, called = display.spoken(found.key), _CALLED[found.quantity]
     title = f"{called} against {name}"
     figure = figures.against_key(found)

@@ -9,7 +9,7 @@ from labbook.report.tables import Table
 from labbook.results.paper import Analysis
 from labbook.results.points import PointResult
 from labbook.results.series import Series
-from labbook.results.study import Results
+from labbook.results.study import StudyResults
 from labbook.study.paper import PAPERS
 
 if TYPE_CHECKING:
@@ -31,28 +31,30 @@ class Paper(Analysis):
     It is announced by an entry point of the group `labbook.papers` (see `labbook.papers`).
     """
 
-    def sections(self, results: Results, folder: Path) -> Sequence[Section]:
+    def sections(self, results: StudyResults, folder: Path) -> Sequence[Section]:
         """Sections of the page, after the comparison with the reference; figures go into the folder."""
         return ()
 
-    def of_series(self, results: Results, series: Series, folder: Path, suffix: str, where: str) -> Sequence[Block]:
+    def of_series(
+        self, results: StudyResults, series: Series, folder: Path, suffix: str, where: str
+    ) -> Sequence[Block]:
         """What stands at the end of the section of a series. `suffix`: of names of files, `where`: ` (angle = 40 deg)`,
         to be put into words; both are empty of the only series."""
         return ()
 
-    def tables(self, results: Results, series: Series, where: str) -> Sequence[tuple[str, Table]]:
+    def tables(self, results: StudyResults, series: Series, where: str) -> Sequence[tuple[str, Table]]:
         """Titles and tables of a series for the terminal; `where`: ` at angle = 40 deg`, or empty."""
         return ()
 
-    def figures(self, results: Results) -> Mapping[str, Draw]:
+    def figures(self, results: StudyResults) -> Mapping[str, Draw]:
         """Figures by name, of several series at once."""
         return {}
 
-    def figures_of(self, results: Results, series: Series) -> Mapping[str, Draw]:
+    def figures_of(self, results: StudyResults, series: Series) -> Mapping[str, Draw]:
         """Figures of a series, by name."""
         return {}
 
-    def shows_beds_of(self, results: Results) -> Collection[PointResult]:
+    def shows_beds_of(self, results: StudyResults) -> Collection[PointResult]:
         """Points of which its sections show how the beds flow: they are left out elsewhere."""
         return ()
 

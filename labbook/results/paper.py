@@ -9,7 +9,7 @@ from labbook.results.points import PointResult
 from labbook.results.reference import Comparison
 from labbook.results.series import FitTo, FurtherFit
 from labbook.results.statements import Judged
-from labbook.results.study import Results
+from labbook.results.study import StudyResults
 from labbook.study import Statement
 from labbook.study.paper import PAPERS, Vocabulary
 
@@ -28,17 +28,19 @@ class Analysis(Vocabulary):
             """One of its `fits` to the points of a series, which are in the order of their orifice. Raises FitError."""
             ...
 
-    def compared(self, results: Results, quantity: str, at: Mapping[str, float | str]) -> Sequence[Comparison] | None:
+    def compared(
+        self, results: StudyResults, quantity: str, at: Mapping[str, float | str]
+    ) -> Sequence[Comparison] | None:
         """Ours for a quantity of its own that a reference names, at the points `at`, the reference being left NaN; None
         of other quantities. Parameters of its fits need nothing here. `results` have no comparisons yet."""
         return None
 
-    def judged(self, results: Results, statement: Statement) -> Sequence[Judged] | None:
+    def judged(self, results: StudyResults, statement: Statement) -> Sequence[Judged] | None:
         """A statement on a quantity of its own, at all places that it speaks of; None of other quantities, which are
         judged by what `compared` gives. `results` have no comparisons yet."""
         return None
 
-    def frames(self, results: Results) -> Mapping[str, Iterable[Row]]:
+    def frames(self, results: StudyResults) -> Mapping[str, Iterable[Row]]:
         """Rows of data frames, by name; SI."""
         return {}
 
@@ -53,13 +55,13 @@ def further_fits() -> dict[str, FitTo]:
     return {name: partial(paper.fit, name) for paper in analyses() for name in paper.fits}
 
 
-def compared(results: Results, quantity: str, at: Mapping[str, float | str]) -> Sequence[Comparison] | None:
+def compared(results: StudyResults, quantity: str, at: Mapping[str, float | str]) -> Sequence[Comparison] | None:
     """Ours for a quantity of a paper; None if no paper has it."""
     every = (paper.compared(results, quantity, at) for paper in analyses())
     return next((found for found in every if found is not None), None)
 
 
-def judged(results: Results, statement: Statement) -> Sequence[Judged] | None:
+def judged(results: StudyResults, statement: Statement) -> Sequence[Judged] | None:
     """What the paper says whose quantity a statement is on; None if it is no paper's."""
     every = (paper.judged(results, statement) for paper in analyses())
     return next((found for found in every if found is not None), None)

@@ -2,15 +2,17 @@
 
 from collections.abc import Callable, Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 from labbook.lab import Entry, FinishedRun, Unreadable
 from labbook.lab.evaluations import Evaluated, Numbers, evaluate
 from labbook.lab.records import Coverage
 from labbook.measure import MEASURES, Measure
 from labbook.results.find import results_of
-from labbook.results.study import Results
+from labbook.results.study import StudyResults
 from labbook.study import Point, Study
+
+_R = TypeVar("_R", bound=StudyResults)
 
 
 class RunDouble(FinishedRun):
@@ -56,8 +58,10 @@ def analyse(
     finished: Sequence[FinishedRun],
     progress: Callable[[int], None] = lambda done: None,
     lost: Sequence[str] = (),
-) -> Results:
-    """What these runs come to. `progress` is told how many are done; `lost`: why others cannot be read."""
+    kind: Callable[..., _R] = StudyResults,
+) -> _R:
+    """What these runs come to. `progress` is told how many are done; `lost`: why others cannot be read; `kind`: class
+    of the results."""
     numbers = Numbers()
     for done, run in enumerate(finished, 1):
         key = run.entry.run_key
@@ -75,7 +79,7 @@ def analyse(
         except Unreadable as problem:
             numbers.problems[key] = str(problem)
         progress(done)
-    return results_of(study, finished, numbers, lost)
+    return results_of(study, finished, numbers, lost, kind)
 
 
 def _said(run: FinishedRun, problem: str) -> str:

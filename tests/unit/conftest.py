@@ -12,7 +12,7 @@ from toy_results import RunDouble, analyse
 
 from labbook.backend.numerics import Numerics
 from labbook.measure import RunData
-from labbook.results.study import Results
+from labbook.results.study import StudyResults
 from labbook.scene import HertzMindlin, Scene, Spheres, WedgeHopper
 from labbook.scene.packing import Packing
 from labbook.study import Point, Study
@@ -200,7 +200,7 @@ def column() -> tuple[Study, list[FinishedDouble]]:
 
 
 @pytest.fixture(scope="session")
-def analysis(column) -> Results:
+def analysis(column) -> StudyResults:
     """What is found of the column."""
     study, finished = column
     return analyse(study, finished)

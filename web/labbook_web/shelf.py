@@ -15,6 +15,7 @@ from pathlib import Path
 from typing import Any, TypeVar
 
 from labbook.accuracy import BESIDE
+from labbook.api import Results
 from labbook.backend import BackendMissing, installed
 from labbook.backend import load as load_backend
 from labbook.checks.compare.compare import stale
@@ -25,7 +26,6 @@ from labbook.lab.catalogue import StudyCount
 from labbook.lab.notes import Note
 from labbook.plan.coverage import Asked, asked
 from labbook.results.find import kept
-from labbook.results.study import Results
 from labbook.run.live import Running, running
 from labbook.study import Study, StudyError, load
 
@@ -243,13 +243,14 @@ class Shelf:
         path = self._files()[name]
 
         def find() -> Found:
-            results = kept(study, self.catalogue, backend, self._demands(path, study, backend))
+            kind = partial(Results, place=self.lab, backend=backend)
+            results = kept(study, self.catalogue, backend, self._demands(path, study, backend), kind)
             compared, packings_of = self._compared(study), ""
             for first, second in (one.verdict.entrants for one in compared if not results.points):
                 if second.called == backend and first.called == first.name:
                     with suppress(BackendMissing, CannotCompare):
                         packings = Side(load_backend(first.name), first.device).packings(study)
-                        results = kept(study, self.catalogue, backend, asked(study, backend, packings))
+                        results = kept(study, self.catalogue, backend, asked(study, backend, packings), kind)
                         packings_of = first.name if results.points else ""
             return Found(study, text, backend, results, compared, packings_of)
 

@@ -5,12 +5,12 @@ from typing import Any
 
 import pandas as pd
 
+from labbook.api import Results
 from labbook.commands import command
 from labbook.lab import LabError
 from labbook.lab.catalogue import SUSPECT
 from labbook.lab.journal import unfinished
 from labbook.report.result_box import concerns, headline
-from labbook.results.study import Results
 from labbook.run.live import Running
 from labbook.scene.quantities import duration
 from labbook.study import StudyError
