@@ -6,7 +6,7 @@ A measure, a fit or a paper of another package stands in its `pyproject.toml`:
     wall_force = "my_package.wall_force:WallForce"
 
 The object is a class without arguments, or an instance; of contact laws and walls it is the class itself
-(`labbook.scene.model.Choice`). It is loaded when its registry is first asked for something.
+(`labbook.scene.model.TaggedModels`). It is loaded when its registry is first asked for something.
 """
 
 from collections.abc import Iterable, Iterator, Mapping

@@ -295,7 +295,7 @@ class LabFolder:
 
 
 @dataclass(frozen=True)
-class Listed:
+class LabListing:
     """Keys of all finished runs and packings, and of unfinished work, as they lay in a lab at one moment."""
 
     runs: Set[str]
@@ -303,7 +303,7 @@ class Listed:
     work: Set[str]
 
     @classmethod
-    def of(cls, lab: LabFolder) -> "Listed":
+    def of(cls, lab: LabFolder) -> "LabListing":
         """What lies in `lab` now."""
         return cls(*({*folders(place)} for place in (lab.runs, lab.packings, lab.works)))
 

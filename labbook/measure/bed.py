@@ -5,7 +5,7 @@ from typing import Any
 
 import numpy as np
 
-from labbook.fields import Grains, Grid, Layer, Ring, grains_of
+from labbook.fields import GrainRows, Grid, Layer, Ring, grains_of
 from labbook.measure.measure import MeasureError
 from labbook.measure.region import Outlines
 from labbook.scene import Bodies, ConicalSilo, CylinderSilo, Scene, WedgeHopper
@@ -31,7 +31,7 @@ def round_silo(scene: Scene, measure: str) -> CylinderSilo | ConicalSilo:
     return scene.container
 
 
-def grains_between(scene: Scene, frames: Mapping[str, np.ndarray], begin: float, end: float) -> Grains:
+def grains_between(scene: Scene, frames: Mapping[str, np.ndarray], begin: float, end: float) -> GrainRows:
     """Grains of the frames with begin <= time <= end [s], which of unlike ones have `radius` and `kind`; rods without
     length are spheres and have no axes.
 

@@ -95,7 +95,7 @@ def _covers(had: Probe, asked: Probe) -> bool:
     return had.every <= asked.every * COARSER
 
 
-class Asked(NamedTuple):
+class RequestedRun(NamedTuple):
     """A run that a study may have. `age`: 0 of one by the laws and walls as installed, more of older versions;
     `outdated`: what has changed since."""
 
@@ -104,14 +104,14 @@ class Asked(NamedTuple):
     outdated: str = ""
 
 
-def asked(study: Study, backend: str, packings_of: PackingsOf | None = None) -> Mapping[str, Sequence[Asked]]:
+def asked(study: Study, backend: str, packings_of: PackingsOf | None = None) -> Mapping[str, Sequence[RequestedRun]]:
     """All runs that a study may have on `backend`, by lineage: points that come to the same scene share theirs.
     `packings_of`: the backend whose packings they start from, None for their own."""
-    found: dict[str, list[Asked]] = defaultdict(list)
+    found: dict[str, list[RequestedRun]] = defaultdict(list)
     for demand in demands(study, stopping_rule(study).cap, packings_of):
-        found[demand.lineage(backend)].append(Asked(demand))
+        found[demand.lineage(backend)].append(RequestedRun(demand))
         for age, (lineage, outdated) in enumerate(demand.older_lineages(backend), 1):
-            found[lineage].append(Asked(demand, age, outdated))
+            found[lineage].append(RequestedRun(demand, age, outdated))
     return found
 
 
@@ -119,7 +119,7 @@ def finished(
     catalogue: Catalogue,
     study: Study,
     backend: str,
-    known: Mapping[str, Sequence[Asked]] | None = None,
+    known: Mapping[str, Sequence[RequestedRun]] | None = None,
     kind: type[FinishedRun] = FinishedRun,
 ) -> list[FinishedRun]:
     """Runs of `study` on `backend` that cover its stop rule and measures, by point and seed.
@@ -129,7 +129,7 @@ def finished(
     `asked` gives, where it is known already; `kind`: what is made of each run.
     """
     wanted = asked(study, backend) if known is None else known
-    found: list[tuple[Asked, Entry]] = []
+    found: list[tuple[RequestedRun, Entry]] = []
     for entry in catalogue.entries(lineages=wanted):
         if entry.coverage is None:
             continue

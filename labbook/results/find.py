@@ -11,7 +11,7 @@ from labbook.lab import Catalogue, FinishedRun, evaluations
 from labbook.lab.evaluations import NotEvaluated, Numbers, ReadOnlyRun
 from labbook.lab.records import Observe
 from labbook.lab.suspect import counts
-from labbook.plan.coverage import Asked, finished, unreadable
+from labbook.plan.coverage import RequestedRun, finished, unreadable
 from labbook.results.numerical import numerical
 from labbook.results.paper import compared, further_fits, judged
 from labbook.results.points import RunResult, pooled_point, redundant
@@ -84,7 +84,7 @@ def kept(
     study: Study,
     catalogue: Catalogue,
     backend: str,
-    asked: Mapping[str, Sequence[Asked]] | None = None,
+    asked: Mapping[str, Sequence[RequestedRun]] | None = None,
     kind: Callable[..., _R] = StudyResults,
 ) -> _R:
     """The same for those who only look: nothing is evaluated, and no folder is looked at.

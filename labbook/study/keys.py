@@ -15,7 +15,7 @@ from pydantic.fields import FieldInfo
 from labbook.backend.numerics import Numerics
 from labbook.measure import scales
 from labbook.scene.contact import CONTACT_LAWS
-from labbook.scene.model import Among, Choice, Internal, Model, Stated
+from labbook.scene.model import Among, Internal, Model, Stated, TaggedModels
 from labbook.scene.quantities import Unit
 from labbook.scene.scene import Scene
 from labbook.study.absent import absent
@@ -114,7 +114,7 @@ def walk(model: type[Model], prefix: str = "", of: str = "") -> Iterator[Key]:
 def _field(name: str, field: FieldInfo, base: Any, metadata: list[Any], of: str) -> Iterator[Key]:
     marks = [field.discriminator, *(mark.discriminator for mark in metadata if isinstance(mark, FieldInfo))]
     discriminator = next((mark for mark in marks if mark is not None), None)
-    choice = next((mark for mark in metadata if isinstance(mark, Choice)), None)
+    choice = next((mark for mark in metadata if isinstance(mark, TaggedModels)), None)
     if choice is not None:
         yield from (replace(key, within=key.within or of) for key in _union(name, choice.tag, list(choice.values())))
     elif discriminator is not None:

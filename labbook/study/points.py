@@ -16,7 +16,7 @@ from labbook.study.explain import Complaint, complaints
 from labbook.study.point import Point, value_of
 from labbook.study.problems import Problem, and_others, shown
 from labbook.study.schema import SCENE_KEYS, Fill, Settings
-from labbook.study.source import Location, Source, dotted
+from labbook.study.source import Location, StudyText, dotted
 from labbook.study.sweep import Assignment, Value
 from labbook.study.timestep import TimeStepError, numerics_for, speed_limit
 
@@ -41,7 +41,7 @@ class PointReader:
 
     def __init__(
         self,
-        source: Source,
+        source: StudyText,
         wrong_already: Set[str | None],
         settings: Settings | None,
         calibration: Calibration | None = None,

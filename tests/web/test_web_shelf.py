@@ -6,7 +6,7 @@ from collections import Counter
 from concurrent.futures import ThreadPoolExecutor
 
 import pytest
-from labbook_web.shelf import Kept, NotThere, Shelf
+from labbook_web.shelf import Cache, NotThere, Shelf
 from toy_lab import arrays, labbook, start, study_file
 from toy_web import ORIFICES, REPLICATES, client, everything, make, pages, twins
 
@@ -22,7 +22,7 @@ STUDY = "toy-study"
 
 
 def test_a_value_is_made_once_by_many_threads():
-    kept, made, gate = Kept(10), Counter(), threading.Barrier(16)
+    kept, made, gate = Cache(10), Counter(), threading.Barrier(16)
 
     def make_it():
         made["all"] += 1
@@ -39,14 +39,14 @@ def test_a_value_is_made_once_by_many_threads():
 
 
 def test_values_of_other_keys_are_made_side_by_side():
-    kept, both = Kept(10), threading.Barrier(2, timeout=10)
+    kept, both = Cache(10), threading.Barrier(2, timeout=10)
     with ThreadPoolExecutor(2) as threads:
         found = list(threads.map(lambda key: kept.get(key, 1, both.wait), ("a", "b")))
     assert sorted(found) == [0, 1], "each waited for the other one"
 
 
 def test_another_state_is_another_value():
-    kept = Kept(10)
+    kept = Cache(10)
     assert kept.get("key", 1, lambda: "first") == "first"
     assert kept.get("key", 1, lambda: "second") == "first"
     assert kept.get("key", 2, lambda: "second") == "second"
@@ -56,7 +56,7 @@ def test_another_state_is_another_value():
 def test_a_value_that_took_long_may_be_old_for_a_while(monkeypatch):
     clock = [100.0]
     monkeypatch.setattr(time, "monotonic", lambda: clock[0])
-    kept = Kept(10)
+    kept = Cache(10)
 
     def slow():
         clock[0] += 2.0
@@ -70,7 +70,7 @@ def test_a_value_that_took_long_may_be_old_for_a_while(monkeypatch):
 
 
 def test_the_ones_made_longest_ago_are_forgotten():
-    kept, made = Kept(3), []
+    kept, made = Cache(3), []
 
     def get(key):
         return kept.get(key, 1, lambda: made.append(key) or key)
@@ -87,7 +87,7 @@ def test_the_ones_made_longest_ago_are_forgotten():
 
 
 def test_whoever_fails_leaves_the_place_to_the_next():
-    kept = Kept(3)
+    kept = Cache(3)
     with pytest.raises(ZeroDivisionError):
         kept.get("key", 1, lambda: 1 / 0)
     assert kept.get("key", 1, lambda: 7) == 7

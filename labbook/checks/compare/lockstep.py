@@ -49,7 +49,7 @@ _INTERVAL = 0.05  # between frames [sqrt(d/g)]
 
 
 @dataclass(frozen=True)
-class Frame:
+class FramePair:
     """The same moment in both backends: time since the opening [s] and rows of the sample, sorted by id.
 
     `rates`: grain-steps per second of each backend so far, without its first beats, in which it may still compile;
@@ -69,7 +69,7 @@ class Frame:
 
 def side_by_side(
     pair: Pair, demand: Demand, lab: LabFolder, every: float, seconds: float, fields: tuple[str, ...]
-) -> Generator[Frame]:
+) -> Generator[FramePair]:
     """A run of the first side, by both: a frame with these `fields` about `every` [s], for `seconds` or until one is
     over, which is the last. Raises Unreadable or Unsupported."""
     shared = demand.shared
@@ -83,7 +83,7 @@ def side_by_side(
     ):
         for number in range(1, int(seconds / numerics.beat * (1 + 1e-9)) + 1):
             (a, rate, why), (b, other_rate, other_why) = next(first), next(second)
-            frame = Frame(number * numerics.beat, (a, b), (rate, other_rate), why or other_why)
+            frame = FramePair(number * numerics.beat, (a, b), (rate, other_rate), why or other_why)
             yield frame
             if frame.over:
                 return
@@ -148,7 +148,7 @@ def divergence(
     )  # fmt: skip
 
 
-def distances(frame: Frame) -> np.ndarray:
+def distances(frame: FramePair) -> np.ndarray:
     """Distances [m] between the two places of every grain that both backends have."""
     a, b = frame.tables
     _, here, there = np.intersect1d(a["id"], b["id"], assume_unique=True, return_indices=True)
