@@ -63,16 +63,16 @@ def register(app: typer.Typer) -> None:
         from labbook.checks.compare.sides import CannotCompare
         from labbook.checks.compare.verdict import NoVerdict, Verdict, path_of
         from labbook.cli.sides import names_of
-        from labbook.lab.folder import Lab as Folder
+        from labbook.lab.folder import LabFolder
 
         asked, failed = read_study(study), []
         try:
-            path = path_of(Folder(lab), asked.name, *names_of(backends, precisions))
+            path = path_of(LabFolder(lab), asked.name, *names_of(backends, precisions))
             if show:
                 verdict = Verdict.read(path)
             else:
                 sides = backends, devices, precisions
-                verdict, failed = _made(asked, Folder(lab), sides, margin, replicates, point or [], record, path)
+                verdict, failed = _made(asked, LabFolder(lab), sides, margin, replicates, point or [], record, path)
         except CannotCompare as problem:
             fail(problem)
         except NoVerdict as problem:

@@ -10,7 +10,7 @@ from pydantic import BaseModel, ConfigDict, ValidationError
 
 from labbook.campaign import Assignment, Campaign, Generation, Proposal, Strategy
 from labbook.campaign.campaign import Proposed, with_proposal
-from labbook.lab.folder import Lab, LabError, make_folder, open_file, write_bytes
+from labbook.lab.folder import LabError, LabFolder, make_folder, open_file, write_bytes
 from labbook.scene.model import digest
 from labbook.study import Study
 from labbook.study.proposed import with_points
@@ -51,7 +51,7 @@ class CampaignFile:
         path: Its file.
     """
 
-    def __init__(self, lab: Lab, study: Study, strategy: Strategy, backend: str, writes: bool = False):
+    def __init__(self, lab: LabFolder, study: Study, strategy: Strategy, backend: str, writes: bool = False):
         """Find the file of a campaign.
 
         Args:
@@ -109,7 +109,7 @@ class CampaignFile:
         return record.model_dump_json(indent=1).encode() + b"\n"
 
 
-def campaign_of(study: Study, lab: Lab, backend: str, writes: bool = False) -> Campaign | None:
+def campaign_of(study: Study, lab: LabFolder, backend: str, writes: bool = False) -> Campaign | None:
     """Take up the campaign of a study in a lab, as far as it has come.
 
     Args:
@@ -129,7 +129,7 @@ def campaign_of(study: Study, lab: Lab, backend: str, writes: bool = False) -> C
     return Campaign(study.adapt, study, CampaignFile(lab, study, study.adapt, backend, writes))
 
 
-def as_proposed(study: Study, lab: Lab, backend: str) -> tuple[Study, tuple[str, ...]]:
+def as_proposed(study: Study, lab: LabFolder, backend: str) -> tuple[Study, tuple[str, ...]]:
     """Give a study the points that its strategy has proposed in a lab so far, with the reasons, line by line.
 
     A study without a strategy, or one for which nothing was proposed yet, is given back as it is. Raises LabError.

@@ -175,7 +175,7 @@ def is_locked(path: Path) -> bool:
     return False
 
 
-class Lab:
+class LabFolder:
     """Paths below one lab folder; nothing is made before something is written."""
 
     def __init__(self, folder: Path):
@@ -297,7 +297,7 @@ class Lab:
 
 
 @dataclass(frozen=True)
-class Listed:
+class LabListing:
     """Keys of all finished runs and packings, and of unfinished work, as they lay in a lab at one moment."""
 
     runs: Set[str]
@@ -305,7 +305,7 @@ class Listed:
     work: Set[str]
 
     @classmethod
-    def of(cls, lab: Lab) -> "Listed":
+    def of(cls, lab: LabFolder) -> "LabListing":
         """What lies in `lab` now."""
         return cls(*({*folders(place)} for place in (lab.runs, lab.packings, lab.works)))
 

@@ -4,7 +4,7 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from labbook.fields import Grains, Grid, Layer, Ring, grains_of
+from labbook.fields import GrainRows, Grid, Layer, Ring, grains_of
 from labbook.measure.measure import MeasureError
 from labbook.measure.region import Outlines
 from labbook.scene import Bodies, Outlet, Scene
@@ -30,7 +30,7 @@ def round_outlet(scene: Scene, measure: str) -> Outlet:
     return scene.container.outlets[0]
 
 
-def grains_between(scene: Scene, frames: Mapping[str, np.ndarray], begin: float, end: float) -> Grains:
+def grains_between(scene: Scene, frames: Mapping[str, np.ndarray], begin: float, end: float) -> GrainRows:
     """Grains of the frames with begin <= time <= end [s], which of unlike ones have `radius` and `kind`; rods without
     length are spheres and have no axes.
 

@@ -111,7 +111,7 @@ class Region:
 
 
 @dataclass(frozen=True)
-class Ring:
+class Annulus:
     """What lies between the radii `inner` and `outer` [m] about the z axis and the heights `low` and `high` [m]."""
 
     inner: float
@@ -129,11 +129,11 @@ class Ring:
         """Whether it is narrower or lower than `extent` [m]."""
         return min(2 * self.outer, self.high - self.low) < extent * _ALMOST
 
-    def cells(self, n: int) -> list["Ring"]:
+    def cells(self, n: int) -> list["Annulus"]:
         """n x n parts of equal volume: rings and heights."""
         radii = np.sqrt(np.linspace(self.inner**2, self.outer**2, n + 1))
         zs = np.linspace(self.low, self.high, n + 1)
-        return [Ring(radii[i], radii[i + 1], zs[k], zs[k + 1]) for i in range(n) for k in range(n)]
+        return [Annulus(radii[i], radii[i + 1], zs[k], zs[k + 1]) for i in range(n) for k in range(n)]
 
     def filled(self, bodies: Outlines) -> float:
         """Volume [m^3] of grains within; those that its faces cut count in part."""
@@ -172,7 +172,7 @@ def least_extent(grains: Grains) -> float:
     return max(SMALLEST * grains.diameter, grains.extent)
 
 
-def bulk(scene: Scene, packing: Packing) -> Region | Ring:
+def bulk(scene: Scene, packing: Packing) -> Region | Annulus:
     """The bulk of `packing`: 3 d (of rods at least their length) from the side walls, above the highest point of the
     bottom and below the surface.
 
@@ -188,12 +188,12 @@ def bulk(scene: Scene, packing: Packing) -> Region | Ring:
     )
 
 
-def bulk_below(scene: Scene, surface: float) -> Region | Ring:
+def bulk_below(scene: Scene, surface: float) -> Region | Annulus:
     """The bulk of a bed whose surface is at the height `surface` [m]; as `bulk`."""
     margin, within = margin_of(scene.grains), _sides(scene)
     low, top = within.floor + margin, surface - margin
     if within.round:
-        return Ring(0.0, within.width / 2 - margin, low, top)
+        return Annulus(0.0, within.width / 2 - margin, low, top)
     x = within.width / 2 - margin
     y = within.depth / 2 if within.planar else within.depth / 2 - margin
     return Region((-x, -y, low), (x, y, top), within.planar)

@@ -16,9 +16,9 @@ from labbook.commands import command
 from labbook.lab import identity
 from labbook.lab.campaigns import campaign_of
 from labbook.lab.catalogue import Catalogue, Entry
-from labbook.lab.folder import Listed, stamp
+from labbook.lab.folder import LabListing, stamp
 from labbook.lab.identity import Keys
-from labbook.lab.journal import PROGRESS, Failure, Progress
+from labbook.lab.journal import PROGRESS, FillingFailure, Progress
 from labbook.lab.records import Unreadable
 from labbook.lab.runs import open_run
 from labbook.lab.suspect import counts
@@ -418,7 +418,7 @@ class Planner:
         asked = [item for item in before.items if (item.state != "done" if done is None else item.keys.run == done)]
         return self._anew(before, asked, self._look_up((item.demand, item.keys) for item in asked))
 
-    def _anew(self, before: PointPlan, asked: Iterable[Item], listed: Listed | None) -> PointPlan:
+    def _anew(self, before: PointPlan, asked: Iterable[Item], listed: LabListing | None) -> PointPlan:
         """A point with the runs that are `asked` for as they are now."""
         now = {item.keys.run: self._item(item.demand, item.keys, listed) for item in asked}
         return self._extended(before.shared, [now.get(item.keys.run, item) for item in before.items])
@@ -466,7 +466,7 @@ class Planner:
     def _keyed(self, demands: Iterable[Demand]) -> list[tuple[Demand, Keys]]:
         return [(demand, demand.keys(self.backend)) for demand in demands]
 
-    def _look_up(self, asked: Iterable[tuple[Demand, Keys]]) -> Listed | None:
+    def _look_up(self, asked: Iterable[tuple[Demand, Keys]]) -> LabListing | None:
         """Ask the catalogue for runs. What the lab has besides is listed where they are many, and looked for one by one
         (None) where they are few."""
         asked = list(asked)
@@ -477,7 +477,7 @@ class Planner:
                 installed = entry.cache_version == self.backend.cache_version
                 (self._installed if installed else self._older)[entry.lineage_key] = entry
         self._look_up_outdated(asked)
-        return Listed.of(self.catalogue.lab) if len(keys) > _FEW else None
+        return LabListing.of(self.catalogue.lab) if len(keys) > _FEW else None
 
     def _look_up_outdated(self, asked: Iterable[tuple[Demand, Keys]]) -> None:
         """Ask the catalogue, of runs that are not there, for those by older versions of laws and walls."""
@@ -493,7 +493,7 @@ class Planner:
             if lineage in there:
                 self._outdated.setdefault(now, outdated)
 
-    def _item(self, demand: Demand, keys: Keys, listed: Listed | None) -> Item:
+    def _item(self, demand: Demand, keys: Keys, listed: LabListing | None) -> Item:
         entry = self._there.get(keys.run)
         if entry is None and listed is not None and keys.run not in listed.runs:
             return self._judged(demand, keys, None, listed)
@@ -501,7 +501,7 @@ class Planner:
             entry = self._looked_at(keys.run)
         return self._judged(demand, keys, entry, listed)
 
-    def _judged(self, demand: Demand, keys: Keys, entry: Entry | None, listed: Listed | None = None) -> Item:
+    def _judged(self, demand: Demand, keys: Keys, entry: Entry | None, listed: LabListing | None = None) -> Item:
         state, reason = self._compare(demand, keys, entry, listed)
         outcome = entry.outcome if entry else None
         problem: str | None = "is not there"
@@ -511,7 +511,7 @@ class Planner:
             state, reason = "missing", f"its packing cannot be read: {problem}"
         return Item(demand, keys, state, reason, outcome, problem is None, entry.suspect if entry else "")
 
-    def _compare(self, demand: Demand, keys: Keys, entry: Entry | None, listed: Listed | None) -> tuple[State, str]:
+    def _compare(self, demand: Demand, keys: Keys, entry: Entry | None, listed: LabListing | None) -> tuple[State, str]:
         if entry is None:
             begun = listed is None or keys.run in listed.work
             begun = begun and (self.catalogue.lab.work(keys.run) / PROGRESS).exists()
@@ -551,7 +551,7 @@ class Planner:
     def _failed(self, demand: Demand, packing: str) -> str:
         """Why a filling came to nothing, and what to change; empty if none did, or if it may go on for longer now."""
         folder = self.catalogue.lab.work(packing)
-        noted = Failure.read(folder)
+        noted = FillingFailure.read(folder)
         if noted is not None:
             cured = noted.max_time is not None and demand.shared.longest_filling > noted.max_time
             return "" if cured else noted.why

@@ -15,7 +15,7 @@ from labbook.stats import Pooled, pool
 
 
 @dataclass(frozen=True, eq=False)
-class Section:
+class PlaneSection:
     """Fields in the plane y = 0: x and z [m] of points, and of shape [z, x] velocities u along x, w along z [m/s]."""
 
     x: np.ndarray
@@ -65,15 +65,15 @@ class Flowing:
         """Begin and end [s]."""
         return self.bed.window
 
-    def section(self) -> Section:
+    def section(self) -> PlaneSection:
         """The plane y = 0; what is averaged over the azimuth appears on both sides of the axis."""
         grid, v, p = self.fields.grid, self.fields.velocity, self.pattern
         if isinstance(grid, Layer):
             z, x = grid.points
-            return Section(x, z, v[0], v[2], p.bed, p.stagnant)
+            return PlaneSection(x, z, v[0], v[2], p.bed, p.stagnant)
         assert isinstance(grid, Ring)
         x, z = across(grid)
-        return Section(x, z, both(v[0], -1.0), both(v[2]), both(p.bed), both(p.stagnant))
+        return PlaneSection(x, z, both(v[0], -1.0), both(v[2]), both(p.bed), both(p.stagnant))
 
 
 def across(grid: Ring) -> tuple[np.ndarray, np.ndarray]:

@@ -13,7 +13,7 @@ from labbook.study import Point, Study
 
 
 @dataclass(frozen=True, eq=False)
-class Results:
+class StudyResults:
     """All results of a study.
 
     `missing`: points without a readable finished run; `unreadable`: reasons why runs could not be read.

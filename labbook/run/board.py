@@ -11,7 +11,7 @@ from itertools import islice
 from labbook.backend import Checkpoint, Expected, Spec
 from labbook.lab.folder import Claim
 from labbook.lab.index import Index, RunRows, run_rows
-from labbook.lab.journal import Failure
+from labbook.lab.journal import FillingFailure
 from labbook.lab.packings import just_made
 from labbook.lab.records import Observe
 from labbook.plan.demand import Demand
@@ -315,7 +315,7 @@ class Board:
         if isinstance(job, FillJob) and job.demand.shared.packings_of is None:
             # for a plan to tell; written while the claim on its folder is held
             reason = why.removeprefix(f"{job.label}: ")[:_SAID]
-            Failure(why=reason, max_time=job.max_time).write(job.journal.folder)
+            FillingFailure(why=reason, max_time=job.max_time).write(job.journal.folder)
         job.release()
         self.going.pop(job.key, None)
         self._lose(job.key, why)

@@ -23,7 +23,7 @@ from typing import Any
 from labbook.backend import BackendMissing, Unsupported, load
 from labbook.lab import studies
 from labbook.lab.catalogue import Catalogue
-from labbook.lab.folder import Lab, LabError, is_beside, room
+from labbook.lab.folder import LabError, LabFolder, is_beside, room
 from labbook.lab.index import Index
 from labbook.lab.journal import PROGRESS, Progress
 from labbook.lab.merge import merge
@@ -98,12 +98,12 @@ def carry_out(task: Task) -> Back:
         if changed := differs(task.expected, task.study, backend.capabilities):
             return Back(refused=f"{changed} on a worker: install the same versions there")
         with tempfile.TemporaryDirectory(prefix="labbook-") as scratch:
-            return _carried_out(task, Lab(Path(scratch)), backend)
+            return _carried_out(task, LabFolder(Path(scratch)), backend)
     except (BackendMissing, Unsupported, ImportError, LabError) as problem:
         return Back(refused=f"{type(problem).__name__}: {problem}")
 
 
-def _carried_out(task: Task, lab: Lab, backend: Any) -> Back:
+def _carried_out(task: Task, lab: LabFolder, backend: Any) -> Back:
     for found, place in ((task.packings, lab.packing), (task.runs, lab.run), (task.works, lab.work)):
         for key, files in found.items():
             write(place(key), files)
@@ -203,7 +203,7 @@ class Cluster:
     its name; `device`: of every worker. Workers of GPUs declare a resource: `dask worker --resources GPU=1`."""
 
     study: Study
-    lab: Lab
+    lab: LabFolder
     backend: str
     address: str
     device: str = "cpu"
@@ -373,7 +373,7 @@ class Cluster:
         self.lab.works.mkdir(parents=True, exist_ok=True)
         scratch = Path(tempfile.mkdtemp(prefix=".back-", dir=self.lab.works))
         try:
-            theirs, mine = Lab(scratch), batch.keys
+            theirs, mine = LabFolder(scratch), batch.keys
             theirs.runs.mkdir()
             for found, place in ((back.packings, theirs.packing), (back.runs, theirs.run)):
                 for key, files in found.items():

@@ -20,7 +20,7 @@ from typing import IO, Any
 
 from labbook.backend import Backend, Unsupported, load
 from labbook.lab.catalogue import Catalogue
-from labbook.lab.folder import DiskFull, Lab, LabError
+from labbook.lab.folder import DiskFull, LabError, LabFolder
 from labbook.lab.index import Index
 from labbook.plan.demand import PointDemand
 from labbook.plan.devices import speeds
@@ -68,13 +68,13 @@ class Crew:
     name."""
 
     study: Study
-    lab: Lab
+    lab: LabFolder
     backend: str
     devices: Sequence[str]
     checkpoint_every: float = CHECKPOINT_EVERY
     watcher: Watcher = field(default_factory=Unwatched)
     shard: Shard = WHOLE
-    base: Lab | None = None
+    base: LabFolder | None = None
 
     def run(self) -> Summary:
         """Run what is missing; Ctrl-C, SIGTERM or SIGHUP is passed on to all processes, which save what is going on.
@@ -233,7 +233,7 @@ def work() -> None:
         os.kill(os.getpid(), signal.SIGTERM)
 
     try:
-        runner = Runner(study, Lab(lab), load(name), device, every, teller, shard=shard, seat=seat, base=base)
+        runner = Runner(study, LabFolder(lab), load(name), device, every, teller, shard=shard, seat=seat, base=base)
         threading.Thread(target=orphaned, daemon=True).start()
         done = runner.run()
         tally = done.tally

@@ -35,7 +35,7 @@ from labbook.lab.index import RunRows, run_rows
 from labbook.lab.journal import PROGRESS, Journal, Saved, at_its_end
 from labbook.lab.packings import load_packing
 from labbook.lab.provenance import now
-from labbook.lab.records import Coverage, Failure, Observe, Outcome, Precise, RunRecord, Unreadable
+from labbook.lab.records import Coverage, Observe, Outcome, Precise, RunFailure, RunRecord, Unreadable
 from labbook.lab.runs import CHECKPOINT, RECORDING, fault_of_crossings, film_of
 from labbook.lab.tables import fault_of_rows, write_checkpoint, write_table
 from labbook.measure.series import passages
@@ -65,7 +65,7 @@ class DischargeJob(Job):
         self._plane = self.scene.container.outlet_plane
         self._crossed, self._discharged, self._last = 0, 0.0, 0.0
         self._fed, self._looked, self._precision = 0, 0, math.inf
-        self._failure: Failure | None = None
+        self._failure: RunFailure | None = None
         self._seen: Packing | None = None
         """The bed in the middle of the window, which is drawn at the end."""
         self._unseen = False
@@ -256,7 +256,7 @@ class DischargeJob(Job):
         """The stop rule."""
         failed = failure(events)
         if failed:
-            self._failure = Failure(guard=failed.guard, step=failed.step, grain=failed.grain, message=failed.message)
+            self._failure = RunFailure(guard=failed.guard, step=failed.step, grain=failed.grain, message=failed.message)
             return "diverged"
         stop = self.demand.shared.stop
         if self._discharged >= self._enough:

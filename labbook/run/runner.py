@@ -8,7 +8,7 @@ from labbook.backend import Backend
 from labbook.backend.machine import cores
 from labbook.lab import studies
 from labbook.lab.catalogue import Catalogue
-from labbook.lab.folder import Lab, is_full, room
+from labbook.lab.folder import LabFolder, is_full, room
 from labbook.lab.index import Index
 from labbook.lab.merge import bring
 from labbook.lab.records import Observe
@@ -35,7 +35,7 @@ class Runner:
     """Carries out `study` in `lab` on `backend`. Several at once share the work by claims."""
 
     study: Study
-    lab: Lab
+    lab: LabFolder
     backend: Backend
     device: str = "cpu"
     checkpoint_every: float = CHECKPOINT_EVERY
@@ -50,7 +50,7 @@ class Runner:
     """The part of the runs that are done."""
     seat: Seat | None = None
     """Which of several processes in one lab this is; None: it takes runs as they come."""
-    base: Lab | None = None
+    base: LabFolder | None = None
     """A lab whose finished runs are not made again, and whose packings and shorter runs are gone on from."""
 
     seeds: Mapping[int, Sequence[int]] | None = None
@@ -154,7 +154,7 @@ class Runner:
             own, rest = part_of(shared, self.backend.capabilities, self.seat, holds), holds
         return Board(bench, planner, index, observe, packings_only=self.packings_only, holds=own, rest=rest)
 
-    def _brought(self, index: Index, base: Lab) -> Plan:
+    def _brought(self, index: Index, base: LabFolder) -> Plan:
         """What is lacking in `base`; of what this process is to do, what `base` has of it is brought here."""
         catalogue = Catalogue(base)
         try:

@@ -13,7 +13,7 @@ import numpy as np
 from pydantic import Field, ValidationInfo, model_validator
 
 from labbook.scene.geometry import Bounds, Mesh, Segment, contour, enclosed, extent, stands_over
-from labbook.scene.model import Choice, Fault, Model, refuse
+from labbook.scene.model import Fault, Model, TaggedModels, refuse
 from labbook.scene.quantities import AngularSpeed, Coordinate, Ratio, Speed
 
 Point3 = tuple[Coordinate, Coordinate, Coordinate]
@@ -443,7 +443,7 @@ class Frustum(WallShape):
         return self
 
 
-WALL_SHAPES = Choice("kind", "labbook.walls", WallShape, (Plane, Strip, Frustum))
+WALL_SHAPES = TaggedModels("kind", "labbook.walls", WallShape, (Plane, Strip, Frustum))
 """The walls that containers are made of, and that a study can name in `container.parts`."""
 
 AnyShape = Annotated[WallShape, WALL_SHAPES]

@@ -13,10 +13,10 @@ from labbook.study.paper import PAPERS, Asked, Wrong, none_such
 from labbook.study.point import Point
 from labbook.study.problems import Problem
 from labbook.study.schema import Settings, Window
-from labbook.study.source import Source
+from labbook.study.source import StudyText
 
 
-def unmeasurable(source: Source, settings: Settings, points: Sequence[Point]) -> Iterator[Problem]:
+def unmeasurable(source: StudyText, settings: Settings, points: Sequence[Point]) -> Iterator[Problem]:
     """Measurements that some points do not allow."""
 
     def why(name: str, scene: Scene) -> tuple[str, str] | None:
@@ -29,7 +29,7 @@ def unmeasurable(source: Source, settings: Settings, points: Sequence[Point]) ->
     yield from _unfit(source, "measure", [n for n in settings.measure if n in MEASURES], points, why)
 
 
-def unfittable(source: Source, settings: Settings, points: Sequence[Point]) -> Iterator[Problem]:
+def unfittable(source: StudyText, settings: Settings, points: Sequence[Point]) -> Iterator[Problem]:
     """Laws that do not apply to the outlets of some points."""
 
     def why(name: str, scene: Scene) -> tuple[str, str] | None:
@@ -55,7 +55,7 @@ LOOSEST = 0.3
 """Lower bound of the packing fraction of a settled bed: it gives an upper bound of the height of the bed."""
 
 
-def unfillable(source: Source, settings: Settings, points: Sequence[Point]) -> Iterator[Problem]:
+def unfillable(source: StudyText, settings: Settings, points: Sequence[Point]) -> Iterator[Problem]:
     """Scenes that cannot be filled, and values of `stop.fill_height` that no bed reaches.
 
     A scene needs gravity, room for a grain, and a start of the filling that suits it.
@@ -75,7 +75,7 @@ def unfillable(source: Source, settings: Settings, points: Sequence[Point]) -> I
                         break
 
 
-def unfed(source: Source, settings: Settings, points: Sequence[Point], window: Window) -> Iterator[Problem]:
+def unfed(source: StudyText, settings: Settings, points: Sequence[Point], window: Window) -> Iterator[Problem]:
     """Keys about falling beds in a study of fed beds; without feed, a `window` that ends before or at its start."""
     fed = [point for point in points if point.scene.feed is not None]
     if not fed:
@@ -150,7 +150,7 @@ def flat_area(container: ContainerShape) -> float | None:
 
 
 def _unfit(
-    source: Source,
+    source: StudyText,
     key: str,
     names: Iterable[str],
     points: Sequence[Point],

@@ -16,7 +16,7 @@ from labbook.backend.numerics import Numerics
 from labbook.campaign import Strategies
 from labbook.measure import scales
 from labbook.scene.contact import CONTACT_LAWS
-from labbook.scene.model import Among, Choice, Internal, Model, Stated
+from labbook.scene.model import Among, Internal, Model, Stated, TaggedModels
 from labbook.scene.quantities import Unit
 from labbook.scene.scene import Scene
 from labbook.study.absent import absent
@@ -115,7 +115,7 @@ def walk(model: type[Model], prefix: str = "", of: str = "") -> Iterator[Key]:
 def _field(name: str, field: FieldInfo, base: Any, metadata: list[Any], of: str) -> Iterator[Key]:
     marks = [field.discriminator, *(mark.discriminator for mark in metadata if isinstance(mark, FieldInfo))]
     discriminator = next((mark for mark in marks if mark is not None), None)
-    choice = next((mark for mark in metadata if isinstance(mark, Choice)), None)
+    choice = next((mark for mark in metadata if isinstance(mark, TaggedModels)), None)
     if strategies := next((mark for mark in metadata if isinstance(mark, Strategies)), None):
         for named, strategy in strategies.items():
             yield from walk(strategy, f"{name}.{named}.", of)

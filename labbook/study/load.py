@@ -37,7 +37,7 @@ from labbook.study.schema import (
     Stop,
     Window,
 )
-from labbook.study.source import Source, changed, dotted, given, given_path, read, written
+from labbook.study.source import StudyText, changed, dotted, given, given_path, read, written
 from labbook.study.stated import KEYS, Changed, StudyKeys
 from labbook.study.sweep import BYTES, MAX_POINTS, Sweep
 from labbook.study.window import resolved
@@ -116,7 +116,7 @@ class Study:
 
     def calibrated(self, file: Path) -> "Study":
         """The study with numerics chosen by another calibration file. Raises StudyError."""
-        return _resolved(Source(self.path, dict(self.stated), {}, self.source), file)
+        return _resolved(StudyText(self.path, dict(self.stated), {}, self.source), file)
 
     def frame(self) -> "pd.DataFrame":
         """The points: a row each, with `point` (from 1), what was swept [SI, units in `attrs`], and `label`."""
@@ -188,7 +188,7 @@ def _keys_and_values(stated: Any, instead: str) -> Mapping[str, Any]:
     return stated or {}
 
 
-def _resolved(source: Source, calibration_file: Path | None = None) -> Study:
+def _resolved(source: StudyText, calibration_file: Path | None = None) -> Study:
     problems = _unknown_keys(source)
     unknown = [key for key in source.data if key not in TOP_KEYS]
     misspelled = {meant(key, TOP_KEYS) for key in unknown[:_COMPARED]}
@@ -231,7 +231,7 @@ def known_names() -> set[str]:
     return {*MEASURES, *LAWS, *words()}
 
 
-def _unknown_keys(source: Source) -> list[Problem]:
+def _unknown_keys(source: StudyText) -> list[Problem]:
     unknown = [key for key in source.data if key not in TOP_KEYS]
     # of thousands only the first are printed, and likenesses take time
     told = {
@@ -254,7 +254,7 @@ def _at_top(key: str, data: dict[str, Any]) -> tuple[str, str]:
     return "unknown key", nearest(key) if elsewhere else instead(key, TOP_KEYS)
 
 
-def _settings(source: Source, misspelled: Set[str | None], problems: list[Problem]) -> Settings | None:
+def _settings(source: StudyText, misspelled: Set[str | None], problems: list[Problem]) -> Settings | None:
     stated = {key: source.data[key] for key in SETTING_KEYS if key in source.data}
     try:
         return Settings.model_validate(stated, context={"units": "required"})
@@ -266,7 +266,7 @@ def _settings(source: Source, misspelled: Set[str | None], problems: list[Proble
         return None
 
 
-def _calibration_file(source: Source, settings: Settings | None) -> Path | None:
+def _calibration_file(source: StudyText, settings: Settings | None) -> Path | None:
     """The file that the study names, or else the one that its pilot has written beside it; None if there is neither."""
     named = settings.accuracy.calibration if settings is not None else None
     if named is not None:
@@ -275,7 +275,7 @@ def _calibration_file(source: Source, settings: Settings | None) -> Path | None:
     return beside if source.text and beside.is_file() else None
 
 
-def _calibration(source: Source, path: Path | None, problems: list[Problem]) -> Calibration | None:
+def _calibration(source: StudyText, path: Path | None, problems: list[Problem]) -> Calibration | None:
     """What is in its file; None if it has none, or one that cannot be read."""
     if path is None:
         return None
@@ -288,7 +288,7 @@ def _calibration(source: Source, path: Path | None, problems: list[Problem]) -> 
         return None
 
 
-def _too_many_runs(source: Source, settings: Settings, points: int) -> Iterator[Problem]:
+def _too_many_runs(source: StudyText, settings: Settings, points: int) -> Iterator[Problem]:
     """More runs than a plan can hold."""
     runs = points * settings.replicates
     if runs > MAX_RUNS:
@@ -298,7 +298,7 @@ def _too_many_runs(source: Source, settings: Settings, points: int) -> Iterator[
         yield Problem(source.path, source.line(("replicates",)), "replicates", message, remedy)
 
 
-def _unknown_names(source: Source, settings: Settings) -> Iterator[Problem]:
+def _unknown_names(source: StudyText, settings: Settings) -> Iterator[Problem]:
     """Measurements and fits that do not exist, and fits of what is not measured."""
     for index, name in enumerate(settings.measure):
         if name not in MEASURES:

@@ -13,7 +13,7 @@ from labbook.study.explain import Complaint
 from labbook.study.point import Point, value_of
 from labbook.study.problems import Problem, and_others, shown
 from labbook.study.schema import Fill, Settings
-from labbook.study.source import Source, dotted
+from labbook.study.source import StudyText, dotted
 from labbook.study.sweep import Assignment
 
 MAX_WRONG = 500
@@ -29,7 +29,7 @@ class PointReader:
 
     def __init__(
         self,
-        source: Source,
+        source: StudyText,
         wrong_already: Set[str | None],
         settings: Settings | None,
         calibration: Calibration | None = None,

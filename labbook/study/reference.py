@@ -15,7 +15,7 @@ from labbook.study.paper import Wrong
 from labbook.study.point import Point
 from labbook.study.problems import Problem, instead, shown
 from labbook.study.schema import Reference, ReferenceEntry, Settings, Statement
-from labbook.study.source import Location, Source, dotted
+from labbook.study.source import Location, StudyText, dotted
 
 _QUANTITY = re.compile(r"[A-Za-z][A-Za-z0-9_]*(\.[^\s.]{1,40}){0,2}")
 _ROOT = re.compile(r"/\d|\(")
@@ -31,7 +31,7 @@ class ReferenceReader:
     """Reads `reference`; problems are collected in `problems`."""
 
     def __init__(
-        self, source: Source, points: Sequence[Point], known: Callable[[], set[str]], settings: Settings | None
+        self, source: StudyText, points: Sequence[Point], known: Callable[[], set[str]], settings: Settings | None
     ):
         """`settings`: what the study measures and fits; None if that is wrong, and units cannot be told."""
         self._source, self._points, self._known, self._settings = source, points, known, settings

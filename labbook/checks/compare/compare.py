@@ -12,7 +12,7 @@ from labbook.checks.compare.sides import CannotCompare, Pair, Side, from_shared
 from labbook.checks.compare.verdict import Cost, NoVerdict, PointVerdict, Verdict, path_of
 from labbook.lab import Catalogue, Entry, FinishedRun, RunRecord
 from labbook.lab.evaluations import numbers
-from labbook.lab.folder import Lab, stamp
+from labbook.lab.folder import LabFolder, stamp
 from labbook.lab.provenance import now
 from labbook.lab.records import Observe
 from labbook.measure import MEASURES
@@ -57,7 +57,7 @@ def narrowed(study: Study, points: Sequence[int] = (), replicates: int | None = 
 
 def compare(
     study: Study,
-    lab: Lab,
+    lab: LabFolder,
     pair: Pair,
     margin: float,
     watcher: Watcher | None = None,
@@ -164,7 +164,7 @@ def _run_keys(
     return tuple(tuple(shared.run(seed).keys(one.can, scenes).run for seed in seeds) for one, shared in both)
 
 
-def _run(study: Study, lab: Lab, pair: Pair, watcher: Watcher) -> list[Summary]:
+def _run(study: Study, lab: LabFolder, pair: Pair, watcher: Watcher) -> list[Summary]:
     """Run what is missing: the first backend's runs, the second's from the same packings, and its own packings."""
     first, second = pair
     sessions = []
@@ -180,7 +180,7 @@ def _run(study: Study, lab: Lab, pair: Pair, watcher: Watcher) -> list[Summary]:
     return sessions
 
 
-def _finished(lab: Lab, one: Side, plans: Sequence[PointPlan]) -> list[FinishedRun]:
+def _finished(lab: LabFolder, one: Side, plans: Sequence[PointPlan]) -> list[FinishedRun]:
     """The runs that are there; one that several points share comes once."""
     done = {item.keys.run: item for plan in plans for item in plan.items if item.state == "done"}
     found = []

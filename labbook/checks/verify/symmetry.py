@@ -8,7 +8,7 @@ import numpy as np
 from labbook.backend.probes import Crossing
 from labbook.checks.verify.case import Case, limited
 from labbook.checks.verify.materials import D, G, hertz, scene, spheres
-from labbook.checks.verify.stand import Motion, Stand, Start, require
+from labbook.checks.verify.stand import MemberStart, Motion, Stand, require
 from labbook.filling.opening import opened
 from labbook.filling.placing import place
 from labbook.scene import Primitives, Scene, SurfaceMotion, Wall, WedgeHopper
@@ -33,13 +33,13 @@ def hopper(length: float = 1.0) -> Scene:
 def fallen(stand: Stand) -> tuple[Scene, Packing]:
     """Grains that have fallen into the closed hopper and still move, ready to flow out."""
     closed = hopper().close()
-    motion = stand.run(Start(closed, DT, place(closed, "gas", 1)), 4)
+    motion = stand.run(MemberStart(closed, DT, place(closed, "gas", 1)), 4)
     return hopper(), opened(motion.end, closed, hopper())
 
 
 def discharge(stand: Stand, scene: Scene, start: Packing, dt: float = DT, steps: int = 3000) -> Motion:
     """What leaves in `steps` steps, and what is left."""
-    return stand.run(Start(scene, dt, start), 1, steps, [OUT])
+    return stand.run(MemberStart(scene, dt, start), 1, steps, [OUT])
 
 
 def scaled(packing: Packing) -> Packing:

@@ -12,8 +12,7 @@ from toy_lab import labbook, study, study_file
 
 from labbook.accuracy.regression import Observed, regress
 from labbook.api import Lab, PilotNeeded
-from labbook.lab import Lab as Folder
-from labbook.lab import studies
+from labbook.lab import LabFolder, studies
 from labbook.results.calibrating import PilotStopped
 from labbook.scene import HertzMindlin
 from labbook.study import load
@@ -201,7 +200,7 @@ def test_a_lab_in_python_leaves_the_pilot_out_if_it_is_told_to(tmp_path, few):
 
 @pytest.mark.slow
 def test_the_lab_keeps_it_with_the_study(tmp_path, monkeypatch, few):
-    path, lab = asked_file(tmp_path), Folder(tmp_path / "lab")
+    path, lab = asked_file(tmp_path), LabFolder(tmp_path / "lab")
     labbook("run", path, "--lab", lab.folder, "--backend", "toy")
     kept = studies.kept(lab)["toy-study"]
     beside = studies.calibration(lab, kept)
@@ -209,7 +208,7 @@ def test_the_lab_keeps_it_with_the_study(tmp_path, monkeypatch, few):
     assert beside.read_bytes() == (tmp_path / NAME).read_bytes()
     assert load(kept, beside).points[0].numerics == load(path).points[0].numerics
     monkeypatch.setattr("labbook.lab.merge.load", lambda name: Backend())
-    other = Folder(tmp_path / "other")
+    other = LabFolder(tmp_path / "other")
     labbook("import", lab.folder, "--lab", other.folder)
     brought = studies.calibration(other, studies.kept(other)["toy-study"])
     assert brought is not None

@@ -12,7 +12,7 @@ from toy_lab import carry_out, study, study_file
 
 from labbook.backend.numerics import Numerics
 from labbook.filling.bed import PACKED, bed_height_ahead, discharged_at
-from labbook.lab import Catalogue, Lab, identity
+from labbook.lab import Catalogue, LabFolder, identity
 from labbook.plan import plan as planning
 from labbook.plan.advice import foresee
 from labbook.plan.demand import PointDemand
@@ -173,7 +173,7 @@ def test_a_plan_asks_the_index_once_and_looks_for_no_run_that_is_not_there(tmp_p
 
 @pytest.mark.parametrize("few", [0, 10**6])
 def test_runs_that_are_listed_stand_as_those_that_are_looked_for_one_by_one(tmp_path, monkeypatch, few):
-    lab, asked = Lab(tmp_path / "lab"), study(tmp_path, replicates=3)
+    lab, asked = LabFolder(tmp_path / "lab"), study(tmp_path, replicates=3)
     carry_out(asked, lab.folder)
     first, *between, last = Planner(asked, Catalogue(lab), Backend().capabilities).plan().items
     lab.run(last.keys.run).rename(lab.folder / "gone")  # it is in the index alone

@@ -11,7 +11,7 @@ from toy_lab import arrays, carry_out, study
 from toy_records import outcomes
 
 from labbook.lab import Catalogue
-from labbook.lab.folder import DiskFull, Lab
+from labbook.lab.folder import DiskFull, LabFolder
 from labbook.lab.records import Unreadable
 from labbook.run import closing, execution, runner
 from labbook.run.aside import Aside, Gone
@@ -100,7 +100,7 @@ def test_a_process_killed_while_it_measures_loses_no_run(tmp_path, together, mon
 
 
 def test_an_error_of_another_process_comes_back_as_it_was(tmp_path):
-    lab = Lab(tmp_path / "lab")
+    lab = LabFolder(tmp_path / "lab")
     process = Aside()
     try:
         with pytest.raises(DiskFull) as full:

@@ -11,7 +11,7 @@ from toy_lab import arrays, carry_out, study, study_file
 from toy_records import outcomes
 
 from labbook.backend import Spec
-from labbook.lab import Catalogue, Lab
+from labbook.lab import Catalogue, LabFolder
 from labbook.lab.index import Index
 from labbook.lab.records import Observe
 from labbook.plan.plan import Planner
@@ -60,7 +60,7 @@ def test_saving_takes_its_part_of_the_time_and_the_longest_unsaved_come_first(tm
             now[0] += 10
 
     monkeypatch.setattr(execution, "time", SimpleNamespace(perf_counter=lambda: now[0]))
-    carrying: Any = runner.Runner(study(tmp_path), Lab(tmp_path / "lab"), Backend())
+    carrying: Any = runner.Runner(study(tmp_path), LabFolder(tmp_path / "lab"), Backend())
     lane = SimpleNamespace(ensemble=object(), saving=0.0, jobs={member: Slow() for member in "abcd"})
     carrying._begun, carrying._saved = 0.0, dict.fromkeys(lane.jobs.values(), 0.0)
     for turn in range(100):
@@ -78,7 +78,7 @@ def test_a_job_that_needs_another_spec_is_begun_once_to_learn_that(tmp_path, mon
     begun = []
     begin = FillJob.begin
     monkeypatch.setattr(FillJob, "begin", lambda job: begun.append(job.key) or begin(job))
-    asked, backend, lab = study(tmp_path), Backend(), Lab(tmp_path / "lab")
+    asked, backend, lab = study(tmp_path), Backend(), LabFolder(tmp_path / "lab")
     catalogue, index = Catalogue(lab), Index(lab)
     try:
         planner = Planner(asked, catalogue, backend.capabilities)
