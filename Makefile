@@ -77,17 +77,17 @@ $(VENV)/bin/python:
 		echo "$(PYTHON) could not make a virtual environment; on Debian: apt-get install python3-venv"; exit 1; }
 
 # An installation is redone only when what it was made from has changed.
-$(VENV)/installed-run: pyproject.toml constraints.txt | $(VENV)/bin/python
+$(VENV)/installed-run: pyproject.toml labbook/version.py constraints.txt | $(VENV)/bin/python
 	@echo "Installing labbook with its CPU backend (once; a minute or two)"
 	@$(INSTALL) --editable '.[numba]'
 	@touch $@
 
-$(VENV)/installed-web: pyproject.toml constraints.txt | $(VENV)/installed-run
+$(VENV)/installed-web: pyproject.toml labbook/version.py constraints.txt | $(VENV)/installed-run
 	@echo "Installing the web app and the viewer (once; 500 MB)"
 	@$(INSTALL) --editable '.[numba,web,viewer]'
 	@touch $@
 
-$(VENV)/installed-dev: pyproject.toml constraints.txt | $(VENV)/bin/python
+$(VENV)/installed-dev: pyproject.toml labbook/version.py constraints.txt | $(VENV)/bin/python
 	@echo "Installing labbook with everything that its tests need (once; a few minutes)"
 	@$(INSTALL) --editable '.[dev]'
 	@touch $@ $(VENV)/installed-run $(VENV)/installed-web

@@ -7,7 +7,6 @@ from dataclasses import asdict, dataclass, replace
 
 import numpy as np
 
-from labbook import __version__
 from labbook.backend import (
     Backend,
     BackendMissing,
@@ -26,6 +25,7 @@ from labbook.plugins import extensions
 from labbook.scene import LinearSpringDashpot, Plane, Primitives, Scene, Spheres, Wall
 from labbook.scene.packing import Packing
 from labbook.study import Study
+from labbook.version import __version__
 
 PACKAGES = {
     "numpy": "everything",
