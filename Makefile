@@ -23,6 +23,7 @@ help:
 	@echo "make check        set up, then ruff, import-linter, pyright and the tests that need no kernels, in a minute or two"
 	@echo "make test         set up, then ruff, import-linter, pyright and the tests, in some ten minutes"
 	@echo "make test-all     the same with the tests that take a long way round: before a release"
+	@echo "make lint         set up, then ruff, import-linter, pyright and the count of unclear names and docstrings"
 	@echo "make docs         write docs/commands.md and the tables of docs/studies.md, and build the site of all pages in site/"
 	@echo "make clean        remove $(VENV)"
 
@@ -38,6 +39,7 @@ define style
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
 	$(BIN)/lint-imports --no-logo
+	$(BIN)/python tests/language.py
 endef
 
 # pyright goes on beside the tests that $(1) chooses: it takes one core half a minute
