@@ -21,9 +21,9 @@ help:
 	@echo "make quickstart   set up, run $(STUDY) and write its report"
 	@echo "make web-demo     the same if it was not done, and its pages in a browser"
 	@echo "make check        set up, then ruff, import-linter, pyright and the tests that need no kernels, in a minute or two"
-	@echo "make test         set up, then ruff, import-linter, pyright and the tests, in some ten minutes"
+	@echo "make test         set up, then ruff, import-linter, pyright and the tests, in up to twenty minutes"
 	@echo "make test-all     the same with the tests that take a long way round: before a release"
-	@echo "make lint         set up, then ruff, import-linter, pyright and the count of unclear names and docstrings"
+	@echo "make lint         set up, then ruff, import-linter, the count of unclear names and docstrings, and pyright"
 	@echo "make docs         write docs/commands.md and the tables of docs/studies.md, and build the site of all pages in site/"
 	@echo "make clean        remove $(VENV)"
 

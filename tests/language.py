@@ -5,7 +5,7 @@
     python tests/language.py --write    write the counts of today into language.json
 
 names      Pronouns, and participles used as nouns (`WORDS`): functions, classes, variables, attributes and arguments in
-           scopes of more than three lines. Leading underscores do not count.
+           scopes of more than three lines. Underscores around a name, and capitals, do not count.
 docstrings Those whose first word is relative (`OPENINGS`), of modules, classes, functions and variables (a string in
            the line below).
 """
@@ -58,7 +58,7 @@ class Place:
 def places(source: str) -> list[Place]:
     """Everything in a module that counts, in the order of lines."""
     tree, length = ast.parse(source), len(source.splitlines())
-    names = (Place("names", line, name) for line, name in _names(tree, length) if name.strip("_") in WORDS)
+    names = (Place("names", line, name) for line, name in _names(tree, length) if name.strip("_").lower() in WORDS)
     texts = (
         Place("docstrings", line, text.strip().split("\n")[0]) for line, text in _docstrings(tree) if _relative(text)
     )
