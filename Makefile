@@ -21,8 +21,9 @@ help:
 	@echo "make quickstart   set up, run $(STUDY) and write its report"
 	@echo "make web-demo     the same if it was not done, and its pages in a browser"
 	@echo "make check        set up, then ruff, import-linter, pyright and the tests that need no kernels, in a minute or two"
-	@echo "make test         set up, then ruff, import-linter, pyright and the tests, in some ten minutes"
+	@echo "make test         set up, then ruff, import-linter, pyright and the tests, in up to twenty minutes"
 	@echo "make test-all     the same with the tests that take a long way round: before a release"
+	@echo "make lint         set up, then ruff, import-linter, the count of unclear names and docstrings, and pyright"
 	@echo "make docs         write docs/commands.md, the tables of docs/studies.md and the types of keys, and build the site of all pages in site/"
 	@echo "make clean        remove $(VENV)"
 
@@ -38,6 +39,7 @@ define style
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
 	$(BIN)/lint-imports --no-logo
+	$(BIN)/python tests/language.py
 endef
 
 # pyright goes on beside the tests that $(1) chooses: it takes one core half a minute
@@ -78,17 +80,17 @@ $(VENV)/bin/python:
 		echo "$(PYTHON) could not make a virtual environment; on Debian: apt-get install python3-venv"; exit 1; }
 
 # An installation is redone only when what it was made from has changed.
-$(VENV)/installed-run: pyproject.toml constraints.txt | $(VENV)/bin/python
+$(VENV)/installed-run: pyproject.toml labbook/version.py constraints.txt | $(VENV)/bin/python
 	@echo "Installing labbook with its CPU backend (once; a minute or two)"
 	@$(INSTALL) --editable '.[numba]'
 	@touch $@
 
-$(VENV)/installed-web: pyproject.toml constraints.txt | $(VENV)/installed-run
+$(VENV)/installed-web: pyproject.toml labbook/version.py constraints.txt | $(VENV)/installed-run
 	@echo "Installing the web app and the viewer (once; 500 MB)"
 	@$(INSTALL) --editable '.[numba,web,viewer]'
 	@touch $@
 
-$(VENV)/installed-dev: pyproject.toml constraints.txt | $(VENV)/bin/python
+$(VENV)/installed-dev: pyproject.toml labbook/version.py constraints.txt | $(VENV)/bin/python
 	@echo "Installing labbook with everything that its tests need (once; a few minutes)"
 	@$(INSTALL) --editable '.[dev]'
 	@touch $@ $(VENV)/installed-run $(VENV)/installed-web

@@ -7,6 +7,8 @@ lists all names.
 from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
+from labbook.version import __version__
+
 if TYPE_CHECKING:
     from labbook.api import Lab, Results, Run
     from labbook.fit import FitError, FitResult
@@ -15,10 +17,9 @@ if TYPE_CHECKING:
     from labbook.plan.plan import Plan
     from labbook.run.summary import Summary
     from labbook.scene import Scene
-    from labbook.study import Point, Study, StudyError, define, load
+    from labbook.study import Point, Study, StudyError, define
+    from labbook.study.load import load  # not from the package: mypy would take the module of that name
     from labbook.warning import LabWarning
-
-__version__ = "0.1.0"
 
 __all__ = [
     "FitError",

@@ -17,11 +17,11 @@ def find(name: str):
     wp.init()
     here = [device.alias for device in wp.get_devices()]
     if name not in here:
-        raise Unsupported("device", _instead(name, here))
+        raise Unsupported("device", device_remedy(name, here))
     return wp.get_device(name)
 
 
-def _instead(name: str, here: Sequence[str]) -> str:
+def device_remedy(name: str, here: Sequence[str]) -> str:
     """What to do where the device `name` is not among those that are `here`."""
     found = f"Warp finds {', '.join(here)}" if here else "Warp finds no device"
     if "cpu" not in here and name == "cpu":

@@ -27,8 +27,8 @@ PEERS = ".labbook-doctor"
 """Folder in which two hosts meet."""
 _ALONE = fcntl.LOCK_EX | fcntl.LOCK_NB
 _SIZE = 2**16  # bytes of a file that is replaced while another process reads it
-_SPELL = 1.0  # s for which that goes on
-_STARTS = 60.0  # s that a process may take to start, or a step of the other host to be seen
+SPELL = 1.0  # s for which that goes on
+STARTS = 60.0  # s that a process may take to start, or a step of the other host to be seen
 _ROWS = 50  # that each of two hosts writes into one index
 _LEAST = 10**8  # bytes that have to be free
 _SKEW = 5.0  # s that clocks may differ by
@@ -51,7 +51,7 @@ def examine(folder: Path, say: Callable[[str], None] = lambda _: None) -> list[C
     """What the file system of `folder` does for processes of this host. Raises OSError if nothing can be written."""
     place = Path(tempfile.mkdtemp(prefix=f"{PEERS}-", dir=folder))
     try:
-        return [_checked(name, lambda check=check: check(place), say) for name, check in _CHECKS.items()]
+        return [perform(name, lambda check=check: check(place), say) for name, check in CHECKS.items()]
     finally:
         remove(place)
 
@@ -64,12 +64,12 @@ def meet(folder: Path, say: Callable[[str], None] = lambda _: None, patience: fl
     own = f"{node()}-{os.getpid()}-{secrets.token_hex(3)}"
     meeting = Meeting(folder / PEERS, own, say, patience)
     try:
-        return [_checked(name, lambda at=name: _STEPS[at](meeting.at(at)), say) for name in _STEPS]
+        return [perform(name, lambda at=name: _STEPS[at](meeting.at(at)), say) for name in _STEPS]
     finally:
         meeting.leave()
 
 
-def _checked(name: str, check: Callable[[], str], say: Callable[[str], None]) -> Check:
+def perform(name: str, check: Callable[[], str], say: Callable[[str], None]) -> Check:
     say(name)
     try:
         return Check(name, True, check())
@@ -80,7 +80,7 @@ def _checked(name: str, check: Callable[[], str], say: Callable[[str], None]) ->
 # one host
 
 
-def _room(folder: Path) -> str:
+def free_space(folder: Path) -> str:
     free = shutil.disk_usage(folder).free
     kind = file_system(folder)
     said = f"{free / 1e9:.3g} GB are free on {kind or 'a file system of unknown type'}"
@@ -89,7 +89,7 @@ def _room(folder: Path) -> str:
     return said + (", which other hosts may use too" if is_network(kind) else "")
 
 
-def _locks(folder: Path) -> str:
+def locks(folder: Path) -> str:
     path, ready = folder / "held.lock", folder / "ready"
     with _process(_hold, path, ready) as holder:
         _until(ready.exists, "a second process did not lock a file in time")
@@ -110,14 +110,14 @@ def _hold(path: Path, ready: Path) -> None:
     claim = lock(path, _ALONE)
     if claim is not None:
         ready.touch()
-        time.sleep(10 * _STARTS)
+        time.sleep(10 * STARTS)
 
 
 def _renames(folder: Path) -> str:
     path = folder / "replaced"
     write_bytes(path, bytes(_SIZE))
-    with _process(_replace, path, _SPELL) as writer:
-        seen = _read_while(path, writer.is_alive)
+    with _process(_replace, path, SPELL) as writer:
+        seen = read_while(path, writer.is_alive)
     if writer.exitcode != 0:
         raise Unfit("a second process could not replace a file")
     return seen
@@ -130,7 +130,7 @@ def _replace(path: Path, seconds: float) -> None:
         write_bytes(path, bytes([number % 256]) * _SIZE, durable=False)
 
 
-def _read_while(path: Path, going: Callable[[], bool]) -> str:
+def read_while(path: Path, going: Callable[[], bool]) -> str:
     """Read a file that is replaced again and again. Raises Unfit if it is ever missing, or not whole."""
     read, contents = 0, set[int]()
     while going():
@@ -147,7 +147,7 @@ def _read_while(path: Path, going: Callable[[], bool]) -> str:
     return f"{read} looks at a file that is replaced all the time found it whole"
 
 
-def _syncs(folder: Path) -> str:
+def syncs(folder: Path) -> str:
     times = []
     for number in range(10):
         began = time.perf_counter()
@@ -157,7 +157,7 @@ def _syncs(folder: Path) -> str:
     return f"{sorted(times)[len(times) // 2] * 1e3:.2g} ms to write a small file and its name to the disk"
 
 
-def _clock(folder: Path) -> str:
+def clock(folder: Path) -> str:
     skew = clock_skew(folder / "clock")
     said = f"the file system's clock is {abs(skew):.3g} s {'ahead' if skew > 0 else 'behind'}"
     if abs(skew) > _SKEW:
@@ -172,7 +172,7 @@ def clock_skew(path: Path) -> float:
     return path.stat().st_mtime - (before + time.time()) / 2
 
 
-def _index(folder: Path) -> str:
+def index(folder: Path) -> str:
     with closing(_database(folder / "index.db")) as connection:
         mode = keep_journal(connection, folder / "index.db")
         connection.execute("CREATE TABLE numbers (value INTEGER)")
@@ -193,13 +193,13 @@ def _written(path: Path, rows: int) -> str:
     return f"{rows} rows written and read"
 
 
-_CHECKS: dict[str, Callable[[Path], str]] = {
-    "free space": _room,
-    "locks": _locks,
+CHECKS: dict[str, Callable[[Path], str]] = {
+    "free space": free_space,
+    "locks": locks,
     "atomic rename": _renames,
-    "fsync": _syncs,
-    "clock": _clock,
-    "index": _index,
+    "fsync": syncs,
+    "clock": clock,
+    "index": index,
 }
 
 
@@ -210,13 +210,13 @@ def _process(target: Callable[..., None], *given: object) -> Iterator[multiproce
     process.start()
     try:
         yield process  # pyright: ignore[reportReturnType]
-        process.join(_STARTS)
+        process.join(STARTS)
     finally:
         process.kill()
         process.join()
 
 
-def _until(true: Callable[[], bool], else_said: str, patience: float = _STARTS) -> None:
+def _until(true: Callable[[], bool], else_said: str, patience: float = STARTS) -> None:
     """Wait until something is true. Raises Unfit with what is said else."""
     end = time.monotonic() + patience
     while not true():
@@ -333,11 +333,11 @@ def _shared_renames(meeting: Meeting) -> str:
     meeting.swap()
     for writes in (meeting.first, not meeting.first):
         if writes:
-            _replace(path, 3 * _SPELL)
+            _replace(path, 3 * SPELL)
         else:
-            end = time.monotonic() + 2 * _SPELL
+            end = time.monotonic() + 2 * SPELL
             try:
-                said.append(_read_while(path, lambda end=end: time.monotonic() < end))
+                said.append(read_while(path, lambda end=end: time.monotonic() < end))
             except Unfit as problem:
                 said.append(problem)
         meeting.swap()

@@ -8,7 +8,6 @@ from dataclasses import asdict, dataclass, replace
 
 import numpy as np
 
-from labbook import __version__
 from labbook.backend import (
     Backend,
     BackendMissing,
@@ -25,6 +24,7 @@ from labbook.scene import ContactLaw, LinearSpringDashpot, Plane, Primitives, Sc
 from labbook.scene.packing import Packing
 from labbook.scene.walls import WallShape
 from labbook.study import Study
+from labbook.version import __version__
 
 PACKAGES = {
     "numpy": "everything",

@@ -15,9 +15,9 @@ from typing import Annotated
 import typer
 from typer.core import TyperGroup
 
-from labbook import __version__
 from labbook.cli.options import fail, told
 from labbook.cli.screen import say, show_anywhere
+from labbook.version import __version__
 
 _ALLOCATED = 10_000
 """Objects that are made between two looks for garbage."""

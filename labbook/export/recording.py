@@ -132,7 +132,7 @@ def write(data: RunData, sample: Mapping[str, np.ndarray] | None, path: Path, *,
     with written(path, name, recording_id(source), data.scene, views, _flow_rate_views(data)) as stream:
         log_grains(stream, "", data.scene, data.start, shown, fastest)
         log_bar(stream, data.scene, fastest)
-        _send_flow_rate(rr, stream, data)
+        send_flow_rate(rr, stream, data)
     return path
 
 
@@ -326,7 +326,7 @@ def _flows(data: RunData) -> bool:
     return "crossing" in data.tables and len(crossing_times(data)) >= 2
 
 
-def _send_flow_rate(rr, stream, data: RunData) -> None:
+def send_flow_rate(rr, stream, data: RunData) -> None:
     """W(t), smoothed over about 30 grains, as scalars on the clock of the grains."""
     if not _flows(data):
         return

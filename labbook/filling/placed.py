@@ -2,7 +2,7 @@
 
 import numpy as np
 
-_REBUILT = 0.25
+REBUILT = 0.25
 """Points that were added since the large tree was made, in parts of those in it, from which on it is made anew."""
 
 
@@ -39,7 +39,7 @@ class Placed:
             self._x = grown
         self._x[self._count : total] = x
         self._count = total
-        if total - self._old > _REBUILT * self._old:
+        if total - self._old > REBUILT * self._old:
             self._trees, self._old = [(0, KDTree(self.x))], total
         else:
             self._trees = [self._trees[0], (self._old, KDTree(self._x[self._old : total]))]

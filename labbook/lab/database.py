@@ -342,21 +342,21 @@ def exchange(engine: Engine, lab: LabFolder) -> None:
             place = server.address(lab)
             assert place is not None
             connection.execute(CreateSchema(place.schema, if_not_exists=True))
-            _exchange(connection, place.schema, place.beside.schema)
+            exchange_tables(connection, place.schema, place.beside.schema)
             connection.execute(DropSchema(place.beside.schema, cascade=True))
         return
     with asking(engine, lab) as connection:
         connection.execute(text("ATTACH DATABASE :built AS built"), {"built": _uri(_path_beside(lab))})
         try:
             connection.execute(text("BEGIN IMMEDIATE"))
-            _exchange(connection, "main", "built")
+            exchange_tables(connection, "main", "built")
             connection.commit()
         finally:
             connection.rollback()
             connection.execute(text("DETACH DATABASE built"))
 
 
-def _exchange(connection: Connection, old: str, new: str) -> None:
+def exchange_tables(connection: Connection, old: str, new: str) -> None:
     """`old` and `new`: names of the schemas whose tables are to change places."""
     names = {table.name: ", ".join(f'"{column.name}"' for column in table.columns) for table in metadata.sorted_tables}
     there = inspect(connection)

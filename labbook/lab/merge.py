@@ -248,7 +248,7 @@ def _check_end(copy: Path, record: RunRecord) -> None:
 def _seen(folder: Path) -> tuple[int, int]:
     """By what a folder of theirs is known again, if it stays as it is. Raises Unreadable for one that is a link, or
     holds anything but ordinary files; what is hidden is left."""
-    with _reading(folder):
+    with reading(folder):
         status = os.lstat(folder)
         if stat.S_ISLNK(status.st_mode):
             raise Unreadable(f"{folder}: it is a link; import copies no links")
@@ -283,7 +283,7 @@ def _copy(theirs: Path, copy: Path, names: set[str], seen: tuple[int, int]) -> N
     if there is no room."""
     make_folder(copy)
     for name in sorted(names):
-        _copy_file(theirs / name, copy / name)
+        copy_file(theirs / name, copy / name)
     if _seen(theirs) != seen:
         raise Unreadable(f"{theirs}: it was replaced while it was copied; import again")
 
@@ -298,7 +298,7 @@ def _as_theirs(copy: Path, theirs: Path) -> Iterator[None]:
 
 
 @contextmanager
-def _reading(theirs: Path) -> Iterator[None]:
+def reading(theirs: Path) -> Iterator[None]:
     """Turns an error of reading what is theirs into Unreadable, which stops nothing else."""
     try:
         yield
@@ -308,18 +308,18 @@ def _reading(theirs: Path) -> Iterator[None]:
         raise Unreadable(f"{theirs}: {error.strerror or error}") from error
 
 
-def _copy_file(theirs: Path, mine: Path) -> None:
+def copy_file(theirs: Path, mine: Path) -> None:
     """Copy an ordinary file, which is not a link, and keep its time. Raises Unreadable, or OSError if there is no
     room."""
     most = MOST if theirs.suffix == ".npz" else LONGEST
     with _opened(theirs, most) as (source, status), open(mine, "wb") as target:
-        while chunk := _read(theirs, source, _CHUNK):
+        while chunk := read_bytes(theirs, source, _CHUNK):
             target.write(chunk)
     os.utime(mine, ns=(status.st_atime_ns, status.st_mtime_ns))
 
 
-def _read(theirs: Path, source: BinaryIO, most: int = -1) -> bytes:
-    with _reading(theirs):
+def read_bytes(theirs: Path, source: BinaryIO, most: int = -1) -> bytes:
+    with reading(theirs):
         return source.read(most)
 
 
@@ -327,7 +327,7 @@ def _text(theirs: Path, most: float) -> str:
     """The text of an ordinary file, which is not a link and has at most so many bytes. Raises Unreadable."""
     with _opened(theirs, most) as (source, _):
         try:
-            return _read(theirs, source).decode()
+            return read_bytes(theirs, source).decode()
         except UnicodeDecodeError as error:
             raise Unreadable(f"{theirs}: not text in UTF-8") from error
 
@@ -337,7 +337,7 @@ def _opened(theirs: Path, most: float) -> Iterator[tuple[BinaryIO, os.stat_resul
     """An ordinary file, which is not a link and has at most so many bytes, to read. Raises Unreadable."""
     if theirs.is_symlink():
         raise Unreadable(f"{theirs}: it is a link; import copies no links")
-    with _reading(theirs):
+    with reading(theirs):
         handle = os.open(theirs, os.O_RDONLY | os.O_NONBLOCK | os.O_NOFOLLOW)
     status = os.fstat(handle)
     if not stat.S_ISREG(status.st_mode):

@@ -22,7 +22,7 @@ from labbook.scene.packing import Packing
 
 ARRAYS = "packing.npz"
 _BYTES = 4096  # of a grain, at most: state, and springs of 20 contacts
-_KEPT = 500_000  # grains of packings that a process keeps in memory: some 150 MB
+MOST_GRAINS = 500_000  # grains of packings that a process keeps in memory: some 150 MB
 _SETTLED = 0.1  # s: the clocks of file systems tick more often
 
 
@@ -74,7 +74,7 @@ def is_sealed(folder: Path) -> bool:
 def seal(folder: Path) -> None:
     """Give the record of an older packing, whose claim is held, the hash of its arrays, unless it cannot be read."""
     try:
-        record, _ = _read(folder, None)
+        record, _ = read_checked(folder, None)
     except Unreadable:
         return
     record.model_copy(update={"arrays": _hash(read_table(folder / ARRAYS))}).write(folder)
@@ -101,11 +101,11 @@ def read_packing(folder: Path, key: str | None = None) -> tuple[PackingRecord, P
     """
     asked = folder, key, stamp(folder)
     with _reading:
-        found = _lately.get(asked)
+        found = recent.get(asked)
         if found is not None:
-            _lately.move_to_end(asked)
+            recent.move_to_end(asked)
     if found is None:
-        found = _read(folder, key)
+        found = read_checked(folder, key)
         if _only_just_written(folder):  # it might be written to again without another stamp
             return found
         _remember(asked, found)
@@ -121,9 +121,9 @@ def just_made(folder: Path, record: PackingRecord, packing: Packing) -> None:
 
 def _remember(asked: tuple[Path, str | None, int], found: tuple[PackingRecord, Packing]) -> None:
     with _reading:
-        _lately[asked] = found
-        while sum(len(packing) for _, packing in _lately.values()) > _KEPT:
-            _lately.popitem(last=False)
+        recent[asked] = found
+        while sum(len(packing) for _, packing in recent.values()) > MOST_GRAINS:
+            recent.popitem(last=False)
 
 
 def _protect(packing: Packing) -> None:
@@ -134,7 +134,7 @@ def _protect(packing: Packing) -> None:
 
 
 _reading = threading.Lock()
-_lately: OrderedDict[tuple[Path, str | None, int], tuple[PackingRecord, Packing]] = OrderedDict()
+recent: OrderedDict[tuple[Path, str | None, int], tuple[PackingRecord, Packing]] = OrderedDict()
 """By folder, key and stamp: a folder that was written to since is read anew."""
 
 
@@ -147,7 +147,7 @@ def _only_just_written(folder: Path) -> bool:
         return True
 
 
-def _read(folder: Path, key: str | None) -> tuple[PackingRecord, Packing]:
+def read_checked(folder: Path, key: str | None) -> tuple[PackingRecord, Packing]:
     record = PackingRecord.read(folder, key)
     path = folder / PackingRecord.FILE
     if identity.scene_key(record.scene, record.versions) != record.closed_key:

@@ -9,10 +9,11 @@ from functools import lru_cache
 from pathlib import Path
 from typing import Any
 
-import labbook
 from labbook.backend.machine import cores, gpu, processor, versions
 from labbook.plugins import Extension
 
+PACKAGE = Path(__file__).parents[1]
+"""The folder that labbook is imported from."""
 PACKAGES = ("labbook", "numpy", "scipy", "numba", "llvmlite", "warp-lang", "pydantic")
 """Packages whose versions can change a number, beside those of extensions."""
 
@@ -37,7 +38,7 @@ def _of_machine(device: str) -> dict[str, Any]:
     card = None if device == "cpu" else gpu()
     machine = f"{processor()}, {os.cpu_count()} cores" + (f", {card[0]}" if card else "")
     return {
-        **_commit(Path(labbook.__file__).parent),
+        **_commit(PACKAGE),
         "packages": {name: found for name, found in versions(PACKAGES).items() if found},
         "python": platform.python_version(),
         "system": f"{platform.system()} {platform.release()}",

@@ -12,7 +12,6 @@ from functools import lru_cache
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from labbook import __version__
 from labbook.lab.folder import write_bytes
 from labbook.report import figures, tables
 from labbook.report.against import against_sections
@@ -26,6 +25,7 @@ from labbook.report.setting import setting
 from labbook.report.statement_tables import statement_digest, statement_table
 from labbook.results import display
 from labbook.results.study import StudyResults
+from labbook.version import __version__
 
 if TYPE_CHECKING:
     from jinja2 import Environment

@@ -45,7 +45,7 @@ def _series(results: StudyResults, index: int, folder: Path) -> Section:
     if series.fits or len(series.used) > 1:  # a single point shows nothing
         figure = figures.flow_against_orifice(series, results.comparisons, results.source)
         stem = folder / f"{'fit' if series.fits else 'orifice'}{suffix}"
-        fit = picture(figure, stem, f"a power of W against orifice{where}", _fit_caption(series))
+        fit = picture(figure, stem, f"a power of W against orifice{where}", fit_caption(series))
         blocks = [Beside((fit,), tuple(laws))]
     patterns, lacking = _patterns_if_they_can_be(results, series, folder, suffix, where)
     blocks += [Prose(f"Not fitted: {problem}.", note=True) for problem in series.problems]
@@ -72,7 +72,7 @@ def _flow(series: Series, folder: Path, suffix: str, where: str) -> Picture:
     return picture(figure, folder / f"flow{suffix}", f"W against time{where}", _flow_caption(series))
 
 
-def _fit_caption(series: Series) -> str:
+def fit_caption(series: Series) -> str:
     fits = f"; {_FITS}" if series.fits else "."
     return f"{_POINTS}{fits}{marks(series.points, series.flagged if series.fits else frozenset())}"
 
@@ -110,7 +110,7 @@ def _patterns_if_they_can_be(
         blocks += _patterns(points, folder, suffix, where)
     except ImportError as missing:
         lacking.append(f"Flow patterns are not shown: {missing}.")
-    return [*blocks, *_acceleration(points, folder, suffix, where)], lacking
+    return [*blocks, *acceleration_figures(points, folder, suffix, where)], lacking
 
 
 def _patterns(points: Sequence[PointResult], folder: Path, suffix: str, where: str) -> list[Block]:
@@ -123,7 +123,7 @@ def _patterns(points: Sequence[PointResult], folder: Path, suffix: str, where: s
     return [Section("How the beds flow", (shown, table))]
 
 
-def _acceleration(points: Sequence[PointResult], folder: Path, suffix: str, where: str) -> list[Block]:
+def acceleration_figures(points: Sequence[PointResult], folder: Path, suffix: str, where: str) -> list[Block]:
     found = [(result, profile) for result in points if (profile := acceleration(result)) is not None]
     if not found:
         return []

@@ -17,7 +17,7 @@ from labbook.run.job import Job, JobFailed, Kept, Left
 from labbook.run.lane import Hand
 
 _LOG = logging.getLogger("labbook")
-_HELD = 4_000_000  # grains of jobs that wait to be written: some gigabytes
+MOST_GRAINS = 4_000_000  # grains of jobs that wait to be written: some gigabytes
 _TURN = 1e-4
 """Time [s] for which a thread may keep the interpreter while others wait, instead of Python's 5 ms. The thread of a
 lane gives it away at every call to the device, and would else wait for several that close jobs to get it back."""
@@ -33,9 +33,9 @@ class Closer:
 
     def close(self, job: Job, verdict: str, left: Left) -> "Future[RunRows]":
         """Put what a job `left` into the lab, and measure it."""
-        return self._hand.do(lambda: self._put(job.kept(verdict, left)))
+        return self._hand.do(lambda: self.put_in_place(job.kept(verdict, left)))
 
-    def _put(self, kept: Kept) -> RunRows:
+    def put_in_place(self, kept: Kept) -> RunRows:
         self._closed += 1
         put = False
         if self._closed > 1 and not self._alone:
@@ -82,7 +82,7 @@ class Closing:
     def close(self, job: Job, verdict: str, left: Left) -> None:
         """Put what a job `left` into the lab, and measure it. Waits for others while too many grains are held. Raises
         what `settle` does."""
-        while self._jobs and sum(one.scene.grains.count for one in (job, *self.jobs)) > _HELD:
+        while self._jobs and sum(one.scene.grains.count for one in (job, *self.jobs)) > MOST_GRAINS:
             wait(self._jobs, return_when=FIRST_COMPLETED)
             self.settle()
         self._jobs[next(self._next).close(job, verdict, left)] = job, verdict

@@ -47,7 +47,7 @@ _BATCHES = 4
 _LOSSES = 20
 """Times that a task is begun again after its worker was lost: one that always ends its worker must come to an end."""
 _LOOK = 0.5  # s
-_ASKING, _TELLING = 2.0, 2.0  # s
+ASKING, _TELLING = 2.0, 2.0  # s
 _LEAVING = 60.0  # s that workers have to give back what they have when they are asked to stop
 
 Files = dict[str, bytes]
@@ -151,7 +151,7 @@ def _asked(task: Task) -> Callable[[], bool]:
 def _stop_in_time(slice: float, asked: Callable[[], bool], request: Request, over: threading.Event) -> None:
     """Ask a runner to stop when its time is over, or when all are asked."""
     end = time.monotonic() + slice
-    while not over.wait(_ASKING):
+    while not over.wait(ASKING):
         if time.monotonic() >= end:
             request.made = True
         with suppress(Exception):  # the scheduler is away for a while
@@ -185,7 +185,7 @@ def _names(folder: Path) -> list[str]:
 
 
 @dataclass(eq=False)
-class _Batch:
+class Batch:
     """A task that is under way."""
 
     items: list[Item]
@@ -219,12 +219,12 @@ class Cluster:
         from distributed import Client, Event  # pyright: ignore[reportMissingImports]
 
         begun = time.perf_counter()
-        self._meter, self._tally, self._problems = Meter(), Tally(), dict[str, None]()
+        self._meter, self._tally, self.problems = Meter(), Tally(), dict[str, None]()
         self._event = f"labbook-stop-{secrets.token_hex(8)}"
         self._lost: set[str] = set()
         self._next_tell = 0.0
         self._expected = expected(self.study, load(self.backend).capabilities)
-        self._observe = Observe.of(self.study.measure, self.study.window)
+        self.observe = Observe.of(self.study.measure, self.study.window)
         try:
             client = Client(self.address, timeout="20s", set_as_default=False)
         except (OSError, ValueError) as error:
@@ -243,7 +243,7 @@ class Cluster:
                 index.close()
                 client.close()
         wall = time.perf_counter() - begun
-        problems = tuple(self._problems)
+        problems = tuple(self.problems)
         work, tally = self._meter.work, self._tally
         found = Summary(tally, plan.points, request.made, wall, work, problems, False, everything)
         return replace(found, study=plan.study, campaign=plan.campaign)
@@ -257,13 +257,13 @@ class Cluster:
             finally:
                 catalogue.close()
             done = [item.keys.run for item in plan.items if item.state == "done"]
-            if not index.derive(done, self._observe):
+            if not index.derive(done, self.observe):
                 return plan
 
     def _carry_out(self, client, event, index: Index, request: Request) -> None:
-        going: dict[Any, _Batch] = {}
+        going: dict[Any, Batch] = {}
         stale, self._slots = True, 1
-        waiting: list[_Batch] = []
+        waiting: list[Batch] = []
         told = False
         try:
             while not request.made:
@@ -291,7 +291,7 @@ class Cluster:
             for future in going:
                 future.cancel()
 
-    def _batches(self, plan: Plan, busy: set[str]) -> list[_Batch]:
+    def _batches(self, plan: Plan, busy: set[str]) -> list[Batch]:
         """What is to do, in batches of about the same work that fill the cluster a few times over: all runs from one
         packing in one."""
         packings: dict[str, list[Item]] = {}
@@ -300,17 +300,17 @@ class Cluster:
                 packings.setdefault(item.keys.packing, []).append(item)
         work = {key: _work(items) for key, items in packings.items()}
         share = sum(work.values()) / (self._slots * _BATCHES)
-        found: list[_Batch] = []
+        found: list[Batch] = []
         held = 0.0
         for key in sorted(packings, key=lambda one: -work[one]):
             if not found or held + work[key] > share:
-                found.append(_Batch([]))
+                found.append(Batch([]))
                 held = 0.0
             found[-1].items += packings[key]
             held += work[key]
         return found
 
-    def _submit(self, client, batch: _Batch):
+    def _submit(self, client, batch: Batch):
         seeds: dict[int, tuple[int, ...]] = {}
         for item in batch.items:
             at = item.demand.point.index
@@ -336,7 +336,7 @@ class Cluster:
             warnings.simplefilter("ignore", UserWarning)
             return client.submit(carry_out, task, pure=False, key=f"labbook-{secrets.token_hex(8)}", **needed)
 
-    def _take(self, index: Index, future, batch: _Batch, waiting: list[_Batch]) -> bool:
+    def _take(self, index: Index, future, batch: Batch, waiting: list[Batch]) -> bool:
         """Take what came back; whether the plan may be another one now."""
         from distributed import CancelledError, KilledWorker  # pyright: ignore[reportMissingImports]
 
@@ -355,7 +355,7 @@ class Cluster:
             return True
         if back.refused:
             raise ClusterFailed(back.refused)
-        self._put(index, back, batch)
+        self.put_back(index, back, batch)
         self._meter.add(back.work)
         self._tally.ran |= back.ran
         self._tally.resumed += back.resumed
@@ -364,11 +364,11 @@ class Cluster:
         self._lost |= back.lost
         return True
 
-    def _give_up(self, batch: _Batch, why: str) -> None:
+    def _give_up(self, batch: Batch, why: str) -> None:
         self._lost |= {item.keys.run for item in batch.items}
         self._tally.failed.append(f"{len(batch.items)} runs, the first of {batch.items[0].demand.point.label}: {why}")
 
-    def _put(self, index: Index, back: Back, batch: _Batch) -> None:
+    def put_back(self, index: Index, back: Back, batch: Batch) -> None:
         """Check what came back, and put it in place."""
         self.lab.works.mkdir(parents=True, exist_ok=True)
         scratch = Path(tempfile.mkdtemp(prefix=".back-", dir=self.lab.works))
@@ -380,8 +380,8 @@ class Cluster:
                     if key in mine:  # nothing else was asked for
                         write(place(key), files)
             for problem in merge(index, scratch).left_out:
-                self._problems[problem] = None
-            index.derive([key for key in back.runs if key in mine], self._observe)
+                self.problems[problem] = None
+            index.derive([key for key in back.runs if key in mine], self.observe)
             for key in (back.runs.keys() - back.works.keys()) & mine:
                 if claim := self.lab.claim(key):
                     self.lab.clear(key)
@@ -390,7 +390,7 @@ class Cluster:
                 if key in mine:
                     self._put_work(theirs.work(key), key, files)
         except Unreadable as problem:
-            self._problems[str(problem)] = None
+            self.problems[str(problem)] = None
         finally:
             shutil.rmtree(scratch, ignore_errors=True)
 
@@ -405,7 +405,7 @@ class Cluster:
         finally:
             claim.release()
 
-    def _gather(self, client, index: Index, going: dict[Any, _Batch]) -> None:
+    def _gather(self, client, index: Index, going: dict[Any, Batch]) -> None:
         """Take what workers give back that were asked to stop."""
         end = time.monotonic() + _LEAVING
         for future in list(going):
@@ -417,7 +417,7 @@ class Cluster:
                 del going[future]
                 self._take(index, future, batch, [])
 
-    def _tell(self, going: Mapping[Any, _Batch]) -> None:
+    def _tell(self, going: Mapping[Any, Batch]) -> None:
         if time.monotonic() < self._next_tell:
             return
         self._next_tell = time.monotonic() + _TELLING
@@ -450,7 +450,7 @@ def _processing(client, future) -> bool:
     return any(future.key in keys for keys in client.processing().values())
 
 
-def _ended(client, going: Mapping[Any, _Batch]) -> list[tuple[Any, _Batch]]:
+def _ended(client, going: Mapping[Any, Batch]) -> list[tuple[Any, Batch]]:
     """Tasks that came to an end within a moment."""
     end = time.monotonic() + _LOOK
     while True:

@@ -24,7 +24,7 @@ _JOBS = 3
 _SPOKEN_EVERY = 30.0  # s between two lines where there is no terminal
 _FEW = 5.0  # s
 _WORTH_SAYING = 60.0  # s: a lower bound of the time left
-_NARROWEST, _WIDEST = 12, 40  # of the bar
+NARROWEST, WIDEST = 12, 40  # of the bar
 _TOGETHER: tuple[Phase, ...] = ("compiling", "preparing")
 """Phases in which all jobs wait for the same."""
 
@@ -97,9 +97,9 @@ class Bar:
         assert self._view is not None
         yield Text(counted, no_wrap=True, overflow="ellipsis")
         room = width - 2 - len(counted) - (len(words) + 1 if words else 0) - 1
-        if room >= _NARROWEST:
+        if room >= NARROWEST:
             done, left = self._view.work_done, self._view.work_left
-            yield ProgressBar(total=max(done + left, 1.0), completed=done, width=min(room, _WIDEST))
+            yield ProgressBar(total=max(done + left, 1.0), completed=done, width=min(room, WIDEST))
         if words:
             yield Text(words, no_wrap=True, overflow="ellipsis")
 
@@ -112,7 +112,7 @@ def heading(view: View, width: int) -> tuple[str, str]:
     rate = f"{view.rate / 1e6:.1f} M grain-steps/s" if view.rate else ""
     for parts in ((remaining(view), rate), (remaining(view),)):
         words = ", ".join(filter(None, parts))
-        if 2 + len(counted) + 1 + _NARROWEST + 1 + len(words) <= width:
+        if 2 + len(counted) + 1 + NARROWEST + 1 + len(words) <= width:
             return counted, words
     return counted, ""
 

@@ -14,9 +14,9 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-import labbook
 from labbook.backend import Capabilities
 from labbook.study import Study
+from labbook.version import __version__
 
 WARNED = 120
 """Seconds before the end of its time at which a task is asked to stop."""
@@ -81,7 +81,7 @@ class Array:
         place = shlex.quote(f"{parts}/{name}-")
         return _SCRIPT.format(
             headers="\n".join(headers),
-            about=f"{name}: {self.tasks} parts on {self.backend.name}, written by labbook {labbook.__version__}",
+            about=f"{name}: {self.tasks} parts on {self.backend.name}, written by labbook {__version__}",
             parts=shlex.quote(str(parts)),
             site=f"{shell}\n" if shell.strip() else "",
             labbook=command,
@@ -160,7 +160,7 @@ def expected(study: Study, backend: Capabilities) -> str:
     """The versions of labbook and of a backend, and a hash of what a study says and of its calibration."""
     beside = study.calibration_file.read_bytes() if study.calibration_file else b""
     digest = hashlib.sha256(study.text.encode() + beside).hexdigest()[:12]
-    return f"labbook-{labbook.__version__}/{backend.name}-{backend.cache_version}/study-{digest}"
+    return f"labbook-{__version__}/{backend.name}-{backend.cache_version}/study-{digest}"
 
 
 def differs(wanted: str, study: Study, backend: Capabilities) -> str | None:

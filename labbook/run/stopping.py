@@ -13,7 +13,7 @@ from contextlib import contextmanager, suppress
 from queue import SimpleQueue
 
 SAVING = "stopping: saving unfinished runs ... (Ctrl-C again to stop at once)"
-_TOGETHER = 5.0  # s within which SIGTERM may come several times
+TOGETHER = 5.0  # s within which SIGTERM may come several times
 
 
 class Request:
@@ -34,7 +34,7 @@ class Request:
         def ask(number: int, _frame: object) -> None:
             # Closing a terminal may send several signals of different kinds: they are one request.
             now = time.monotonic()
-            late = number in seen and (number != signal.SIGTERM or now - seen[number] > _TOGETHER)
+            late = number in seen and (number != signal.SIGTERM or now - seen[number] > TOGETHER)
             again = self.made and (number == signal.SIGINT or late)
             if again and number != signal.SIGHUP:
                 raise KeyboardInterrupt

@@ -5,7 +5,7 @@ from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from typing import Any
 
-from labbook import __version__, sources
+from labbook import sources
 from labbook.filling.placing import STARTS
 from labbook.fit import LAWS
 from labbook.measure import MEASURES
@@ -14,6 +14,7 @@ from labbook.scene.contact import CONTACT_LAWS, ContactLaw
 from labbook.sources import METHODS, SOURCES, Source, named_in
 from labbook.study.load import Study
 from labbook.study.paper import PAPERS
+from labbook.version import __version__
 
 AUTHORS = "The labbook authors"
 ANGLE = "container.angle"

@@ -30,7 +30,7 @@ _SAME = {
     "numerics.dt": "timestep dt deltat",
     "container.orifice": "outlet hole aperture opening outletdiameter outletwidth orificewidth orificediameter",
 }
-_KEYS = {word: key for key, words in _SAME.items() for word in words.split()}
+KEYS_BY_HABIT = {word: key for key, words in _SAME.items() for word in words.split()}
 _YOUNG = frozenset(("e", "young", "youngs", "youngmodulus", "youngsmodulus", "elasticmodulus", "ymod", "emodulus"))
 _TOLD = {
     "study": "write name",
@@ -66,7 +66,7 @@ def habit(key: str, value: Any, known: Collection[str]) -> Habit | None:
         return _diameter(value, f"{section}.diameter" if section else None)
     if word == "frictionangle":
         return Habit("write friction, the tangent of that angle", "contact.friction")
-    meant = _KEYS.get(word)
+    meant = KEYS_BY_HABIT.get(word)
     if meant is not None and meant != key:
         where, _, name = meant.rpartition(".")
         if section and name in known:  # walls have a friction of their own, kinds of grains a density

@@ -66,7 +66,14 @@ def test_frames_within_beats_are_those_of_shorter_beats(silo):
     assert identical(later, wanted)
 
 
-@pytest.mark.parametrize("special", [False, True], ids=["shared kernels", "kernels of users' runs"])
+@pytest.mark.parametrize(
+    "special",
+    [
+        pytest.param(False, id="shared kernels"),
+        # compiled for this test alone; reading a film takes the same lines there
+        pytest.param(True, id="kernels of users' runs", marks=pytest.mark.ring),
+    ],
+)
 def test_a_film_changes_no_bit_of_anything_else(silo, special):
     """Neither the motion, nor other tables (the ledger counts rebuilds of lists, too), nor the checkpoint."""
     stand = specialised(silo.stand) if special else None

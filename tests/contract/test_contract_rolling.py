@@ -27,7 +27,11 @@ def hopper(kinds=()) -> Scene:
     )
 
 
-@pytest.fixture(scope="module", params=["equal", "unlike"])
+# kernels for both at once are compiled for this module alone; mixtures and rolling springs have tests of their own
+UNLIKE = pytest.param("unlike", marks=pytest.mark.ring)
+
+
+@pytest.fixture(scope="module", params=["equal", UNLIKE])
 def bed(request, stand):
     """Grains that have fallen into the closed hopper, its outlet now open; numerics, and an ensemble for it."""
     if request.param == "unlike" and stand.second:

@@ -18,6 +18,9 @@ from labbook.cli import build
 
 IN_ONE = {"pyramid", "edges", "time-step", "stiffness", "incline", "units", "size-ratio", "rods-stacked"}
 """Cases that take long, or kernels of their own: a backend takes them in its first precision only."""
+OF_ITS_OWN = {"pyramid"}
+"""Cases whose kernels, which no other case shares, take twenty seconds to compile: in the ring. The contract and
+`labbook verify` have rolling springs too."""
 LONG_ON_WARP = {"impact-extremes", "time-step", "stiffness", "edges", "incline", "rods-stacked"}
 """Cases that take more than ten seconds on the GPU backend's processor, where every step is a launch or more."""
 
@@ -31,7 +34,7 @@ def checks():
         for case in CASES:
             if not (stand.second and case.name in IN_ONE):
                 warp = stand.device == "cpu" and stand.backend.capabilities.name == "warp"
-                long = case.slow or (warp and case.name in LONG_ON_WARP)
+                long = case.slow or case.name in OF_ITS_OWN or (warp and case.name in LONG_ON_WARP)
                 marks = [*here.marks, pytest.mark.ring if long else pytest.mark.slow]
                 yield pytest.param(case, stand, id=f"{case.name}-{here.id}", marks=marks)
 

@@ -32,7 +32,7 @@ class Silent(Ensemble):
 
     def advance(self, beats=1):
         events = super().advance(beats)
-        for glass in self._glasses.values():
+        for glass in self.glasses.values():
             glass.v[0, 2] = np.nan
         return events
 
@@ -51,7 +51,7 @@ class Guarded(Ensemble):
 
     def advance(self, beats=1):
         events = []
-        for member, glass in self._glasses.items():
+        for member, glass in self.glasses.items():
             if not glass.failure:
                 glass.failure = (self.guard, 40, 1, self.message)
                 events.append(Failed(member, *glass.failure))

@@ -83,7 +83,7 @@ def test_the_ones_made_longest_ago_are_forgotten():
     assert made == list("abcd")
     get("a")
     assert made == list("abcda")
-    assert len(kept._values) == 3
+    assert len(kept.values) == 3
 
 
 def test_whoever_fails_leaves_the_place_to_the_next():
@@ -116,7 +116,7 @@ def test_results_are_found_once_while_nothing_changes(copied, monkeypatch):
 
     results = module.kept
     monkeypatch.setattr(module, "kept", counted)
-    monkeypatch.setattr(module, "_SPARED", 0)
+    monkeypatch.setattr(module, "SPARED", 0)
     shelf = Shelf(copied / "lab")
     for _ in range(3):
         assert len(shelf.found(STUDY, "toy").results.points) == len(ORIFICES)
@@ -131,7 +131,7 @@ def test_results_are_old_only_while_a_study_runs(copied, monkeypatch):
     """A page follows a study until nobody runs it; what it is told then is all that there is."""
     going = [object()]
     monkeypatch.setattr(Shelf, "running", lambda self: going)
-    monkeypatch.setattr("labbook_web.shelf._SPARED", 1e9)
+    monkeypatch.setattr("labbook_web.shelf.SPARED", 1e9)
     shelf = Shelf(copied / "lab")
     assert len(shelf.found(STUDY, "toy").results.points[0].runs) == REPLICATES
     path = copied / "lab/study-files/toy-study.yaml"
@@ -184,7 +184,7 @@ def test_a_study_that_changes_is_read_again(done, tmp_path):
     own.unlink()
     assert len(shelf.study(STUDY)[0].points) == len(ORIFICES), "the lab still has one of that name"
     with pytest.raises(StudyError):
-        Shelf(done / "lab", only=True)._studies.get("x", 1, lambda: load(tmp_path / "none.yaml"))
+        Shelf(done / "lab", only=True).studies_read.get("x", 1, lambda: load(tmp_path / "none.yaml"))
 
 
 # many at once

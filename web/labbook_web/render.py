@@ -3,8 +3,8 @@
 from functools import cache
 from typing import Any
 
-from labbook import __version__
 from labbook.report.page import environment
+from labbook.version import __version__
 from labbook_web.page import Links, Page, embedded
 
 

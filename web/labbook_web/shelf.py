@@ -35,7 +35,7 @@ _KEPT = 64
 """Studies of which results are kept in memory."""
 _SERVER_AGE = 2.0
 """How old may be what is shown of an index on a server, which does not tell when it changes [s]."""
-_SPARED = 20
+SPARED = 20
 """Results of a lab that changes all the time are as old as that many times what it takes to find them: looking on then
 costs a running study at most 5 % of one core."""
 _T = TypeVar("_T")
@@ -130,7 +130,7 @@ class Cache:
 
     def __init__(self, most: int):
         self._most = most
-        self._values: OrderedDict[Any, tuple[Any, Any, float, float]] = OrderedDict()
+        self.values: OrderedDict[Any, tuple[Any, Any, float, float]] = OrderedDict()
         self._making: dict[Any, threading.Lock] = defaultdict(threading.Lock)
         self._own = threading.Lock()
 
@@ -140,17 +140,17 @@ class Cache:
         with self._own:
             lock = self._making[key]
         with lock:
-            had = self._values.get(key)
+            had = self.values.get(key)
             if had is not None and (had[0] == state or time.monotonic() - had[2] < spare * had[3]):
                 return had[1]
             begun = time.monotonic()
             made = make()
             ended = time.monotonic()
             with self._own:
-                self._values[key] = state, made, ended, ended - begun
-                self._values.move_to_end(key)
-                while len(self._values) > self._most:
-                    self._values.popitem(last=False)
+                self.values[key] = state, made, ended, ended - begun
+                self.values.move_to_end(key)
+                while len(self.values) > self._most:
+                    self.values.popitem(last=False)
             return made
 
 
@@ -161,7 +161,7 @@ class Shelf:
     def __init__(self, lab: Path, given: Sequence[Path] = (), *, only: bool = False, noted: bool = True):
         self.lab, self._only, self._noted = LabFolder(lab), only, noted
         self._given = tuple(given)
-        self._studies, self._asked, self._results = Cache(1000), Cache(_KEPT), Cache(_KEPT)
+        self.studies_read, self._asked, self._results = Cache(1000), Cache(_KEPT), Cache(_KEPT)
         self._counts, self._texts = Cache(1), Cache(1000)
         self.pictures = Cache(400)
         """Figures that were drawn, by study, backend and address."""
@@ -200,7 +200,7 @@ class Shelf:
 
     def counts(self) -> list[StudyCount]:
         """How many runs there are of each study, backend and outcome. Raises LabError."""
-        return self._counts.get("counts", self.state, self.catalogue.studies, _SPARED)
+        return self._counts.get("counts", self.state, self.catalogue.studies, SPARED)
 
     def note(self, kind: notes.Kind, name: str) -> Note:
         """The note on a study or a run; an empty one if notes are not shown, or in place of one that cannot be read."""
@@ -256,7 +256,7 @@ class Shelf:
                         packings_of = first.name if results.points else ""
             return Found(study, text, backend, results, compared, packings_of)
 
-        spare = _SPARED if self.running() else 0.0  # what a study leaves when it ends is shown at once
+        spare = SPARED if self.running() else 0.0  # what a study leaves when it ends is shown at once
         verdicts = tuple(_stamp(one) for one in self._verdicts(study.name))
         return self._results.get((path, backend), (_stamps(path), self.state, verdicts), find, spare)
 
@@ -294,7 +294,7 @@ class Shelf:
     def _read(self, path: Path) -> tuple[Study, str]:
         """A study and its text, anew when its file, or that of its calibration, has changed. Raises StudyError."""
         calibration = studies.calibration(self.lab, path)
-        return self._studies.get(path, _stamps(path), lambda: _read(path, calibration))
+        return self.studies_read.get(path, _stamps(path), lambda: _read(path, calibration))
 
     def _wrong(self) -> dict[Path, str]:
         """Why files that were given are no studies."""

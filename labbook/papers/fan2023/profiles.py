@@ -51,7 +51,7 @@ class Curve:
     point: np.ndarray
 
 
-_DRAWS = 400
+DRAWS = 400
 _SHARED = ("a", "gamma", "b", "delta1", "epsilon1", "sigma1", "delta2", "epsilon2", "sigma2")
 _SATURATION = ("phi_inf", "tau1", "tau2")
 """With `_SHARED`, names of the parameters that outlets of a series share."""
@@ -141,7 +141,7 @@ def fit_profiles(seeds: Sequence[Sequence[Outlet]], context: Context) -> Profile
         return numbers + [float(value) for law in drawn_laws.values() for value in law]
 
     if several:
-        pooled = bootstrap_all(seeds, statistic, _DRAWS)
+        pooled = bootstrap_all(seeds, statistic, DRAWS)
     else:
         n = sum(map(len, seeds))
         pooled = tuple(Pooled(value, math.nan, math.inf, n) for value in statistic(seeds))
@@ -314,7 +314,7 @@ def approaches(ratios: Sequence[Ratio], definition: str) -> Mapping[str, Approac
 
     Every point counts alike, whatever its outlet and the width of its hopper: s* is what they are said to depend on.
     """
-    fitted = [(one, fit) for one in ratios if (fit := _own(one.result, definition)) is not None]
+    fitted = [(one, fit) for one in ratios if (fit := fit_of_point(one.result, definition)) is not None]
     points, places = tuple(one.result for one, _ in fitted), tuple(one.at for one, _ in fitted)
     several, found = len(set(places)) >= FEWEST, {}
     for name in SHAPE:
@@ -329,7 +329,7 @@ _OWN: WeakKeyDictionary[PointResult, dict[str, ProfileFit | None]] = WeakKeyDict
 a bootstrap takes long."""
 
 
-def _own(result: PointResult, definition: str) -> ProfileFit | None:
+def fit_of_point(result: PointResult, definition: str) -> ProfileFit | None:
     """The fit to one point alone; None without profiles, or if no grain moved across the outlet in one of its runs."""
     kept = _OWN.setdefault(result, {})
     if definition not in kept:

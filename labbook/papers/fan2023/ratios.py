@@ -111,7 +111,7 @@ def _ratios(
         reference = next((one for one in group if plain(_hopper(one))), None)
         if reference is None or len(group) < 2:
             continue
-        found += [_over(one, reference, place(_hopper(one))) for one in group]
+        found += [ratio_of_points(one, reference, place(_hopper(one))) for one in group]
     return found
 
 
@@ -121,7 +121,7 @@ def _hopper(result: PointResult) -> WedgeHopper:
     return container
 
 
-def _over(one: PointResult, reference: PointResult, at: float) -> Ratio:
+def ratio_of_points(one: PointResult, reference: PointResult, at: float) -> Ratio:
     if one is reference:
         return Ratio(one, reference, at, 1.0, 0.0, 1.0, 1.0)
     above, below = one.flow_rate, reference.flow_rate

@@ -65,7 +65,7 @@ class Backend(contract.Backend):
             raise Unsupported(
                 "numerics.precision", "the toy backend has no mixed; it has double: state numerics: {precision: double}"
             )
-        features = (("closed", _outlet(scene) is None), ("law", scene.contact.law), ("rods", _rods(scene)))
+        features = (("closed", outlet_height(scene) is None), ("law", scene.contact.law), ("rods", _rods(scene)))
         return Spec(self.NAME, features, tuple(dict.fromkeys(probes)), numerics.steps_per_beat)
 
     def open(self, spec, slots=None, device="cpu"):
@@ -102,7 +102,7 @@ class Twin(Backend):
         self.bias = float(os.environ.get("LABBOOK_TOY_BIAS", "0")) if bias is None else bias
 
 
-def _outlet(scene):
+def outlet_height(scene):
     return None if getattr(scene.container, "closed", False) else scene.container.outlet_plane
 
 
@@ -115,17 +115,17 @@ class Ensemble(contract.Ensemble):
 
     def __init__(self, backend, spec, slots):
         self._backend, self._spec, self._slots = backend, spec, slots
-        self._glasses, self._settling, self._rows, self._next = {}, {}, defaultdict(list), 0
+        self.glasses, self._settling, self._rows, self._next = {}, {}, defaultdict(list), 0
         self._advanced, self._read_by = 0, {}
 
     def admit(self, scene, numerics, start, *, settled_below=None, settled_beats=3, probes=None):
-        if self._slots is not None and len(self._glasses) >= self._slots:
+        if self._slots is not None and len(self.glasses) >= self._slots:
             raise ValueError(f"all {self._slots} slots are taken")
         if self._backend.specialise(scene, numerics, self._spec.probes) != self._spec:
             raise ValueError("this member needs kernels that the ensemble's Spec does not have")
         member = Member(self._next)
         self._next += 1
-        self._glasses[member] = Glass(self._backend, scene, numerics, start)
+        self.glasses[member] = Glass(self._backend, scene, numerics, start)
         self._read_by[member] = self._spec.probes if probes is None else probes
         if settled_below is not None:
             self._settling[member] = [settled_below, settled_beats, 0]
@@ -137,7 +137,7 @@ class Ensemble(contract.Ensemble):
         if self._advanced == 2 and self._backend.pause:
             print(PAUSING, file=sys.stderr, flush=True)
             time.sleep(self._backend.pause)
-        for member, glass in self._glasses.items():
+        for member, glass in self.glasses.items():
             for _ in range(beats):
                 if glass.failure or not len(glass.x):
                     break
@@ -170,30 +170,30 @@ class Ensemble(contract.Ensemble):
         }
 
     def status(self, member):
-        return self._glasses[member].status()
+        return self.glasses[member].status()
 
     def checkpoint(self, member):
-        return self._glasses[member].checkpoint()
+        return self.glasses[member].checkpoint()
 
     def packing(self, member):
-        glass = self._glasses[member]
+        glass = self.glasses[member]
         own = {name: getattr(glass, name).copy() for name in glass.OWN if getattr(glass, name) is not None}
         return Packing(x=glass.x.copy(), v=glass.v.copy(), omega=np.zeros_like(glass.x), **own)
 
     def put_back(self, member, grains):
         """They sink to half their height at once: nothing falls in an hourglass that is open."""
-        glass = self._glasses[member]
+        glass = self.glasses[member]
         own = {"x": grains.x * (1, 1, 0.5), "v": grains.v, **{name: getattr(grains, name) for name in glass.OWN}}
         for name, more in own.items():
             if getattr(glass, name) is not None:
                 setattr(glass, name, np.concatenate([getattr(glass, name), more]))
 
     def retire(self, member):
-        del self._glasses[member]
+        del self.glasses[member]
         self._settling.pop(member, None)
 
     def close(self):
-        self._glasses.clear()
+        self.glasses.clear()
 
 
 def verified(checkpoint, scene):
@@ -252,7 +252,7 @@ class Glass:
 
     def _interval(self, k):
         scene = self.scene
-        if _outlet(scene) is None:
+        if outlet_height(scene) is None:
             return math.inf
         hopper, d = scene.container, scene.grains.diameter
         orifice = getattr(hopper, "orifice", 10 * d)
@@ -270,7 +270,7 @@ class Glass:
         self.frames = {film: [] for film in films}
         due = [(step, film) for film in films for step in film.steps(dt, self.step + (self.step > 0), end)]
         due.sort(key=lambda frame: frame[0], reverse=True)
-        if _outlet(self.scene) is None:
+        if outlet_height(self.scene) is None:
             scale = DECAY ** (end - self.step)
             rest = 0.5 * self.x[:, 2]
             self.x[:, 2] = rest + (self.x[:, 2] - rest) * max(scale, 1e-3)
@@ -294,7 +294,7 @@ class Glass:
                 return []
             lowest = int(np.argmin(self.x[:, 2]))
             turn = () if self.q is None else self.q[lowest]
-            rows.append((int(self.ids[lowest]), step, when, *self._way_out(self.x[lowest]), *turn))
+            rows.append((int(self.ids[lowest]), step, when, *self.exit_point(self.x[lowest]), *turn))
             for name in ("x", "v", *self.OWN):
                 if getattr(self, name) is not None:
                     setattr(self, name, np.delete(getattr(self, name), lowest, axis=0))
@@ -321,7 +321,7 @@ class Glass:
         bottom = np.maximum(off - container.orifice / 2, 0) / math.tan(container.angle)
         self.x[:, 2] = np.maximum(self.x[:, 2], bottom * (1 + 1e-9))
 
-    def _way_out(self, x):
+    def exit_point(self, x):
         """x and y at which a grain leaves: as far across the outlet as it stood across the container."""
         container = self.scene.container
         if not hasattr(container, "orifice"):

@@ -134,15 +134,16 @@ def test_the_gpu_backend_names_what_it_stands_on():
 
 def test_a_build_of_warp_without_a_cpu_device_is_not_told_to_use_it():
     pytest.importorskip("warp")
-    from labbook_warp.devices import _instead
+    from labbook_warp.devices import device_remedy
 
-    said = _instead("cpu", ["cuda:0"])
+    said = device_remedy("cpu", ["cuda:0"])
     assert "this build of Warp has no CPU device" in said
     assert "use --backend numba, which is faster on a CPU, or --device cuda:0" in said
-    assert "(no CUDA device was found); use --backend numba, which is faster on a CPU, or --device cpu" in _instead(
-        "cuda:0", ["cpu"]
+    assert (
+        "(no CUDA device was found); use --backend numba, which is faster on a CPU, or --device cpu"
+        in device_remedy("cuda:0", ["cpu"])
     )
-    assert "--device" not in _instead("cpu", [])
+    assert "--device" not in device_remedy("cpu", [])
 
 
 def test_the_self_test_opens_the_device_it_is_asked_for():

@@ -17,8 +17,8 @@ from labbook.lab import LabError
 
 @pytest.fixture(autouse=True)
 def quick(monkeypatch):
-    monkeypatch.setattr(disk, "_SPELL", 0.2)
-    monkeypatch.setattr(disk, "_STARTS", 20.0)
+    monkeypatch.setattr(disk, "SPELL", 0.2)
+    monkeypatch.setattr(disk, "STARTS", 20.0)
 
 
 class Free:
@@ -37,7 +37,7 @@ def test_a_local_folder_passes_and_nothing_stays_there(tmp_path):
     said: list[str] = []
     checks = disk.examine(tmp_path, said.append)
     assert [check for check in checks if not check.works] == []
-    assert said == [check.name for check in checks] == list(disk._CHECKS)
+    assert said == [check.name for check in checks] == list(disk.CHECKS)
     assert "journal mode wal" in by_name(checks)["index"].note
     assert list(tmp_path.iterdir()) == []
 
@@ -46,17 +46,17 @@ def test_a_local_folder_passes_and_nothing_stays_there(tmp_path):
 def test_a_lock_that_two_processes_get_is_found(tmp_path, monkeypatch):
     monkeypatch.setattr(disk, "lock", lambda *_: Free())
     with pytest.raises(Unfit, match="two processes held one lock at once"):
-        disk._locks(tmp_path)
+        disk.locks(tmp_path)
 
 
 @pytest.mark.slow
 def test_a_lock_that_is_not_seen_or_never_freed_is_found(tmp_path, monkeypatch):
     for seen, said in ((False, "is not seen"), (True, "never released")):
         monkeypatch.setattr(disk, "is_locked", lambda _, seen=seen: seen)
-        monkeypatch.setattr(disk, "_STARTS", 10.0)
+        monkeypatch.setattr(disk, "STARTS", 10.0)
         (tmp_path / said).mkdir()
         with pytest.raises(Unfit, match=said):
-            disk._locks(tmp_path / said)
+            disk.locks(tmp_path / said)
 
 
 def looks(number: int):
@@ -74,7 +74,7 @@ def test_a_rename_that_is_not_atomic_is_found(tmp_path, content, said):
     if content is not None:
         (tmp_path / "file").write_bytes(content)
     with pytest.raises(Unfit, match=said):
-        disk._read_while(tmp_path / "file", looks(5))
+        disk.read_while(tmp_path / "file", looks(5))
 
 
 def test_a_clock_that_is_wrong_is_found(tmp_path, monkeypatch):
@@ -82,7 +82,7 @@ def test_a_clock_that_is_wrong_is_found(tmp_path, monkeypatch):
     assert abs(disk.clock_skew(tmp_path / "a")) < 1
     monkeypatch.setattr(disk.time, "time", lambda: real() + 100)
     with pytest.raises(Unfit, match=r"100 s behind.*NTP"):
-        disk._clock(tmp_path)
+        disk.clock(tmp_path)
 
 
 def test_what_cannot_be_done_is_a_check_that_fails(tmp_path, monkeypatch):
@@ -90,16 +90,16 @@ def test_what_cannot_be_done_is_a_check_that_fails(tmp_path, monkeypatch):
         raise OSError(errno.EIO, os.strerror(errno.EIO), "file")
 
     monkeypatch.setattr(disk, "write_bytes", full)
-    found = disk._checked("fsync", lambda: disk._syncs(tmp_path), lambda _: None)
+    found = disk.perform("fsync", lambda: disk.syncs(tmp_path), lambda _: None)
     assert (found.works, "Input/output error" in found.note) == (False, True)
     monkeypatch.setattr(disk.shutil, "disk_usage", lambda _: type("Usage", (), {"free": 10**6}))
     with pytest.raises(Unfit, match=r"0.001 GB are free on .*make room"):
-        disk._room(tmp_path)
+        disk.free_space(tmp_path)
 
 
 def test_the_index_of_a_network_file_system_has_no_log(tmp_path, monkeypatch):
     monkeypatch.setattr("labbook.lab.database.file_system", lambda _: "lustre")
-    assert "journal mode delete" in disk._index(tmp_path)
+    assert "journal mode delete" in disk.index(tmp_path)
 
 
 def two(folder: Path, monkeypatch) -> list[list[Check]]:

@@ -19,8 +19,9 @@ from labbook.sources import MEASURES as SOURCES_OF_MEASURES
 from labbook.sources import METHODS, PAPER_FITS, ROLLING_MODELS, SOURCES, Source, named_in
 from labbook.sources import STARTS as SOURCES_OF_STARTS
 from labbook.study import define, load
-from labbook.study.citing import bibliography
+from labbook.study.citing import AUTHORS, bibliography
 from labbook.study.paper import PAPERS, fits
+from labbook.version import __version__
 
 ROOT = Path(__file__).parents[3]
 STUDIES = sorted((ROOT / "studies").glob("*.yaml"))
@@ -240,9 +241,9 @@ def test_citation_cff_says_what_the_project_says():
     cff = YAML(typ="safe").load((ROOT / "CITATION.cff").read_text())
     assert cff["cff-version"] == "1.2.0"
     assert cff["type"] == "software"
-    assert (cff["title"], cff["version"], cff["license"]) == (project["name"], project["version"], project["license"])
-    stated = [one["name"] for one in project.get("authors", [])] or ["The labbook authors"]
-    assert [one["name"] for one in cff["authors"]] == stated
+    assert (cff["title"], cff["version"], cff["license"]) == (project["name"], __version__, project["license"])
+    authors = [author["name"] for author in project["authors"]]
+    assert [author["name"] for author in cff["authors"]] == authors == [AUTHORS]
     assert cff["message"]
 
 

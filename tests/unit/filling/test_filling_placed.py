@@ -42,7 +42,7 @@ def test_few_more_do_not_make_a_tree_of_all(monkeypatch):
     for _ in range(100):
         there.add(rng.random((10, 3)))
     assert made[0] == 10_000
-    assert max(made[1:]) <= 10_000 * module._REBUILT
+    assert max(made[1:]) <= 10_000 * module.REBUILT
 
 
 def test_a_point_at_the_distance_is_not_in_the_way():

@@ -329,7 +329,7 @@ def test_a_full_disk_ends_an_import_in_one_line(labs, monkeypatch):
     def full(*_):
         raise OSError(errno.ENOSPC, "No space left on device")
 
-    monkeypatch.setattr("labbook.lab.merge._copy_file", full)
+    monkeypatch.setattr("labbook.lab.merge.copy_file", full)
     ended = labbook("import", theirs, "--lab", ours, check=False)
     assert ended.exit_code == 1
     assert "no room is left" in ended.output
@@ -404,14 +404,14 @@ def test_what_changes_in_the_source_while_it_is_copied_costs_one_line(labs, tmp_
     shutil.rmtree(ours)
     kind = "packings" if file == "packing.npz" else "runs"
     victim = sorted((theirs / kind).iterdir())[0]
-    read, done = merging._read, []
+    read, done = merging.read_bytes, []
 
     def meddled(path: Path, source, most: int = -1) -> bytes:
         content = read(path, source, most)
         if path == victim / file and not done:
             done.append(path)
             if how == "unreadable":
-                with merging._reading(path):
+                with merging.reading(path):
                     raise OSError(errno.ESTALE, os.strerror(errno.ESTALE), str(path))
             again = shutil.copytree(victim, tmp_path / "again")
             (again / "run.json").touch()
@@ -420,7 +420,7 @@ def test_what_changes_in_the_source_while_it_is_copied_costs_one_line(labs, tmp_
                 os.rename(again, victim)
         return content
 
-    monkeypatch.setattr(merging, "_read", meddled)
+    monkeypatch.setattr(merging, "read_bytes", meddled)
     merged = imported(ours, theirs)
     assert done, "it came to that"
     of_it = [line for line in merged.left_out if str(victim) in line]

@@ -19,7 +19,7 @@ OLDER = Path(__file__).parents[2] / "toy/older_lab"
 @pytest.fixture
 def folder(tmp_path, monkeypatch):
     carry_out(study(tmp_path, count=50, orifices="[24]", replicates=1), tmp_path / "lab")
-    monkeypatch.setattr(packings, "_lately", type(packings._lately)())
+    monkeypatch.setattr(packings, "recent", type(packings.recent)())
     (made,) = (tmp_path / "lab/packings").iterdir()
     return made
 
@@ -53,18 +53,18 @@ def test_a_packing_that_was_written_to_is_read_again(folder):
 def test_a_packing_that_was_only_just_written_is_not_kept(folder):
     written(folder, 0)
     assert read_packing(folder) is not read_packing(folder)
-    assert not packings._lately
+    assert not packings.recent
 
 
 def test_a_packing_that_was_made_here_is_read_once_for_the_index_and_not_for_its_runs(tmp_path, monkeypatch):
-    monkeypatch.setattr(packings, "_lately", type(packings._lately)())
-    read, of = packings._read, []
+    monkeypatch.setattr(packings, "recent", type(packings.recent)())
+    read, of = packings.read_checked, []
 
     def noted(folder, key):
         of.extend([folder] if folder.exists() else [])
         return read(folder, key)
 
-    monkeypatch.setattr(packings, "_read", noted)
+    monkeypatch.setattr(packings, "read_checked", noted)
     carry_out(study(tmp_path, count=50, orifices="[24, 30]", replicates=2), tmp_path / "lab")
     made = sorted((tmp_path / "lab/packings").iterdir())
     assert sorted(of) == made
@@ -86,7 +86,7 @@ def test_the_packings_read_last_are_kept_up_to_a_number_of_grains(folder, tmp_pa
         for file in folder.iterdir():
             (copy / file.name).write_bytes(file.read_bytes())
         written(copy, 60)
-    monkeypatch.setattr(packings, "_KEPT", 100)  # two packings of 50
+    monkeypatch.setattr(packings, "MOST_GRAINS", 100)  # two packings of 50
     first, second, third = map(read_packing, copies)
     assert read_packing(copies[2]) is third
     assert read_packing(copies[1]) is second

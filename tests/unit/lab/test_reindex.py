@@ -72,7 +72,7 @@ def test_killed_it_leaves_the_old_index_and_the_next_one_is_whole(lab, until):
 
 @pytest.mark.parametrize("version", ["this", "another"])
 def test_killed_while_the_two_change_places_it_leaves_one_of_them(lab, monkeypatch, version):
-    whole, exchanged = counted(lab), tables._exchange
+    whole, exchanged = counted(lab), tables.exchange_tables
 
     def half(*arguments) -> None:
         exchanged(*arguments)
@@ -82,7 +82,7 @@ def test_killed_while_the_two_change_places_it_leaves_one_of_them(lab, monkeypat
         with tables.opened(LabFolder(lab), read_only=False).connect() as connection:
             connection.execute(tables.about.update().values(schema_version=1))
             connection.commit()
-    monkeypatch.setattr(tables, "_exchange", half)
+    monkeypatch.setattr(tables, "exchange_tables", half)
     killed(made_again(lab, 0))
     if version == "this":
         assert counted(lab) == whole

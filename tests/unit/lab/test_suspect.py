@@ -208,7 +208,7 @@ def test_every_verb_says_which_run_is_suspect_and_why(tmp_path):
 
 def test_grains_that_leak_through_the_bottom_are_noticed(tmp_path, monkeypatch):
     """Found from where grains pass the plane of the outlet: at the end they have long been dropped."""
-    monkeypatch.setattr(Glass, "_way_out", lambda glass, x: (0.029, 0.0))
+    monkeypatch.setattr(Glass, "exit_point", lambda glass, x: (0.029, 0.0))
     summary = carry_out(study(tmp_path, replicates=1, orifices="[24]"), tmp_path / "lab")
     (record,) = records(tmp_path / "lab").values()
     many = record.coverage.crossed

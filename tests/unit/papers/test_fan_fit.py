@@ -168,7 +168,7 @@ def test_intervals_over_seeds_cover(monkeypatch):
     Errors are standard deviations over draws: of 100 draws known to 7 %, which changes the coverage by 0.2 %. (Of 2000
     sets, which take minutes, the intervals of tau1, which is skewed, cover 91.8 %, and all others 93 to 96 %.)
     """
-    monkeypatch.setattr(profiles, "_DRAWS", 100)
+    monkeypatch.setattr(profiles, "DRAWS", 100)
     rng = np.random.default_rng(1)
     exact = [made(D / 2, (-0.05, 1.29, 0.39), (0, 1, 0.3), phi_c(D / 2)) for D in WIDTHS]
     truth = {name: p.value for name, p in fit_profiles([[one] for one in exact], FAN).parameters.items()}
@@ -271,7 +271,7 @@ def test_the_band_of_the_dome_is_that_of_its_exponent():
 @pytest.mark.ring
 def test_bands_of_eq_12_and_of_speeds_cover_one_more_outlet(monkeypatch):
     """Three seeds at each of four outlets, and at a fifth of 36 mm: its middles, of 200 sets."""
-    monkeypatch.setattr(profiles, "_DRAWS", 60)
+    monkeypatch.setattr(profiles, "DRAWS", 60)
     rng = np.random.default_rng(7)
     exact = [made(D / 2, (0, 1.29, 0.39), (0, 1, 0.3), phi_c(D / 2)) for D in (*WIDTHS, 0.036)]
     hits: dict[str, int] = {f"{what} {name}": 0 for what in ("law", "point") for name in ("v_c", "phi_c")}

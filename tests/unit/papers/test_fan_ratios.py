@@ -104,7 +104,7 @@ def test_intervals_of_ratios_cover():
     hits = 0
     for _ in range(2000):
         above, below = (_seeds(rng, mean, n) for mean, n in ((3.0, 3), (2.0, 6)))
-        one = ratios._over(above, below, 0.5)
+        one = ratios.ratio_of_points(above, below, 0.5)
         hits += one.low <= 1.5 <= one.high
     assert 0.92 <= hits / 2000 <= 0.98
 
@@ -185,7 +185,7 @@ def test_a_reference_can_name_how_a_shape_approaches_the_middle(monkeypatch, syn
         return SimpleNamespace(parameters={name: Parameter(v, v, v, 0.01, "") for name, v in values.items()})
 
     aside = [ratios.Ratio(r, found[-1], s, 1.0, 0.1, 0.8, 1.2) for r, s in zip(found, places, strict=True)]
-    monkeypatch.setattr(profiles, "_own", own)
+    monkeypatch.setattr(profiles, "fit_of_point", own)
     monkeypatch.setattr(fan2023, "by_position", lambda points: aside)
     stated = [ReferenceEntry(f"outlet_profiles.sigma1.{term}", {}, v) for term, v in zip(TERMS, FAN, strict=True)]
     made = compare(Reference("a paper", tuple(stated)), found, (), partial(compared, results))

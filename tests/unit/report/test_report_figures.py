@@ -12,7 +12,7 @@ from matplotlib.container import ErrorbarContainer
 from toy_results import analyse
 
 from labbook.report import figures, style
-from labbook.report.sections import _fit_caption
+from labbook.report.sections import fit_caption
 from labbook.report.style import INK
 
 
@@ -67,7 +67,7 @@ def test_clogged_outlets_stay_visible_beside_the_fit(clogging):
     crosses = [float(np.asarray(line.get_xdata())[0]) for line in main.lines if line.get_marker() == "x"]
     assert crosses == [6, 9, 12]
     assert [text.get_text() for text in main.texts] == ["4 of 4 clogged"] * 3
-    assert "Cross at the foot: no flow rate." in _fit_caption(series)
+    assert "Cross at the foot: no flow rate." in fit_caption(series)
     (all_series,) = figures.overview(clogging.series).axes
     assert sum(line.get_marker() == "x" for line in all_series.lines) == 3
 
@@ -98,7 +98,7 @@ def test_one_survivor_is_hollow_with_an_open_bar_in_every_figure(clogging):
                 round(float(np.asarray(line.get_xdata())[0])) for line in drawn if line.get_markerfacecolor() == "white"
             }
             assert hollow == {15}
-    assert "Dashed bar: one run, the interval is unknown." in _fit_caption(series)
+    assert "Dashed bar: one run, the interval is unknown." in fit_caption(series)
     notes = series.fits["beverloo"].notes
     assert "1 of 4 points from one run; 3 clogged runs left out: survivors are biased to fast flow" in notes
 

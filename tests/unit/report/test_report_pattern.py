@@ -15,7 +15,7 @@ from labbook.fields import GrainRows, Layer, Ring, coarse_grain, orifice_means
 from labbook.measure.recorded import FlowPattern
 from labbook.report import figures, style, tables
 from labbook.report.blocks import Picture
-from labbook.report.sections import _acceleration
+from labbook.report.sections import acceleration_figures
 from labbook.results.recorded import acceleration, flow_patterns, pooled_means
 from labbook.stats import pool
 from labbook.study.schema import Window
@@ -135,7 +135,7 @@ def test_accelerations_are_those_of_the_recorded_run(recorded, synthetic, tmp_pa
     frames = recorded.points[0].runs[0].frames()
     assert frames is not None
     assert profile.interval == pytest.approx(np.unique(frames["time"])[1])
-    (shown,) = _acceleration(recorded.points[:1], tmp_path, "", "")
+    (shown,) = acceleration_figures(recorded.points[:1], tmp_path, "", "")
     assert isinstance(shown, Picture)
     assert "velocity within 26.8 ms, of grains" in shown.caption
     seen = profile.count > 0

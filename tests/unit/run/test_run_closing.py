@@ -174,9 +174,9 @@ def unable():
 
 
 def test_jobs_that_hold_too_many_grains_are_waited_for(tmp_path, together, monkeypatch):
-    monkeypatch.setattr(closing, "_HELD", 250)  # one job of 200 grains, and no second one
+    monkeypatch.setattr(closing, "MOST_GRAINS", 250)  # one job of 200 grains, and no second one
     at_once, most = [0], [0]
-    put = closing.Closer._put
+    put = closing.Closer.put_in_place
     lock = threading.Lock()
 
     def counted(self, kept):
@@ -189,7 +189,7 @@ def test_jobs_that_hold_too_many_grains_are_waited_for(tmp_path, together, monke
             at_once[0] -= 1
         return found
 
-    monkeypatch.setattr(closing.Closer, "_put", counted)
+    monkeypatch.setattr(closing.Closer, "put_in_place", counted)
     assert carry_out(study(tmp_path, replicates=4), tmp_path / "lab", lanes=1).complete
     assert most == [1]
 
@@ -197,8 +197,8 @@ def test_jobs_that_hold_too_many_grains_are_waited_for(tmp_path, together, monke
 def test_a_run_that_is_written_is_told(tmp_path, together, monkeypatch):
     monkeypatch.setattr(execution, "_LOOK", 0.0)
     monkeypatch.setattr(execution, "_TELLING", float("inf"))
-    put = closing.Closer._put
-    monkeypatch.setattr(closing.Closer, "_put", lambda *given: (time.sleep(0.05), put(*given))[1])
+    put = closing.Closer.put_in_place
+    monkeypatch.setattr(closing.Closer, "put_in_place", lambda *given: (time.sleep(0.05), put(*given))[1])
     seen = set()
 
     class Watch(Unwatched):

@@ -15,7 +15,7 @@ from labbook.lab import LabFolder
 from labbook.lab.index import Index
 from labbook.lab.records import Observe
 from labbook.plan.plan import Planner
-from labbook.run.cluster import Back, Cluster, Task, _Batch, read, write
+from labbook.run.cluster import Back, Batch, Cluster, Task, read, write
 from labbook.run.cluster import carry_out as on_worker
 from labbook.run.slurm import expected
 from labbook.study import load
@@ -40,14 +40,14 @@ def task(asked, **given) -> Task:
 def coordinator(asked, lab):
     """One that has no cluster, with its index, and all runs of the study as one batch."""
     made = Cluster(asked, LabFolder(lab), "toy", "nowhere")
-    made._problems, made._observe = {}, Observe.of(asked.measure, asked.window)
+    made.problems, made.observe = {}, Observe.of(asked.measure, asked.window)
     index = Index(made.lab)
     from labbook.lab import Catalogue
 
     catalogue = Catalogue(made.lab)
     plan = Planner(asked, catalogue, Backend().capabilities).plan()
     catalogue.close()
-    return made, index, _Batch(plan.items)
+    return made, index, Batch(plan.items)
 
 
 def test_a_task_gives_back_all_that_one_process_makes(tmp_path):
@@ -55,15 +55,15 @@ def test_a_task_gives_back_all_that_one_process_makes(tmp_path):
     back = on_worker(task(asked))
     carry_out(asked, tmp_path / "whole")
     made, index, batch = coordinator(asked, tmp_path / "lab")
-    made._put(index, back, batch)
+    made.put_back(index, back, batch)
     index.close()
-    assert not made._problems
+    assert not made.problems
     assert files(tmp_path / "lab") == files(tmp_path / "whole")
     assert not carry_out(asked, tmp_path / "lab").tally.ran
 
 
 def test_a_task_whose_time_is_over_gives_back_checkpoints_and_the_next_goes_on(tmp_path, monkeypatch):
-    monkeypatch.setattr("labbook.run.cluster._ASKING", 0.1)
+    monkeypatch.setattr("labbook.run.cluster.ASKING", 0.1)
     monkeypatch.setenv("LABBOOK_TOY_DELAY", "0.05")
     asked = study(tmp_path, replicates=1)
     given = {"packings": {}, "runs": {}, "works": {}}
@@ -71,7 +71,7 @@ def test_a_task_whose_time_is_over_gives_back_checkpoints_and_the_next_goes_on(t
     slices, resumed = 0, 0
     while True:
         back = on_worker(task(asked, slice=1.0, **given))
-        made._put(index, back, batch)
+        made.put_back(index, back, batch)
         slices, resumed = slices + 1, resumed + back.resumed
         given = {
             "packings": {one.name: read(one) for one in (tmp_path / "lab/packings").glob("*")},
@@ -108,10 +108,10 @@ def test_what_was_not_asked_for_or_is_damaged_is_not_put_in_place(tmp_path):
     (one, other), (packing,) = sorted(back.runs), back.packings
     batch.items = [item for item in batch.items if item.keys.run == one]
     spoilt = {**back.runs[one], "run.json": back.runs[one]["run.json"][:-20]}
-    made._put(index, Back(back.packings, {one: spoilt, other: back.runs[other]}), batch)
+    made.put_back(index, Back(back.packings, {one: spoilt, other: back.runs[other]}), batch)
     assert [path.name for path in (tmp_path / "lab/packings").iterdir()] == [packing]
     assert not list((tmp_path / "lab").glob("runs/*"))
-    assert "run.json" in next(iter(made._problems))
+    assert "run.json" in next(iter(made.problems))
     index.close()
 
 

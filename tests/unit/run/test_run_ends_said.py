@@ -60,7 +60,7 @@ class Failing(labbook_toy.Backend):
         if spec.feature("closed"):
             said = "grain 45 at step 6 (0.06 ms, dt = 10 us) moves at 143 m/s"
             ensemble.advance = lambda beats=1: [
-                Failed(member, "speed", 6, 45, said) for member in list(ensemble._glasses)
+                Failed(member, "speed", 6, 45, said) for member in list(ensemble.glasses)
             ]
         return ensemble
 

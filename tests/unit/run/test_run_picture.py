@@ -107,7 +107,7 @@ def test_a_run_that_goes_on_after_the_middle_is_drawn_at_once(tmp_path, seen):
             advance = ensemble.advance
 
             def until_half(beats=1):
-                if any(len(ensemble.packing(member)) < 100 for member in ensemble._glasses):
+                if any(len(ensemble.packing(member)) < 100 for member in ensemble.glasses):
                     raise KeyboardInterrupt
                 return advance(beats)
 

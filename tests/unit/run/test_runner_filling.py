@@ -38,7 +38,7 @@ def rolls_on(grains: int, speed: float):
 
     def rolling(glass, *films):
         rows = beat(glass, *films)
-        if labbook_toy._outlet(glass.scene) is None:
+        if labbook_toy.outlet_height(glass.scene) is None:
             glass.v[:grains] = [speed, 0, 0]
         return rows
 
@@ -170,7 +170,7 @@ def jitters(energy: float, times: float = math.inf):
 
     def shaking(glass, *films):
         rows = beat(glass, *films)
-        if labbook_toy._outlet(glass.scene) is None and glass.time < times:
+        if labbook_toy.outlet_height(glass.scene) is None and glass.time < times:
             glass.v[:] = [0.0, 0.0, math.sqrt(2 * energy * 9.81 * 3e-3)]
         return rows
 
@@ -217,7 +217,7 @@ def test_grains_that_are_lost_while_filling_end_it(tmp_path, monkeypatch):
 
     def leaking(glass, *films):
         rows = beat(glass, *films)
-        if labbook_toy._outlet(glass.scene) is None and glass.time > 0.003:
+        if labbook_toy.outlet_height(glass.scene) is None and glass.time > 0.003:
             glass.x[[3, 7]] = [0.001, 0.0, -0.05]
         return rows
 
@@ -233,7 +233,7 @@ def test_grains_that_a_backend_dropped_while_filling_end_it(tmp_path, monkeypatc
 
     def leaking(glass, *films):
         rows = beat(glass, *films)
-        if labbook_toy._outlet(glass.scene) is None and glass.step == 2 * glass.numerics.steps_per_beat:
+        if labbook_toy.outlet_height(glass.scene) is None and glass.step == 2 * glass.numerics.steps_per_beat:
             glass.x, glass.v, glass.ids = glass.x[1:], glass.v[1:], glass.ids[1:]
         return rows
 

@@ -70,7 +70,7 @@ def drawn(view: View, width: int) -> list[str]:
 def test_at_80_columns_there_is_a_bar_and_every_word_is_whole():
     first, *others = drawn(VIEW, 80)
     assert "0/120 runs, 2 packings first" in first
-    assert "━" * progress._NARROWEST in first
+    assert "━" * progress.NARROWEST in first
     assert first.endswith("about 64 s left")
     assert "grain-steps" not in first, "of the words on the right the rate goes first"
     assert others == [

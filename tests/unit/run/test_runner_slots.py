@@ -28,7 +28,7 @@ class Device(labbook_toy.Backend):
 
         def counted(*given, **options):
             member = admit(*given, **options)
-            backend.most = max(backend.most, len(ensemble._glasses))
+            backend.most = max(backend.most, len(ensemble.glasses))
             return member
 
         ensemble.admit = counted
@@ -76,9 +76,9 @@ class Small(Device):
         def tight(beats=1):
             nonlocal taken
             taken += 1
-            if len(ensemble._glasses) > 2 and taken > 2:
+            if len(ensemble.glasses) > 2 and taken > 2:
                 backend.refused += 1
-                raise MemoryError(f"cuda:0 has no memory for {len(ensemble._glasses)} members: none; use fewer grains")
+                raise MemoryError(f"cuda:0 has no memory for {len(ensemble.glasses)} members: none; use fewer grains")
             return advance(beats)
 
         ensemble.advance = tight

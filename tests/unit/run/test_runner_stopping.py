@@ -132,7 +132,7 @@ def test_a_hang_up_after_another_signal_is_no_second_request_nor_is_sigterm_at_o
             os.kill(os.getpid(), number)
             time.sleep(0.05)
         assert request.made
-        monkeypatch.setattr("labbook.run.stopping._TOGETHER", 0.1)  # batch systems send it again within moments
+        monkeypatch.setattr("labbook.run.stopping.TOGETHER", 0.1)  # batch systems send it again within moments
         with pytest.raises(KeyboardInterrupt):
             signal.raise_signal(signal.SIGTERM)
     assert told == [SAVING]

@@ -9,7 +9,7 @@ import labbook
 from labbook.measure import MEASURES
 from labbook.study import StudyError
 from labbook.study.absent import TABLE, absent, plain
-from labbook.study.habits import _KEYS as habits
+from labbook.study.habits import KEYS_BY_HABIT as habits
 from labbook.study.keys import all_keys, find
 
 BASE: dict[str, Any] = {

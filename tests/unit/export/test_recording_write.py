@@ -102,7 +102,7 @@ def test_it_is_put_in_place_whole(run, tmp_path, monkeypatch):
     write(run, run.tables["sample"], path, name="a", source="1" * 16)
     assert [p.name for p in path.parent.iterdir()] == ["a.rrd"]
     before = path.read_bytes()
-    monkeypatch.setattr("labbook.export.recording._send_flow_rate", lambda *_: 1 / 0)
+    monkeypatch.setattr("labbook.export.recording.send_flow_rate", lambda *_: 1 / 0)
     with pytest.raises(ZeroDivisionError):
         write(run, run.tables["sample"], path, name="a", source="1" * 16)
     assert [p.name for p in path.parent.iterdir()] == ["a.rrd"]
