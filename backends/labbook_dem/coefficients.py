@@ -3,7 +3,7 @@
 A law names its own coefficients once, by places of `OWN`, as constants of its module. The host fills the row and the
 formulas read it by these names and by those that all laws share:
 
-    K, = OWN[:1]
+    K = OWN[0]
 
     def coefficients(law, surface, stiffness_scale=1.0, wall=False):
         return row({K: law.stiffness * stiffness_scale, MU: surface.friction, MU_R: surface.rolling_friction})

@@ -59,6 +59,8 @@ def load_to_plan(name: str) -> Backend:
                 raise BackendMissing(
                     f"the backend {name} cannot be loaded ({error}); try: pip install 'labbook[{name}]'"
                 ) from error
+            except TypeError as error:  # an abstract method is not defined
+                raise BackendMissing(f"{entry.value} is no backend ({error}); see labbook.backend.Backend") from error
             if not isinstance(backend, Backend):
                 raise BackendMissing(f"{entry.value} is no backend: derive it from labbook.backend.Backend")
             return backend

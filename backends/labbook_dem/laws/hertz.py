@@ -51,17 +51,22 @@ def normal(c: coefs, rs: real, ms: real, delta: real, vn: real):
 
 
 @func
-def mindlin(c: coefs, ms: real, stiff_t: real, s_max: real, size: real, short: real, s: vec3, vt: vec3):
+def unslid(size: real, s_max: real):
+    """u = 1 - |s|/s_max of a spring of this size [m], which slides from s_max [m] on; there 0."""
+    slides = size >= s_max
+    return real(0.0) if slides else max(real(1.0) - size / s_max, real(0.0))  # an approximate quotient may exceed one
+
+
+@func
+def mindlin(c: coefs, ms: real, stiff_t: real, stiff_s: real, u: real, s: vec3, vt: vec3):
     """Friction [N] of Mindlin's spring and its dashpot, F_t^e + F_t^v as `hertz_mindlin` has them.
 
-    stiff_t: K/kappa [N/m]. size: length of the spring [m], which slides from s_max [m] on. s: the spring [m]; short:
-    the part of its length that counts. vt: tangential velocity [m/s].
+    stiff_t: K/kappa [N/m]; stiff_s: the same, or less where s [m] is longer than what counts of it. u: of `unslid`.
+    vt: tangential velocity [m/s].
     """
-    zero = real(0.0)
     one = real(1.0)
-    u = zero if size >= s_max else max(one - size / s_max, zero)  # an approximate quotient may exceed one
     root = sqrt(u)
-    k_t = stiff_t * short * (one + u + u * u) / (one + u * root)
+    k_t = stiff_s * (one + u + u * u) / (one + u * root)
     damp_t = c[C_T] * sqrt(real(6.0) * ms * stiff_t * root)
     return -(s * k_t) - vt * damp_t
 

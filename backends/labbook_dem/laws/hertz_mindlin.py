@@ -16,7 +16,7 @@ inelastic grains would alternate between both forces.
 from labbook_dem.coefficients import MU
 from labbook_dem.contact import cut, length
 from labbook_dem.laws import hertz as shared
-from labbook_dem.laws.hertz import KAPPA, coefficients, hertz, mindlin, normal
+from labbook_dem.laws.hertz import KAPPA, coefficients, hertz, mindlin, normal, unslid
 from labbook_dem.words import coefs, func, real, vec3
 
 __all__ = ["coefficients", "normal", "respond"]
@@ -28,10 +28,10 @@ NEEDS = (shared,)
 def respond(c: coefs, rs: real, ms: real, delta: real, vn: real, s: vec3, vt: vec3):
     """Normal force, tangential force on i and the spring; see `labbook_dem.laws`."""
     fn, stiff, _ = hertz(c, rs, ms, delta, vn)
-    limit = c[MU] * fn
     stiff_t = stiff / c[KAPPA]
+    limit = c[MU] * fn
     s_max = limit / stiff_t
-    size = length(s)
+    u = unslid(length(s), s_max)
     s = cut(s, s_max)
-    ft = mindlin(c, ms, stiff_t, s_max, size, real(1.0), s, vt)
+    ft = mindlin(c, ms, stiff_t, stiff_t, u, s, vt)
     return fn, cut(ft, limit), s

@@ -7,7 +7,7 @@ delta_max and u = 1 - |s'|/delta_max; F_t^v = C_t sqrt(6 m* K_t sqrt(u)) v_t. Th
 from labbook_dem.coefficients import MU
 from labbook_dem.contact import length
 from labbook_dem.laws import hertz as shared
-from labbook_dem.laws.hertz import KAPPA, coefficients, hertz, mindlin, normal
+from labbook_dem.laws.hertz import KAPPA, coefficients, hertz, mindlin, normal, unslid
 from labbook_dem.words import coefs, func, real, vec3
 
 __all__ = ["coefficients", "normal", "respond"]
@@ -19,7 +19,9 @@ NEEDS = (shared,)
 def respond(c: coefs, rs: real, ms: real, delta: real, vn: real, s: vec3, vt: vec3):
     """Normal force, tangential force on i and the spring; see `labbook_dem.laws`."""
     fn, stiff, _ = hertz(c, rs, ms, delta, vn)
+    stiff_t = stiff / c[KAPPA]
     s_max = c[MU] * c[KAPPA] * delta
     size = length(s)
+    u = unslid(size, s_max)
     short = (s_max / size) if size > s_max else real(1.0)
-    return fn, mindlin(c, ms, stiff / c[KAPPA], s_max, size, short, s, vt), s
+    return fn, mindlin(c, ms, stiff_t, stiff_t * short, u, s, vt), s

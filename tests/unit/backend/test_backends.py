@@ -34,21 +34,29 @@ def test_what_a_backend_need_not_define_does_nothing(tmp_path):
     assert backend.open(spec, 1).load() is None
 
 
-def test_what_a_backend_must_define_is_asked_for():
-    class Idle(Backend):
-        def open(self, spec, slots=None, device="cpu"):
-            raise NotImplementedError
+class Idle(Backend):
+    """A backend that only opens."""
 
-    with pytest.raises(TypeError, match=r"describe.*specialise"):
-        Idle()  # pyright: ignore[reportAbstractUsage]
+    def open(self, spec, slots=None, device="cpu"):
+        raise NotImplementedError
+
+
+def test_what_an_ensemble_must_define_is_known():
     assert {"admit", "advance", "drain", "put_back"} <= Ensemble.__abstractmethods__
 
 
-def test_a_class_that_is_no_backend_is_refused(monkeypatch):
-    entry = EntryPoint("dict", "builtins:dict", registry.GROUP)
+@pytest.mark.parametrize(
+    ("value", "message"),
+    [
+        ("builtins:dict", "builtins:dict is no backend: derive it from labbook"),
+        (f"{__name__}:Idle", r"Idle is no backend \(.* describe.*specialise"),
+    ],
+)
+def test_a_class_that_is_no_backend_is_refused(monkeypatch, value, message):
+    entry = EntryPoint("mine", value, registry.GROUP)
     monkeypatch.setattr(registry, "entry_points", lambda group: [entry])
-    with pytest.raises(BackendMissing, match="builtins:dict is no backend: derive it from labbook"):
-        load_to_plan("dict")
+    with pytest.raises(BackendMissing, match=message):
+        load_to_plan("mine")
 
 
 def test_a_backend_without_its_package_plans_and_does_not_run(monkeypatch):

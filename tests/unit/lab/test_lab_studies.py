@@ -101,7 +101,7 @@ def test_a_comparison_and_packings_alone_keep_the_whole_study(tmp_path):
 
 
 def test_a_plan_and_results_keep_nothing(tmp_path, monkeypatch):
-    monkeypatch.setattr("labbook.api.load_backend", lambda name: Backend())
+    monkeypatch.setattr("labbook.api.load_to_plan", lambda name: Backend())
     asked, place = load(commented(tmp_path)), Place(tmp_path / "lab", "toy")
     place.plan(asked)
     place.results(asked, progress=False)

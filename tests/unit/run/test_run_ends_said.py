@@ -103,7 +103,6 @@ def test_an_backend_without_its_package_is_one_line_with_the_remedy(tmp_path, mo
     path, lab = study_file(tmp_path), tmp_path / "lab"
     for words in (
         ("run", path, "--lab", lab, "--backend", backend),
-        ("plan", path, "--lab", lab, "--backend", backend),
         ("verify", "--backend", backend),
         ("bench", "--backend", backend),
         ("compare", path, "--lab", lab, "--backends", f"toy,{backend}"),
@@ -115,6 +114,8 @@ def test_an_backend_without_its_package_is_one_line_with_the_remedy(tmp_path, mo
         assert "Traceback" not in ended.output
     shown = labbook("doctor", check=False, COLUMNS="300").stdout
     assert remedy in shown
+    planned = " ".join(labbook("plan", path, "--lab", lab, "--backend", backend).output.split())
+    assert f"{remedy}; until then labbook run refuses" in planned
 
 
 def test_long_labels_cut_no_other_column_of_the_runs(tmp_path):

@@ -10,7 +10,7 @@ from labbook.scene import Surface
 from labbook.scene.contact import ContactLaw
 from labbook.scene.quantities import Pressure
 
-(K,) = OWN[:1]
+K = OWN[0]
 """k [Pa]."""
 
 
