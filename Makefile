@@ -23,7 +23,7 @@ help:
 	@echo "make check        set up, then ruff, import-linter, pyright and the tests that need no kernels, in a minute or two"
 	@echo "make test         set up, then ruff, import-linter, pyright and the tests, in some ten minutes"
 	@echo "make test-all     the same with the tests that take a long way round: before a release"
-	@echo "make docs         write docs/commands.md and the tables of docs/studies.md, and build the site of all pages in site/"
+	@echo "make docs         write docs/commands.md, the tables of docs/studies.md and the types of keys, and build the site of all pages in site/"
 	@echo "make clean        remove $(VENV)"
 
 quickstart: $(VENV)/installed-run
@@ -64,6 +64,7 @@ test-all: $(VENV)/installed-dev
 docs: $(VENV)/installed-dev
 	$(BIN)/python -m labbook.cli.reference docs/commands.md
 	$(BIN)/python -m labbook.study.page docs/studies.md
+	$(BIN)/python -m labbook.study.static labbook/study/stated.py
 	NO_MKDOCS_2_WARNING=1 $(BIN)/mkdocs build
 	@echo "The documentation is in site/index.html"
 

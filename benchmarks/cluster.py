@@ -21,7 +21,7 @@ from typing import Any
 
 from labbook import Lab, define
 from labbook.backend.machine import hardware
-from labbook.lab import Lab as Folder
+from labbook.lab import LabFolder
 from labbook.lab.index import Index
 from labbook.lab.merge import merge
 from labbook.study import Study
@@ -56,7 +56,7 @@ def timed(call) -> float:
 
 def imported(source: Path, folder: Path) -> None:
     """Import a lab into a new one."""
-    index = Index(Folder(folder))
+    index = Index(LabFolder(folder))
     assert not merge(index, source).left_out
     index.close()
 

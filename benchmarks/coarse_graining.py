@@ -14,7 +14,7 @@ import numpy as np
 import pandas as pd
 
 from labbook.backend.machine import hardware
-from labbook.fields import Contacts, Grains, Grid, Layer, Ring, Space, coarse_grain
+from labbook.fields import ContactRows, GrainRows, Grid, Layer, Ring, Space, coarse_grain
 from labbook.fields.threaded import threads
 
 RADIUS, HEIGHT = 0.095, 0.2
@@ -52,18 +52,18 @@ def _timed(work: Callable[[], object]) -> tuple[float, float]:
     return time.perf_counter() - wall, time.process_time() - process
 
 
-def _grains(rng: np.random.Generator, n: int, frames: int) -> Grains:
+def _grains(rng: np.random.Generator, n: int, frames: int) -> GrainRows:
     r, turn = RADIUS * np.sqrt(rng.random(n)), 2 * np.pi * rng.random(n)
     x = np.column_stack([r * np.cos(turn), r * np.sin(turn), HEIGHT * rng.random(n)])
     axis = rng.standard_normal((n, 3))
     axis /= np.linalg.norm(axis, axis=1)[:, None]
-    return Grains(x, rng.standard_normal((n, 3)), 3e-4, 5e-7, frames, axis)
+    return GrainRows(x, rng.standard_normal((n, 3)), 3e-4, 5e-7, frames, axis)
 
 
-def _contacts(rng: np.random.Generator, n: int) -> Contacts:
+def _contacts(rng: np.random.Generator, n: int) -> ContactRows:
     branch = rng.standard_normal((n, 3))
     branch *= 2 * OMEGA / np.linalg.norm(branch, axis=1)[:, None]
-    return Contacts(_grains(rng, n, 1).x, branch, rng.standard_normal((n, 3)), 1)
+    return ContactRows(_grains(rng, n, 1).x, branch, rng.standard_normal((n, 3)), 1)
 
 
 def main() -> None:

@@ -16,7 +16,7 @@ from typing import Any
 
 import labbook
 from labbook.lab import Catalogue, evaluations
-from labbook.lab.folder import Lab
+from labbook.lab.folder import LabFolder
 from labbook.lab.records import Observe
 from labbook.plan.coverage import finished
 from labbook.report.result_box import concerns, headline
@@ -35,7 +35,7 @@ def verdicts(study: Study, folder: Path, sets: int, backend: str = "numba") -> l
     many = study.change(replicates=sets * study.replicates)
     labbook.Lab(folder, backend).run(many)
     found = []
-    with closing(Catalogue(Lab(folder))) as catalogue:
+    with closing(Catalogue(LabFolder(folder))) as catalogue:
         runs = finished(catalogue, many, backend)
         numbers = evaluations.numbers(catalogue, runs, Observe.of(many.measure, many.window))
     for number in range(sets):

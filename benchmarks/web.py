@@ -33,7 +33,7 @@ from labbook.backend import load
 from labbook.backend.machine import hardware
 from labbook.lab import studies
 from labbook.lab.database import connect, measurements, runs, upsert, writing
-from labbook.lab.folder import Lab
+from labbook.lab.folder import LabFolder
 from labbook.lab.index import Index
 from labbook.lab.records import Coverage
 from labbook.measure import MEASURES, scales
@@ -83,9 +83,9 @@ def made_up(number: int, side: int = _SIDE) -> Study:
     )
 
 
-def large_lab(folder: Path, wanted: int, side: int = _SIDE) -> Lab:
+def large_lab(folder: Path, wanted: int, side: int = _SIDE) -> LabFolder:
     """A lab with an index of `wanted` made-up runs or some more; their folders are not there."""
-    lab = Lab(folder)
+    lab = LabFolder(folder)
     Index(lab).close()
     can, rng = load("numba").capabilities, np.random.default_rng(1)
     engine = connect(lab.catalogue, read_only=False)
@@ -171,12 +171,12 @@ def polling(folder: Path, rounds: int, replicates: int) -> list[dict[str, Any]]:
         _BASE, name="polled", sweep={"container.orifice": "[21, 24, 28, 32] mm"}, replicates=replicates,
         fill={"friction": 0.01}, measure=["flow_rate", "packing"], fit=["beverloo", "janda"],
     )  # fmt: skip
-    Runner(study.change(replicates=1), Lab(folder / "warm"), backend).run()  # compiles
+    Runner(study.change(replicates=1), LabFolder(folder / "warm"), backend).run()  # compiles
     for number in range(rounds):
         order = (False, True) if number % 2 == 0 else (True, False)
         told: dict[str, Any] = {}
         for polled in order:
-            lab = Lab(folder / f"round-{number}-{'polled' if polled else 'alone'}")
+            lab = LabFolder(folder / f"round-{number}-{'polled' if polled else 'alone'}")
             with served(lab.folder) if polled else _nothing() as address:
                 stop = threading.Event()
                 if polled:

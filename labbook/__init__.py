@@ -13,7 +13,7 @@ if TYPE_CHECKING:
     from labbook.lab import LabError
     from labbook.measure.trajectories import Trajectories
     from labbook.plan.plan import Plan
-    from labbook.run.runner import Summary
+    from labbook.run.summary import Summary
     from labbook.scene import Scene
     from labbook.study import Point, Study, StudyError, define, load
     from labbook.warning import LabWarning
@@ -46,7 +46,7 @@ _PLACES = {
     "labbook.lab": ("LabError",),
     "labbook.measure.trajectories": ("Trajectories",),
     "labbook.plan.plan": ("Plan",),
-    "labbook.run.runner": ("Summary",),
+    "labbook.run.summary": ("Summary",),
     "labbook.scene": ("Scene",),
     "labbook.study": ("Point", "Study", "StudyError", "define", "load"),
     "labbook.warning": ("LabWarning",),
@@ -65,3 +65,8 @@ def __getattr__(name: str) -> Any:
 def __dir__() -> list[str]:
     """All public names, imported or not."""
     return sorted({*globals(), *_PLACE})
+
+
+def load_ipython_extension(shell: Any) -> None:
+    """Turn on completion within quotes: `%load_ext labbook` in a notebook."""
+    import_module("labbook.completion").install(shell)

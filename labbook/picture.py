@@ -16,8 +16,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from labbook.scene.bodies import Bodies
-from labbook.scene.container import ConicalSilo, Container, CylinderSilo
-from labbook.scene.drawing import sections
+from labbook.scene.container import Container
 from labbook.scene.orientation import axes
 from labbook.scene.packing import Packing
 from labbook.scene.scene import Scene
@@ -73,7 +72,7 @@ def bed(scene: Scene, start: Packing, now: Packing, size: int = SIZE) -> bytes:
 
 def drawn(scene: Scene, start: Packing, now: Packing, size: int = SIZE) -> np.ndarray:
     """As `bed`, but the pixels themselves before their colours are reduced: RGBA bytes, shape [height, width, 4]."""
-    view = View.of(scene, start, now, size)
+    view = Raster.of(scene, start, now, size)
     grains = _shown(scene, start, now, view)
     fine = _FINE if grains.area * (view.scale * _FINE) ** 2 <= _MANY else _COARSE
     picture = view.finer(fine).shaded(grains)
@@ -98,7 +97,7 @@ def cut(scene: Scene, start: Packing) -> bool:
     """Whether the bed is seen cut in the plane y = 0: in round silos, and where it is deep."""
     grains = scene.grains
     deep = float(np.ptp(start.x[:, 1])) + grains.diameter > _DEEP * grains.diameter * grains.aspect_ratio
-    return isinstance(scene.container, CylinderSilo | ConicalSilo) or deep
+    return scene.container.symmetry == "axial" or deep
 
 
 @dataclass(frozen=True, eq=False)
@@ -126,7 +125,7 @@ class _Grains:
         return float((4 * reach[:, 0] * reach[:, 2]).sum())
 
 
-def _shown(scene: Scene, start: Packing, now: Packing, view: "View") -> _Grains:
+def _shown(scene: Scene, start: Packing, now: Packing, view: "Raster") -> _Grains:
     """The grains that are in the view, and behind the cut if there is one. Raises ValueError for ids that are not
     those of `start`."""
     assert start.ids is not None
@@ -179,7 +178,7 @@ def _extent(scene: Scene, packing: Packing) -> tuple[np.ndarray, np.ndarray]:
 
 
 @dataclass(frozen=True, eq=False)
-class View:
+class Raster:
     """A raster of `across` x `down` pixels around the point (x, z) [m], with `scale` pixels to a metre."""
 
     x: float
@@ -189,14 +188,14 @@ class View:
     down: int
 
     @classmethod
-    def of(cls, scene: Scene, start: Packing, now: Packing, size: int = SIZE) -> "View":
+    def of(cls, scene: Scene, start: Packing, now: Packing, size: int = SIZE) -> "Raster":
         """The container as far as the settled bed reaches, and a little of what is below its outlet, in at most `size`
         x `size` pixels. Raises ValueError if the settled bed has no grains."""
         if not len(start):
             raise ValueError("picture: the settled bed has no grains")
         plane, (least, most) = scene.container.outlet_plane, _extent(scene, start)
         (left, low), (right, high) = least, most
-        ends = np.array(list(sections(scene.container))).reshape(-1, 2)
+        ends = np.array(list(scene.container.section())).reshape(-1, 2)
         if not len(ends):  # free grains are followed
             ends = np.array([least, most, *(_extent(scene, now) if len(now) else ())])
         far, high = right - left, high + _ABOVE * scene.grains.diameter  # what is farther than the bed is wide is cut
@@ -211,9 +210,9 @@ class View:
         across, down = (math.ceil(length * scale + 2 * _LINE - 1e-6) for length in (right - left, high - low))
         return cls(float(left + right) / 2, float(low + high) / 2, float(scale), across, down)
 
-    def finer(self, fine: int) -> "View":
+    def finer(self, fine: int) -> "Raster":
         """The same view with `fine` x `fine` times as many pixels."""
-        return View(self.x, self.z, self.scale * fine, self.across * fine, self.down * fine)
+        return Raster(self.x, self.z, self.scale * fine, self.across * fine, self.down * fine)
 
     def _x(self, column: np.ndarray) -> np.ndarray:
         return ((column + 0.5 - self.across / 2) / self.scale + self.x).astype(np.float32)
@@ -286,7 +285,7 @@ class View:
         """How much of each pixel the section of the walls covers, shape [down, across]."""
         across, down, scale = self.across, self.down, self.scale
         covered = np.zeros((down, across), np.float32)
-        for segment in sections(container):
+        for segment in container.section():
             (x0, z0), (x1, z1) = (
                 ((x - self.x) * scale + across / 2, (self.z - z) * scale + down / 2) for x, z in segment
             )

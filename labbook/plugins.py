@@ -6,7 +6,7 @@ A measure of another package stands in its `pyproject.toml`:
     wall_force = "my_package.wall_force:WallForce"
 
 `KINDS` lists the groups. The object is an instance, or a class that takes no arguments; of contact laws and walls it is
-the class itself (`labbook.scene.model.Choice`). It is loaded when its registry is first used.
+the class itself (`labbook.scene.model.TaggedModels`). It is loaded when its registry is first used.
 """
 
 from collections.abc import Iterable, Iterator, Mapping
@@ -29,6 +29,7 @@ KINDS = {
     "labbook.starts": "start",
     "labbook.measures": "measure",
     "labbook.laws": "flow law",
+    "labbook.strategies": "strategy",
     "labbook.papers": "paper",
     "labbook.cases": "case",
     "labbook.backends": "backend",

@@ -54,7 +54,7 @@ class Grains(NamedTuple):
         return Grains(*(array[mine] for array in self[:7]), q=q, bodies=bodies)
 
 
-class Layer(NamedTuple):
+class SlabGrains(NamedTuple):
     """Grains in a slab, by id: ids, shape [n]; x [m] and v [m/s] at the same time, shape [n, 3]."""
 
     ids: np.ndarray
@@ -101,10 +101,10 @@ class Readable(ABC):
         """Its grains, or those of them that are `inside`; v, w and m may be those of half a step before unless
         `moving`."""
 
-    def layer(self, slab: Slab) -> Layer:
+    def layer(self, slab: Slab) -> SlabGrains:
         """Its grains in a slab."""
         found = self.look(inside=lambda x: slab.holds(x[:, 2]))
-        return Layer(found.ids, found.x, found.v)
+        return SlabGrains(found.ids, found.x, found.v)
 
     @abstractmethod
     def contacts(self) -> np.ndarray:

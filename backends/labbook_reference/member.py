@@ -38,7 +38,7 @@ predict: Any = motion.predict
 
 
 @dataclass
-class Contact:
+class TouchingPair:
     """Two grains, or a grain and a wall, that touch. `i`, `j`: rows, j = -1 at a wall; `branch`: from the centre of i
     to that of j, or to the point of the wall [m]; `force` on i [N]."""
 
@@ -59,7 +59,7 @@ class Forces:
     t: np.ndarray
     springs: dict[Key, vec3] = field(default_factory=dict)
     rolling: dict[Key, vec3] = field(default_factory=dict)
-    contacts: list[Contact] = field(default_factory=list)
+    contacts: list[TouchingPair] = field(default_factory=list)
 
     def add(self, i: int, force: vec3, torque: vec3) -> None:
         """Let force and torque act on grain i."""
@@ -396,7 +396,7 @@ class Run(Standing):
             )  # fmt: skip
         found.add(i, force, on_i)
         found.add(j, -force, on_j)
-        found.contacts.append(Contact(i, j, -1, overlap, force, -away))
+        found.contacts.append(TouchingPair(i, j, -1, overlap, force, -away))
         if self._friction:
             found.springs[key] = kept
 
@@ -440,7 +440,7 @@ class Run(Standing):
                 )  # fmt: skip
                 torque = torque + roll
             found.add(i, force, torque)
-            found.contacts.append(Contact(i, -1, w, overlap, force, branch))
+            found.contacts.append(TouchingPair(i, -1, w, overlap, force, branch))
             if self._friction:
                 found.springs[name, w, part] = kept
 

@@ -10,7 +10,7 @@ from typing import NamedTuple
 import numpy as np
 
 
-class Shown(NamedTuple):
+class GrainFields(NamedTuple):
     """What grains of a shape show. exact: vectors in double, x among them as the first; others: of the precision of
     velocities, v and w among them as the first; rest: whether what rounding has kept of a velocity stands behind them,
     where velocities are in single."""
@@ -33,7 +33,7 @@ class States(NamedTuple):
 class Codec:
     """Words of grains in arrays on the host. In mixed precision velocities are in single, else in double."""
 
-    def __init__(self, mixed: bool, shown: Shown):
+    def __init__(self, mixed: bool, shown: GrainFields):
         self.mixed, self.shown = mixed, shown
         self.exact = 3 * len(shown.exact) * (2 if mixed else 1)
         """Numbers that the vectors in double take up: two in single each, in mixed precision."""

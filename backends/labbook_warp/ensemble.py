@@ -14,19 +14,19 @@ from labbook.backend.numerics import Numerics
 from labbook.scene import Scene
 from labbook.scene.packing import Packing
 from labbook_warp.kernels.words import MOST_GRAINS, NO_FAILURE
-from labbook_warp.reading import Seen
+from labbook_warp.reading import ReadableRun
 from labbook_warp.report import Report
 from labbook_warp.run import Run
 from labbook_warp.spec import specialise
 from labbook_warp.stage import Stage
 from labbook_warp.stored import check
 from labbook_warp.traffic import weigh
-from labbook_warp.view import View
+from labbook_warp.view import DeviceView
 
 GUARDS = {0: "state", 1: "speed", 2: "state", 3: "overlap"}
 
 
-class Ensemble(ensemble.Ensemble[Seen]):
+class Ensemble(ensemble.Ensemble[ReadableRun]):
     """See `labbook.backend.Ensemble`. Members get their slots, all at once, when something is first asked of them."""
 
     def __init__(
@@ -34,15 +34,15 @@ class Ensemble(ensemble.Ensemble[Seen]):
     ):  # fmt: skip
         super().__init__(capabilities, spec)
         self._stage = Stage(capabilities, spec, device, slots or 0, lanes)
-        self._view = View(self._stage)
+        self._view = DeviceView(self._stage)
 
     def _specialise(self, scene: Scene, numerics: Numerics) -> Spec:
         return specialise(self._can, scene, numerics, self._spec.probes)
 
-    def _begin(self, scene: Scene, numerics: Numerics, start: Packing | Checkpoint) -> Seen:
+    def _begin(self, scene: Scene, numerics: Numerics, start: Packing | Checkpoint) -> ReadableRun:
         if isinstance(start, Checkpoint):
             check(self._can, self._spec, scene, numerics, start)
-        run = Seen(scene, numerics, self._spec.probes, start, view=self._view)
+        run = ReadableRun(scene, numerics, self._spec.probes, start, view=self._view)
         self._stage.wait(run)
         return run
 
@@ -67,11 +67,11 @@ class Ensemble(ensemble.Ensemble[Seen]):
                     events += self._events(member, run)
         return events
 
-    def _reading(self, runs: Collection[Seen]) -> AbstractContextManager[None]:
+    def _reading(self, runs: Collection[ReadableRun]) -> AbstractContextManager[None]:
         """Copies all slots at once, if enough of these runs are read."""
         return self._stage.arrays.at_once(looking(runs, self._spec.steps_per_beat))
 
-    def _beat(self, runs: list[Seen]) -> None:
+    def _beat(self, runs: list[ReadableRun]) -> None:
         """Take a beat with these members.
 
         Lists that were late may have let a grain fail, which runs into another unseen. So a failure counts only if it
@@ -83,7 +83,7 @@ class Ensemble(ensemble.Ensemble[Seen]):
                 for run, word in self._attempt(list(failed)).items():
                     self._fails(run, word)
 
-    def _attempt(self, runs: list[Seen]) -> Mapping[Seen, int]:
+    def _attempt(self, runs: list[ReadableRun]) -> Mapping[ReadableRun, int]:
         """Take a beat with these members; those whose lists were short or late take it again. What failed, if anything,
         of those that are back at its beginning."""
         stage, failed = self._stage, {}
@@ -110,9 +110,9 @@ class Ensemble(ensemble.Ensemble[Seen]):
             runs = again
         return failed
 
-    def _take(self, runs: Sequence[Seen]) -> Report:
+    def _take(self, runs: Sequence[ReadableRun]) -> Report:
         """Take a beat with these members, and the frames that are due within it."""
-        due: dict[int, list[Seen]] = defaultdict(list)
+        due: dict[int, list[ReadableRun]] = defaultdict(list)
         for run in runs:
             run.frames.clear()
             for step in run.frame_steps():

@@ -88,7 +88,7 @@ COPIED = ("p", *(name for name in STATE if name != "ids"), *SOMETIMES, "rebuilds
 
 
 @dataclass(frozen=True)
-class Shape:
+class ArrayShape:
     """Of one array."""
 
     name: str
@@ -101,7 +101,7 @@ class Shape:
         return self.length * wp.types.type_size_in_bytes(self.dtype) * (2 if self.name in COPIED else 1)
 
 
-def shapes(module: ModuleType, sizes: Sizes, crossings: bool) -> Iterator[Shape]:
+def shapes(module: ModuleType, sizes: Sizes, crossings: bool) -> Iterator[ArrayShape]:
     """All arrays. module: the kernels' module, which knows the types; crossings: whether they are recorded."""
     rows, slots = sizes.rows, sizes.slots
     mine = state(sizes.shape, module.VARIED, sizes.listed, module.ROLLING_SPRING)
@@ -116,9 +116,9 @@ def shapes(module: ModuleType, sizes: Sizes, crossings: bool) -> Iterator[Shape]
     lengths |= {"overflow": 3 * slots, "any_flag": 1, "crossed": 1, "cross": module.COLUMNS * rows if crossings else 1}
     lengths |= {"cell_count": slots * sizes.cells, "cell_rows": slots * sizes.cells * sizes.depth}
     for name in WORDS_OF_STATE:
-        yield Shape(name, module.word, rows * module.WORDS)
+        yield ArrayShape(name, module.word, rows * module.WORDS)
     for name, length in lengths.items():
-        yield Shape(name, module.System.vars[name].type.dtype, length)
+        yield ArrayShape(name, module.System.vars[name].type.dtype, length)
 
 
 def memory(module: ModuleType, sizes: Sizes, crossings: bool) -> int:

@@ -6,7 +6,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 from labbook_dem.ensemble import Standing
-from labbook_dem.reading import Grains, Inside, Layer
+from labbook_dem.reading import Grains, Inside, SlabGrains
 from labbook_dem.rotation import spins
 
 from labbook.backend import Checkpoint
@@ -15,14 +15,14 @@ from labbook.scene.packing import Packing
 from labbook_warp import transfer
 from labbook_warp.arrays import fetch
 from labbook_warp.run import Run
-from labbook_warp.view import View
+from labbook_warp.view import DeviceView
 
 
 @dataclass(eq=False)
-class Seen(Run, Standing):
+class ReadableRun(Run, Standing):
     """A run, and the view through which it is read; see `labbook_dem.reading.Readable`."""
 
-    view: View = field(kw_only=True)
+    view: DeviceView = field(kw_only=True)
 
     def energy(self) -> float:
         """Kinetic energy [J] at the time of positions."""
@@ -64,10 +64,10 @@ class Seen(Run, Standing):
         w = spins(self.scene.grains, m, now)
         return Grains(ids[order], x[order], v[order], w, m, v_half[order], m_half[order], now, bodies)
 
-    def layer(self, slab: Slab) -> Layer:
+    def layer(self, slab: Slab) -> SlabGrains:
         """Its grains in a slab."""
         rows = self.view.layer(self, slab)
-        return Layer(rows[:, 0].astype(np.int64), rows[:, 1:4], rows[:, 4:])
+        return SlabGrains(rows[:, 0].astype(np.int64), rows[:, 1:4], rows[:, 4:])
 
     def contacts(self) -> np.ndarray:
         """Its touching contacts."""

@@ -4,7 +4,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from types import ModuleType
 
-from labbook_warp.codec import Shown
+from labbook_warp.codec import GrainFields
 from labbook_warp.kernels import rod_contacts, rod_walls, rods, spheres
 
 
@@ -14,7 +14,7 @@ class Shape:
 
     kernels: tuple[ModuleType, ...]
     """The modules that define what `labbook_warp.kernels.shape` lists."""
-    shown: Shown
+    shown: GrainFields
     state: Mapping[str, str]
     """Arrays of its state beside those that all shapes have; see `labbook_warp.layout.state`."""
     reach: int
@@ -43,7 +43,7 @@ class Shape:
 SHAPES = {
     "sphere": Shape(
         kernels=(spheres,),
-        shown=Shown(("x",), ("v", "w", "u"), rest=True),
+        shown=GrainFields(("x",), ("v", "w", "u"), rest=True),
         state={},
         reach=1,
         threads=((5_000, 8), (15_000, 4), (42_000, 2)),
@@ -57,7 +57,7 @@ SHAPES = {
     ),
     "spherocylinder": Shape(
         kernels=(rods, rod_walls, rod_contacts),
-        shown=Shown(("x", "axis"), ("v", "w", "u", "y"), rest=False),
+        shown=GrainFields(("x", "axis"), ("v", "w", "u", "y"), rest=False),
         state={"facing": "one", "turned": "one", "momentum": "one"},
         reach=2,
         threads=((5_600, 8), (50_000, 4)),

@@ -13,7 +13,7 @@ from labbook_warp.run import Run
 from labbook_warp.stage import Stage
 
 
-class View:
+class DeviceView:
     """See above. Reading changes nothing, but members that wait for their slots get them.
 
     What was read stands until its member changes: where grains are put back into a thousand members, one after another,

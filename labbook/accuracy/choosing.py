@@ -16,6 +16,7 @@ from labbook.backend.numerics import Numerics, Precision
 from labbook.scene import Scene
 from labbook.scene.quantities import percent
 from labbook.scene.timescales import collision, largest_stable_step
+from labbook.stats import Tolerance
 
 SCALES = (1.0, 0.7, 0.5, 0.3, 0.2, 0.15, 0.1, 0.07, 0.05, 0.03, 0.02, 0.015, 0.01)
 """Factors on the stiffness among which is chosen."""
@@ -56,7 +57,7 @@ class Choice:
     @property
     def left(self) -> float:
         """What of the tolerance is left for the half width of the interval."""
-        return self.tolerance - self.bias.bound
+        return Tolerance(self.tolerance, self.bias.bound).left
 
     def cost(self) -> float:
         """Steps of the runs that meet the tolerance, up to a factor that all choices share."""

@@ -4,7 +4,7 @@ import math
 from dataclasses import dataclass
 
 from labbook.filling.bed import PACKED, bed_height_ahead
-from labbook.scene import Scene, outlet_shape
+from labbook.scene import Scene
 from labbook.scene.timescales import collision
 
 
@@ -47,15 +47,15 @@ def groups(scene: Scene, dt: float, stiffness_scale: float) -> Groups | None:
     The pressure is phi rho g h, with h the height of the bed, or the width of the container where that is less: below
     that depth walls carry the weight (Janssen 1895).
     """
-    outlet, height = outlet_shape(scene.container), bed_height_ahead(scene)
-    across = [getattr(scene.container, key) for key in ("width", "diameter") if hasattr(scene.container, key)]
-    if outlet is None or height is None or not across or scene.gravity == 0:
+    outlet, height = scene.container.outlet_form, bed_height_ahead(scene)
+    across = scene.container.across
+    if outlet is None or height is None or across is None or scene.gravity == 0:
         return None
     surfaces = scene.surfaces
     if scene.has_own_stiffness or scene.grains.varied or any(one != surfaces[0] for one in surfaces):
         return None
     soft = scene.stiffened(stiffness_scale)
-    pressure = PACKED * scene.grains.mean_density * scene.gravity * min(height, *across)
+    pressure = PACKED * scene.grains.mean_density * scene.gravity * min(height, across)
     overlap = soft.contact.overlap(pressure, scene.grains.diameter)
     if overlap is None:
         return None

@@ -1,8 +1,9 @@
 """The command line: `labbook VERB`, one module a verb.
 
-Each module of `VERBS` has `register(app)`, which adds its command; modules import what is heavy inside the command,
-so that `labbook --help` stays quick. Packages add verbs by such functions, which they announce in the entry-point group
-`labbook.verbs`.
+Each module of `VERBS` has `register(app)`, which adds its command. So that `labbook --help` stays quick, a command
+imports other rooms in its body, or is a call of its module in `labbook.cli.work`, which imports them at its top: the
+form for a verb with several functions. Packages add verbs by such functions, which they announce in the entry-point
+group `labbook.verbs`.
 """
 
 import gc

@@ -60,18 +60,19 @@ def register(app: typer.Typer) -> None:
 
         Missing runs are made first. Exit status 1 if a difference beyond the margin is found.
         """
-        from labbook.checks.compare.sides import CannotCompare, names_of
+        from labbook.checks.compare.sides import CannotCompare
         from labbook.checks.compare.verdict import NoVerdict, Verdict, path_of
-        from labbook.lab.folder import Lab as Folder
+        from labbook.cli.sides import names_of
+        from labbook.lab.folder import LabFolder
 
         asked, failed = read_study(study), []
         try:
-            path = path_of(Folder(lab), asked.name, *names_of(backends, precisions))
+            path = path_of(LabFolder(lab), asked.name, *names_of(backends, precisions))
             if show:
                 verdict = Verdict.read(path)
             else:
                 sides = backends, devices, precisions
-                verdict, failed = _made(asked, Folder(lab), sides, margin, replicates, point or [], record, path)
+                verdict, failed = _made(asked, LabFolder(lab), sides, margin, replicates, point or [], record, path)
         except CannotCompare as problem:
             fail(problem)
         except NoVerdict as problem:
@@ -90,7 +91,7 @@ def _made(asked, lab, sides, margin, replicates, points: list[int], seconds: flo
     from labbook.checks.compare.compare import Stopped, compare, narrowed
     from labbook.checks.compare.lockstep import record
     from labbook.checks.compare.shown import figure
-    from labbook.checks.compare.sides import parse
+    from labbook.cli.sides import parse
     from labbook.export.recording import ViewerMissing
     from labbook.measure import MeasureError
     from labbook.plan.demand import Conflict

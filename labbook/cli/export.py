@@ -35,32 +35,28 @@ def register(app: typer.Typer) -> None:
     ) -> None:
         """Write every number of a study as tables (SI units), and recorded runs as VTK files for ParaView."""
 
-        from labbook.export.packing import NotSpheres, check_spheres, write_packings
-        from labbook.export.study import NoParquet, write_recordings
+        from labbook.export.packing import NotSpheres
+        from labbook.export.study import NoParquet
 
         found = results(study, lab, backend)
         folder = out if out is not None else lab / "exports" / found.study.name
         try:
-            if packings:
-                check_spheres(found.study)
-            paths = found.export(folder, kind, every=_seconds(inside))
+            with screen(stderr=True).status("writing") as status:
+                paths = found.export(folder, kind, vtk, packings, _seconds(inside), status.update)
         except NoParquet as missing:
             raise typer.BadParameter(str(missing), param_hint="--format") from None
         except NotSpheres as rods:
             raise typer.BadParameter(str(rods), param_hint="--packings") from None
-        for path in paths:
+        for path in (path for path in paths if path.parent == folder):
             say(path)
-        if packings:
-            written = write_packings(found, found.lab.place, folder / "packings")
-            where = (
-                f"{len(written)} files in {folder / 'packings'}" if written else "this study has no finished run yet"
-            )
-            say(f"packings: {where}")
-        if vtk:
-            with screen(stderr=True).status("writing VTK") as status:
-                recorded = write_recordings(found, folder / "vtk", status.update)
-            where = f"{len(recorded)} files in {folder / 'vtk'}" if recorded else "no run of this study kept frames"
-            say(f"VTK: {where}")
+        for chosen, name, none in (
+            (packings, "packings", "this study has no finished run yet"),
+            (vtk, "vtk", "no run of this study kept frames"),
+        ):
+            if chosen:
+                there = [path for path in paths if (folder / name) in path.parents]
+                where = f"{len(there)} files in {folder / name}" if there else none
+                say(f"{'VTK' if name == 'vtk' else name}: {where}")
 
 
 def _seconds(text: str | None) -> float | None:

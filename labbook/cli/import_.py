@@ -23,18 +23,17 @@ def register(app: typer.Typer) -> None:
         by a shorter one. Study files and notes of this lab are never replaced; if another lab has a different one
         under the same name, a message says so.
         """
-        from labbook.lab.folder import Lab as Folder
-        from labbook.lab.folder import room
+        from labbook.lab.folder import LabFolder, room
         from labbook.lab.index import Index
         from labbook.lab.merge import Merged, merge
 
         for folder in folders:
-            if not Folder(folder).exists:
+            if not LabFolder(folder).exists:
                 fail(f"{folder} is not a lab: it has neither runs/ nor packings/; give a lab folder")
         merged = Merged()
         with room(lab):
             with ticking("indexing") as tick:
-                index = Index(Folder(lab), tick=tick)
+                index = Index(LabFolder(lab), tick=tick)
             for folder in folders:
                 merged += merge(index, folder)
             index.close()

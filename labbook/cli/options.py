@@ -106,12 +106,11 @@ def read_study(path: Path) -> "Study":
 
 def existing(lab: Path) -> "Catalogue":
     """The catalogue of a lab that is there; if there is none, that is said, and ends the program."""
-    from labbook.lab import Catalogue
-    from labbook.lab import Lab as Folder
+    from labbook.lab import Catalogue, LabFolder
 
     if not lab.exists():
         fail(f"there is no lab {lab}; give its folder with --lab, or make one: {command('run', 'STUDY', lab=lab)}")
-    if lab.is_dir() and not Folder(lab).exists:
+    if lab.is_dir() and not LabFolder(lab).exists:
         fail(f"{lab} is not a lab: it has neither runs nor packings; give another folder with --lab")
     return Catalogue(lab)
 

@@ -28,17 +28,17 @@ def register(app: typer.Typer) -> None:
         A lab that several people share may keep its index on a PostgreSQL server.
         """
         from labbook.lab import server
-        from labbook.lab.folder import Lab as Folder
+        from labbook.lab.folder import LabFolder
         from labbook.lab.index import Index
 
-        if not Folder(lab).exists:
+        if not LabFolder(lab).exists:
             fail(f"there is no lab {lab}: it has neither runs nor packings; give its folder with --lab")
         if index is not None:
-            left = server.move_home(Folder(lab)) if index == "file" else server.move_to(Folder(lab), index)
+            left = server.move_home(LabFolder(lab)) if index == "file" else server.move_to(LabFolder(lab), index)
             if left:
                 say(left, err=True)
         with ticking("indexing") as tick:
-            made = Index(Folder(lab), again=True, tick=tick)
+            made = Index(LabFolder(lab), again=True, tick=tick)
             made.close()
         found = made.found
         say(f"{found.runs} runs and {found.packings} packings indexed")

@@ -23,9 +23,7 @@ from labbook.cli.screen import say, screen
 from labbook.commands import command
 
 if TYPE_CHECKING:
-    from labbook.api import Lab as Place
-    from labbook.run.runner import Summary
-    from labbook.run.watch import Watcher
+    from labbook.run.summary import Summary
     from labbook.study import Study
 
 Part = Annotated[
@@ -94,6 +92,7 @@ def register(app: typer.Typer) -> None:
         argument is wrong; 130 if it was stopped.
         """
         from labbook.api import Lab as Place
+        from labbook.api import PilotNeeded
         from labbook.backend import BackendMissing, Unsupported
         from labbook.lab import NoCatalogue
         from labbook.lab.folder import DiskFull
@@ -117,14 +116,18 @@ def register(app: typer.Typer) -> None:
         console, place = screen(highlight=False, markup=False), Place(lab, backend, device)
         try:
             with Bar(screen(stderr=True)) as bar:
-                if pilot:
-                    asked = piloted(place, asked, bar, shard)
-                summary = place.run(asked, bar, checkpoint_every, shard, base, cluster)
+                summary = place.run(asked, bar, checkpoint_every, shard, base, cluster, pilot)
         except PilotStopped:
             with suppress(OSError):
                 say(f"Stopped early, in the pilot; everything is saved: {GO_ON}", err=True)
             leave(STOPPED)
-        except (BackendMissing, NoCatalogue, Unsupported, Conflict, MeasureError, DiskFull, ClusterFailed) as problem:
+        except PermissionError as problem:
+            elsewhere = command("pilot", asked.path, "--out", "FILE", lab=lab, backend=backend)
+            fail(f"{problem.filename}: {problem.strerror}; give {elsewhere} and name FILE as accuracy.calibration, or "
+                 "give --no-pilot")  # fmt: skip
+        except (BackendMissing, NoCatalogue, Unsupported, Conflict, MeasureError) as problem:
+            fail(problem)
+        except (DiskFull, ClusterFailed, PilotNeeded) as problem:
             fail(problem)
         except KeyboardInterrupt:
             with suppress(OSError):
@@ -141,35 +144,6 @@ def register(app: typer.Typer) -> None:
             raise typer.Exit(STOPPED)
         if summary.failed or summary.diverged or summary.suspect or summary.no_flow:
             raise typer.Exit(1)
-
-
-def piloted(place: "Place", study: "Study", watcher: "Watcher", shard: str | None) -> "Study":
-    """The study after the pilot that it needs, if any. Raises PilotStopped, and what `run` raises."""
-    from labbook.results.calibrating import NotCalibrated, PilotStopped
-    from labbook.study.pilot import first_needed
-
-    needed = first_needed(study)
-    if needed is None:
-        return study
-    if shard is not None:
-        first = command("pilot", study.path, lab=place.folder, backend=place.backend)
-        fail(f"{study.name} needs a pilot for all parts: give {first} first, or --no-pilot")
-    runs = len(needed.points) * needed.replicates
-    watcher.tell(f"Such scenes are not calibrated: a pilot of {runs} runs comes first (--no-pilot skips it)")
-    try:
-        study = place.pilot(study, watcher)
-    except PilotStopped:
-        raise
-    except NotCalibrated as problem:
-        watcher.tell(f"The pilot gave no calibration: {problem}. The default step is used; its bias is unknown")
-        return study
-    except PermissionError as problem:
-        elsewhere = command("pilot", study.path, "--out", "FILE", lab=place.folder, backend=place.backend)
-        fail(f"{problem.filename}: {problem.strerror}; give {elsewhere} and name FILE as accuracy.calibration, or give "
-             "--no-pilot")  # fmt: skip
-    planned = command("plan", study.path, lab=place.folder, backend=place.backend)
-    watcher.tell(f"The pilot wrote {study.calibration_file}. To see the chosen numerics: {planned}")
-    return study
 
 
 def unexpected(expect: str, study: "Study", backend: str) -> str | None:

@@ -10,7 +10,7 @@ from labbook.cli.screen import say, screen
 from labbook.commands import command
 
 if TYPE_CHECKING:
-    from labbook.lab import Lab as Folder
+    from labbook.lab import LabFolder
 
 OfStudy = Annotated[str | None, typer.Option("--study", help="Only runs that were first made for this study.")]
 OfOutcome = Annotated[
@@ -58,7 +58,7 @@ def register(app: typer.Typer) -> None:
             )
 
 
-def _with_tag(lab: "Folder", tag: str) -> list[str]:
+def _with_tag(lab: "LabFolder", tag: str) -> list[str]:
     """Keys of runs with a tag; notes that cannot be read are named."""
     from labbook.lab.notes import checked, damaged, tagged
 

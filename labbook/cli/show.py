@@ -1,17 +1,10 @@
 """`labbook show`: everything about one run."""
 
-import json
-from typing import TYPE_CHECKING, Annotated
+from typing import Annotated
 
 import typer
 
-from labbook.cli.options import LAB, AsJson, Lab, existing, fail
-from labbook.cli.screen import say, screen
-from labbook.commands import command
-
-if TYPE_CHECKING:
-    from labbook.lab import Lab as Folder
-    from labbook.lab.notes import Note
+from labbook.cli.options import LAB, AsJson, Lab
 
 Key = Annotated[
     str, typer.Argument(help="Key of the run, or the first digits of it.", metavar="RUN", show_default=False)
@@ -28,93 +21,6 @@ def register(app: typer.Typer) -> None:
         Notes are text files that you write: LAB/notes/runs/KEY.md for a run, LAB/notes/studies/NAME.md for a study.
         Their first line may list tags: `tags: slow, for-the-paper`.
         """
-        from labbook.lab.runs import open_run, picture
+        from labbook.cli.work import show as work
 
-        catalogue = existing(lab)
-        found = catalogue.matching(run)
-        if not found:
-            fail(f"no run in {lab} has a key that begins with {run}; list them: {command('runs', lab=lab)}")
-        if len(found) > 1:
-            fail(f"several runs begin with {run}: {', '.join(key[:12] for key in found)}; give more of the key")
-        folder = catalogue.lab.run(found[0])
-        record, _ = open_run(folder)
-        measured = catalogue.measurements(record.run_key)
-        note, problem = _noted(catalogue.lab, record.run_key)
-        if as_json:
-            rows = json.loads(measured.to_json(orient="records") or "[]")
-            seen = picture(folder)
-            whole = {
-                "folder": str(folder),
-                "picture": seen and str(seen),
-                "run": record.model_dump(mode="json"),
-                "measurements": rows,
-                "note": {"tags": note.tags, "text": note.text, "problem": problem},
-            }
-            typer.echo(json.dumps(whole, indent=2, allow_nan=False))
-            return
-        _show(record, folder, picture(folder), measured)
-        if note.tags:
-            say(f"{'tags':12} {', '.join(note.tags)}")
-        if note.text:
-            say(f"\n{note.text}")
-        if problem:
-            say(f"Unreadable: {problem}", err=True)
-
-
-def _noted(lab: "Folder", key: str) -> tuple["Note", str | None]:
-    """The note of a run, and why it cannot be read."""
-    from labbook.lab import LabError
-    from labbook.lab.notes import Note, read
-
-    try:
-        return read(lab, "run", key), None
-    except LabError as problem:
-        return Note(), str(problem)
-
-
-def _ledger(ledger) -> str:
-    from labbook.lab.suspect import said, suspicion
-
-    why = suspicion(ledger)
-    return said(ledger) + (f"; suspect: {why}" if why else "")
-
-
-def _show(record, folder, picture, measured) -> None:
-    from rich import box
-    from rich.markup import escape
-    from rich.table import Table
-
-    from labbook.scene.quantities import duration, percent
-
-    coverage, provenance = record.coverage, record.provenance
-    lines = {
-        "run": record.run_key,
-        "study": f"{record.study}, {record.label}, seed {record.seed}",
-        "outcome": record.outcome + (f": {record.failure.message}" if record.failure else ""),
-        "ledger": _ledger(record.ledger),
-        "covered": f"{coverage.duration:.4g} s, {coverage.crossed} of {coverage.grains} grains discharged "
-        f"({percent(coverage.discharged, '.1f')} of the mass), the last one {coverage.waiting:.3g} s before the end",
-        "backend": f"{record.backend} version {record.cache_version} on {record.device}, {record.numerics.precision}, "
-        f"dt {record.numerics.dt:.4g} s",
-        "restitution": ", ".join(f"{key} {value:.4g}" for key, value in record.physics.items()),
-        "speed": f"{record.rate / 1e6:.2f} M grain-steps/s, {duration(record.wall_time)} in "
-        f"{len(record.sessions)} session{'s' if len(record.sessions) > 1 else ''}, ended {record.finished}",
-        "made by": f"{provenance.get('machine')}; commit {str(provenance.get('commit'))[:10]}"
-        f"{' (changed)' if provenance.get('dirty') else ''}",
-        "packages": ", ".join(f"{name} {version}" for name, version in provenance.get("packages", {}).items()),
-        "packing": record.packing_key,
-        "experiment": record.experiment_key,
-        "folder": str(folder),
-        "picture": str(picture or "none"),
-    }
-    console = screen(highlight=False, markup=False)
-    for name, value in lines.items():
-        console.print(f"{name:12} {value}")
-    table = Table(box=box.SIMPLE_HEAD)
-    for heading in ("quantity", "value", "error", "unit", "window", "note"):
-        table.add_column(heading, justify="right" if heading in ("value", "error") else "left")
-    for row in measured.itertuples(index=False):
-        numbers = ("-" if x is None or x != x else f"{x:.5g}" for x in (row.value, row.error))
-        table.add_row(*map(escape, (row.quantity, *numbers, row.unit, row.window, row.note)))
-    if len(measured):
-        console.print(table)
+        work.show(run, lab, as_json)

@@ -72,6 +72,9 @@ def register(app: typer.Typer) -> None:
         from labbook.study.pilot import first_needed
 
         asked = read_study(study)
+        if asked.adapt is not None:
+            why = "a strategy chooses its points from all results, and no parts can be fixed before"
+            fail(f"{asked.name}: adapt: {why}; let several processes run it in one lab, which share the work")
         if first_needed(asked) is not None:
             first = command("pilot", study, lab=lab, backend=backend)
             fail(f"{asked.name} needs a pilot for all parts: give first: {first}")

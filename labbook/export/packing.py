@@ -5,9 +5,9 @@ from pathlib import Path
 
 import numpy as np
 
-from labbook.lab.folder import Lab, write_bytes
+from labbook.lab.folder import LabFolder, write_bytes
 from labbook.lab.packings import read_packing
-from labbook.results.study import Results
+from labbook.results.study import StudyResults
 from labbook.scene import Scene, Spheres
 from labbook.scene.bodies import Bodies
 from labbook.scene.packing import Packing
@@ -64,7 +64,7 @@ def _numbers(row: Iterable[float]) -> str:
 
 
 def write_packings(
-    results: Results, place: Lab, folder: Path, say: Callable[[str], None] = lambda text: None
+    results: StudyResults, place: LabFolder, folder: Path, say: Callable[[str], None] = lambda text: None
 ) -> list[Path]:
     """Write every packing that a run of the study started from, once, as `point-P-seed-S.data`, P the first point
     (from 1) that shares it; the paths. Raises NotSpheres, and Unreadable for a damaged packing."""

@@ -15,12 +15,12 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from labbook.export.colour_bar import BACKGROUND, colour_bar, kind_colours, speed_colours
-from labbook.export.wall_shapes import WALL_COLOUR, flat_walls, meshed_walls, wall_points
+from labbook.export.wall_shapes import drawn_walls, wall_points
 from labbook.lab import RunRecord
 from labbook.lab.runs import read_recording, run_data
 from labbook.measure import RunData
 from labbook.measure.series import crossing_times, smooth_flow
-from labbook.scene import Bodies, Packing, Scene, WedgeHopper
+from labbook.scene import Bodies, Packing, Scene
 from labbook.scene.orientation import axes
 from labbook.study import Point
 
@@ -194,23 +194,16 @@ def log_grains(stream, root: str, scene: Scene, start: Packing, frames: Sequence
         columns = rr.Points3D.columns(positions=positions, colors=colours, radii=sizes)
     stream.send_columns(f"{at}grains", [clock], columns.partition(counts))
     edge = rr.components.Radius.ui_points(_EDGE)
-    for wall, plate, colour in flat_walls(scene, positions):
-        fan = [[0, k, k + 1] for k in range(1, len(plate) - 1)]
-        mesh = rr.Mesh3D(vertex_positions=plate, triangle_indices=fan, albedo_factor=colour)
-        stream.log(f"{at}walls/{wall}", mesh, static=True)
-        if colour == WALL_COLOUR:  # seen from the front, a plate is its edge
-            outline = rr.LineStrips3D([[*plate, plate[0]]], colors=EDGE_COLOUR, radii=edge)
-            stream.log(f"{at}walls/{wall}/outline", outline, static=True)
-    for wall in meshed_walls(scene, positions):
-        path = f"{at}walls/{wall.name}"
+    for wall in drawn_walls(scene, positions):
+        path, shape = f"{at}walls/{wall.name}", wall.mesh
         mesh = rr.Mesh3D(
-            vertex_positions=wall.vertices, triangle_indices=wall.triangles, albedo_factor=wall.colour
+            vertex_positions=shape.vertices, triangle_indices=shape.triangles, albedo_factor=wall.colour
         )  # fmt: skip
         stream.log(path, mesh, static=True)
-        lines = [*wall.edges, *wall.spokes]
-        drawn = [EDGE_COLOUR] * (len(lines) - 1) + [SPOKE_COLOUR if wall.spokes else EDGE_COLOUR]
+        lines = [*shape.outlines, *wall.spokes]  # seen from the front, a plate is its edge
+        colours = [EDGE_COLOUR] * (len(lines) - 1) + [SPOKE_COLOUR if wall.spokes else EDGE_COLOUR]
         if lines:
-            stream.log(f"{path}/outline", rr.LineStrips3D(lines, colors=drawn, radii=edge), static=True)
+            stream.log(f"{path}/outline", rr.LineStrips3D(lines, colors=colours, radii=edge), static=True)
         if wall.spin:
             turns = [[0, 0, math.sin(wall.spin * t / 2), math.cos(wall.spin * t / 2)] for t in times]
             stream.send_columns(path, [clock], rr.Transform3D.columns(quaternion=turns))
@@ -281,7 +274,7 @@ def seen_from(scene: Scene, positions: np.ndarray) -> tuple[np.ndarray, np.ndarr
     low = np.minimum(positions.min(axis=0) - reach, walls.min(axis=0, initial=np.inf))
     high = np.maximum(positions.max(axis=0) + reach, walls.max(axis=0, initial=-np.inf))
     middle = (low + high) / 2
-    above = 0.0 if isinstance(scene.container, WedgeHopper) else _SEEN_FROM
+    above = 0.0 if scene.container.symmetry == "planar" else _SEEN_FROM
     back = np.array([0, -math.cos(above), math.sin(above)])  # from the middle to the eye
     upward = np.array([0, math.sin(above), math.cos(above)])
     # A point is seen if it is no farther from the line of sight than `half` times its distance from the eye along it.

@@ -14,7 +14,7 @@ from labbook.lab.folder import write_bytes
 from labbook.results.frames import frames, inside
 from labbook.results.points import PointResult
 from labbook.results.recorded import flow_patterns
-from labbook.results.study import Results
+from labbook.results.study import StudyResults
 
 Format = Literal["csv", "parquet"]
 
@@ -23,7 +23,7 @@ class NoParquet(Exception):
     """pandas has nothing to write Parquet with; the message says what to install."""
 
 
-def write_numbers(results: Results, folder: Path, kind: Format, every: float | None = None) -> list[Path]:
+def write_numbers(results: StudyResults, folder: Path, kind: Format, every: float | None = None) -> list[Path]:
     """Write every number of the analysis into `folder` (made if missing); the paths, one a table. Raises NoParquet, and
     ValueError for another kind.
 
@@ -55,7 +55,7 @@ def write_numbers(results: Results, folder: Path, kind: Format, every: float | N
     return paths
 
 
-def write_recordings(results: Results, folder: Path, say: Callable[[str], None] = lambda text: None) -> list[Path]:
+def write_recordings(results: StudyResults, folder: Path, say: Callable[[str], None] = lambda text: None) -> list[Path]:
     """Write recorded runs as VTK, a file a frame in a folder a run, and the mean fields of each; the paths.
 
     ParaView opens `grains.vtk.series` of a run as one time series, with the times since the opening [s].

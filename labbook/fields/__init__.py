@@ -4,12 +4,12 @@ from labbook.fields.fields import Fields, coarse_grain, nematic_order
 from labbook.fields.grids import Grid, Layer, Ring, Space
 from labbook.fields.orifice import orifice_mean, orifice_means
 from labbook.fields.pattern import Pattern, pattern_of
-from labbook.fields.rows import Contacts, Grains, axes, contacts_of, grains_of
+from labbook.fields.rows import ContactRows, GrainRows, axes, contacts_of, grains_of
 
 __all__ = [
-    "Contacts",
+    "ContactRows",
     "Fields",
-    "Grains",
+    "GrainRows",
     "Grid",
     "Layer",
     "Pattern",

@@ -9,7 +9,7 @@ import numpy as np
 
 from labbook.fields.grids import Grid, Layer, Ring, Space, Span
 from labbook.fields.kernel import CUTOFF, amplitude
-from labbook.fields.rows import Contacts, Grains
+from labbook.fields.rows import ContactRows, GrainRows
 
 _PAIRS = ((0, 0), (1, 1), (2, 2), (0, 1), (0, 2), (1, 2))
 _SUMS = ("density", "packing_fraction", "momentum", "flux", "number", "axes", "contact_stress")
@@ -104,8 +104,8 @@ def nematic_order(orientation: np.ndarray) -> np.ndarray:
 def coarse_grain(
     grid: Grid,
     omega: float,
-    grains: Grains,
-    contacts: Contacts | None = None,
+    grains: GrainRows,
+    contacts: ContactRows | None = None,
     *,
     normalised: bool = False,
     threads: int | None = None,
@@ -135,7 +135,9 @@ def coarse_grain(
     return Fields(grid, omega, density, fraction, momentum, flux, number, axes, stress)
 
 
-def _of_grains(grains: Grains, v: np.ndarray, squares: Sequence[np.ndarray], axes: Sequence[np.ndarray]) -> np.ndarray:
+def _of_grains(
+    grains: GrainRows, v: np.ndarray, squares: Sequence[np.ndarray], axes: Sequence[np.ndarray]
+) -> np.ndarray:
     """What is summed over grains, shape [n, F]: their number, v and its squares, the tensors of rods; of unlike grains
     v and squares times the mass, and at the end mass and volume."""
     mass = grains.mass if grains.unlike else 1.0
@@ -171,7 +173,7 @@ def _scale(grid: Grid, omega: float) -> float:
     return amplitude(omega, grid.dimensions) / (grid.depth if isinstance(grid, Layer) else 1.0)
 
 
-def _on_lattice(compiled, grid: Grid, omega: float, grains: Grains, normalised: bool, threads: int) -> np.ndarray:
+def _on_lattice(compiled, grid: Grid, omega: float, grains: GrainRows, normalised: bool, threads: int) -> np.ndarray:
     low, step, shape = _lattice(grid)
     squares, axes = (
         [] if one is None else [one[:, i] * one[:, j] for i, j in _PAIRS] for one in (grains.v, grains.axis)
@@ -190,7 +192,7 @@ def _by_place(a: np.ndarray, b: np.ndarray, omega: float) -> np.ndarray:
     return np.lexsort((b, a // omega))
 
 
-def _about_axis(compiled, grid: Ring, omega: float, grains: Grains, normalised: bool, threads: int) -> np.ndarray:
+def _about_axis(compiled, grid: Ring, omega: float, grains: GrainRows, normalised: bool, threads: int) -> np.ndarray:
     rho, v = _cylindrical(grains.x, grains.v)
     axes = [] if grains.axis is None else _harmonics(_cylindrical(grains.x, grains.axis)[1])
     tensors = 1 if grains.axis is None else 2
@@ -230,7 +232,7 @@ def _harmonics(v: np.ndarray) -> list[np.ndarray]:
     return [r * r + t * t, r * r - t * t, z * z, r * t, r * z, t * z]
 
 
-def _stress(compiled, grid: Grid, omega: float, contacts: Contacts, threads: int) -> np.ndarray:
+def _stress(compiled, grid: Grid, omega: float, contacts: ContactRows, threads: int) -> np.ndarray:
     x, b = contacts.x, contacts.branch
     scale, reach = _scale(grid, omega), CUTOFF * omega
     if isinstance(grid, Ring):

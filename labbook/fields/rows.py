@@ -9,7 +9,7 @@ Table = Mapping[str, np.ndarray]
 
 
 @dataclass(frozen=True, eq=False)
-class Grains:
+class GrainRows:
     """Rows of grains in `frames` frames.
 
     `x` [m] and `v` [m/s], shape [n, 3]; `mass` [kg] and `volume` [m^3] of one grain, or of each, shape [n]; `axis`:
@@ -30,7 +30,7 @@ class Grains:
 
 
 @dataclass(frozen=True, eq=False)
-class Contacts:
+class ContactRows:
     """Rows of contacts in `frames` frames: centre `x` [m] of grain i, `branch` b [m] from there to the centre of j or
     to the point of contact with a wall, `force` [N] on i; shape [n, 3] each.
     """
@@ -43,7 +43,7 @@ class Contacts:
 
 def grains_of(
     sample: Table, mass: float | np.ndarray, volume: float | np.ndarray, begin: float, end: float
-) -> Grains:  # fmt: skip
+) -> GrainRows:  # fmt: skip
     """Grains of the rows of a sample with begin <= time <= end [s]. mass, volume: of one grain, or of each row.
 
     Frames that have rows are counted. Rods have columns qw qx qy qz, the rotation of the z axis into theirs. Raises
@@ -57,10 +57,10 @@ def grains_of(
     x, v = (_columns(rows, names, inside) for names in ("x y z", "vx vy vz"))
     axis = axes(_columns(rows, "qw qx qy qz", inside)) if "qw" in rows else None
     mass, volume = (of[inside] if isinstance(of, np.ndarray) else of for of in (mass, volume))
-    return Grains(x, v, mass, volume, count, axis)
+    return GrainRows(x, v, mass, volume, count, axis)
 
 
-def contacts_of(contacts: Table, sample: Table, begin: float, end: float) -> Contacts:
+def contacts_of(contacts: Table, sample: Table, begin: float, end: float) -> ContactRows:
     """Contacts with begin <= time <= end [s], with the centres that `sample` has of their grains.
 
     Frames of contacts must be among those of the sample. Raises ValueError if a grain or every frame is missing.
@@ -79,7 +79,7 @@ def contacts_of(contacts: Table, sample: Table, begin: float, end: float) -> Con
     if not np.array_equal(key[at], wanted):
         raise ValueError("contacts were recorded in frames that the sample lacks; record both equally often")
     x = np.column_stack([known[c][at] for c in "xyz"]).astype(float)
-    return Contacts(x, _columns(rows, "bx by bz", inside), _columns(rows, "fx fy fz", inside), len(steps))
+    return ContactRows(x, _columns(rows, "bx by bz", inside), _columns(rows, "fx fy fz", inside), len(steps))
 
 
 def axes(q: np.ndarray) -> np.ndarray:

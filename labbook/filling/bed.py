@@ -5,9 +5,8 @@ from collections.abc import Callable
 
 import numpy as np
 
-from labbook.scene import Box, ConicalSilo, ContactLaw, CylinderSilo, Grains, Scene, Spherocylinders, WedgeHopper
+from labbook.scene import ContactLaw, Grains, Scene, Spherocylinders
 from labbook.scene.bodies import Bodies
-from labbook.scene.container import Container
 from labbook.scene.packing import Packing
 
 ROLLING = 0.01
@@ -43,7 +42,7 @@ def astray(closed: Scene, packing: Packing) -> np.ndarray:
     floors = [-math.inf if lowest == math.inf else lowest]
     if container.outlet_plane is not None:
         floors.append(container.outlet_plane)
-    return ~container.holds(packing.x) | (packing.x[:, 2] < max(floors))
+    return ~container.inside(packing.x) | (packing.x[:, 2] < max(floors))
 
 
 def parts_of_mass(grains: Grains, packing: Packing) -> np.ndarray:
@@ -62,25 +61,28 @@ def bed_height(grains: Grains, packing: Packing, floor: float) -> float:
 def bed_height_ahead(scene: Scene) -> float | None:
     """Height [m] above the outlet (or the bottom of a box) that a level bed will have at a packing fraction of PACKED;
     None where the container does not tell."""
-    below = _volume_below(scene.container)
-    if below is None:
+    if scene.container.volume_below(0.0) is None:
         return None
-    return _level(below, scene.grains.count * scene.grains.volume / PACKED, scene.grains.diameter)
+    return _level(
+        scene.container.volume_below, scene.grains.count * scene.grains.volume / PACKED, scene.grains.diameter
+    )
 
 
-def _level(below: Callable[[float], float], volume: float, high: float) -> float:
-    """Height [m] below which there is this volume [m^3], as `below` has it; `high` [m]: a height to begin with.
+def _level(below: Callable[[float], float | None], volume: float, high: float) -> float | None:
+    """Height [m] below which there is this volume [m^3], as `below` has it; `high` [m]: a height to begin with. None
+    where `below` does not tell.
 
     By chords (the Illinois method): above an inclined bottom, where most beds end, the first is exact.
     """
-    low, under, over = 0.0, -volume, below(high) - volume
-    while over < 0:
-        low, under, high = high, over, 2 * high
-        over = below(high) - volume
-    level, before = high, 0.0
+    low, under = 0.0, -volume
+    while (held := below(high)) is not None and held < volume:
+        low, under, high = high, held - volume, 2 * high
+    if held is None:
+        return None
+    over, level, before = held - volume, high, 0.0
     for _ in range(100):
         level = high - over * (high - low) / (over - under)
-        off = below(level) - volume
+        off = (below(level) or 0.0) - volume
         if abs(off) <= 1e-14 * volume:
             break
         if off > 0:
@@ -94,36 +96,5 @@ def _level(below: Callable[[float], float], volume: float, high: float) -> float
 def discharged_at(scene: Scene, height: float) -> float | None:
     """Discharged fraction at which a level bed has fallen to a height [m] above the outlet, at a packing fraction of
     PACKED; below 0 if it never was as high, None where the container does not tell."""
-    below = _volume_below(scene.container)
-    return None if below is None else 1 - below(height) * PACKED / (scene.grains.count * scene.grains.volume)
-
-
-def _volume_below(c: Container) -> Callable[[float], float] | None:
-    """Volume [m^3] of the container below a height [m], its walls going on upwards."""
-    if isinstance(c, Box):
-        return lambda z: c.width * c.depth * z
-    if isinstance(c, CylinderSilo):
-        return lambda z: math.pi / 4 * c.diameter**2 * z
-    if isinstance(c, ConicalSilo):
-        slope, r, R = math.tan(c.angle), c.orifice / 2, c.diameter / 2
-
-        def in_cone(z: float) -> float:
-            cone = min(z, c.rise)
-            return math.pi * ((r + slope * cone) ** 3 - r**3) / (3 * slope) + math.pi * R**2 * (z - cone)
-
-        return in_cone
-    if isinstance(c, WedgeHopper):
-        if c.flat:
-            return lambda z: c.width * c.thickness * z
-        slope, (left, right) = math.tan(c.angle), c.outlet
-        sides = (left + c.width / 2, c.width / 2 - right)
-
-        def in_wedge(z: float) -> float:
-            area = c.orifice * z
-            for side in sides:
-                foot = min(z, side / slope)  # up to here the plate recedes
-                area += slope * foot**2 / 2 + side * (z - foot)
-            return area * c.thickness
-
-        return in_wedge
-    return None
+    below = scene.container.volume_below(height)
+    return None if below is None else 1 - below * PACKED / (scene.grains.count * scene.grains.volume)

@@ -10,7 +10,7 @@ import numpy as np
 from labbook.filling.placed import Placed
 from labbook.filling.placing import APART, STARTS, free
 from labbook.filling.room import PlacingError, Room
-from labbook.scene import Bodies, Packing, Scene, Silo, Spherocylinders
+from labbook.scene import Bodies, Packing, Scene, Spherocylinders
 from labbook.scene.orientation import axes, random_turns
 
 _TRIES = 400
@@ -26,15 +26,14 @@ class Feeder:
 
     def __init__(self, scene: Scene, start: Packing, fill: str, seed: int):
         assert scene.feed is not None
-        grains, silo = scene.grains, scene.container
-        assert isinstance(silo, Silo)
+        grains = scene.grains
         self._scene, self._start, self._key = scene, start, (scene.feed.version, seed)
         self._bodies = Bodies.of(grains, start)
         self._room = Room(scene.container.close(), grains.radius * APART, STARTS[fill].flat)
         self._length = grains.extent
         self.level = float((start.x[:, 2] + self._bodies.radius).max()) + grains.half_length
         """z [m] above which grains are put."""
-        self._roof = silo.height
+        self._roof = scene.container.roof
         if self._roof - self.level < _ROOM * self._length:
             raise PlacingError(
                 f"the bed reaches up to {self.level * 1e3:.4g} mm, and the side walls to {self._roof * 1e3:.4g} mm: no "

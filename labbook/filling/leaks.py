@@ -20,8 +20,9 @@ from typing import Literal
 import numpy as np
 
 from labbook.filling.room import Room
-from labbook.scene import Container, Frustum, Plane, Scene, Strip
+from labbook.scene import Container, Scene
 from labbook.scene.model import once
+from labbook.scene.walls import WallShape
 
 MOST = 400_000
 """Nodes of a grid: less than a second of work."""
@@ -72,7 +73,7 @@ def _leak(container: Container, radius: float, volume: float, flat: bool) -> Lea
     planes = np.full(len(points), np.inf)
     others = np.full(len(points), np.inf)
     for shape in shapes:
-        if isinstance(shape, Plane):
+        if shape.half_space:
             planes = np.minimum(planes, shape.distance(points))
         else:
             others = np.minimum(others, shape.distance(points))
@@ -91,15 +92,11 @@ def _leak(container: Container, radius: float, volume: float, flat: bool) -> Lea
     return None
 
 
-def _symmetry(shapes: list) -> Literal["slice", "round", "none"]:
+def _symmetry(shapes: list[WallShape]) -> Literal["slice", "round", "none"]:
     """Of a container: the same in every plane y = const between its front and back walls, or round the axis."""
-    across = [shape.normal for shape in shapes if isinstance(shape, Plane)]
-    plates = {type(shape) for shape in shapes} - {Plane}
-    if plates <= {Strip} and all(y == 0 or (x == 0 and z == 0) for x, y, z in across):
+    if all("planar" in shape.symmetries for shape in shapes):
         return "slice"
-    if plates <= {Frustum} and all(x == y == 0 for x, y, _ in across):
-        return "round"
-    return "none"
+    return "round" if all("axial" in shape.symmetries for shape in shapes) else "none"
 
 
 def _axes(room: Room, plane: float, radius: float, symmetry: str, top: float) -> tuple[tuple[np.ndarray, ...], float]:
@@ -107,10 +104,8 @@ def _axes(room: Room, plane: float, radius: float, symmetry: str, top: float) ->
     (left, right), (front, back), low = room.x, room.y, plane
     if symmetry == "round":
         left = 0.0
-    known = all(isinstance(shape, Plane | Strip | Frustum) for shape in room.shapes)
-    upright = all(shape.normal[2] == 0 or shape.normal[:2] == (0, 0) for shape in room.planes)
     high = max(room.highest, plane + 4 * radius) + 4 * radius
-    if not known or not upright:  # up to where grains start
+    if not room.prismatic:  # up to where grains start
         high = max(high, top)
     deep = symmetry == "none" and back - front > 0
     sides = [right - left, back - front if deep else 0.0, high - low]

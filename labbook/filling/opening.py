@@ -4,10 +4,8 @@ from dataclasses import replace
 
 import numpy as np
 
-from labbook.scene import Scene, Strip, Wall
+from labbook.scene import Scene, Wall
 from labbook.scene.packing import Packing
-
-_STRAIGHT = 1e-9  # of a strip's length: how far off its line a point may lie
 
 
 def opened(packing: Packing, closed: Scene, scene: Scene) -> Packing:
@@ -20,7 +18,7 @@ def opened(packing: Packing, closed: Scene, scene: Scene) -> Packing:
     """
     after = {wall.name: wall for wall in scene.container.walls()}
     before = {wall.name: wall for wall in closed.container.walls()}
-    new = [wall for name, wall in after.items() if name not in before and isinstance(wall.shape, Strip)]
+    new = [wall for name, wall in after.items() if name not in before]
     names = np.array(packing.wall_name, "U40")
     kept = np.isin(names, list(after))
     for name in np.unique(names[~kept]):
@@ -38,21 +36,11 @@ def opened(packing: Packing, closed: Scene, scene: Scene) -> Packing:
 
 
 def _parts_under(wall: Wall | None, parts: list[Wall], x: np.ndarray) -> np.ndarray:
-    """Names of the strips among `parts` that lie on `wall` where grains at `x` [m], shape [n, 3], touch it; empty where
+    """Names of those among `parts` that continue `wall` where grains at `x` [m], shape [n, 3], touch it; empty where
     there is none."""
-    found = np.full(len(x), "", "U40")
-    if wall is None or not isinstance(wall.shape, Strip):
-        return found
-    start, along = np.array(wall.shape.start), np.array(wall.shape.end) - wall.shape.start
-    foot = start + ((x[:, [0, 2]] - start) @ along / (along @ along))[:, None] * along
+    names = np.full(len(x), "", "U40")
+    if wall is None:
+        return names
     for part in parts:
-        assert isinstance(part.shape, Strip)
-        begin, run = np.array(part.shape.start), np.array(part.shape.end) - part.shape.start
-        length = run @ run
-        if abs(along[0] * run[1] - along[1] * run[0]) >= _STRAIGHT * np.sqrt(length * (along @ along)):
-            continue
-        at = (foot - begin) @ run / length
-        aside = np.linalg.norm(foot - begin - at[:, None] * run, axis=1)
-        on = (at >= 0) & (at <= 1) & (aside < _STRAIGHT * np.sqrt(length))
-        found[on & (found == "")] = part.name
-    return found
+        names[wall.shape.continued(part.shape, x) & (names == "")] = part.name
+    return names

@@ -17,7 +17,7 @@ import numpy as np
 from labbook.filling.placed import Placed
 from labbook.filling.room import DENSEST, JAMMED, Full, PlacingError, Room, first_come
 from labbook.plugins import Registry
-from labbook.scene import Box, Container, Scene, Spheres, Spherocylinders, WedgeHopper
+from labbook.scene import Scene, Spheres, Spherocylinders
 from labbook.scene.model import Fault
 from labbook.scene.orientation import axes, distances, random_turns
 from labbook.scene.packing import Packing
@@ -135,29 +135,28 @@ class Planar(Rain):
 
     def volume(self, closed: Scene) -> float:
         """That of a layer at the density of a rain in a container as thick as a grain."""
-        return super().volume(closed) * _depth(closed.container) / closed.grains.diameter
+        return super().volume(closed) * closed.container.front_to_back / closed.grains.diameter
 
     def obstacles(self, scene: Scene) -> Iterator[Fault]:
         """It takes spheres between a front and a back wall that leave room for one layer."""
         container, d = scene.container, scene.grains.diameter
         if not isinstance(scene.grains, Spheres):
             yield Fault("fill.kind", "a planar start takes spheres: rods turn out of the plane", "use rain or gas")
-        if not isinstance(container, WedgeHopper | Box):
+        depth = container.front_to_back
+        if math.isinf(depth):
             reason = f"a planar start needs a front and a back wall, and the container is {container.kind}"
             yield Fault("fill.kind", reason, "use rain or gas, or a wedge-hopper or box")
-        elif (depth := _depth(container)) >= LAYER * d:
-            key = "thickness" if isinstance(container, WedgeHopper) else "depth"
+        elif depth >= LAYER * d:
             reason = f"a planar start makes one layer of grains, and there is room for more ({depth / d:.3g} d)"
-            yield Fault(f"container.{key}", reason, f"make it less than {LAYER:g} d, such as 1.01 d, or use rain")
+            yield Fault(
+                f"container.{container.widths[0]}",
+                reason,
+                f"make it less than {LAYER:g} d, such as 1.01 d, or use rain",
+            )
 
 
 LAYER = 2.0
 """Diameters from front to back below which grains cannot pass one another, and are one layer."""
-
-
-def _depth(container: Container) -> float:
-    """From the front to the back wall [m]."""
-    return container.thickness if isinstance(container, WedgeHopper) else getattr(container, "depth", math.inf)
 
 
 STARTS: Registry[Start] = Registry[Start]("labbook.starts", Start, (Rain(), Gas(), Planar()))
@@ -167,9 +166,8 @@ STARTS: Registry[Start] = Registry[Start]("labbook.starts", Start, (Rain(), Gas(
 def column(scene: Scene, kind: str = Rain.name) -> float:
     """Height [m] of the column in which grains start, as the start called `kind` has it, over the widest section of the
     container. For planning: above a cone or a wedge the column is higher."""
-    sizes = vars(scene.container)
-    wide = sizes.get("width") or sizes.get("diameter") or 10 * scene.grains.diameter
-    deep = sizes.get("thickness") or sizes.get("depth") or wide
+    wide, deep = scene.container.across or 10 * scene.grains.diameter, scene.container.front_to_back
+    deep = wide if math.isinf(deep) else deep
     return STARTS[kind].volume(scene) / (wide * deep)
 
 
@@ -178,23 +176,13 @@ def place(closed: Scene, kind: str, seed: int) -> Packing:
     return STARTS[kind].place(closed, seed)
 
 
-_WIDTHS = {
-    "wedge-hopper": ("thickness", "width"),
-    "box": ("depth", "width"),
-    "cylinder-silo": ("diameter",),
-    "conical-silo": ("diameter",),
-    "primitives": ("parts",),
-}
-"""Keys of a container's width, the narrowest first."""
-
-
 def no_room(closed: Scene, placed: int, top: float) -> PlacingError:
     """That only `placed` grains found a place, up to z = `top` [m]; with the keys of the study that make room."""
     grains, container = closed.grains, closed.container
-    widths = [f"container.{key}" for key in _WIDTHS[container.kind]]
+    widths = [f"container.{key}" for key in container.widths]
     narrow = [
         f"container.{key} ({size * 1e3:.4g} mm) to {grains.extent * 1e3:.4g} mm, the length of a rod, or more"
-        for key in _WIDTHS[container.kind]
+        for key in container.widths
         if isinstance(size := getattr(container, key), float) and size < grains.extent
     ]
     remedy = f"widen {narrow[0]}" if narrow else f"use grains.count: {placed} or fewer, or widen {' or '.join(widths)}"

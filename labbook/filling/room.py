@@ -5,7 +5,9 @@ from collections.abc import Callable, Iterator
 
 import numpy as np
 
-from labbook.scene import Container, Frustum, Plane, Strip
+from labbook.scene import Container
+from labbook.scene.geometry import Bounds
+from labbook.scene.walls import Symmetry
 
 _COUNTED: dict[tuple[str, float, bool, str, float], float] = {}
 """Heights and volumes that a `Room` counted, by walls, clearance, flatness, which of the two, and its argument:
@@ -17,6 +19,7 @@ DENSEST = math.pi / math.sqrt(12)
 JAMMED = 0.55
 """Solid fraction that equal spheres placed at random never reach: 0.38 in space, 0.36 in a layer, 0.50 in a row."""
 _LEVELS = 400
+_COLUMNS, _CROSSED = 200, 24  # points across a section, and of the space along x and along y
 _DOUBLINGS = 20
 
 
@@ -33,10 +36,10 @@ class Full(Exception):
 
 
 class Room:
-    """In front of every plane, above and between all plates, seen in one section, and clear of all other walls.
+    """Inside of every wall, clear of it, above a wall that carries grains, and between the outermost plates.
 
-    The section of strips is the x-z plane; that of frustums is the plane of radius and height. What the section shows
-    along its first axis is called `u`.
+    Volumes are counted in a section: the plane y = 0, that of radius and height where plates are axial, or the space
+    itself where a wall without a symmetry encloses the room. What the section shows along its first axis is called `u`.
     """
 
     def __init__(self, closed: Container, clearance: float, flat: bool = False):
@@ -44,41 +47,46 @@ class Room:
         y = 0 of it. Raises PlacingError."""
         self.shapes = [wall.shape for wall in closed.walls()]
         self.clearance = clearance
-        self.planes = [shape for shape in self.shapes if isinstance(shape, Plane)]
-        strips = [(shape.start, shape.end) for shape in self.shapes if isinstance(shape, Strip)]
-        frustums = [(shape.lower, shape.upper) for shape in self.shapes if isinstance(shape, Frustum)]
+        strips, frustums = self._plates("planar"), self._plates("axial")
         if strips and frustums:
             raise PlacingError("a container with both strips and frustums cannot be filled; use one kind of plate")
         self.round = bool(frustums)
-        self.plates = np.array([*strips, *frustums]).reshape(-1, 2, 2)
-        floor = [p.point[2] for p in self.planes if _axis(p) == (2, 1)]
-        lowest = [*floor, *self.plates[:, :, 1].ravel()]
+        limits = [(shape, shape.enclosed) for shape in self.shapes]
+        self._vessels = [(shape, box) for shape, box in limits if not all(box.endless) and not shape.half_space]
         if self.round:
-            widest = float(self.plates[:, :, 0].max()) - clearance
+            widest = max(box.high[0] for box in frustums) - clearance
             if widest < 0:
                 raise PlacingError("the container is narrower than a grain")
             self.x = self.y = (-widest, widest)
         else:
-            self.x = self._range(0, list(self.plates[:, :, 0].ravel()))
-            self.y = self._range(1, [])
+            boxes = [box for _, box in limits]
+            self.x = self._range(0, [end for box in strips for end in (box.low[0], box.high[0])], boxes)
+            self.y = self._range(1, [], boxes)
         self._size = [r[1] - r[0] + 2 * clearance for r in (self.x, self.y)]
         self.flat = flat
         if flat:
             self.y = (0.0, 0.0)
+        lowest = [shape.ground for shape in self.shapes if math.isfinite(shape.ground)]
         if not lowest:
             raise PlacingError("the container has no bottom that grains could settle on")
         self.bottom = max(float(min(lowest)), _start_of(closed))
         self.poured = any(wall.opens for wall in closed.walls())
         """Whether nothing lies below a plate: what parts that open let out goes on to where plates cover the room."""
-        upright = self.plates[:, 0, 0] == self.plates[:, 1, 0]
-        self.highest = float(np.max(np.where(upright, self.plates[..., 1].min(axis=1), self.plates[..., 1].max(axis=1)),
-                                    initial=self.bottom))  # fmt: skip
-        """z [m] above which the room has the same section everywhere, as far as plates and upright planes bound it."""
+        above = [shape.prismatic_above for shape in self.shapes]
+        self.highest = max([self.bottom, *(z for z in above if z < math.inf)])
+        """z [m] above which the room has the same section everywhere, as far as walls say where they have."""
+        self.prismatic = max(above) < math.inf
+        """Whether all walls say so."""
 
-    def _range(self, axis: int, ends: list[float]) -> tuple[float, float]:
-        low = [*ends, *(p.point[axis] for p in self.planes if _axis(p) == (axis, 1))]
-        high = [*ends, *(p.point[axis] for p in self.planes if _axis(p) == (axis, -1))]
-        if not low or not high:
+    def _plates(self, symmetry: Symmetry) -> list[Bounds]:
+        """The boxes of walls of a symmetry that have ends in the section."""
+        boxes = [shape.bounds for shape in self.shapes if symmetry in shape.symmetries]
+        return [box for box in boxes if not any(box.endless[::2])]
+
+    def _range(self, axis: int, ends: list[float], limits: list[Bounds]) -> tuple[float, float]:
+        low = [box.low[axis] for box in limits if math.isfinite(box.low[axis])]
+        high = [box.high[axis] for box in limits if math.isfinite(box.high[axis])]
+        if not (ends or low) or not (ends or high):
             raise PlacingError(f"the container has no walls across {'xyz'[axis]}: grains would fall beside it")
         first = (min(ends) if ends else max(low)) + self.clearance
         last = (max(ends) if ends else min(high)) - self.clearance
@@ -93,21 +101,17 @@ class Room:
         inside = np.ones(len(x), bool)
         for shape in self.shapes:
             inside &= shape.distance(x) >= clearance
-        if not len(self.plates):
-            return inside
-        u = np.hypot(x[:, 0], x[:, 1]) if self.round else x[:, 0]
+        for shape, _ in self._vessels:
+            inside &= shape.inside(x)
         if self.round:
-            inside &= u <= self.x[1] + self.clearance - clearance
-        beneath = np.full(len(x), any(_axis(plane) == (2, 1) for plane in self.planes))
-        covered = np.zeros(len(x), bool)
-        for start, end in self.plates:
-            along = end - start
-            if along[0] != 0:
-                across = (u - start[0]) / along[0]
-                beside, above = (across >= 0) & (across <= 1), x[:, 2] - start[1] > across * along[1]
-                beneath |= beside & above
-                covered |= beside & ~above
-        return inside & beneath & ~(covered & self.poured)
+            inside &= np.hypot(x[:, 0], x[:, 1]) <= self.x[1] + self.clearance - clearance
+        carried = np.zeros(len(x), bool)
+        for shape in self.shapes:
+            left = np.flatnonzero(inside & ~carried)
+            carried[left] = shape.carries(x[left])
+            if self.poured:
+                inside &= ~shape.covers(x)
+        return inside & carried
 
     def draw(self, rng: np.random.Generator, n: int, top: float) -> np.ndarray:
         """Those of `n` uniform points up to z = `top` that are inside."""
@@ -153,8 +157,8 @@ class Room:
     def height_for(self, volume: float) -> float:
         """z [m] up to which the container, walls included, holds `volume` [m^3], estimated.
 
-        Its section is counted on a grid of 200 x 400 points up to where a straight container would hold the volume;
-        what lies above is as wide as the widest part.
+        Its section is counted on a grid of 200 points across, or 24 x 24, and 400 up to where a straight container
+        would hold the volume; what lies above is as wide as the widest part.
         """
         return self._once("height", volume, self._counted_height)
 
@@ -165,20 +169,34 @@ class Room:
         return _COUNTED[key]
 
     def _counted_height(self, volume: float) -> float:
-        wide, deep = self._size
-        area = math.pi / 4 * wide * deep if self.round else wide * deep
+        area = self._area
         flat = self.bottom + volume / area
-        across = np.linspace(0 if self.round else self.x[0], self.x[1], 200)
-        u, z = (a.ravel() for a in np.meshgrid(across, np.linspace(self.bottom, flat, 400)))
-        held = self.holds(np.column_stack([u, np.full(len(u), sum(self.y) / 2), z]))
-        part = np.average(held, weights=u if self.round else None)
+        held, weights = self._counted(np.linspace(self.bottom, flat, 400), None)
+        part = np.average(held.ravel(), weights=None if weights is None else np.tile(weights, len(held)))
         return flat + (1 - float(part)) * (flat - self.bottom) + 2 * self.clearance
+
+    @property
+    def _area(self) -> float:
+        """Area [m^2] of the widest horizontal section, walls included."""
+        wide, deep = self._size
+        return math.pi / 4 * wide * deep if self.round else wide * deep
+
+    def _counted(self, z: np.ndarray, clearance: float | None) -> tuple[np.ndarray, np.ndarray | None]:
+        """Whether points of the section are held at the heights `z` [m], shape [n, m], and the weight of each of them,
+        shape [m], if they differ."""
+        across = np.linspace(0 if self.round else self.x[0], self.x[1], _COLUMNS)
+        u, y = across, np.full(len(across), sum(self.y) / 2)
+        if not self.round and not self.flat and any(not shape.symmetries for shape, _ in self._vessels):
+            middles = (np.arange(_CROSSED) + 0.5) / _CROSSED - 0.5
+            sides = zip((self.x, self.y), self._size, strict=True)
+            u, y = (a.ravel() for a in np.meshgrid(*(sum(ends) / 2 + size * middles for ends, size in sides)))
+        points = np.column_stack([np.tile(u, len(z)), np.tile(y, len(z)), np.repeat(z, len(u))])
+        return self.holds(points, clearance).reshape(len(z), -1), across if self.round else None
 
     def level_for(self, volume: float) -> float | None:
         """z [m] below which there is room of `volume` [m^3] for the centres of grains; None if there never is, infinite
         if there is none for any."""
-        wide, deep = self._size
-        high = volume / (math.pi / 4 * wide * deep if self.round else wide * deep)
+        high = volume / self._area
         some = False
         for _ in range(_DOUBLINGS):
             z = np.linspace(self.bottom, self.bottom + high, _LEVELS)
@@ -195,14 +213,10 @@ class Room:
 
     def _filled(self, z: np.ndarray, clearance: float) -> np.ndarray:
         """Volume [m^3] below each of the equidistant heights `z` [m], shape [n], that keeps `clearance` [m] from walls,
-        counted on a grid of 200 points across."""
-        wide, deep = self._size
-        area = math.pi / 4 * wide * deep if self.round else wide * deep
-        across = np.linspace(0 if self.round else self.x[0], self.x[1], 200)
-        height, u = (a.ravel() for a in np.meshgrid(z, across, indexing="ij"))
-        held = self.holds(np.column_stack([u, np.full(len(u), sum(self.y) / 2), height]), clearance)
-        part = np.average(held.reshape(len(z), -1), axis=1, weights=across if self.round else None)
-        return np.concatenate([[0.0], np.cumsum((part[1:] + part[:-1]) / 2 * np.diff(z) * area)])
+        counted on a grid of 200 points across, or 24 x 24."""
+        held, weights = self._counted(z, clearance)
+        part = np.average(held, axis=1, weights=weights)
+        return np.concatenate([[0.0], np.cumsum((part[1:] + part[:-1]) / 2 * np.diff(z) * self._area)])
 
 
 def _start_of(closed: Container) -> float:
@@ -220,9 +234,3 @@ def first_come(kept: np.ndarray, pairs: np.ndarray) -> None:
         if stays[first]:
             stays[second] = False
     kept[:] = stays
-
-
-def _axis(plane: Plane) -> tuple[int, int] | None:
-    """Axis and sense of a plane's normal where it points along one, else None."""
-    along = [(axis, int(math.copysign(1, c))) for axis, c in enumerate(plane.normal) if c != 0]
-    return along[0] if len(along) == 1 else None

@@ -4,7 +4,17 @@
 from labbook.lab.catalogue import Catalogue, Entry
 from labbook.lab.database import NoCatalogue
 from labbook.lab.evaluations import FinishedRun
-from labbook.lab.folder import DiskFull, Lab, LabError
+from labbook.lab.folder import DiskFull, LabError, LabFolder
 from labbook.lab.records import RunRecord, Unreadable
 
-__all__ = ["Catalogue", "DiskFull", "Entry", "FinishedRun", "Lab", "LabError", "NoCatalogue", "RunRecord", "Unreadable"]
+__all__ = [
+    "Catalogue",
+    "DiskFull",
+    "Entry",
+    "FinishedRun",
+    "LabError",
+    "LabFolder",
+    "NoCatalogue",
+    "RunRecord",
+    "Unreadable",
+]

@@ -26,7 +26,7 @@ from labbook.lab.database import (
     schema_version,
     unusable,
 )
-from labbook.lab.folder import Lab, LabError, stamp
+from labbook.lab.folder import LabError, LabFolder, stamp
 from labbook.lab.packings import read_packing
 from labbook.lab.records import UNREADABLE, Coverage, Ending, RunRecord, Unreadable
 from labbook.lab.runs import open_run
@@ -63,6 +63,11 @@ class Entry:
         """What a run says of itself; `stamp`: of its folder."""
         said = {name: getattr(record, name) for name in _SAID}
         return cls(coverage=record.coverage, stamp=stamp, suspect=suspicion(record.ledger), **said)
+
+    @property
+    def frame_interval(self) -> float | None:
+        """Time between two recorded frames [s]; None without any."""
+        return None if self.coverage is None else self.coverage.frame_interval
 
 
 _SAID = ("run_key", "lineage_key", "cache_version", "outcome", "packing_key", "backend", "device", "finished")
@@ -127,8 +132,8 @@ class Catalogue:
     """Questions to the index of one lab. Raises NoCatalogue if there are runs but no index of this
     version."""
 
-    def __init__(self, lab: Path | Lab):
-        self.lab = lab if isinstance(lab, Lab) else Lab(lab)
+    def __init__(self, lab: Path | LabFolder):
+        self.lab = lab if isinstance(lab, LabFolder) else LabFolder(lab)
         self._engine = self._open()
         self._packings: dict[tuple[str, int], str | None] | None = None
         """Why a packing cannot be read, by its key and the stamp of its folder."""

@@ -44,7 +44,7 @@ from sqlalchemy.sql import Executable
 
 from labbook.commands import command
 from labbook.lab import server
-from labbook.lab.folder import DiskFull, Lab, LabError, file_system, is_network, remove
+from labbook.lab.folder import DiskFull, LabError, LabFolder, file_system, is_network, remove
 from labbook.lab.server import BUSY
 
 SCHEMA_VERSION = 6
@@ -150,7 +150,7 @@ _OUT_OF_REACH = ("locked", "full", "readonly", "unable to open", "disk I/O", "no
 class NoCatalogue(LabError):
     """There is no catalogue, it is damaged, or of another version of labbook; the message says what to do."""
 
-    def __init__(self, lab: Lab, what: str):
+    def __init__(self, lab: LabFolder, what: str):
         place = server.address(lab)
         where = f"the index at {place.shown}" if place else lab.catalogue
         super().__init__(f"{where} {what}; make it again: {command('reindex', lab=lab.folder)}")
@@ -160,7 +160,7 @@ class NotStored(Exception):
     """A row that the database does not take; the message says why."""
 
 
-def opened(lab: Lab, *, read_only: bool) -> Engine:
+def opened(lab: LabFolder, *, read_only: bool) -> Engine:
     """An SQLAlchemy engine for the index of a lab, wherever that is. Raises LabError."""
     place = server.address(lab)
     return server.engine(place) if place else connect(lab.catalogue, read_only=read_only)
@@ -248,7 +248,7 @@ def damaged(error: DatabaseError) -> bool:
     return isinstance(error.orig, sqlite3.Error) and not any(words in str(error.orig) for words in _OUT_OF_REACH)
 
 
-def unusable(lab: Lab, error: DatabaseError) -> LabError:
+def unusable(lab: LabFolder, error: DatabaseError) -> LabError:
     """What an error of the database of `lab` means to its user."""
     why, path = str(error.orig), lab.catalogue
     if place := server.address(lab):
@@ -279,7 +279,7 @@ def storing() -> Iterator[None]:
 
 
 @contextmanager
-def asking(engine: Engine, lab: Lab) -> Iterator[Connection]:
+def asking(engine: Engine, lab: LabFolder) -> Iterator[Connection]:
     """A connection to the index of a lab. Raises LabError."""
     try:
         with engine.connect() as connection:
@@ -293,7 +293,7 @@ _ALONE = "SELECT pg_advisory_xact_lock(hashtext(current_setting('search_path')))
 
 
 @contextmanager
-def writing(engine: Engine, lab: Lab) -> Iterator[Connection]:
+def writing(engine: Engine, lab: LabFolder) -> Iterator[Connection]:
     """A transaction that is done as a whole or not at all. Raises LabError."""
     with asking(engine, lab) as connection:
         connection.execute(text(_ALONE if on_server(engine) else "BEGIN IMMEDIATE"))
@@ -308,7 +308,7 @@ def make_tables(connection: Connection) -> None:
 
 
 @contextmanager
-def beside(lab: Lab) -> Iterator[Engine]:
+def beside(lab: LabFolder) -> Iterator[Engine]:
     """A second, empty index of a lab, which nobody looks at; it is gone afterwards. One process at a time may have
     it. Raises LabError."""
     place, path = server.address(lab), _path_beside(lab)
@@ -330,11 +330,11 @@ def beside(lab: Lab) -> Iterator[Engine]:
             remove_file(path)
 
 
-def _path_beside(lab: Lab) -> Path:
+def _path_beside(lab: LabFolder) -> Path:
     return lab.catalogue.with_name(f"{lab.catalogue.name}.new")
 
 
-def exchange(engine: Engine, lab: Lab) -> None:
+def exchange(engine: Engine, lab: LabFolder) -> None:
     """Put the index that was built `beside` in place of that of a lab, in one transaction. Rows that only the old one
     has are kept: they may be of runs that ended meanwhile. Raises LabError."""
     if on_server(engine):
@@ -410,7 +410,7 @@ def among(connection: Connection, query: Select, column: Column, keys: Iterable[
     return found
 
 
-def add_measurements(lab: Lab, rows: list[dict[str, Any]]) -> None:
+def add_measurements(lab: LabFolder, rows: list[dict[str, Any]]) -> None:
     """Take rows of measurements of indexed runs into the index of a lab, which stays as it is if it cannot be written
     to: they are then worked out again from what is kept beside the runs. Raises LabError for a damaged one."""
     if not rows or not os.access(lab.folder, os.W_OK):

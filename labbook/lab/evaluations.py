@@ -19,7 +19,7 @@ import numpy as np
 
 from labbook.lab.catalogue import Catalogue, Entry
 from labbook.lab.database import add_measurements
-from labbook.lab.folder import EVALUATION, Lab, is_beside, remove, stamp
+from labbook.lab.folder import EVALUATION, LabFolder, is_beside, remove, stamp
 from labbook.lab.identity import scene_key
 from labbook.lab.records import Observe, RunRecord, Unreadable
 from labbook.lab.runs import open_run, read_recording, run_data
@@ -83,7 +83,7 @@ def evaluated_packing(folder: Path, scene: Scene, packing: Callable[[], Packing]
     """What is measured of the packing in `folder`, which stands in the container of `scene`, by the same rules."""
     measure = PackingStructure()
     path = folder / f"{EVALUATION}{measure.name}-{measure.version}-{scene_key(scene)}.npz"
-    return _once(path, lambda: _evaluated(measure, lambda: Evaluation(measure.of(scene, packing()))))
+    return _once(path, lambda: _evaluated(measure, scene, lambda: Evaluation(measure.of(scene, packing()))))
 
 
 def evaluate(measure: Measure, window: Window, data: RunData) -> Evaluated:
@@ -97,10 +97,10 @@ def evaluate(measure: Measure, window: Window, data: RunData) -> Evaluated:
         with MEASURES.calling(measure.name, MeasureError):
             return measure.evaluate(data, window)
 
-    return _evaluated(measure, evaluation)
+    return _evaluated(measure, data.scene, evaluation)
 
 
-def _evaluated(measure: Measure, evaluation: Callable[[], Evaluation]) -> Evaluated:
+def _evaluated(measure: Measure, scene: Scene, evaluation: Callable[[], Evaluation]) -> Evaluated:
     try:
         result = evaluation()
     except MeasureError as error:
@@ -109,7 +109,7 @@ def _evaluated(measure: Measure, evaluation: Callable[[], Evaluation]) -> Evalua
         raise
     except Exception as error:  # other measures and runs still count
         return Evaluated(Evaluation(), f"fails: {type(error).__name__}: {error}")
-    declared = {quantity.name for quantity in measure.declared}
+    declared = {quantity.name for quantity in (*measure.declared, *measure.quantities(scene))}
     if unknown := [number.quantity for number in result.numbers if number.quantity not in declared]:
         return Evaluated(Evaluation(), f"fails: it gives {', '.join(unknown)}, and does not declare it")
     return Evaluated(result)
@@ -119,7 +119,7 @@ def _once(path: Path, make: Callable[[], Evaluated]) -> Evaluated:
     if (found := _kept(path)) is not None:
         return found
     folder = path.parent
-    with Lab(folder.parent.parent).alone(folder.name):
+    with LabFolder(folder.parent.parent).alone(folder.name):
         if (found := _kept(path)) is not None:
             return found
         content, found = _content(folder), make()
@@ -158,8 +158,11 @@ def _content(folder: Path) -> str:
 
 @dataclass(frozen=True)
 class FinishedRun:
-    """A run that covers what a study asks. `entry`: what the index knows of it; `outdated`: what has changed of its law
-    and walls since it was made, empty if nothing."""
+    """A run that covers what a study asks for.
+
+    `entry`: its attributes, from the index; `outdated`: changes of its law and walls since it was made, empty without
+    any.
+    """
 
     point: Point
     seed: int
@@ -171,56 +174,6 @@ class FinishedRun:
     def record(self) -> RunRecord:
         """All that the run says of itself. Raises Unreadable."""
         return RunRecord.read(self.folder)
-
-    @property
-    def run_key(self) -> str:
-        """Its key."""
-        return self.entry.run_key
-
-    @property
-    def packing_key(self) -> str:
-        """Key of the packing that it started from."""
-        return self.entry.packing_key
-
-    @property
-    def outcome(self) -> str:
-        """How it ended."""
-        return self.entry.outcome
-
-    @property
-    def suspect(self) -> str:
-        """Why it is suspect; empty if it is not."""
-        return self.entry.suspect
-
-    @property
-    def ended(self) -> str:
-        """When it ended (UTC, ISO 8601)."""
-        return self.entry.finished
-
-    @property
-    def backend(self) -> str:
-        """The backend that made it."""
-        return self.entry.backend
-
-    @property
-    def cache_version(self) -> int:
-        """Version of that backend."""
-        return self.entry.cache_version
-
-    @property
-    def device(self) -> str:
-        """Where its last stretch was computed."""
-        return self.entry.device
-
-    @property
-    def recorded(self) -> bool:
-        """Whether frames were recorded of it."""
-        return self.frame_interval is not None
-
-    @property
-    def frame_interval(self) -> float | None:
-        """Time between two recorded frames [s]; None without any."""
-        return None if self.entry.coverage is None else self.entry.coverage.frame_interval
 
     @property
     def provenance(self) -> dict[str, Any]:
@@ -251,7 +204,7 @@ class ReadOnlyRun(FinishedRun):
         """What a measure gave of the run, as it is kept beside it. Raises NotEvaluated."""
         found = _kept(path_of(self.folder, measure, window))
         if found is None:
-            raise NotEvaluated(measure.name, self.run_key)
+            raise NotEvaluated(measure.name, self.entry.run_key)
         return found
 
 
@@ -326,7 +279,7 @@ def numbers(
 
     A run whose folder changed since it was indexed is read as a whole. `progress` is told how many runs are done.
     """
-    found, every = Numbers(), {run.run_key: run for run in runs}
+    found, every = Numbers(), {run.entry.run_key: run for run in runs}
     changed, stored = catalogue.changed(every), catalogue.measured(every, observe)
     new: list[dict[str, Any]] = []
     try:
@@ -357,7 +310,7 @@ def numbers(
 
 def kept_numbers(catalogue: Catalogue, runs: Iterable[FinishedRun], observe: Observe) -> Numbers:
     """What the index has of each run, of what `observe` asks for. Nothing is evaluated, and no folder is looked at."""
-    found, every = Numbers(), {run.run_key: run for run in runs}
+    found, every = Numbers(), {run.entry.run_key: run for run in runs}
     stored = catalogue.measured(every, observe)
     for key, run in every.items():
         found.measured[key], had = {}, stored.get(key, {})
@@ -370,8 +323,8 @@ def kept_numbers(catalogue: Catalogue, runs: Iterable[FinishedRun], observe: Obs
 
 
 def _note(found: Numbers, run: FinishedRun, measure: Measure, why: str) -> None:
-    said = f"run {run.run_key} of {run.point.label}, seed {run.seed}: {measure.name}: {why}"
-    found.failed.setdefault(run.run_key, {})[measure.name] = said
+    said = f"run {run.entry.run_key} of {run.point.label}, seed {run.seed}: {measure.name}: {why}"
+    found.failed.setdefault(run.entry.run_key, {})[measure.name] = said
 
 
 def _take(found: Numbers, run: FinishedRun, measure: Measure, rows: Sequence[Row]) -> None:
@@ -384,4 +337,4 @@ def _take(found: Numbers, run: FinishedRun, measure: Measure, rows: Sequence[Row
             continue
         told = {name: row[name] for name in NAMES}
         known = {name: math.nan if told[name] is None else told[name] for name in ("value", "error", "n_effective")}
-        found.measured[run.run_key][row["quantity"]] = Measured(**{**told, **known})
+        found.measured[run.entry.run_key][row["quantity"]] = Measured(**{**told, **known})

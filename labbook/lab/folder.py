@@ -6,6 +6,7 @@
 | lab/packings/KEY/         | a settled packing, put in place by one rename                            |
 | lab/study-files/NAME.yaml | the text of the study NAME as it was last run, and beside it its own      |
 |                           | calibration, if it has one                                               |
+| lab/campaigns/NAME-KEY.json | what a strategy has proposed for the study NAME, and why                |
 | lab/notes/studies/        | notes and tags that people gave to studies, NAME.md                      |
 | lab/notes/runs/           | the same of runs, KEY.md                                                 |
 | lab/work/KEY/             | unfinished work on a run or packing, with its exact checkpoints          |
@@ -174,7 +175,7 @@ def is_locked(path: Path) -> bool:
     return False
 
 
-class Lab:
+class LabFolder:
     """Paths below one lab folder; nothing is made before something is written."""
 
     def __init__(self, folder: Path):
@@ -183,6 +184,7 @@ class Lab:
         self.packings = self.folder / "packings"
         self.works = self.folder / "work"
         self.studies = self.folder / "study-files"
+        self.campaigns = self.folder / "campaigns"
         self.notes = self.folder / "notes"
         self.live = self.folder / "live"
         self.catalogue = self.folder / "catalogue.db"
@@ -295,7 +297,7 @@ class Lab:
 
 
 @dataclass(frozen=True)
-class Listed:
+class LabListing:
     """Keys of all finished runs and packings, and of unfinished work, as they lay in a lab at one moment."""
 
     runs: Set[str]
@@ -303,7 +305,7 @@ class Listed:
     work: Set[str]
 
     @classmethod
-    def of(cls, lab: Lab) -> "Listed":
+    def of(cls, lab: LabFolder) -> "LabListing":
         """What lies in `lab` now."""
         return cls(*({*folders(place)} for place in (lab.runs, lab.packings, lab.works)))
 

@@ -32,7 +32,7 @@ from labbook.lab.database import (
     writing,
 )
 from labbook.lab.evaluations import derive, expected, finite
-from labbook.lab.folder import Lab, LabError, folders, is_beside, make_folder, remove, stamp
+from labbook.lab.folder import LabError, LabFolder, folders, is_beside, make_folder, remove, stamp
 from labbook.lab.packings import PackingRecord, is_sealed, read_packing, seal
 from labbook.lab.records import UNREADABLE, Observe, RunRecord, Unreadable
 from labbook.lab.runs import open_run, run_data
@@ -72,7 +72,7 @@ class Index:
     be written, or is damaged while it is in use.
     """
 
-    def __init__(self, lab: Lab, *, again: bool = False, tick: Tick | None = None):
+    def __init__(self, lab: LabFolder, *, again: bool = False, tick: Tick | None = None):
         self.lab = lab
         if lab.folder.exists() and not lab.folder.is_dir():
             raise LabError(f"{lab.folder} is a file, not a lab folder; give another one with --lab")

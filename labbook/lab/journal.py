@@ -19,7 +19,7 @@ from pydantic import Field, ValidationError
 
 from labbook.backend import Checkpoint
 from labbook.backend.probes import Table, describe_probe
-from labbook.lab.folder import Lab, LabError, make_folder, open_file, room, sync_folder, write_bytes
+from labbook.lab.folder import LabError, LabFolder, make_folder, open_file, room, sync_folder, write_bytes
 from labbook.lab.records import LONGEST, Part, RunRecord, Session, Unreadable, Whole
 from labbook.lab.runs import RECORDING, check_keys, film_of, read_end, read_recording, read_tables
 from labbook.lab.tables import join, read_checkpoint, read_table, write_checkpoint, write_table
@@ -74,7 +74,7 @@ class Progress(Part):
         return {self.checkpoint, *(name for names in self.chunks.values() for name in names)}
 
 
-class Failure(Part):
+class FillingFailure(Part):
     """Why a filling came to nothing; the next save of it, or its end, removes the file.
 
     `max_time`: the longest filling time [s] that it was allowed, if a longer one may cure it; None if time does not.
@@ -84,7 +84,7 @@ class Failure(Part):
     max_time: float | None = None
 
     @classmethod
-    def read(cls, folder: Path) -> "Failure | None":
+    def read(cls, folder: Path) -> "FillingFailure | None":
         """What is noted in the work folder of a packing; None without it, or if it cannot be read."""
         try:
             with open_file(folder / FAILURE) as file:
@@ -210,7 +210,7 @@ class Unfinished:
     """Why it came to nothing; see `Progress`."""
 
 
-def unfinished(lab: Lab) -> list[Unfinished]:
+def unfinished(lab: LabFolder) -> list[Unfinished]:
     """All unfinished work."""
     found = []
     for key in lab.working():
@@ -220,7 +220,7 @@ def unfinished(lab: Lab) -> list[Unfinished]:
         except Unreadable as error:
             problem = str(error)
         step = last.step if last else 0
-        noted = Failure.read(lab.work(key))
+        noted = FillingFailure.read(lab.work(key))
         failed = (last.failed if last else "") or (noted.why if noted else "")
         found.append(Unfinished(key, step, last is not None, lab.held(key), problem, failed))
     return found

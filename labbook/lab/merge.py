@@ -23,7 +23,7 @@ from labbook.accuracy import BESIDE
 from labbook.backend import BackendMissing, load
 from labbook.backend.probes import parse_probe, table_name
 from labbook.lab import notes, studies
-from labbook.lab.folder import PICTURE, Lab, LabError, is_full, make_folder, remove, stamp
+from labbook.lab.folder import PICTURE, LabError, LabFolder, is_full, make_folder, remove, stamp
 from labbook.lab.index import Index
 from labbook.lab.packings import ARRAYS, PackingRecord, read_packing
 from labbook.lab.records import LONGEST, RunRecord, Unreadable
@@ -60,7 +60,7 @@ def merge(index: Index, source: Path) -> Merged:
     Where both have a run, the one that covers more stays; one of ours that cannot be read is replaced. Where both have
     the file of a study or a note, ours stays. Raises FileNotFoundError if `source` is no lab.
     """
-    lab, other = index.lab, Lab(source)
+    lab, other = index.lab, LabFolder(source)
     if not other.exists:
         raise FileNotFoundError(errno.ENOENT, "not a lab: it has neither runs/ nor packings/", str(source))
     merged = Merged()
@@ -90,7 +90,7 @@ def merge(index: Index, source: Path) -> Merged:
     return merged
 
 
-def bring(index: Index, other: Lab, packings: Iterable[str], runs: Iterable[str]) -> None:
+def bring(index: Index, other: LabFolder, packings: Iterable[str], runs: Iterable[str]) -> None:
     """Copy these packings and runs of another lab, which go on here, as far as it has them whole."""
     for keys, place, take in ((packings, other.packing, _take_packing), (runs, other.run, _take_run)):
         for key in keys:
@@ -107,7 +107,7 @@ def _entries(folder: Path) -> list[str]:
     return sorted(one.name for one in found if not one.name.startswith(".") and (one.is_symlink() or one.is_dir()))
 
 
-def _take_packing(index: Index, lab: Lab, theirs: Path) -> bool:
+def _take_packing(index: Index, lab: LabFolder, theirs: Path) -> bool:
     seen = _seen(theirs)
     record = PackingRecord.read(theirs)
     key = record.packing_key
@@ -126,7 +126,7 @@ def _take_packing(index: Index, lab: Lab, theirs: Path) -> bool:
     return True
 
 
-def _take_run(index: Index, lab: Lab, theirs: Path) -> bool:
+def _take_run(index: Index, lab: LabFolder, theirs: Path) -> bool:
     seen = _seen(theirs)
     record = RunRecord.read(theirs)
     key = record.run_key
@@ -178,7 +178,7 @@ def _whole_packing(folder: Path) -> bool:
     return True
 
 
-def _take_study(lab: Lab, name: str, theirs: Path, merged: Merged) -> None:
+def _take_study(lab: LabFolder, name: str, theirs: Path, merged: Merged) -> None:
     text = _text(theirs, MAX_BYTES)
     beside = theirs.with_suffix(BESIDE)
     calibration = _text(beside, MAX_BYTES) if beside.exists() else None
@@ -190,7 +190,7 @@ def _take_study(lab: Lab, name: str, theirs: Path, merged: Merged) -> None:
         merged.stayed.append(f"the study file {name} of this lab differs and is kept: {studies.place(lab, name)}")
 
 
-def _take_note(lab: Lab, kind: notes.Kind, name: str, theirs: Path, merged: Merged) -> None:
+def _take_note(lab: LabFolder, kind: notes.Kind, name: str, theirs: Path, merged: Merged) -> None:
     text, mine = _text(theirs, notes.MOST_BYTES), notes.place(lab, kind, name)
     try:
         note, before = notes.parsed(text.encode()), notes.read(lab, kind, name)
@@ -261,7 +261,7 @@ def _seen(folder: Path) -> tuple[int, int]:
 
 
 @contextmanager
-def _claimed(lab: Lab, key: str, theirs: Path, mine: Path) -> Iterator[Path]:
+def _claimed(lab: LabFolder, key: str, theirs: Path, mine: Path) -> Iterator[Path]:
     """The folder, which is not there yet, where what is to get the place `mine` is put together while `key` is ours.
     Raises Unreadable while another process has it."""
     claim = lab.claim(key)

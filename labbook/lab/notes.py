@@ -20,7 +20,7 @@ from typing import Literal
 
 from pydantic import TypeAdapter, ValidationError
 
-from labbook.lab.folder import Lab, LabError, folders, make_folder, open_file, sync_folder, write_bytes
+from labbook.lab.folder import LabError, LabFolder, folders, make_folder, open_file, sync_folder, write_bytes
 from labbook.lab.records import RunKey
 from labbook.scene.model import digest
 from labbook.study.schema import names_a_study
@@ -54,7 +54,7 @@ class Note:
         return bool(self.text or self.tags)
 
 
-def read(lab: Lab, kind: Kind, name: str) -> Note:
+def read(lab: LabFolder, kind: Kind, name: str) -> Note:
     """The note of the study or run `name`; an empty one if there is none.
 
     Raises LabError, which names the file, for one that cannot be read, and ValueError for a name that is none.
@@ -88,7 +88,7 @@ def parsed(content: bytes) -> Note:
     return Note(_trimmed(rest), checked(filter(None, map(str.strip, head[1].split(",")))))
 
 
-def write(lab: Lab, kind: Kind, name: str, note: Note) -> None:
+def write(lab: LabFolder, kind: Kind, name: str, note: Note) -> None:
     """Keep a note in place of an earlier one; an empty note removes the file.
 
     Tags are sorted, and each is written once. Raises ValueError for a tag or text that cannot be kept and for a name
@@ -127,12 +127,12 @@ def checked(tags: Iterable[str]) -> tuple[str, ...]:
     return tuple(found)
 
 
-def tagged(lab: Lab, kind: Kind) -> dict[str, tuple[str, ...]]:
+def tagged(lab: LabFolder, kind: Kind) -> dict[str, tuple[str, ...]]:
     """The tags of all studies or runs that have any, by name. Notes that cannot be read are left out: see `damaged`."""
     return {name: note.tags for name, note in _all(lab, kind) if isinstance(note, Note) and note.tags}
 
 
-def damaged(lab: Lab, kind: Kind) -> list[str]:
+def damaged(lab: LabFolder, kind: Kind) -> list[str]:
     """Why notes cannot be read, or belong to no run, a line each that names the file."""
     found = [str(problem) for _, problem in _all(lab, kind) if isinstance(problem, LabError)]
     if kind == "run":
@@ -145,7 +145,7 @@ def damaged(lab: Lab, kind: Kind) -> list[str]:
     return found
 
 
-def named(lab: Lab, kind: Kind) -> dict[str, Path]:
+def named(lab: LabFolder, kind: Kind) -> dict[str, Path]:
     """Whatever is named like a note of a study or run, by that name, in order; it may be damaged. The name of a run's
     file may be the beginning of its key, as `labbook runs` prints it; one that several runs have stays as it is."""
     files = _files(lab, kind)
@@ -158,7 +158,7 @@ def named(lab: Lab, kind: Kind) -> dict[str, Path]:
     return files
 
 
-def _files(lab: Lab, kind: Kind) -> dict[str, Path]:
+def _files(lab: LabFolder, kind: Kind) -> dict[str, Path]:
     try:
         paths = sorted(path for path in folder(lab, kind).iterdir() if path.suffix == SUFFIX)
     except (FileNotFoundError, NotADirectoryError):
@@ -166,7 +166,7 @@ def _files(lab: Lab, kind: Kind) -> dict[str, Path]:
     return {path.stem: path for path in paths if _is_name(kind, path.stem)}
 
 
-def _found(lab: Lab, kind: Kind, name: str) -> Path:
+def _found(lab: LabFolder, kind: Kind, name: str) -> Path:
     """Where the note of a study or run lies: of a run, also under the beginning of its key. Raises ValueError for what
     is no name of one, and LabError for a beginning that several keys have."""
     path = place(lab, kind, name)
@@ -181,12 +181,12 @@ def _found(lab: Lab, kind: Kind, name: str) -> Path:
     return path
 
 
-def folder(lab: Lab, kind: Kind) -> Path:
+def folder(lab: LabFolder, kind: Kind) -> Path:
     """Where notes of studies or runs lie."""
     return lab.notes / _FOLDERS[kind]
 
 
-def place(lab: Lab, kind: Kind, name: str) -> Path:
+def place(lab: LabFolder, kind: Kind, name: str) -> Path:
     """Where the note of the study or run `name` lies. Raises ValueError for what is no name of one."""
     if not _is_name(kind, name):
         wanted = "8 to 64 digits and letters a to f" if kind == "run" else "letters, digits, - and _"
@@ -221,7 +221,7 @@ def _written(tags: tuple[str, ...], text: str) -> str:
     return "".join(f"{line}\n" for line in lines)
 
 
-def _all(lab: Lab, kind: Kind) -> Iterator[tuple[str, Note | LabError]]:
+def _all(lab: LabFolder, kind: Kind) -> Iterator[tuple[str, Note | LabError]]:
     for name in named(lab, kind):
         try:
             yield name, read(lab, kind, name)

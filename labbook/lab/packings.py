@@ -15,7 +15,7 @@ from labbook.backend.numerics import Numerics
 from labbook.lab import identity
 from labbook.lab.folder import stamp
 from labbook.lab.identity import Filling
-from labbook.lab.records import Ledger, Measure, Record, StoredBackend, StoredVersions, Text, Unreadable, Whole
+from labbook.lab.records import FolderRecord, Measure, RunLedger, StoredBackend, StoredVersions, Text, Unreadable, Whole
 from labbook.lab.tables import MOST, read_table, write_table
 from labbook.scene import Bodies, Scene, Spheres
 from labbook.scene.packing import Packing
@@ -26,7 +26,7 @@ _KEPT = 500_000  # grains of packings that a process keeps in memory: some 150 M
 _SETTLED = 0.1  # s: the clocks of file systems tick more often
 
 
-class PackingRecord(Record):
+class PackingRecord(FolderRecord):
     """How a packing was made."""
 
     FILE = "packing.json"
@@ -48,7 +48,7 @@ class PackingRecord(Record):
     """Simulated time until it was at rest [s]."""
     kinetic: Measure
     """Kinetic energy per grain at the end [m g d]."""
-    ledger: Annotated[Ledger | None, Field(exclude_if=lambda ledger: ledger is None)] = None
+    ledger: Annotated[RunLedger | None, Field(exclude_if=lambda ledger: ledger is None)] = None
     """None of packings from before it was kept."""
     arrays: Annotated[
         str | None, Field(pattern="^[0-9a-f]{32}$", exclude_if=lambda arrays: arrays is None)

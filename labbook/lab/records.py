@@ -129,7 +129,7 @@ class Session(Part):
     provenance: Annotated[dict[str, Any], AfterValidator(_is_provenance)] = {}
 
 
-class Record(Part):
+class FolderRecord(Part):
     """A folder's account of how its content was computed, in one or more sessions."""
 
     FILE: ClassVar[str]
@@ -191,7 +191,7 @@ def _seal(text: bytes) -> str:
     return hashlib.blake2b(text, digest_size=16).hexdigest()
 
 
-class Ledger(Part):
+class RunLedger(Part):
     """What guards saw in all steps, and where the grains are at the end; None where it is not known."""
 
     overlap: Measure | None
@@ -343,7 +343,7 @@ class Coverage(Part):
         return self.duration - self.last_crossing
 
 
-class Failure(Part):
+class RunFailure(Part):
     """Why a run diverged; its folder holds the state at the last good beat."""
 
     guard: str
@@ -373,7 +373,7 @@ class Observe(Part):
         return cls(measure=tuple(measure), start=window.start, end=window.end, timed=window.timed, **stated)
 
 
-class RunRecord(Record):
+class RunRecord(FolderRecord):
     """All that is known of a finished run apart from its tables."""
 
     FILE = "run.json"
@@ -398,14 +398,14 @@ class RunRecord(Record):
     numerics: Numerics
     outcome: Outcome
     coverage: Coverage
-    failure: Failure | None = None
+    failure: RunFailure | None = None
     observe: Observe
     physics: dict[str, float]
     """What the backend derived: asked and realised restitution, damping coefficient."""
     device: Text
     finished: Text
     """When it ended (UTC, ISO 8601)."""
-    ledger: Annotated[Ledger | None, Field(exclude_if=lambda ledger: ledger is None)] = None
+    ledger: Annotated[RunLedger | None, Field(exclude_if=lambda ledger: ledger is None)] = None
     """None of runs from before it was kept."""
 
     @model_validator(mode="after")

@@ -10,7 +10,7 @@ import numpy as np
 from labbook.backend import Checkpoint
 from labbook.backend.probes import Crossing, Film, Probe, film_probe, parse_probe, table_name
 from labbook.lab import identity
-from labbook.lab.folder import PICTURE, Lab, open_file
+from labbook.lab.folder import PICTURE, LabFolder, open_file
 from labbook.lab.packings import PackingRecord, read_packing
 from labbook.lab.records import RunRecord, Unreadable
 from labbook.lab.tables import MOST, Stored, fault_of_rows, most_bytes, read_checkpoint
@@ -23,7 +23,7 @@ _WIDEST, _LARGEST = 1024, 2**20  # pixels along either side, and bytes, of a pic
 _BYTES = 2**16  # of a grain in a checkpoint, at most
 
 
-def open_run(folder: Path, *, key: str | None = None, lab: Lab | None = None) -> tuple[RunRecord, RunData]:
+def open_run(folder: Path, *, key: str | None = None, lab: LabFolder | None = None) -> tuple[RunRecord, RunData]:
     """The run in `folder`, after everything in it has been looked at: record, tables, recording, checkpoint, keys.
 
     `key`: what the folder has yet to be named, if it is not named by its key; `lab`: where its packing is, if that is
@@ -39,10 +39,10 @@ def open_run(folder: Path, *, key: str | None = None, lab: Lab | None = None) ->
     return record, data
 
 
-def run_data(folder: Path, record: RunRecord, lab: Lab | None = None) -> RunData:
+def run_data(folder: Path, record: RunRecord, lab: LabFolder | None = None) -> RunData:
     """The run in `folder`, which lies in a lab beside its packings unless `lab` is given. Raises Unreadable."""
 
-    packed, start = read_packing((lab or Lab(folder.parent.parent)).packing(record.packing_key))
+    packed, start = read_packing((lab or LabFolder(folder.parent.parent)).packing(record.packing_key))
     _check_start(folder, record, packed)
     return RunData(
         scene=record.scene,

@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from labbook.commands import command
-from labbook.lab.folder import Lab, LabError, make_folder, remove
+from labbook.lab.folder import LabError, LabFolder, make_folder, remove
 
 if TYPE_CHECKING:
     from sqlalchemy import Engine
@@ -46,7 +46,7 @@ def url_shown(url: str) -> str:
     return make_url(url).render_as_string(hide_password=True)
 
 
-def address(lab: Lab) -> Address | None:
+def address(lab: LabFolder) -> Address | None:
     """Where the index of a lab is; None if it is a file of the lab. Raises LabError."""
     return _read(lab.server)
 
@@ -86,7 +86,7 @@ def engine(place: Address) -> "Engine":
         raise LabError(f"{place.shown} takes psycopg: pip install 'labbook[postgres]'") from error
 
 
-def move_to(lab: Lab, url: str) -> str | None:
+def move_to(lab: LabFolder, url: str) -> str | None:
     """Keep the index of a lab on a server from now on, where it is empty until it is made again. What is left behind
     where it was, or None. Raises LabError, and the index is where it was."""
     from sqlalchemy import make_url
@@ -117,7 +117,7 @@ def move_to(lab: Lab, url: str) -> str | None:
     return _dropped(before) if before else None
 
 
-def move_home(lab: Lab) -> str | None:
+def move_home(lab: LabFolder) -> str | None:
     """Keep the index of a lab in a file of the lab again. What is left behind on a server that cannot be reached, or
     None."""
     place = _left(lab)
@@ -125,7 +125,7 @@ def move_home(lab: Lab) -> str | None:
     return _dropped(place) if place else None
 
 
-def _left(lab: Lab) -> Address | None:
+def _left(lab: LabFolder) -> Address | None:
     """Where the index of a lab was; None also where its file does not say so: choosing a place anew is the remedy."""
     try:
         return _read(lab.server)

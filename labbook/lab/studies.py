@@ -7,13 +7,13 @@ its own, lies beside it. Nothing here reads what they say: `labbook.study.load` 
 from pathlib import Path
 
 from labbook.accuracy import BESIDE
-from labbook.lab.folder import Lab, make_folder, open_file, remove, sync_folder, write_bytes
+from labbook.lab.folder import LabFolder, make_folder, open_file, remove, sync_folder, write_bytes
 from labbook.study.schema import names_a_study
 
 SUFFIX = ".yaml"
 
 
-def keep(lab: Lab, name: str, text: str, calibration: Path | None = None) -> None:
+def keep(lab: LabFolder, name: str, text: str, calibration: Path | None = None) -> None:
     """Keep `text` as that of the study `name`, and the file of its own calibration beside it, in place of earlier ones.
     The same is not written again.
 
@@ -27,7 +27,7 @@ def keep(lab: Lab, name: str, text: str, calibration: Path | None = None) -> Non
         _keep_calibration(lab, path.with_suffix(BESIDE), measured)
 
 
-def add(lab: Lab, name: str, text: str, calibration: str | None = None) -> str | None:
+def add(lab: LabFolder, name: str, text: str, calibration: str | None = None) -> str | None:
     """Keep `text` as that of the study `name`, and the text of its own calibration, unless the lab has such a study.
 
     Returns the text that the lab had, or None. Raises ValueError for a name that no study may have, and OSError.
@@ -41,13 +41,13 @@ def add(lab: Lab, name: str, text: str, calibration: str | None = None) -> str |
         return None if had is None else had.decode(errors="replace")
 
 
-def calibration(lab: Lab, path: Path) -> Path | None:
+def calibration(lab: LabFolder, path: Path) -> Path | None:
     """The file of the calibration that is kept beside that of a study in the lab; None if there is none."""
     beside = path.with_suffix(BESIDE)
     return beside if path.parent == lab.studies and _is_own(beside) else None
 
 
-def kept(lab: Lab) -> dict[str, Path]:
+def kept(lab: LabFolder) -> dict[str, Path]:
     """The files of all studies that are kept, by name, in the order of their names. Links are none of them: in a lab
     that came from elsewhere they may lead to any file."""
     return {name: path for name, path in named(lab).items() if _is_own(path)}
@@ -57,14 +57,14 @@ def _is_own(path: Path) -> bool:
     return path.is_file() and not path.is_symlink()
 
 
-def place(lab: Lab, name: str) -> Path:
+def place(lab: LabFolder, name: str) -> Path:
     """Where the text of the study `name` is kept. Raises ValueError for a name that no study may have."""
     if not names_a_study(name):
         raise ValueError(f"{name!r} is not the name of a study: letters, digits, - and _, beginning with a letter")
     return lab.studies / f"{name}{SUFFIX}"
 
 
-def named(lab: Lab) -> dict[str, Path]:
+def named(lab: LabFolder) -> dict[str, Path]:
     """Whatever is named like the file of a study, also links and folders, by name, in the order of their names."""
     try:
         paths = sorted(path for path in lab.studies.iterdir() if path.suffix == SUFFIX)
@@ -82,14 +82,14 @@ def _content(path: Path) -> bytes | None:
         return None
 
 
-def _keep_calibration(lab: Lab, path: Path, content: bytes | None) -> None:
+def _keep_calibration(lab: LabFolder, path: Path, content: bytes | None) -> None:
     if content is None:
         remove(path)
     elif _content(path) != content:
         _write(lab, path, content)
 
 
-def _write(lab: Lab, path: Path, content: bytes) -> None:
+def _write(lab: LabFolder, path: Path, content: bytes) -> None:
     make_folder(lab.studies)
     write_bytes(path, content)
     sync_folder(lab.studies)

@@ -6,7 +6,7 @@ A suspect run is kept and shown with the reason. It takes part in no mean and no
 
 import math
 
-from labbook.lab.records import Ledger
+from labbook.lab.records import RunLedger
 from labbook.scene.quantities import told_apart
 
 DEEPEST = 0.1
@@ -29,7 +29,7 @@ def counts(outcome: str, suspect: str, count_suspect: bool) -> bool:
     return outcome != "diverged" and (not suspect or count_suspect)
 
 
-def suspicion(ledger: Ledger | None) -> str:
+def suspicion(ledger: RunLedger | None) -> str:
     """Why a run with this ledger is suspect; empty if it is not, or if nothing is known."""
     if ledger is None:
         return ""
@@ -48,7 +48,7 @@ def suspicion(ledger: Ledger | None) -> str:
     return "; ".join(reasons)
 
 
-def said(ledger: Ledger | None) -> str:
+def said(ledger: RunLedger | None) -> str:
     """A ledger in a line."""
     if ledger is None:
         return "not kept"

@@ -7,6 +7,7 @@ from labbook.measure.ledger import EnergyLedger
 from labbook.measure.measure import Evaluation, Measure, MeasureError, Quantity, Window
 from labbook.measure.orifice import OrificeMeans
 from labbook.measure.outlet import OutletProfiles
+from labbook.measure.outlets import OutletRates
 from labbook.measure.packing import PackingStructure
 from labbook.measure.stress import ContactStress
 from labbook.plugins import Registry
@@ -14,7 +15,7 @@ from labbook.plugins import Registry
 MEASURES: Registry[Measure] = Registry[Measure](
     "labbook.measures",
     Measure,
-    (FlowRate(), OutletProfiles(), PackingStructure(), OrificeMeans(), ContactStress(), EnergyLedger()),
+    (FlowRate(), OutletProfiles(), PackingStructure(), OrificeMeans(), ContactStress(), EnergyLedger(), OutletRates()),
 )
 """The measures that a study can name under `measure`: those built in, and those of other packages."""
 

@@ -1,14 +1,13 @@
 """How finely the fields of a bed are computed, and where."""
 
 from collections.abc import Mapping
-from typing import Any
 
 import numpy as np
 
-from labbook.fields import Grains, Grid, Layer, Ring, grains_of
+from labbook.fields import GrainRows, Grid, Layer, Ring, grains_of
 from labbook.measure.measure import MeasureError
 from labbook.measure.region import Outlines
-from labbook.scene import Bodies, ConicalSilo, CylinderSilo, Scene, WedgeHopper
+from labbook.scene import Bodies, Outlet, Scene
 
 OMEGA = 0.5
 """Width of the coarse-graining function in diameters of the grains, or of spheres of their volume."""
@@ -19,19 +18,19 @@ def omega_of(scene: Scene) -> float:
     return OMEGA * scene.grains.equivalent_diameter
 
 
-def round_silo(scene: Scene, measure: str) -> CylinderSilo | ConicalSilo:
-    """The container of a scene with a round outlet and equal grains. Raises MeasureError for any other."""
-    if not isinstance(scene.container, CylinderSilo | ConicalSilo):
+def round_outlet(scene: Scene, measure: str) -> Outlet:
+    """The round outlet of a scene with equal grains. Raises MeasureError for any other."""
+    if scene.container.outlet_form != "hole":
         reason = f"{measure} needs a round outlet, and the container is a {scene.container.kind}"
         raise MeasureError(reason, f"take {measure} out of measure, or use a cylinder-silo or conical-silo")
     if scene.grains.varied:
         raise MeasureError(
             f"{measure} needs equal grains", f"take {measure} out of measure, or leave out sizes and kinds"
         )
-    return scene.container
+    return scene.container.outlets[0]
 
 
-def grains_between(scene: Scene, frames: Mapping[str, np.ndarray], begin: float, end: float) -> Grains:
+def grains_between(scene: Scene, frames: Mapping[str, np.ndarray], begin: float, end: float) -> GrainRows:
     """Grains of the frames with begin <= time <= end [s], which of unlike ones have `radius` and `kind`; rods without
     length are spheres and have no axes.
 
@@ -51,12 +50,13 @@ def bed_grid(scene: Scene, omega: float, x: np.ndarray, *, coarse: bool = False)
     """From below the outlet to above the highest of the grains at x [m], shape [n, 3]; cells as wide as omega, about an
     axis half of that unless `coarse`. Of a quasi-2D hopper or a silo about the axis.
     """
-    container: Any = scene.container
+    container, wide = scene.container, scene.container.across
+    assert wide is not None
     low, high = -4 * omega, float(x[:, 2].max()) + 2 * omega
-    if isinstance(container, WedgeHopper):
-        half = container.width / 2
-        return Layer((-half, half), (low, high), cells(2 * half, omega), cells(high - low, omega), container.thickness)
-    radius, cell = container.diameter / 2, omega if coarse else omega / 2
+    if container.symmetry == "planar":
+        size = cells(wide, omega), cells(high - low, omega)
+        return Layer((-wide / 2, wide / 2), (low, high), *size, container.front_to_back)
+    radius, cell = wide / 2, omega if coarse else omega / 2
     return Ring(radius, (low, high), cells(radius, cell), cells(high - low, cell))
 
 

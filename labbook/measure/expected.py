@@ -3,7 +3,7 @@
 import math
 
 from labbook.backend.numerics import Numerics
-from labbook.scene import Scene, Silo, WedgeHopper
+from labbook.scene import Scene
 from labbook.scene.timescales import gravity_time
 
 FLOW = (0.58, 1.5)
@@ -14,10 +14,10 @@ FLOW = (0.58, 1.5)
 def mass_flow(scene: Scene) -> float:
     """Expected flow [kg/s] through the slot or the round outlet of a silo; 0 where none can be told."""
     silo, (c, k) = scene.container, FLOW
-    if not isinstance(silo, Silo):
+    if silo.outlet_form is None:
         return 0.0
-    free = max(0.0, silo.orifice - k * scene.grains.equivalent_diameter)
-    area = free**1.5 * silo.thickness if isinstance(silo, WedgeHopper) else free**2.5
+    free = max(0.0, silo.outlets[0].width - k * scene.grains.equivalent_diameter)
+    area = free**1.5 * silo.front_to_back if silo.outlet_form == "slot" else free**2.5
     return c * scene.grains.mean_density * math.sqrt(scene.gravity) * area
 
 

@@ -117,14 +117,14 @@ class Measure(ABC):
     version: ClassVar[int]
     """Rises whenever measured numbers may change; they are then derived again from what runs recorded."""
     declared: ClassVar[tuple[Quantity, ...]]
-    """All quantities that it may give, in any scene."""
+    """All quantities that it may give, in any scene, but for those whose names are those of parts of the scene."""
 
     @abstractmethod
     def check(self, scene: Scene) -> None:
         """Raises MeasureError, with a remedy, for a scene that this cannot be measured in."""
 
     def quantities(self, scene: Scene) -> tuple[Quantity, ...]:
-        """Those of `declared` that it may give in `scene`."""
+        """Those that it may give in `scene`: of `declared`, and those that are named after parts of the scene."""
         return self.declared
 
     @abstractmethod

@@ -10,7 +10,7 @@ from labbook.backend.probes import Crossing, Probe, Zone
 from labbook.fields import Ring, coarse_grain, orifice_means
 from labbook.fields.kernel import CUTOFF
 from labbook.measure.acceleration import AccelerationProfile, acceleration_profile
-from labbook.measure.bed import cells, grains_between, omega_of, round_silo
+from labbook.measure.bed import cells, grains_between, omega_of, round_outlet
 from labbook.measure.data import RunData
 from labbook.measure.expected import beats_of, rounded, window_time
 from labbook.measure.measure import (
@@ -82,7 +82,7 @@ class OrificeMeans(Measure):
     declared = (*_MEANS, *map(while_flowing, _MEANS))
 
     def check(self, scene: Scene) -> None:
-        round_silo(scene, NAME)
+        round_outlet(scene, NAME)
         if scene.gravity == 0:
             raise MeasureError("orifice needs gravity", "take orifice out of measure, or use a gravity above 0 m/s^2")
 
@@ -95,16 +95,16 @@ class OrificeMeans(Measure):
 
     def observed(self, scene: Scene, numerics: Numerics, window: Window | None = None) -> tuple[Probe, ...]:
         self.check(scene)
-        silo, reach = round_silo(scene, NAME), CUTOFF * omega_of(scene)
-        R, plane = silo.orifice / 2, silo.outlet_plane
+        outlet, reach = round_outlet(scene, NAME), CUTOFF * omega_of(scene)
+        R, plane = outlet.width / 2, outlet.plane
         core = min(R + reach, R / 2 + scene.grains.equivalent_diameter)
         low, high = plane - reach, plane + layer(scene, window) + reach
         every, again = _beats(scene, numerics, interval(scene, window))
-        top = max(high, plane + UP_TO * silo.orifice)
+        top = max(high, plane + UP_TO * outlet.width)
         return (Crossing(plane), Zone(R + reach, low, high, core, top, every, again))
 
     def evaluate(self, run: RunData, window: Window) -> Evaluation:
-        round_silo(run.scene, NAME)
+        round_outlet(run.scene, NAME)
         flow, times = outflow(run, window)
         height = layer(run.scene, window)
         where = window_in_words(window, "grains")
@@ -154,11 +154,11 @@ def _means(scene: Scene, frames: dict[str, np.ndarray], height: float) -> dict[s
 
 def _seen(scene: Scene, frames: Mapping[str, np.ndarray], height: float, omega: float) -> dict[str, float]:
     """Means over a layer of this height [m], through a kernel of the width omega [m]."""
-    silo = round_silo(scene, NAME)
-    R, bottom = silo.orifice / 2, silo.outlet_plane
+    outlet = round_outlet(scene, NAME)
+    R, bottom = outlet.width / 2, outlet.plane
     grid = Ring(R, (bottom, bottom + height), cells(R, omega / 2), max(4, cells(height, omega / 2)))
     fields = coarse_grain(grid, omega, grains_between(scene, frames, -math.inf, math.inf))
-    return dict(orifice_means(fields, silo.orifice, height, bottom=bottom))
+    return dict(orifice_means(fields, outlet.width, height, bottom=bottom))
 
 
 def _mean_order(scene: Scene, frames: Mapping[str, np.ndarray], height: float, omega: float) -> float:
@@ -175,7 +175,7 @@ def _mean_order(scene: Scene, frames: Mapping[str, np.ndarray], height: float, o
 
 def _profile(scene: Scene, frames: dict[str, np.ndarray], after: float) -> AccelerationProfile | None:
     """Accelerations from velocities about `after` [s] apart; None if no two frames are."""
-    D, plane = round_silo(scene, NAME).orifice, round_silo(scene, NAME).outlet_plane
+    D, plane = round_outlet(scene, NAME).width, round_outlet(scene, NAME).plane
     edges = plane + np.linspace(0.0, UP_TO * D, BINS + 1)
     try:
         return acceleration_profile(frames, interval=after, radius=D / 4, edges=edges, gravity=scene.gravity)

@@ -35,7 +35,7 @@ from labbook.measure.measure import (
 )
 from labbook.measure.series import mean_mass
 from labbook.measure.steady import SteadyFlow, gaps, in_gap, outflow
-from labbook.scene import Scene, WedgeHopper
+from labbook.scene import Scene, container
 from labbook.scene.bodies import Bodies
 from labbook.stats import Measured
 
@@ -161,7 +161,7 @@ def outlet_profile(run: RunData, window: Window, bins: int = BINS) -> OutletProf
     """
     if "slab" not in run.tables:
         raise MeasureError("outlet_profiles: the run recorded no grains at the outlet; run it again with this measure")
-    hopper, bodies = _hopper(run.scene), Bodies.of(run.scene.grains, run.start)
+    slot, bodies = _slot(run.scene), Bodies.of(run.scene.grains, run.start)
     steady, times = outflow(run, window)
     if steady is None:
         return None
@@ -171,12 +171,12 @@ def outlet_profile(run: RunData, window: Window, bins: int = BINS) -> OutletProf
     number = np.asarray(slab["step"]) // run.numerics.steps_per_beat
     frame = np.minimum(np.searchsorted(frames, number), len(frames) - 1)
     seen = frames[frame] == number
-    edges, R = np.linspace(-1, 1, bins + 1), hopper.orifice / 2
+    edges, R = np.linspace(-1, 1, bins + 1), slot.width / 2
     x, z, v = (np.asarray(slab[name], float)[seen] for name in ("x", "z", "vz"))
     ids = np.asarray(slab["id"])[seen]
     grain = run.start.rows(ids)
     passage = ids if run.scene.feed is None else _passages(ids, frame[seen])
-    covered = _covered(x - hopper.eccentricity, z, bodies.radius[grain], R * edges)
+    covered = _covered(x - slot.centre, z, bodies.radius[grain], R * edges)
     width = 2 * R / bins
     phi, flux = covered.sum(axis=0), covered.T @ -v
     behind = bodies.mass / (math.pi * bodies.radius**2)  # (2/3) d rho_p of each grain
@@ -184,7 +184,7 @@ def outlet_profile(run: RunData, window: Window, bins: int = BINS) -> OutletProf
     flow_rate = float(swept.sum()) / len(frames)
     counted = mean_mass(run) * steady.rate
     error = _sweep_error(swept / bodies.mass[grain], passage, frame[seen], len(frames) - 1)
-    crossing_flux, crossing_velocity = _at_crossings(run, steady, hopper.eccentricity, R * edges, bodies.radius)
+    crossing_flux, crossing_velocity = _at_crossings(run, steady, slot.centre, R * edges, bodies.radius)
     return OutletProfile(
         edges=edges,
         R=R,
@@ -219,10 +219,10 @@ class OutletProfiles(Measure):
     declared = (*_MEANS, *map(while_flowing, _MEANS))
 
     def check(self, scene: Scene) -> None:
-        _hopper(scene)
+        _slot(scene)
 
     def probes(self, scene: Scene, numerics: Numerics) -> tuple[Probe, ...]:
-        plane, radius = _hopper(scene).outlet_plane, scene.grains.radius
+        plane, radius = _slot(scene).plane, scene.grains.radius
         return (Crossing(plane), Slab(low=plane - radius, high=plane + radius))
 
     def evaluate(self, run: RunData, window: Window) -> Evaluation:
@@ -245,14 +245,14 @@ class OutletProfiles(Measure):
         return Evaluation(numbers, packed(profile))
 
 
-def _hopper(scene: Scene) -> WedgeHopper:
-    if not isinstance(scene.container, WedgeHopper):
+def _slot(scene: Scene) -> container.Outlet:
+    if scene.container.outlet_form != "slot":
         reason = f"outlet_profiles needs the slot of a wedge-hopper, and the container is a {scene.container.kind}"
         raise MeasureError(reason, "take outlet_profiles out of measure, or use a wedge-hopper")
     if scene.grains.half_length > 0:
         reason = "outlet_profiles applies to spheres only, and these grains are rods"
         raise MeasureError(reason, "take outlet_profiles out of measure, or use spheres")
-    return scene.container
+    return scene.container.outlets[0]
 
 
 def _frames(run: RunData, flow: SteadyFlow, times: np.ndarray) -> np.ndarray:

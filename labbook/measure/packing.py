@@ -15,9 +15,9 @@ from labbook.measure.order import hexatic
 from labbook.measure.region import (
     MARGIN,
     SMALLEST,
+    Annulus,
     Outlines,
     Region,
-    Ring,
     bulk,
     bulk_below,
     has_bulk,
@@ -34,7 +34,7 @@ _DENSER = 1.1
 """Height of a level bed with the packing fraction PACKED over that of the lowest columns of a dense bed, at most."""
 
 
-def packing_fraction(packing: Packing, diameter: float, region: Region | Ring, half_length: float = 0.0) -> float:
+def packing_fraction(packing: Packing, diameter: float, region: Region | Annulus, half_length: float = 0.0) -> float:
     """Volume of grains within `region` over its volume; grains that its faces cut count in part.
 
     diameter: of the grains [m], of the largest where the packing has diameters of its own; half_length: of the segment
@@ -139,21 +139,19 @@ def _wider(scene: Scene) -> Iterator[tuple[str, str]]:
     """Sizes of the container that leave no bulk however high the bed is, and what they have to be."""
     least, margin = least_extent(scene.grains), margin_of(scene.grains)
     region, enough = bulk_below(scene, math.inf), f"{math.ceil(1e4 * (2 * margin + least) - 1e-6) / 10:g} mm or more"
-    if isinstance(region, Ring):
+    if isinstance(region, Annulus):
         if region.smaller_than(least):
             yield "diameter", enough
         return
     if region.size[0] < least * (1 - 1e-9):
         yield "width", enough
     if region.size[1] <= 0:
-        key = "thickness" if hasattr(scene.container, "thickness") else "depth"
-        yield key, f"less than 2 d, or more than {2e3 * margin:.3g} mm"
+        yield scene.container.widths[0], f"less than 2 d, or more than {2e3 * margin:.3g} mm"
 
 
 def _layer(scene: Scene) -> bool:
     """Whether the grains are spheres between a front and a back wall less than 2 d apart."""
-    depth = getattr(scene.container, "thickness", getattr(scene.container, "depth", math.inf))
-    return depth < 2 * scene.grains.diameter and scene.grains.half_length == 0
+    return scene.container.front_to_back < 2 * scene.grains.diameter and scene.grains.half_length == 0
 
 
 def _distance(grains: Grains) -> str:

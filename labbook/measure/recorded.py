@@ -21,7 +21,7 @@ from labbook.measure.measure import Evaluation, Measure, MeasureError, Quantity,
 from labbook.measure.orifice import BINS, UP_TO
 from labbook.measure.scales import interval, layer, moment
 from labbook.measure.steady import in_gap, outflow
-from labbook.scene import Scene, WedgeHopper
+from labbook.scene import Scene
 from labbook.stats import Measured
 
 FEWEST = 8
@@ -75,7 +75,7 @@ class OfRecording(Measure):
 
     def check(self, scene: Scene) -> None:
         FlowRate().check(scene)
-        if not isinstance(scene.container, WedgeHopper) and not hasattr(scene.container, "diameter"):
+        if scene.container.symmetry is None:
             raise MeasureError(f"{self.name} needs a hopper or a silo about an axis, not a {scene.container.kind}")
 
     def probes(self, scene: Scene, numerics: Numerics) -> tuple[Probe, ...]:
@@ -135,11 +135,9 @@ class FlowPattern(OfRecording):
             quantity = f"orifice.{name}"
             return Measured(quantity, value, math.nan, frames, where, how, units.get(quantity, ""), note)
 
-        container = scene.container
-        middle = container.eccentricity if isinstance(container, WedgeHopper) else 0.0
-        width = float(getattr(container, "orifice", math.nan))
+        outlet = scene.container.outlets[0]
         try:
-            above = orifice_means(bed.fields, width, layer(scene, window), centre=middle)
+            above = orifice_means(bed.fields, outlet.width, layer(scene, window), centre=outlet.centre)
         except ValueError as problem:  # no grain is there, or the layer is thinner than a cell: the fields are known
             numbers = (measured("v_z", math.nan, 0, str(problem)),)
         else:
@@ -186,8 +184,7 @@ class FreeFall(OfRecording):
     def of(
         self, scene: Scene, frames: Mapping[str, np.ndarray], window: Window, times: tuple[float, float]
     ) -> Evaluation:
-        hopper = scene.container if isinstance(scene.container, WedgeHopper) else None
-        D = float(getattr(scene.container, "orifice", math.nan))
+        outlet, D = scene.container.outlets[0], scene.container.outlets[0].width
         try:
             profile = acceleration_profile(
                 frames,
@@ -197,8 +194,8 @@ class FreeFall(OfRecording):
                 gravity=scene.gravity,
                 begin=times[0],
                 end=times[1],
-                centre=hopper.eccentricity if hopper else 0.0,
-                planar=hopper is not None,
+                centre=outlet.centre,
+                planar=scene.container.symmetry == "planar",
             )
         except ValueError:  # no two frames are far enough apart
             return Evaluation()

@@ -8,9 +8,8 @@ import numpy as np
 from labbook.fields import axes
 from labbook.measure.clipped import rod_in_box, rod_in_ring, sphere_in_box, sphere_in_ring
 from labbook.measure.measure import MeasureError
-from labbook.scene import Box, ConicalSilo, CylinderSilo, Grains, Scene, WedgeHopper
+from labbook.scene import Grains, Scene
 from labbook.scene.packing import Packing
-from labbook.scene.walls import Strip
 
 MARGIN = 3.0
 """Grain diameters between the bulk and walls or surface; at least the length of a rod."""
@@ -112,7 +111,7 @@ class Region:
 
 
 @dataclass(frozen=True)
-class Ring:
+class Annulus:
     """What lies between the radii `inner` and `outer` [m] about the z axis and the heights `low` and `high` [m]."""
 
     inner: float
@@ -130,11 +129,11 @@ class Ring:
         """Whether it is narrower or lower than `extent` [m]."""
         return min(2 * self.outer, self.high - self.low) < extent * _ALMOST
 
-    def cells(self, n: int) -> list["Ring"]:
+    def cells(self, n: int) -> list["Annulus"]:
         """n x n parts of equal volume: rings and heights."""
         radii = np.sqrt(np.linspace(self.inner**2, self.outer**2, n + 1))
         zs = np.linspace(self.low, self.high, n + 1)
-        return [Ring(radii[i], radii[i + 1], zs[k], zs[k + 1]) for i in range(n) for k in range(n)]
+        return [Annulus(radii[i], radii[i + 1], zs[k], zs[k + 1]) for i in range(n) for k in range(n)]
 
     def filled(self, bodies: Outlines) -> float:
         """Volume [m^3] of grains within; those that its faces cut count in part."""
@@ -165,7 +164,7 @@ def margin_of(grains: Grains) -> float:
 
 def has_bulk(scene: Scene) -> bool:
     """Whether the walls of the container are known well enough to tell its bulk."""
-    return isinstance(scene.container, WedgeHopper | Box | CylinderSilo | ConicalSilo)
+    return scene.container.across is not None
 
 
 def least_extent(grains: Grains) -> float:
@@ -173,7 +172,7 @@ def least_extent(grains: Grains) -> float:
     return max(SMALLEST * grains.diameter, grains.extent)
 
 
-def bulk(scene: Scene, packing: Packing) -> Region | Ring:
+def bulk(scene: Scene, packing: Packing) -> Region | Annulus:
     """The bulk of `packing`: 3 d (of rods at least their length) from the side walls, above the highest point of the
     bottom and below the surface.
 
@@ -189,12 +188,12 @@ def bulk(scene: Scene, packing: Packing) -> Region | Ring:
     )
 
 
-def bulk_below(scene: Scene, surface: float) -> Region | Ring:
+def bulk_below(scene: Scene, surface: float) -> Region | Annulus:
     """The bulk of a bed whose surface is at the height `surface` [m]; as `bulk`."""
     margin, within = margin_of(scene.grains), _sides(scene)
     low, top = within.floor + margin, surface - margin
     if within.round:
-        return Ring(0.0, within.width / 2 - margin, low, top)
+        return Annulus(0.0, within.width / 2 - margin, low, top)
     x = within.width / 2 - margin
     y = within.depth / 2 if within.planar else within.depth / 2 - margin
     return Region((-x, -y, low), (x, y, top), within.planar)
@@ -218,18 +217,12 @@ class _Sides:
 
 def _sides(scene: Scene) -> _Sides:
     container, layer = scene.container, 2 * scene.grains.diameter
-    if isinstance(container, CylinderSilo | ConicalSilo):
-        floor = container.rise if isinstance(container, ConicalSilo) else 0.0
-        return _Sides(container.diameter, container.diameter, floor, False, True)
-    if isinstance(container, WedgeHopper):
-        bottoms = [
-            wall.shape for wall in container.walls() if wall.name.startswith("bottom") and isinstance(wall.shape, Strip)
-        ]
-        floor = max(max(plate.start[1], plate.end[1]) for plate in bottoms)
-        return _Sides(container.width, container.thickness, floor, container.thickness < layer)
-    if isinstance(container, Box):
-        return _Sides(container.width, container.depth, 0.0, container.depth < layer)
-    raise MeasureError("measure: packing needs a hopper, a silo or a box, whose bulk is known")
+    if container.across is None:
+        raise MeasureError("measure: packing needs a hopper, a silo or a box, whose bulk is known")
+    if container.symmetry == "axial":
+        return _Sides(container.across, container.across, container.rise, False, True)
+    depth = container.front_to_back
+    return _Sides(container.across, depth, container.rise, depth < layer)
 
 
 def _tops(scene: Scene, packing: Packing) -> np.ndarray:

@@ -8,7 +8,7 @@ import numpy as np
 from labbook.backend.numerics import Numerics
 from labbook.backend.probes import Contacts, Crossing, Probe, Sample
 from labbook.fields import Fields, coarse_grain, contacts_of, orifice_mean
-from labbook.measure.bed import bed_grid, grains_between, omega_of, round_silo
+from labbook.measure.bed import bed_grid, grains_between, omega_of, round_outlet
 from labbook.measure.data import RunData
 from labbook.measure.expected import beats_of, rounded, window_time
 from labbook.measure.measure import (
@@ -51,7 +51,7 @@ class ContactStress(Measure):
     declared = (*_PRESSURES, *map(while_flowing, _PRESSURES))
 
     def check(self, scene: Scene) -> None:
-        round_silo(scene, NAME)
+        round_outlet(scene, NAME)
         if scene.gravity == 0:
             reason = "contact_stress looks at a multiple of sqrt(d/g), and there is no gravity"
             raise MeasureError(reason, "take contact_stress out of measure, or use a gravity above 0 m/s^2")
@@ -63,13 +63,13 @@ class ContactStress(Measure):
         self.check(scene)
         every = beats_of(min(rounded(window_time(scene) / _FRAMES, scene, 1), moment(scene, window)), numerics)
         return (
-            Crossing(round_silo(scene, NAME).outlet_plane),
+            Crossing(round_outlet(scene, NAME).plane),
             Sample(fields=("x", "v"), every=every),
             Contacts(every=every),
         )
 
     def evaluate(self, run: RunData, window: Window) -> Evaluation:
-        silo = round_silo(run.scene, NAME)
+        outlet = round_outlet(run.scene, NAME)
         where = window_in_words(window, "grains")
         how = "contacts, coarse-grained; error from seeds only"
         found = stress_fields(run, window)
@@ -83,7 +83,7 @@ class ContactStress(Measure):
         weight = fields.density * fields.grid.volumes
         means = {
             "orifice_contact_pressure": float(
-                orifice_mean(fields, pressure, silo.orifice, layer(run.scene, window), bottom=silo.outlet_plane)
+                orifice_mean(fields, pressure, outlet.width, layer(run.scene, window), bottom=outlet.plane)
             ),
             "bed_contact_pressure": float((pressure * weight).sum() / weight.sum()),
         }

@@ -13,7 +13,7 @@ from labbook.backend.machine import cores, memory
 from labbook.filling.bed import PACKED, bed_height
 from labbook.fit import LAWS
 from labbook.lab.catalogue import Catalogue
-from labbook.lab.folder import Lab
+from labbook.lab.folder import LabFolder
 from labbook.lab.packings import load_packing
 from labbook.lab.provenance import provenance
 from labbook.lab.records import Unreadable
@@ -139,7 +139,7 @@ def too_large(plan: Plan, lanes: int, available: float) -> str | None:
     return _told(plan.study.path, "grains.count", reason, remedy)
 
 
-def cut_short(plan: Plan, lab: Lab) -> Iterator[str]:
+def cut_short(plan: Plan, lab: LabFolder) -> Iterator[str]:
     """Problems, with file, key and remedy: beds that fall to stop.fill_height before the window ends. Heights are
     those of packings that are there, and foreseen of others."""
     end = plan.study.window.end
@@ -161,7 +161,7 @@ def cut_short(plan: Plan, lab: Lab) -> Iterator[str]:
         yield _too_low(plan.study.path, end, lowest)
 
 
-def _height(item: Item, lab: Lab) -> float | None:
+def _height(item: Item, lab: LabFolder) -> float | None:
     """Height [m] of the bed of a run, None if its packing is not there."""
     if not item.packed:
         return None

@@ -8,7 +8,7 @@ from labbook.backend.probes import UNEVEN, Crossing, Probe, Sample, Slab, Zone, 
 from labbook.lab import identity
 from labbook.lab.catalogue import Catalogue, Entry
 from labbook.lab.evaluations import FinishedRun
-from labbook.lab.folder import Lab
+from labbook.lab.folder import LabFolder
 from labbook.lab.identity import Versions
 from labbook.lab.packings import PackingRecord
 from labbook.lab.records import Coverage, RunRecord, StopRule, Unreadable
@@ -99,7 +99,7 @@ def _covers(had: Probe, asked: Probe) -> bool:
     return had.every <= asked.every * COARSER
 
 
-class Asked(NamedTuple):
+class RequestedRun(NamedTuple):
     """A run that a study may have. `age`: 0 of one by the laws and walls as installed, more of older versions;
     `outdated`: what has changed since."""
 
@@ -108,14 +108,14 @@ class Asked(NamedTuple):
     outdated: str = ""
 
 
-def asked(study: Study, backend: str, packings_of: PackingsOf | None = None) -> Mapping[str, Sequence[Asked]]:
+def asked(study: Study, backend: str, packings_of: PackingsOf | None = None) -> Mapping[str, Sequence[RequestedRun]]:
     """All runs that a study may have on `backend`, by lineage: points that come to the same scene share theirs.
     `packings_of`: the backend whose packings they start from, None for their own."""
-    found: dict[str, list[Asked]] = defaultdict(list)
+    found: dict[str, list[RequestedRun]] = defaultdict(list)
     for demand in demands(study, stopping_rule(study).cap, packings_of):
-        found[demand.lineage(backend)].append(Asked(demand))
+        found[demand.lineage(backend)].append(RequestedRun(demand))
         for age, (lineage, outdated) in enumerate(demand.older_lineages(backend), 1):
-            found[lineage].append(Asked(demand, age, outdated))
+            found[lineage].append(RequestedRun(demand, age, outdated))
     return found
 
 
@@ -123,7 +123,7 @@ class _Match(NamedTuple):
     """A finished run that is one of a study. `versions`: those of the extensions that made it; None: as installed, or
     there is no extension."""
 
-    request: Asked
+    request: RequestedRun
     entry: Entry
     versions: Versions | None
     outdated: str
@@ -140,7 +140,7 @@ class _Match(NamedTuple):
         return -self.request.age, self.versions is None, self.entry.cache_version, self.entry.finished
 
 
-def _match(lab: Lab, backend: str, request: Asked, entry: Entry) -> _Match:
+def _match(lab: LabFolder, backend: str, request: RequestedRun, entry: Entry) -> _Match:
     demand = request.demand
     now = demand.shared.versions
     current = not request.age and entry.run_key == demand.run_key(backend, entry.cache_version)
@@ -151,7 +151,7 @@ def _match(lab: Lab, backend: str, request: Asked, entry: Entry) -> _Match:
     return _Match(request, entry, before if outdated else None, outdated)
 
 
-def made_by(lab: Lab, entry: Entry) -> Versions:
+def made_by(lab: LabFolder, entry: Entry) -> Versions:
     """Versions and hashes of the laws and walls that made a run and its packing, by their records; none of records that
     cannot be read."""
     try:
@@ -165,7 +165,7 @@ def finished(
     catalogue: Catalogue,
     study: Study,
     backend: str,
-    known: Mapping[str, Sequence[Asked]] | None = None,
+    known: Mapping[str, Sequence[RequestedRun]] | None = None,
     kind: type[FinishedRun] = FinishedRun,
 ) -> list[FinishedRun]:
     """Runs of `study` on `backend` that cover its stop rule and measures, by point and seed.

@@ -103,7 +103,7 @@ class PointDemand:
             closed = closed or self.closed
             self._closed_key = identity.scene_key(closed)
             self._scene_key = identity.scene_key(self.scene)
-            self._versions = _same_versions(tuple((identity.versions(closed) | identity.versions(self.scene)).items()))
+            self._versions = identity.versions(closed) | identity.versions(self.scene)
             if identity.hashed(self._versions):
                 bare = identity.numbered(self._versions)
                 self._lineage_scenes = identity.scene_key(self.scene, bare), identity.scene_key(closed, bare)
@@ -136,7 +136,7 @@ class PointDemand:
     def probes(self) -> tuple[Probe, ...]:
         """What every run observes: grains leaving, and what the study's measures need. Raises Conflict."""
         if self._probes is None:
-            self._probes = _same(self._asked_probes())
+            self._probes = self._asked_probes()
         return self._probes
 
     def _asked_probes(self) -> tuple[Probe, ...]:
@@ -181,7 +181,7 @@ class PointDemand:
     @property
     def declared(self) -> tuple[Probe, ...]:
         """The probes of an ensemble that takes runs of this point, recorded or not."""
-        return self.probes if self.film is None else _same(tuple(dict.fromkeys((*self.probes, self.film))))
+        return self.probes if self.film is None else tuple(dict.fromkeys((*self.probes, self.film)))
 
     @property
     def longest_filling(self) -> float:
@@ -234,17 +234,6 @@ class PointDemand:
         """The run with this seed."""
         record = self.study.record
         return Demand(self, seed, recorded=record is not None and seed <= record.replicates)
-
-
-@lru_cache(maxsize=1024)
-def _same(probes: tuple[Probe, ...]) -> tuple[Probe, ...]:
-    """The same object for all that are equal: 100 000 points need few."""
-    return probes
-
-
-@lru_cache(maxsize=1024)
-def _same_versions(found: tuple[tuple[str, int | str], ...]) -> Versions:
-    return dict(found)
 
 
 @lru_cache(maxsize=1024)
@@ -369,7 +358,11 @@ def tolerance(study: Study, point: Point | None = None) -> float | None:
 
 def stopping_rule(study: Study, point: Point | None = None) -> StoppingRule:
     """The rule by which replicates are added to a point of `study`: until the half width of the interval is within the
-    `tolerance`. None are added where beds are fed: there each run goes on for as long as it takes."""
+    `tolerance`. None are added where beds are fed, since there each run goes on for as long as it takes, nor where a
+    strategy has proposed how many there shall be."""
+    proposed = [one.replicates for one in (study.points if point is None else (point,)) if one.replicates is not None]
+    if proposed:
+        return StoppingRule(tolerance=None, minimum=max(proposed), cap=max(proposed))
     asked, least = tolerance(study, point), study.replicates
     if asked is None or study.fed:
         return StoppingRule(tolerance=None, minimum=least, cap=least)

@@ -16,7 +16,7 @@ from labbook.lab.records import RunRecord, Unreadable
 from labbook.measure.expected import mass_flow
 from labbook.plan.demand import Demand, PointDemand
 from labbook.plan.plan import Forecast, Plan, specified
-from labbook.scene import Scene, outlet_shape
+from labbook.scene import Scene
 from labbook.scene.timescales import largest_stable_step
 
 DEFAULT_SPEED = 5e6
@@ -28,7 +28,7 @@ _BEYOND = 1.9
 
 
 @dataclass(frozen=True)
-class Rate:
+class StepCost:
     """Cost of one step of a lane: `step` [s] however few grains there are, and `grain` [s] for every grain; `compiling`
     [s]: before the first step of a set of features, unless its code is cached. `source`: where that was measured.
     `beat`: what each probe of a member costs the host at each beat [s], while the device waits."""
@@ -54,28 +54,28 @@ _ZEN3 = "one core of an AMD EPYC without AVX-512"
 _H200 = "an NVIDIA H200"
 _HOST = 1.5e-3  # 1 ms a beat with one probe (beside an H200) to 6 ms with three (beside an H100): docs/gpu-backend.md
 MEASURED = {
-    ("numba", "cpu", "sphere", "double", True): Rate(0, 1 / 24e6, 9, _ZEN4),
-    ("numba", "cpu", "sphere", "mixed", True): Rate(0, 1 / 31e6, 9, _ZEN4),
-    ("numba", "cpu", "spherocylinder", "double", True): Rate(0, 1 / 8.2e6, 18, _ZEN4),
-    ("numba", "cpu", "spherocylinder", "mixed", True): Rate(0, 1 / 8.3e6, 18, _ZEN4),
-    ("numba", "cpu", "sphere", "double", False): Rate(0, 1 / 8.7e6, 20, _ZEN3),
-    ("numba", "cpu", "sphere", "mixed", False): Rate(0, 1 / 9.8e6, 20, _ZEN3),
-    ("numba", "cpu", "spherocylinder", "double", False): Rate(0, 1 / 3.5e6, 40, _ZEN3),
-    ("numba", "cpu", "spherocylinder", "mixed", False): Rate(0, 1 / 3.5e6, 40, _ZEN3),
-    ("warp", "cuda", "sphere", "mixed", None): Rate(5.0e-6, 1.35e-10, 4, _H200, _HOST),
-    ("warp", "cuda", "sphere", "double", None): Rate(5.0e-6, 2.7e-10, 4, _H200, _HOST),
-    ("warp", "cuda", "spherocylinder", "mixed", None): Rate(1.0e-5, 3.0e-10, 8, _H200, _HOST),
-    ("warp", "cuda", "spherocylinder", "double", None): Rate(1.0e-5, 5.9e-10, 8, _H200, _HOST),
+    ("numba", "cpu", "sphere", "double", True): StepCost(0, 1 / 24e6, 9, _ZEN4),
+    ("numba", "cpu", "sphere", "mixed", True): StepCost(0, 1 / 31e6, 9, _ZEN4),
+    ("numba", "cpu", "spherocylinder", "double", True): StepCost(0, 1 / 8.2e6, 18, _ZEN4),
+    ("numba", "cpu", "spherocylinder", "mixed", True): StepCost(0, 1 / 8.3e6, 18, _ZEN4),
+    ("numba", "cpu", "sphere", "double", False): StepCost(0, 1 / 8.7e6, 20, _ZEN3),
+    ("numba", "cpu", "sphere", "mixed", False): StepCost(0, 1 / 9.8e6, 20, _ZEN3),
+    ("numba", "cpu", "spherocylinder", "double", False): StepCost(0, 1 / 3.5e6, 40, _ZEN3),
+    ("numba", "cpu", "spherocylinder", "mixed", False): StepCost(0, 1 / 3.5e6, 40, _ZEN3),
+    ("warp", "cuda", "sphere", "mixed", None): StepCost(5.0e-6, 1.35e-10, 4, _H200, _HOST),
+    ("warp", "cuda", "sphere", "double", None): StepCost(5.0e-6, 2.7e-10, 4, _H200, _HOST),
+    ("warp", "cuda", "spherocylinder", "mixed", None): StepCost(1.0e-5, 3.0e-10, 8, _H200, _HOST),
+    ("warp", "cuda", "spherocylinder", "double", None): StepCost(1.0e-5, 5.9e-10, 8, _H200, _HOST),
 }
 """By backend, kind of device, shape, precision and, of processors, whether they have vectors of 512 bits. From
 benchmarks/results, docs/cpu-backend.md and docs/gpu-backend.md."""
 
 
-def rate_of(backend: str, device: str, shape: str, precision: str) -> Rate:
+def rate_of(backend: str, device: str, shape: str, precision: str) -> StepCost:
     """The measured cost of a step on `device` (`cpu`, `cuda:0`); DEFAULT_SPEED where nothing was measured."""
     kind = device.partition(":")[0]
     wide = wide_vectors() if kind == "cpu" else None
-    return MEASURED.get((backend, kind, shape, precision, wide)) or Rate(0, 1 / DEFAULT_SPEED, 0, "")
+    return MEASURED.get((backend, kind, shape, precision, wide)) or StepCost(0, 1 / DEFAULT_SPEED, 0, "")
 
 
 _NEVER: Mapping[str, float] = {}
@@ -95,13 +95,13 @@ _NEAR, _CONTACTS = 30.0, 50.0  # bytes of one grain, and of its contacts, in one
 
 
 @dataclass
-class _Batch:
+class _SpecCost:
     """What members of one Spec cost: grain-steps side by side, and steps of the longest."""
 
     grain_steps: float = 0.0
     cost: float = 0.0
     longest: float = 0.0
-    rate: Rate = field(default_factory=lambda: Rate(0, 0, 0, ""))
+    rate: StepCost = field(default_factory=lambda: StepCost(0, 0, 0, ""))
     members: int = 0
 
 
@@ -122,7 +122,7 @@ def forecast(
     """
     speeds, settled = _Speeds(catalogue, plan.backend.name, machine, device), catalogue.settling()
     specs = _Specs(backend)
-    batches: dict[object, _Batch] = defaultdict(_Batch)
+    batches: dict[object, _SpecCost] = defaultdict(_SpecCost)
     chains: dict[str, float] = {}
     for item in plan.fillings.values():
         shared = item.demand.shared
@@ -155,7 +155,7 @@ def forecast(
     return Forecast(seconds + compiling, disk, work, speed or DEFAULT_SPEED, busy, speeds.basis, compiling, len(new))
 
 
-def _add(batch: _Batch, rate: Rate, work: float, steps: float, shared: PointDemand, probes: int = 1) -> float:
+def _add(batch: _SpecCost, rate: StepCost, work: float, steps: float, shared: PointDemand, probes: int = 1) -> float:
     """Count a member in; what its grain-steps and beats cost [s]."""
     cost = work * rate.of(shared.scene.grains.count) + steps / shared.numerics.steps_per_beat * probes * rate.beat
     batch.grain_steps += work
@@ -189,7 +189,7 @@ class _Speeds:
 
     def __init__(self, catalogue: Catalogue, backend: str, machine: str, device: str):
         self._catalogue, self._backend, self._machine, self._device = catalogue, backend, machine, device
-        self._rates: dict[tuple[str, str], Rate] = {}
+        self._rates: dict[tuple[str, str], StepCost] = {}
         self._told: dict[str, None] = {}
         self._by_shape: dict[str, list[float]] | None = None
 
@@ -198,20 +198,20 @@ class _Speeds:
         """What the speeds rest on, in words."""
         return "; ".join(self._told) or "nothing to do"
 
-    def of(self, shared: PointDemand) -> Rate:
+    def of(self, shared: PointDemand) -> StepCost:
         shape, precision = shared.scene.grains.shape, shared.numerics.precision
         if (shape, precision) not in self._rates:
             self._rates[shape, precision] = self._find(shape, precision)
         return self._rates[shape, precision]
 
-    def _find(self, shape: str, precision: str) -> Rate:
+    def _find(self, shape: str, precision: str) -> StepCost:
         rate = rate_of(self._backend, self._device, shape, precision)
         # on a GPU the speed of one run says little: others shared the device with it
         alone = self._device.partition(":")[0] == "cpu"
         recorded = self._recorded().get(shape, []) if alone else []
         if recorded:
             self._told[f"median of {len(recorded)} runs on this machine"] = None
-            return Rate(0, 1 / median(recorded), rate.compiling, "")
+            return StepCost(0, 1 / median(recorded), rate.compiling, "")
         assumed = f"speed of {rate.source}" if rate.source else f"{DEFAULT_SPEED:.0e} grain-steps/s per lane assumed"
         self._told[f"{assumed}, as this lab has no such run of this machine yet" if alone else assumed] = None
         return rate
@@ -245,7 +245,7 @@ def discharge_time(shared: PointDemand) -> float:
 
 def _flow(scene: Scene) -> float:
     """Expected flow [kg/s]; 0 where none can be told."""
-    return mass_flow(scene) * (HOLE if outlet_shape(scene.container) == "hole" else 1.0)
+    return mass_flow(scene) * (HOLE if scene.container.outlet_form == "hole" else 1.0)
 
 
 def _passing(shared: PointDemand) -> float:

@@ -10,12 +10,15 @@ from typing import TYPE_CHECKING, Any, Literal
 
 from labbook.accuracy.groups import has_groups
 from labbook.backend import Backend, Capabilities, Spec, Unsupported, absent
+from labbook.campaign import Assignment, Generation, History, Proposal, Replicates, Trial
+from labbook.campaign.replicates import QUANTITY
 from labbook.commands import command
 from labbook.lab import identity
+from labbook.lab.campaigns import campaign_of
 from labbook.lab.catalogue import Catalogue, Entry
-from labbook.lab.folder import Listed, stamp
+from labbook.lab.folder import LabListing, stamp
 from labbook.lab.identity import Keys
-from labbook.lab.journal import PROGRESS, Failure, Progress
+from labbook.lab.journal import PROGRESS, FillingFailure, Progress
 from labbook.lab.records import Unreadable
 from labbook.lab.runs import open_run
 from labbook.lab.suspect import counts
@@ -28,6 +31,7 @@ from labbook.scene.quantities import duration, percent, size, value_range
 from labbook.stats import Decision, StoppingRule
 from labbook.study import Point, Study
 from labbook.study.problems import grouped
+from labbook.study.proposed import with_points
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -59,11 +63,17 @@ class Item:
 
 @dataclass(frozen=True, eq=False, slots=True)
 class PointPlan:
-    """The runs of one point that are asked for so far. `decision`: None until all of them are done."""
+    """The runs of one point that are asked for so far. `ended`: why no more replicates are added, with the statistics
+    that it rests on; None until all runs are done."""
 
     shared: PointDemand
     items: tuple[Item, ...]
-    decision: Decision | None
+    ended: Proposal | None
+
+    @property
+    def decision(self) -> Decision | None:
+        """The statistics of its replicates; None until all of them are done."""
+        return None if self.ended is None else self.ended.decision
 
 
 @dataclass(frozen=True)
@@ -99,6 +109,8 @@ class Plan:
     """Of the pilot that runs first, if that was foreseen and there is one."""
     lab: Path | None = None
     """Folder of the lab that was looked at."""
+    campaign: tuple[str, ...] = ()
+    """What its strategy has proposed and why, line by line; empty if it names none."""
 
     @cached_property
     def items(self) -> list[Item]:
@@ -170,6 +182,7 @@ class Plan:
             lines.append(f"Flow rates from {window_in_words(self.study.window)}")
         lines += filter(None, [recorded_in_words(point.shared for point in self.points)])
         lines += self._ends()
+        lines += self.campaign
         if self.pilot is not None and self.pilot.todo and self.pilot.forecast is not None:
             runs = f"{len(self.pilot.todo)} run{'' if len(self.pilot.todo) == 1 else 's'}"
             lines.append(f"Before that, the pilot: {runs}, {self.pilot._cost(self.pilot.forecast)}")
@@ -262,16 +275,23 @@ def counted(points: Iterable[PointPlan], holds: Callable[[Demand], bool]) -> tup
 
 
 class Planner:
-    """Compares demands with what the catalogue and the lab's folders have.
+    """Compares demands with what the catalogue and the lab's folders have, and asks the strategies for more.
 
-    `packings_of`: whose packings the runs start from; None: `backend` makes its own.
+    `study` has the points that are proposed so far, if it names a strategy. `packings_of`: whose packings the runs
+    start from; None: `backend` makes its own. `writes`: keep what a strategy proposes in the lab.
     """
 
     def __init__(
-        self, study: Study, catalogue: Catalogue, backend: Capabilities, packings_of: PackingsOf | None = None
+        self,
+        study: Study,
+        catalogue: Catalogue,
+        backend: Capabilities,
+        packings_of: PackingsOf | None = None,
+        *,
+        writes: bool = False,
     ):
         self.study, self.catalogue, self.backend, self.packings_of = study, catalogue, backend, packings_of
-        self.rule = stopping_rule(study)
+        self.campaign = campaign_of(study, catalogue.lab, backend.name, writes)
         self._extends = True
         self._there: dict[str, Entry] = {}
         self._older: dict[str, Entry] = {}
@@ -282,15 +302,88 @@ class Planner:
 
     def plan(self) -> Plan:
         """The whole study. Raises Conflict or MeasureError where observations cannot be made."""
-        first = {shared: self._keyed(self._first(shared)) for shared in self.points}
-        listed = self._look_up(pair for pairs in first.values() for pair in pairs)
-        planned = tuple(
-            self._extended(shared, [self._item(*pair, listed) for pair in pairs]) for shared, pairs in first.items()
+        planned: dict[int, PointPlan] = {}
+        if self.campaign is None:
+            planned = {point.shared.point.index: point for point in self._begun(self.points)}
+        while new := self.proposed(planned):
+            planned |= {point.shared.point.index: point for point in new}
+        return self._plan_of(tuple(planned[index] for index in sorted(planned)))
+
+    def proposed(self, known: Mapping[int, PointPlan]) -> list[PointPlan]:
+        """Ask the strategy of the study, if it names one, what is to be run beside what is known.
+
+        Args:
+            known: Points by their index, as they stand.
+
+        Returns:
+            Points that are new, or shall have more replicates now; empty if there are none so far.
+
+        Raises:
+            StudyError: A point that was proposed cannot be.
+        """
+        if self.campaign is None or not self._extends:
+            return []
+        states: dict[str, State] = {item.keys.run: item.state for point in known.values() for item in point.items}
+        self.campaign.advance(lambda generation: self._trials(generation, states))
+        self._take_up()
+        replicates = {index: point.shared.point.replicates for index, point in known.items()}
+        changed = [one for one in self.points if replicates.get(one.point.index) != one.point.replicates]
+        return self._begun(changed)
+
+    def _take_up(self) -> None:
+        """Give the study all points that are proposed so far."""
+        assert self.campaign is not None
+        assignments = self.campaign.assignments
+        if [point.replicates for point in self.study.points] != [one.replicates for one in assignments]:
+            self.study = with_points(self.campaign.study, assignments)
+            self.__dict__.pop("points", None)
+
+    def _trials(self, generation: Generation, states: Mapping[str, State]) -> tuple[Trial, ...] | None:
+        """The runs of a generation, if all are done. states: of those that were looked at, by key."""
+        self._take_up()
+        places = {tuple(sorted(one.at.items())): one for one in self.campaign.assignments} if self.campaign else {}
+        shared = dict(zip(places, self.points, strict=True))
+        runs = [
+            (one.at, demand, demand.keys(self.backend))
+            for one in generation.assignments
+            for demand in map(shared[tuple(sorted(one.at.items()))].run, range(1, one.replicates + 1))
+        ]
+        if any(states.get(keys.run, "done") != "done" for _, _, keys in runs):
+            return None
+        listed = self._look_up((demand, keys) for _, demand, keys in runs)
+        items = [(at, self._item(demand, keys, listed)) for at, demand, keys in runs]
+        if any(item.state != "done" for _, item in items):
+            return None
+        numbers = self._numbers([item.keys.run for _, item in items])
+        return tuple(
+            Trial(at, item.demand.seed, item.keys.run, item.outcome or "", numbers[item.keys.run]) for at, item in items
         )
-        return self._plan_of(planned)
+
+    def _numbers(self, run_keys: list[str]) -> dict[str, dict[str, float]]:
+        """All numbers that are measured of runs, by run and quantity."""
+        study, numbers = self.study, {key: dict[str, float]() for key in run_keys}
+        for measure in (MEASURES[name] for name in study.measure):
+            for quantity in measure.declared:
+                suspects = study.accuracy.count_suspect
+                values = self.catalogue.values(
+                    run_keys, quantity.name, measure.version, study.window, suspects=suspects
+                )
+                for key, value in values.items():
+                    numbers[key][quantity.name] = value
+        return numbers
+
+    def _begun(self, points: Iterable[PointDemand]) -> list[PointPlan]:
+        """Points with the runs that are asked for, as they stand."""
+        first = {shared: self._keyed(self._first(shared)) for shared in points}
+        listed = self._look_up(pair for pairs in first.values() for pair in pairs)
+        return [
+            self._extended(shared, [self._item(*pair, listed) for pair in pairs]) for shared, pairs in first.items()
+        ]
 
     def _plan_of(self, points: tuple[PointPlan, ...]) -> Plan:
-        return Plan(self.study, self.backend, points, self.rule, lab=self.catalogue.lab.folder)
+        lines = () if self.campaign is None else tuple(self.campaign.lines)
+        rule, lab = stopping_rule(self.study), self.catalogue.lab.folder
+        return Plan(self.study, self.backend, points, rule, lab=lab, campaign=lines)
 
     def of_base(self, base: Plan) -> Plan:
         """What another lab lacks, as it stands here: what is done there stays done, and replicates are added by whoever
@@ -325,7 +418,7 @@ class Planner:
         asked = [item for item in before.items if (item.state != "done" if done is None else item.keys.run == done)]
         return self._anew(before, asked, self._look_up((item.demand, item.keys) for item in asked))
 
-    def _anew(self, before: PointPlan, asked: Iterable[Item], listed: Listed | None) -> PointPlan:
+    def _anew(self, before: PointPlan, asked: Iterable[Item], listed: LabListing | None) -> PointPlan:
         """A point with the runs that are `asked` for as they are now."""
         now = {item.keys.run: self._item(item.demand, item.keys, listed) for item in asked}
         return self._extended(before.shared, [now.get(item.keys.run, item) for item in before.items])
@@ -341,30 +434,39 @@ class Planner:
         return self._judged(demand, keys, self._looked_at(keys.run))
 
     def _first(self, shared: PointDemand) -> list[Demand]:
-        return [shared.run(seed) for seed in range(1, self.rule.first + 1)]
+        return [shared.run(seed) for seed in range(1, stopping_rule(self.study, shared.point).first + 1)]
 
     def _extended(self, shared: PointDemand, items: list[Item]) -> PointPlan:
-        """With the replicates that are asked for once all so far are done."""
+        """With the replicates that are proposed once all so far are done."""
         while self._extends and all(item.state == "done" for item in items):
-            decision = self._decide(shared.point, [item.keys.run for item in items])
-            if decision.more == 0:
-                return PointPlan(shared, tuple(items), decision)
-            added = self._keyed(shared.run(seed) for seed in range(len(items) + 1, len(items) + decision.more + 1))
+            proposal = self._replicates(shared.point, items)
+            if proposal.state == "end":
+                return PointPlan(shared, tuple(items), proposal)
+            (assigned,) = proposal.assignments
+            added = self._keyed(shared.run(seed) for seed in range(len(items) + 1, assigned.replicates + 1))
             listed = self._look_up(added)
             items += [self._item(*pair, listed) for pair in added]
         return PointPlan(shared, tuple(items), None)
 
-    def _decide(self, point: Point, run_keys: list[str]) -> Decision:
-        if self.rule.tolerance is None:
-            return Decision(None, 0, None)
+    def _replicates(self, point: Point, items: Sequence[Item]) -> Proposal:
+        """Propose replicates of a point all runs of which are done."""
         rule = stopping_rule(self.study, point)
-        values = flow_rates(self.study, self.catalogue, run_keys)
-        return rule.decide(values, len(run_keys) - len(values))
+        if rule.tolerance is None:
+            return _AS_STATED
+        keys = [item.keys.run for item in items]
+        rates = flow_rates(self.study, self.catalogue, keys)
+        trials = tuple(
+            Trial(point.at, item.demand.seed, key, item.outcome or "", {QUANTITY: rates[key]} if key in rates else {})
+            for key, item in zip(keys, items, strict=True)
+        )
+        done = Generation(0, (Assignment(point.at, len(items)),), "", trials)
+        scatter = None if point.choice is None else point.choice.scatter
+        return Replicates.of(rule=rule, scatter=scatter).propose(History(self.study, (done,), (), 1))
 
     def _keyed(self, demands: Iterable[Demand]) -> list[tuple[Demand, Keys]]:
         return [(demand, demand.keys(self.backend)) for demand in demands]
 
-    def _look_up(self, asked: Iterable[tuple[Demand, Keys]]) -> Listed | None:
+    def _look_up(self, asked: Iterable[tuple[Demand, Keys]]) -> LabListing | None:
         """Ask the catalogue for runs. What the lab has besides is listed where they are many, and looked for one by one
         (None) where they are few."""
         asked = list(asked)
@@ -375,7 +477,7 @@ class Planner:
                 installed = entry.cache_version == self.backend.cache_version
                 (self._installed if installed else self._older)[entry.lineage_key] = entry
         self._look_up_outdated(asked)
-        return Listed.of(self.catalogue.lab) if len(keys) > _FEW else None
+        return LabListing.of(self.catalogue.lab) if len(keys) > _FEW else None
 
     def _look_up_outdated(self, asked: Iterable[tuple[Demand, Keys]]) -> None:
         """Ask the catalogue, of runs that are not there, for those by older versions of laws and walls."""
@@ -391,7 +493,7 @@ class Planner:
             if lineage in there:
                 self._outdated.setdefault(now, outdated)
 
-    def _item(self, demand: Demand, keys: Keys, listed: Listed | None) -> Item:
+    def _item(self, demand: Demand, keys: Keys, listed: LabListing | None) -> Item:
         entry = self._there.get(keys.run)
         if entry is None and listed is not None and keys.run not in listed.runs:
             return self._judged(demand, keys, None, listed)
@@ -399,7 +501,7 @@ class Planner:
             entry = self._looked_at(keys.run)
         return self._judged(demand, keys, entry, listed)
 
-    def _judged(self, demand: Demand, keys: Keys, entry: Entry | None, listed: Listed | None = None) -> Item:
+    def _judged(self, demand: Demand, keys: Keys, entry: Entry | None, listed: LabListing | None = None) -> Item:
         state, reason = self._compare(demand, keys, entry, listed)
         outcome = entry.outcome if entry else None
         problem: str | None = "is not there"
@@ -409,7 +511,7 @@ class Planner:
             state, reason = "missing", f"its packing cannot be read: {problem}"
         return Item(demand, keys, state, reason, outcome, problem is None, entry.suspect if entry else "")
 
-    def _compare(self, demand: Demand, keys: Keys, entry: Entry | None, listed: Listed | None) -> tuple[State, str]:
+    def _compare(self, demand: Demand, keys: Keys, entry: Entry | None, listed: LabListing | None) -> tuple[State, str]:
         if entry is None:
             begun = listed is None or keys.run in listed.work
             begun = begun and (self.catalogue.lab.work(keys.run) / PROGRESS).exists()
@@ -449,7 +551,7 @@ class Planner:
     def _failed(self, demand: Demand, packing: str) -> str:
         """Why a filling came to nothing, and what to change; empty if none did, or if it may go on for longer now."""
         folder = self.catalogue.lab.work(packing)
-        noted = Failure.read(folder)
+        noted = FillingFailure.read(folder)
         if noted is not None:
             cured = noted.max_time is not None and demand.shared.longest_filling > noted.max_time
             return "" if cured else noted.why
@@ -473,15 +575,14 @@ class Planner:
         return Entry.of(record, seen)
 
 
-QUANTITY = "flow_rate"
-
-
-def flow_rates(study: Study, catalogue: Catalogue, run_keys: Sequence[str]) -> list[float]:
-    """Flow rates [kg/s] of these runs, in their order, without those that gave none (clogged, diverged, suspect)."""
-
+def flow_rates(study: Study, catalogue: Catalogue, run_keys: Sequence[str]) -> dict[str, float]:
+    """Flow rates [kg/s] by run, without runs that gave none (clogged, diverged, suspect)."""
     version, suspects = MEASURES[QUANTITY].version, study.accuracy.count_suspect
-    found = catalogue.values(run_keys, QUANTITY, version, study.window, suspects=suspects)
-    return [found[key] for key in run_keys if key in found]
+    return catalogue.values(run_keys, QUANTITY, version, study.window, suspects=suspects)
+
+
+_AS_STATED = Proposal.end("")
+"""Of points that have all the replicates that the study states."""
 
 
 def check(backend: Backend, device: str, points: Iterable[PointDemand]) -> None:

@@ -7,8 +7,7 @@ from labbook.filling.leaks import Leak, leak
 from labbook.filling.placing import STARTS
 from labbook.filling.room import PlacingError, Room
 from labbook.plan.demand import Conflict, PointDemand
-from labbook.scene import CylinderSilo, Frustum, Scene, Wall
-from labbook.scene.container import Primitives
+from labbook.scene import Scene, Wall
 from labbook.scene.quantities import told_apart
 from labbook.scene.walls import AT_REST
 
@@ -24,7 +23,7 @@ def check_container(shared: PointDemand) -> None:
 def leak_of(shared: PointDemand) -> Leak | None:
     """Where the container of a point may lose grains while it is filled; None where it cannot, or where containers are
     closed by themselves. Raises PlacingError."""
-    if not isinstance(shared.scene.container, Primitives) or shared.scene.container.outlet_plane is None:
+    if shared.scene.container.closes or not shared.scene.container.outlets:
         return None
     return leak(shared.closed, STARTS[shared.point.fill.kind].flat)
 
@@ -52,9 +51,9 @@ def _too_fast(shared: PointDemand) -> str | None:
             continue
         speed, most = told_apart(wall.motion.speed(reach), limit)
         key, remedy = "container.parts[].motion", "use a slower motion"
-        if isinstance(scene.container, CylinderSilo):
+        if scene.container.spin_key is not None:
             fastest = limit / (2 * math.pi * reach)
-            key, remedy = "container.rotation", f"use at most {math.floor(fastest * 1e3) / 1e3:g} Hz"
+            key, remedy = f"container.{scene.container.spin_key}", f"use at most {math.floor(fastest * 1e3) / 1e3:g} Hz"
         return (
             f"{key}: the surface of {wall.name} moves at {speed} m/s, faster than numerics.speed_limit ({most} m/s) "
             f"allows any grain\n    remedy: {remedy}, or raise numerics.speed_limit"
@@ -64,8 +63,8 @@ def _too_fast(shared: PointDemand) -> str | None:
 
 def _reach(scene: Scene, wall: Wall) -> float:
     """Distance [m] from the axis x = y = 0 out to which grains touch a wall, at most."""
-    if isinstance(wall.shape, Frustum):
-        return wall.shape.upper[0]
+    if math.isfinite(wall.shape.reach):
+        return wall.shape.reach
     try:
         room = Room(scene.container.close(), 0.0)
     except PlacingError:  # which is an error of its own

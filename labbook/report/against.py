@@ -9,10 +9,10 @@ from labbook.report import figures
 from labbook.report.blocks import Block, Prose, Section, picture, slug
 from labbook.report.tables import Table
 from labbook.results import display
-from labbook.results.against import Against, Line, Place, against
+from labbook.results.against import Against, Line, RatioPoint, against
 from labbook.results.points import FLOW_RATE, names_scene
 from labbook.results.series import PACKING_FRACTION
-from labbook.results.study import Results
+from labbook.results.study import StudyResults
 from labbook.stats import Pooled
 
 _CALLED = {FLOW_RATE: "Flow rate", PACKING_FRACTION: "Packing fraction"}
@@ -20,7 +20,7 @@ _LISTED = 3
 """Lines that a sentence names one by one."""
 
 
-def found_against(results: Results) -> tuple[Against, ...]:
+def found_against(results: StudyResults) -> tuple[Against, ...]:
     """The flow rate against every swept key but the orifice; the packing fraction where nothing flowed out."""
     for quantity in _CALLED:
         if any(quantity in result.pooled for result in results.points):
@@ -28,12 +28,12 @@ def found_against(results: Results) -> tuple[Against, ...]:
     return ()
 
 
-def against_sections(results: Results, folder: Path) -> list[Section]:
+def against_sections(results: StudyResults, folder: Path) -> list[Section]:
     """A section for each swept key but the orifice: figure, sentence and table."""
     return [_section(one, results, folder) for one in found_against(results)]
 
 
-def _section(found: Against, results: Results, folder: Path) -> Section:
+def _section(found: Against, results: StudyResults, folder: Path) -> Section:
     name, called = display.spoken(found.key), _CALLED[found.quantity]
     title = f"{called} against {name}"
     figure = figures.against_key(found)
@@ -73,13 +73,13 @@ def changes(found: Against) -> list[str]:
     return [f"{name} {', '.join(said)}.{without}"]
 
 
-def _change(place: Place) -> Pooled:
+def _change(place: RatioPoint) -> Pooled:
     """The change relative to the value at the first place of the line."""
     assert place.ratio is not None
     return replace(place.ratio, value=place.ratio.value - 1)
 
 
-def _change_phrase(place: Place) -> str:
+def _change_phrase(place: RatioPoint) -> str:
     """`falls by 41 ± 4 %`, or `does not change` where the interval holds zero."""
     change = _change(place)
     size = f"{display.with_error(abs(change.value), change.error, 100)} %"
@@ -87,7 +87,7 @@ def _change_phrase(place: Place) -> str:
     return f"{'falls' if change.value < 0 else 'rises'} by {size}{unsure if math.isfinite(change.error) else ''}"
 
 
-def _span(found: Against, line: Line, place: Place) -> str:
+def _span(found: Against, line: Line, place: RatioPoint) -> str:
     """`from 20 to 90 deg`: the two values that a change lies between; words with their key."""
     assert line.first is not None
     if found.words or any(map(names_scene, found.along)):
@@ -97,7 +97,7 @@ def _span(found: Against, line: Line, place: Place) -> str:
     return f"{ends} {unit}" if unit else f"from {display.spoken(found.key)} {ends.removeprefix('from ')}"
 
 
-def _ratio_sentence(found: Against, line: Line, place: Place, name: str) -> str:
+def _ratio_sentence(found: Against, line: Line, place: RatioPoint, name: str) -> str:
     assert place.ratio is not None
     assert line.first is not None
     ends = [display.number(end, place.ratio.error, 100) for end in (place.ratio.low, place.ratio.high)]
@@ -111,7 +111,7 @@ def _ratio_sentence(found: Against, line: Line, place: Place, name: str) -> str:
     return f"{before}{name} {at} is {_percent(place)} of {over} ({interval}){open_one}."
 
 
-def _unsure(found: Against, line: Line, place: Place) -> str:
+def _unsure(found: Against, line: Line, place: RatioPoint) -> str:
     """Why a ratio has no interval: one pair of runs, or one run at either value; and what became of others."""
     assert line.first is not None
     why = f"{_rests(place)}: no interval" if place.pairs else "one run: no interval"
@@ -128,7 +128,7 @@ def _value(found: Against, value: float | str) -> str:
     return display.amount(found.key, value)
 
 
-def _percent(place: Place) -> str:
+def _percent(place: RatioPoint) -> str:
     assert place.ratio is not None
     return f"{display.with_error(place.ratio.value, place.ratio.error, 100)} %"
 
@@ -168,7 +168,7 @@ def _worded(found: Against, name: str) -> bool:
     return any(isinstance(value, str) for value in values)
 
 
-def _ratio(place: Place, line: Line) -> tuple[str, str, str]:
+def _ratio(place: RatioPoint, line: Line) -> tuple[str, str, str]:
     if place is line.first:
         return "1", "–", "–"
     if place.ratio is None:
@@ -179,7 +179,7 @@ def _ratio(place: Place, line: Line) -> tuple[str, str, str]:
     return display.with_error(ratio.value, ratio.error), interval, _rests(place)
 
 
-def _rests(place: Place) -> str:
+def _rests(place: RatioPoint) -> str:
     return f"{place.pairs} pair{'' if place.pairs == 1 else 's'}" if place.pairs else "independent runs"
 
 

@@ -1,6 +1,6 @@
 """The figures of a report by name, for whoever wants one of them and not the page."""
 
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Literal, TypeAlias
 
 from labbook.report import figures
 from labbook.report.against import found_against
@@ -8,7 +8,7 @@ from labbook.report.blocks import slug
 from labbook.report.paper import Draw, figures_of_all
 from labbook.results.recorded import acceleration, flow_patterns
 from labbook.results.series import Series
-from labbook.results.study import Results
+from labbook.results.study import StudyResults
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -18,11 +18,17 @@ FILES = {"fit": "flow_rate", "orifice": "flow_rate", "flow": "flow_over_time"}
 """Names of figures whose files in a report are called otherwise, by the name of the file."""
 
 
+FigureName: TypeAlias = Literal[
+    "flow_rate", "flow_over_time", "patterns", "acceleration", "overview", "fit", "orifice", "flow"
+]
+"""Names that editors complete: figures of any study, and names of their files. Papers and swept keys add others."""
+
+
 class NothingToShow(LookupError):
     """There is no such figure of these results; the message says why and what to do."""
 
 
-def of_results(results: Results) -> dict[str, Draw]:
+def of_results(results: StudyResults) -> dict[str, Draw]:
     """Figures that show several series at once, by name, as functions that draw them."""
     found: dict[str, Draw] = {}
     fitted = [one for one in results.series if one.used]
@@ -33,7 +39,7 @@ def of_results(results: Results) -> dict[str, Draw]:
     return found | figures_of_all(results)
 
 
-def of_series(results: Results, series: Series) -> dict[str, Draw]:
+def of_series(results: StudyResults, series: Series) -> dict[str, Draw]:
     """Figures of one series by name, as functions that draw them."""
     beside, source = results.comparisons, results.source
     found: dict[str, Draw] = {}

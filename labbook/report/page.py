@@ -25,7 +25,7 @@ from labbook.report.sections import marks, series_sections
 from labbook.report.setting import setting
 from labbook.report.statement_tables import statement_digest, statement_table
 from labbook.results import display
-from labbook.results.study import Results
+from labbook.results.study import StudyResults
 
 if TYPE_CHECKING:
     from jinja2 import Environment
@@ -34,11 +34,11 @@ __all__ = ["FILE", "PARTS", "environment", "summary", "write"]
 
 FILE = "report.html"
 
-Part = Callable[[Results, Path], Sequence[Section]]
+Part = Callable[[StudyResults, Path], Sequence[Section]]
 """Makes sections of what was found; figures go into the folder."""
 
 
-def write(results: Results, folder: Path, today: date | None = None) -> Path:
+def write(results: StudyResults, folder: Path, today: date | None = None) -> Path:
     """Write the report of a study into `folder` (made if missing): report.html and its figures. Path of the page.
 
     today: the date of the report (UTC); None: that of `SOURCE_DATE_EPOCH` if it is set, else of now.
@@ -69,14 +69,14 @@ def _today() -> date:
     return (datetime.fromtimestamp(int(epoch), UTC) if epoch else datetime.now(UTC)).date()
 
 
-def _flow_rates(results: Results, folder: Path) -> list[Section]:
+def _flow_rates(results: StudyResults, folder: Path) -> list[Section]:
     """The table of all points and every series; a series that is the only one goes first, as its figure shows them."""
     table = Section("Flow rates", (tables.flow_table(results),))
     series = series_sections(results, folder)
     return [*series, table] if len(results.series) == 1 else [table, *series]
 
 
-def _overview(results: Results, folder: Path) -> list[Section]:
+def _overview(results: StudyResults, folder: Path) -> list[Section]:
     """All series in one picture, and fitted parameters against what else was swept."""
     pictures: list[Picture] = []
     fitted = [one for one in results.series if one.used]
@@ -94,7 +94,7 @@ def _overview(results: Results, folder: Path) -> list[Section]:
     return sections
 
 
-def _trends(results: Results, folder: Path) -> list[Picture]:
+def _trends(results: StudyResults, folder: Path) -> list[Picture]:
     """Fitted parameters of every law against the key that takes most values, if it takes several."""
     values = {
         name: {one.at[name] for one in results.series if name in one.at} for one in results.series for name in one.at
@@ -114,7 +114,7 @@ def _trends(results: Results, folder: Path) -> list[Picture]:
     return pictures
 
 
-def _reference(results: Results, folder: Path) -> list[Section]:
+def _reference(results: StudyResults, folder: Path) -> list[Section]:
     if not results.comparisons:
         return []
     every, digest = tables.comparison_table(results.comparisons), tables.digest_table(results.comparisons)
@@ -122,7 +122,7 @@ def _reference(results: Results, folder: Path) -> list[Section]:
     return [Section(f"Beside {results.source}", blocks)]
 
 
-def _statements(results: Results, folder: Path) -> list[Section]:
+def _statements(results: StudyResults, folder: Path) -> list[Section]:
     if not results.judged:
         return []
     every, digest = statement_table(results.judged), statement_digest(results.judged)
@@ -131,25 +131,25 @@ def _statements(results: Results, folder: Path) -> list[Section]:
     return [Section(f"Statements of {results.source}", blocks)]
 
 
-def _numerics(results: Results, folder: Path) -> list[Section]:
+def _numerics(results: StudyResults, folder: Path) -> list[Section]:
     return [Section("Do numerics matter?", (tables.numerical_table(results.numerical),))] if results.numerical else []
 
 
-def _budget(results: Results, folder: Path) -> list[Section]:
+def _budget(results: StudyResults, folder: Path) -> list[Section]:
     table = tables.budget_table(results)
     return [Section("Error budget", (table,))] if table.rows else []
 
 
-def _further(results: Results, folder: Path) -> list[Section]:
+def _further(results: StudyResults, folder: Path) -> list[Section]:
     table = tables.further_table(results)
     return [Section("Further measurements", (table,))] if table is not None else []
 
 
-def _outcomes(results: Results, folder: Path) -> list[Section]:
+def _outcomes(results: StudyResults, folder: Path) -> list[Section]:
     return [Section("How runs ended", (tables.outcomes_table(results),))]
 
 
-def _provenance(results: Results, folder: Path) -> list[Section]:
+def _provenance(results: StudyResults, folder: Path) -> list[Section]:
     blocks: list[Block] = [Folded("Versions and machines", (tables.provenance_table(results),))]
     blocks.append(Folded("Keys of all runs", (tables.runs_table(results),)))
     blocks.append(Folded("The study file", (Verbatim(results.study.text),)))

@@ -11,7 +11,7 @@ from labbook.report.tables import Table
 from labbook.results.paper import Analysis, calling
 from labbook.results.points import PointResult
 from labbook.results.series import Series
-from labbook.results.study import Results
+from labbook.results.study import StudyResults
 from labbook.study.paper import PAPERS
 
 if TYPE_CHECKING:
@@ -33,28 +33,30 @@ class Paper(Analysis):
     It is announced by an entry point of the group `labbook.papers` (see `labbook.papers`).
     """
 
-    def sections(self, results: Results, folder: Path) -> Sequence[Section]:
+    def sections(self, results: StudyResults, folder: Path) -> Sequence[Section]:
         """Sections of the page, after the comparison with the reference; figures go into the folder."""
         return ()
 
-    def of_series(self, results: Results, series: Series, folder: Path, suffix: str, where: str) -> Sequence[Block]:
+    def of_series(
+        self, results: StudyResults, series: Series, folder: Path, suffix: str, where: str
+    ) -> Sequence[Block]:
         """What stands at the end of the section of a series. `suffix`: of names of files, `where`: ` (angle = 40 deg)`,
         to be put into words; both are empty of the only series."""
         return ()
 
-    def tables(self, results: Results, series: Series, where: str) -> Sequence[tuple[str, Table]]:
+    def tables(self, results: StudyResults, series: Series, where: str) -> Sequence[tuple[str, Table]]:
         """Titles and tables of a series for the terminal; `where`: ` at angle = 40 deg`, or empty."""
         return ()
 
-    def figures(self, results: Results) -> Mapping[str, Draw]:
+    def figures(self, results: StudyResults) -> Mapping[str, Draw]:
         """Figures by name, of several series at once."""
         return {}
 
-    def figures_of(self, results: Results, series: Series) -> Mapping[str, Draw]:
+    def figures_of(self, results: StudyResults, series: Series) -> Mapping[str, Draw]:
         """Figures of a series, by name."""
         return {}
 
-    def shows_beds_of(self, results: Results) -> Collection[PointResult]:
+    def shows_beds_of(self, results: StudyResults) -> Collection[PointResult]:
         """Points of which its sections show how the beds flow: they are left out elsewhere."""
         return ()
 
@@ -64,7 +66,7 @@ def papers() -> Iterator[Paper]:
     return (paper for paper in PAPERS.values() if isinstance(paper, Paper))
 
 
-def sections_of_all(results: Results, folder: Path) -> list[Section]:
+def sections_of_all(results: StudyResults, folder: Path) -> list[Section]:
     """Sections of all papers. Where the code of a paper fails, a section says so."""
     sections: list[Section] = []
     for paper in papers():
@@ -76,7 +78,7 @@ def sections_of_all(results: Results, folder: Path) -> list[Section]:
     return sections
 
 
-def blocks_of_all(results: Results, series: Series, folder: Path, suffix: str, where: str) -> list[Block]:
+def blocks_of_all(results: StudyResults, series: Series, folder: Path, suffix: str, where: str) -> list[Block]:
     """All that papers add to the section of a series; where the code of a paper fails, the reason."""
     blocks: list[Block] = []
     for paper in papers():
@@ -88,7 +90,7 @@ def blocks_of_all(results: Results, series: Series, folder: Path, suffix: str, w
     return blocks
 
 
-def tables_of_all(results: Results, series: Series, where: str) -> tuple[list[tuple[str, Table]], list[str]]:
+def tables_of_all(results: StudyResults, series: Series, where: str) -> tuple[list[tuple[str, Table]], list[str]]:
     """Titles and tables of a series for the terminal, and why those of a paper are lacking."""
     titled, problems = list[tuple[str, Table]](), list[str]()
     for paper in papers():
@@ -100,7 +102,7 @@ def tables_of_all(results: Results, series: Series, where: str) -> tuple[list[tu
     return titled, problems
 
 
-def figures_of_all(results: Results, series: Series | None = None) -> dict[str, Draw]:
+def figures_of_all(results: StudyResults, series: Series | None = None) -> dict[str, Draw]:
     """Figures of all papers by name: of one series, or (None) of several at once.
 
     Drawing one raises ExtensionError where the code of its paper fails. A paper that cannot list its figures has one
@@ -117,7 +119,7 @@ def figures_of_all(results: Results, series: Series | None = None) -> dict[str, 
     return figures
 
 
-def beds_shown_by_all(results: Results) -> set[int]:
+def beds_shown_by_all(results: StudyResults) -> set[int]:
     """Identities of the points whose beds sections of papers show."""
     points = set[int]()
     for paper in papers():

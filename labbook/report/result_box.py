@@ -19,7 +19,7 @@ from labbook.results.points import FLOW_RATE, PointResult, redundant
 from labbook.results.reference import agreement
 from labbook.results.series import PACKING_FRACTION, Series
 from labbook.results.statements import summed_up
-from labbook.results.study import Results
+from labbook.results.study import StudyResults
 from labbook.scene.quantities import percent
 
 ATTENTION = "Attention"
@@ -33,19 +33,19 @@ _LEADING = {"beverloo": ("C", "C_particle", "k"), "beverloo_3d": ("C", "C_partic
 Row = tuple[str, str]
 
 
-def result_box(results: Results) -> Facts:
+def result_box(results: StudyResults) -> Facts:
     """What was found, in lines of a term and a sentence; what asks for attention is marked."""
     rows = [*_found(results), *((ATTENTION, text) for text in concerns(results))]
     rows.append(("Runs", _counted(results)))
     return Facts(tuple(rows), frozenset({ATTENTION}))
 
 
-def summary(results: Results) -> list[str]:
+def summary(results: StudyResults) -> list[str]:
     """The same as plain sentences."""
     return [_counted(results), *concerns(results), *(text for _, text in _found(results))]
 
 
-def headline(results: Results) -> str:
+def headline(results: StudyResults) -> str:
     """What was found, in a line for a list of studies: the parameters of the first law that was fitted, else the range
     of the flow rates; and whether the data choose a law. Empty if nothing was found."""
     fitted = [one for one in results.series if one.fits]
@@ -58,12 +58,12 @@ def headline(results: Results) -> str:
     return next((text for _, text in _flow_rates(results)), "")
 
 
-def _counted(results: Results) -> str:
+def _counted(results: StudyResults) -> str:
     runs = sum(len(result.runs) for result in results.points)
     return f"{_count(runs, 'run')} of {_count(len(results.points), 'point')}."
 
 
-def _found(results: Results) -> list[Row]:
+def _found(results: StudyResults) -> list[Row]:
     rows = [*_flow_rates(results)]
     tested = numerics_summed_up(results.numerical)
     swept = [one for one in found_against(results) if not (tested and one.key.startswith(NUMERICS))]
@@ -87,7 +87,7 @@ def _term(key: str) -> str:
     return name[:1].upper() + name[1:]
 
 
-def _flow_rates(results: Results) -> list[Row]:
+def _flow_rates(results: StudyResults) -> list[Row]:
     """The smallest and the largest flow rate with what was set there, and how well they are known."""
     rows: list[Row] = []
     for quantity, called in ((FLOW_RATE, "Flow rate"), (PACKING_FRACTION, "Packing fraction")):
@@ -124,7 +124,7 @@ def _range(known: Sequence[PointResult], quantity: str) -> str:
     return f"{shown.name} = {' to '.join(told)}; {wide}."
 
 
-def _fits(results: Results) -> list[Row]:
+def _fits(results: StudyResults) -> list[Row]:
     """Parameters of each law with intervals, and which law the data prefer."""
     rows: list[Row] = []
     fitted = [one for one in results.series if one.fits]
@@ -179,7 +179,7 @@ def _misses(fit: FitResult) -> bool:
     return fit.p_value < 0.05
 
 
-def concerns(results: Results) -> list[str]:
+def concerns(results: StudyResults) -> list[str]:
     """What a reader must know before quoting a number, in plain sentences; nothing if all is as asked."""
     study, points, sentences = results.study, results.points, []
     sentences += _stale(results)
@@ -229,7 +229,7 @@ def concerns(results: Results) -> list[str]:
     return list(dict.fromkeys(filter(None, (no_number(results), *sentences))))
 
 
-def _stale(results: Results) -> list[str]:
+def _stale(results: StudyResults) -> list[str]:
     """Why runs are stale, a sentence for each reason."""
     total = sum(len(one.runs) for one in results.points)
     return [
@@ -239,7 +239,7 @@ def _stale(results: Results) -> list[str]:
     ]
 
 
-def _limits(results: Results) -> list[str]:
+def _limits(results: StudyResults) -> list[str]:
     """What `labbook plan` warns of and limits the numbers that there are, without the name of the file."""
     if not any(result.pooled for result in results.points):
         return []
@@ -255,7 +255,7 @@ def _limits(results: Results) -> list[str]:
     return [*same, *(f"{reason} (remedy: {remedy})." for reason, _, remedy in told)]
 
 
-def no_number(results: Results) -> str:
+def no_number(results: StudyResults) -> str:
     """Why no finished run gave a number, in a sentence; empty if any did, or if none has finished."""
     if not results.points or any(result.pooled for result in results.points):
         return ""
@@ -272,7 +272,7 @@ def no_number(results: Results) -> str:
     return _unmeasured(results) if results.unmeasured else "No run gave a number."
 
 
-def _no_flow(results: Results) -> str:
+def _no_flow(results: StudyResults) -> str:
     """Which points have runs and no flow rate, why, and what would help; empty if there are none."""
     points = results.points
     found = [
@@ -282,17 +282,17 @@ def _no_flow(results: Results) -> str:
     return f"No flow rate {'; '.join(found)}." if found else ""
 
 
-def _unevaluated(results: Results) -> str:
+def _unevaluated(results: StudyResults) -> str:
     runs = f"{_count(len(results.unevaluated), 'run')} not evaluated yet"
     return f"{runs}: {command('fit', results.study.path.name)} evaluates them."
 
 
-def _unmeasured(results: Results) -> str:
+def _unmeasured(results: StudyResults) -> str:
     failed = _count(len(results.unmeasured), "measurement")
     return f"{failed} could not be made: {results.unmeasured[0]}."
 
 
-def _imprecise(results: Results) -> list[str]:
+def _imprecise(results: StudyResults) -> list[str]:
     if results.study.accuracy.flow_rate is None or not results.points:
         return []
     asked = percent(results.study.accuracy.flow_rate)

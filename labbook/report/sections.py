@@ -16,11 +16,11 @@ from labbook.results.points import PointResult
 from labbook.results.recorded import acceleration, flow_patterns, pooled_means
 from labbook.results.reference import at_series
 from labbook.results.series import Series
-from labbook.results.study import Results
+from labbook.results.study import StudyResults
 from labbook.scene.quantities import value_range
 
 
-def series_sections(results: Results, folder: Path) -> list[Section]:
+def series_sections(results: StudyResults, folder: Path) -> list[Section]:
     """Figures, tables and remarks of every series. Single points to which no law is fitted share theirs."""
     alone = [one for one in results.series if len(one.points) == 1 and not one.fits and not one.further]
     merged = alone if len(alone) > 1 else []
@@ -32,7 +32,7 @@ def series_sections(results: Results, folder: Path) -> list[Section]:
     return [Section("Series by series", tuple(found))]
 
 
-def _series(results: Results, index: int, folder: Path) -> Section:
+def _series(results: StudyResults, index: int, folder: Path) -> Section:
     series = results.series[index]
     suffix = f"-{index + 1}" if len(results.series) > 1 else ""
     where = f" ({series.label})" if series.label else ""
@@ -56,7 +56,7 @@ def _series(results: Results, index: int, folder: Path) -> Section:
     return Section(series.label or "Flow rate against orifice", tuple(blocks))
 
 
-def _together(results: Results, series: Sequence[Series], folder: Path, suffix: str) -> Section:
+def _together(results: StudyResults, series: Sequence[Series], folder: Path, suffix: str) -> Section:
     """Points that are series by themselves, in one section."""
     points = tuple(one.points[0] for one in series)
     whole = Series({}, points, {}, frozenset(), frozenset(), (), ())
@@ -100,7 +100,7 @@ def _flow_caption(series: Series) -> str:
 
 
 def _patterns_if_they_can_be(
-    results: Results, series: Series, folder: Path, suffix: str, where: str
+    results: StudyResults, series: Series, folder: Path, suffix: str, where: str
 ) -> tuple[list[Block], list[str]]:
     """How the beds flow, of points that no paper shows in a section of its own; and what is lacking."""
     elsewhere = beds_shown_by_all(results)

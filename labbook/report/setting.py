@@ -10,7 +10,7 @@ from labbook.measure.measure import window_in_words
 from labbook.report.blocks import Facts
 from labbook.results import display
 from labbook.results.display import Shown
-from labbook.results.study import Results
+from labbook.results.study import StudyResults
 from labbook.scene.quantities import span
 from labbook.study import Point
 from labbook.study.keys import find
@@ -29,11 +29,12 @@ _VALUES = 8
 """Values of a swept key that are listed one by one."""
 
 
-def setting(results: Results, today: date) -> Facts:
+def setting(results: StudyResults, today: date) -> Facts:
     """Rows of a term and what there is to say of it. today: the date of the report."""
     points = results.study.points
     rows = common(points)
     rows += [("Swept", text) for text in _swept(points)]
+    rows += [("Points chosen", text) for text in results.campaign]
     rows += [("Measured", _measured(results)), ("Replicates", _replicates(results))]
     rows.append(("Recorded", _recorded(results)))
     rows += [("Backend", text) for text in _backend(results)]
@@ -174,14 +175,14 @@ def _swept(points: Sequence[Point]) -> Iterator[str]:
         yield f"{display.key(name).name} = {', '.join(listed)} {shown.unit}".rstrip()
 
 
-def _measured(results: Results) -> str:
+def _measured(results: StudyResults) -> str:
     study = results.study
     window = f"in the window from {window_in_words(study.window)}"
     fits = f"; fitted: {', '.join(map(display.law, study.fit))}" if study.fit else ""
     return f"{', '.join(study.measure)}, {window}".replace("_", " ") + fits
 
 
-def _replicates(results: Results) -> str:
+def _replicates(results: StudyResults) -> str:
     runs = [len(result.runs) for result in results.points]
     if not runs:
         return ""
@@ -190,7 +191,7 @@ def _replicates(results: Results) -> str:
     return f"{total} of {points}, {each} at each; asked: {results.study.replicates}"
 
 
-def _recorded(results: Results) -> str:
+def _recorded(results: StudyResults) -> str:
     """How many runs have frames, and how far these are apart."""
     apart = [run.frame_interval for result in results.points for run in result.runs if run.frame_interval]
     if not apart:
@@ -199,7 +200,7 @@ def _recorded(results: Results) -> str:
     return f"{len(apart)} run{'' if len(apart) == 1 else 's'}, with frames {times} apart"
 
 
-def _backend(results: Results) -> Iterator[str]:
+def _backend(results: StudyResults) -> Iterator[str]:
     """Each backend that made runs, with version, precision and device, and how many runs."""
     made: Counter[str] = Counter()
     for run in (run for result in results.points for run in result.runs):
@@ -207,7 +208,7 @@ def _backend(results: Results) -> Iterator[str]:
     yield "; ".join(made if len(made) == 1 else (f"{text}: {n} runs" for text, n in made.items()))
 
 
-def _dates(results: Results, today: date) -> str:
+def _dates(results: StudyResults, today: date) -> str:
     report = f"report of {_day(today)}"
     ended = [run.ended for result in results.points for run in result.runs]
     return f"newest run of {_day(datetime.fromisoformat(max(ended)).date())}, {report}" if ended else report

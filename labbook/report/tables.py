@@ -15,7 +15,7 @@ from labbook.results.numerical import Numerical
 from labbook.results.points import FLOW_RATE, PointResult
 from labbook.results.reference import Comparison
 from labbook.results.series import Series
-from labbook.results.study import Results
+from labbook.results.study import StudyResults
 from labbook.scene.quantities import percent, value_range
 from labbook.stats import Measured, Pooled
 from labbook.stats.equivalence import replicates_needed
@@ -43,7 +43,7 @@ class Table:
 _FLOW = ("flow_rate", "grain_rate", "flow_rate_drift", "gap_time")
 
 
-def flow_table(results: Results) -> Table:
+def flow_table(results: StudyResults) -> Table:
     """Every point: what was swept, its pooled flow rate with errors, and what a reader must know of it."""
     swept = _swept(results)
     found = _measured(results, of_flow=True)
@@ -73,7 +73,7 @@ def _interval(pooled: Pooled, scale: float) -> str:
     return f"{low} to {high} ({display.percentage(pooled.relative)})"
 
 
-def further_table(results: Results) -> Table | None:
+def further_table(results: StudyResults) -> Table | None:
     """Every point: whatever else was measured, pooled over replicates; None if nothing was."""
     swept, measured = _swept(results), _measured(results, of_flow=False)
     if not measured:
@@ -82,13 +82,13 @@ def further_table(results: Results) -> Table | None:
     return Table(_headings(swept, measured), rows, frozenset())
 
 
-def _swept(results: Results) -> list[str]:
+def _swept(results: StudyResults) -> list[str]:
     """Keys that were swept, and after them those that follow from them."""
     along = (name for result in results.points for name in result.along)
     return list(dict.fromkeys((*(name for result in results.points for name in result.at), *along)))
 
 
-def _measured(results: Results, of_flow: bool) -> list[Measured]:
+def _measured(results: StudyResults, of_flow: bool) -> list[Measured]:
     """One example of each pooled quantity, flow rate first: that one wherever it was asked for."""
     found: dict[str, Measured] = {}
     for result in results.points:
@@ -127,7 +127,7 @@ def _remarks(result: PointResult) -> list[str]:
     return remarks
 
 
-def budget_table(results: Results) -> Table:
+def budget_table(results: StudyResults) -> Table:
     """The error of every number that reports lead with, by source, in percent of it."""
     swept, rows = _swept(results), []
     reasons: dict[str, None] = {}
@@ -222,7 +222,7 @@ def comparison_table(comparisons: Iterable[Comparison]) -> Table:
     return Table(headings, tuple(rows), frozenset({0, 1}), frozenset(marked), notes)
 
 
-def outcomes_table(results: Results) -> Table:
+def outcomes_table(results: StudyResults) -> Table:
     """How many runs ended in which way, and at which points."""
     total: Counter[str] = Counter()
     where: dict[str, list[str]] = {}
@@ -250,7 +250,7 @@ def outcomes_table(results: Results) -> Table:
     return Table(("outcome", "runs", "points"), tuple(rows), frozenset({0, 2}), notes=notes)
 
 
-def provenance_table(results: Results) -> Table:
+def provenance_table(results: StudyResults) -> Table:
     """What made the runs: every fact on which they agree, and how many ways there are where they differ; and which
     extensions the analysis uses now."""
     skipped = {"seed", "sessions"}
@@ -274,7 +274,7 @@ def provenance_table(results: Results) -> Table:
     return Table(("fact", "of the runs"), tuple(rows), frozenset({0, 1}))
 
 
-def runs_table(results: Results) -> Table:
+def runs_table(results: StudyResults) -> Table:
     """Point, seed, outcome and key of every run."""
     rows = tuple(
         (result.label, str(run.seed), f"{run.outcome}, suspect" if run.suspect else run.outcome, run.run_key)

@@ -19,7 +19,7 @@ Value = float | str
 
 
 @dataclass(frozen=True, eq=False)
-class Place:
+class RatioPoint:
     """A point at a value of the swept key. `ratio`: its quantity over that of the first point of its line, with a 95 %
     interval; None of the first itself, and where one of them has none. `pairs`: how many runs of each that share a
     packing the ratio rests on; 0: the runs are independent."""
@@ -36,8 +36,8 @@ class Line:
     study lists them; `first`: the place that the others are compared with, None where no point has the quantity."""
 
     at: Mapping[str, Value]
-    places: tuple[Place, ...]
-    first: Place | None
+    places: tuple[RatioPoint, ...]
+    first: RatioPoint | None
 
     @property
     def label(self) -> str:
@@ -45,7 +45,7 @@ class Line:
         return display.label(self.at)
 
     @property
-    def largest(self) -> Place | None:
+    def largest(self) -> RatioPoint | None:
         """Where the quantity differs most from that of the first; None without any ratio."""
         known = [place for place in self.places if place.ratio is not None]
         return max(known, key=lambda place: abs(place.ratio.value - 1) if place.ratio else 0.0, default=None)
@@ -63,7 +63,7 @@ class Against:
     along: tuple[str, ...] = ()
     unset: tuple[PointResult, ...] = ()
 
-    def setting(self, place: Place) -> str:
+    def setting(self, place: RatioPoint) -> str:
         """`L = 6 mm, d = 3 mm`: the key at a place, with the keys that change along."""
         known = {**place.result.at, **place.result.along}
         along = {name: known[name] for name in self.along if name in known and names_scene(name)}
@@ -114,7 +114,7 @@ def rows(found: Sequence[Against]) -> Iterator[dict[str, Any]]:
 
 def _of_key(key: str, points: Sequence[PointResult], quantity: str, over: Value | None) -> Against:
     valued = [(result, result.at.get(key, result.point.value(key))) for result in points]
-    places = [Place(result, value) for result, value in valued if value is not None]
+    places = [RatioPoint(result, value) for result, value in valued if value is not None]
     unset = tuple(result for result, value in valued if value is None)
     others = [name for name in dict.fromkeys(name for result in points for name in result.at) if name != key]
     along: tuple[str, ...] = ()
@@ -130,15 +130,17 @@ def _of_key(key: str, points: Sequence[PointResult], quantity: str, over: Value 
     return Against(key, quantity, lines, (*along, *followers(points, key)), unset)
 
 
-def _groups(places: Sequence[Place], others: Sequence[str]) -> dict[tuple[tuple[str, Value], ...], list[Place]]:
-    groups: dict[tuple[tuple[str, Value], ...], list[Place]] = {}
+def _groups(
+    places: Sequence[RatioPoint], others: Sequence[str]
+) -> dict[tuple[tuple[str, Value], ...], list[RatioPoint]]:
+    groups: dict[tuple[tuple[str, Value], ...], list[RatioPoint]] = {}
     for place in places:
         at = place.result.at
         groups.setdefault(tuple((name, at[name]) for name in others if name in at), []).append(place)
     return groups
 
 
-def _follows(name: str, places: Sequence[Place]) -> bool:
+def _follows(name: str, places: Sequence[RatioPoint]) -> bool:
     """Whether the value of another key is known as soon as that of this one is."""
     values: dict[Value, set[Value | None]] = {}
     for place in places:
@@ -146,7 +148,9 @@ def _follows(name: str, places: Sequence[Place]) -> bool:
     return all(len(known) == 1 for known in values.values())
 
 
-def _line(at: Mapping[str, Value], group: Sequence[Place], quantity: str, start: Value | None, words: bool) -> Line:
+def _line(
+    at: Mapping[str, Value], group: Sequence[RatioPoint], quantity: str, start: Value | None, words: bool
+) -> Line:
     able = [place for place in group if place.result.pooled.get(quantity) is not None]
     first = next((place for place in able if place.value == start), able[0] if able else None)
     if first is not None and first.result.pooled[quantity].value == 0:
@@ -156,10 +160,10 @@ def _line(at: Mapping[str, Value], group: Sequence[Place], quantity: str, start:
     return Line(at, tuple(place if place is first else _over(place, first, quantity) for place in ranked), first)
 
 
-def _over(place: Place, first: Place | None, quantity: str) -> Place:
+def _over(place: RatioPoint, first: RatioPoint | None, quantity: str) -> RatioPoint:
     if first is None or place.result.pooled.get(quantity) is None:
         return place
-    return Place(place.result, place.value, *ratio_of(place.result, first.result, quantity))
+    return RatioPoint(place.result, place.value, *ratio_of(place.result, first.result, quantity))
 
 
 def ratio_of(result: PointResult, first: PointResult, quantity: str) -> tuple[Pooled, int]:
@@ -181,7 +185,7 @@ def _shared(one: PointResult, other: PointResult, seeds: Sequence[int]) -> list[
     return [seed for seed in seeds if packings[0][seed] == packings[1][seed]]
 
 
-def _ordered(places: Sequence[Place], words: bool) -> tuple[Value, ...]:
+def _ordered(places: Sequence[RatioPoint], words: bool) -> tuple[Value, ...]:
     distinct = dict.fromkeys(place.value for place in sorted(places, key=lambda place: place.result.point.index))
     if words:
         return tuple(distinct)

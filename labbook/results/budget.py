@@ -10,7 +10,7 @@ from labbook.fit import Parameter
 from labbook.results import display
 from labbook.results.points import BED, DRIFT, FILLING, FLOW_RATE, NUMERICS, PointResult
 from labbook.results.series import PACKING_FRACTION, Series
-from labbook.results.study import Results
+from labbook.results.study import StudyResults
 from labbook.scene.quantities import percent
 from labbook.stats import Pooled
 
@@ -84,14 +84,14 @@ class Budget:
         return before + f"{self.name} = {' '.join([value, *parts])} {shown.unit}".rstrip() + lacking
 
 
-def budgets(results: Results) -> tuple[Budget, ...]:
+def budgets(results: StudyResults) -> tuple[Budget, ...]:
     """The budget of W and of the packing fraction of every point that has them, and of every parameter that was fitted
     to a series."""
     found = [*_of_points(results, FLOW_RATE), *_of_points(results, PACKING_FRACTION), *_of_series(results)]
     return tuple(found)
 
 
-def _of_points(results: Results, quantity: str) -> Iterator[Budget]:
+def _of_points(results: StudyResults, quantity: str) -> Iterator[Budget]:
     there = [(one, one.pooled[quantity]) for one in results.points if quantity in one.pooled]
     values = [(one.at, pooled.value) for one, pooled in there]
     for one, pooled in there:
@@ -104,7 +104,7 @@ def _of_points(results: Results, quantity: str) -> Iterator[Budget]:
         yield Budget(quantity, one, pooled.value, tuple(shares))
 
 
-def _of_series(results: Results) -> Iterator[Budget]:
+def _of_series(results: StudyResults) -> Iterator[Budget]:
     """Numerics, filling and bed move a parameter by as much as it differs between series that differ in these only."""
     for law in dict.fromkeys(law for series in results.series for law in series.fits):
         there = [series for series in results.series if law in series.fits]

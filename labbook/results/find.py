@@ -3,51 +3,58 @@
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from functools import partial
+from typing import TypeVar
 
 from labbook.backend import BackendMissing, load
 from labbook.fit import LAWS
-from labbook.lab import Catalogue, evaluations
+from labbook.lab import Catalogue, FinishedRun, evaluations
+from labbook.lab.campaigns import as_proposed
 from labbook.lab.evaluations import NotEvaluated, Numbers, ReadOnlyRun
 from labbook.lab.records import Observe
 from labbook.lab.suspect import counts
-from labbook.plan.coverage import Asked, finished, unreadable
+from labbook.plan.coverage import RequestedRun, finished, unreadable
 from labbook.results.numerical import numerical
 from labbook.results.paper import compared, further_fits, judged
-from labbook.results.points import Finished, RunResult, pooled_point, redundant
+from labbook.results.points import RunResult, pooled_point, redundant
 from labbook.results.reference import compare
 from labbook.results.series import series_of
 from labbook.results.statements import judge
-from labbook.results.study import Results
+from labbook.results.study import StudyResults
 from labbook.study import Study
+
+_R = TypeVar("_R", bound=StudyResults)
 
 
 def results_of(
     study: Study,
-    runs: Sequence[Finished],
+    runs: Sequence[FinishedRun],
     numbers: Numbers,
     lost: Sequence[str] = (),
-) -> Results:
+    kind: Callable[..., _R] = StudyResults,
+) -> _R:
     """Pool replicates, fit series and compare with the study's reference.
 
     `numbers`: what was measured of the runs. A run that cannot be read is left out and reported, after those of which
-    that was known before (`lost`: why). One that a measure fails on has its other numbers.
+    that was known before (`lost`: why). One that a measure fails on has its other numbers. `kind`: the class of the
+    results, or a function that makes them.
     """
     unreadable, unmeasured = list(lost), list[str]()
     by_point: dict[int, list[RunResult]] = {}
     for run in sorted(runs, key=lambda run: (run.point.index, run.seed)):
-        if (why := numbers.problems.get(run.run_key)) is not None:
+        key = run.entry.run_key
+        if (why := numbers.problems.get(key)) is not None:
             unreadable.append(why)
             continue
-        unmeasured += numbers.failed.get(run.run_key, {}).values()
-        counted = counts(run.outcome, run.suspect, study.accuracy.count_suspect)
-        found = RunResult(run, numbers.measured.get(run.run_key, {}), study.measure, study.window, counted)
+        unmeasured += numbers.failed.get(key, {}).values()
+        counted = counts(run.entry.outcome, run.entry.suspect, study.accuracy.count_suspect)
+        found = RunResult(run, numbers.measured.get(key, {}), study.measure, study.window, counted)
         by_point.setdefault(run.point.index, []).append(found)
     read = [point for point in study.points if by_point.get(point.index)]
     extra = redundant(study.points)
     points = tuple(pooled_point(study, point, extra, tuple(by_point[point.index])) for point in read)
     missing = tuple(point for point in study.points if not by_point.get(point.index))
     series = series_of(points, study.fit, further_fits())
-    found = Results(study, points, missing, tuple(unreadable), series, unmeasured=tuple(unmeasured))
+    found = kind(study, points, missing, tuple(unreadable), series, unmeasured=tuple(unmeasured))
     own = partial(compared, found)
     return replace(
         found,
@@ -58,38 +65,51 @@ def results_of(
 
 
 def find(
-    study: Study, catalogue: Catalogue, backend: str, progress: Callable[[int], None] = lambda done: None
-) -> Results:
+    study: Study,
+    catalogue: Catalogue,
+    backend: str,
+    progress: Callable[[int], None] = lambda done: None,
+    kind: Callable[..., _R] = StudyResults,
+) -> _R:
     """What the lab holds of a study from `backend`; what was not evaluated yet is evaluated now, and kept.
 
-    `progress` is told how many runs are done.
+    `progress` is told how many runs are done. `kind`: as for `results_of`.
     """
+    study, proposed = as_proposed(study, catalogue.lab, backend)
     runs, lost = finished(catalogue, study, backend), unreadable(catalogue, study, backend)
     observe = Observe.of(study.measure, study.window)
-    results = results_of(study, runs, evaluations.numbers(catalogue, runs, observe, progress), lost)
-    return replace(results, installed=_installed(backend))
+    results = results_of(study, runs, evaluations.numbers(catalogue, runs, observe, progress), lost, kind)
+    return replace(results, installed=_installed(backend), campaign=proposed)
 
 
 def kept(
-    study: Study, catalogue: Catalogue, backend: str, asked: Mapping[str, Sequence[Asked]] | None = None
-) -> Results:
+    study: Study,
+    catalogue: Catalogue,
+    backend: str,
+    asked: Mapping[str, Sequence[RequestedRun]] | None = None,
+    kind: Callable[..., _R] = StudyResults,
+) -> _R:
     """The same for those who only look: nothing is evaluated, and no folder is looked at.
 
     `asked`: what `labbook.plan.coverage.asked` gives of the study, where it is known already. Profiles, traces and
     fields that were not evaluated raise NotEvaluated (of `labbook.lab.evaluations`) when they are asked for; where fits
     or comparisons of a paper rest on such ones, they are left out, and the run is among the unevaluated.
     """
-    runs, lost = finished(catalogue, study, backend, asked, ReadOnlyRun), unreadable(catalogue, study, backend)
+    study, proposed = as_proposed(study, catalogue.lab, backend)
+    runs, lost = (
+        finished(catalogue, study, backend, None if proposed else asked, ReadOnlyRun),
+        unreadable(catalogue, study, backend),
+    )
     observe = Observe.of(study.measure, study.window)
     found = evaluations.kept_numbers(catalogue, runs, observe)
     lacking = dict.fromkeys(found.lacking)
     try:
-        results = results_of(study, runs, found, lost)
+        results = results_of(study, runs, found, lost, kind)
     except NotEvaluated as problem:  # profiles that a paper's fits or statements rest on
         lacking |= {problem.run_key: None}
         plain = replace(study, fit=tuple(law for law in study.fit if law in LAWS), reference=None)
-        results = replace(results_of(plain, runs, found, lost), study=study)
-    return replace(results, installed=_installed(backend), unevaluated=tuple(lacking))
+        results = replace(results_of(plain, runs, found, lost, kind), study=study)
+    return replace(results, installed=_installed(backend), unevaluated=tuple(lacking), campaign=proposed)
 
 
 def _installed(backend: str) -> tuple[str, int] | None:

@@ -17,7 +17,7 @@ from labbook.results.paper import frames as frames_of_papers
 from labbook.results.points import PointResult
 from labbook.results.recorded import acceleration
 from labbook.results.series import Series
-from labbook.results.study import Results
+from labbook.results.study import StudyResults
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -42,7 +42,7 @@ _UNITS: dict[str, dict[str, str]] = {
 
 
 def frames(
-    results: Results, names: Collection[str] | None = None, without: Collection[str] = ()
+    results: StudyResults, names: Collection[str] | None = None, without: Collection[str] = ()
 ) -> dict[str, "pd.DataFrame"]:
     """Data frames called `names` (None: all), but those called `without`, by name; those without rows are left out.
 
@@ -113,7 +113,7 @@ def _with_known_ends(frame: "pd.DataFrame") -> "pd.DataFrame":
     return frame
 
 
-def _with_units(results: Results, name: str, frame: "pd.DataFrame") -> "pd.DataFrame":
+def _with_units(results: StudyResults, name: str, frame: "pd.DataFrame") -> "pd.DataFrame":
     """With the name of the study and the SI units of its columns in `attrs`."""
     columns = {**_UNITS, **{table: of for paper in analyses() for table, of in paper.columns.items()}}
     known = {**results.study.units, **columns.get(name, {})}
@@ -121,7 +121,7 @@ def _with_units(results: Results, name: str, frame: "pd.DataFrame") -> "pd.DataF
     return frame
 
 
-def inside(results: Results, every: float) -> "pd.DataFrame":
+def inside(results: StudyResults, every: float) -> "pd.DataFrame":
     """N(t): a row for each run and each time, from 0 to its end in steps of `every` [s].
 
     Columns say which point and run it is, and `time` [s], `grains` that are inside (have not crossed the outlet) and
@@ -148,7 +148,7 @@ def _runs_empty(result: PointResult) -> bool:
     return scene.container.outlet_plane is not None and scene.feed is None
 
 
-def to_json(results: Results, names: Collection[str] | None = None) -> str:
+def to_json(results: StudyResults, names: Collection[str] | None = None) -> str:
     """The frames called `names` (all but EVERY, if none are given) as JSON: SI, null for what is unknown or endless."""
     chosen = frames(results, names or None, () if names else EVERY)
     parts = {
@@ -162,7 +162,7 @@ def of_point(result: PointResult) -> Row:
     return {"point": result.point.index + 1, **result.point.at}
 
 
-def _runs(results: Results) -> Iterator[Row]:
+def _runs(results: StudyResults) -> Iterator[Row]:
     for result in results.points:
         for run in result.runs:
             head = {**of_point(result), "seed": run.seed, "run_key": run.run_key, "outcome": run.outcome}
@@ -171,7 +171,7 @@ def _runs(results: Results) -> Iterator[Row]:
                 yield {**head, **vars(measured), "stale": bool(results.stale_because(run))}
 
 
-def _points(results: Results) -> Iterator[Row]:
+def _points(results: StudyResults) -> Iterator[Row]:
     for result in results.points:
         outcomes = {f"runs_{name.replace('-', '_')}": n for name, n in sorted(result.outcomes.items())}
         outcomes |= {"runs_suspect": len(result.suspect)} if result.suspect else {}
@@ -199,11 +199,11 @@ def _points(results: Results) -> Iterator[Row]:
             }
 
 
-def _against(results: Results) -> Iterator[Row]:
+def _against(results: StudyResults) -> Iterator[Row]:
     yield from against_rows(against(results.points))
 
 
-def _problems(results: Results) -> Iterator[Row]:
+def _problems(results: StudyResults) -> Iterator[Row]:
     for point in results.missing:
         yield {"kind": "point", "where": point.label, "why": "no finished run"}
     for why in results.unreadable:
@@ -215,14 +215,14 @@ def _problems(results: Results) -> Iterator[Row]:
             yield {"kind": "fit", "where": series.label, "why": why}
 
 
-def _series(results: Results) -> Iterator[Row]:
+def _series(results: StudyResults) -> Iterator[Row]:
     for series in results.series:
         contenders = ", ".join(series.contenders)
         chosen = {"preferred": series.preferred, "contenders": contenders, "verdict": series.verdict}
         yield {**_of_series(series), **chosen, **_resting(results, series.points)}
 
 
-def _numerics(results: Results) -> Iterator[Row]:
+def _numerics(results: StudyResults) -> Iterator[Row]:
     for one in results.numerical:
         told: Row = {"key": one.key, "first": one.first.point.label, "other": one.other.point.label}
         told |= {"margin": one.margin, "why": one.why}
@@ -233,7 +233,7 @@ def _numerics(results: Results) -> Iterator[Row]:
         yield told | _resting(results, (one.first, one.other))
 
 
-def _budget(results: Results) -> Iterator[Row]:
+def _budget(results: StudyResults) -> Iterator[Row]:
     for budget in budgets(results):
         for share in budget.shares:
             where = of_point(budget.of) if isinstance(budget.of, PointResult) else _of_series(budget.of)
@@ -245,7 +245,7 @@ def _of_series(series: Series) -> Row:
     return {"series": series.label, **series.at}
 
 
-def _fits(results: Results) -> Iterator[Row]:
+def _fits(results: StudyResults) -> Iterator[Row]:
     for series in results.series:
         for law in (*series.fits, *series.further):
             for name, parameter in series.parameters(law).items():
@@ -260,7 +260,7 @@ def _fitted(series: Series, law: str) -> Sequence[PointResult]:
     return [one for one in series.points if one.point.index in series.used]
 
 
-def _bands(results: Results) -> Iterator[Row]:
+def _bands(results: StudyResults) -> Iterator[Row]:
     for series in results.series:
         for law, found in series.fits.items():
             D = np.linspace(found.D.min(), found.D.max(), _PLACES)
@@ -270,7 +270,7 @@ def _bands(results: Results) -> Iterator[Row]:
                 yield {**_of_series(series), "law": law, **dict(zip(names, map(float, values), strict=True))}
 
 
-def _resting(results: Results, points: Sequence[PointResult]) -> Row:
+def _resting(results: StudyResults, points: Sequence[PointResult]) -> Row:
     """The points that a number rests on, and whether runs of theirs are stale."""
     numbers = sorted(result.point.index + 1 for result in points)
     stale = any(results.stale_because(run) for result in points for run in result.runs)
@@ -288,7 +288,7 @@ def _goodness(series: Series, law: str) -> Row:
     return {"confidence": fit.confidence, **goodness, **said}
 
 
-def _flow(results: Results) -> Iterator[Row]:
+def _flow(results: StudyResults) -> Iterator[Row]:
     for result in results.points:
         for run in result.runs:
             if run.trace is not None:
@@ -296,7 +296,7 @@ def _flow(results: Results) -> Iterator[Row]:
                     yield {**of_point(result), "seed": run.seed, "time": float(time), "flow_rate": float(rate)}
 
 
-def _profiles(results: Results) -> Iterator[Row]:
+def _profiles(results: StudyResults) -> Iterator[Row]:
     for result in results.points:
         for definition in (name for name in DEFINITIONS if result.outlets(name)):
             head = {**of_point(result), "definition": definition}
@@ -316,7 +316,7 @@ def _along(outlets: Sequence[Outlet]) -> Iterator[Row]:
         yield dict(zip(columns, (value.item() for value in values), strict=True))
 
 
-def _reference(results: Results) -> Iterator[Row]:
+def _reference(results: StudyResults) -> Iterator[Row]:
     for one in results.comparisons:
         theirs = {"reference": one.reference, "reference_error": one.reference_error}
         ours = {"ours": one.ours, "error": one.error, "low": one.low, "high": one.high, "unit": one.unit}
@@ -324,7 +324,7 @@ def _reference(results: Results) -> Iterator[Row]:
         yield {"quantity": one.quantity, **one.at, **theirs, **ours, **apart, **_resting(results, one.points)}
 
 
-def _accelerations(results: Results) -> Iterator[Row]:
+def _accelerations(results: StudyResults) -> Iterator[Row]:
     """Mean upward acceleration [m/s^2] of the grains that start within each bin of height [m] above an outlet."""
     for result in results.points:
         profile = acceleration(result)
@@ -343,7 +343,7 @@ def _accelerations(results: Results) -> Iterator[Row]:
             }
 
 
-def _statements(results: Results) -> Iterator[Row]:
+def _statements(results: StudyResults) -> Iterator[Row]:
     """What a paper states, ours, and the verdict."""
     for one in results.judged:
         stated = one.statement

@@ -14,7 +14,7 @@ from labbook.results.points import PointResult
 from labbook.results.reference import Comparison, sought
 from labbook.results.series import FitTo, FurtherFit
 from labbook.results.statements import Judged
-from labbook.results.study import Results
+from labbook.results.study import StudyResults
 from labbook.study import Statement
 from labbook.study.paper import PAPERS, Vocabulary
 
@@ -33,17 +33,19 @@ class Analysis(Vocabulary):
             """One of its `fits` to the points of a series, which are in the order of their orifice. Raises FitError."""
             ...
 
-    def compared(self, results: Results, quantity: str, at: Mapping[str, float | str]) -> Sequence[Comparison] | None:
+    def compared(
+        self, results: StudyResults, quantity: str, at: Mapping[str, float | str]
+    ) -> Sequence[Comparison] | None:
         """Ours for a quantity of its own that a reference names, at the points `at`, the reference being left NaN; None
         of other quantities. Parameters of its fits need nothing here. `results` have no comparisons yet."""
         return None
 
-    def judged(self, results: Results, statement: Statement) -> Sequence[Judged] | None:
+    def judged(self, results: StudyResults, statement: Statement) -> Sequence[Judged] | None:
         """A statement on a quantity of its own, at all places that it speaks of; None of other quantities, which are
         judged by what `compared` gives. `results` have no comparisons yet."""
         return None
 
-    def frames(self, results: Results) -> Mapping[str, Iterable[Row]]:
+    def frames(self, results: StudyResults) -> Mapping[str, Iterable[Row]]:
         """Rows of data frames, by name; SI."""
         return {}
 
@@ -72,7 +74,7 @@ def _fit_of(paper: Analysis, name: str) -> FitTo:
     return fit
 
 
-def compared(results: Results, quantity: str, at: Mapping[str, float | str]) -> Sequence[Comparison] | None:
+def compared(results: StudyResults, quantity: str, at: Mapping[str, float | str]) -> Sequence[Comparison] | None:
     """Ours for a quantity of a paper; None if no paper has it. Where the code of the paper fails, a comparison without
     numbers says so."""
     for paper in analyses():
@@ -86,7 +88,7 @@ def compared(results: Results, quantity: str, at: Mapping[str, float | str]) -> 
     return None
 
 
-def judged(results: Results, statement: Statement) -> Sequence[Judged] | None:
+def judged(results: StudyResults, statement: Statement) -> Sequence[Judged] | None:
     """Verdicts of the paper whose quantity a statement is on; None if it is no paper's. Where its code fails, the
     statement is undecided, with the reason."""
     for paper in analyses():
@@ -100,7 +102,7 @@ def judged(results: Results, statement: Statement) -> Sequence[Judged] | None:
     return None
 
 
-def frames(results: Results) -> tuple[dict[str, Iterable[Row]], list[str]]:
+def frames(results: StudyResults) -> tuple[dict[str, Iterable[Row]], list[str]]:
     """Rows of the data frames of all papers, by name; and why those of a paper are lacking."""
     tables, problems = dict[str, Iterable[Row]](), list[str]()
     for paper in analyses():

@@ -5,13 +5,14 @@ from collections import Counter
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
-from typing import Any, Protocol
+from typing import Any
 
 import numpy as np
 
 from labbook import html
 from labbook.fields import Fields
-from labbook.measure import MEASURES, Evaluation, Measure, MeasureError, RunData, Window, scales
+from labbook.lab import FinishedRun
+from labbook.measure import MEASURES, Evaluation, Measure, MeasureError, Window, scales
 from labbook.measure.acceleration import AccelerationProfile
 from labbook.measure.flow import CUT_SHORT, WIDER, FlowRate, Trace, summed_up
 from labbook.measure.orifice import OrificeMeans
@@ -20,7 +21,7 @@ from labbook.measure.steady import BLOCKS, FEWEST
 from labbook.measure.stress import ContactStress
 from labbook.plan.demand import stopping_rule
 from labbook.results import display
-from labbook.stats import Measured, Pooled
+from labbook.stats import Measured, Pooled, Tolerance
 from labbook.stats.pooling import student
 from labbook.stats.trend import MATERIAL
 from labbook.study import Point, Study
@@ -38,75 +39,11 @@ _NO_FLOW = {
 """Why a run gives no flow rate, and what would help."""
 
 
-class Evaluated(Protocol):
-    """What a measure gave of a run, or why it gave nothing."""
-
-    @property
-    def evaluation(self) -> Evaluation: ...
-    @property
-    def problem(self) -> str: ...
-
-
-class Finished(Protocol):
-    """A run that has ended, as the lab hands it out."""
-
-    @property
-    def point(self) -> Point: ...
-    @property
-    def seed(self) -> int: ...
-    @property
-    def run_key(self) -> str: ...
-    @property
-    def packing_key(self) -> str:
-        """Key of the packing that it started from."""
-        ...
-
-    @property
-    def outcome(self) -> str: ...
-    @property
-    def suspect(self) -> str:
-        """Why it is suspect; empty if it is not."""
-        ...
-
-    @property
-    def ended(self) -> str:
-        """When it ended (UTC, ISO 8601)."""
-        ...
-
-    @property
-    def backend(self) -> str: ...
-    @property
-    def outdated(self) -> str:
-        """What has changed of its law and walls since it was made; empty if nothing."""
-        ...
-
-    @property
-    def cache_version(self) -> int: ...
-    @property
-    def device(self) -> str: ...
-    @property
-    def provenance(self) -> Mapping[str, Any]: ...
-    @property
-    def recorded(self) -> bool: ...
-    @property
-    def frame_interval(self) -> float | None:
-        """Time between two recorded frames [s]; None without any."""
-        ...
-
-    def data(self) -> RunData:
-        """What was observed."""
-        ...
-
-    def evaluated(self, measure: Measure, window: Window) -> Evaluated:
-        """What a measure gave of it: kept, or evaluated now."""
-        ...
-
-
 @dataclass(frozen=True, eq=False)
 class RunResult:
     """One run: how it ended, and what was measured of it, by quantity. Profiles and fields are read when asked for."""
 
-    run: Finished
+    run: FinishedRun
     measured: Mapping[str, Measured]
     measures: tuple[str, ...]
     """Those that the study asks for."""
@@ -122,37 +59,37 @@ class RunResult:
     @property
     def run_key(self) -> str:
         """Key of the run in the lab."""
-        return self.run.run_key
+        return self.run.entry.run_key
 
     @property
     def packing_key(self) -> str:
         """Key of the packing that it started from."""
-        return self.run.packing_key
+        return self.run.entry.packing_key
 
     @property
     def outcome(self) -> str:
         """How it ended."""
-        return self.run.outcome
+        return self.run.entry.outcome
 
     @property
     def suspect(self) -> str:
         """Why it is suspect; empty if it is not."""
-        return self.run.suspect
+        return self.run.entry.suspect
 
     @property
     def ended(self) -> str:
         """When it ended (UTC, ISO 8601)."""
-        return self.run.ended
+        return self.run.entry.finished
 
     @property
     def backend(self) -> str:
         """The backend that made it."""
-        return self.run.backend
+        return self.run.entry.backend
 
     @property
     def cache_version(self) -> int:
         """Version of that backend."""
-        return self.run.cache_version
+        return self.run.entry.cache_version
 
     @property
     def outdated(self) -> str:
@@ -162,7 +99,7 @@ class RunResult:
     @property
     def device(self) -> str:
         """Where it was computed."""
-        return self.run.device
+        return self.run.entry.device
 
     @property
     def provenance(self) -> Mapping[str, Any]:
@@ -172,12 +109,12 @@ class RunResult:
     @property
     def recorded(self) -> bool:
         """Whether frames of it were recorded."""
-        return self.run.recorded
+        return self.frame_interval is not None
 
     @property
     def frame_interval(self) -> float | None:
         """Time between two recorded frames [s]; None without any."""
-        return self.run.frame_interval
+        return self.run.entry.frame_interval
 
     def evaluation(self, measure: Measure | str) -> Evaluation:
         """What a measure gave of it; nothing if it cannot be taken of this run.
@@ -333,7 +270,7 @@ class PointResult:
         if self.tolerance is None:
             return None
         bias = 0.0 if self.point.choice is None else self.point.choice.bias.bound
-        return self.flow_rate is not None and self.flow_rate.relative + bias <= self.tolerance
+        return self.flow_rate is not None and Tolerance(self.tolerance, bias).kept(self.flow_rate.relative)
 
     @property
     def partial(self) -> bool:
@@ -437,7 +374,8 @@ def pooled_point(study: Study, point: Point, extra: frozenset[str], runs: tuple[
     if study.fed and len(values.get(FLOW_RATE, ())) == 1:
         pooled |= _of_one_run(runs)
     along = {name: value for name, value in point.at.items() if name in extra}
-    return PointResult(point, swept(point, extra), runs, pooled, study.accuracy.flow_rate, study.replicates, along)
+    asked = point.replicates or study.replicates
+    return PointResult(point, swept(point, extra), runs, pooled, study.accuracy.flow_rate, asked, along)
 
 
 def _of_one_run(runs: tuple[RunResult, ...]) -> dict[str, Pooled]:

@@ -11,12 +11,11 @@ from labbook.fields import Fields, Layer, Pattern, Ring
 from labbook.measure.acceleration import AccelerationProfile, pooled_profile
 from labbook.measure.recorded import Bed, FlowMoments, FlowPattern, FreeFall
 from labbook.results.points import PointResult, RunResult
-from labbook.scene import WedgeHopper
 from labbook.stats import Pooled, pool
 
 
 @dataclass(frozen=True, eq=False)
-class Section:
+class PlaneSection:
     """Fields in the plane y = 0: x and z [m] of points, and of shape [z, x] velocities u along x, w along z [m/s]."""
 
     x: np.ndarray
@@ -66,15 +65,15 @@ class Flowing:
         """Begin and end [s]."""
         return self.bed.window
 
-    def section(self) -> Section:
+    def section(self) -> PlaneSection:
         """The plane y = 0; what is averaged over the azimuth appears on both sides of the axis."""
         grid, v, p = self.fields.grid, self.fields.velocity, self.pattern
         if isinstance(grid, Layer):
             z, x = grid.points
-            return Section(x, z, v[0], v[2], p.bed, p.stagnant)
+            return PlaneSection(x, z, v[0], v[2], p.bed, p.stagnant)
         assert isinstance(grid, Ring)
         x, z = across(grid)
-        return Section(x, z, both(v[0], -1.0), both(v[2]), both(p.bed), both(p.stagnant))
+        return PlaneSection(x, z, both(v[0], -1.0), both(v[2]), both(p.bed), both(p.stagnant))
 
 
 def across(grid: Ring) -> tuple[np.ndarray, np.ndarray]:
@@ -132,8 +131,7 @@ def pooled_means(patterns: list[Flowing]) -> dict[str, Pooled]:
 
 
 def _recorded(result: PointResult) -> list[RunResult]:
-    container = result.point.scene.container
-    if not isinstance(container, WedgeHopper) and not hasattr(container, "diameter"):
+    if result.point.scene.container.symmetry is None:
         return []
     return [run for run in result.runs if run.recorded and run.counted]
 

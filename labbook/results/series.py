@@ -12,7 +12,6 @@ from labbook.fit import LAWS, Context, FitError, FitResult, Parameter, contender
 from labbook.plugins import ExtensionError
 from labbook.results import display
 from labbook.results.points import ORIFICE, PointResult, names_scene
-from labbook.scene import outlet_shape
 
 PACKING_FRACTION = "packing_fraction"
 UNDECIDED = "undecided"
@@ -92,7 +91,7 @@ class Series:
     @property
     def outlet(self) -> Literal["slot", "hole"]:
         """What the points flow through."""
-        return outlet_shape(self.points[0].point.scene.container) or "hole"
+        return self.points[0].point.scene.container.outlet_form or "hole"
 
     @property
     def diameters(self) -> list[float]:
@@ -166,7 +165,7 @@ def _series(
     replicates = np.array([pooled.n for _, pooled in used])
     fits: dict[str, FitResult] = {}
     problems = []
-    outlet = outlet_shape(points[0].point.scene.container)
+    outlet = points[0].point.scene.container.outlet_form
     for name in (law for law in laws if law in LAWS):
         if LAWS[name].outlet not in (outlet, "any"):
             problems.append(f"{display.law(name)}: it is a law for a {LAWS[name].outlet}, and this is a {outlet}")

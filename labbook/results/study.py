@@ -13,7 +13,7 @@ from labbook.study import Point, Study
 
 
 @dataclass(frozen=True, eq=False)
-class Results:
+class StudyResults:
     """All results of a study.
 
     `missing`: points without a readable finished run; `unreadable`: reasons why runs could not be read.
@@ -31,6 +31,8 @@ class Results:
     """Measures that could not be taken of a run, and why."""
     numerical: tuple[Numerical, ...] = ()
     """Points that differ in numerics only."""
+    campaign: tuple[str, ...] = ()
+    """What its strategy has proposed and why, line by line; empty for a study without one."""
     unevaluated: tuple[str, ...] = ()
     """Keys of runs that are not fully evaluated, if nothing is evaluated now (`find.kept`)."""
     installed: tuple[str, int] | None = None

@@ -11,7 +11,7 @@ from itertools import islice
 from labbook.backend import Checkpoint, Expected, Spec
 from labbook.lab.folder import Claim
 from labbook.lab.index import Index, RunRows, run_rows
-from labbook.lab.journal import Failure
+from labbook.lab.journal import FillingFailure
 from labbook.lab.packings import just_made
 from labbook.lab.records import Observe
 from labbook.plan.demand import Demand
@@ -112,7 +112,14 @@ class Board:
         """Take up a plan."""
         for point in plan.points:
             self._take(point)
+        self._take_proposed()
         self._tidy(plan.items)
+
+    def _take_proposed(self) -> None:
+        """Take up what the strategy of the study proposes now."""
+        while new := self._planner.proposed(self.points):
+            for point in new:
+                self._take(point)
 
     def _take(self, point: PointPlan, *, anew: bool = True) -> None:
         """Take up a point. `anew`: all its runs were looked at just now; else what is known of those that wait stands,
@@ -195,6 +202,7 @@ class Board:
             if self._index.derive(sorted(new), self._observe):  # decisions rest on what was just measured
                 point = self._planner.point(before)
             self._take(point)
+        self._take_proposed()
         lacking = {item.keys.run for point in self.points.values() for item in point.items if self._lacks(item)}
         for key in self.todo.keys() - lacking:
             del self.todo[key]
@@ -299,6 +307,7 @@ class Board:
         problem = self._index.put_run(folder, found or run_rows(folder, self._observe))
         for index in sorted(self._sharing[key]):
             self._take(self._planner.point(self.points[index], key), anew=False)
+        self._take_proposed()
         return problem
 
     def failed(self, job: Job, why: str) -> None:
@@ -306,7 +315,7 @@ class Board:
         if isinstance(job, FillJob) and job.demand.shared.packings_of is None:
             # for a plan to tell; written while the claim on its folder is held
             reason = why.removeprefix(f"{job.label}: ")[:_SAID]
-            Failure(why=reason, max_time=job.max_time).write(job.journal.folder)
+            FillingFailure(why=reason, max_time=job.max_time).write(job.journal.folder)
         job.release()
         self.going.pop(job.key, None)
         self._lose(job.key, why)

@@ -23,7 +23,7 @@ from typing import Any
 from labbook.backend import BackendMissing, Unsupported, load
 from labbook.lab import studies
 from labbook.lab.catalogue import Catalogue
-from labbook.lab.folder import Lab, LabError, is_beside, room
+from labbook.lab.folder import LabError, LabFolder, is_beside, room
 from labbook.lab.index import Index
 from labbook.lab.journal import PROGRESS, Progress
 from labbook.lab.merge import merge
@@ -32,10 +32,11 @@ from labbook.plan.demand import Demand
 from labbook.plan.forecast import discharge_work, fill_work
 from labbook.plan.plan import Item, Plan, Planner
 from labbook.run.board import Tally
-from labbook.run.runner import Runner, Summary
+from labbook.run.runner import Runner
 from labbook.run.shard import everything
 from labbook.run.slurm import differs, expected
 from labbook.run.stopping import Request
+from labbook.run.summary import Summary
 from labbook.run.watch import Going, Meter, Unwatched, View, Watcher
 from labbook.study import Study
 
@@ -97,12 +98,12 @@ def carry_out(task: Task) -> Back:
         if changed := differs(task.expected, task.study, backend.capabilities):
             return Back(refused=f"{changed} on a worker: install the same versions there")
         with tempfile.TemporaryDirectory(prefix="labbook-") as scratch:
-            return _carried_out(task, Lab(Path(scratch)), backend)
+            return _carried_out(task, LabFolder(Path(scratch)), backend)
     except (BackendMissing, Unsupported, ImportError, LabError) as problem:
         return Back(refused=f"{type(problem).__name__}: {problem}")
 
 
-def _carried_out(task: Task, lab: Lab, backend: Any) -> Back:
+def _carried_out(task: Task, lab: LabFolder, backend: Any) -> Back:
     for found, place in ((task.packings, lab.packing), (task.runs, lab.run), (task.works, lab.work)):
         for key, files in found.items():
             write(place(key), files)
@@ -202,7 +203,7 @@ class Cluster:
     its name; `device`: of every worker. Workers of GPUs declare a resource: `dask worker --resources GPU=1`."""
 
     study: Study
-    lab: Lab
+    lab: LabFolder
     backend: str
     address: str
     device: str = "cpu"
@@ -243,14 +244,16 @@ class Cluster:
                 client.close()
         wall = time.perf_counter() - begun
         problems = tuple(self._problems)
-        return Summary(self._tally, plan.points, request.made, wall, self._meter.work, problems, False, everything)
+        work, tally = self._meter.work, self._tally
+        found = Summary(tally, plan.points, request.made, wall, work, problems, False, everything)
+        return replace(found, study=plan.study, campaign=plan.campaign)
 
     def _plan(self, index: Index) -> Plan:
         """As things stand, with the replicates that are asked for."""
         while True:
             catalogue = Catalogue(self.lab)
             try:
-                plan = Planner(self.study, catalogue, load(self.backend).capabilities).plan()
+                plan = Planner(self.study, catalogue, load(self.backend).capabilities, writes=True).plan()
             finally:
                 catalogue.close()
             done = [item.keys.run for item in plan.items if item.state == "done"]
@@ -313,8 +316,9 @@ class Cluster:
             at = item.demand.point.index
             seeds[at] = (*seeds.get(at, ()), item.demand.seed)
         keys = {item.keys.packing for item in batch.items}, {item.keys.run for item in batch.items}
+        study = self._now.study  # with the points that its strategy has proposed
         task = Task(
-            study=replace(self.study, points=tuple(p for p in self.study.points if p.index in seeds)),
+            study=replace(study, adapt=None, points=tuple(p for p in study.points if p.index in seeds)),
             backend=self.backend,
             device=self.device,
             expected=self._expected,
@@ -369,7 +373,7 @@ class Cluster:
         self.lab.works.mkdir(parents=True, exist_ok=True)
         scratch = Path(tempfile.mkdtemp(prefix=".back-", dir=self.lab.works))
         try:
-            theirs, mine = Lab(scratch), batch.keys
+            theirs, mine = LabFolder(scratch), batch.keys
             theirs.runs.mkdir()
             for found, place in ((back.packings, theirs.packing), (back.runs, theirs.run)):
                 for key, files in found.items():

@@ -20,16 +20,18 @@ from typing import IO, Any
 
 from labbook.backend import Backend, Unsupported, load
 from labbook.lab.catalogue import Catalogue
-from labbook.lab.folder import DiskFull, Lab, LabError
+from labbook.lab.folder import DiskFull, LabError, LabFolder
 from labbook.lab.index import Index
 from labbook.plan.demand import PointDemand
 from labbook.plan.devices import speeds
 from labbook.plan.plan import Planner, check
 from labbook.run.board import Tally
+from labbook.run.execution import CHECKPOINT_EVERY
 from labbook.run.live import running
-from labbook.run.runner import CHECKPOINT_EVERY, Runner, Summary
+from labbook.run.runner import Runner
 from labbook.run.shard import WHOLE, Seat, Shard, shard_of
 from labbook.run.stopping import Request
+from labbook.run.summary import Summary
 from labbook.run.watch import Unwatched, View, Watcher
 from labbook.study import Study
 
@@ -66,13 +68,13 @@ class Crew:
     name."""
 
     study: Study
-    lab: Lab
+    lab: LabFolder
     backend: str
     devices: Sequence[str]
     checkpoint_every: float = CHECKPOINT_EVERY
     watcher: Watcher = field(default_factory=Unwatched)
     shard: Shard = WHOLE
-    base: Lab | None = None
+    base: LabFolder | None = None
 
     def run(self) -> Summary:
         """Run what is missing; Ctrl-C, SIGTERM or SIGHUP is passed on to all processes, which save what is going on.
@@ -171,13 +173,14 @@ class Crew:
         tally.failed += [f"{one.device}: {problem}" for one in crew if (problem := one.problem())]
         catalogue = Catalogue(self.lab)
         try:
-            points = Planner(self.study, catalogue, backend.capabilities).plan().points
+            plan = Planner(self.study, catalogue, backend.capabilities).plan()
         finally:
             catalogue.close()
         problems = tuple(dict.fromkeys(problem for end in ends for problem in end["problems"]))
         work = sum(end["work"] for end in ends)
         preparing = min((end["preparing"] for end in ends), default=0.0)
-        return Summary(tally, points, stopped, wall, work, problems, False, holds, preparing=preparing)
+        summary = Summary(tally, plan.points, stopped, wall, work, problems, False, holds, preparing=preparing)
+        return replace(summary, study=plan.study, campaign=plan.campaign)
 
 
 def together(views: Iterable[tuple[str, View]]) -> View:
@@ -230,7 +233,7 @@ def work() -> None:
         os.kill(os.getpid(), signal.SIGTERM)
 
     try:
-        runner = Runner(study, Lab(lab), load(name), device, every, teller, shard=shard, seat=seat, base=base)
+        runner = Runner(study, LabFolder(lab), load(name), device, every, teller, shard=shard, seat=seat, base=base)
         threading.Thread(target=orphaned, daemon=True).start()
         done = runner.run()
         tally = done.tally

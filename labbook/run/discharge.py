@@ -24,6 +24,8 @@ from labbook.backend.probes import (
     parse_probe,
     table_name,
 )
+from labbook.campaign import Assignment, Generation, History, PreciseRun, Trial
+from labbook.campaign.precise import HALF_WIDTH
 from labbook.filling import Feeder, PlacingError, opened
 from labbook.filling.bed import bed_height, parts_of_mass
 from labbook.lab import identity
@@ -33,7 +35,7 @@ from labbook.lab.index import RunRows, run_rows
 from labbook.lab.journal import PROGRESS, Journal, Saved, at_its_end
 from labbook.lab.packings import load_packing
 from labbook.lab.provenance import now
-from labbook.lab.records import Coverage, Failure, Observe, Outcome, Precise, RunRecord, Unreadable
+from labbook.lab.records import Coverage, Observe, Outcome, Precise, RunFailure, RunRecord, Unreadable
 from labbook.lab.runs import CHECKPOINT, RECORDING, fault_of_crossings, film_of
 from labbook.lab.tables import fault_of_rows, write_checkpoint, write_table
 from labbook.measure.series import passages
@@ -43,7 +45,7 @@ from labbook.plan.coverage import unobserved
 from labbook.plan.demand import Demand
 from labbook.run.job import Bench, Job, JobFailed, Kept, Left, failure
 from labbook.run.ledger import ledger
-from labbook.scene import Packing, Silo
+from labbook.scene import Packing
 from labbook.scene.quantities import percent
 from labbook.stats.stopping import looks
 
@@ -63,7 +65,7 @@ class DischargeJob(Job):
         self._plane = self.scene.container.outlet_plane
         self._crossed, self._discharged, self._last = 0, 0.0, 0.0
         self._fed, self._looked, self._precision = 0, 0, math.inf
-        self._failure: Failure | None = None
+        self._failure: RunFailure | None = None
         self._seen: Packing | None = None
         """The bed in the middle of the window, which is drawn at the end."""
         self._unseen = False
@@ -85,7 +87,7 @@ class DischargeJob(Job):
     def fresh(self) -> Packing:
         """The packing, with the outlet open."""
         packing = self._packed
-        height = self.scene.container.height if isinstance(self.scene.container, Silo) else math.inf
+        height = self.scene.container.roof
         level = float(packing.x[:, 2].max())
         if level > height:
             raise JobFailed(
@@ -254,7 +256,7 @@ class DischargeJob(Job):
         """The stop rule."""
         failed = failure(events)
         if failed:
-            self._failure = Failure(guard=failed.guard, step=failed.step, grain=failed.grain, message=failed.message)
+            self._failure = RunFailure(guard=failed.guard, step=failed.step, grain=failed.grain, message=failed.message)
             return "diverged"
         stop = self.demand.shared.stop
         if self._discharged >= self._enough:
@@ -276,7 +278,11 @@ class DischargeJob(Job):
         times, mass = passages(grains, self._packed, table)
         flow = steady_flow(times, grains.count, self.demand.shared.study.window, mass)
         self._precision = math.inf if flow is None or flow.trend.trending else flow.precision
-        return self._precision <= asked.flow_rate
+        known = {HALF_WIDTH: self._precision} if math.isfinite(self._precision) else {}
+        at = self.demand.point.at
+        look = Generation(0, (Assignment(at),), "", (Trial(at, self.demand.seed, self.key, "going on", known),))
+        history = History(self.demand.shared.study, (look,), (), 1)
+        return PreciseRun.of(error=asked.flow_rate).propose(history).state == "end"
 
     def _looks(self) -> int:
         """How often its flow rate was looked at so far."""

@@ -25,7 +25,6 @@ from labbook.plan.forecast import fill_time
 from labbook.run.job import Bench, Job, JobFailed, Kept, Left, failure
 from labbook.run.ledger import ledger
 from labbook.scene import Packing, Spheres
-from labbook.scene.container import Primitives
 from labbook.scene.timescales import collision
 
 _LOOK_EVERY = 20  # beats: a look copies the state of a member from its device
@@ -248,7 +247,7 @@ class FillJob(Job):
 
     def _closing(self) -> str:
         """What keeps grains in the container while it is filled."""
-        if isinstance(self.scene.container, Primitives):
+        if not self.scene.container.closes:
             return "close its outlet while it is filled by a part with opens: start, or add a wall where they leave"
         return "use a smaller numerics.dt or stiffer grains, so that none is pressed through a wall"
 

@@ -10,7 +10,7 @@ from typing import Any, ClassVar
 from labbook.backend import Backend, Checkpoint, Ensemble, Event, Failed, Member, Status
 from labbook.backend.numerics import Numerics
 from labbook.backend.probes import Probe, Table
-from labbook.lab.folder import Claim, Lab, make_folder, room
+from labbook.lab.folder import Claim, LabFolder, make_folder, room
 from labbook.lab.identity import Keys
 from labbook.lab.index import RunRows
 from labbook.lab.journal import Journal, Saved
@@ -26,7 +26,7 @@ from labbook.study.extensions import used_by_runs
 class Bench:
     """Where jobs are done: lab, backend and device."""
 
-    lab: Lab
+    lab: LabFolder
     backend: Backend
     device: str
 
@@ -43,7 +43,7 @@ class Left:
 class Kept(ABC):
     """What a job that has ended keeps. It stands apart from the job: another process can put it into the lab."""
 
-    lab: Lab
+    lab: LabFolder
     key: str
     place: Path
     label: str

@@ -6,7 +6,7 @@ import numpy as np
 
 from labbook.backend import Status
 from labbook.backend.probes import Table
-from labbook.lab.records import Ledger
+from labbook.lab.records import RunLedger
 from labbook.scene import Packing, Scene
 
 _DROPPED = 5
@@ -15,7 +15,7 @@ _DROPPED = 5
 
 def ledger(
     scene: Scene, status: Status, end: Packing, start: Packing | None = None, crossings: Table | None = None
-) -> Ledger:
+) -> RunLedger:
     """What is known of a member that is at `end`, where it stands as `status` says.
 
     start: what it began with; None of a filling, which begins with all grains in the air. crossings: the rows of all
@@ -23,7 +23,7 @@ def ledger(
     """
     plane = scene.container.outlet_plane
     above = end.x[:, 2] >= (-math.inf if plane is None else plane)
-    held = scene.container.holds(end.x)
+    held = scene.container.inside(end.x)
     assert end.ids is not None
     inside, behind = end.ids[above & held], end.ids[above & ~held]
     passed = np.zeros(0, np.int64) if crossings is None else np.asarray(crossings["id"])
@@ -31,7 +31,7 @@ def ledger(
     if crossings is not None and len(passed):
         astray = passed[~scene.container.lets_out(np.column_stack([crossings[axis] for axis in "xyz"]))]
     outside = np.union1d(behind, np.setdiff1d(astray, inside))
-    return Ledger(
+    return RunLedger(
         overlap=status.deepest,
         speed=status.fastest,
         expected_speed=None if start is None else expected_speed(scene, start),

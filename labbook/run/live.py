@@ -19,7 +19,7 @@ from typing import Any, ClassVar, Literal
 from pydantic import ConfigDict, TypeAdapter
 from pydantic_core import to_json
 
-from labbook.lab.folder import Claim, Lab, LabError, is_locked, lock, open_file, remove, write_bytes
+from labbook.lab.folder import Claim, LabError, LabFolder, is_locked, lock, open_file, remove, write_bytes
 from labbook.lab.provenance import now
 from labbook.run.watch import View, Watcher
 
@@ -61,7 +61,7 @@ class Running(View):
 _RUNNING = TypeAdapter(Running)
 
 
-def running(lab: Lab) -> list[Running]:
+def running(lab: LabFolder) -> list[Running]:
     """The processes that work on studies in `lab` just now, by the beginning of their work.
 
     Looking writes nothing and waits for nobody. Files that are not as a runner writes them are left out.
@@ -95,7 +95,7 @@ class Publisher:
     published, and stops nothing: a disk that is full is noticed by who writes results.
     """
 
-    def __init__(self, lab: Lab, study: str, backend: str, device: str, to: Watcher):
+    def __init__(self, lab: LabFolder, study: str, backend: str, device: str, to: Watcher):
         self._lab, self._to = lab, to
         host, pid = node(), os.getpid()
         safe = re.sub(r"[^A-Za-z0-9.]", "_", host)[:60]
@@ -142,7 +142,7 @@ class Publisher:
         write_bytes(_beside(self._place, _FILE), to_json(one.plain()), durable=False)
 
 
-def _sweep(lab: Lab) -> None:
+def _sweep(lab: LabFolder) -> None:
     """Remove the files of processes that were killed, or that could not remove them."""
     suffixes = (_PART, _FILE, _LOCK)  # the longest first
     for name in os.listdir(lab.live):

@@ -17,11 +17,11 @@ from labbook.scene.container import (
     Box,
     ConicalSilo,
     Container,
+    ContainerShape,
     CylinderSilo,
+    Outlet,
     Primitives,
-    Silo,
     WedgeHopper,
-    outlet_shape,
 )
 from labbook.scene.feed import Feed
 from labbook.scene.grains import Grains, Kind, Spheres, Spherocylinders
@@ -38,6 +38,7 @@ __all__ = [
     "ConicalSilo",
     "ContactLaw",
     "Container",
+    "ContainerShape",
     "CylinderSilo",
     "Feed",
     "Frustum",
@@ -49,11 +50,11 @@ __all__ = [
     "Kind",
     "LinearSpringDashpot",
     "Normal",
+    "Outlet",
     "Packing",
     "Plane",
     "Primitives",
     "Scene",
-    "Silo",
     "Spheres",
     "Spherocylinders",
     "Strip",
@@ -63,5 +64,4 @@ __all__ = [
     "Uniform",
     "Wall",
     "WedgeHopper",
-    "outlet_shape",
 ]

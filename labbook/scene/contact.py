@@ -18,7 +18,7 @@ from labbook.scene.material import (
     PoissonRatio,
     shear_modulus,
 )
-from labbook.scene.model import Choice, Fault, Model, Stated, refuse
+from labbook.scene.model import Fault, Model, Stated, TaggedModels, refuse
 from labbook.scene.quantities import Coefficient, Pressure, Ratio, Stiffness
 
 Restitution = Annotated[Ratio, Field(gt=0, le=1)]
@@ -474,7 +474,7 @@ class LinearSpringDashpot(Dashpot):
         return Softer("normal_stiffness", "N/m", self.normal_stiffness, enough)
 
 
-CONTACT_LAWS = Choice(
+CONTACT_LAWS = TaggedModels(
     "law",
     "labbook.contact_laws",
     ContactLaw,

@@ -6,21 +6,25 @@ are the same closed container, and share packings.
 """
 
 import math
+from abc import ABC, abstractmethod
 from collections.abc import Iterator
+from dataclasses import dataclass
 from functools import lru_cache
-from typing import Annotated, Literal
+from typing import TYPE_CHECKING, Annotated, ClassVar, Literal
 
 import numpy as np
 from pydantic import Field, StrictBool, model_validator
 
+from labbook.scene.geometry import Bounds, Mesh, Segment
 from labbook.scene.model import Fault, InternalFlag, Model, refuse
 from labbook.scene.quantities import Angle, Coordinate, Distance, Frequency, Length, told_apart
-from labbook.scene.walls import AT_REST, Frustum, Plane, Strip, SurfaceMotion, Wall
+from labbook.scene.walls import AT_REST, Frustum, Plane, Strip, SurfaceMotion, Symmetry, Wall, WallShape
 
 Pair = tuple[float, float]
 Vector = tuple[float, float, float]
 KEPT = 256
 """Containers whose walls are kept: each is asked for them again and again, one after another."""
+_TOUCH = 1e-9  # m: distance below which two plates touch
 _FLAT = 1e-12  # rad: an angle this close to 90 deg is a flat bottom
 
 
@@ -39,11 +43,133 @@ def _frustum(name: str, lower: Pair, upper: Pair, motion: SurfaceMotion = AT_RES
     return Wall.of(name=name, shape=shape, motion=motion, opens=None)
 
 
-class WedgeHopper(Model):
+@dataclass(frozen=True)
+class Outlet:
+    """An opening that grains leave through, at the height `plane` [m].
+
+    `form`, `width` [m] (of a slot its width, of a hole its diameter) and `centre` (its x [m]) are None, NaN and 0 where
+    a container does not say. `lid`: the wall that would close it, if that is known.
+    """
+
+    name: str
+    plane: float
+    form: Literal["slot", "hole"] | None = None
+    width: float = math.nan
+    centre: float = 0.0
+    lid: WallShape | None = None
+
+
+class ContainerShape(Model, ABC):
+    """The base of all containers: the geometry of which filling, pictures, recordings and measures ask.
+
+    Each answers `walls`, `close`, `inside`, `outlets` and `outlet_plane`, the height z [m] at which grains count as
+    discharged, or None; what else is asked has a default that says that nothing is known.
+    """
+
+    symmetry: ClassVar[Symmetry | None] = None
+    """`planar`: quasi-2D, seen from the front; `axial`: about x = y = 0; None: neither, or unknown."""
+    widths: ClassVar[tuple[str, ...]] = ()
+    """Keys of a study for the sizes that make it wider, the narrowest first."""
+    at_least_a_grain: ClassVar[tuple[str, ...]] = ()
+    """Keys of sizes that are not less than a grain's diameter."""
+    closes: ClassVar[bool] = True
+    """Whether no grain leaves it closed, wherever its walls are."""
+    spin_key: ClassVar[str | None] = None
+    """The key that turns one of its surfaces, if there is one."""
+    if TYPE_CHECKING:  # fields of each
+        kind: str
+        """Its name."""
+        closed: bool
+        """Whether it is the one in which a packing is made."""
+
+    @abstractmethod
+    def walls(self) -> tuple[Wall, ...]:
+        """Its walls, as it stands: open or closed."""
+
+    @abstractmethod
+    def close(self, surface_motion: bool = False) -> "ContainerShape":
+        """The container in which a packing is made; its surfaces move only if `surface_motion` says so."""
+
+    @abstractmethod
+    def inside(self, x: np.ndarray) -> np.ndarray:
+        """Which of the centres x [m], shape [n, 3], lie between the walls, shape [n]; above them too."""
+
+    @property
+    @abstractmethod
+    def outlets(self) -> tuple[Outlet, ...]:
+        """The openings that grains leave through, also of the closed one."""
+
+    @property
+    def outlet_form(self) -> Literal["slot", "hole"] | None:
+        """The form of its only outlet, if there is one of known width."""
+        return self.outlets[0].form if len(self.outlets) == 1 else None
+
+    def lets_out(self, x: np.ndarray) -> np.ndarray:
+        """Which of the centres x [m], shape [n, 3], of grains that pass the outlet's plane do so in an outlet."""
+        return self.inside(x) if self.outlets else np.zeros(len(x), bool)
+
+    @property
+    def bounds(self) -> Bounds:
+        """The box around its inside, up to the upper end of its walls; infinite where they leave it open."""
+        boxes = [wall.shape.enclosed for wall in self.walls()]
+        low, high = np.full(3, -np.inf), np.full(3, np.inf)
+        for box in boxes:
+            low, high = np.maximum(low, box.low), np.minimum(high, box.high)
+        return Bounds((low[0], low[1], low[2]), (high[0], high[1], high[2]))
+
+    def section(self) -> tuple[Segment, ...]:
+        """Lines (x, z) [m] in which the plane y = 0 cuts its walls, those without end left out."""
+        return tuple(line for wall in self.walls() for line in wall.shape.section())
+
+    def mesh(self, within: Bounds) -> dict[str, Mesh]:
+        """Its walls as triangles, by name, at least as far as they lie in the box `within`."""
+        meshes = ((wall.name, wall.shape.mesh(within)) for wall in self.walls())
+        return {name: mesh for name, mesh in meshes if mesh is not None}
+
+    @property
+    def across(self) -> float | None:
+        """Inner width [m] along x of its widest part; None where that is unknown."""
+        return None
+
+    @property
+    def front_to_back(self) -> float:
+        """Distance [m] between a front and a back wall; infinite without these."""
+        return math.inf
+
+    @property
+    def area(self) -> float | None:
+        """Area [m^2] of its widest horizontal section; None where that is unknown."""
+        return None
+
+    @property
+    def rise(self) -> float:
+        """Height [m] of the highest point of its bottom above the outlet's plane, or above z = 0."""
+        return 0.0
+
+    @property
+    def roof(self) -> float:
+        """z [m] up to which its side walls reach: infinite without an end."""
+        return math.inf
+
+    def volume_below(self, z: float) -> float | None:
+        """Volume [m^3] between its walls, which go on upwards, from the outlet (or the bottom) up to a height z [m], at
+        least 0; None where that is unknown."""
+        return None
+
+    def span(self, z: float) -> tuple[float, float] | None:
+        """x [m] of its walls on both sides at the height z [m] in the plane y = 0; None where that is unknown."""
+        return None
+
+
+class WedgeHopper(ContainerShape):
     """Quasi-2D silo between a front and a back wall (Fan et al. 2023, Fig. 1).
 
     Its outlet lies at the foot of a bottom whose plates are inclined by the same angle.
     """
+
+    symmetry: ClassVar[Symmetry | None] = "planar"
+    widths: ClassVar[tuple[str, ...]] = ("thickness", "width")
+    at_least_a_grain: ClassVar[tuple[str, ...]] = ("thickness", "orifice", "width")
 
     kind: Literal["wedge-hopper"] = "wedge-hopper"
     width: Length
@@ -106,8 +232,62 @@ class WedgeHopper(Model):
 
     @property
     def outlet_plane(self) -> float:
-        """z [m] of the plane through which grains leave."""
+        """As of any container."""
         return 0.0
+
+    @property
+    def outlets(self) -> tuple[Outlet, ...]:
+        """The slot."""
+        lid = Strip.of(kind="strip", start=(self.outlet[0], 0.0), end=(self.outlet[1], 0.0))
+        return (Outlet("outlet", 0.0, "slot", self.orifice, self.eccentricity, lid),)
+
+    @property
+    def bounds(self) -> Bounds:
+        """As of any container."""
+        half, depth = self.width / 2, self.thickness / 2
+        return Bounds((-half, -depth, 0.0), (half, depth, self.top))
+
+    @property
+    def across(self) -> float:
+        """As of any container."""
+        return self.width
+
+    @property
+    def front_to_back(self) -> float:
+        """As of any container."""
+        return self.thickness
+
+    @property
+    def area(self) -> float:
+        """As of any container."""
+        return self.width * self.thickness
+
+    @property
+    def rise(self) -> float:
+        """As of any container."""
+        return max(self._rises)
+
+    @property
+    def roof(self) -> float:
+        """As of any container."""
+        return self.height
+
+    def volume_below(self, z: float) -> float:
+        """As of any container."""
+        if self.flat:
+            return self.width * self.thickness * z
+        slope, (left, right) = math.tan(self.angle), self.outlet
+        area = self.orifice * z
+        for side in (left + self.width / 2, self.width / 2 - right):
+            foot = min(z, side / slope)  # up to here the plate recedes
+            area += slope * foot**2 / 2 + side * (z - foot)
+        return area * self.thickness
+
+    def span(self, z: float) -> tuple[float, float]:
+        """As of any container."""
+        half, (left, right) = self.width / 2, self.outlet
+        slope = math.inf if self.flat else math.tan(self.angle)
+        return max(-half, left - slope * z), min(half, right + slope * z)
 
     @property
     def _rises(self) -> tuple[float, float]:
@@ -121,7 +301,7 @@ class WedgeHopper(Model):
         """z [m] up to which the side walls reach: `height`; closed, as high as any filling (2000 widths)."""
         return 2000 * self.width if self.closed else self.height
 
-    def holds(self, x: np.ndarray) -> np.ndarray:
+    def inside(self, x: np.ndarray) -> np.ndarray:
         """Which of the centres x [m], shape [n, 3], lie between the walls, shape [n]; above them too."""
         (left, right), cot = self.outlet, 0.0 if self.flat else 1 / math.tan(self.angle)
         bottom = np.maximum(np.maximum(left - x[:, 0], x[:, 0] - right), 0) * cot
@@ -161,8 +341,13 @@ class WedgeHopper(Model):
         return tuple(walls)
 
 
-class CylinderSilo(Model):
+class CylinderSilo(ContainerShape):
     """Upright cylinder with a round outlet in the middle of its flat bottom, which may rotate (Pongó et al. 2022)."""
+
+    symmetry: ClassVar[Symmetry | None] = "axial"
+    widths: ClassVar[tuple[str, ...]] = ("diameter",)
+    at_least_a_grain: ClassVar[tuple[str, ...]] = ("orifice", "diameter")
+    spin_key: ClassVar[str | None] = "rotation"
 
     kind: Literal["cylinder-silo"] = "cylinder-silo"
     diameter: Length
@@ -182,10 +367,45 @@ class CylinderSilo(Model):
 
     @property
     def outlet_plane(self) -> float:
-        """z [m] of the plane through which grains leave."""
+        """As of any container."""
         return 0.0
 
-    def holds(self, x: np.ndarray) -> np.ndarray:
+    @property
+    def outlets(self) -> tuple[Outlet, ...]:
+        """The hole."""
+        lid = Frustum.of(kind="frustum", lower=(0.0, 0.0), upper=(self.orifice / 2, 0.0))
+        return (Outlet("outlet", 0.0, "hole", self.orifice, 0.0, lid),)
+
+    @property
+    def bounds(self) -> Bounds:
+        """As of any container."""
+        r = self.diameter / 2
+        return Bounds((-r, -r, 0.0), (r, r, self.height))
+
+    @property
+    def across(self) -> float:
+        """As of any container."""
+        return self.diameter
+
+    @property
+    def area(self) -> float:
+        """As of any container."""
+        return math.pi / 4 * self.diameter**2
+
+    @property
+    def roof(self) -> float:
+        """As of any container."""
+        return self.height
+
+    def volume_below(self, z: float) -> float:
+        """As of any container."""
+        return math.pi / 4 * self.diameter**2 * z
+
+    def span(self, z: float) -> tuple[float, float]:
+        """As of any container."""
+        return -self.diameter / 2, self.diameter / 2
+
+    def inside(self, x: np.ndarray) -> np.ndarray:
         """Which of the centres x [m], shape [n, 3], lie between the walls, shape [n]; above them too."""
         return (np.hypot(x[:, 0], x[:, 1]) <= self.diameter / 2) & (x[:, 2] >= 0)
 
@@ -211,8 +431,12 @@ class CylinderSilo(Model):
         )
 
 
-class ConicalSilo(Model):
+class ConicalSilo(ContainerShape):
     """Upright cylinder above a cone, with a round outlet at the cone's tip."""
+
+    symmetry: ClassVar[Symmetry | None] = "axial"
+    widths: ClassVar[tuple[str, ...]] = ("diameter",)
+    at_least_a_grain: ClassVar[tuple[str, ...]] = ("orifice", "diameter")
 
     kind: Literal["conical-silo"] = "conical-silo"
     diameter: Length
@@ -247,10 +471,47 @@ class ConicalSilo(Model):
 
     @property
     def outlet_plane(self) -> float:
-        """z [m] of the plane through which grains leave."""
+        """As of any container."""
         return 0.0
 
-    def holds(self, x: np.ndarray) -> np.ndarray:
+    @property
+    def outlets(self) -> tuple[Outlet, ...]:
+        """The hole."""
+        lid = Frustum.of(kind="frustum", lower=(0.0, 0.0), upper=(self.orifice / 2, 0.0))
+        return (Outlet("outlet", 0.0, "hole", self.orifice, 0.0, lid),)
+
+    @property
+    def bounds(self) -> Bounds:
+        """As of any container."""
+        r = self.diameter / 2
+        return Bounds((-r, -r, 0.0), (r, r, self.height))
+
+    @property
+    def across(self) -> float:
+        """As of any container."""
+        return self.diameter
+
+    @property
+    def area(self) -> float:
+        """As of any container."""
+        return math.pi / 4 * self.diameter**2
+
+    @property
+    def roof(self) -> float:
+        """As of any container."""
+        return self.height
+
+    def volume_below(self, z: float) -> float:
+        """As of any container."""
+        slope, r, R, cone = math.tan(self.angle), self.orifice / 2, self.diameter / 2, min(z, self.rise)
+        return math.pi * ((r + slope * cone) ** 3 - r**3) / (3 * slope) + math.pi * R**2 * (z - cone)
+
+    def span(self, z: float) -> tuple[float, float]:
+        """As of any container."""
+        reach = min(self.diameter / 2, self.orifice / 2 + math.tan(self.angle) * z)
+        return -reach, reach
+
+    def inside(self, x: np.ndarray) -> np.ndarray:
         """Which of the centres x [m], shape [n, 3], lie between the walls, shape [n]; above them too."""
         off = np.hypot(x[:, 0], x[:, 1])
         bottom = np.maximum(off - self.orifice / 2, 0) / math.tan(self.angle)
@@ -282,8 +543,11 @@ def _orifice_faults(orifice: float, diameter: float) -> Iterator[Fault]:
         yield Fault("orifice", reason, "make the orifice smaller or the silo wider")
 
 
-class Box(Model):
+class Box(ContainerShape):
     """Box, centred in x and y, with its bottom at z = 0; `lid` closes its top."""
+
+    widths: ClassVar[tuple[str, ...]] = ("depth", "width")
+    at_least_a_grain: ClassVar[tuple[str, ...]] = ("width", "depth", "height")
 
     kind: Literal["box"] = "box"
     width: Length
@@ -297,18 +561,53 @@ class Box(Model):
     closed: InternalFlag = False
 
     @property
-    def outlet_plane(self) -> float | None:
-        """A box has no outlet."""
-        return None
+    def outlet_plane(self) -> None:
+        """As of any container: it has no outlet."""
 
-    def holds(self, x: np.ndarray) -> np.ndarray:
+    @property
+    def outlets(self) -> tuple[Outlet, ...]:
+        """None."""
+        return ()
+
+    @property
+    def bounds(self) -> Bounds:
+        """As of any container."""
+        w, d = self.width / 2, self.depth / 2
+        return Bounds((-w, -d, 0.0), (w, d, self.height))
+
+    def section(self) -> tuple[Segment, ...]:
+        """As of any container: its planes, cut at its height."""
+        half, high = self.width / 2, self.height
+        lines = (((-half, high), (-half, 0.0)), ((-half, 0.0), (half, 0.0)), ((half, 0.0), (half, high)))
+        return (*lines, ((-half, high), (half, high))) if self.lid else lines
+
+    @property
+    def across(self) -> float:
+        """As of any container."""
+        return self.width
+
+    @property
+    def front_to_back(self) -> float:
+        """As of any container."""
+        return self.depth
+
+    @property
+    def area(self) -> float:
+        """As of any container."""
+        return self.width * self.depth
+
+    def volume_below(self, z: float) -> float:
+        """As of any container."""
+        return self.width * self.depth * z
+
+    def span(self, z: float) -> tuple[float, float]:
+        """As of any container."""
+        return -self.width / 2, self.width / 2
+
+    def inside(self, x: np.ndarray) -> np.ndarray:
         """Which of the centres x [m], shape [n, 3], lie between the walls, shape [n]; without a lid above them too."""
         beside = (np.abs(x[:, 0]) <= self.width / 2) & (np.abs(x[:, 1]) <= self.depth / 2)
         return beside & (x[:, 2] >= 0) & ((x[:, 2] <= self.height) | (not self.lid))
-
-    def lets_out(self, x: np.ndarray) -> np.ndarray:
-        """None: a box has no outlet."""
-        return np.zeros(len(x), bool)
 
     def close(self, surface_motion: bool = False) -> "Box":
         """The box as a packing is made in it: without a lid, since grains may start above."""
@@ -330,8 +629,11 @@ class Box(Model):
         return tuple(_plane(name, point, normal) for name, (point, normal) in sides.items())
 
 
-class Primitives(Model):
+class Primitives(ContainerShape):
     """Walls listed one by one; without walls: free space. Parts that open at the start stand only in the closed one."""
+
+    widths: ClassVar[tuple[str, ...]] = ("parts",)
+    closes: ClassVar[bool] = False
 
     kind: Literal["primitives"] = "primitives"
     parts: tuple[Wall, ...] = ()
@@ -348,14 +650,36 @@ class Primitives(Model):
             refuse([Fault("parts", "two walls have the same name", "give each wall its own name")])
         return self
 
-    def holds(self, x: np.ndarray) -> np.ndarray:
-        """Which of the centres x [m], shape [n, 3], lie behind no plane, shape [n]; plates have no inner side."""
-        planes = [wall.shape for wall in self.walls() if isinstance(wall.shape, Plane)]
-        return np.all([np.ones(len(x), bool), *(plane.distance(x) >= 0 for plane in planes)], axis=0)
+    @property
+    def outlets(self) -> tuple[Outlet, ...]:
+        """One, at `outlet_plane`; or, where several parts that open lie apart from one another in that plane or little
+        above it, one for each, with its name."""
+        if self.outlet_plane is None:
+            return ()
+        lids = [part for part in self.parts if part.opens and self._in_outlet(part.shape)]
+        apart = [lid for k, lid in enumerate(lids) if not any(_touch(lid.shape, one.shape) for one in lids[:k])]
+        if len(apart) < 2:
+            return (Outlet("outlet", self.outlet_plane),)
+        return tuple(Outlet(lid.name, self.outlet_plane, lid=lid.shape) for lid in apart)
 
-    def lets_out(self, x: np.ndarray) -> np.ndarray:
-        """Which of the centres x [m], shape [n, 3], of grains that pass `outlet_plane` lie behind no plane."""
-        return self.holds(x)
+    def _in_outlet(self, lid: WallShape) -> bool:
+        """Whether it ends less than its width above the outlet's plane."""
+        bounds = lid.bounds
+        above = bounds.low[2] - (self.outlet_plane or 0.0)
+        return -_TOUCH <= above <= bounds.size[0] and not any(bounds.endless[::2])
+
+    def inside(self, x: np.ndarray) -> np.ndarray:
+        """Which of the centres x [m], shape [n, 3], lie inside of all walls, shape [n]; plates have no inner side."""
+        return np.all([np.ones(len(x), bool), *(wall.shape.inside(x) for wall in self.walls())], axis=0)
+
+    @property
+    def bounds(self) -> Bounds:
+        """As of any container, as far as its parts tell, those that open included; plates bound it too."""
+        boxes = [part.shape.bounds for part in self.parts]
+        ends = [[end for box in boxes for end in (box.low[k], box.high[k]) if math.isfinite(end)] for k in range(3)]
+        low, high = ([(end(some) if some else default) for some in ends]
+                     for end, default in ((min, -math.inf), (max, math.inf)))  # fmt: skip
+        return Bounds((low[0], low[1], low[2]), (high[0], high[1], high[2]))
 
     def close(self, surface_motion: bool = False) -> "Primitives":
         """The container in which a packing is made: with the parts that open, whose outlet plane then does not act.
@@ -376,15 +700,18 @@ class Primitives(Model):
         return self.parts if self.closed else tuple(part for part in self.parts if part.opens is None)
 
 
-Silo = WedgeHopper | CylinderSilo | ConicalSilo
-"""Containers that grains flow out of."""
+def _touch(one: WallShape, other: WallShape) -> bool:
+    """Whether two plates share an edge or more, as they are cut by the plane y = 0."""
+    pairs = ((one, other), (other, one))
+    return any(
+        bool((np.abs(b.distance(np.array([(x, 0.0, z) for line in a.section() for x, z in line]))) < _TOUCH).any())
+        for a, b in pairs
+        if a.section()
+    )
 
 
-def outlet_shape(container: "Container") -> Literal["slot", "hole"] | None:
-    """What grains flow out through; None where the container has no orifice of known width."""
-    if isinstance(container, WedgeHopper):
-        return "slot"
-    return "hole" if isinstance(container, Silo) else None
-
-
-Container = Annotated[Silo | Box | Primitives, Field(discriminator="kind")]
+Container = Annotated[
+    WedgeHopper | CylinderSilo | ConicalSilo | Box | Primitives,
+    Field(discriminator="kind"),
+]
+"""The containers that a study can name."""

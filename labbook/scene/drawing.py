@@ -7,9 +7,9 @@ from html import escape
 
 import numpy as np
 
-from labbook.scene.container import Box, Container, Primitives, Silo, WedgeHopper
+from labbook.scene.container import Container
+from labbook.scene.geometry import Bounds, Segment
 from labbook.scene.grains import Grains
-from labbook.scene.walls import Plane, Segment
 
 WIDTH, HEIGHT = 300.0, 300.0
 """Most that the container takes [pixels]."""
@@ -33,12 +33,13 @@ def svg(grains: Grains, container: Container, sized: bool = True) -> str:
 
     Grains are placed for the eye, not by physics.
     """
-    shown, walls = list[_Grain](), list(sections(container))
-    if isinstance(container, Primitives):
+    shown, walls = list[_Grain](), list(container.section())
+    listed = container.area is None
+    if listed:
         frame = _frame(container)
         shown = [] if frame is None else list(_poured(grains, container, frame))
         top = max([one[1] for one in shown], default=-math.inf) + 2 * grains.diameter
-        walls = [] if frame is None else [*walls, *_upright(container, (*frame[:3], max(frame[3], top)))]
+        walls = [] if frame is None else [*walls, *_endless(container, (*frame[:3], max(frame[3], top)))]
     if not walls:
         return ""
     ends = np.array(walls).reshape(-1, 2)
@@ -52,7 +53,7 @@ def svg(grains: Grains, container: Container, sized: bool = True) -> str:
     lines = "".join(_line(at(*start), at(*end)) for start, end in walls)
     lines += "".join(_line(at(*start), at(*end), _FAINT, 1) for start, end in _opening(container))
     width, height = (right - left) * scale + 2 * _MARGIN, (high - low) * scale
-    wide = right - left if isinstance(container, Primitives) else None
+    wide = right - left if listed else None
     sizes = _sizes(grains, container, at, width, height, wide) if sized else ""
     across, down = width + (_BESIDE if sized else 0.0), height + _MARGIN + _BELOW
     return (
@@ -78,53 +79,32 @@ def _mm(length: float) -> str:
     return f"{length * 1e3:.4g} mm"
 
 
-def sections(container: Container) -> Iterator[Segment]:
-    """Walls as a section through y = 0 cuts them: x and z of both ends [m]."""
-    if isinstance(container, Box):
-        half, high = container.width / 2, container.height
-        yield from (((-half, high), (-half, 0.0)), ((-half, 0.0), (half, 0.0)), ((half, 0.0), (half, high)))
-        if container.lid:
-            yield (-half, high), (half, high)
-        return
-    for wall in container.walls():
-        yield from wall.shape.section()
-
-
 def _opening(container: Container) -> list[Segment]:
-    """Lines of parts that stand only while the container is filled."""
-    parts = container.parts if isinstance(container, Primitives) else ()
-    return [line for part in parts if part.opens for line in part.shape.section()]
+    """Lines of walls that stand only while the container is filled."""
+    return [line for wall in container.close().walls() if wall.opens for line in wall.shape.section()]
 
 
-def _frame(container: Primitives) -> _Frame | None:
+def _frame(container: Container) -> _Frame | None:
     """Left, right, low and high end [m] of what walls listed one by one enclose; None where that is open sideways."""
-    planes = [part.shape for part in container.parts if isinstance(part.shape, Plane)]
-    ends = [end for part in container.parts for line in part.shape.section() for end in line]
-    x = [end[0] for end in ends] + [plane.point[0] for plane in planes if plane.normal[1:] == (0, 0)]
-    z = [end[1] for end in ends] + [plane.point[2] for plane in planes if plane.normal[:2] == (0, 0)]
-    return (min(x), max(x), min(z), max(z)) if z and min(x, default=0) < max(x, default=0) else None
+    (left, _, low), (right, _, high) = container.bounds.low, container.bounds.high
+    return (left, right, low, high) if math.isfinite(low) and left < right < math.inf else None
 
 
-def _upright(container: Primitives, frame: _Frame) -> Iterator[Segment]:
-    """Planes that are seen as lines, cut where the picture ends."""
+def _endless(container: Container, frame: _Frame) -> Iterator[Segment]:
+    """Lines of walls without end, cut where the picture ends."""
     left, right, low, high = frame
-    for plane in (wall.shape for wall in container.walls()):
-        if not isinstance(plane, Plane) or abs(plane.normal[1]) > 1e-9 * math.hypot(*plane.normal):
-            continue
-        (x, _, z), (nx, _, nz) = plane.point, plane.normal
-        points = [(left, z - nx / nz * (left - x)), (right, z - nx / nz * (right - x))] if nz else []
-        points += [(x - nz / nx * (low - z), low), (x - nz / nx * (high - z), high)] if nx else []
-        inside = [(a, b) for a, b in points if left <= a <= right and low <= b <= high]
-        if inside and min(inside) != max(inside):
-            yield min(inside), max(inside)
+    for wall in container.walls():
+        if not wall.shape.section():
+            yield from wall.shape.section(Bounds((left, -math.inf, low), (right, math.inf, high)))
 
 
-def _poured(grains: Grains, container: Primitives, frame: _Frame) -> Iterator[_Grain]:
+def _poured(grains: Grains, container: Container, frame: _Frame) -> Iterator[_Grain]:
     """Grains in rows between walls listed one by one, wherever nothing covers them."""
     left, right, low, _ = frame
     closed, d = container.close().walls(), grains.diameter
     plates = [line for wall in closed for line in wall.shape.section()]
-    depths = [wall.shape.point[1] for wall in closed if isinstance(wall.shape, Plane) and wall.shape.normal[1]]
+    panes = {wall.name: box.low[1] for wall in closed if (box := wall.shape.bounds).endless == (True, False, True)}
+    depths = list(panes.values())
     middle = sum(depths) / len(depths) if depths else 0.0
     deep = max(depths) - min(depths) if depths else None
     volume = grains.count * grains.volume / 0.58
@@ -137,8 +117,8 @@ def _poured(grains: Grains, container: Primitives, frame: _Frame) -> Iterator[_G
         for end in (-grains.half_length, 0.0, grains.half_length):
             points = np.column_stack([x + end, np.full((len(x), 2), (middle, z))])
             for wall in closed:
-                upright = isinstance(wall.shape, Plane) and wall.shape.normal[1]
-                free &= np.full(len(x), True) if upright else wall.shape.distance(points) >= 0.45 * d
+                if wall.name not in panes:
+                    free &= wall.shape.inside(points) & (wall.shape.distance(points) >= 0.45 * d)
         for (x0, z0), (x1, z1) in plates:
             if x0 != x1:
                 under = z < z0 + (x - x0) * (z1 - z0) / (x1 - x0)
@@ -152,21 +132,6 @@ def _poured(grains: Grains, container: Primitives, frame: _Frame) -> Iterator[_G
         z += 0.95 * d
 
 
-def _between(container: Container, z: float) -> tuple[float, float] | None:
-    """x of the walls on both sides at the height z [m]; None where the picture shows no grains."""
-    if isinstance(container, WedgeHopper):
-        half, (left, right) = container.width / 2, container.outlet
-        slope = math.inf if container.flat else math.tan(container.angle)
-        return max(-half, left - slope * z), min(half, right + slope * z)
-    if isinstance(container, Box):
-        return -container.width / 2, container.width / 2
-    if isinstance(container, Silo):
-        radius, slope = container.diameter / 2, math.tan(getattr(container, "angle", math.pi / 2))
-        reach = min(radius, container.orifice / 2 + slope * z)
-        return -reach, reach
-    return None
-
-
 def _placed(grains: Grains, container: Container) -> Iterator[_Grain]:
     """x, z, radius [m], kind and tilt [rad] of the grains that are drawn: a bed in rows, and a few that fall."""
     d, long = grains.diameter, grains.extent
@@ -174,7 +139,7 @@ def _placed(grains: Grains, container: Container) -> Iterator[_Grain]:
     high = float(getattr(container, "height", math.inf))
     level = _level(grains, container)
     row, z = 0, 0.55 * d
-    while left > 0 and z < min(level, high) and (ends := _between(container, z)) is not None:
+    while left > 0 and z < min(level, high) and (ends := container.span(z)) is not None:
         lean = _lean(container, z)
         start, end = ends[0] + lean * d + long / 2, ends[1] - lean * d - long / 2
         pitch = 1.04 * long
@@ -185,11 +150,9 @@ def _placed(grains: Grains, container: Container) -> Iterator[_Grain]:
         left -= several
         z += (0.9 if long == d else 1.1) * d
         row += 1
-    outlet = getattr(container, "orifice", None)
-    if outlet is not None:
-        middle = container.eccentricity if isinstance(container, WedgeHopper) else 0.0
+    for outlet in [one for one in container.outlets if one.form]:
         for k in range(3):
-            yield _one(grains, rng, middle + rng.uniform(-0.3, 0.3) * (outlet - d), -(0.9 + 1.5 * k) * d)
+            yield _one(grains, rng, outlet.centre + rng.uniform(-0.3, 0.3) * (outlet.width - d), -(0.9 + 1.5 * k) * d)
 
 
 def _one(grains: Grains, rng: np.random.Generator, x: float, z: float) -> _Grain:
@@ -204,30 +167,17 @@ def _one(grains: Grains, rng: np.random.Generator, x: float, z: float) -> _Grain
 def _lean(container: Container, z: float) -> float:
     """Room that an inclined wall takes from a grain beside it, in diameters beyond half of one."""
     angle = float(getattr(container, "angle", math.pi / 2))
-    inclined = angle < math.pi / 2 - 1e-9 and z < _rise(container)
+    inclined = angle < math.pi / 2 - 1e-9 and z < container.rise
     return 0.5 / math.cos(min(angle, 1.2)) - 0.45 if inclined else 0.05
-
-
-def _rise(container: Container) -> float:
-    if isinstance(container, WedgeHopper):
-        left, right = container.outlet
-        return max(left + container.width / 2, container.width / 2 - right) / math.tan(container.angle)
-    return float(getattr(container, "rise", 0.0))
 
 
 def _level(grains: Grains, container: Container) -> float:
     """Height [m] up to which the bed is drawn: about as high as it will stand."""
-    c = container
-    if isinstance(c, WedgeHopper):
-        area, packed = c.width * c.thickness, 0.55
-    elif isinstance(c, Box):
-        area, packed = c.width * c.depth, 0.6
-    elif isinstance(c, Silo):
-        area, packed = math.pi / 4 * c.diameter**2, 0.6
-    else:
+    if container.area is None:
         return 0.0
-    lost = _rise(c) / 2 if isinstance(c, Silo) else 0.0  # what a funnel holds less than a straight silo would
-    return grains.count * grains.volume / (packed * area) + lost
+    packed = 0.55 if container.symmetry == "planar" else 0.6
+    lost = container.rise / 2  # what a funnel holds less than a straight silo would
+    return grains.count * grains.volume / (packed * container.area) + lost
 
 
 def _drawn(grains: Grains, shown: Iterable[_Grain], at: Pixels, scale: float) -> str:
@@ -267,15 +217,13 @@ def _sizes(
     its width."""
     c, found = container, []
     bottom = _MARGIN + height
-    orifice = getattr(c, "orifice", None)
-    if orifice is not None:
-        middle = c.eccentricity if isinstance(c, WedgeHopper) else 0.0
-        (x1, _), (x2, _) = at(middle - orifice / 2, 0), at(middle + orifice / 2, 0)
+    for outlet in [one for one in c.outlets if one.form]:
+        (x1, _), (x2, _) = (at(outlet.centre + side * outlet.width / 2, 0) for side in (-1, 1))
         y = bottom + 22
         found += [_line((x1, y), (x2, y), _FAINT, 1), _line((x1, y - 3), (x1, y + 3), _FAINT, 1)]
         found += [_line((x2, y - 3), (x2, y + 3), _FAINT, 1)]
-        found.append(_text(min(max((x1 + x2) / 2, 40), width - 10), y + 16, f"D = {_mm(orifice)}"))
-    across = getattr(c, "width", getattr(c, "diameter", wide))
+        found.append(_text(min(max((x1 + x2) / 2, 40), width - 10), y + 16, f"D = {_mm(outlet.width)}"))
+    across = wide if c.across is None else c.across
     tall = getattr(c, "height", None)
     words = [f"{_mm(across)} wide"] if across is not None else []
     words += [f"{_mm(tall)} high"] if tall is not None else []

@@ -25,7 +25,7 @@ _set = object.__setattr__  # of what is frozen
 class Model(BaseModel):
     """A frozen description in SI units; an unknown key is an error."""
 
-    # built when first used: only then are the models known that a `Choice` is among
+    # built when first used: only then are the models known that a `TaggedModels` is among
     model_config = ConfigDict(
         frozen=True, extra="forbid", allow_inf_nan=False, use_attribute_docstrings=True, defer_build=True
     )
@@ -51,19 +51,13 @@ class Model(BaseModel):
         _set(one, "__pydantic_private__", None)
         return one
 
-    def sharing(self, stated: set[str]) -> Self:
-        """Itself, with `stated` in place of its own set of the fields that were stated, which is equal: it takes more
-        memory than all other things of a model."""
-        _set(self, "__pydantic_fields_set__", stated)
-        return self
-
 
 _M = TypeVar("_M", bound=Model)
 _P = ParamSpec("_P")
 _R = TypeVar("_R")
 
 
-class Choice(Registry[type[_M]]):
+class TaggedModels(Registry[type[_M]]):
     """Models of which a field takes one, by what its key `tag` says: those built in, and those of other packages.
 
     It marks the field: `Annotated[Base, choice]`. A model's name is the default of its field `tag`.

@@ -1,5 +1,6 @@
 """A scene: all that decides how grains move, and nothing else."""
 
+import math
 from collections.abc import Iterable, Iterator
 from functools import lru_cache
 from typing import Annotated, TypeVar
@@ -7,7 +8,7 @@ from typing import Annotated, TypeVar
 from pydantic import Field, model_validator
 
 from labbook.scene.contact import AnyLaw, Between, ContactLaw, Surface, SurfaceChange, useless
-from labbook.scene.container import Box, ConicalSilo, Container, CylinderSilo, Primitives, Silo, WedgeHopper
+from labbook.scene.container import Container
 from labbook.scene.drawing import describe, svg
 from labbook.scene.feed import Feed
 from labbook.scene.grains import Grains, Spherocylinders
@@ -18,14 +19,6 @@ from labbook.scene.walls import Wall
 
 STANDARD_GRAVITY = 9.81
 _STIFFNESS = ("youngs_modulus", "shear_modulus", "normal_stiffness")
-_ROOM_FOR_A_GRAIN = {
-    WedgeHopper: ("thickness", "orifice", "width"),
-    CylinderSilo: ("orifice", "diameter"),
-    ConicalSilo: ("orifice", "diameter"),
-    Box: ("width", "depth", "height"),
-    Primitives: (),
-}
-"""Sizes of a container that are not less than a grain's diameter."""
 
 
 class Scene(Model):
@@ -53,11 +46,12 @@ class Scene(Model):
                 reason = f"the container has no wall named {name}"
                 yield Fault(f"walls.{name}", reason, f"use one of: {', '.join(sorted(names))}")
         yield from self.faults_of_law(self.contact)
-        if self.feed is not None and not isinstance(self.container, Silo):
-            reason = f"a {self.container.kind} has no outlet, so there are no grains to feed back"
+        if self.feed is not None and not (self.container.outlets and math.isfinite(self.container.roof)):
+            lacks = "side walls that end" if self.container.outlets else "outlet"
+            reason = f"a {self.container.kind} has no {lacks}, so there are no grains to feed back"
             yield Fault("feed", reason, "leave feed out, or use a wedge-hopper, cylinder-silo or conical-silo")
         c, d = self.container, self.grains.diameter
-        for key in _ROOM_FOR_A_GRAIN[type(c)]:
+        for key in c.at_least_a_grain:
             size = getattr(c, key)
             if size < d:
                 reason = f"the {key} ({size * 1e3:g} mm) is less than the grain diameter"
@@ -133,7 +127,7 @@ class Scene(Model):
     @property
     def outlet(self) -> float | None:
         """z [m] of the plane that grains leave through, or None if the container is closed or has none."""
-        return None if getattr(self.container, "closed", False) else self.container.outlet_plane
+        return None if self.container.closed else self.container.outlet_plane
 
     @property
     def wall_names(self) -> set[str]:

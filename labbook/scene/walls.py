@@ -12,17 +12,25 @@ from typing import TYPE_CHECKING, Annotated, ClassVar, Literal
 import numpy as np
 from pydantic import Field, ValidationInfo, model_validator
 
-from labbook.scene.model import Choice, Fault, Model, refuse
+from labbook.scene.geometry import Bounds, Mesh, Segment, contour, enclosed, extent, stands_over
+from labbook.scene.model import Fault, Model, TaggedModels, refuse
 from labbook.scene.quantities import AngularSpeed, Coordinate, Ratio, Speed
 
 Point3 = tuple[Coordinate, Coordinate, Coordinate]
 Point2 = tuple[Coordinate, Coordinate]
 Direction = Ratio
-Segment = tuple[Point2, Point2]
+Symmetry = Literal["planar", "axial"]
+"""`planar`: the same in all planes y = const, between front and back walls; `axial`: the same all round x = y = 0."""
+AROUND = 96
+"""Corners of a circle in meshes."""
 
 
 class WallShape(Model, ABC):
-    """What every wall has: where it is, for kernels and for pictures."""
+    """The base of all walls: the geometry of which filling, pictures, recordings and measures ask.
+
+    Only `distance` is abstract. What else they ask has a default that follows from it by numbers; a shape overrides
+    those that it knows exactly.
+    """
 
     physics: ClassVar[str]
     """The module of its formulas, which a wall of another package states; see `labbook_dem.walls`."""
@@ -30,6 +38,8 @@ class WallShape(Model, ABC):
     """Raised whenever its formulas change what a run gives: runs and packings made by an older one are then stale."""
     changes: ClassVar[Mapping[int, str]] = {}
     """What a version changed, in a few words, which `plan` shows."""
+    half_space: ClassVar[bool] = False
+    """Whether it bounds a half-space: of two points that keep a distance, all between them keep it too."""
     if TYPE_CHECKING:  # a field of each shape
         kind: str
         """Its name."""
@@ -38,25 +48,88 @@ class WallShape(Model, ABC):
     def distance(self, x: np.ndarray) -> np.ndarray:
         """Distance [m] of points x, shape [n, 3], from the wall, shape [n]; behind a plane it is negative."""
 
+    def inside(self, x: np.ndarray) -> np.ndarray:
+        """Which of the points x [m], shape [n, 3], lie on the side of the grains, shape [n]: by default those whose
+        distance is not negative. Both sides of a thin plate are; a wall that surrounds the grains says so here."""
+        return self.distance(x) >= 0
+
+    @property
+    def bounds(self) -> Bounds:
+        """The box around it."""
+        return extent(self.distance)
+
+    @property
+    def enclosed(self) -> Bounds:
+        """The box that holds all points inside: of a plane across an axis a half-space, of a vessel its own bounds."""
+        return enclosed(self.inside, self.bounds)
+
+    @property
+    def symmetries(self) -> frozenset[Symmetry]:
+        """What it is the same along or about; by default nothing is known."""
+        return frozenset()
+
+    @property
+    def ground(self) -> float:
+        """z [m] of the lowest place at which it can hold a grain up: infinite of walls that hold none, such as vertical
+        planes, -infinite where that is unknown or unbounded, as of an obstacle that grains flow round."""
+        return self.enclosed.low[2]
+
+    @property
+    def prismatic_above(self) -> float:
+        """z [m] above which all its horizontal sections are the same; infinite where that is unknown."""
+        return math.inf
+
+    @property
+    def reach(self) -> float:
+        """Distance [m] from the axis x = y = 0 out to which it extends, at most."""
+        bounds = self.bounds
+        return math.hypot(*(max(map(abs, ends)) for ends in zip(bounds.low[:2], bounds.high[:2], strict=True)))
+
+    def carries(self, x: np.ndarray) -> np.ndarray:
+        """Which of the points x [m], shape [n, 3], have it straight below them, so that what falls there stays on it,
+        shape [n]; by default none, unless it encloses the grains."""
+        if all(self.enclosed.endless):
+            return np.zeros(len(x), bool)
+        return stands_over(self.distance, self.bounds, x)
+
+    def covers(self, x: np.ndarray) -> np.ndarray:
+        """Which of the points x [m], shape [n, 3], it shields from above, so that nothing reaches them that comes from
+        there, shape [n]; by default none."""
+        return np.zeros(len(x), bool)
+
     def normal_speed(self, motion: "SurfaceMotion") -> float | None:
         """Largest speed [m/s] along its normal that `motion` would give a point of the wall: 0 if the motion is along
         the surface everywhere, infinite if it grows with the distance from the axis. None: the shape does not say."""
         return None
 
+    def section(self, within: Bounds | None = None) -> tuple[Segment, ...]:
+        """The lines (x, z) [m] in which the plane y = 0 cuts it, of a wall without end as far as `within` reaches:
+        without that, nothing of it."""
+        box = self.bounds.within(within)
+        if any(box.endless[::2]):
+            return ()
+        (x0, _, z0), (x1, _, z1) = box.low, box.high
+        deep = max(x1 - x0, z1 - z0) / 2 if box.endless[1] else math.inf
+        mesh = self.mesh(box.within(Bounds((-math.inf, -deep, -math.inf), (math.inf, deep, math.inf))))
+        return mesh.section() if mesh is not None else ()
+
+    def mesh(self, within: Bounds) -> Mesh | None:
+        """Its surface, at least as far as it lies in the box `within`, which has ends; None if nothing does."""
+        return contour(self.distance, self.bounds.within(within))
+
     @property
-    def ground(self) -> float:
-        """z [m] of the lowest place at which it can hold a grain up: infinite of walls that hold none, such as vertical
-        planes, -infinite where that is unknown or unbounded."""
-        return min((end[1] for line in self.section() for end in line), default=-math.inf)
+    def pane(self) -> bool:
+        """Whether pictures show it as a pane, through which the grains behind it are seen."""
+        return False
 
-    def section(self) -> tuple[Segment, ...]:
-        """The lines (x, z) [m] in which the plane y = 0 cuts plates; nothing of walls that are no plates."""
-        return ()
+    def continued(self, other: "WallShape", x: np.ndarray) -> np.ndarray:
+        """Which of the grains at x [m], shape [n, 3], that touch it touch `other` too, as the same surface, shape [n]:
+        they take their springs along where `other` replaces it."""
+        return np.zeros(len(x), bool)
 
-    def mesh(self) -> tuple[np.ndarray, np.ndarray] | None:
-        """Vertices [n, 3] in m and triangles [m, 3] as recordings show them; None of plates and planes, which end where
-        the bed does."""
-        return None
+    def mirrored(self) -> "WallShape":
+        """Its mirror image in x = 0. Raises NotImplementedError of a shape that does not say."""
+        raise NotImplementedError(f"a {self.kind} does not say what its mirror image is")
 
 
 def _from_segment(section: np.ndarray, start: Point2, end: Point2) -> np.ndarray:
@@ -66,8 +139,24 @@ def _from_segment(section: np.ndarray, start: Point2, end: Point2) -> np.ndarray
     return np.sqrt((at[:, 0] - part * along[0]) ** 2 + (at[:, 1] - part * along[1]) ** 2)
 
 
+def _above(start: Point2, end: Point2, u: np.ndarray, z: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Which of the points (u, z) [m] lie straight above the line from `start` to `end`, and which straight below it,
+    each of shape [n]; none of an upright line."""
+    run, rise = end[0] - start[0], end[1] - start[1]
+    if run == 0:
+        return np.zeros(len(u), bool), np.zeros(len(u), bool)
+    part = (u - start[0]) / run
+    beside, above = (part >= 0) & (part <= 1), z - start[1] > part * rise
+    return beside & above, beside & ~above
+
+
+_STRAIGHT = 1e-9  # of a strip's length: how far off its line a point may lie
+
+
 class Plane(WallShape):
     """The half-space behind an infinite plane; `normal` points to the grains."""
+
+    half_space: ClassVar[bool] = True
 
     kind: Literal["plane"] = "plane"
     point: Point3
@@ -90,11 +179,73 @@ class Plane(WallShape):
         return _normal_speed(motion, self.normal)
 
     @property
+    def _across(self) -> int | None:
+        """The axis that it is perpendicular to, if there is one."""
+        along = [axis for axis, part in enumerate(self.normal) if part != 0]
+        return along[0] if len(along) == 1 else None
+
+    @property
+    def bounds(self) -> Bounds:
+        """As of any wall: infinite but along a normal that is parallel to an axis."""
+        here = {self._across: self.point[self._across]} if self._across is not None else {}
+        low, high = ([here.get(axis, end) for axis in range(3)] for end in (-math.inf, math.inf))
+        return Bounds((low[0], low[1], low[2]), (high[0], high[1], high[2]))
+
+    @property
+    def symmetries(self) -> frozenset[Symmetry]:
+        """As of any wall: planar unless it is inclined along y, axial if it is horizontal."""
+        x, y, z = (part != 0 for part in self.normal)
+        return frozenset([*(["planar"] if not (y and (x or z)) else []), *(["axial"] if not (x or y) else [])])
+
+    @property
     def ground(self) -> float:
         """As of any wall: an inclined plane has no end."""
         if self.normal[2] <= 0:
             return math.inf
-        return self.point[2] if self.normal[:2] == (0, 0) else -math.inf
+        return self.point[2] if self._across == 2 else -math.inf
+
+    @property
+    def prismatic_above(self) -> float:
+        """As of any wall: everywhere, unless it is inclined."""
+        return -math.inf if self.normal[2] == 0 or self._across == 2 else math.inf
+
+    def carries(self, x: np.ndarray) -> np.ndarray:
+        """As of any wall, but of horizontal planes only: where an inclined one ends is unknown."""
+        return np.full(len(x), self._across == 2 and self.normal[2] > 0) & (x[:, 2] >= self.point[2])
+
+    def section(self, within: Bounds | None = None) -> tuple[Segment, ...]:
+        """As of any wall: one line, or none of planes that the plane y = 0 is parallel to."""
+        (x, y, z), (nx, ny, nz) = self.point, self.normal
+        if within is None or math.hypot(nx, nz) <= 1e-9 * math.hypot(*self.normal):
+            return ()
+        (left, _, low), (right, _, high) = within.low, within.high
+        points = [(at, z + ny / nz * y - nx / nz * (at - x)) for at in (left, right)] if nz else []
+        points += [(x + ny / nx * y - nz / nx * (at - z), at) for at in (low, high)] if nx else []
+        ends = [(a, b) for a, b in points if left <= a <= right and low <= b <= high]
+        return ((min(ends), max(ends)),) if ends and min(ends) != max(ends) else ()
+
+    def mesh(self, within: Bounds) -> Mesh:
+        """As of any wall: a square about the middle of the box, as large as that."""
+        low, high = np.array(within.low), np.array(within.high)
+        normal = np.array(self.normal) / np.linalg.norm(self.normal)
+        middle = (low + high) / 2
+        middle = middle - normal * np.dot(middle - self.point, normal)
+        across = np.cross(normal, np.eye(3)[np.argmin(np.abs(normal))])
+        across /= np.linalg.norm(across)
+        up = np.cross(normal, across)
+        box = (high - low) / 2
+        a, b = across * np.abs(across @ box), up * np.abs(up @ box)
+        return Mesh.polygon(np.array([middle - a - b, middle + a - b, middle + a + b, middle - a + b]), outlined=False)
+
+    @property
+    def pane(self) -> bool:
+        """As of any wall."""
+        return True
+
+    def mirrored(self) -> "Plane":
+        """As of any wall."""
+        (x, y, z), (nx, ny, nz) = self.point, self.normal
+        return Plane(point=(-x, y, z), normal=(-nx, ny, nz))
 
 
 class Strip(WallShape):
@@ -124,9 +275,68 @@ class Strip(WallShape):
         (x0, z0), (x1, z1) = self.start, self.end
         return _normal_speed(motion, (z0 - z1, 0.0, x1 - x0))
 
-    def section(self) -> tuple[Segment, ...]:
-        """Itself."""
+    @property
+    def bounds(self) -> Bounds:
+        """As of any wall: infinite along y."""
+        (x0, z0), (x1, z1) = self.start, self.end
+        return Bounds((min(x0, x1), -math.inf, min(z0, z1)), (max(x0, x1), math.inf, max(z0, z1)))
+
+    @property
+    def symmetries(self) -> frozenset[Symmetry]:
+        """As of any wall."""
+        return frozenset(["planar"])
+
+    @property
+    def ground(self) -> float:
+        """As of any wall: its lower edge."""
+        return self.bounds.low[2]
+
+    @property
+    def prismatic_above(self) -> float:
+        """As of any wall: above its lower edge if it is upright."""
+        return (min if self.start[0] == self.end[0] else max)(self.start[1], self.end[1])
+
+    def carries(self, x: np.ndarray) -> np.ndarray:
+        """As of any wall."""
+        return _above(self.start, self.end, x[:, 0], x[:, 2])[0]
+
+    def covers(self, x: np.ndarray) -> np.ndarray:
+        """As of any wall: those beneath it."""
+        return _above(self.start, self.end, x[:, 0], x[:, 2])[1]
+
+    def section(self, within: Bounds | None = None) -> tuple[Segment, ...]:
+        """Itself, as a whole."""
         return ((self.start, self.end),)
+
+    def mesh(self, within: Bounds) -> Mesh:
+        """As of any wall: a rectangle, cut only along y and at the top of the box."""
+        lower, upper = sorted((self.start, self.end), key=lambda edge: edge[1])
+        (_, front, _), (_, back, top) = within.low, within.high
+        if upper[1] > top > lower[1]:
+            part = (top - lower[1]) / (upper[1] - lower[1])
+            upper = lower[0] + part * (upper[0] - lower[0]), top
+        (x0, z0), (x1, z1) = lower, upper
+        corners = np.array([(x0, front, z0), (x1, front, z1), (x1, back, z1), (x0, back, z0)])
+        return Mesh.polygon(corners, outlined=True)
+
+    def continued(self, other: WallShape, x: np.ndarray) -> np.ndarray:
+        """As of any wall: in a strip on the same line, those whose foot lies on it."""
+        if not isinstance(other, Strip):
+            return np.zeros(len(x), bool)
+        start, along = np.array(self.start), np.array(self.end) - self.start
+        foot = start + ((x[:, [0, 2]] - start) @ along / (along @ along))[:, None] * along
+        begin, run = np.array(other.start), np.array(other.end) - other.start
+        length = run @ run
+        if abs(along[0] * run[1] - along[1] * run[0]) >= _STRAIGHT * np.sqrt(length * (along @ along)):
+            return np.zeros(len(x), bool)
+        at = (foot - begin) @ run / length
+        aside = np.linalg.norm(foot - begin - at[:, None] * run, axis=1)
+        return (at >= 0) & (at <= 1) & (aside < _STRAIGHT * np.sqrt(length))
+
+    def mirrored(self) -> "Strip":
+        """As of any wall."""
+        start, end = ((-x, z) for x, z in (self.start, self.end))
+        return Strip(start=start, end=end)
 
 
 class Frustum(WallShape):
@@ -168,13 +378,72 @@ class Frustum(WallShape):
         x, y, z = motion.velocity
         return _negligible((abs(rise) * math.hypot(x, y) + abs(run * z)) / math.hypot(rise, run), motion)
 
-    def section(self) -> tuple[Segment, ...]:
-        """A line on either side of the axis."""
+    @property
+    def bounds(self) -> Bounds:
+        """As of any wall."""
+        (_, z), (upper, top) = self.lower, self.upper
+        return Bounds((-upper, -upper, min(z, top)), (upper, upper, max(z, top)))
+
+    @property
+    def symmetries(self) -> frozenset[Symmetry]:
+        """As of any wall."""
+        return frozenset(["axial"])
+
+    @property
+    def ground(self) -> float:
+        """As of any wall: its lower edge."""
+        return self.bounds.low[2]
+
+    @property
+    def prismatic_above(self) -> float:
+        """As of any wall: above its lower edge if it is upright."""
+        return (min if self.lower[0] == self.upper[0] else max)(self.lower[1], self.upper[1])
+
+    @property
+    def reach(self) -> float:
+        """As of any wall."""
+        return self.upper[0]
+
+    def carries(self, x: np.ndarray) -> np.ndarray:
+        """As of any wall."""
+        return _above(self.lower, self.upper, np.hypot(x[:, 0], x[:, 1]), x[:, 2])[0]
+
+    def covers(self, x: np.ndarray) -> np.ndarray:
+        """As of any wall: those beneath it."""
+        return _above(self.lower, self.upper, np.hypot(x[:, 0], x[:, 1]), x[:, 2])[1]
+
+    def section(self, within: Bounds | None = None) -> tuple[Segment, ...]:
+        """A line on either side of the axis, each as a whole."""
         (r, z), (upper, top) = self.lower, self.upper
         return ((r, z), (upper, top)), ((-r, z), (-upper, top))
 
+    def mesh(self, within: Bounds) -> Mesh | None:
+        """As of any wall: cut only at the top of the box, and outlined by its two edges."""
+        (r0, z0), (r1, z1), top = self.lower, self.upper, within.high[2]
+        if z0 >= top:
+            return None
+        if z1 > top:
+            r1, z1 = r0 + (r1 - r0) * (top - z0) / (z1 - z0), top
+        angle = np.linspace(0, 2 * math.pi, AROUND + 1)
+        rings = [
+            np.column_stack([r * np.cos(angle), r * np.sin(angle), np.full_like(angle, z)])
+            for r, z in ((r0, z0), (r1, z1))
+        ]
+        k, n = np.arange(AROUND), AROUND + 1
+        triangles = np.concatenate([np.stack(t, axis=1) for t in ((k, k + 1, k + n), (k + 1, k + n + 1, k + n))])
+        return Mesh(np.concatenate(rings), triangles, tuple(rings))
 
-WALL_SHAPES = Choice("kind", "labbook.walls", WallShape, (Plane, Strip, Frustum))
+    @property
+    def pane(self) -> bool:
+        """As of any wall: sides and cones are, level plates are not."""
+        return self.lower[1] != self.upper[1]
+
+    def mirrored(self) -> "Frustum":
+        """Itself."""
+        return self
+
+
+WALL_SHAPES = TaggedModels("kind", "labbook.walls", WallShape, (Plane, Strip, Frustum))
 """The walls that containers are made of, and that a study can name in `container.parts`."""
 
 AnyShape = Annotated[WallShape, WALL_SHAPES]

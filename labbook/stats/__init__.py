@@ -3,5 +3,6 @@
 from labbook.stats.measured import Measured
 from labbook.stats.pooling import Pooled, pool
 from labbook.stats.stopping import Decision, StoppingRule
+from labbook.stats.tolerance import Tolerance
 
-__all__ = ["Decision", "Measured", "Pooled", "StoppingRule", "pool"]
+__all__ = ["Decision", "Measured", "Pooled", "StoppingRule", "Tolerance", "pool"]

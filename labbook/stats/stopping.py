@@ -18,6 +18,7 @@ from typing import Literal
 import numpy as np
 
 from labbook.stats.pooling import Pooled, pool, student
+from labbook.stats.tolerance import Tolerance
 
 FEWEST = 3
 """With 2 replicates t is 12.7: a narrow interval would be an accident."""
@@ -93,7 +94,7 @@ class StoppingRule:
         pooled = self.pool(values) if n else None
         if self.tolerance is None:
             return Decision(pooled, max(0, self.first - made), None)
-        if n >= self.first and pooled is not None and pooled.relative <= self.tolerance:
+        if n >= self.first and pooled is not None and Tolerance(self.tolerance).kept(pooled.relative):
             return Decision(pooled, 0, "tolerance")
         if made >= self.cap:
             return Decision(pooled, 0, "cap")
@@ -111,7 +112,7 @@ class StoppingRule:
             return self.first
         for n in range(self.first, self.cap):
             widened = 1 + _WIDENING / n if self.sequential else 1.0
-            if student(self.confidence, n - 1) * scatter / sqrt(n) * widened <= self.tolerance:
+            if Tolerance(self.tolerance).kept(student(self.confidence, n - 1) * scatter / sqrt(n) * widened):
                 return n
         return self.cap
 

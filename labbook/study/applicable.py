@@ -6,17 +6,17 @@ from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from labbook.filling.placing import STARTS
 from labbook.fit import LAWS
 from labbook.measure import MEASURES, MeasureError
-from labbook.scene.container import CylinderSilo, WedgeHopper, outlet_shape
+from labbook.scene.container import ContainerShape
 from labbook.scene.quantities import told_apart
 from labbook.scene.scene import Scene
 from labbook.study.paper import PAPERS, Asked, Wrong, none_such
 from labbook.study.point import Point
 from labbook.study.problems import Problem
 from labbook.study.schema import Settings, Window
-from labbook.study.source import Source
+from labbook.study.source import StudyText
 
 
-def unmeasurable(source: Source, settings: Settings, points: Sequence[Point]) -> Iterator[Problem]:
+def unmeasurable(source: StudyText, settings: Settings, points: Sequence[Point]) -> Iterator[Problem]:
     """Measurements that some points do not allow."""
 
     def why(name: str, scene: Scene) -> tuple[str, str] | None:
@@ -29,11 +29,11 @@ def unmeasurable(source: Source, settings: Settings, points: Sequence[Point]) ->
     yield from _unfit(source, "measure", [n for n in settings.measure if n in MEASURES], points, why)
 
 
-def unfittable(source: Source, settings: Settings, points: Sequence[Point]) -> Iterator[Problem]:
+def unfittable(source: StudyText, settings: Settings, points: Sequence[Point]) -> Iterator[Problem]:
     """Laws that do not apply to the outlets of some points."""
 
     def why(name: str, scene: Scene) -> tuple[str, str] | None:
-        of, outlet = LAWS[name].outlet, outlet_shape(scene.container)
+        of, outlet = LAWS[name].outlet, scene.container.outlet_form
         if outlet is None:
             reason = f"{name} needs the orifice of a hopper or silo, but the container is {scene.container.kind}"
             return reason, f"remove {name} from fit, or use a hopper or silo"
@@ -55,7 +55,7 @@ LOOSEST = 0.3
 """Lower bound of the packing fraction of a settled bed: it gives an upper bound of the height of the bed."""
 
 
-def unfillable(source: Source, settings: Settings, points: Sequence[Point]) -> Iterator[Problem]:
+def unfillable(source: StudyText, settings: Settings, points: Sequence[Point]) -> Iterator[Problem]:
     """Scenes that cannot be filled, and values of `stop.fill_height` that no bed reaches.
 
     A scene needs gravity, room for a grain, and a start of the filling that suits it.
@@ -75,7 +75,7 @@ def unfillable(source: Source, settings: Settings, points: Sequence[Point]) -> I
                         break
 
 
-def unfed(source: Source, settings: Settings, points: Sequence[Point], window: Window) -> Iterator[Problem]:
+def unfed(source: StudyText, settings: Settings, points: Sequence[Point], window: Window) -> Iterator[Problem]:
     """Keys about falling beds in a study of fed beds; without feed, a `window` that ends before or at its start."""
     fed = [point for point in points if point.scene.feed is not None]
     if not fed:
@@ -144,15 +144,13 @@ def _too_high(scene: Scene, stop: float | None) -> Iterator[tuple[str, str, str]
         yield "stop.fill_height", reason, f"use less than {highest / 2 * 1e3:.3g} mm, or more grains"
 
 
-def flat_area(container: object) -> float | None:
+def flat_area(container: ContainerShape) -> float | None:
     """Area [m^2] of the bottom of a flat-bottomed silo; None of other containers."""
-    if isinstance(container, CylinderSilo):
-        return math.pi / 4 * container.diameter**2
-    return container.width * container.thickness if isinstance(container, WedgeHopper) and container.flat else None
+    return container.area if container.outlets and container.rise == 0 else None
 
 
 def _unfit(
-    source: Source,
+    source: StudyText,
     key: str,
     names: Iterable[str],
     points: Sequence[Point],
@@ -201,8 +199,7 @@ def unit_of(quantity: str, settings: Settings, scenes: Iterable[Scene], stated: 
 def _kind(scene: Scene) -> tuple:
     """Properties that determine the quantities of a scene."""
     c, grains = scene.container, scene.grains
-    depth = getattr(c, "thickness", getattr(c, "depth", 0.0))
-    return c.kind, grains.half_length > 0, grains.varied, depth < 2 * grains.diameter
+    return c.kind, grains.half_length > 0, grains.varied, c.front_to_back < 2 * grains.diameter, len(c.outlets)
 
 
 def _units_of(measures: Iterable[str], scenes: Iterable[Scene]) -> dict[str, str]:

@@ -85,7 +85,8 @@ def _location(loc: tuple[int | str, ...], raw: Any) -> tuple[Location, frozenset
 def _complain(
     detail: Any, location: Location, chosen: frozenset[str], beside: Mapping[str, Any]
 ) -> Iterator[Complaint]:
-    kind, context = detail["type"], detail.get("ctx", {})
+    """Complaints of one validation error. chosen: choices on the way (`kind: box`). beside: the keys beside it."""
+    kind, context, value = detail["type"], detail.get("ctx", {}), detail["input"]
     name = dotted(location)
     if kind == "impossible":
         for fault in context["faults"]:
@@ -93,62 +94,75 @@ def _complain(
     elif kind == "missing":
         yield Complaint(location, _MISSING, f"add it: {_rule(name, chosen)}")
     elif kind == "extra_forbidden":
-        known = siblings(name, chosen)
-        if str(location[-1]).isdigit():  # 0,5 in braces is two entries
-            yield Complaint(location, "unknown key", "write decimal fractions with a point, such as 0.5")
-            return
-        if (row := absent(name.rpartition(".")[0], str(location[-1]))) is not None:
-            yield Complaint(location, row.says, row.remedy, meant=(*location[:-1], row.key) if row.key else None)
-            return
-        close = meant(str(location[-1]), known)
-        foreign = habit(name, beside.get(str(location[-1])), known)
-        if foreign is not None:
-            key = tuple(foreign.key.split(".")) if foreign.key else None
-            yield Complaint(
-                location, "unknown key", foreign.remedy, meant=key if key and key[:-1] == location[:-1] else None
-            )
-            return
-        elsewhere = ", ".join(choice for choice in choices_of(name) if choice not in chosen)
-        message = f"this key belongs to {elsewhere}" if elsewhere else "unknown key"
-        remedy = instead(str(location[-1]), known)
-        yield Complaint(location, message, remedy, meant=(*location[:-1], close) if close else None)
+        yield _unknown_key(location, chosen, beside)
     elif kind == "internal":
         yield Complaint(location, "a study cannot set this key", "leave it out")
     elif kind in ("union_tag_not_found", "union_tag_invalid"):
-        tag = context["discriminator"].strip("'")
-        inner = (*location, tag)
-        choices = [choice for key in find(dotted(inner)) for choice in key.choices]
-        stated, keys = str(context.get("tag", "")), detail["input"] if isinstance(detail["input"], Mapping) else ()
-        if (row := absent(dotted(inner), stated)) is not None:
-            yield Complaint(inner, f"{shown(stated)} is unknown: {row.says}", row.remedy)
-        elif rows := [(key, row) for key in keys if (row := absent(name, str(key))) is not None]:
-            yield from (Complaint((*location, str(key)), row.says, row.remedy) for key, row in rows)
-        elif kind == "union_tag_not_found":
-            yield Complaint(inner, _MISSING, f"add it: use one of: {', '.join(choices)}")
-        else:
-            yield Complaint(inner, f"{shown(stated)} is unknown", instead(stated, choices))
-    elif kind == "literal_error" and (row := absent(name, str(detail["input"]))) is not None:
-        yield Complaint(location, f"{shown(detail['input'])} is unknown: {row.says}", row.remedy)
+        yield from _unknown_choice(location, context, value)
     elif kind == "literal_error":
-        choices = [choice for key in find(name) for choice in key.choices]
-        yield Complaint(location, f"{shown(detail['input'])} is unknown", instead(str(detail["input"]), choices))
+        yield _unknown_value(location, str(value))
     elif kind in _MAPPING:
         yield Complaint(location, "a mapping of keys is needed", instead("", siblings(f"{name}.x")))
-    elif isinstance(detail["input"], list | dict) and (row := absent(name, "[]")) is not None:
+    elif isinstance(value, list | dict) and (row := absent(name, "[]")) is not None:
         reason = context.get("reason", "a single value is needed")
         yield Complaint(location, f"{reason}: {row.says}", f"{_rule(name, chosen)}; {row.remedy}")
     elif kind in _WRONG_UNIT:
-        yield Complaint(
-            location, f"{shown(detail['input'])}: {context.get('reason', 'not finite')}", _rule(name, chosen)
-        )
+        yield Complaint(location, f"{shown(value)}: {context.get('reason', 'not finite')}", _rule(name, chosen))
     elif kind in _RANGE:
-        bounds = _bounds(context, next((key.unit for key in find(name)), None))
-        rule = _rule(name, chosen)
-        unsaid = kind.startswith("less") and " in " not in rule and "at most" not in rule
-        remedy = f"{rule}, and {bounds.removeprefix('it must be ')}" if unsaid else rule
-        yield Complaint(location, f"{shown(detail['input'])} is out of range: {bounds}", remedy)
+        yield _out_of_range(location, kind, context, value, _rule(name, chosen))
     else:
-        yield Complaint(location, _SIMPLE.get(kind, f"{shown(detail['input'])} cannot be used"), _rule(name, chosen))
+        yield Complaint(location, _SIMPLE.get(kind, f"{shown(value)} cannot be used"), _rule(name, chosen))
+
+
+def _unknown_key(location: Location, chosen: frozenset[str], beside: Mapping[str, Any]) -> Complaint:
+    section, leaf = location[:-1], str(location[-1])
+    name = dotted(location)
+    known = siblings(name, chosen)
+    if leaf.isdigit():  # 0,5 in braces is two entries
+        return Complaint(location, "unknown key", "write decimal fractions with a point, such as 0.5")
+    if (row := absent(name.rpartition(".")[0], leaf)) is not None:
+        return Complaint(location, row.says, row.remedy, meant=(*section, row.key) if row.key else None)
+    if (foreign := habit(name, beside.get(leaf), known)) is not None:
+        key = tuple(foreign.key.split(".")) if foreign.key else ()
+        return Complaint(location, "unknown key", foreign.remedy, meant=key if key and key[:-1] == section else None)
+    elsewhere = ", ".join(choice for choice in choices_of(name) if choice not in chosen)
+    message = f"this key belongs to {elsewhere}" if elsewhere else "unknown key"
+    close = meant(leaf, known)
+    return Complaint(location, message, instead(leaf, known), meant=(*section, close) if close else None)
+
+
+def _unknown_choice(section: Location, context: Mapping[str, Any], value: Any) -> Iterator[Complaint]:
+    """Of a section without its choice (`kind`, `law`, `shape`), or with one that there is not."""
+    location = (*section, context["discriminator"].strip("'"))
+    stated = str(context.get("tag", ""))
+    keys = value if isinstance(value, Mapping) else ()
+    if absent(dotted(location), stated) is not None:
+        yield _unknown_value(location, stated)
+    elif rows := [(key, row) for key in keys if (row := absent(dotted(section), str(key))) is not None]:
+        yield from (Complaint((*section, str(key)), row.says, row.remedy) for key, row in rows)
+    elif "tag" not in context:
+        yield Complaint(location, _MISSING, f"add it: use one of: {', '.join(_choices(location))}")
+    else:
+        yield _unknown_value(location, stated)
+
+
+def _unknown_value(location: Location, stated: str) -> Complaint:
+    """Of a key that takes one of a few words."""
+    message = f"{shown(stated)} is unknown"
+    if (row := absent(dotted(location), stated)) is not None:
+        return Complaint(location, f"{message}: {row.says}", row.remedy)
+    return Complaint(location, message, instead(stated, _choices(location)))
+
+
+def _choices(location: Location) -> list[str]:
+    return [choice for key in find(dotted(location)) for choice in key.choices]
+
+
+def _out_of_range(location: Location, kind: str, context: Mapping[str, Any], value: Any, rule: str) -> Complaint:
+    bounds = _bounds(context, next((key.unit for key in find(dotted(location))), None))
+    unsaid = kind.startswith("less") and " in " not in rule and "at most" not in rule
+    remedy = f"{rule}, and {bounds.removeprefix('it must be ')}" if unsaid else rule
+    return Complaint(location, f"{shown(value)} is out of range: {bounds}", remedy)
 
 
 def _bounds(context: Mapping[str, Any], unit: str | None) -> str:

@@ -3,6 +3,7 @@
 from collections.abc import Iterator
 
 from labbook.backend import extension_of
+from labbook.campaign import STRATEGIES
 from labbook.filling.placing import STARTS
 from labbook.fit import LAWS
 from labbook.measure import MEASURES
@@ -21,15 +22,16 @@ def used_by_runs(point: Point, *backends: str) -> tuple[Extension, ...]:
 
 
 def used_by_analysis(study: Study) -> tuple[Extension, ...]:
-    """The extensions that the analysis of a study uses: measures, flow laws, and papers by their fits and
-    quantities."""
+    """The extensions that the analysis of a study uses: measures, flow laws, its strategy, and papers by their fits
+    and quantities."""
     reference = study.reference
     quantities = () if reference is None else (*reference.entries, *reference.statements)
     words = {*study.fit, *(one.quantity.partition(".")[0] for one in quantities)}
     measures = (one for name, one in MEASURES.extensions.items() if name in study.measure)
     laws = (one for name, one in LAWS.extensions.items() if name in words)
     papers = (one for name, one in PAPERS.extensions.items() if words.intersection(PAPERS[name].words))
-    return (*measures, *laws, *papers)
+    adapt = () if study.adapt is None else (STRATEGIES.extensions.get(study.adapt.name),)
+    return (*measures, *laws, *papers, *(one for one in adapt if one is not None))
 
 
 def _of_point(point: Point) -> Iterator[Extension | None]:

@@ -3,7 +3,7 @@
 import math
 import re
 import types
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from difflib import SequenceMatcher, get_close_matches
 from functools import lru_cache
@@ -13,9 +13,10 @@ import annotated_types
 from pydantic.fields import FieldInfo
 
 from labbook.backend.numerics import Numerics
+from labbook.campaign import Strategies
 from labbook.measure import scales
 from labbook.scene.contact import CONTACT_LAWS
-from labbook.scene.model import Among, Choice, Internal, Model, Stated
+from labbook.scene.model import Among, Internal, Model, Stated, TaggedModels
 from labbook.scene.quantities import Unit
 from labbook.scene.scene import Scene
 from labbook.study.absent import absent
@@ -114,8 +115,11 @@ def walk(model: type[Model], prefix: str = "", of: str = "") -> Iterator[Key]:
 def _field(name: str, field: FieldInfo, base: Any, metadata: list[Any], of: str) -> Iterator[Key]:
     marks = [field.discriminator, *(mark.discriminator for mark in metadata if isinstance(mark, FieldInfo))]
     discriminator = next((mark for mark in marks if mark is not None), None)
-    choice = next((mark for mark in metadata if isinstance(mark, Choice)), None)
-    if choice is not None:
+    choice = next((mark for mark in metadata if isinstance(mark, TaggedModels)), None)
+    if strategies := next((mark for mark in metadata if isinstance(mark, Strategies)), None):
+        for named, strategy in strategies.items():
+            yield from walk(strategy, f"{name}.{named}.", of)
+    elif choice is not None:
         yield from (replace(key, within=key.within or of) for key in _union(name, choice.tag, list(choice.values())))
     elif discriminator is not None:
         members = [_unwrap(member, [])[0] for member in get_args(base)]
@@ -268,33 +272,48 @@ _FIRST = ("contact", "container", "grains", "gravity", "numerics", "walls", "fil
 def nearest(name: str) -> str:
     """The remedy for a dotted `name` that no sweep knows: the key it seems to mean, or the few that are nearest."""
     names = [key.name for key in all_keys() if key.sweepable]
-    leaf = name.rpartition(".")[2]
     inside = [known for known in names if known.startswith(f"{name}.") and known.count(".") == name.count(".") + 1]
     if inside:
         some = ", ".join(sorted({*inside})[:3])
         return f"{name} is a section: name one of its keys, such as {some}"
-    if (row := absent(name.rpartition(".")[0], leaf)) is not None:
+    return _from_elsewhere(name) or _of_another_section(name, names) or _resembling(name, names)
+
+
+def _from_elsewhere(name: str) -> str | None:
+    """The remedy for a word of another code, or of something that labbook does not have."""
+    section, _, leaf = name.rpartition(".")
+    if (row := absent(section, leaf)) is not None:
         return f"{row.says}: {row.remedy}"
     foreign = habit(name, None, siblings(name))
-    if foreign is not None and foreign.key is not None:
-        return f"did you mean {foreign.key}?"
-    if foreign is not None:
-        return foreign.remedy
+    if foreign is None:
+        return None
+    return foreign.remedy if foreign.key is None else f"did you mean {foreign.key}?"
+
+
+def _of_another_section(name: str, names: Sequence[str]) -> str | None:
+    """The remedy for the last part of a known name in the wrong section."""
+    leaf = name.rpartition(".")[2]
     ending = {known for known in names if known.rpartition(".")[2] == leaf}
     same = sorted(ending, key=lambda known: (_FIRST.index(known.split(".")[0]), known.count("."), known))
-    if same:
-        others = " and ".join(known.replace("walls.*", "walls.NAME") for known in same[1:3])
-        also = f" There {'are' if len(same) > 2 else 'is'} also {others}" if others else ""
-        return f"did you mean {same[0]}?{also}"
+    if not same:
+        return None
+    others = " and ".join(known.replace("walls.*", "walls.NAME") for known in same[1:3])
+    also = f" There {'are' if len(same) > 2 else 'is'} also {others}" if others else ""
+    return f"did you mean {same[0]}?{also}"
+
+
+def _resembling(name: str, names: Sequence[str]) -> str:
+    """The remedy for a misspelled name."""
+    leaf = name.rpartition(".")[2]
     close = get_close_matches(name[:80], names, n=3, cutoff=0.6)
     leaves = {known.rpartition(".")[2]: known for known in reversed(names)}
-    close += [leaves[one] for one in get_close_matches(leaf[:80], leaves, n=3, cutoff=0.7)]
-    found = list(dict.fromkeys(close))[:3]
-    if len(found) == 1 or (found and SequenceMatcher(None, name, found[0]).ratio() > 0.8):
-        return f"did you mean {found[0]}?"
-    return (
-        f"the nearest are {', '.join(found)}" if found else "write a key of docs/studies.md, such as contact.friction"
-    )
+    close += [leaves[near] for near in get_close_matches(leaf[:80], leaves, n=3, cutoff=0.7)]
+    nearby = list(dict.fromkeys(close))[:3]
+    if not nearby:
+        return "write a key of docs/studies.md, such as contact.friction"
+    if len(nearby) == 1 or SequenceMatcher(None, name, nearby[0]).ratio() > 0.8:
+        return f"did you mean {nearby[0]}?"
+    return f"the nearest are {', '.join(nearby)}"
 
 
 def choices_of(name: str) -> tuple[str, ...]:

@@ -1,16 +1,18 @@
 """A study, and how one is read from a file or made in Python: everything that is wrong is found at once, before
 anything runs."""
 
-from collections.abc import Iterator, Mapping, Set
+from collections.abc import Callable, Iterator, Mapping, Set
 from dataclasses import dataclass, field
+from inspect import Parameter, cleandoc, signature
 from itertools import islice
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, TypeVar, Unpack
 
 from pydantic import ValidationError
 
 from labbook.accuracy import BESIDE, Calibration
 from labbook.accuracy import load as load_calibration
+from labbook.campaign import Strategy
 from labbook.fit import LAWS
 from labbook.measure import MEASURES
 from labbook.study.absent import absent
@@ -35,7 +37,8 @@ from labbook.study.schema import (
     Stop,
     Window,
 )
-from labbook.study.source import Source, changed, dotted, given, given_path, read, written
+from labbook.study.source import StudyText, changed, dotted, given, given_path, read, written
+from labbook.study.stated import KEYS, Changed, StudyKeys
 from labbook.study.sweep import BYTES, MAX_POINTS, Sweep
 from labbook.study.window import resolved
 
@@ -46,6 +49,20 @@ MAX_RUNS = 200_000
 """Runs that a plan holds at once."""
 _COMPARED = 200
 """Unknown keys that are compared with those that are known."""
+
+
+_F = TypeVar("_F", bound=Callable[..., Any])
+
+
+def _with_keys(function: _F) -> _F:
+    """Show the keys of a study in `help` of a function that takes them, and in its signature, which notebooks read."""
+    function.__doc__ = f"{cleandoc(function.__doc__ or '')}\n\nKeys, with SI units (see docs/studies.md):\n\n{KEYS}"
+    own = signature(function)
+    *fixed, _ = own.parameters.values()
+    fixed = [parameter.replace(annotation=Parameter.empty) for parameter in fixed]
+    named = [Parameter(key, Parameter.KEYWORD_ONLY, default=...) for key in StudyKeys.__annotations__]
+    vars(function)["__signature__"] = own.replace(parameters=[*fixed, *named])
+    return function
 
 
 @dataclass(frozen=True)
@@ -69,6 +86,8 @@ class Study:
     fit: tuple[str, ...]
     record: Record | None
     reference: Reference | None
+    adapt: Strategy | None = field(default=None, compare=False)
+    """Proposes the points that are run, within the range of `points`; None: `points` are run."""
     stated: Mapping[str, Any] = field(default_factory=dict, repr=False, compare=False)
     """What its author wrote: keys and values as in YAML."""
     source: str = field(default="", repr=False, compare=False)
@@ -83,7 +102,8 @@ class Study:
         """Whether grains that left are fed again, at all points."""
         return self.points[0].scene.feed is not None
 
-    def change(self, changes: Mapping[str, Any] | None = None, /, **keys: Any) -> "Study":
+    @_with_keys
+    def change(self, changes: Changed | Mapping[str, Any] | None = None, /, **keys: Unpack[StudyKeys]) -> "Study":
         """The study with other values; this one stays as it is.
 
         changes: dotted keys (`contact.friction`, `sweep.container.orifice`) and new values, as `define` takes them;
@@ -93,6 +113,10 @@ class Study:
         new = {**_keys_and_values(changes, "change({'contact.friction': 0.3}), or change(replicates=4)"), **keys}
         stays = not any(str(key).partition(".")[0] == "accuracy" for key in new)
         return _resolved(changed(self.stated, new), self.calibration_file if stays else None)
+
+    def calibrated(self, file: Path) -> "Study":
+        """The study with numerics chosen by another calibration file. Raises StudyError."""
+        return _resolved(StudyText(self.path, dict(self.stated), {}, self.source), file)
 
     def frame(self) -> "pd.DataFrame":
         """The points: a row each, with `point` (from 1), what was swept [SI, units in `attrs`], and `label`."""
@@ -147,7 +171,8 @@ def load(path: Path | str, calibration: Path | None = None) -> Study:
     return _resolved(read(given_path(path, "labbook.load")), calibration)
 
 
-def define(stated: Mapping[str, Any] | None = None, /, **keys: Any) -> Study:
+@_with_keys
+def define(stated: StudyKeys | Mapping[str, Any] | None = None, /, **keys: Unpack[StudyKeys]) -> Study:
     """A study made in Python, of the keys and values of a study file.
 
     Sections are dicts, quantities text with a unit (`"3 mm"`) or pint quantities, lists any sequence or array. keys and
@@ -163,7 +188,7 @@ def _keys_and_values(stated: Any, instead: str) -> Mapping[str, Any]:
     return stated or {}
 
 
-def _resolved(source: Source, calibration_file: Path | None = None) -> Study:
+def _resolved(source: StudyText, calibration_file: Path | None = None) -> Study:
     problems = _unknown_keys(source)
     unknown = [key for key in source.data if key not in TOP_KEYS]
     misspelled = {meant(key, TOP_KEYS) for key in unknown[:_COMPARED]}
@@ -206,7 +231,7 @@ def known_names() -> set[str]:
     return {*MEASURES, *LAWS, *words()}
 
 
-def _unknown_keys(source: Source) -> list[Problem]:
+def _unknown_keys(source: StudyText) -> list[Problem]:
     unknown = [key for key in source.data if key not in TOP_KEYS]
     # of thousands only the first are printed, and likenesses take time
     told = {
@@ -229,7 +254,7 @@ def _at_top(key: str, data: dict[str, Any]) -> tuple[str, str]:
     return "unknown key", nearest(key) if elsewhere else instead(key, TOP_KEYS)
 
 
-def _settings(source: Source, misspelled: Set[str | None], problems: list[Problem]) -> Settings | None:
+def _settings(source: StudyText, misspelled: Set[str | None], problems: list[Problem]) -> Settings | None:
     stated = {key: source.data[key] for key in SETTING_KEYS if key in source.data}
     try:
         return Settings.model_validate(stated, context={"units": "required"})
@@ -241,7 +266,7 @@ def _settings(source: Source, misspelled: Set[str | None], problems: list[Proble
         return None
 
 
-def _calibration_file(source: Source, settings: Settings | None) -> Path | None:
+def _calibration_file(source: StudyText, settings: Settings | None) -> Path | None:
     """The file that the study names, or else the one that its pilot has written beside it; None if there is neither."""
     named = settings.accuracy.calibration if settings is not None else None
     if named is not None:
@@ -250,7 +275,7 @@ def _calibration_file(source: Source, settings: Settings | None) -> Path | None:
     return beside if source.text and beside.is_file() else None
 
 
-def _calibration(source: Source, path: Path | None, problems: list[Problem]) -> Calibration | None:
+def _calibration(source: StudyText, path: Path | None, problems: list[Problem]) -> Calibration | None:
     """What is in its file; None if it has none, or one that cannot be read."""
     if path is None:
         return None
@@ -263,7 +288,7 @@ def _calibration(source: Source, path: Path | None, problems: list[Problem]) -> 
         return None
 
 
-def _too_many_runs(source: Source, settings: Settings, points: int) -> Iterator[Problem]:
+def _too_many_runs(source: StudyText, settings: Settings, points: int) -> Iterator[Problem]:
     """More runs than a plan can hold."""
     runs = points * settings.replicates
     if runs > MAX_RUNS:
@@ -273,7 +298,7 @@ def _too_many_runs(source: Source, settings: Settings, points: int) -> Iterator[
         yield Problem(source.path, source.line(("replicates",)), "replicates", message, remedy)
 
 
-def _unknown_names(source: Source, settings: Settings) -> Iterator[Problem]:
+def _unknown_names(source: StudyText, settings: Settings) -> Iterator[Problem]:
     """Measurements and fits that do not exist, and fits of what is not measured."""
     for index, name in enumerate(settings.measure):
         if name not in MEASURES:

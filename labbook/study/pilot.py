@@ -1,13 +1,15 @@
 """The pilot of a study: a few settings of its numerics at its first and last point, to see what they do to W."""
 
 from collections.abc import Mapping, Sequence
-from typing import Any
+from dataclasses import replace
+from typing import Any, ClassVar
 
 from labbook.accuracy import groups
-from labbook.scene.quantities import parse
+from labbook.campaign import Assignment, History, Proposal, Strategy
 from labbook.scene.timescales import largest_stable_step
 from labbook.study.load import Study, define
 from labbook.study.point import Point
+from labbook.study.proposed import written_at
 
 SEEDS = 8
 SETTINGS = ((1.0, 0.33, 1.0), (1.0, 0.75, 1.0), (0.3, 0.75, 1.0), (0.1, 0.75, 1.0), (0.03, 0.75, 1.0), (0.1, 0.75, 0.1),
@@ -16,6 +18,22 @@ SETTINGS = ((1.0, 0.33, 1.0), (1.0, 0.75, 1.0), (0.3, 0.75, 1.0), (0.1, 0.75, 1.
 STEPS, STEPS_SEEDS = SETTINGS[:2], 16
 """What is run before a study whose numerics have to be chosen, where nothing was measured: the step alone, for what
 softness does is rarely small enough to be of use (docs/accuracy.md)."""
+
+
+class Pilot(Strategy):
+    """Runs all settings of a pilot at once, after which numerics can be chosen for the requested error."""
+
+    name: ClassVar[str] = "pilot"
+
+    def propose(self, history: History) -> Proposal:
+        """Propose all points of the pilot, and then nothing more."""
+        if history.number:
+            return Proposal.end("all settings are proposed")
+        points, seeds = history.study.points, history.study.replicates
+        reason = f"no scene like these was measured: {len(points)} settings of numerics with {seeds} seeds each"
+        return Proposal(tuple(Assignment(point.at, seeds) for point in points), reason)
+
+
 _KEPT = ("grains", "contact", "container", "walls", "gravity", "window", "stop")
 
 
@@ -48,12 +66,12 @@ def first_needed(study: Study) -> Study | None:
 
 
 def _pilot(study: Study, ends: list[Point], seeds: int, settings: Sequence[tuple[float, float, float]]) -> Study:
-    points = [{**_at(study, point), **numerics} for numerics in _numerics(ends, settings) for point in ends]
+    points = [{**_at(point), **numerics} for numerics in _numerics(ends, settings) for point in ends]
     stated = {key: study.stated[key] for key in _KEPT if key in study.stated}
     if not (study.window.timed or study.fed):  # with its points alone the window could be another one
         stated["window"] = {"start": study.window.start, "end": study.window.end}
     fill = {key: value for key, value in study.stated.get("fill", {}).items() if key != "numerics"}
-    return define(
+    defined = define(
         {
             **stated,
             "name": f"{study.name[:70]}-pilot",
@@ -64,18 +82,13 @@ def _pilot(study: Study, ends: list[Point], seeds: int, settings: Sequence[tuple
             "measure": ["flow_rate"],
         }
     )
+    return replace(defined, adapt=Pilot())
 
 
-def _at(study: Study, point: Point) -> Mapping[str, Any]:
-    """What is swept at a point, as a study file has it."""
-    kept = {key: value for key, value in point.at.items() if not key.startswith(("numerics.", "fill.numerics."))}
-    return {key: v if isinstance(v, str) else _written(v, study.units.get(key, "")) for key, v in kept.items()}
-
-
-def _written(value: float, unit: str) -> str:
-    """An SI value with its unit: lengths in mm, if that is the very same number."""
-    shown = f"{1e3 * value:.12g} mm"
-    return shown if unit == "m" and parse(shown, "m") == value else f"{value!r} {unit}".strip()
+def _at(point: Point) -> Mapping[str, Any]:
+    """What is swept at a point beside numerics, as a study file has it."""
+    swept = {key: value for key, value in point.at.items() if not key.startswith(("numerics.", "fill.numerics."))}
+    return written_at(swept)
 
 
 def _numerics(points: list[Point], settings: Sequence[tuple[float, float, float]]) -> list[Mapping[str, str]]:

@@ -32,6 +32,8 @@ class Point:
     """Why they could not be chosen for a requested error; empty otherwise."""
     wants_pilot: bool = field(default=False, compare=False)
     """Whether they could be chosen after a pilot: its time step is left out, and no scene like it was measured."""
+    replicates: int | None = field(default=None, compare=False)
+    """Replicates that a strategy has proposed for it; None: as many as the study asks for everywhere."""
 
     def value(self, key: str) -> float | str | None:
         """SI value (or word) of the dotted `key` of the scene, `fill` or `numerics`; None where it has none.

@@ -15,13 +15,15 @@ from labbook.study.paper import Wrong
 from labbook.study.point import Point
 from labbook.study.problems import Problem, instead, shown
 from labbook.study.schema import Reference, ReferenceEntry, Settings, Statement
-from labbook.study.source import Location, Source, dotted
+from labbook.study.source import Location, StudyText, dotted
 
 _QUANTITY = re.compile(r"[A-Za-z][A-Za-z0-9_]*(\.[^\s.]{1,40}){0,2}")
 _ROOT = re.compile(r"/\d|\(")
 """Units with roots, which a study cannot write: their numbers stand without one, in SI."""
 _RATES = ("kg/s", "1/s")
 """SI units of rates at which mass and grains leave: there is no comparison with a rate of zero or below."""
+_ENDS = ("from", "to")
+"""Ends of a statement."""
 _ENTRY_KEYS = ("at", "value", "error", "from", "to", "says")
 
 
@@ -29,7 +31,7 @@ class ReferenceReader:
     """Reads `reference`; problems are collected in `problems`."""
 
     def __init__(
-        self, source: Source, points: Sequence[Point], known: Callable[[], set[str]], settings: Settings | None
+        self, source: StudyText, points: Sequence[Point], known: Callable[[], set[str]], settings: Settings | None
     ):
         """`settings`: what the study measures and fits; None if that is wrong, and units cannot be told."""
         self._source, self._points, self._known, self._settings = source, points, known, settings
@@ -86,42 +88,51 @@ class ReferenceReader:
         return True
 
     def _entry(self, name: str, raw: Any, place: Location) -> ReferenceEntry | Statement | None:
-        before = len(self.problems)
         if not isinstance(raw, dict):
             self._not_a_mapping(raw, place, "write {at: {...}, value: ...}")
             return None
-        for key in raw:
-            if key not in _ENTRY_KEYS:
-                row = absent(dotted(place), key)
-                told = (row.says, row.remedy) if row else ("unknown key", instead(key, _ENTRY_KEYS))
-                self._problem((*place, key), *told)
-        stated = {"from", "to"} & set(raw)
-        if "value" not in raw and not stated:
-            remedy = "add the published number, with its unit, or `from` and `to` of a statement"
-            self._problem((*place, "value"), "this key is missing", remedy)
-        for key in [key for key in ("value", "error") if key in raw and stated]:
-            self._problem(
-                (*place, key), "a statement has no value of its own", "leave it out, or leave out from and to"
-            )
+        before = len(self.problems)
+        stated = not raw.keys().isdisjoint(_ENDS)
+        self._check_keys(raw, place, stated)
         diameter = self._points[0].scene.grains.diameter if self._points else None
-        keys = [key for key in ("value", "error", "from", "to") if key in raw]
         at = self._at(raw.get("at", {}), (*place, "at"), diameter)
-        unit = self._unit(name, at, place, bool(stated))
+        unit = self._unit(name, at, place, stated)
+        keys = [key for key in ("value", "error", *_ENDS) if key in raw]
         numbers = {key: self._number(raw[key], (*place, key), diameter, unit) for key in keys}
-        if len(self.problems) > before:
-            return None
-        error = numbers.get("error")
-        if error is not None and error < 0:
-            self._problem((*place, "error"), "a standard error cannot be negative", "write the standard error")
-            return None
-        value = numbers.get("value")
-        if unit in _RATES and value is not None and value <= 0:
-            remedy = "write a rate above 0; leave out an outlet that clogs"
-            self._problem((*place, "value"), f"{shown(raw['value'])}: a flow rate is above 0", remedy)
+        if len(self.problems) > before or not self._is_possible(raw, numbers, unit, place):
             return None
         if stated:
             return self._statement(name, at, numbers, unit or "", raw, place)
-        return ReferenceEntry(name, at, numbers["value"] or 0.0, error)
+        return ReferenceEntry(name, at, numbers["value"] or 0.0, numbers.get("error"))
+
+    def _check_keys(self, raw: Mapping[str, Any], place: Location, stated: bool) -> None:
+        """Note keys that are unknown, missing or, in a statement (`stated`), without a meaning."""
+        for key in raw:
+            if key not in _ENTRY_KEYS:
+                row = absent(dotted(place), key)
+                message = (row.says, row.remedy) if row else ("unknown key", instead(key, _ENTRY_KEYS))
+                self._problem((*place, key), *message)
+        if "value" not in raw and not stated:
+            remedy = "add the published number, with its unit, or `from` and `to` of a statement"
+            self._problem((*place, "value"), "this key is missing", remedy)
+        for key in ("value", "error"):
+            if key in raw and stated:
+                remedy = "leave it out, or leave out from and to"
+                self._problem((*place, key), "a statement has no value of its own", remedy)
+
+    def _is_possible(
+        self, raw: Mapping[str, Any], numbers: Mapping[str, float | None], unit: str | None, place: Location
+    ) -> bool:
+        """Whether the error is not negative, and a flow rate above 0; what is not is noted."""
+        error, value = numbers.get("error"), numbers.get("value")
+        if error is not None and error < 0:
+            self._problem((*place, "error"), "a standard error cannot be negative", "write the standard error")
+            return False
+        if unit in _RATES and value is not None and value <= 0:
+            remedy = "write a rate above 0; leave out an outlet that clogs"
+            self._problem((*place, "value"), f"{shown(raw['value'])}: a flow rate is above 0", remedy)
+            return False
+        return True
 
     def _statement(
         self,

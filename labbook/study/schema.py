@@ -16,6 +16,7 @@ from pydantic import (
 )
 
 from labbook.backend.numerics import Numerics
+from labbook.campaign import STRATEGIES, Strategy
 from labbook.filling.placing import STARTS
 from labbook.fit import named
 from labbook.scene.contact import AnyLaw
@@ -209,6 +210,9 @@ class Settings(Model):
     window: Window = Window()
     stop: Stop = Stop()
     record: Record | None = None
+    adapt: Annotated[Strategy | None, STRATEGIES] = None
+    """Strategy that chooses the points to run from the results so far, within the range of the sweep: its name, and
+    its keys. None: the points of the sweep are run."""
 
     @field_validator("fit")
     @classmethod

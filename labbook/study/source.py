@@ -25,7 +25,7 @@ _TAG = "tag:yaml.org,2002:"
 
 
 @dataclass
-class Source:
+class StudyText:
     """A study file as plain dicts, lists and scalars, and the line on which each of its keys and items stands."""
 
     path: Path
@@ -62,7 +62,7 @@ def given_path(path: Path | str, what: str) -> Path:
         raise ValueError(f"{what}: {os.fspath(path)}: {error}; give the path from the root folder") from None
 
 
-def read(path: Path) -> Source:
+def read(path: Path) -> StudyText:
     """Read a study file. Raises StudyError if it cannot be read, is not YAML, or repeats keys."""
     text = _text(path)
     root = _compose(path, text)
@@ -73,10 +73,10 @@ def read(path: Path) -> Source:
     if not isinstance(data, dict):
         problem = Problem(path, 1, "", "a study is a mapping of keys", "begin with a line such as `name: my-study`")
         raise StudyError([problem])
-    return Source(path, data, walker.lines, text)
+    return StudyText(path, data, walker.lines, text)
 
 
-def given(stated: Mapping[str, Any], keys: Mapping[str, Any]) -> Source:
+def given(stated: Mapping[str, Any], keys: Mapping[str, Any]) -> StudyText:
     """A study given in Python, as a dict and by name. Raises StudyError for what a study cannot hold."""
     giver = _Giver(_place({**stated, **keys}))
     for key in sorted({*map(str, stated)} & {*keys}):
@@ -84,7 +84,7 @@ def given(stated: Mapping[str, Any], keys: Mapping[str, Any]) -> Source:
     return giver.source({**stated, **keys})
 
 
-def changed(stated: Mapping[str, Any], changes: Mapping[str, Any]) -> Source:
+def changed(stated: Mapping[str, Any], changes: Mapping[str, Any]) -> StudyText:
     """What was `stated` with `changes` by dotted keys; None leaves a key out. Raises StudyError."""
     giver = _Giver(_place({**stated, **changes}))
     data = dict(stated)
@@ -162,12 +162,12 @@ class _Giver:
     def __init__(self, path: Path):
         self.path, self.problems, self._values = path, list[Problem](), 0
 
-    def source(self, data: Mapping[str, Any]) -> Source:
+    def source(self, data: Mapping[str, Any]) -> StudyText:
         """The study. Raises StudyError."""
         plain = self._mapping(data, ())
         if self.problems:
             raise StudyError(self.problems)
-        return Source(self.path, plain)
+        return StudyText(self.path, plain)
 
     def problem(self, location: Location, message: str, remedy: str) -> None:
         """Note something that is wrong at a place."""

@@ -14,10 +14,10 @@ from typing import Any
 from labbook.scene.quantities import DIGITS, leading_number, whole
 from labbook.study.keys import find, nearest
 from labbook.study.problems import Problem, shown
-from labbook.study.source import Location, Source, dotted
+from labbook.study.source import Location, StudyText, dotted
 
 MAX_POINTS = 100_000
-BYTES = 4e3
+BYTES = 8e3
 """Memory that a plan takes for a point with one run, as measured."""
 
 _LIST = re.compile(r"\s*\[(.*)\]\s*(.*?)\s*", re.DOTALL)
@@ -42,7 +42,7 @@ Assignment = Mapping[str, Value]
 class Sweep:
     """The assignments that a study's `sweep` and `points` ask for, and what is wrong with them."""
 
-    def __init__(self, source: Source):
+    def __init__(self, source: StudyText):
         self._source = source
         self.problems: list[Problem] = []
         self.wrong: set[str] = set()

@@ -2,11 +2,8 @@
 
 import math
 import re
-from collections.abc import Mapping
-from typing import Any
 
 from labbook.accuracy.choosing import WITHIN
-from labbook.backend.numerics import Numerics
 from labbook.filling.placing import column
 from labbook.scene.quantities import parse, told_apart
 from labbook.scene.scene import Scene
@@ -92,15 +89,3 @@ def speed_limit(scene: Scene) -> float:
     column in which its grains start, if that is higher."""
     height = max(getattr(scene.container, "height", 0.0), column(scene))
     return FALLS * math.sqrt(2 * scene.gravity * height)
-
-
-def numerics_for(stated: Mapping[str, Any], scene: Scene, closed: Scene | None = None) -> Numerics:
-    """Numerics with the step that `stated` asks for in `scene`, whose filling is `closed`.
-
-    Raises pydantic's ValidationError for any key but `dt`, and TimeStepError for that.
-    """
-    context = {"units": "required", "d": scene.grains.diameter}
-    settings = {key: value for key, value in stated.items() if key != "dt"}
-    numerics = Numerics.model_validate({**settings, "dt": "1 us"}, context=context)
-    dt = resolve(stated.get("dt"), scene, numerics.stiffness_scale, closed)
-    return numerics.model_copy(update={"dt": dt})

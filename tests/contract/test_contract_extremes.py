@@ -11,7 +11,7 @@ from labbook.backend import Failed, Status
 from labbook.backend.probes import Ledger
 from labbook.checks.verify.collision import PHASES, duration, head_on
 from labbook.checks.verify.materials import D, G, floor, hertz, linear, room, scene
-from labbook.checks.verify.stand import Start, grains_at
+from labbook.checks.verify.stand import MemberStart, grains_at
 from labbook.scene import Primitives
 
 BEATS, LEDGER = 6, Ledger()
@@ -26,7 +26,7 @@ def test_an_elastic_impact_is_as_deep_as_its_energy_says(stand):
     energy, modulus = grains.mass / 4 * speed**2, law.shear_modulus / (1 - law.poisson_ratio)
     deepest = (energy * 15 / (8 * modulus * math.sqrt(grains.radius / 2))) ** 0.4
     dt = duration(glass, speed) / 400
-    motion = stand.run(Start(glass, dt, head_on(speed, dt)), 10, 50, (LEDGER,))
+    motion = stand.run(MemberStart(glass, dt, head_on(speed, dt)), 10, 50, (LEDGER,))
     assert motion.rows(LEDGER)["max_overlap"][-1] == 0.0  # the pairs have parted
     assert motion.status.deepest == pytest.approx(deepest / D, rel=1e-4)
 
@@ -37,7 +37,9 @@ def test_a_falling_grain_is_as_fast_as_its_height_says(stand):
     falls = scene(1, linear(), Primitives(parts=(floor(),)), G)
     top = math.sqrt(2 * G * height)
     steps = math.ceil(1.5 * top / G / dt)  # it has bounced by then, and is slower
-    motion = stand.run(Start(falls, dt, grains_at([0.0, 0.0, height + D / 2], [0.0, 0.0, 0.0])), steps // 500, 500, ())
+    motion = stand.run(
+        MemberStart(falls, dt, grains_at([0.0, 0.0, height + D / 2], [0.0, 0.0, 0.0])), steps // 500, 500, ()
+    )
     assert np.linalg.norm(motion.end.v) < 0.5 * top
     assert motion.status.fastest == pytest.approx(top, abs=2 * G * dt, rel=1e-6)
 

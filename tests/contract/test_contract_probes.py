@@ -7,7 +7,7 @@ import pytest
 from stands import identical, specialised
 
 from labbook.backend.probes import Contacts, Crossing, Ledger, Sample, Slab, Zone
-from labbook.checks.verify.stand import Start, grains_at, rows_of
+from labbook.checks.verify.stand import MemberStart, grains_at, rows_of
 from labbook.checks.verify.symmetry import DT, difference, hopper
 from labbook.scene import Primitives, Spheres
 
@@ -275,7 +275,7 @@ def falling(silo, heights, speeds):
 def test_times_of_crossings_are_interpolated(silo):
     heights, speeds = np.linspace(0.01, 0.05, 9), np.linspace(0.5, -0.5, 9)
     scene, start = falling(silo, heights, speeds)
-    motion = silo.stand.run(Start(scene, DT, start), 10, 1000, [silo.crossing])
+    motion = silo.stand.run(MemberStart(scene, DT, start), 10, 1000, [silo.crossing])
     rows = motion.rows(silo.crossing)
     assert sorted(rows["id"]) == list(range(9))
     expected = (speeds + np.sqrt(speeds**2 + 2 * scene.gravity * heights)) / scene.gravity
@@ -285,7 +285,7 @@ def test_times_of_crossings_are_interpolated(silo):
 
 def test_a_grain_that_starts_below_does_not_cross(silo):
     scene, start = falling(silo, np.array([-1e-3, 1e-3]), np.array([0.3, 0.0]))
-    rows = silo.stand.run(Start(scene, DT, start), 5, 1000, [silo.crossing]).rows(silo.crossing)
+    rows = silo.stand.run(MemberStart(scene, DT, start), 5, 1000, [silo.crossing]).rows(silo.crossing)
     assert list(rows["id"]) == [1]
 
 
@@ -296,7 +296,7 @@ def test_only_the_first_passage_counts(silo):
     grains = Spheres(diameter=3e-3, density=2500, count=1)
     scene = silo.scene.model_copy(update={"grains": grains, "contact": contact, "container": bottom})
     passing, sample = Crossing(plane=0.05), Sample()
-    motion = silo.stand.run(Start(scene, DT / 4, grains_at([0, 0, 0.07])), 100, 1000, [passing, sample])
+    motion = silo.stand.run(MemberStart(scene, DT / 4, grains_at([0, 0, 0.07])), 100, 1000, [passing, sample])
     above = motion.by_beat(sample, ("z",))[:, 0, 0] - passing.plane
     assert np.sum((above[1:] < 0) & (above[:-1] >= 0)) > 2
     rows = motion.rows(passing)

@@ -9,7 +9,7 @@ from stands import stands, where
 from typer.testing import CliRunner
 
 from labbook.backend import Unsupported
-from labbook.checks.stress.bounded import Bench, judged
+from labbook.checks.stress.bounded import NamedBackend, judged
 from labbook.checks.stress.case import Ending, judge, within
 from labbook.checks.stress.cases import CASES, chosen
 from labbook.checks.verify.case import limited
@@ -152,7 +152,7 @@ def test_a_case_that_cannot_be_judged_has_failed_unless_the_backend_lacks_the_sc
 
 @pytest.mark.slow
 def test_a_case_that_hangs_or_ends_its_process_has_failed_and_the_next_one_runs():
-    bench = Bench("toy", "double", "cpu")
+    bench = NamedBackend("toy", "double", "cpu")
     cases = [broken.case(broken.hangs, 5.0), broken.case(broken.crashes), broken.case(broken.runs)]
     (hung,), (crashed,), (ran,) = judged(cases, bench)
     assert (hung.outcome, hung.figure) == ("failed", "hung: no end after 5 s")

@@ -8,12 +8,12 @@ from labbook_toy import Backend as Toy
 from labbook_toy import Ensemble, Glass
 
 from labbook.backend import Failed, Overflow
-from labbook.checks.stress.case import Case
+from labbook.checks.stress.case import StressCase
 from labbook.checks.stress.watch import follow, named, sound
 from labbook.checks.verify.materials import G, hertz, room, scene
-from labbook.checks.verify.stand import Start, grains_at
+from labbook.checks.verify.stand import MemberStart, grains_at
 
-START = Start(scene(2, hertz(), room(), G), 1e-5, grains_at([[0.0, 0.0, 0.1], [0.1, 0.0, 0.1]]))
+START = MemberStart(scene(2, hertz(), room(), G), 1e-5, grains_at([[0.0, 0.0, 0.1], [0.1, 0.0, 0.1]]))
 
 
 class Faulty(Toy):
@@ -126,6 +126,6 @@ def crashes(stand):
     yield
 
 
-def case(run, seconds: float = 600.0) -> Case:
+def case(run, seconds: float = 600.0) -> StressCase:
     """A case of this module."""
-    return Case(name=run.__name__, what="", oracle="", run=run, seconds=seconds)
+    return StressCase(name=run.__name__, what="", oracle="", run=run, seconds=seconds)

@@ -16,9 +16,10 @@ from typer import testing
 from typer.testing import CliRunner
 
 from labbook.cli import build
-from labbook.lab import Lab
+from labbook.lab import LabFolder
 from labbook.lab.folder import EVALUATION, PICTURE
-from labbook.run.runner import Runner, Summary
+from labbook.run.runner import Runner
+from labbook.run.summary import Summary
 from labbook.study import Study, load
 
 ROOT = Path(__file__).parents[2]
@@ -55,7 +56,7 @@ def study(folder: Path, *more: str, **changes) -> Study:
 def carry_out(asked: Study, lab: Path, **options) -> Summary:
     """Carry out a study on the toy backend in this process."""
     backend = options.pop("backend", None) or labbook_toy.Backend()
-    return Runner(asked, Lab(lab), backend, **options).run()
+    return Runner(asked, LabFolder(lab), backend, **options).run()
 
 
 def labbook(*words: object, check: bool = True, **environment: str):

@@ -6,7 +6,7 @@ from toy_lab import study_file as toy_study_file
 
 from labbook.checks.compare.compare import compare
 from labbook.checks.compare.sides import Side
-from labbook.lab import Lab, RunRecord
+from labbook.lab import LabFolder, RunRecord
 from labbook.lab.folder import stamp
 
 GRAINS = 400  # enough for a bulk to measure the packing fraction in
@@ -25,7 +25,7 @@ def contestants(first=None, second=None):
 
 
 def compared(asked, lab, second=None, margin=0.03):
-    verdict, failed = compare(asked, Lab(lab), contestants(second=second), margin)
+    verdict, failed = compare(asked, LabFolder(lab), contestants(second=second), margin)
     assert not failed
     return verdict
 

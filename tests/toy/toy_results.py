@@ -1,26 +1,71 @@
-"""Results of runs that no index knows: each is asked for what was measured of it."""
+"""Results of runs that no lab holds: their data are made when they are requested."""
 
 from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import Any, TypeVar
 
-from labbook.lab import Unreadable
-from labbook.lab.evaluations import Numbers
-from labbook.measure import MEASURES
+from labbook.lab import Entry, FinishedRun, Unreadable
+from labbook.lab.evaluations import Evaluated, Numbers, evaluate
+from labbook.lab.records import Coverage
+from labbook.measure import MEASURES, Measure
 from labbook.results.find import results_of
-from labbook.results.points import Finished
-from labbook.results.study import Results
-from labbook.study import Study
+from labbook.results.study import StudyResults
+from labbook.study import Point, Study
+
+_R = TypeVar("_R", bound=StudyResults)
+
+
+class RunDouble(FinishedRun):
+    """A finished run in no lab; a test that needs its data defines `data`."""
+
+    def __init__(
+        self,
+        point: Point,
+        seed: int,
+        outcome: str = "finished",
+        packing_key: str = "",
+        frame_interval: float | None = None,
+        cache_version: int = 1,
+        outdated: str = "",
+        suspect: str = "",
+        ended: str = "2026-01-02T03:04:05+00:00",
+    ):
+        key = f"{point.index:04x}{seed:04x}" * 4
+        entry = Entry(
+            run_key=key,
+            lineage_key="",
+            cache_version=cache_version,
+            outcome=outcome,
+            coverage=Coverage.model_construct(recording=frame_interval, every_frame=True),
+            packing_key=packing_key,
+            backend="double",
+            device="cpu",
+            finished=ended,
+            suspect=suspect,
+        )
+        super().__init__(point, seed, Path("no-such-lab", "runs", key), entry, outdated)
+
+    @property
+    def provenance(self) -> dict[str, Any]:
+        return {"backend": "double"}
+
+    def evaluated(self, measure: Measure, window: Any) -> Evaluated:
+        return evaluate(measure, window, self.data())
 
 
 def analyse(
     study: Study,
-    finished: Sequence[Finished],
+    finished: Sequence[FinishedRun],
     progress: Callable[[int], None] = lambda done: None,
     lost: Sequence[str] = (),
-) -> Results:
-    """What these runs come to. `progress` is told how many are done; `lost`: why others cannot be read."""
+    kind: Callable[..., _R] = StudyResults,
+) -> _R:
+    """What these runs come to. `progress` is told how many are done; `lost`: why others cannot be read; `kind`: class
+    of the results."""
     numbers = Numbers()
     for done, run in enumerate(finished, 1):
-        kept, failed = numbers.measured.setdefault(run.run_key, {}), numbers.failed.setdefault(run.run_key, {})
+        key = run.entry.run_key
+        kept, failed = numbers.measured.setdefault(key, {}), numbers.failed.setdefault(key, {})
         try:
             for name in study.measure:
                 try:
@@ -32,10 +77,10 @@ def analyse(
                 if found.problem:
                     failed[name] = _said(run, f"{name}: {found.problem}")
         except Unreadable as problem:
-            numbers.problems[run.run_key] = str(problem)
+            numbers.problems[key] = str(problem)
         progress(done)
-    return results_of(study, finished, numbers, lost)
+    return results_of(study, finished, numbers, lost, kind)
 
 
-def _said(run: Finished, problem: str) -> str:
-    return f"run {run.run_key} of {run.point.label}, seed {run.seed}: {problem}"
+def _said(run: FinishedRun, problem: str) -> str:
+    return f"run {run.entry.run_key} of {run.point.label}, seed {run.seed}: {problem}"

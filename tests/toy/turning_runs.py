@@ -1,12 +1,12 @@
 """Runs over a turning bottom with known answers, made up, and what a paper might state of them."""
 
 import math
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
+from toy_results import RunDouble
 
 from labbook.backend.numerics import Numerics
-from labbook.lab.evaluations import evaluate
 from labbook.measure import RunData
 from labbook.scene import CylinderSilo, LinearSpringDashpot, Scene, Spherocylinders
 from labbook.scene.packing import Packing
@@ -21,62 +21,28 @@ COMMON, OWN = 0.10, 0.01
 """Scatter of a seed at all frequencies, and of each of its runs."""
 
 
-@dataclass(frozen=True)
-class Run:
+class Run(RunDouble):
     """A finished run of 2000 grains that leave at a steady rate."""
 
-    point: Point
-    seed: int
-    outcome: str = "finished"
-    suspect: str = ""
-    filmed: bool = False
-    every: float = 0.04
-    cache_version: int = 1
-    outdated: str = ""
-    backend: str = "double"
-    device: str = "cpu"
-
-    @property
-    def run_key(self):
-        return f"{self.point.index:04x}{self.seed:04x}" * 4
-
-    @property
-    def packing_key(self):
-        return f"{self.seed:04x}" * 8  # a packing serves all frequencies
-
-    @property
-    def ended(self):
-        return "2026-01-02T03:04:05+00:00"
-
-    @property
-    def provenance(self):
-        return {"backend": "double"}
+    def __init__(self, point: Point, seed: int, outcome: str = "finished", filmed: bool = False, every: float = 0.04):
+        packing = f"{seed:04x}" * 8  # a packing serves all frequencies
+        super().__init__(point, seed, outcome, packing, every if filmed else None)
 
     def recording(self):
         """A column of upright grains that sinks at 30 mm/s."""
-        if not self.filmed:
+        every = self.entry.frame_interval
+        if every is None:
             return None
         side = np.arange(-0.085, 0.09, 0.017)
         x = np.array([(a, b, c) for a in side for b in side for c in np.arange(0.0075, 0.3, 0.015)])
         x = x[np.hypot(x[:, 0], x[:, 1]) < 0.085]
-        times, n, zero = np.arange(0, 6, self.every), len(x), np.zeros(len(x))
+        times, n, zero = np.arange(0, 6, every), len(x), np.zeros(len(x))
         once = {"id": np.arange(n), "x": x[:, 0], "y": x[:, 1], "vx": zero, "vy": zero, "vz": zero - SINKING}
         once |= {"qw": zero + 1, "qx": zero, "qy": zero, "qz": zero}
         table = {name: np.tile(column, len(times)) for name, column in once.items()}
         z = np.concatenate([x[:, 2] - SINKING * t for t in times])
         table |= {"z": z, "time": np.repeat(times, n), "step": np.repeat(np.arange(len(times)), n)}
         return {name: column[z > 0] for name, column in table.items()}
-
-    @property
-    def recorded(self):
-        return self.filmed
-
-    @property
-    def frame_interval(self):
-        return self.every if self.filmed else None
-
-    def evaluated(self, measure, window):
-        return evaluate(measure, window, self.data())
 
     def data(self):
         grains, f = self.point.scene.grains, float(self.point.at["container.rotation"])
@@ -90,7 +56,7 @@ class Run:
         left = {"time": times, "id": np.arange(len(times)), "step": np.arange(len(times))}
         start = Packing(x=zero, v=zero, omega=zero)
         tables = {"crossing": left}
-        how = (self.point.scene, Numerics(dt=1e-6), self.seed, start, self.outcome, times[-1])
+        how = (self.point.scene, Numerics(dt=1e-6), self.seed, start, self.entry.outcome, times[-1])
         return RunData(*how, tables, self.recording)
 
 

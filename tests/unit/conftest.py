@@ -2,18 +2,17 @@
 
 import math
 import sys
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
-from toy_results import analyse
+from toy_results import RunDouble, analyse
 
 from labbook.backend.numerics import Numerics
-from labbook.lab.evaluations import Evaluated, evaluate
-from labbook.measure import Measure, RunData
-from labbook.results.study import Results
+from labbook.measure import RunData
+from labbook.results.study import StudyResults
 from labbook.scene import HertzMindlin, Scene, Spheres, WedgeHopper
 from labbook.scene.packing import Packing
 from labbook.study import Point, Study
@@ -117,32 +116,22 @@ def observe(here: Scene, seed: int, outcome: str = "emptied", recorded: bool = F
     )
 
 
-@dataclass(frozen=True)
-class FinishedDouble:
+class FinishedDouble(RunDouble):
     """A finished run whose data are made when asked for."""
 
-    point: Point
-    seed: int
-    outcome: str = "emptied"
-    recorded: bool = False
-    cache_version: int = 1
-    outdated: str = ""
-    backend: str = "double"
-    device: str = "cpu"
-    suspect: str = ""
-
-    @property
-    def run_key(self) -> str:
-        return f"{self.point.index:04x}{self.seed:04x}" * 4
-
-    @property
-    def packing_key(self) -> str:
-        step = round((self.point.fill.numerics or self.point.numerics).dt * 1e9)
-        return f"{self.seed:04x}{step:012x}" * 2
-
-    @property
-    def ended(self) -> str:
-        return f"2026-01-0{self.seed}T03:04:05+00:00"
+    def __init__(
+        self, point: Point, seed: int, outcome: str = "emptied", recorded: bool = False, cache_version: int = 1
+    ):
+        step = round((point.fill.numerics or point.numerics).dt * 1e9)
+        super().__init__(
+            point,
+            seed,
+            outcome,
+            packing_key=f"{seed:04x}{step:012x}" * 2,
+            frame_interval=0.01 if recorded else None,
+            cache_version=cache_version,
+            ended=f"2026-01-0{seed}T03:04:05+00:00",
+        )
 
     @property
     def provenance(self) -> dict[str, Any]:
@@ -153,18 +142,13 @@ class FinishedDouble:
             "seed": self.seed,
         }
 
-    @property
-    def frame_interval(self) -> float | None:
-        return 0.01 if self.recorded else None
-
     def recording(self) -> dict[str, np.ndarray] | None:
-        return sample(self.point.scene, dict(self.data().tables["crossing"])) if self.recorded else None
+        if self.entry.frame_interval is None:
+            return None
+        return sample(self.point.scene, dict(self.data().tables["crossing"]))
 
     def data(self) -> RunData:
-        return replace(observe(self.point.scene, self.seed, self.outcome), recorded=self.recording)
-
-    def evaluated(self, measure: Measure, window: Any) -> Evaluated:
-        return evaluate(measure, window, self.data())
+        return replace(observe(self.point.scene, self.seed, self.entry.outcome), recorded=self.recording)
 
 
 def point(index: int, orifice: float, angle: float | None = None, **kind: Any) -> Point:
@@ -216,7 +200,7 @@ def column() -> tuple[Study, list[FinishedDouble]]:
 
 
 @pytest.fixture(scope="session")
-def analysis(column) -> Results:
+def analysis(column) -> StudyResults:
     """What is found of the column."""
     study, finished = column
     return analyse(study, finished)

@@ -6,7 +6,7 @@ import pytest
 from stands import Bundled, specialised, stands, where
 
 from labbook.backend import Unsupported
-from labbook.checks.verify.case import Case, Measure, judge
+from labbook.checks.verify.case import Case, Criterion, judge
 from labbook.checks.verify.cases import CASES, chosen
 from labbook.checks.verify.materials import EVERY_LAW
 from labbook.checks.verify.stand import Stand, require
@@ -152,7 +152,7 @@ def test_names_are_unique_and_chosen_by_their_beginning():
         chosen(["no-such-case"])
 
 
-def invented(run, **measures: Measure) -> Case:
+def invented(run, **measures: Criterion) -> Case:
     return Case(name="invented", statement="", source="", measures=measures, run=run)
 
 
@@ -166,7 +166,7 @@ def invented(run, **measures: Measure) -> Case:
     ],
 )
 def test_verdicts(error, limits, result):
-    (verdict,) = judge(invented(lambda _: {"a": error}, a=Measure(limits)), stands()[0])
+    (verdict,) = judge(invented(lambda _: {"a": error}, a=Criterion(limits)), stands()[0])
     assert verdict.result == result
 
 
@@ -175,7 +175,7 @@ def test_what_cannot_be_measured_has_failed():
         require(False, "nothing moved")
         return {"a": 0.0}
 
-    (verdict,) = judge(invented(run, a=Measure({})), stands()[0])
+    (verdict,) = judge(invented(run, a=Criterion({})), stands()[0])
     assert verdict.result == "failed"
     assert verdict.note == "nothing moved"
 
@@ -185,7 +185,7 @@ def test_a_scene_that_the_backend_lacks_is_unsupported_and_other_lacks_are_error
     def run(_):
         raise Unsupported(key, "it has none")
 
-    case = invented(run, a=Measure({"double": 1}))
+    case = invented(run, a=Criterion({"double": 1}))
     if key == "numerics.precision":
         with pytest.raises(Unsupported):
             judge(case, stands()[0])
@@ -196,6 +196,6 @@ def test_a_scene_that_the_backend_lacks_is_unsupported_and_other_lacks_are_error
 
 def test_a_case_must_measure_what_it_says_and_state_a_limit():
     with pytest.raises(ValueError, match="measures"):
-        judge(invented(lambda _: {"b": 0.0}, a=Measure({"double": 1})), stands()[0])
+        judge(invented(lambda _: {"b": 0.0}, a=Criterion({"double": 1})), stands()[0])
     with pytest.raises(ValueError, match="no limit"):
-        judge(invented(lambda _: {"a": 0.0}, a=Measure({"other": 1})), stands()[0])
+        judge(invented(lambda _: {"a": 0.0}, a=Criterion({"other": 1})), stands()[0])

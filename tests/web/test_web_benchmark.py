@@ -19,6 +19,6 @@ def test_the_benchmark_asks_for_every_page_of_a_made_up_lab(tmp_path):
     found = module.pages(tmp_path / "lab", wanted=250, repeats=1, side=5)
     assert [one["page"] for one in found] == list(module.PAGES)
     assert all(one["first"] > 0 and one["kilobytes"] > 0 for one in found)
-    catalogue = Catalogue(module.Lab(tmp_path / "lab"))
+    catalogue = Catalogue(module.LabFolder(tmp_path / "lab"))
     assert len(catalogue.runs()) == 250  # two studies of 5 x 5 points with five runs each
     catalogue.close()

@@ -14,7 +14,7 @@ from PIL import Image
 from toy_lab import labbook, start, study_file
 from toy_web import ORIFICES, client, keys_of, make, serving
 
-from labbook.lab import Lab, notes
+from labbook.lab import LabFolder, notes
 
 CHROMIUM = Path("/usr/bin/chromium")
 try:
@@ -58,7 +58,9 @@ def lab(tmp_path_factory) -> Path:
     text = re.sub(r"  container\.orifice: .*\n", swept, text).replace("replicates: 3", "replicates: 2", 1)
     plane.write_text(text)
     labbook("run", plane, "--lab", folder / "lab", "--backend", "toy", check=False)
-    notes.write(Lab(folder / "lab"), "study", PLANE, notes.Note("A note of two\nlines.", ("clogs", "for-the-paper")))
+    notes.write(
+        LabFolder(folder / "lab"), "study", PLANE, notes.Note("A note of two\nlines.", ("clogs", "for-the-paper"))
+    )
     return folder / "lab"
 
 
@@ -352,8 +354,8 @@ def test_a_note_is_saved_and_shown_again(page, lab):
     page.reload()
     expect(page.locator("textarea[name=text]")).to_have_value("Arch at <0.3 s>\nof the wall & more")
     expect(page.get_by_label("Tags")).to_have_value("odd, seen")
-    assert notes.read(Lab(lab), "run", key).tags == ("odd", "seen")
-    notes.write(Lab(lab), "run", key, notes.Note())
+    assert notes.read(LabFolder(lab), "run", key).tags == ("odd", "seen")
+    notes.write(LabFolder(lab), "run", key, notes.Note())
 
 
 def test_a_tag_that_cannot_be_is_said_beside_what_was_written(chromium, base, lab):

@@ -13,7 +13,7 @@ from labbook_web.site import write
 from toy_lab import labbook, study_file
 from toy_web import client, keys_of
 
-from labbook.lab import Lab, notes
+from labbook.lab import LabFolder, notes
 from labbook.lab.notes import Note
 
 STUDY = "toy-study"
@@ -71,8 +71,8 @@ def test_tables_and_figures_can_be_saved(copied):
 @pytest.mark.slow
 def test_a_site_has_notes_only_if_that_is_said(copied):
     lab, key = copied / "lab", keys_of(copied / "lab")[0]
-    notes.write(Lab(lab), "study", STUDY, Note("The referee must not see this.", ("draft",)))
-    notes.write(Lab(lab), "run", key, Note("Nor this.", ("odd",)))
+    notes.write(LabFolder(lab), "study", STUDY, Note("The referee must not see this.", ("draft",)))
+    notes.write(LabFolder(lab), "run", key, Note("Nor this.", ("odd",)))
 
     def published(folder) -> str:
         return "".join(path.read_text() for path in folder.rglob("*.*") if path.suffix in (".html", ".json", ".csv"))

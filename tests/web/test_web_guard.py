@@ -22,7 +22,7 @@ from labbook_web.site import write
 from toy_lab import labbook, unsealed
 from toy_web import HOST, ORIFICES, Read, ask, client, everything, keys_of, listing, make
 
-from labbook.lab import Lab, notes
+from labbook.lab import LabFolder, notes
 from labbook.lab.database import opened, runs
 from labbook.lab.notes import Note
 
@@ -174,7 +174,7 @@ def test_files_of_any_name_are_handed_out_under_it(copied):
 
 def test_a_run_of_a_study_of_no_name_does_not_break_the_pages(copied):
     """It was indexed before names were looked at."""
-    with opened(Lab(copied / "lab"), read_only=False).connect() as connection:
+    with opened(LabFolder(copied / "lab"), read_only=False).connect() as connection:
         connection.execute(runs.update().where(runs.c.run_key == keys_of(copied / "lab")[0]).values(study="<b>x"))
         connection.commit()
     somebody = client(copied / "lab")
@@ -470,8 +470,8 @@ def hostile(tmp_path_factory) -> Path:
         told["sessions"][-1]["provenance"] |= {EVIL: EVIL, "commit": EVIL}
         record.write_text(json.dumps(told))
     labbook("reindex", "--lab", lab)
-    notes.write(Lab(lab), "study", STUDY, Note(EVIL, ("ünï-🧪"[:3],)))
-    notes.write(Lab(lab), "run", keys_of(lab)[0], Note(EVIL, ("tag",)))
+    notes.write(LabFolder(lab), "study", STUDY, Note(EVIL, ("ünï-🧪"[:3],)))
+    notes.write(LabFolder(lab), "run", keys_of(lab)[0], Note(EVIL, ("tag",)))
     return lab
 
 

@@ -3,7 +3,7 @@
 import pytest
 from toy_web import HOST, client, keys_of, listing
 
-from labbook.lab import Lab, notes
+from labbook.lab import LabFolder, notes
 from labbook.lab.notes import Note
 
 STUDY = "toy-study"
@@ -20,7 +20,7 @@ def test_a_note_is_a_file_and_is_shown(copied):
         answer = somebody.post(f"/note/{kind}/{name}", data=sent, headers=OURS)
         assert answer.status_code == 200
         assert "Saved in the lab" in answer.text
-        kept = notes.read(Lab(lab), "study", STUDY) if kind == "study" else notes.read(Lab(lab), "run", key)
+        kept = notes.read(LabFolder(lab), "study", STUDY) if kind == "study" else notes.read(LabFolder(lab), "run", key)
         assert kept == Note("The outlet\nlooked odd; 5 ± 1 %.", ("for-the-paper", "odd"))
         shown = somebody.get(page).text
         assert "looked odd; 5 ± 1 %." in shown
@@ -28,7 +28,7 @@ def test_a_note_is_a_file_and_is_shown(copied):
     assert "for-the-paper" in somebody.get(f"/card/{STUDY}").text
     assert "odd" in somebody.get("/runs").text
     somebody.post(f"/note/study/{STUDY}", data={"text": " ", "tags": ""}, headers=OURS)
-    assert not notes.place(Lab(lab), "study", STUDY).exists()
+    assert not notes.place(LabFolder(lab), "study", STUDY).exists()
 
 
 def test_tags_that_cannot_be_are_refused_and_nothing_is_lost(copied):
@@ -52,12 +52,12 @@ def test_notes_of_what_is_not_there_are_refused(copied):
 
 
 def test_nothing_is_noted_where_reading_is_all(copied):
-    notes.write(Lab(copied / "lab"), "study", STUDY, Note("an old one", ("kept",)))
+    notes.write(LabFolder(copied / "lab"), "study", STUDY, Note("an old one", ("kept",)))
     somebody = client(copied / "lab", read_only=True)
     answer = somebody.post(f"/note/study/{STUDY}", data={"text": "x"}, headers=OURS)
     assert answer.status_code == 403
     assert "--read-only" in answer.text
-    assert notes.read(Lab(copied / "lab"), "study", STUDY).text == "an old one"
+    assert notes.read(LabFolder(copied / "lab"), "study", STUDY).text == "an old one"
     page = somebody.get(f"/study/{STUDY}").text
     assert "an old one" in page
     assert "hx-post" not in page
@@ -86,7 +86,7 @@ def test_other_sites_cannot_write_notes(copied, headers):
 
 
 def test_a_note_that_cannot_be_read_is_said(copied):
-    path = notes.place(Lab(copied / "lab"), "study", STUDY)
+    path = notes.place(LabFolder(copied / "lab"), "study", STUDY)
     path.parent.mkdir(parents=True)
     path.write_bytes(b"\xff\xfe\x00")
     somebody = client(copied / "lab")

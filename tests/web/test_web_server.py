@@ -18,7 +18,7 @@ from labbook_web.serve import serve
 from toy_lab import WINDOW, carry_out, labbook, study_file
 from toy_web import ORIFICES, REPLICATES, Read, client, everything, keys_of, listing, make, pages, twins
 
-from labbook.lab import Catalogue, Lab, notes, studies
+from labbook.lab import Catalogue, LabFolder, notes, studies
 from labbook.lab.catalogue import RUN_COLUMNS
 from labbook.lab.notes import Note
 from labbook.results.find import find
@@ -488,8 +488,8 @@ def test_a_run_that_changed_since_it_was_indexed_is_marked(copied):
 def test_a_study_file_that_is_broken_is_one_red_card(mixed, tmp_path, done):
     lab = tmp_path / "lab"
     for one in ("toy-study", "other"):
-        text = studies.place(Lab(mixed), one).read_text() if one == "other" else "name: toy-study\ngrains: [\n"
-        studies.keep(Lab(lab), one, text)
+        text = studies.place(LabFolder(mixed), one).read_text() if one == "other" else "name: toy-study\ngrains: [\n"
+        studies.keep(LabFolder(lab), one, text)
     somebody = client(lab)
     assert somebody.get("/").status_code == 200
     wrong = somebody.get(f"/card/{STUDY}")
@@ -511,7 +511,7 @@ def test_a_given_file_that_is_broken_is_one_red_card(done, tmp_path):
 
 
 def test_runs_without_the_file_of_their_study_are_told(copied):
-    studies.place(Lab(copied / "lab"), STUDY).unlink()
+    studies.place(LabFolder(copied / "lab"), STUDY).unlink()
     somebody = client(copied / "lab")
     card = somebody.get(f"/card/{STUDY}").text
     assert f"labbook web {STUDY}.yaml" in card
@@ -526,7 +526,7 @@ def test_what_is_not_evaluated_is_said_and_stays_so(tmp_path, monkeypatch):
     """Another window than that of the runs: somebody who looks must not evaluate all runs."""
     make(tmp_path, orifices="[18, 24]", replicates=2, measure="flow_rate, outlet_profiles, packing")
     lab = tmp_path / "lab"
-    kept = studies.place(Lab(lab), STUDY)
+    kept = studies.place(LabFolder(lab), STUDY)
     kept.write_text(kept.read_text().replace(WINDOW, "window: {start: 0.2, end: 0.5}"))
     monkeypatch.setattr("labbook.lab.evaluations.evaluate", lambda *_: pytest.fail("somebody who looked evaluated"))
     before = listing(lab)
@@ -624,7 +624,7 @@ def test_runs_of_a_packing_and_of_a_tag(copied):
     told = client(lab).get("/runs.json", params={"packing": str(packing)}).json()
     assert {row["run_key"] for row in told["runs"]} == set(mine["run_key"])
     key = mine["run_key"].iloc[0]
-    notes.write(Lab(lab), "run", key, Note("", ("odd",)))
+    notes.write(LabFolder(lab), "run", key, Note("", ("odd",)))
     told = client(lab).get("/runs.json", params={"tag": "odd"}).json()
     assert [row["run_key"] for row in told["runs"]] == [key]
     assert client(lab).get("/runs.json", params={"tag": "none"}).json()["runs"] == []
@@ -654,7 +654,7 @@ def test_a_permalink_warns_when_the_results_have_changed(copied):
 
 def test_of_two_backends_the_one_with_most_runs_is_shown(mixed):
     somebody = client(mixed)
-    kept = studies.place(Lab(mixed), STUDY)
+    kept = studies.place(LabFolder(mixed), STUDY)
     assert "[8, 18, 24]" in kept.read_text()
     assert somebody.get(f"/study/{STUDY}.json").json()["backend"] == "toy"
     twin = somebody.get(f"/study/{STUDY}.json", params={"backend": "twin"}).json()

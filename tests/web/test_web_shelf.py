@@ -6,12 +6,12 @@ from collections import Counter
 from concurrent.futures import ThreadPoolExecutor
 
 import pytest
-from labbook_web.shelf import Kept, NotThere, Shelf
+from labbook_web.shelf import Cache, NotThere, Shelf
 from toy_lab import arrays, labbook, start, study_file
 from toy_web import ORIFICES, REPLICATES, client, everything, make, pages, twins
 
 from labbook.accuracy.calibration import PATH
-from labbook.lab import Catalogue, Lab, studies
+from labbook.lab import Catalogue, LabFolder, studies
 from labbook.results.find import find
 from labbook.study import StudyError, load
 
@@ -22,7 +22,7 @@ STUDY = "toy-study"
 
 
 def test_a_value_is_made_once_by_many_threads():
-    kept, made, gate = Kept(10), Counter(), threading.Barrier(16)
+    kept, made, gate = Cache(10), Counter(), threading.Barrier(16)
 
     def make_it():
         made["all"] += 1
@@ -39,14 +39,14 @@ def test_a_value_is_made_once_by_many_threads():
 
 
 def test_values_of_other_keys_are_made_side_by_side():
-    kept, both = Kept(10), threading.Barrier(2, timeout=10)
+    kept, both = Cache(10), threading.Barrier(2, timeout=10)
     with ThreadPoolExecutor(2) as threads:
         found = list(threads.map(lambda key: kept.get(key, 1, both.wait), ("a", "b")))
     assert sorted(found) == [0, 1], "each waited for the other one"
 
 
 def test_another_state_is_another_value():
-    kept = Kept(10)
+    kept = Cache(10)
     assert kept.get("key", 1, lambda: "first") == "first"
     assert kept.get("key", 1, lambda: "second") == "first"
     assert kept.get("key", 2, lambda: "second") == "second"
@@ -56,7 +56,7 @@ def test_another_state_is_another_value():
 def test_a_value_that_took_long_may_be_old_for_a_while(monkeypatch):
     clock = [100.0]
     monkeypatch.setattr(time, "monotonic", lambda: clock[0])
-    kept = Kept(10)
+    kept = Cache(10)
 
     def slow():
         clock[0] += 2.0
@@ -70,7 +70,7 @@ def test_a_value_that_took_long_may_be_old_for_a_while(monkeypatch):
 
 
 def test_the_ones_made_longest_ago_are_forgotten():
-    kept, made = Kept(3), []
+    kept, made = Cache(3), []
 
     def get(key):
         return kept.get(key, 1, lambda: made.append(key) or key)
@@ -87,7 +87,7 @@ def test_the_ones_made_longest_ago_are_forgotten():
 
 
 def test_whoever_fails_leaves_the_place_to_the_next():
-    kept = Kept(3)
+    kept = Cache(3)
     with pytest.raises(ZeroDivisionError):
         kept.get("key", 1, lambda: 1 / 0)
     assert kept.get("key", 1, lambda: 7) == 7
@@ -170,7 +170,7 @@ def test_given_files_count_before_those_of_the_lab(done, tmp_path):
 
 def test_a_kept_study_has_the_calibration_that_is_kept_with_it(tmp_path):
     own = study_file(tmp_path, "accuracy: {flow_rate: 40 %, calibration: ../elsewhere.json}")
-    lab = Lab(tmp_path / "lab")
+    lab = LabFolder(tmp_path / "lab")
     studies.keep(lab, STUDY, own.read_text(), PATH)
     assert Shelf(lab.folder).study(STUDY)[0].calibration_file == lab.studies / f"{STUDY}.calibration.json"
 
@@ -240,7 +240,7 @@ def test_readers_neither_hold_up_nor_break_a_study_that_runs(tmp_path):
     assert len(frame) == 3 * replicates
     assert set(frame["outcome"]) == {"finished"}
     assert all(arrays(folder) for folder in (lab / "runs").iterdir())
-    assert not list(Lab(lab).folder.glob("work/*"))
+    assert not list(LabFolder(lab).folder.glob("work/*"))
     found = find(load(path), Catalogue(lab), "toy")
     assert [len(one.runs) for one in found.points] == [replicates] * 3
     assert found.unreadable == ()

@@ -15,18 +15,17 @@ from pathlib import Path
 from typing import Any, TypeVar
 
 from labbook.accuracy import BESIDE
+from labbook.api import Results
 from labbook.backend import BackendMissing, installed
 from labbook.backend import load as load_backend
 from labbook.checks.compare.compare import stale
 from labbook.checks.compare.sides import CannotCompare, Side
 from labbook.checks.compare.verdict import NoVerdict, Verdict, path_of
-from labbook.lab import Catalogue, LabError, notes, studies
-from labbook.lab import Lab as Folder
+from labbook.lab import Catalogue, LabError, LabFolder, notes, studies
 from labbook.lab.catalogue import StudyCount
 from labbook.lab.notes import Note
-from labbook.plan.coverage import Asked, asked
+from labbook.plan.coverage import RequestedRun, asked
 from labbook.results.find import kept
-from labbook.results.study import Results
 from labbook.run.live import Running, running
 from labbook.study import Study, StudyError, load
 
@@ -47,7 +46,7 @@ class NotThere(LookupError):
 
 
 @dataclass(frozen=True)
-class Listed:
+class StudyListing:
     """A study as a list shows it.
 
     `path`: its file, None if the lab has only its runs; `problem`: why the file cannot be read.
@@ -126,7 +125,7 @@ class Found:
         return hashlib.blake2b(repr(shown).encode(), digest_size=5).hexdigest()
 
 
-class Kept:
+class Cache:
     """Values by key, each made once by whoever asks first, while others wait for it; the oldest are forgotten."""
 
     def __init__(self, most: int):
@@ -160,11 +159,11 @@ class Shelf:
     given one counts. `only`: show no others. `noted`: show the notes and tags of people."""
 
     def __init__(self, lab: Path, given: Sequence[Path] = (), *, only: bool = False, noted: bool = True):
-        self.lab, self._only, self._noted = Folder(lab), only, noted
+        self.lab, self._only, self._noted = LabFolder(lab), only, noted
         self._given = tuple(given)
-        self._studies, self._asked, self._results = Kept(1000), Kept(_KEPT), Kept(_KEPT)
-        self._counts, self._texts = Kept(1), Kept(1000)
-        self.pictures = Kept(400)
+        self._studies, self._asked, self._results = Cache(1000), Cache(_KEPT), Cache(_KEPT)
+        self._counts, self._texts = Cache(1), Cache(1000)
+        self.pictures = Cache(400)
         """Figures that were drawn, by study, backend and address."""
         self._opening = threading.Lock()
         self._opened: tuple[Any, Catalogue] | None = None
@@ -186,15 +185,17 @@ class Shelf:
             return time.monotonic() // _SERVER_AGE
         return tuple(_stamp(one) for one in (path, path.with_name(f"{path.name}-wal")))
 
-    def listed(self) -> list[Listed]:
+    def listed(self) -> list[StudyListing]:
         """All studies that have a file or runs, the one with the latest run first. Raises LabError."""
         counts: dict[str, list[StudyCount]] = defaultdict(list)
         for one in self.counts():
             counts[one.study].append(one)
         files = self._files()
         names = dict.fromkeys((*files, *(() if self._only else filter(None, counts))))
-        found = [Listed(name, files.get(name), tuple(counts.get(name, ())), self.note("study", name)) for name in names]
-        found += [Listed(path.stem, path, problem=why) for path, why in self._wrong().items()]
+        found = [
+            StudyListing(name, files.get(name), tuple(counts.get(name, ())), self.note("study", name)) for name in names
+        ]
+        found += [StudyListing(path.stem, path, problem=why) for path, why in self._wrong().items()]
         return sorted(found, key=lambda one: (one.latest, one.name), reverse=True)
 
     def counts(self) -> list[StudyCount]:
@@ -220,7 +221,7 @@ class Shelf:
             raise NotThere(f"the lab has no study file called {name}; it has: {known}")
         return self._read(path)
 
-    def text(self, one: Listed) -> str:
+    def text(self, one: StudyListing) -> str:
         """The text of a study's file as it is; empty if it cannot be read."""
         if one.path is None:
             return ""
@@ -244,13 +245,14 @@ class Shelf:
         path = self._files()[name]
 
         def find() -> Found:
-            results = kept(study, self.catalogue, backend, self._demands(path, study, backend))
+            kind = partial(Results, place=self.lab, backend=backend)
+            results = kept(study, self.catalogue, backend, self._demands(path, study, backend), kind)
             compared, packings_of = self._compared(study), ""
             for first, second in (one.verdict.entrants for one in compared if not results.points):
                 if second.called == backend and first.called == first.name:
                     with suppress(BackendMissing, CannotCompare):
                         packings = Side(load_backend(first.name), first.device).packings(study)
-                        results = kept(study, self.catalogue, backend, asked(study, backend, packings))
+                        results = kept(study, self.catalogue, backend, asked(study, backend, packings), kind)
                         packings_of = first.name if results.points else ""
             return Found(study, text, backend, results, compared, packings_of)
 
@@ -276,7 +278,7 @@ class Shelf:
         """Processes that run studies in this lab now."""
         return running(self.lab)
 
-    def _demands(self, path: Path, study: Study, backend: str) -> Mapping[str, Sequence[Asked]]:
+    def _demands(self, path: Path, study: Study, backend: str) -> Mapping[str, Sequence[RequestedRun]]:
         return self._asked.get((path, backend), _stamps(path), lambda: asked(study, backend))
 
     def _files(self) -> dict[str, Path]:

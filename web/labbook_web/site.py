@@ -12,8 +12,7 @@ from typing import Any
 
 from labbook.commands import command
 from labbook.export.recording import NotRecorded, ViewerMissing
-from labbook.lab import Lab as Folder
-from labbook.lab import LabError, Unreadable
+from labbook.lab import LabError, LabFolder, Unreadable
 from labbook.lab.runs import picture_content
 from labbook.study import StudyError
 from labbook_web import viewer
@@ -67,7 +66,7 @@ def write(
 
 def has_notes(lab: Path) -> bool:
     """Whether a lab has notes or tags, which a site may publish."""
-    return any(Folder(lab).notes.rglob("*.md"))
+    return any(LabFolder(lab).notes.rglob("*.md"))
 
 
 class _Writer:

@@ -19,7 +19,7 @@ QUICK = (10, 20, 40, 80)
 
 
 @dataclass(frozen=True)
-class Accuracy:
+class AccuracyReport:
     """What one backend computes on this machine: errors of contacts and beds."""
 
     backend: str
@@ -39,7 +39,7 @@ def run(
     device: str = "cpu",
     quick: bool = False,
     say: Callable[[str], None] = lambda _: None,
-) -> Accuracy:
+) -> AccuracyReport:
     """Measure the backend called `name`.
 
     precision: None for every one that it has. quick: impacts of spheres only, by two laws, to 80 steps of a collision,
@@ -64,7 +64,7 @@ def run(
         say(f"settling {called}")
         resting = bed.settled(backend, scene, device)
         beds += [bed.converge(Stand(backend, p, device), called, scene, resting, say) for p in precisions]
-    return Accuracy(name, device, hardware(), tuple(found), tuple(beds))
+    return AccuracyReport(name, device, hardware(), tuple(found), tuple(beds))
 
 
 def _plain(value: Any) -> Any:

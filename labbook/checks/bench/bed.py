@@ -14,7 +14,7 @@ from labbook.backend import Backend, Settled
 from labbook.checks.bench.order import Order, fitted
 from labbook.checks.bench.speed import pongo
 from labbook.checks.verify.materials import EVERY_LAW, G, spheres
-from labbook.checks.verify.stand import Stand, Start, require
+from labbook.checks.verify.stand import MemberStart, Stand, require
 from labbook.filling.opening import opened
 from labbook.filling.placing import place
 from labbook.scene import CylinderSilo, Scene, Spherocylinders
@@ -73,7 +73,7 @@ def settled(backend: Backend, scene: Scene, device: str = "cpu") -> Packing:
     """A bed at rest in the closed container, made in double precision."""
     closed = scene.close()
     stand = Stand(backend, "double", device)
-    fallen = Start(closed, collision(closed) / 30, place(closed, "gas", 1), settled_below=SETTLED)
+    fallen = MemberStart(closed, collision(closed) / 30, place(closed, "gas", 1), settled_below=SETTLED)
     motion = stand.run(fallen, 3000, 1000, until_event=True)
     require(any(isinstance(event, Settled) for event in motion.events), "the bed has not come to rest")
     return motion.end
@@ -122,7 +122,7 @@ def converge(stand: Stand, called: str, scene: Scene, bed: Packing, say: Callabl
 
 def _followed(stand: Stand, scene: Scene, start: Packing, dt: float, steps: int) -> Packing:
     beats = next(k for k in range(1, steps + 1) if steps % k == 0 and steps // k <= 1000)
-    end = stand.run(Start(scene, dt, start), beats, steps // beats).end
+    end = stand.run(MemberStart(scene, dt, start), beats, steps // beats).end
     require(len(end) == len(start), "a grain has left")
     order = np.argsort(end.ids) if end.ids is not None else slice(None)
     return Packing(x=end.x[order], v=end.v[order], omega=end.omega[order])

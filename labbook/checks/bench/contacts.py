@@ -13,9 +13,9 @@ import numpy as np
 
 from labbook.checks.bench.order import Order, fitted
 from labbook.checks.verify.materials import EVERY_LAW, D, G, floor, spheres
-from labbook.checks.verify.planar import Body, Impact
+from labbook.checks.verify.planar import PlanarBody, PlanarImpact
 from labbook.checks.verify.rods import ROD
-from labbook.checks.verify.stand import Stand, Start
+from labbook.checks.verify.stand import MemberStart, Stand
 from labbook.scene import ContactLaw, Kind, Primitives, Scene, Spheres, Spherocylinders, Strip, Wall
 
 STEPS = (10, 20, 40, 80, 160, 320, 640)
@@ -44,7 +44,7 @@ class Situation:
 
     name: str
     about: str
-    make: Callable[[Make], Sequence[Impact]]
+    make: Callable[[Make], Sequence[PlanarImpact]]
     rods: bool = False
 
 
@@ -78,7 +78,7 @@ def converge(
 
 
 def measured(
-    stand: Stand, impacts: Sequence[Impact], called: tuple[str, str], steps: Sequence[int], phases: int = PHASES
+    stand: Stand, impacts: Sequence[PlanarImpact], called: tuple[str, str], steps: Sequence[int], phases: int = PHASES
 ) -> Convergence:
     """Measure impacts that share a kernel. called: names of the situation and the law."""
     expected = [impact.parted() for impact in impacts]
@@ -92,18 +92,21 @@ def measured(
     return Convergence(*called, stand.precision, tuple(steps), error, bias, scatter, *orders)
 
 
-def errors(stand: Stand, impact: Impact, expected: np.ndarray, steps: int, phases: int) -> np.ndarray:
+def errors(stand: Stand, impact: PlanarImpact, expected: np.ndarray, steps: int, phases: int) -> np.ndarray:
     """Errors of every velocity and spin at each phase, in parts of the speed: shape [phases, components].
 
     Steps differ by up to half a step a collision between phases: where a collision is a whole number of steps, it ends
     at the phase at which it began, and errors of both cancel. A contact that is there from the beginning has no phase.
     """
     if impact.scene.gravity:
-        starts, count = [Start(impact.scene, impact.lasts / steps, impact.packing(0.0))], round(impact.follow * steps)
+        starts, count = (
+            [MemberStart(impact.scene, impact.lasts / steps, impact.packing(0.0))],
+            round(impact.follow * steps),
+        )
     else:
         sizes = [impact.lasts / (steps + (k * GOLDEN) % 1 - 0.5) for k in range(phases)]
         before = [(AHEAD + (k + 0.5) / phases) * dt for k, dt in enumerate(sizes)]
-        starts = [Start(impact.scene, dt, impact.packing(b)) for dt, b in zip(sizes, before, strict=True)]
+        starts = [MemberStart(impact.scene, dt, impact.packing(b)) for dt, b in zip(sizes, before, strict=True)]
         count = math.ceil(impact.follow * (steps + 0.5)) + AHEAD + 1
     motions = stand.run_all(starts, 1, count)
     return np.array([np.ravel(impact.error(motion.end, expected)) for motion in motions])
@@ -126,34 +129,34 @@ def _scene(grains: Spheres | Spherocylinders, law: ContactLaw, *walls: Wall, gra
     return Scene(grains=grains, contact=law, container=Primitives(parts=walls), gravity=gravity)
 
 
-def _sphere(x: float, z: float, vx: float, vz: float, spin: float = 0.0) -> Body:
-    return Body.sphere(spheres(1), (x, z), (vx, vz), spin)
+def _sphere(x: float, z: float, vx: float, vz: float, spin: float = 0.0) -> PlanarBody:
+    return PlanarBody.sphere(spheres(1), (x, z), (vx, vz), spin)
 
 
-def head_on(make: Make, **given: float) -> list[Impact]:
+def head_on(make: Make, **given: float) -> list[PlanarImpact]:
     """Two spheres, each at half the velocity."""
     law = make(rolling_friction=0, **{**ELASTIC, **SMOOTH, **given})
     bodies = _sphere(0, D, 0, -SPEED / 2), _sphere(0, 0, 0, SPEED / 2)
-    return [Impact.of(_scene(spheres(2), law), bodies, "none", SPEED)]
+    return [PlanarImpact.of(_scene(spheres(2), law), bodies, "none", SPEED)]
 
 
-def at_floor(make: Make, slips: Sequence[float], spins: Sequence[float] = (0.0,), **given: Any) -> list[Impact]:
+def at_floor(make: Make, slips: Sequence[float], spins: Sequence[float] = (0.0,), **given: Any) -> list[PlanarImpact]:
     """A sphere at a plane; slips, spins: tangential velocity, and that of the surface by spin, over the normal one."""
     law = make(rolling_friction=0, **{**HALVED, **given})
     scene, r = _scene(spheres(1), law, floor()), D / 2
     return [
-        Impact.of(scene, (_sphere(0, r, slip * SPEED, -SPEED, spin * SPEED / r),), "floor", SPEED, follow=2.5)
+        PlanarImpact.of(scene, (_sphere(0, r, slip * SPEED, -SPEED, spin * SPEED / r),), "floor", SPEED, follow=2.5)
         for slip in slips
         for spin in spins
     ]
 
 
-def _two_spinning(make: Make) -> list[Impact]:
+def _two_spinning(make: Make) -> list[PlanarImpact]:
     law = make(rolling_friction=0, **HALVED)
     scene, r = _scene(spheres(2), law), D / 2
     spins = [spin * SPEED / D / 2 for spin in SPINS]  # both turn alike, each with half of the slip
     return [
-        Impact.of(
+        PlanarImpact.of(
             scene,
             (_sphere(0, 2 * r, 0, -SPEED / 2, w), _sphere(0, 0, 0, SPEED / 2, w)),
             "none",
@@ -164,7 +167,7 @@ def _two_spinning(make: Make) -> list[Impact]:
     ]
 
 
-def _unlike(make: Make) -> list[Impact]:
+def _unlike(make: Make) -> list[PlanarImpact]:
     law = make(rolling_friction=0, **HALVED)
     kinds = (
         Kind(name="small", share=0.5, diameter=D, density=2500),
@@ -173,9 +176,9 @@ def _unlike(make: Make) -> list[Impact]:
     scene = _scene(Spheres(diameter=5 * D, density=2500, count=2, kinds=kinds), law)
     large = Spheres(diameter=5 * D, density=2500, count=1)
     return [
-        Impact.of(
+        PlanarImpact.of(
             scene,
-            (_sphere(0, 3 * D, 0, -SPEED, 2 * w * SPEED / D), Body.sphere(large, (0, 0), (0, 0))),
+            (_sphere(0, 3 * D, 0, -SPEED, 2 * w * SPEED / D), PlanarBody.sphere(large, (0, 0), (0, 0))),
             "none",
             SPEED,
             follow=2.5,
@@ -184,8 +187,8 @@ def _unlike(make: Make) -> list[Impact]:
     ]
 
 
-def _rod(place: tuple[float, float], angle: float, v: tuple[float, float] = (0.0, 0.0)) -> Body:
-    return Body(ROD.mass, ROD.inertia, ROD.radius, ROD.half_length, place, v, angle)
+def _rod(place: tuple[float, float], angle: float, v: tuple[float, float] = (0.0, 0.0)) -> PlanarBody:
+    return PlanarBody(ROD.mass, ROD.inertia, ROD.radius, ROD.half_length, place, v, angle)
 
 
 def _rods(count: int, make: Make, *walls: Wall) -> Scene:
@@ -193,28 +196,28 @@ def _rods(count: int, make: Make, *walls: Wall) -> Scene:
     return _scene(ROD.model_copy(update={"count": count}), law, *walls)
 
 
-def _between(make: Make, one: Body, other: Body, **more: Any) -> Impact:
-    return Impact.of(_rods(2, make), (one, other), "none", SPEED, follow=4.0, **more)
+def _between(make: Make, one: PlanarBody, other: PlanarBody, **more: Any) -> PlanarImpact:
+    return PlanarImpact.of(_rods(2, make), (one, other), "none", SPEED, follow=4.0, **more)
 
 
 R, HALF = ROD.radius, ROD.half_length
 
 
-def _end_to_end(make: Make) -> list[Impact]:
+def _end_to_end(make: Make) -> list[PlanarImpact]:
     aside, tilt = 0.3, 0.2
     end = 2 * R * math.sin(aside), HALF + 2 * R * math.cos(aside)
     upper = end[0] + HALF * math.sin(tilt), end[1] + HALF * math.cos(tilt)
     return [_between(make, _rod(upper, tilt, (0.0, -SPEED)), _rod((0.0, 0.0), 0.0))]
 
 
-def _crossed(make: Make) -> list[Impact]:
-    across = Body(ROD.mass, ROD.inertia_axis, R, 0.0, (0.0, 0.0), (0.0, 0.0))
+def _crossed(make: Make) -> list[PlanarImpact]:
+    across = PlanarBody(ROD.mass, ROD.inertia_axis, R, 0.0, (0.0, 0.0), (0.0, 0.0))
     upper = _rod((-HALF / 2, 2 * R), math.pi / 2, (0.8 * SPEED, -SPEED))
     side = (math.sqrt(0.5), -math.sqrt(0.5), 0.0, 0.0)
     return [_between(make, upper, across, turned=((0.0,) * 4, side))]
 
 
-def beside(make: Make, tilt: float) -> list[Impact]:
+def beside(make: Make, tilt: float) -> list[PlanarImpact]:
     """The end of a rod comes down on the side of another, to which it is tilted [rad]."""
     end = 0.4 * HALF if tilt > 0.01 else -0.8 * HALF
     upper = end + HALF * math.cos(tilt), 2 * R + HALF * math.sin(tilt)
@@ -222,32 +225,32 @@ def beside(make: Make, tilt: float) -> list[Impact]:
     return [_between(make, *bodies)]
 
 
-def _at_floor(make: Make, tilt: float) -> list[Impact]:
+def _at_floor(make: Make, tilt: float) -> list[PlanarImpact]:
     a = math.sin(tilt), math.cos(tilt)
     place = HALF * a[0], R + HALF * a[1]
     slip = 0.8 * SPEED if tilt < 1 else 0.0
-    return [Impact.of(_rods(1, make, floor()), (_rod(place, tilt, (slip, -SPEED)),), "floor", SPEED, follow=4.0)]
+    return [PlanarImpact.of(_rods(1, make, floor()), (_rod(place, tilt, (slip, -SPEED)),), "floor", SPEED, follow=4.0)]
 
 
-def _at_edge(make: Make) -> list[Impact]:
+def _at_edge(make: Make) -> list[PlanarImpact]:
     tilt, at = 0.5, -0.3 * HALF
     a, n = (-math.cos(tilt), math.sin(tilt)), (math.sin(tilt), math.cos(tilt))
     place = R * n[0] - at * a[0], R * n[1] - at * a[1]
     v = SPEED * (0.8 * a[0] - n[0]), SPEED * (0.8 * a[1] - n[1])
-    return [Impact.of(_rods(1, make, EDGE), (_rod(place, math.atan2(*a), v),), "edge", SPEED, follow=4.0)]
+    return [PlanarImpact.of(_rods(1, make, EDGE), (_rod(place, math.atan2(*a), v),), "edge", SPEED, follow=4.0)]
 
 
-def slowing(make: Make) -> list[Impact]:
+def slowing(make: Make) -> list[PlanarImpact]:
     """A sphere that rests on a floor and begins to slide along it: it rolls after half of the time."""
     law = make(rolling_friction=0, **HALVED)
     scene = _scene(spheres(1), law, floor(), gravity=G)
-    still = Impact.of(scene, (_sphere(0, D / 2, 0, 0),), "floor", SPEED, follow=20.0)
+    still = PlanarImpact.of(scene, (_sphere(0, D / 2, 0, 0),), "floor", SPEED, follow=20.0)
     overlap = _resting(still)
     speed = 3.5 * law.friction * G * 0.5 * still.follow * still.lasts
     return [replace(still, bodies=(_sphere(0, D / 2 - overlap, speed, 0),), speed=speed)]
 
 
-def _resting(impact: Impact) -> float:
+def _resting(impact: PlanarImpact) -> float:
     """Overlap [m] at which a contact carries the weight of the body."""
     from scipy.optimize import root_scalar
 

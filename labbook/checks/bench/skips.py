@@ -80,7 +80,7 @@ SKIPS = (
 
 
 @dataclass(frozen=True)
-class Saved:
+class SkipSaving:
     """What one skip saves: time with it put back over time without, median and range over rounds.
 
     `same`: whether both states are the same in every bit, after COMPARED beats; `difference`: the largest one of
@@ -105,7 +105,7 @@ class SkipsBench:
     hardware: dict[str, object]
     scenes: int
     grains: int
-    saved: tuple[Saved, ...]
+    saved: tuple[SkipSaving, ...]
 
     def as_dict(self) -> dict[str, object]:
         """For JSON."""
@@ -138,7 +138,7 @@ def run(
 
 def measured(
     skip: Skip, backend: Backend, device: str, scene: Scene, numerics: Numerics, start: Packing, repeats: int
-) -> Saved:
+) -> SkipSaving:
     """What `skip` saves in `scene`, from `start` on."""
     more = numerics.model_copy(update=dict(skip.numerics))
     members = side_by_side(device)
@@ -162,7 +162,7 @@ def measured(
     one, other = ends
     same = all(np.array_equal(getattr(one, key), getattr(other, key)) for key in ("x", "v", "omega"))
     difference = float(np.abs(one.x - other.x).max()) / scene.grains.diameter
-    return Saved(skip.name, statistics.median(ratios), min(ratios), max(ratios), same, difference)
+    return SkipSaving(skip.name, statistics.median(ratios), min(ratios), max(ratios), same, difference)
 
 
 def side_by_side(device: str) -> int:

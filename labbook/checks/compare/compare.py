@@ -12,13 +12,14 @@ from labbook.checks.compare.sides import CannotCompare, Pair, Side, from_shared
 from labbook.checks.compare.verdict import Cost, NoVerdict, PointVerdict, Verdict, path_of
 from labbook.lab import Catalogue, Entry, FinishedRun, RunRecord
 from labbook.lab.evaluations import numbers
-from labbook.lab.folder import Lab, stamp
+from labbook.lab.folder import LabFolder, stamp
 from labbook.lab.provenance import now
 from labbook.lab.records import Observe
 from labbook.measure import MEASURES
 from labbook.plan.demand import PointDemand
 from labbook.plan.plan import Planner, PointPlan
-from labbook.run.runner import Runner, Summary
+from labbook.run.runner import Runner
+from labbook.run.summary import Summary
 from labbook.run.watch import Unwatched, Watcher
 from labbook.study import Study
 from labbook.study.schema import Accuracy
@@ -38,6 +39,10 @@ def narrowed(study: Study, points: Sequence[int] = (), replicates: int | None = 
     A test wants a number of replicates that does not depend on their values. Raises CannotCompare for a point that is
     not there and for fewer than 2 replicates.
     """
+    if study.adapt is not None:
+        raise CannotCompare(
+            f"{study.name}: adapt: its points follow from the results of one backend; state the points to compare"
+        )
     wrong = [index for index in points if not 0 <= index < len(study.points)]
     if wrong:
         raise CannotCompare(f"--point {wrong[0] + 1}: {study.name} has the points 1 to {len(study.points)}")
@@ -52,7 +57,7 @@ def narrowed(study: Study, points: Sequence[int] = (), replicates: int | None = 
 
 def compare(
     study: Study,
-    lab: Lab,
+    lab: LabFolder,
     pair: Pair,
     margin: float,
     watcher: Watcher | None = None,
@@ -159,7 +164,7 @@ def _run_keys(
     return tuple(tuple(shared.run(seed).keys(one.can, scenes).run for seed in seeds) for one, shared in both)
 
 
-def _run(study: Study, lab: Lab, pair: Pair, watcher: Watcher) -> list[Summary]:
+def _run(study: Study, lab: LabFolder, pair: Pair, watcher: Watcher) -> list[Summary]:
     """Run what is missing: the first backend's runs, the second's from the same packings, and its own packings."""
     first, second = pair
     sessions = []
@@ -175,7 +180,7 @@ def _run(study: Study, lab: Lab, pair: Pair, watcher: Watcher) -> list[Summary]:
     return sessions
 
 
-def _finished(lab: Lab, one: Side, plans: Sequence[PointPlan]) -> list[FinishedRun]:
+def _finished(lab: LabFolder, one: Side, plans: Sequence[PointPlan]) -> list[FinishedRun]:
     """The runs that are there; one that several points share comes once."""
     done = {item.keys.run: item for plan in plans for item in plan.items if item.state == "done"}
     found = []

@@ -30,7 +30,7 @@ from labbook.export.recording import (
     written,
 )
 from labbook.filling import opened
-from labbook.lab.folder import Lab
+from labbook.lab.folder import LabFolder
 from labbook.lab.packings import load_packing
 from labbook.plan.demand import Demand
 from labbook.scene import Packing, Scene
@@ -49,7 +49,7 @@ _INTERVAL = 0.05  # between frames [sqrt(d/g)]
 
 
 @dataclass(frozen=True)
-class Frame:
+class FramePair:
     """The same moment in both backends: time since the opening [s] and rows of the sample, sorted by id.
 
     `rates`: grain-steps per second of each backend so far, without its first beats, in which it may still compile;
@@ -68,8 +68,8 @@ class Frame:
 
 
 def side_by_side(
-    pair: Pair, demand: Demand, lab: Lab, every: float, seconds: float, fields: tuple[str, ...]
-) -> Generator[Frame]:
+    pair: Pair, demand: Demand, lab: LabFolder, every: float, seconds: float, fields: tuple[str, ...]
+) -> Generator[FramePair]:
     """A run of the first side, by both: a frame with these `fields` about `every` [s], for `seconds` or until one is
     over, which is the last. Raises Unreadable or Unsupported."""
     shared = demand.shared
@@ -83,7 +83,7 @@ def side_by_side(
     ):
         for number in range(1, int(seconds / numerics.beat * (1 + 1e-9)) + 1):
             (a, rate, why), (b, other_rate, other_why) = next(first), next(second)
-            frame = Frame(number * numerics.beat, (a, b), (rate, other_rate), why or other_why)
+            frame = FramePair(number * numerics.beat, (a, b), (rate, other_rate), why or other_why)
             yield frame
             if frame.over:
                 return
@@ -115,7 +115,9 @@ def _alone(
         ensemble.close()
 
 
-def divergence(pair: Pair, demands: tuple[Demand, Demand], lab: Lab, known: Mapping[str, Divergence]) -> Divergence:
+def divergence(
+    pair: Pair, demands: tuple[Demand, Demand], lab: LabFolder, known: Mapping[str, Divergence]
+) -> Divergence:
     """Of the same run of both backends, whose packing the first one has made; one that is `known` by its key is not
     found again. Raises Unreadable or Unsupported."""
     keys = [demand.keys(one.can).run for one, demand in zip(pair, demands, strict=True)]
@@ -146,7 +148,7 @@ def divergence(pair: Pair, demands: tuple[Demand, Demand], lab: Lab, known: Mapp
     )  # fmt: skip
 
 
-def distances(frame: Frame) -> np.ndarray:
+def distances(frame: FramePair) -> np.ndarray:
     """Distances [m] between the two places of every grain that both backends have."""
     a, b = frame.tables
     _, here, there = np.intersect1d(a["id"], b["id"], assume_unique=True, return_indices=True)
@@ -154,7 +156,7 @@ def distances(frame: Frame) -> np.ndarray:
     return np.sqrt(sum(part**2 for part in apart))
 
 
-def record(study: Study, point: Point, lab: Lab, pair: Pair, seconds: float, path: Path) -> Path:
+def record(study: Study, point: Point, lab: LabFolder, pair: Pair, seconds: float, path: Path) -> Path:
     """Step both backends for `seconds` from the first one's packing at `point`, and write both side by side to `path`
     (.rrd), on one clock, in place by one rename. Raises ViewerMissing, Unreadable or Unsupported."""
     need_rerun()

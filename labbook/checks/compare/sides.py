@@ -1,11 +1,10 @@
 """The two sides of a comparison: each a backend on a device, in a precision."""
 
 from dataclasses import dataclass, replace
-from typing import get_args
 
 from labbook.backend import Backend, Capabilities, load
 from labbook.backend.numerics import Numerics, Precision
-from labbook.checks.compare.verdict import Entrant, called
+from labbook.checks.compare.verdict import Entrant
 from labbook.plan.demand import PackingsOf, PointDemand
 from labbook.study import Point, Study
 
@@ -61,40 +60,28 @@ def from_shared(study: Study, point: Point, pair: Pair) -> tuple[PointDemand, Po
     return PointDemand(study, first, packings), PointDemand(study, second, packings)
 
 
-def parse(backends: str, devices: str, precisions: str | None = None) -> Pair:
-    """From `numba,warp`, `cpu,cuda:0` and `double,mixed`. Raises CannotCompare or BackendMissing."""
-    names, (here, there) = _two(backends, "--backends", "numba,warp"), _two(devices, "--devices", "cpu,cuda:0")
-    one, other = _precisions(precisions)
-    _differ((names[0], one), (names[1], other))
-    return Side(load(names[0]), here, one), Side(load(names[1]), there, other)
+Precisions = tuple[Precision | None, Precision | None]
+"""Of both sides; None: that of the study."""
 
 
-def names_of(backends: str, precisions: str | None = None) -> tuple[str, str]:
-    """What both sides are called, without loading a backend. Raises CannotCompare."""
-    one, other = zip(_two(backends, "--backends", "numba,warp"), _precisions(precisions), strict=True)
-    _differ(one, other)
-    return called(*one), called(*other)
+def pair_of(names: tuple[str, str], devices: tuple[str, str], precisions: Precisions = (None, None)) -> Pair:
+    """Load both sides of a comparison.
+
+    Args:
+        names: Of the backends; the first one makes the shared packings.
+        devices: Of each.
+        precisions: Of each; None: that of the study.
+
+    Raises:
+        CannotCompare: The two are the same.
+        BackendMissing: One is not installed.
+    """
+    refuse_same(names, precisions)
+    first, second = map(load, names)
+    return Side(first, devices[0], precisions[0]), Side(second, devices[1], precisions[1])
 
 
-def _differ(one: tuple[str, Precision | None], other: tuple[str, Precision | None]) -> None:
-    if one == other:
-        remedy = "name two backends, such as numba,warp, or --precisions double,mixed"
-        raise CannotCompare(f"--backends: {one[0]} is compared with itself; {remedy}")
-
-
-def _precisions(text: str | None) -> tuple[Precision | None, Precision | None]:
-    if text is None:
-        return None, None
-    known: dict[str, Precision] = {word: word for word in get_args(Precision)}
-    words = _two(text, "--precisions", "double,mixed")
-    if unknown := [word for word in words if word not in known]:
-        raise CannotCompare(f"--precisions: no precision is called {unknown[0]}; use two of {', '.join(known)}")
-    return known[words[0]], known[words[1]]
-
-
-def _two(text: str, option: str, example: str) -> tuple[str, str]:
-    words = [word.strip() for word in text.split(",")]
-    if len(words) != 2 or not all(words):
-        wanted = f"two names separated by a comma are needed, such as {example}"
-        raise CannotCompare(f"{option}: {wanted}, not {text!r}")
-    return words[0], words[1]
+def refuse_same(names: tuple[str, str], precisions: Precisions) -> None:
+    """Raise CannotCompare for two sides that are the same."""
+    if (names[0], precisions[0]) == (names[1], precisions[1]):
+        raise CannotCompare(f"{names[0]} is compared with itself; compare two backends, or two precisions of one")

@@ -6,7 +6,7 @@ from typing import Literal, Self
 from pydantic import ValidationError
 
 from labbook.backend.numerics import Precision
-from labbook.lab.folder import Lab, write_bytes
+from labbook.lab.folder import LabFolder, write_bytes
 from labbook.lab.records import Part, StoredBackend
 
 Finding = Literal["equivalent", "different", "undecided", "untested"]
@@ -139,7 +139,7 @@ class Verdict(Part):
             raise NoVerdict(f"{path} cannot be read ({type(error).__name__}): compare the backends again") from error
 
 
-def path_of(lab: Lab, study: str, first: str, second: str) -> Path:
+def path_of(lab: LabFolder, study: str, first: str, second: str) -> Path:
     """Where the verdict on a study is kept; `first`, `second`: what the sides are called."""
     return lab.folder / "compare" / study / f"{first}-{second}.json"
 

@@ -7,12 +7,12 @@ from concurrent.futures.process import BrokenProcessPool
 from dataclasses import dataclass
 
 from labbook.backend import load
-from labbook.checks.stress.case import Case, Ending, Row, judge, row
+from labbook.checks.stress.case import Ending, Row, StressCase, judge, row
 from labbook.checks.verify.stand import Stand
 
 
 @dataclass(frozen=True)
-class Bench:
+class NamedBackend:
     """A backend by its name, in one precision on one device: what a process of its own can load."""
 
     backend: str
@@ -24,7 +24,7 @@ class Bench:
         return Stand(load(self.backend), self.precision, self.device)
 
 
-def judged(cases: Sequence[Case], bench: Bench) -> Generator[list[Row], None, None]:
+def judged(cases: Sequence[StressCase], bench: NamedBackend) -> Generator[list[Row], None, None]:
     """Rows of each case in turn, from a process that is started anew where a case hung or ended it."""
     pool = _pool()
     try:
@@ -42,7 +42,7 @@ def judged(cases: Sequence[Case], bench: Bench) -> Generator[list[Row], None, No
         _stop(pool)
 
 
-def _judge(case: Case, bench: Bench) -> list[Row]:
+def _judge(case: StressCase, bench: NamedBackend) -> list[Row]:
     return judge(case, bench.stand())
 
 

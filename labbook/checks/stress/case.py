@@ -5,8 +5,8 @@ from dataclasses import dataclass
 from typing import Literal
 
 from labbook.backend import Unsupported
-from labbook.checks.verify.case import SCENE_KEYS, Measure, kind
-from labbook.checks.verify.stand import NotMeasured, Stand
+from labbook.checks.verify.case import SCENE_KEYS, Criterion, kind
+from labbook.checks.verify.stand import CaseNotMeasured, Stand
 
 Outcome = Literal["right", "named error", "failed", "unsupported"]
 
@@ -31,7 +31,7 @@ class Ending:
 
 
 @dataclass(frozen=True)
-class Case:
+class StressCase:
     """One attempt to break a backend. `run` yields how each part of it ended.
 
     `what`: what is done, in a line. `oracle`: what tells right from wrong. `seconds`: wall-clock time after which the
@@ -62,7 +62,7 @@ class Row:
     unit: str
 
 
-def judge(case: Case, stand: Stand) -> list[Row]:
+def judge(case: StressCase, stand: Stand) -> list[Row]:
     """Run a case: its parts, and what stopped it, if anything did. A case without a single part has failed."""
     endings: list[Ending] = []
     try:
@@ -73,19 +73,19 @@ def judge(case: Case, stand: Stand) -> list[Row]:
     except Unsupported as reason:
         outcome: Outcome = "unsupported" if reason.key in SCENE_KEYS else "failed"
         endings.append(Ending("", outcome, str(reason)))
-    except (Broken, NotMeasured) as reason:
+    except (Broken, CaseNotMeasured) as reason:
         endings.append(Ending("", "failed", str(reason)))
     except Exception as error:  # whatever a backend raises that no case expects: it is what the suite looks for
         endings.append(Ending("", "failed", f"{type(error).__name__}: {error}"))
     return [row(case, ending) for ending in endings]
 
 
-def row(case: Case, ending: Ending) -> Row:
+def row(case: StressCase, ending: Ending) -> Row:
     """An ending with its case."""
     return Row(case=case.name, what=case.what, oracle=case.oracle, **vars(ending))
 
 
-def within(stand: Stand, part: str, what: str, error: float, measure: Measure) -> Ending:
+def within(stand: Stand, part: str, what: str, error: float, measure: Criterion) -> Ending:
     """Right if the error is at most the limit of the stand's precision; failed beyond it, or if it is NaN."""
     limit = measure.limits[kind(stand)]
     unit = f" {measure.unit}" if measure.unit else ""

@@ -1,9 +1,9 @@
 """All cases, in the order in which they are best read."""
 
 from labbook.checks.stress import counts, frames, geometry, impacts, steps
-from labbook.checks.stress.case import Case
+from labbook.checks.stress.case import StressCase
 
-CASES: tuple[Case, ...] = (
+CASES: tuple[StressCase, ...] = (
     *impacts.CASES,
     *steps.CASES,
     *geometry.CASES,
@@ -12,7 +12,7 @@ CASES: tuple[Case, ...] = (
 )
 
 
-def chosen(names: list[str]) -> list[Case]:
+def chosen(names: list[str]) -> list[StressCase]:
     """Cases whose name is, or begins with, one of `names`; all if there are none. Raises KeyError for no match."""
     for name in names:
         if not any(case.name.startswith(name) for case in CASES):

@@ -6,13 +6,13 @@ from collections.abc import Iterator
 import numpy as np
 
 from labbook.backend.probes import Ledger, Sample
-from labbook.checks.stress.case import Case, Ending, within
+from labbook.checks.stress.case import Ending, StressCase, within
 from labbook.checks.stress.watch import Course, follow, one_line, refused, sound
 from labbook.checks.verify.case import limited
 from labbook.checks.verify.collision import duration
 from labbook.checks.verify.gas import elastic_energy
 from labbook.checks.verify.materials import LAWS, D, G, scene
-from labbook.checks.verify.stand import Stand, Start, grains_at
+from labbook.checks.verify.stand import MemberStart, Stand, grains_at
 from labbook.scene import Bodies, Kind, Primitives, Scene, Spheres
 from labbook.scene.packing import Packing
 from labbook.scene.sizes import SMALLEST_PART
@@ -36,7 +36,7 @@ def _sizes(stand: Stand) -> Iterator[Ending]:
             start = _beset(here, ratio)
             dt = 0.2 * largest_stable_step(here)
             steps = math.ceil(BESET / dt / 10)
-            course = follow(stand, Start(here, dt, start), 10, steps, [Ledger()])
+            course = follow(stand, MemberStart(here, dt, start), 10, steps, [Ledger()])
             part = f"{law}, 1:{ratio}, {len(start) - 1} small grains"
             if course.guard:
                 yield _short(part, course)
@@ -102,14 +102,14 @@ def _crowd(stand: Stand) -> Iterator[Ending]:
         overlap = D - apart[apart < D]
         stored = float(elastic_energy(here, overlap, np.zeros(len(overlap), bool)).sum())
         dt = duration(here, 1.0) / 2000
-        course = follow(stand, Start(here, dt, grains_at(x)), 10, 500)
+        course = follow(stand, MemberStart(here, dt, grains_at(x)), 10, 500)
         part = f"{law}, within the overlap limit"
         if course.guard == "room":
             yield _short(part, course)
         else:
             outcome = "named error" if course.guard == "overlap" else "failed"
             yield Ending(part, outcome, one_line(course.message or "silence: no guard has named the overlaps"))
-        course = follow(stand, Start(here, dt, grains_at(x), numerics={"overlap_limit": 1.0}), 10, 500)
+        course = follow(stand, MemberStart(here, dt, grains_at(x), numerics={"overlap_limit": 1.0}), 10, 500)
         part = f"{law}, without an overlap limit"
         if course.guard:
             yield _short(part, course)
@@ -124,7 +124,7 @@ def _few(stand: Stand) -> Iterator[Ending]:
     """One grain falls freely from the start: leapfrog is exact where the force is constant."""
     here = scene(1, LAWS["linear"](), Primitives(), G)
     dt, steps = 1e-5, 20_000
-    course = follow(stand, Start(here, dt, grains_at([[0.0, 0.0, 0.0]], [[0.3, 0.0, 0.0]])), 4, steps // 4)
+    course = follow(stand, MemberStart(here, dt, grains_at([[0.0, 0.0, 0.0]], [[0.3, 0.0, 0.0]])), 4, steps // 4)
     time = steps * dt
     end = sound(course).end
     fallen = max(abs(float(end.x[0, 2]) / (-0.5 * G * time**2) - 1), abs(float(end.x[0, 0]) / (0.3 * time) - 1))
@@ -132,7 +132,7 @@ def _few(stand: Stand) -> Iterator[Ending]:
     none = np.zeros((0, 3))
 
     def admitted() -> Course:
-        return follow(stand, Start(here, dt, Packing(x=none, v=none, omega=none)), 2, 100)
+        return follow(stand, MemberStart(here, dt, Packing(x=none, v=none, omega=none)), 2, 100)
 
     def described() -> Spheres:
         return Spheres(diameter=D, density=2500, count=0)
@@ -142,19 +142,19 @@ def _few(stand: Stand) -> Iterator[Ending]:
 
 
 CASES = [
-    Case(
+    StressCase(
         name="few-grains",
         what="one grain in free space; none in the scene, or in the packing",
         oracle="exact free fall; a named error before anything runs",
         run=_few,
     ),
-    Case(
+    StressCase(
         name="crowd",
         what="125 grains pressed into a cluster with 56 near neighbours each",
         oracle="kinetic energy = stored energy; the overlap guard, or an error on full lists",
         run=_crowd,
     ),
-    Case(
+    StressCase(
         name="size-ratio",
         what="a sphere surrounded by smaller ones, down to d/10, and one of d/20",
         oracle="momentum; energy does not grow; an error on small sizes or full lists",

@@ -9,7 +9,7 @@ from functools import partial
 import numpy as np
 
 from labbook.backend.probes import Sample
-from labbook.checks.stress.case import Case, Ending, within
+from labbook.checks.stress.case import Ending, StressCase, within
 from labbook.checks.stress.impacts import ANGLES, PER_CONTACT, RIGID, SPEED, glancing
 from labbook.checks.stress.watch import follow, sound
 from labbook.checks.verify.case import limited
@@ -18,7 +18,7 @@ from labbook.checks.verify.materials import LAWS, D, G, room, scene, spheres
 from labbook.checks.verify.rolling import DT as ROLLING_DT
 from labbook.checks.verify.rolling import lever, resting_on, slope
 from labbook.checks.verify.rolling_spring import HELD, MILLION, pyramid
-from labbook.checks.verify.stand import Stand, Start
+from labbook.checks.verify.stand import MemberStart, Stand
 from labbook.scene import Box, Plane, Primitives, Scene, Wall
 from labbook.scene.packing import Packing
 
@@ -74,7 +74,7 @@ def _far(stand: Stand) -> Iterator[Ending]:
         for at in (np.zeros(3), np.full(3, AWAY)):
             here = scene(12, LAWS[law](**SOFT[law]), _walls(at), G)
             start = _cluster(ULP)
-            motion = sound(follow(stand, Start(here, STEP, replace(start, x=start.x + at)), 4, STEPS // 4))
+            motion = sound(follow(stand, MemberStart(here, STEP, replace(start, x=start.x + at)), 4, STEPS // 4))
             order = motion.end.rows(np.arange(12))
             ends.append((motion.end.x[order] - at, motion.end.v[order], len(motion.end.pairs)))
         (x, v, pairs), (far_x, far_v, _) = ends
@@ -102,8 +102,8 @@ def _units(stand: Stand) -> Iterator[Ending]:
         other = Scene(grains=grains, contact=contact, container=box, gravity=G * LENGTH / TIME**2)
         start = _cluster(0.0)
         scaled = Packing(x=start.x * LENGTH, v=start.v * (LENGTH / TIME), omega=start.omega / TIME)
-        a = sound(follow(stand, Start(one, STEP, start), 4, STEPS // 4)).end
-        b = sound(follow(stand, Start(other, STEP * TIME, scaled), 4, STEPS // 4)).end
+        a = sound(follow(stand, MemberStart(one, STEP, start), 4, STEPS // 4)).end
+        b = sound(follow(stand, MemberStart(other, STEP * TIME, scaled), 4, STEPS // 4)).end
         first, second = (end.rows(np.arange(12)) for end in (a, b))
         off = float(np.abs(a.x[first] - b.x[second] / LENGTH).max()) / D
         yield within(stand, law, "position", off, limited(1e-11, "d", roundings=1000))
@@ -125,7 +125,7 @@ def _moving(stand: Stand) -> Iterator[Ending]:
             ends = []
             for drift in (np.zeros(3), DRIFT):
                 start = glancing(angle, dt, drift, np.array([0.0, 0.0, 1.0]))
-                motion = sound(follow(stand, Start(here, dt, start), 4, PER_CONTACT))
+                motion = sound(follow(stand, MemberStart(here, dt, start), 4, PER_CONTACT))
                 ends.append((motion.end.v - drift, motion.end.omega))
             off = float(np.abs(ends[0][0] - ends[1][0]).max()) / SPEED
             spun = float(np.abs(ends[0][1] - ends[1][1]).max()) * D / SPEED
@@ -148,7 +148,7 @@ def _inclines(stand: Stand) -> Iterator[Ending]:
         for angle in SLOPES:
             for friction in (0.1, 5.0):
                 here = slope(law, angle, friction, 0.0)
-                start = Start(here, ROLLING_DT, resting_on(here, angle))
+                start = MemberStart(here, ROLLING_DT, resting_on(here, angle))
                 motion = sound(follow(stand, start, INCLINE_BEATS, INCLINE_STEPS, [MOTION]))
                 vx, vz = np.moveaxis(motion.by_beat(MOTION, ("vx", "vz"))[:, 0], -1, 0)
                 speed, times = vx * math.cos(angle) - vz * math.sin(angle), motion.times(MOTION)
@@ -168,7 +168,7 @@ def _stands(stand: Stand, steps: int) -> Iterator[Ending]:
     beats = 1000  # a GPU prepares a beat as a whole: one of a million steps would take it minutes
     place = Sample(fields=("x",), every=beats // 10)
     held, start = pyramid(1.02 * HELD, "epsd")
-    motion = sound(follow(stand, Start(held, ROLLING_DT, start), beats, steps // beats, [place]))
+    motion = sound(follow(stand, MemberStart(held, ROLLING_DT, start), beats, steps // beats, [place]))
     x = motion.by_beat(place, "xyz") / D
     moved = float(np.abs(x[-1] - x[0]).max())
     # springs, below 6e-4 d, lose up to a rounding a step
@@ -177,37 +177,37 @@ def _stands(stand: Stand, steps: int) -> Iterator[Ending]:
 
 
 CASES = [
-    Case(
+    StressCase(
         name="far",
         what="a falling cluster 1000 m from the origin along every axis",
         oracle="the same at the origin, to the round-off of positions",
         run=_far,
     ),
-    Case(
+    StressCase(
         name="units",
         what="lengths x 3.7, times x 1.9, masses x 0.6",
         oracle="dimensional analysis: the same motion, to round-off",
         run=_units,
     ),
-    Case(
+    StressCase(
         name="moving-frame",
         what="impacts in a frame that moves at 54 m/s, without gravity",
         oracle="Galilean invariance",
         run=_moving,
     ),
-    Case(
+    StressCase(
         name="incline",
         what="a sphere on slopes from 0.01 to 89 deg, friction 0.1 and 5",
         oracle="exact acceleration: 5/7 g sin t rolling, g (sin t - mu cos t) sliding",
         run=_inclines,
     ),
-    Case(
+    StressCase(
         name="pyramid",
         what="three spheres that rolling springs hold, for 1e5 steps",
         oracle="moves less than a bound",
         run=partial(_stands, steps=MILLION // 10),
     ),
-    Case(
+    StressCase(
         name="pyramid-long",
         what="three spheres that rolling springs hold, for 1e7 steps",
         oracle="moves less than a bound",

@@ -6,14 +6,14 @@ from collections.abc import Generator, Iterator
 import numpy as np
 
 from labbook.backend.probes import Contacts, Ledger
-from labbook.checks.stress.case import Case, Ending, within
+from labbook.checks.stress.case import Ending, StressCase, within
 from labbook.checks.stress.watch import follow, sound
 from labbook.checks.verify.bed import wall_force_error
 from labbook.checks.verify.case import limited
 from labbook.checks.verify.materials import LAWS, D, G, floor, scene
 from labbook.checks.verify.rods import rods_at, towards
 from labbook.checks.verify.rolling import static_overlap
-from labbook.checks.verify.stand import Motion, Stand, Start, grains_at
+from labbook.checks.verify.stand import MemberStart, Motion, Stand, grains_at
 from labbook.scene import Box, Frustum, LinearSpringDashpot, Primitives, Scene, Spherocylinders, Strip, Wall
 from labbook.scene.container import Container
 from labbook.scene.packing import Packing
@@ -69,11 +69,11 @@ def _on_edges(stand: Stand) -> Iterator[Ending]:
             here = scene(1, LAWS[law](**SOFT[law]), walls, G)
             start = grains_at([[0.0, 0.0, height + 0.1 * D]])
             part = f"{law}, {name}"
-            motion = yield from _rests(stand, part, Start(here, DT[law], start))
+            motion = yield from _rests(stand, part, MemberStart(here, DT[law], start))
             yield within(stand, part, "aside", float(np.abs(motion.end.x[0, :2]).max()) / D, limited(1e-12, "d"))
 
 
-def _rests(stand: Stand, part: str, start: Start) -> Generator[Ending, None, Motion]:
+def _rests(stand: Stand, part: str, start: MemberStart) -> Generator[Ending, None, Motion]:
     """What starts at rest comes to rest again, walls bear its weight, and it has gained no energy on the way."""
     motion = sound(follow(stand, start, 40, 1000, [Ledger(), FORCES]))
     table, grains = motion.rows(Ledger()), motion.scene.grains
@@ -123,7 +123,7 @@ def _aligned(stand: Stand) -> Iterator[Ending]:
     }
     for name, (one, other, line, touch) in ways.items():
         start = _meet(np.array([one, other]), line, touch + 2.5 * speed * dt, speed)
-        end = sound(follow(stand, Start(elastic, dt, start), 4, 250)).end
+        end = sound(follow(stand, MemberStart(elastic, dt, start), 4, 250)).end
         wrong = np.abs(end.v - np.array([np.zeros(3), speed * line])).max() / speed
         part = f"impact {name}"
         yield within(stand, part, "velocities exchanged", float(wrong), limited(1e-5, roundings=100, steps=1000))
@@ -141,7 +141,7 @@ def _stacked(stand: Stand) -> Iterator[Ending]:
         sunk = static_overlap(here, count * LONG.mass * G / 2)  # the lowest lies on both its ends
         x = [[0.0, 0.0, R_ROD - sunk + k * d] for k in range(count)]
         part = f"{count} rods along x on one another"
-        motion = yield from _rests(stand, part, Start(here, ROD_DT, rods_at(x, [towards(ALONG_X)] * count)))
+        motion = yield from _rests(stand, part, MemberStart(here, ROD_DT, rods_at(x, [towards(ALONG_X)] * count)))
         aside = float(np.abs(motion.end.x[:, :2]).max()) / d
         yield within(stand, part, "aside", aside, limited(1e-6, "d", roundings=1000))
         between = np.diff(motion.end.x[motion.end.rows(np.arange(count)), 2])
@@ -151,31 +151,31 @@ def _stacked(stand: Stand) -> Iterator[Ending]:
     box = Box(width=LONG.length * 1.001, depth=3.001 * d, height=1.0)
     here = rods(15, box, G, friction=0.5, restitution=0.2)
     x = [[0.0, (k - 1) * 1.0003 * d, R_ROD + layer * d] for layer in range(5) for k in range(3)]
-    start = Start(here, ROD_DT, rods_at(x, [towards(ALONG_X)] * 15))
+    start = MemberStart(here, ROD_DT, rods_at(x, [towards(ALONG_X)] * 15))
     yield from _rests(stand, "15 parallel rods in a narrow box", start)
     upright = Box(width=1.001 * d, depth=1.001 * d, height=1.0)
     here = rods(3, upright, G, friction=0.5, restitution=0.2)
     x = [[0.0, 0.0, LONG.length * (0.5 + k)] for k in range(3)]
-    start = Start(here, ROD_DT, rods_at(x, [towards(UPRIGHT)] * 3))
+    start = MemberStart(here, ROD_DT, rods_at(x, [towards(UPRIGHT)] * 3))
     yield from _rests(stand, "3 upright rods end to end in a tube", start)
 
 
 R_ROD = LONG.radius
 
 CASES = [
-    Case(
+    StressCase(
         name="edges",
         what="a sphere dropped exactly onto an edge, a ridge, into a corner, a cone's tip, a hole less than d",
         oracle="symmetry; energy does not grow; static balance",
         run=_on_edges,
     ),
-    Case(
+    StressCase(
         name="rods-aligned",
         what="rods of L/d = 10 meet side by side, end to end, in a T and crossed, exactly",
         oracle="elastic exchange of velocities; no spin, by symmetry",
         run=_aligned,
     ),
-    Case(
+    StressCase(
         name="rods-stacked",
         what="rods exactly on top of one another, a bed of parallel rods, upright rods end to end",
         oracle="static balance; overlaps that carry the weight above",

@@ -8,14 +8,14 @@ import numpy as np
 
 from labbook.backend.numerics import Numerics
 from labbook.backend.probes import Ledger
-from labbook.checks.stress.case import Case, Ending, within
+from labbook.checks.stress.case import Ending, StressCase, within
 from labbook.checks.stress.watch import follow, named, sound
 from labbook.checks.verify.case import limited
 from labbook.checks.verify.collision import duration
 from labbook.checks.verify.gas import elastic_energy
 from labbook.checks.verify.materials import LAWS, D, hertz, linear, room, scene
 from labbook.checks.verify.rods import rods, rods_at, towards
-from labbook.checks.verify.stand import Motion, Stand, Start, grains_at
+from labbook.checks.verify.stand import MemberStart, Motion, Stand, grains_at
 from labbook.scene import Scene, Spherocylinders
 from labbook.scene.packing import Packing
 
@@ -64,7 +64,7 @@ def _collides(stand: Stand, here: Scene, angle: float, finer: int = 1) -> tuple[
     """Start and motion of the impact, long enough for e = 0.05, at the contact's step over `finer`."""
     dt = duration(here, SPEED * math.cos(angle)) / PER_CONTACT / finer
     start = glancing(angle, dt)
-    return start, sound(follow(stand, Start(here, dt, start), 8, PER_CONTACT * finer, [Ledger()]))
+    return start, sound(follow(stand, MemberStart(here, dt, start), 8, PER_CONTACT * finer, [Ledger()]))
 
 
 _CHANGES: tuple[str, ...] = ("momentum", "angular momentum", "energy gained")
@@ -152,7 +152,7 @@ def _fast(stand: Stand) -> Iterator[Ending]:
             dt = duration(here, speed) / 100
             x = [MIDDLE - 10 * D * HAT, MIDDLE]
             beats = math.ceil(12 * D / speed / dt / 100)
-            course = follow(stand, Start(here, dt, grains_at(x, [speed * HAT, [0, 0, 0]])), beats, 100)
+            course = follow(stand, MemberStart(here, dt, grains_at(x, [speed * HAT, [0, 0, 0]])), beats, 100)
             part = f"{law}, {speed:g} m/s"
             if speed > LIMIT:
                 yield named(part, course, ("speed",))
@@ -174,7 +174,7 @@ def _deep(stand: Stand) -> Iterator[Ending]:
         dt = duration(here, 1.0) / PER_CONTACT
         for depth in DEPTHS:
             half = 0.5 * D * (1 - depth) * HAT
-            course = follow(stand, Start(here, dt, grains_at([MIDDLE - half, MIDDLE + half])), 4, PER_CONTACT)
+            course = follow(stand, MemberStart(here, dt, grains_at([MIDDLE - half, MIDDLE + half])), 4, PER_CONTACT)
             part = f"two spheres, {law}, {depth:.3g} d"
             if depth > DEEPEST:
                 yield named(part, course, ("overlap",))
@@ -187,7 +187,7 @@ def _deep(stand: Stand) -> Iterator[Ending]:
     dt = duration(here, 1.0) / PER_CONTACT
     for height in (0.5 - 1.1 * DEEPEST, 0.0, -0.4):
         start = grains_at([[0.0, 0.0, height * D]])
-        course = follow(stand, Start(here, dt, start), 4, PER_CONTACT)
+        course = follow(stand, MemberStart(here, dt, start), 4, PER_CONTACT)
         yield named(f"a sphere in the floor, centre at {height:g} d", course, ("overlap",))
     for name, axis in (("parallel rods", [1.0, 0.0, 0.0]), ("crossed rods", [0.0, 1.0, 0.0])):
         here = rods(2, ROOM)
@@ -195,7 +195,7 @@ def _deep(stand: Stand) -> Iterator[Ending]:
         for depth in (1.1 * DEEPEST, 0.8):
             x = [MIDDLE, MIDDLE + d * (1 - depth) * UP]
             start = rods_at(x, [towards([1.0, 0.0, 0.0]), towards(axis)])
-            yield named(f"{name}, {depth:.3g} d", follow(stand, Start(here, 1e-6, start), 4, 100), ("overlap",))
+            yield named(f"{name}, {depth:.3g} d", follow(stand, MemberStart(here, 1e-6, start), 4, 100), ("overlap",))
 
 
 def _kinetic(here: Scene, end: Packing) -> float:
@@ -208,42 +208,42 @@ def _coincident(stand: Stand) -> Iterator[Ending]:
         here = scene(2, material(), ROOM)
         for name, gap in (("in one place", 0.0), ("1e-300 m apart", 1e-300), ("1e-12 m apart", 1e-12)):
             start = grains_at([MIDDLE + gap * ALONG, MIDDLE])
-            yield named(f"spheres {name}, {law}", follow(stand, Start(here, 1e-6, start), 4, 100))
-        course = follow(stand, Start(here, 1e-6, grains_at([[0.0, 0.0, 0.0], MIDDLE])), 4, 100)
+            yield named(f"spheres {name}, {law}", follow(stand, MemberStart(here, 1e-6, start), 4, 100))
+        course = follow(stand, MemberStart(here, 1e-6, grains_at([[0.0, 0.0, 0.0], MIDDLE])), 4, 100)
         yield named(f"a sphere's centre in the floor, {law}", course)
     for name, axis in (("along one axis", [1.0, 0.0, 0.0]), ("crossed", [0.0, 1.0, 0.0]), ("askew", [0.6, 0.8, 0.0])):
         here = rods(2, ROOM)
         start = rods_at([MIDDLE, MIDDLE], [towards([1.0, 0.0, 0.0]), towards(axis)])
-        yield named(f"rods in one place, {name}", follow(stand, Start(here, 1e-6, start), 4, 100))
+        yield named(f"rods in one place, {name}", follow(stand, MemberStart(here, 1e-6, start), 4, 100))
     here = rods(2, ROOM)
     assert isinstance(here.grains, Spherocylinders)
     shifted = MIDDLE + here.grains.half_length / 2 * ALONG
     start = rods_at([MIDDLE, shifted], [towards([1.0, 0.0, 0.0])] * 2)
     yield named(
-        "rods along one axis, shifted by half their half length", follow(stand, Start(here, 1e-6, start), 4, 100)
+        "rods along one axis, shifted by half their half length", follow(stand, MemberStart(here, 1e-6, start), 4, 100)
     )
 
 
 CASES = [
-    Case(
+    StressCase(
         name="impact-extremes",
         what="e = 0.05 and 1, friction 0 and 5; head-on, oblique and grazing",
         oracle="invariants; exact rebound without friction and of a superball; else dt/8 in double",
         run=_extremes,
     ),
-    Case(
+    StressCase(
         name="fast-grain",
         what="a grain 1 % below and above the speed limit hits one at rest, from ten diameters away",
         oracle="elastic exchange of velocities; the speed guard",
         run=_fast,
     ),
-    Case(
+    StressCase(
         name="deep-overlap",
         what="grains placed in one another, up to and beyond the overlap limit; a grain behind a wall",
         oracle="kinetic energy = stored energy; the overlap guard",
         run=_deep,
     ),
-    Case(
+    StressCase(
         name="coincident",
         what="centres, or axes of rods, in one place; a centre in a wall",
         oracle="a named error",

@@ -13,8 +13,8 @@ from rich.progress import Progress, TimeElapsedColumn
 from rich.table import Table
 
 from labbook.backend import BackendMissing, Unsupported
-from labbook.checks.stress.bounded import Bench, judged
-from labbook.checks.stress.case import Case, Row
+from labbook.checks.stress.bounded import NamedBackend, judged
+from labbook.checks.stress.case import Row, StressCase
 
 SHOWN = {
     "right": "[green]right[/]",
@@ -28,7 +28,7 @@ EXCERPT = 100
 """Characters of a message that the table shows; JSON has all."""
 
 
-def list_cases(cases: Sequence[Case], as_json: bool, console: Console) -> None:
+def list_cases(cases: Sequence[StressCase], as_json: bool, console: Console) -> None:
     """Print what each case does, and its oracle."""
     if as_json:
         told = [{"case": case.name, "what": case.what, "oracle": case.oracle, "slow": case.slow} for case in cases]
@@ -40,7 +40,7 @@ def list_cases(cases: Sequence[Case], as_json: bool, console: Console) -> None:
     console.print(table)
 
 
-def run_cases(cases: Sequence[Case], bench: Bench, as_json: bool, console: Console) -> bool:
+def run_cases(cases: Sequence[StressCase], bench: NamedBackend, as_json: bool, console: Console) -> bool:
     """Run cases and print how they ended; whether none failed. A backend that cannot do it ends the program."""
     try:
         stand = bench.stand()
@@ -68,7 +68,7 @@ def _finite(error: float | None) -> float | None:
     return error if error is not None and math.isfinite(error) else None
 
 
-def _each(cases: Sequence[Case], bench: Bench) -> Iterator[list[Row]]:
+def _each(cases: Sequence[StressCase], bench: NamedBackend) -> Iterator[list[Row]]:
     """The rows of each case, when it ends."""
     # standard output is another stream where only one of the two is a terminal
     bar = Progress(

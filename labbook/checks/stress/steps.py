@@ -6,12 +6,12 @@ from dataclasses import replace
 import numpy as np
 
 from labbook.backend.probes import Contacts, Ledger
-from labbook.checks.stress.case import Case, Ending, within
+from labbook.checks.stress.case import Ending, StressCase, within
 from labbook.checks.stress.watch import follow, named, sound
 from labbook.checks.verify.bed import pile, slow_energy, wall_force_error
 from labbook.checks.verify.case import limited
 from labbook.checks.verify.materials import LAWS, D, G, scene
-from labbook.checks.verify.stand import Stand, Start
+from labbook.checks.verify.stand import MemberStart, Stand
 from labbook.filling.placing import place
 from labbook.scene import Box, Scene
 from labbook.scene.packing import Packing
@@ -27,7 +27,7 @@ SHAKEN = 0.05
 
 
 def _settled(stand: Stand, bed: Scene, dt: float) -> Packing:
-    return sound(follow(stand, Start(bed, dt, place(bed, "gas", 1)), 20, 1000)).end
+    return sound(follow(stand, MemberStart(bed, dt, place(bed, "gas", 1)), 20, 1000)).end
 
 
 def _shaken(rests: Packing) -> Packing:
@@ -42,7 +42,7 @@ def _time_steps(stand: Stand) -> Iterator[Ending]:
         rests = _settled(stand, bed, 0.5 * limit)
         for part in (*BELOW, *PAST):
             steps = max(200, round(1000 / part))  # the same time for all that are stable
-            course = follow(stand, Start(bed, part * limit, _shaken(rests)), 10, steps)
+            course = follow(stand, MemberStart(bed, part * limit, _shaken(rests)), 10, steps)
             name = f"{law}, {part:g} of the largest stable step"
             if part > 1:
                 yield named(name, course)
@@ -60,7 +60,7 @@ def _stiffnesses(stand: Stand) -> Iterator[Ending]:
             dt = 0.5 * largest_stable_step(held)
             contacts = Contacts(every=40)
             steps = max(1000, round(0.02 / dt / 40))
-            course = follow(stand, Start(held, dt, start), 40, steps, [Ledger(), contacts])
+            course = follow(stand, MemberStart(held, dt, start), 40, steps, [Ledger(), contacts])
             part = f"{law}, {key} = {value:g}"
             if value == values[0]:
                 yield named(part, course, ("overlap",))
@@ -81,13 +81,13 @@ STIFFNESSES = {
 
 
 CASES = [
-    Case(
+    StressCase(
         name="time-step",
         what="a shaken bed at steps from 0.1 of the largest stable one up to it, and 10 to 10 000 times it",
         oracle="the bed comes to rest; far above the limit a guard reports it",
         run=_time_steps,
     ),
-    Case(
+    StressCase(
         name="stiffness",
         what="a pile at rest, stiffness over six decades, and one too soft to carry itself",
         oracle="static balance: forces on the walls = weight; the overlap guard",

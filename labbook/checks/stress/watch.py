@@ -9,7 +9,7 @@ import numpy as np
 from labbook.backend import Emptied, Ensemble, Event, Failed, Member, Overflow, Status
 from labbook.backend.probes import Ledger, Probe
 from labbook.checks.stress.case import Broken, Ending
-from labbook.checks.verify.stand import Motion, Stand, Start
+from labbook.checks.verify.stand import MemberStart, Motion, Stand
 from labbook.scene.packing import Packing
 
 GUARDS = ("state", "speed", "overlap")
@@ -28,7 +28,9 @@ class Course:
     message: str = ""
 
 
-def follow(stand: Stand, start: Start, beats: int, steps_per_beat: int = 1000, probes: Sequence[Probe] = ()) -> Course:
+def follow(
+    stand: Stand, start: MemberStart, beats: int, steps_per_beat: int = 1000, probes: Sequence[Probe] = ()
+) -> Course:
     """Follow one member for `beats` beats, or until an error names what went wrong. A Ledger is always kept.
 
     Raises Broken if a state or a row is not finite, if a member does not advance, or if the state after an error is not

@@ -8,11 +8,11 @@ from typing import TypeVar
 import numpy as np
 
 from labbook.backend.probes import Contacts, Ledger, Sample
-from labbook.checks.verify.case import Case, Measure, limited
+from labbook.checks.verify.case import Case, Criterion, limited
 from labbook.checks.verify.collision import STUDY_STEP
 from labbook.checks.verify.materials import LAWS, D, G, floor, hertz, scene
 from labbook.checks.verify.rolling import static_overlap
-from labbook.checks.verify.stand import Motion, Stand, Start, grains_at
+from labbook.checks.verify.stand import MemberStart, Motion, Stand, grains_at
 from labbook.filling.bed import fastest_points
 from labbook.filling.placing import place
 from labbook.scene import Bodies, Box, Primitives, Scene, WedgeHopper
@@ -43,7 +43,7 @@ def _sinks_in(stand: Stand) -> Mapping[str, float]:
     for law, material in LAWS.items():
         rests = scene(1, material(), Primitives(parts=(floor(),)), G)
         expected = static_overlap(rests, rests.grains.mass * G)
-        end = stand.run(Start(rests, STUDY_STEP, grains_at([0, 0, D / 2 + expected])), 40).end
+        end = stand.run(MemberStart(rests, STUDY_STEP, grains_at([0, 0, D / 2 + expected])), 40).end
         errors[law] = abs((D / 2 - float(end.x[0, 2])) / expected - 1)
     return errors
 
@@ -58,7 +58,7 @@ def borne(stand: Stand, bed: Scene, dt: float, beats: int) -> Mapping[str, float
     """
     errors, energies, contacts = [], [], Contacts(every=beats)
     for seed in BEDS:
-        motion = stand.run(Start(bed, dt, place(bed, "gas", seed)), beats, probes=(contacts,))
+        motion = stand.run(MemberStart(bed, dt, place(bed, "gas", seed)), beats, probes=(contacts,))
         errors.append(wall_force_error(motion, contacts))
         energies.append(slow_energy(bed, motion.end))
     return {FORCE: float(np.median(errors)), ENERGY: float(np.median(energies))}
@@ -86,7 +86,7 @@ def in_each(found: Mapping[str, Mapping[str, Each]]) -> Mapping[str, Each]:
     return {f"{what}, {bed}": error for bed, errors in found.items() for what, error in errors.items()}
 
 
-def at_rest(*beds: str) -> Mapping[str, Measure]:
+def at_rest(*beds: str) -> Mapping[str, Criterion]:
     """Limits for beds of these names."""
     limits = {FORCE: limited(1e-6), ENERGY: limited(1e-9, "m g d")}
     return in_each({bed: limits for bed in beds})
@@ -114,9 +114,9 @@ def _stays(stand: Stand) -> Mapping[str, float]:
     """
     held, start = pile(hertz(**SOFT))
     rng = np.random.default_rng(1)
-    settled = stand.run(Start(held, DT, replace(start, v=rng.normal(0, 0.01, start.x.shape))), 200)
+    settled = stand.run(MemberStart(held, DT, replace(start, v=rng.normal(0, 0.01, start.x.shape))), 200)
     probes = (Ledger(every=10), Sample(fields=("x",), every=100))
-    motion = stand.run(Start(held, DT, settled.end), 1000, probes=probes)
+    motion = stand.run(MemberStart(held, DT, settled.end), 1000, probes=probes)
     totals, x = motion.rows(probes[0]), motion.by_beat(probes[1], "xyz")
     unit = held.grains.count * held.grains.mass * G * D
     energy = totals["potential"] / unit

@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 from typing import Literal
 
 from labbook.backend import Unsupported
-from labbook.checks.verify.stand import NotMeasured, Stand
+from labbook.checks.verify.stand import CaseNotMeasured, Stand
 
 Result = Literal["passed", "failed", "reported", "unsupported"]
 SCENE_KEYS = ("grains.shape", "container")
@@ -14,7 +14,7 @@ SCENE_KEYS = ("grains.shape", "container")
 
 
 @dataclass(frozen=True)
-class Measure:
+class Criterion:
     """One error of a case.
 
     `limits`: the largest error that passes, by precision; empty: the number is reported, and judged by no one.
@@ -30,7 +30,7 @@ ROUNDING = 2.0**-24
 """Largest relative error of one operation in single precision."""
 
 
-def limited(limit: float, unit: str = "", *, roundings: float = 0, steps: float = 0) -> Measure:
+def limited(limit: float, unit: str = "", *, roundings: float = 0, steps: float = 0) -> Criterion:
     """A measure with a limit: `limit` in double precision, where round-off is far below it.
 
     `roundings`: how many roundings of a law in single precision may add up in the error; `mixed` is allowed these too.
@@ -39,7 +39,7 @@ def limited(limit: float, unit: str = "", *, roundings: float = 0, steps: float 
     rounded the same way again and again.
     """
     mixed = limit + roundings * ROUNDING
-    return Measure({"double": limit, "mixed": mixed, SINGLE_VELOCITIES: mixed + steps * ROUNDING}, unit)
+    return Criterion({"double": limit, "mixed": mixed, SINGLE_VELOCITIES: mixed + steps * ROUNDING}, unit)
 
 
 @dataclass(frozen=True)
@@ -52,14 +52,14 @@ class Case:
     name: str
     statement: str
     source: str
-    measures: Mapping[str, Measure]
+    measures: Mapping[str, Criterion]
     run: Callable[[Stand], Mapping[str, float]]
     slow: bool = False
     """Takes more than about ten seconds."""
 
 
 @dataclass(frozen=True)
-class Verdict:
+class CriterionResult:
     """What one measure of a case came to. `limit` None: reported only."""
 
     case: str
@@ -79,7 +79,7 @@ def kind(stand: Stand) -> str:
     return SINGLE_VELOCITIES if single else stand.precision
 
 
-def judge(case: Case, stand: Stand) -> list[Verdict]:
+def judge(case: Case, stand: Stand) -> list[CriterionResult]:
     """Run a case and compare its errors with their limits; an error that is no number fails.
 
     A case in a scene that the backend does not have is `unsupported`.
@@ -93,19 +93,19 @@ def judge(case: Case, stand: Stand) -> list[Verdict]:
             raise
         found = [_verdict(case, name, math.nan, kind(stand), reason.remedy) for name in case.measures]
         return [replace(verdict, result="unsupported") for verdict in found]
-    except NotMeasured as reason:
+    except CaseNotMeasured as reason:
         return failed(case, stand, str(reason))
     if set(errors) != set(case.measures):
         raise ValueError(f"case {case.name} measures {sorted(errors)}, not {sorted(case.measures)}")
     return [_verdict(case, name, float(errors[name]), kind(stand)) for name in case.measures]
 
 
-def failed(case: Case, stand: Stand, why: str) -> list[Verdict]:
-    """Verdicts of a case that measured nothing; `why`: the reason."""
+def failed(case: Case, stand: Stand, why: str) -> list[CriterionResult]:
+    """CriterionResults of a case that measured nothing; `why`: the reason."""
     return [_verdict(case, name, math.nan, kind(stand), why) for name in case.measures]
 
 
-def _verdict(case: Case, name: str, error: float, precision: str, note: str = "") -> Verdict:
+def _verdict(case: Case, name: str, error: float, precision: str, note: str = "") -> CriterionResult:
     measure = case.measures[name]
     if measure.limits and precision not in measure.limits:
         raise ValueError(f"case {case.name} states no limit of {name} for precision {precision}")
@@ -113,4 +113,4 @@ def _verdict(case: Case, name: str, error: float, precision: str, note: str = ""
     result: Result = "passed" if limit is not None and error <= limit else "failed"
     if limit is None and not note:
         result = "reported"
-    return Verdict(case.name, name, error, limit, measure.unit, case.source, result, note)
+    return CriterionResult(case.name, name, error, limit, measure.unit, case.source, result, note)

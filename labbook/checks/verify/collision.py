@@ -6,9 +6,9 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from labbook.backend.probes import Ledger, Sample
-from labbook.checks.verify.case import Case, Measure, limited
+from labbook.checks.verify.case import Case, Criterion, limited
 from labbook.checks.verify.materials import LAWS, D, room, scene
-from labbook.checks.verify.stand import Motion, Stand, Start, require
+from labbook.checks.verify.stand import MemberStart, Motion, Stand, require
 from labbook.scene import HertzMindlin, LinearSpringDashpot, Scene
 from labbook.scene.packing import Packing
 
@@ -66,7 +66,7 @@ def restitution_errors(stand: Stand, law: str, fraction: float) -> np.ndarray:
     asked = [(e, speed) for e in RESTITUTIONS for speed in SPEEDS]
     scenes = [_bouncing(law, e) for e, _ in asked]
     steps = [fraction * duration(s, speed) for s, (_, speed) in zip(scenes, asked, strict=True)]
-    starts = [Start(s, dt, head_on(speed, dt)) for s, dt, (_, speed) in zip(scenes, steps, asked, strict=True)]
+    starts = [MemberStart(s, dt, head_on(speed, dt)) for s, dt, (_, speed) in zip(scenes, steps, asked, strict=True)]
     motions = stand.run_all(starts, beats=1, steps_per_beat=round(20 / fraction))
     realised = [rebound(motion) / speed for motion, (_, speed) in zip(motions, asked, strict=True)]
     return np.array([e - wanted for e, (wanted, _) in zip(realised, asked, strict=True)])
@@ -88,7 +88,7 @@ def _at_the_study_s_step(stand: Stand) -> Mapping[str, float]:
     speed = math.sqrt(9.81 * D)
     with_gravity = _bouncing("hertz-mindlin", 0.2).model_copy(update={"gravity": 9.81})
     told = stand.backend.describe(with_gravity, stand.numerics(STUDY_STEP))
-    start = Start(_bouncing("hertz-mindlin", 0.2), STUDY_STEP, head_on(speed, STUDY_STEP))
+    start = MemberStart(_bouncing("hertz-mindlin", 0.2), STUDY_STEP, head_on(speed, STUDY_STEP))
     e = rebound(stand.run(start, beats=1, steps_per_beat=4000)) / speed
     return {
         "mean e": float(e.mean()),
@@ -108,7 +108,7 @@ def _duration_error(stand: Stand, law: str, speed: float) -> float:
     expected = duration(elastic, speed)
     dt = expected / 400
     probe = Sample(fields=("x",))
-    motion = stand.run(Start(elastic, dt, head_on(speed, dt)), 420, 1, [probe])
+    motion = stand.run(MemberStart(elastic, dt, head_on(speed, dt)), 420, 1, [probe])
     x = motion.by_beat(probe, "xyz")
     gap = np.linalg.norm(x[:, PHASES:] - x[:, :PHASES], axis=2) - D
     found = [_time_below(gap[:, pair]) * dt for pair in range(PHASES)]
@@ -143,7 +143,9 @@ def _momenta(stand: Stand) -> Mapping[str, float]:
         rubbing = scene(12, material(), room(4.0))
         start = oblique(6, 0.2, seed=2)
         dt = duration(rubbing, 0.2) / 100
-        before, after = (_totals(stand.run(Start(rubbing, dt, start), 1, steps, [Ledger()])) for steps in (1, 600))
+        before, after = (
+            _totals(stand.run(MemberStart(rubbing, dt, start), 1, steps, [Ledger()])) for steps in (1, 600)
+        )
         touched = np.abs(after["kinetic"] / before["kinetic"] - 1)
         require(touched > 0.01, "the pairs did not collide")
         mass = rubbing.grains.mass
@@ -172,7 +174,7 @@ CASES = [
             source=source,
             measures={
                 "mean over phases, t_c/400": limited(1e-3),
-                "any phase, t_c/400": Measure({}),
+                "any phase, t_c/400": Criterion({}),
                 "any phase, t_c/500": limited(1e-3),
             },
             run=_restitution(law),
@@ -187,9 +189,9 @@ CASES = [
         statement="e = 0.2, Fan's grains at sqrt(g d), dt = 2.5e-6 s: effect of the step on e, ten phases",
         source="the backend's own description",
         measures={
-            "mean e": Measure({}),
-            "smallest e": Measure({}),
-            "largest e": Measure({}),
+            "mean e": Criterion({}),
+            "smallest e": Criterion({}),
+            "largest e": Criterion({}),
             # impulses of (1 + e) v, each force with its 16 roundings
             "|mean e - described|": limited(1e-9, roundings=1.2 * 16),
             "|spread of e - described|": limited(1e-9, roundings=1.2 * 16),

@@ -14,7 +14,7 @@ from labbook.backend.probes import Crossing, Sample
 from labbook.checks.verify.case import Case, limited
 from labbook.checks.verify.materials import D, G, linear, scene, spheres
 from labbook.checks.verify.rolling import lever
-from labbook.checks.verify.stand import Motion, Stand, Start, require
+from labbook.checks.verify.stand import MemberStart, Motion, Stand, require
 from labbook.scene import CylinderSilo, Scene, SurfaceChange, WedgeHopper
 from labbook.scene.packing import Packing
 
@@ -61,7 +61,7 @@ def _leaves(stand: Stand, rim: bool = False) -> Mapping[str, float]:
     rough = ledge(1e4, rim)
     arm = lever(rough, tilt)
     start = at_edge(arm * math.sin(tilt), arm * math.cos(tilt))
-    _, p = path(stand.run(Start(rough, DT, start), 3600, STEPS, PROBES))
+    _, p = path(stand.run(MemberStart(rough, DT, start), 3600, STEPS, PROBES))
     distance = np.hypot(p[:, 0], p[:, 1])
     last = np.flatnonzero(distance < R)[-1]
     cosine = p[last : last + 2, 1] / distance[last : last + 2]
@@ -129,7 +129,7 @@ def _follows(stand: Stand, rim: bool = False) -> Mapping[str, float]:
     plate = ledge(friction, rim)
     arm = lever(plate)
     start = at_edge(-run_up, arm, (speed, 0.0), speed / arm)
-    motion = stand.run(Start(plate, DT, start), 6000, STEPS, PROBES)
+    motion = stand.run(MemberStart(plate, DT, start), 6000, STEPS, PROBES)
     times, found = path(motion)
     expected = rolling_off(speed, run_up, friction, times)
     flying = np.hypot(found[:, 0], found[:, 1]) > R

@@ -9,7 +9,7 @@ from labbook.backend.probes import Contacts, Ledger, Sample
 from labbook.checks.verify.case import Case, limited
 from labbook.checks.verify.materials import LAWS, D, G, floor, scene
 from labbook.checks.verify.rolling import static_overlap
-from labbook.checks.verify.stand import Motion, Stand, Start, grains_at
+from labbook.checks.verify.stand import MemberStart, Motion, Stand, grains_at
 from labbook.scene import Primitives, Scene, SurfaceChange
 
 DURATION = 1e-3
@@ -24,7 +24,7 @@ def _vibrating(stand: Stand, law: str, dt: float, kick: tuple[float, float, floa
     rests = scene(1, LAWS[law](restitution=0.5), Primitives(parts=(floor(),)), G, floor=surface)
     overlap = static_overlap(rests, rests.grains.mass * G)
     start = grains_at([0.0, 0.0, D / 2 + (height - 1) * overlap], kick)
-    return stand.run(Start(rests, dt, start), round(DURATION / dt), 1, PROBES)
+    return stand.run(MemberStart(rests, dt, start), round(DURATION / dt), 1, PROBES)
 
 
 def contact_power(motion: Motion) -> np.ndarray:

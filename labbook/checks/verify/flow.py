@@ -8,7 +8,7 @@ import numpy as np
 from labbook.backend.probes import Crossing
 from labbook.checks.verify.case import Case, limited
 from labbook.checks.verify.materials import D, G, hertz, scene
-from labbook.checks.verify.stand import Stand, Start, require
+from labbook.checks.verify.stand import MemberStart, Stand, require
 from labbook.filling.opening import opened
 from labbook.filling.placing import place
 from labbook.scene import Scene, WedgeHopper
@@ -32,11 +32,13 @@ def silo(orifice: float, friction: float) -> Scene:
 
 def passages(stand: Stand, scenes: Sequence[Scene]) -> list[np.ndarray]:
     """Times [s] at which grains leave each scene, ascending, averaged over SEEDS by rank."""
-    starts = [Start(s.close(), DT, place(s.close(), "gas", seed), settled_below=1e-3) for s in scenes for seed in SEEDS]
+    starts = [
+        MemberStart(s.close(), DT, place(s.close(), "gas", seed), settled_below=1e-3) for s in scenes for seed in SEEDS
+    ]
     settled = stand.run_all(starts, 60, until_event=True)
     opens = [s for s in scenes for _ in SEEDS]
     discharges = stand.run_all(
-        [Start(s, DT, opened(m.end, m.scene, s)) for s, m in zip(opens, settled, strict=True)], 40, probes=[OUT]
+        [MemberStart(s, DT, opened(m.end, m.scene, s)) for s, m in zip(opens, settled, strict=True)], 40, probes=[OUT]
     )
     times = []
     for motion in discharges:

@@ -6,10 +6,10 @@ from collections.abc import Mapping
 import numpy as np
 
 from labbook.backend.probes import Contacts, Ledger
-from labbook.checks.verify.case import Case, Measure, limited
+from labbook.checks.verify.case import Case, Criterion, limited
 from labbook.checks.verify.collision import duration
 from labbook.checks.verify.materials import LAWS, D, room, scene
-from labbook.checks.verify.stand import Motion, Stand, Start
+from labbook.checks.verify.stand import MemberStart, Motion, Stand
 from labbook.scene import HertzMindlin, LinearSpringDashpot, Scene
 from labbook.scene.packing import Packing
 
@@ -61,7 +61,7 @@ def wandering(stand: Stand, law: str, steps_per_collision: int) -> tuple[float, 
     probes = (Ledger(), Contacts())
     beats = 500
     steps = COLLISION_TIMES * steps_per_collision // beats
-    motion = stand.run(Start(soft, dt, start), beats, steps, probes)
+    motion = stand.run(MemberStart(soft, dt, start), beats, steps, probes)
     energy = energies(motion, *probes)
     initial = 0.5 * soft.grains.mass * float(np.sum(start.v**2))
     return float(np.abs(energy / initial - 1).max()), len(motion.rows(probes[1])["step"]) / beats
@@ -89,7 +89,7 @@ CASES = [
             "largest change of energy": limited(1e-6, steps=1e5),
             # of 1e5 roundings of velocities, the error in dt is not to be told any more
             "|order in dt - 2|": limited(order, steps=math.inf),
-            "contacts at a time": Measure({}),
+            "contacts at a time": Criterion({}),
         },
         run=_gas(law),
     )

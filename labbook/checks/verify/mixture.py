@@ -12,7 +12,7 @@ from labbook.backend.probes import Ledger
 from labbook.checks.verify.bed import DT, SOFT, at_rest, borne, in_each
 from labbook.checks.verify.case import Case, limited
 from labbook.checks.verify.materials import LAWS, D, G, floor, hertz, room
-from labbook.checks.verify.stand import Motion, Stand, Start, require
+from labbook.checks.verify.stand import MemberStart, Motion, Stand, require
 from labbook.checks.verify.symmetry import difference
 from labbook.filling import opened, place
 from labbook.scene import (
@@ -87,7 +87,7 @@ def _restores(stand: Stand, law: str) -> Mapping[str, float]:
     scene, speed = mixed(18, law, SurfaceChange(friction=0)), 0.1
     dt = collision(scene.model_copy(update={"gravity": speed**2 / D})) / 500
     start = pairs(scene, speed, 0.0, dt)
-    end = stand.run(Start(scene, dt, start), 1, 12000).end
+    end = stand.run(MemberStart(scene, dt, start), 1, 12000).end
     n, mass = len(start) // 2, Bodies.of(scene.grains, start).mass
     normal = _normals(start, end, start.v[:n] - start.v[n:], dt)
     e = np.sum((end.v[n:] - end.v[:n]) * normal, axis=1) / speed
@@ -107,7 +107,7 @@ def _glances(stand: Stand, law: str) -> Mapping[str, float]:
     scene = mixed(18, law, SurfaceChange(restitution=1), **stiff, tangential_damping=0.0)
     dt = collision(scene.model_copy(update={"gravity": (speed * math.cos(angle)) ** 2 / D})) / 500
     start = pairs(scene, speed, angle, dt)
-    end = stand.run(Start(scene, dt, start), 1, 12000).end
+    end = stand.run(MemberStart(scene, dt, start), 1, 12000).end
     n, own = len(start) // 2, Bodies.of(scene.grains, start)
     v = start.v[:n] - start.v[n:]
     normal = _normals(start, end, v, dt)
@@ -132,7 +132,7 @@ def _conserves(stand: Stand, law: str) -> Mapping[str, float]:
     dt = collision(scene) / 100
     start = pairs(scene, 0.2, 0.5, dt)
     start = replace(start, omega=np.random.default_rng(4).normal(size=start.x.shape) * 0.2 / D)
-    motions = [stand.run(Start(scene, dt, start), 1, steps, [Ledger()]) for steps in (1, 3000)]
+    motions = [stand.run(MemberStart(scene, dt, start), 1, steps, [Ledger()]) for steps in (1, 3000)]
     before, after = ({name: float(column[-1]) for name, column in m.rows(Ledger()).items()} for m in motions)
     require(abs(after["kinetic"] / before["kinetic"] - 1) > 0.01, "the pairs did not collide")
     own = Bodies.of(scene.grains, start)
@@ -169,7 +169,7 @@ def _stands(stand: Stand, law: str) -> Mapping[str, float]:
     below, between = _overlap(scene, weights.sum(), r), _overlap(scene, weights[1], r * s / (r + s))
     x = np.array([[0, 0, r - below / 2], [0, 0, 2 * r + s - below / 2 - between / 2]])
     start = Packing(x=x, v=np.zeros((2, 3)), omega=np.zeros((2, 3)), diameter=own[0], kind=own[1])
-    end = stand.run(Start(scene, 0.05 * collision(scene), start), 40).end
+    end = stand.run(MemberStart(scene, 0.05 * collision(scene), start), 40).end
     return {
         "below": abs((r - float(end.x[0, 2])) / below - 1),
         "between": abs((r + s - float(end.x[1, 2] - end.x[0, 2])) / between - 1),
@@ -195,12 +195,12 @@ def _carries(stand: Stand) -> Mapping[str, float]:
 
 
 def _flows(stand: Stand, start: Packing, steps: int) -> Motion:
-    return stand.run(Start(graded_hopper(), DT / 2, start), 1, steps)
+    return stand.run(MemberStart(graded_hopper(), DT / 2, start), 1, steps)
 
 
 def _renumbers(stand: Stand) -> Mapping[str, float]:
     closed = graded_hopper().close()
-    fallen = stand.run(Start(closed, DT / 2, place(closed, "gas", 1)), 30).end
+    fallen = stand.run(MemberStart(closed, DT / 2, place(closed, "gas", 1)), 30).end
     start = opened(fallen, closed, graded_hopper())
     order = np.random.default_rng(4).permutation(len(start))
     ends = [_flows(stand, one, 1000).end for one in (start, start.renumbered(order))]

@@ -13,8 +13,8 @@ import numpy as np
 
 from labbook.checks.verify.case import Case, limited
 from labbook.checks.verify.materials import EVERY_LAW, LAWS, floor
-from labbook.checks.verify.planar import Body, Impact
-from labbook.checks.verify.stand import Stand, Start
+from labbook.checks.verify.planar import PlanarBody, PlanarImpact
+from labbook.checks.verify.stand import MemberStart, Stand
 from labbook.scene import ContactLaw, Kind, Plane, Primitives, Scene, Spheres, Wall
 from labbook.scene.material import shear_modulus
 
@@ -52,38 +52,40 @@ def _scene(law: ContactLaw, grains: Spheres, *walls: Wall) -> Scene:
     return Scene(grains=grains, contact=law, container=Primitives(parts=walls), gravity=0.0)
 
 
-def _at_wall(law: ContactLaw, of: Material, motions: Iterable[tuple[float, float, float]]) -> list[Impact]:
+def _at_wall(law: ContactLaw, of: Material, motions: Iterable[tuple[float, float, float]]) -> list[PlanarImpact]:
     """Motions: velocities along the wall and towards it [m/s], and spins [rad/s]."""
     grains, scene = of[0], _scene(law, of[0], floor())
     place = (0.0, grains.radius)
     return [
-        Impact.of(scene, (Body.sphere(grains, place, (along, -v), spin),), "floor", v, follow=3.0)
+        PlanarImpact.of(scene, (PlanarBody.sphere(grains, place, (along, -v), spin),), "floor", v, follow=3.0)
         for along, v, spin in motions
     ]
 
 
-def _angles(law: str) -> list[Impact]:
+def _angles(law: str) -> list[PlanarImpact]:
     speed, angles = OXIDE[2], np.radians(ANGLES)
     return _at_wall(_law(law, OXIDE), OXIDE, [(speed * math.sin(a), speed * math.cos(a), 0.0) for a in angles])
 
 
-def _spins(law: str) -> list[Impact]:
+def _spins(law: str) -> list[PlanarImpact]:
     return _at_wall(_law(law, ALLOY), ALLOY, [(0.0, ALLOY[2], spin) for spin in SPINS])
 
 
-def _normal(law: str, e: float) -> list[Impact]:
+def _normal(law: str, e: float) -> list[PlanarImpact]:
     return _at_wall(_law(law, OXIDE, restitution=e), OXIDE, [(0.0, OXIDE[2], 0.0)])
 
 
-def _two(law: str, spins: Iterable[float] = SPINS, **given: float) -> list[Impact]:
+def _two(law: str, spins: Iterable[float] = SPINS, **given: float) -> list[PlanarImpact]:
     grains, _, v, _ = ALLOY
     scene = _scene(_law(law, ALLOY, **given), grains.model_copy(update={"count": 2}), BELOW)
     r = grains.radius
-    pairs = [(Body.sphere(grains, (0, 2 * r), (0, -v), w), Body.sphere(grains, (0, 0), (0, v), w)) for w in spins]
-    return [Impact.of(scene, pair, "none", 2 * v, follow=3.0) for pair in pairs]
+    pairs = [
+        (PlanarBody.sphere(grains, (0, 2 * r), (0, -v), w), PlanarBody.sphere(grains, (0, 0), (0, v), w)) for w in spins
+    ]
+    return [PlanarImpact.of(scene, pair, "none", 2 * v, follow=3.0) for pair in pairs]
 
 
-def _unlike(law: str) -> list[Impact]:
+def _unlike(law: str) -> list[PlanarImpact]:
     """The other sphere is five times as large."""
     grains, _, v, _ = ALLOY
     r, big = grains.radius, Spheres(diameter=5 * grains.diameter, density=grains.density, count=1)
@@ -92,12 +94,12 @@ def _unlike(law: str) -> list[Impact]:
         for name, one in (("small", grains), ("large", big))
     )
     scene = _scene(_law(law, ALLOY), big.model_copy(update={"count": 2, "kinds": kinds}), BELOW)
-    still = Body.sphere(big, (0, 0), (0, 0))
-    pairs = [(Body.sphere(grains, (0, 6 * r), (0, -v), w), still) for w in SPINS]
-    return [Impact.of(scene, pair, "none", v, follow=3.0) for pair in pairs]
+    still = PlanarBody.sphere(big, (0, 0), (0, 0))
+    pairs = [(PlanarBody.sphere(grains, (0, 6 * r), (0, -v), w), still) for w in SPINS]
+    return [PlanarImpact.of(scene, pair, "none", v, follow=3.0) for pair in pairs]
 
 
-KINDS: Mapping[str, Callable[[str], list[Impact]]] = {
+KINDS: Mapping[str, Callable[[str], list[PlanarImpact]]] = {
     "1: two, elastic": lambda law: _two(law, (0.0,), restitution=1.0),
     "2: at a wall, elastic": partial(_normal, e=1.0),
     "3: at a wall, e = 0.4": partial(_normal, e=0.4),
@@ -117,9 +119,9 @@ def _errors(stand: Stand, law: str) -> Mapping[str, float]:
     return {name: max(_error(stand, impact) for impact in KINDS[name](law)) for name in _kinds(law)}
 
 
-def _error(stand: Stand, impact: Impact) -> float:
+def _error(stand: Stand, impact: PlanarImpact) -> float:
     dt = impact.lasts / STEPS
-    start = Start(impact.scene, dt, impact.packing(AHEAD * dt))
+    start = MemberStart(impact.scene, dt, impact.packing(AHEAD * dt))
     end = stand.run(start, 1, round(impact.follow * STEPS)).end
     return float(np.abs(impact.error(end, impact.parted())).max())
 

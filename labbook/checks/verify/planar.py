@@ -37,7 +37,7 @@ Regime = Literal["open", "gone", "sticks", "slides", "grips"]
 
 
 @dataclass(frozen=True)
-class Body:
+class PlanarBody:
     """A sphere, a rod in the plane, or a rod across it (half = 0), at the first touch.
 
     mass [kg], inertia about y [kg m^2], radius and half length of the segment in the plane [m], place (x, z) [m], angle
@@ -65,13 +65,13 @@ class Body:
         """One of some grains."""
         return cls(grains.mass, grains.inertia, grains.radius, 0.0, place, velocity, spin=spin)
 
-    def after(self, time: float) -> "Body":
+    def after(self, time: float) -> "PlanarBody":
         """Itself after free flight [s], which may be negative."""
         (x, z), (vx, vz) = self.place, self.velocity
         return replace(self, place=(x + vx * time, z + vz * time), angle=self.angle + self.spin * time)
 
 
-class Meeting(NamedTuple):
+class PlanarContact(NamedTuple):
     """Where two bodies, or a body and a wall, may touch: overlap [m], unit normal towards the first, and the branches
     from both centres to the contact [m]."""
 
@@ -82,7 +82,7 @@ class Meeting(NamedTuple):
 
 
 @dataclass(frozen=True)
-class Law:
+class PlanarLaw:
     """A contact law for a contact of effective radius [m] and mass [kg], forces on the first body along the normal and
     along the tangent. vn, vt: relative velocities [m/s], s: friction spring [m]."""
 
@@ -231,7 +231,7 @@ class Law:
 
 
 @dataclass(frozen=True)
-class Impact:
+class PlanarImpact:
     """One or two bodies of a scene that meet in the plane, given at the first touch.
 
     lasts: duration of a collision [s], in which time steps are stated; follow: how many of these are followed after the
@@ -239,7 +239,7 @@ class Impact:
     """
 
     scene: Scene
-    bodies: tuple[Body, ...]
+    bodies: tuple[PlanarBody, ...]
     wall: Wall
     speed: float
     lasts: float
@@ -248,22 +248,22 @@ class Impact:
     """Orientations of rods across the plane, in place of those by their angles; empty: all are in the plane."""
 
     @classmethod
-    def of(cls, scene: Scene, bodies: tuple[Body, ...], wall: Wall, speed: float, **more: Any) -> Self:
+    def of(cls, scene: Scene, bodies: tuple[PlanarBody, ...], wall: Wall, speed: float, **more: Any) -> Self:
         """One whose bodies meet along the normal at `speed` [m/s], and so touch as long as a collision lasts."""
         law = cls(scene, bodies, wall, speed, 1.0).law()
         return cls(scene, bodies, wall, speed, law.law.collision_time(law.mass, law.radius, speed), **more)
 
-    def law(self) -> Law:
+    def law(self) -> PlanarLaw:
         """Of its contact; rods count as spheres of their radius and mass."""
         one, other = self.bodies[0], self.bodies[-1]
         scene = self.scene
         if self.wall != "none":
             (wall,) = scene.container.walls()
-            return Law(scene.law(wall, 0), scene.surface(wall, 0), one.radius, one.mass)
+            return PlanarLaw(scene.law(wall, 0), scene.surface(wall, 0), one.radius, one.mass)
         kind = len(scene.grains.species) - 1
         radius = one.radius * other.radius / (one.radius + other.radius)
         mass = one.mass * other.mass / (one.mass + other.mass)
-        return Law(scene.law_between(0, kind), scene.surface_between(0, kind), radius, mass)
+        return PlanarLaw(scene.law_between(0, kind), scene.surface_between(0, kind), radius, mass)
 
     def packing(self, before: float) -> Packing:
         """Where the bodies are `before` [s] the first touch."""
@@ -297,7 +297,7 @@ class Impact:
 class _Flight:
     """An impact that is integrated. The state: displacement, turn, velocity and spin of each body, then springs."""
 
-    def __init__(self, impact: Impact):
+    def __init__(self, impact: PlanarImpact):
         self.impact, self.law = impact, impact.law()
         self.start = [body.after(-BEFORE * impact.lasts) for body in impact.bodies]
         self.contacts = 2 if impact.wall == "floor" and impact.bodies[0].half else 1
@@ -312,7 +312,7 @@ class _Flight:
         body = self.start[k]
         return np.array(body.place) + y[6 * k : 6 * k + 2], body.angle + y[6 * k + 2]
 
-    def meetings(self, y: np.ndarray) -> list[Meeting]:
+    def meetings(self, y: np.ndarray) -> list[PlanarContact]:
         """Of all contacts, whether they touch or not."""
         impact, one = self.impact, self.start[0]
         x, angle = self._pose(y, 0)
@@ -322,12 +322,12 @@ class _Flight:
             n = np.array([0.0, 1.0])
             ends = (-one.half, one.half) if one.half else (0.0,)
             at = [x + end * a for end in ends]
-            return [Meeting(one.radius - p[1], n, p - x - n * p[1], nowhere) for p in at]
+            return [PlanarContact(one.radius - p[1], n, p - x - n * p[1], nowhere) for p in at]
         if impact.wall == "edge":
             reach = -float(x @ a) / (1 + ACROSS) if one.half else 0.0
             point = x + min(max(reach, -one.half), one.half) * a
             distance = math.hypot(*point)
-            return [Meeting(one.radius - distance, point / distance, -x, nowhere)]
+            return [PlanarContact(one.radius - distance, point / distance, -x, nowhere)]
         other = self.start[1]
         x2, angle2 = self._pose(y, 1)
         b = np.array([math.sin(angle2), math.cos(angle2)])
@@ -337,9 +337,9 @@ class _Flight:
         n = away / distance
         lever = (distance**2 + one.radius**2 - other.radius**2) / (2 * distance)
         overlap = one.radius + other.radius - distance
-        return [Meeting(overlap, n, s * a - lever * n, t * b + (distance - lever) * n)]
+        return [PlanarContact(overlap, n, s * a - lever * n, t * b + (distance - lever) * n)]
 
-    def speeds(self, y: np.ndarray, at: Meeting) -> tuple[float, float, np.ndarray]:
+    def speeds(self, y: np.ndarray, at: PlanarContact) -> tuple[float, float, np.ndarray]:
         """Relative velocities along the normal and the tangent [m/s], and the tangent."""
         v = _at_point(y[3:6], at.first)
         if len(self.start) > 1:
@@ -411,7 +411,7 @@ class _Flight:
         del self.parts[c]
         return change
 
-    def _sliding(self, c: int, y: np.ndarray, at: Meeting | None = None) -> float:
+    def _sliding(self, c: int, y: np.ndarray, at: PlanarContact | None = None) -> float:
         """The spring [m] of a contact that slides."""
         at = at or self.meetings(y)[c]
         vn, vt, _ = self.speeds(y, at)

@@ -13,7 +13,7 @@ from labbook.backend.probes import Contacts, Sample
 from labbook.checks.verify.case import Case, limited
 from labbook.checks.verify.materials import G
 from labbook.checks.verify.rods import HALF, ROD, R, rods, rods_at, towards
-from labbook.checks.verify.stand import Stand, Start, grains_at, require
+from labbook.checks.verify.stand import MemberStart, Stand, grains_at, require
 from labbook.scene import Frustum, LinearSpringDashpot, Primitives, Scene, Spheres, SurfaceMotion, Wall
 from labbook.scene.orientation import axes
 
@@ -50,7 +50,7 @@ def _lies(stand: Stand) -> Mapping[str, float]:
         q = towards(np.array([1.0, 0.0, tilt]) / math.hypot(1, tilt))
         # a little too high: it has to come to rest
         start = rods_at([[shift, beside, height + 0.1 * (R - height)]], [q])
-        rows = stand.run(Start(scene, 2e-6, start), 10, 1000, [contacts]).rows(contacts)
+        rows = stand.run(MemberStart(scene, 2e-6, start), 10, 1000, [contacts]).rows(contacts)
         # where its ends carry a rod, it is as far from the rim as a radius: rounding decides whether it touches
         force = np.linalg.norm([rows[name] for name in ("fx", "fy", "fz")], axis=0)
         fz, bx = (rows[name][force > 1e-6 * ROD.mass * G] for name in ("fz", "bx"))
@@ -101,7 +101,7 @@ def _rocks(stand: Stand) -> Mapping[str, float]:
     axis = np.array([math.cos(tilt), 0.0, math.sin(tilt)])
     x = np.array([0.0, beside, R / math.cos(tilt) + at * math.tan(tilt)])  # the lower end is just off the rim
     scene = rods(1, Primitives(parts=(wall("tube"),)), G, normal_stiffness=stiffness, restitution=1.0)
-    motion = stand.run(Start(scene, 1e-6, rods_at([x], [towards(axis)])), 40, 500, [MOTION])
+    motion = stand.run(MemberStart(scene, 1e-6, rods_at([x], [towards(axis)])), 40, 500, [MOTION])
     expected = rocking(x, axis, stiffness, motion.times(MOTION))
     require(float(np.ptp(np.sign(expected[:, 5]))) == 2, "the rod has not rocked to the other side")
     q = motion.by_beat(MOTION, ("qw", "qx", "qy", "qz"))[:, 0]
@@ -121,7 +121,7 @@ def _rides(stand: Stand) -> Mapping[str, float]:
         [[off, 0.0, height]], [towards(np.array([1.0, 0.0, tilt]) / math.hypot(1, tilt))],
         [[0, spin * off, 0]], [[0, 0, spin]],
     )  # fmt: skip
-    motion = stand.run(Start(scene, 2e-6, start), 100, 2000, [MOTION])
+    motion = stand.run(MemberStart(scene, 2e-6, start), 100, 2000, [MOTION])
     angle = spin * motion.times(MOTION)
     heading = np.column_stack([np.cos(angle), np.sin(angle)])
     q = motion.by_beat(MOTION, ("qw", "qx", "qy", "qz"))[:, 0]
@@ -158,7 +158,7 @@ def _strikes(stand: Stand) -> Mapping[str, float]:
             x = foot + n * (R + reach + 1e-9)
             start = grains_at(x, -speed * n) if name == "sphere" else rods_at([x], [towards(n)], [-speed * n])
             scene = Scene(grains=grains, contact=contact, container=container, gravity=0.0)
-            motion = stand.run(Start(scene, 2e-7, start), 1, 5000)
+            motion = stand.run(MemberStart(scene, 2e-7, start), 1, 5000)
             v = speed * (n + 2 * FRICTION * azimuth)
             spin = np.cross(-(R + reach) * n, 2 * FRICTION * speed * azimuth) * grains.mass / grains.inertia
             what = f"{name} at {tilt:g} rad"

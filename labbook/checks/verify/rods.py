@@ -7,9 +7,9 @@ from dataclasses import replace
 import numpy as np
 
 from labbook.backend.probes import Ledger, Sample
-from labbook.checks.verify.case import Case, Measure, limited
+from labbook.checks.verify.case import Case, Criterion, limited
 from labbook.checks.verify.materials import G, floor
-from labbook.checks.verify.stand import Stand, Start, require
+from labbook.checks.verify.stand import MemberStart, Stand, require
 from labbook.filling.placing import place
 from labbook.scene import (
     CylinderSilo,
@@ -59,7 +59,7 @@ def _free(stand: Stand) -> Mapping[str, float]:
     a, omega = np.array([0.6, 0.0, 0.8]), np.array([10.0, 30.0, 50.0])
     momentum = ROD.inertia * omega + (ROD.inertia_axis - ROD.inertia) * (a @ omega) * a
     scene, probes = rods(1, Primitives()), (MOTION, Ledger())
-    motion = stand.run(Start(scene, 1e-5, rods_at([[0, 0, 0]], [towards(a)], omega=[omega])), 20, 5000, probes)
+    motion = stand.run(MemberStart(scene, 1e-5, rods_at([[0, 0, 0]], [towards(a)], omega=[omega])), 20, 5000, probes)
     rate, along = np.linalg.norm(momentum) / ROD.inertia, momentum / np.linalg.norm(momentum)
     q = motion.by_beat(MOTION, ("qw", "qx", "qy", "qz"))[:, 0]
     angle = rate * motion.times(MOTION)[:, None]
@@ -85,7 +85,7 @@ def _impact(stand: Stand) -> Mapping[str, float]:
     gap = 2e-9
     x = np.array([arms[1] - arms[0] + (2 * R + gap) * n, [0.0, 0.0, 0.0]])
     scene = rods(2, Primitives(), normal_stiffness=2e5)
-    motion = stand.run(Start(scene, 2e-7, rods_at(x, q, speed, omega)), 1, 2000)
+    motion = stand.run(MemberStart(scene, 2e-7, rods_at(x, q, speed, omega)), 1, 2000)
 
     tensors = [ROD.inertia * np.eye(3) + (ROD.inertia_axis - ROD.inertia) * np.outer(each, each) for each in a]
     lever = np.cross(arms, n)
@@ -137,7 +137,7 @@ def _lands(stand: Stand) -> Mapping[str, float]:
     for angle in ANGLES:
         a = [math.cos(angle), 0.0, math.sin(angle)]
         height = R + HALF * math.sin(angle) + 1e-6
-        starts.append(Start(scene, 1e-7, rods_at([[0, 0, height]], [towards(a)], [[0, 0, -SPEED]])))
+        starts.append(MemberStart(scene, 1e-7, rods_at([[0, 0, height]], [towards(a)], [[0, 0, -SPEED]])))
     motions = stand.run_all(starts, 20, 10_000)
     for angle, motion in zip(ANGLES, motions, strict=True):
         vz, spin = landed(angle, 2e4, SPEED)
@@ -180,7 +180,7 @@ def _slides_off(stand: Stand) -> Mapping[str, float]:
     overlap = ROD.mass * G / stiffness  # all of the weight is on the rim: the end on the plate just does not touch
     along = inwards - [0, 0, overlap / HALF]
     start = rods_at([-RIM * inwards + [0, 0, R - overlap]], [towards(along)], [speed * inwards])
-    motion = stand.run(Start(scene, dt, start), 60, 2000, [MOTION])
+    motion = stand.run(MemberStart(scene, dt, start), 60, 2000, [MOTION])
     times = motion.times(MOTION)
     x = motion.by_beat(MOTION, ("x", "y", "z"))[:, 0]
     q = motion.by_beat(MOTION, ("qw", "qx", "qy", "qz"))[:, 0]
@@ -202,7 +202,7 @@ def _rides(stand: Stand) -> Mapping[str, float]:
     scene = rods(1, Primitives(parts=(disc,)), G, friction=0.8, restitution=0.5)
     height = R - ROD.mass * G / (2 * 2e4)
     start = rods_at([[*at, height]], [towards([1.0, 0.0, 0.0])], [[0, spin * at[0], 0]], [[0, 0, spin]])
-    motion = stand.run(Start(scene, 2e-6, start), 100, 2000, [MOTION])
+    motion = stand.run(MemberStart(scene, 2e-6, start), 100, 2000, [MOTION])
     p = motion.by_beat(MOTION, ("x", "y"))[:, 0]
     angle = spin * motion.times(MOTION)
     expected = np.column_stack([at[0] * np.cos(angle), at[0] * np.sin(angle)])
@@ -227,7 +227,7 @@ def _spheres_too(stand: Stand) -> Mapping[str, float]:
         start = place(bed.model_copy(update={"grains": Spheres(diameter=d, density=620, count=60)}), "gas", 1)
         if grains.shape == "spherocylinder":
             start = replace(start, q=np.tile([1.0, 0, 0, 0], (60, 1)))
-        ends.append(stand.run(Start(bed, 1e-5, start), 1, 5000).end)
+        ends.append(stand.run(MemberStart(bed, 1e-5, start), 1, 5000).end)
     touched = len(ends[0].wall_grain) + len(ends[0].pairs)
     require(touched > 10, "the grains have not met")
     return {
@@ -259,7 +259,7 @@ CASES = [
         name="rod-landing",
         statement="a rod that lands on a plane, flat or at an angle, on one end or both, one after the other",
         source="SciPy, springs and dashpots at both ends",
-        measures={**{f"at {angle:g} rad": limited(1e-3) for angle in ANGLES}, "kept when flat": Measure({})},
+        measures={**{f"at {angle:g} rad": limited(1e-3) for angle in ANGLES}, "kept when flat": Criterion({})},
         run=_lands,
     ),
     Case(

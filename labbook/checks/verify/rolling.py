@@ -11,9 +11,9 @@ from collections.abc import Mapping
 import numpy as np
 
 from labbook.backend.probes import Sample
-from labbook.checks.verify.case import Case, Measure, limited
+from labbook.checks.verify.case import Case, Criterion, limited
 from labbook.checks.verify.materials import LAWS, D, G, floor, scene
-from labbook.checks.verify.stand import Stand, Start, grains_at
+from labbook.checks.verify.stand import MemberStart, Stand, grains_at
 from labbook.scene import HertzMindlin, LinearSpringDashpot, Primitives, Scene, SurfaceChange
 from labbook.scene.packing import Packing
 
@@ -53,7 +53,7 @@ def resting_on(scene: Scene, angle: float = 0.0, speed: float = 0.0) -> Packing:
 def follow(stand: Stand, scene: Scene, start: Packing, angle: float, time: float, dt: float = DT):
     """Times [s], speeds [m/s] downwards, spins [rad/s] about y of one grain."""
     beats = round(time / dt / STEPS)
-    motion = stand.run(Start(scene, dt, start), beats, STEPS, [MOTION])
+    motion = stand.run(MemberStart(scene, dt, start), beats, STEPS, [MOTION])
     vx, vz, wy = np.moveaxis(motion.by_beat(MOTION, ("vx", "vz", "wy"))[:, 0], -1, 0)
     return motion.times(MOTION), vx * math.cos(angle) - vz * math.sin(angle), wy
 
@@ -152,7 +152,7 @@ CASES = [
         name="rolling-incline",
         statement="a sphere rolls down a slope with a = (5/7) g (sin t - mu_r cos t)",
         source="rigid body, lever R - delta",
-        measures={"relative error of a": limited(1e-6, steps=4e4), "the same with l = R": Measure({})},
+        measures={"relative error of a": limited(1e-6, steps=4e4), "the same with l = R": Criterion({})},
         run=_rolls_down,
     ),
     Case(
@@ -163,7 +163,7 @@ CASES = [
             "creep/(30 g sin t dt) - 1": limited(1e-6, roundings=400),
             # a spring of 1.5e-8 m loses up to a rounding a step: slip of up to 400 roundings of the creep at dt/2
             "creep at dt/2, over half of it - 1": limited(1e-6, roundings=400),
-            "creep in a second": Measure({}, "d"),
+            "creep in a second": Criterion({}, "d"),
             # a is 1 % of the two terms that it is the difference of
             "1 % above: |a/expected - 1|": limited(1e-6, roundings=100 * 16, steps=4e4),
         },
@@ -173,7 +173,7 @@ CASES = [
         name="sliding-to-rolling",
         statement="a sphere that starts to slide at v0 ends up rolling at (5/7) v0",
         source="angular momentum, lever R - delta",
-        measures={"relative error of v and of rolling": limited(1e-6, steps=4e4), "|v/v0 - 5/7|": Measure({})},
+        measures={"relative error of v and of rolling": limited(1e-6, steps=4e4), "|v/v0 - 5/7|": Criterion({})},
         run=_comes_to_roll,
     ),
     Case(

@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 
 from labbook.backend.probes import Sample
-from labbook.checks.verify.case import Case, Measure, limited
+from labbook.checks.verify.case import Case, Criterion, limited
 from labbook.checks.verify.materials import LAWS, D, G, floor, linear, scene
 from labbook.checks.verify.rolling import (
     DT,
@@ -19,7 +19,7 @@ from labbook.checks.verify.rolling import (
     slope,
     static_overlap,
 )
-from labbook.checks.verify.stand import Stand, Start, grains_at, require
+from labbook.checks.verify.stand import MemberStart, Stand, grains_at, require
 from labbook.scene import LinearSpringDashpot, Plane, Primitives, Scene, SurfaceChange, Wall
 from labbook.scene.packing import Packing
 
@@ -100,7 +100,7 @@ def _oscillates(stand: Stand) -> Mapping[str, float]:
             spin = 0.5 * limit / stiffness(here, WEAK) * frequency  # half of what mobilises the spring
             beats = round(3 * 2 * math.pi / frequency / DT / STEPS)
             begun = begins_to_roll(here, WEAK, spin, DT)
-            motion = stand.run(Start(here, DT, begun), beats, STEPS, [MOTION])
+            motion = stand.run(MemberStart(here, DT, begun), beats, STEPS, [MOTION])
             times, found = motion.times(MOTION), motion.by_beat(MOTION, ("wy",))[:, 0, 0]
             if law == "linear":
                 exact = oscillation(here, WEAK, damping, spin, times)
@@ -125,7 +125,7 @@ def _slows_down(stand: Stand) -> Mapping[str, float]:
     for law in LAWS:
         here, speed = sprung(law, 0.0, STRONG), 0.1
         begun = begins_to_roll(here, STRONG, speed / lever(here), DT)
-        motion = stand.run(Start(here, DT, begun), round(0.1 / DT / STEPS), STEPS, [MOTION])
+        motion = stand.run(MemberStart(here, DT, begun), round(0.1 / DT / STEPS), STEPS, [MOTION])
         times, found = motion.times(MOTION), motion.by_beat(MOTION, ("vx",))[:, 0, 0]
         half = len(times) // 2
         slowing = (found[-1] - found[half]) / (times[-1] - times[half])
@@ -140,7 +140,7 @@ def _rests(stand: Stand) -> Mapping[str, float]:
         below, above = sprung(law, angle, STRONG), sprung(law, math.atan(1.01 * STRONG), STRONG)
         normal = np.array([math.sin(angle), 0.0, math.cos(angle)])
         place = Sample(fields=("x",), every=MILLION // STEPS // 10)
-        start = Start(below, DT, grains_at(normal * lever(below, angle)))
+        start = MemberStart(below, DT, grains_at(normal * lever(below, angle)))
         x = stand.run(start, MILLION // STEPS, STEPS, [place]).by_beat(place, "xyz")[:, 0]
         errors[f"{law}: moved in the last 900 000 steps"] = float(np.abs(x[-1] - x[0]).max()) / D
         a, _ = accelerations(stand, above, math.atan(1.01 * STRONG))
@@ -176,7 +176,7 @@ def _holds(stand: Stand) -> Mapping[str, float]:
     places = {}
     for model, factor, steps in (("epsd", 1.02, MILLION), ("epsd", 0.98, MILLION // 5), ("cdt", 1.02, MILLION)):
         held, start = pyramid(factor * HELD, model)
-        motion = stand.run(Start(held, DT, start), steps // 1000, 1000, [place])
+        motion = stand.run(MemberStart(held, DT, start), steps // 1000, 1000, [place])
         places[model, factor] = motion.by_beat(place, "xyz") / D
     held, low = places["epsd", 1.02], places["epsd", 0.98]
     return {
@@ -233,7 +233,7 @@ CASES = [
             "2 % above: moved in the last 900 000 steps": limited(1e-9, "d", roundings=600),
             "2 % above: sunk": limited(1e-3, "d"),
             "2 % below: height left": limited(1e-3, "d"),
-            "2 % above, cdt: height left": Measure({}, "d"),
+            "2 % above, cdt: height left": Criterion({}, "d"),
         },
         run=_holds,
         slow=True,

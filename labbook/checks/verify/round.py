@@ -9,7 +9,7 @@ from labbook.backend.probes import Sample
 from labbook.checks.verify.bed import at_rest, borne, in_each
 from labbook.checks.verify.case import Case, limited
 from labbook.checks.verify.materials import D, G, linear, scene, spheres
-from labbook.checks.verify.stand import Stand, Start, grains_at
+from labbook.checks.verify.stand import MemberStart, Stand, grains_at
 from labbook.scene import (
     ConicalSilo,
     CylinderSilo,
@@ -45,7 +45,7 @@ def _rolls_round(stand: Stand) -> Mapping[str, float]:
     overlap = mass * SPEED**2 / (BORE - R) / law.normal_stiffness
     circle, arm = BORE - R + overlap, R - overlap
     start = grains_at([circle, 0, 0], [0, SPEED, 0], [0, 0, -SPEED / arm])
-    motion = stand.run(Start(rolls, 1e-6, start), BEATS, STEPS, [MOTION])
+    motion = stand.run(MemberStart(rolls, 1e-6, start), BEATS, STEPS, [MOTION])
     p, times = motion.by_beat(MOTION, ("x", "y", "z"))[:, 0], motion.times(MOTION)
     inertia = 0.4 * R**2 / (0.4 * R**2 + arm**2)
     rate = SPEED / circle

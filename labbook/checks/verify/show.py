@@ -10,7 +10,7 @@ from rich.progress import Progress, TimeElapsedColumn
 from rich.table import Table
 
 from labbook.backend import BackendMissing, Unsupported, load
-from labbook.checks.verify.case import Case, Verdict, failed, judge
+from labbook.checks.verify.case import Case, CriterionResult, failed, judge
 from labbook.checks.verify.cases import EVERY
 from labbook.checks.verify.stand import Stand
 from labbook.plugins import ExtensionError
@@ -55,9 +55,9 @@ def run_cases(
     return all(v.result != "failed" for v in verdicts)
 
 
-def judged(cases: Sequence[Case], stand: Stand) -> list[Verdict]:
+def judged(cases: Sequence[Case], stand: Stand) -> list[CriterionResult]:
     """Verdicts of cases on a stand, with a progress bar; a case of another package whose code fails is failed."""
-    verdicts: list[Verdict] = []
+    verdicts: list[CriterionResult] = []
     with Progress(*Progress.get_default_columns(), TimeElapsedColumn(), console=Console(stderr=True)) as bar:
         task = bar.add_task("", total=len(cases))
         for case in cases:
@@ -71,7 +71,7 @@ def judged(cases: Sequence[Case], stand: Stand) -> list[Verdict]:
     return verdicts
 
 
-def _table(verdicts: Sequence[Verdict]) -> Table:
+def _table(verdicts: Sequence[CriterionResult]) -> Table:
     table = Table("test", "error of", "error", "tolerance", "source", "verdict")
     before = ""
     for v in verdicts:

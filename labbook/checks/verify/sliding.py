@@ -24,9 +24,9 @@ from functools import partial
 import numpy as np
 
 from labbook.backend.probes import Sample
-from labbook.checks.verify.case import Case, Measure, limited
+from labbook.checks.verify.case import Case, Criterion, limited
 from labbook.checks.verify.materials import EVERY_LAW, D, floor, scene, spheres
-from labbook.checks.verify.stand import Stand, Start, grains_at, require
+from labbook.checks.verify.stand import MemberStart, Stand, grains_at, require
 from labbook.scene import Primitives
 
 RESTITUTIONS = (0.2, 0.5, 0.9, 1.0)
@@ -49,7 +49,7 @@ def _impulses(stand: Stand, law: str, e: float) -> tuple[float, float, float]:
     start = grains_at([0.0, 0.0, D / 2 + AHEAD * SPEED * dt], [0.0, 0.0, -SPEED], [0.0, SPIN, 0.0])
     probe = Sample(fields=("v", "omega"))
     beats = 3 * STEPS  # a contact that pulls lasts longer than an elastic one
-    motion = stand.run(Start(scene(1, material, Primitives(parts=(floor(),))), dt, start), beats, 1, [probe])
+    motion = stand.run(MemberStart(scene(1, material, Primitives(parts=(floor(),))), dt, start), beats, 1, [probe])
     along, normal, spin = motion.by_beat(probe, ("vx", "vz", "wy"))[:, 0].T
     require(bool(normal[-1] > 0) and normal[-1] == normal[-2], "the impact is not over")
     require(bool(spin[-1] * D / 2 > along[-1]), "the contact has come to stick")
@@ -89,7 +89,7 @@ CASES = [
         statement="an impact that slides throughout passes on mu times the normal momentum that is exchanged",
         source="Coulomb's law, from momenta before and after",
         measures={_name(law, e): limited(LIMITS.get(law, 1e-9), roundings=16, steps=3 * STEPS) for e in RESTITUTIONS}
-        | ({f"J_t/J_n, e = {e:g}": Measure({}) for e in RESTITUTIONS} if law in PULLS else {}),
+        | ({f"J_t/J_n, e = {e:g}": Criterion({}) for e in RESTITUTIONS} if law in PULLS else {}),
         run=partial(_errors, law=law),
     )
     for law in EVERY_LAW

@@ -14,14 +14,14 @@ from labbook.scene import Scene
 from labbook.scene.packing import Packing
 
 
-class NotMeasured(Exception):
+class CaseNotMeasured(Exception):
     """A case could not be measured: a guard stopped the backend, or what was to be seen did not happen."""
 
 
 def require(happened: bool, what: str) -> None:
     """Raises NotMeasured unless what the measurement rests on has happened."""
     if not happened:
-        raise NotMeasured(what)
+        raise CaseNotMeasured(what)
 
 
 @dataclass(frozen=True, eq=False)
@@ -55,7 +55,7 @@ class Motion:
 
 
 @dataclass(frozen=True)
-class Start:
+class MemberStart:
     """One member to be: its scene, time step [s] and start, and further numerics."""
 
     scene: Scene
@@ -70,7 +70,7 @@ class Admitted:
     """Members side by side in an open ensemble: each with its start and numerics."""
 
     ensemble: Ensemble
-    starts: Sequence[Start]
+    starts: Sequence[MemberStart]
     numerics: Sequence[Numerics]
     members: Sequence[Member]
 
@@ -104,7 +104,7 @@ class Stand:
 
     def run_all(
         self,
-        starts: Sequence[Start],
+        starts: Sequence[MemberStart],
         beats: int,
         steps_per_beat: int = 1000,
         probes: Sequence[Probe] = (),
@@ -128,7 +128,9 @@ class Stand:
             return admitted.motions(events)
 
     @contextmanager
-    def admitted(self, starts: Sequence[Start], steps_per_beat: int, probes: Sequence[Probe]) -> Iterator[Admitted]:
+    def admitted(
+        self, starts: Sequence[MemberStart], steps_per_beat: int, probes: Sequence[Probe]
+    ) -> Iterator[Admitted]:
         """Members at their starts, in an ensemble of their own; all must need the same Spec."""
         numerics = [self.numerics(s.dt, steps_per_beat=steps_per_beat, **s.numerics) for s in starts]
         spec = self.backend.specialise(starts[0].scene, numerics[0], probes)
@@ -143,7 +145,7 @@ class Stand:
             ensemble.close()
 
     def run(
-        self, start: Start, beats: int, steps_per_beat: int = 1000, probes: Sequence[Probe] = (), **how: Any
+        self, start: MemberStart, beats: int, steps_per_beat: int = 1000, probes: Sequence[Probe] = (), **how: Any
     ) -> Motion:
         """Follow one member; see `run_all`."""
         return self.run_all([start], beats, steps_per_beat, probes, **how)[0]

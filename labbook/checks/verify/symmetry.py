@@ -8,10 +8,10 @@ import numpy as np
 from labbook.backend.probes import Crossing
 from labbook.checks.verify.case import Case, limited
 from labbook.checks.verify.materials import D, G, hertz, scene, spheres
-from labbook.checks.verify.stand import Motion, Stand, Start, require
+from labbook.checks.verify.stand import MemberStart, Motion, Stand, require
 from labbook.filling.opening import opened
 from labbook.filling.placing import place
-from labbook.scene import Plane, Primitives, Scene, Strip, SurfaceMotion, Wall, WedgeHopper
+from labbook.scene import Primitives, Scene, SurfaceMotion, Wall, WedgeHopper
 from labbook.scene.packing import Packing
 
 COUNT = 120
@@ -33,13 +33,13 @@ def hopper(length: float = 1.0) -> Scene:
 def fallen(stand: Stand) -> tuple[Scene, Packing]:
     """Grains that have fallen into the closed hopper and still move, ready to flow out."""
     closed = hopper().close()
-    motion = stand.run(Start(closed, DT, place(closed, "gas", 1)), 4)
+    motion = stand.run(MemberStart(closed, DT, place(closed, "gas", 1)), 4)
     return hopper(), opened(motion.end, closed, hopper())
 
 
 def discharge(stand: Stand, scene: Scene, start: Packing, dt: float = DT, steps: int = 3000) -> Motion:
     """What leaves in `steps` steps, and what is left."""
-    return stand.run(Start(scene, dt, start), 1, steps, [OUT])
+    return stand.run(MemberStart(scene, dt, start), 1, steps, [OUT])
 
 
 def scaled(packing: Packing) -> Packing:
@@ -52,17 +52,9 @@ def mirrored(scene: Scene) -> Scene:
     swap = {"left": "right", "right": "left", "bottom-left": "bottom-right", "bottom-right": "bottom-left"}
     parts = []
     for wall in scene.container.walls():
-        shape = wall.shape
-        if isinstance(shape, Plane):
-            point, normal = ((-a[0], a[1], a[2]) for a in (shape.point, shape.normal))
-            shape = Plane(point=point, normal=normal)
-        elif isinstance(shape, Strip):
-            start, end = ((-a[0], a[1]) for a in (shape.start, shape.end))
-            shape = Strip(start=start, end=end)
-        # a frustum is its own mirror image, and turns the other way
         x, y, z = wall.motion.velocity
         motion = SurfaceMotion(velocity=(-x, y, z), spin=-wall.motion.spin)
-        parts.append(Wall(name=swap.get(wall.name, wall.name), shape=shape, motion=motion))
+        parts.append(Wall(name=swap.get(wall.name, wall.name), shape=wall.shape.mirrored(), motion=motion))
     container = Primitives(parts=tuple(parts), outlet_plane=scene.container.outlet_plane)
     return scene.model_copy(update={"container": container})
 

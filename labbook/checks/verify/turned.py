@@ -8,7 +8,7 @@ import numpy as np
 
 from labbook.checks.verify.case import Case, limited
 from labbook.checks.verify.rods import ROD
-from labbook.checks.verify.stand import Stand, Start, require
+from labbook.checks.verify.stand import MemberStart, Stand, require
 from labbook.checks.verify.symmetry import mirrored
 from labbook.filling.opening import opened
 from labbook.filling.placing import place
@@ -42,11 +42,11 @@ def turned(packing: Packing, angle: float) -> Packing:
 def _compare(stand: Stand, image, scene: Scene, back) -> Mapping[str, float]:
     """Largest differences in position [d] of a discharge and of that of its image, by time."""
     closed = silo().close()
-    fallen = stand.run(Start(closed, DT, place(closed, "gas", 1)), 30).end
+    fallen = stand.run(MemberStart(closed, DT, place(closed, "gas", 1)), 30).end
     start, errors = opened(fallen, closed, silo()), {}
     for name, steps in LATER.items():
-        one = stand.run(Start(silo(), DT, start), 1, steps).end
-        other = stand.run(Start(scene, DT, image(start)), 1, steps).end
+        one = stand.run(MemberStart(silo(), DT, start), 1, steps).end
+        other = stand.run(MemberStart(scene, DT, image(start)), 1, steps).end
         require(len(one) == len(other) == len(start), "a rod has left")
         require(len(one.pairs) > 20, "the rods do not touch")
         require(float(np.linalg.norm(one.v, axis=1).max()) > 0.01, "the rods do not move")

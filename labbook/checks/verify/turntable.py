@@ -7,10 +7,10 @@ from functools import partial
 import numpy as np
 
 from labbook.backend.probes import Sample
-from labbook.checks.verify.case import Case, Measure, limited
+from labbook.checks.verify.case import Case, Criterion, limited
 from labbook.checks.verify.materials import D, G, floor, hertz, scene
 from labbook.checks.verify.rolling import lever
-from labbook.checks.verify.stand import Stand, Start, grains_at
+from labbook.checks.verify.stand import MemberStart, Stand, grains_at
 from labbook.scene import Frustum, Primitives, SurfaceMotion, Wall
 from labbook.scene.scene import SurfaceChange
 
@@ -35,7 +35,7 @@ def _circles(stand: Stand, plate: Wall) -> Mapping[str, float]:
     rate = SPIN * 0.4 / (0.4 + (arm / (D / 2)) ** 2)
     dt, steps = 1e-6, 5000
     beats = round(2 * math.pi / rate / dt / steps)
-    motion = stand.run(Start(turns, dt, start), beats, steps, [MOTION])
+    motion = stand.run(MemberStart(turns, dt, start), beats, steps, [MOTION])
     p = motion.by_beat(MOTION, ("x", "y", "vx", "vy"))[:, 0]
     heading = np.unwrap(np.arctan2(p[:, 3], p[:, 2]))
     times = motion.times(MOTION)
@@ -56,7 +56,7 @@ CASES = [
         source="rigid body, lever R - delta",
         measures={
             "relative error of the rate": limited(1e-6, steps=2e4),
-            "|rate/(2/7 of the table's) - 1|": Measure({}),
+            "|rate/(2/7 of the table's) - 1|": Criterion({}),
             "radius over v/rate": limited(1e-5, steps=2e4),
         },
         run=partial(_circles, plate=plate),

@@ -10,7 +10,7 @@ import numpy as np
 from labbook.backend.probes import Sample
 from labbook.checks.verify.case import Case, limited
 from labbook.checks.verify.materials import LAWS, D, room
-from labbook.checks.verify.stand import Motion, Stand, Start, require
+from labbook.checks.verify.stand import MemberStart, Motion, Stand, require
 from labbook.scene import Between, Kind, Scene, Spheres, SurfaceChange
 from labbook.scene.packing import Packing
 from labbook.scene.timescales import collision
@@ -181,7 +181,7 @@ def _meets(stand: Stand, law: str, slip: float) -> Motion:
     dt = min(one.lasts for one in three) / 400
     require(dt < collision(scene.model_copy(update={"gravity": SPEED**2 / D})), "the stiffest contact sets the step")
     steps = math.ceil(1.5 * max(one.lasts for one in three) / dt)
-    return stand.run(Start(scene, dt, meeting(slip, dt)), steps, 1, [MOTION])
+    return stand.run(MemberStart(scene, dt, meeting(slip, dt)), steps, 1, [MOTION])
 
 
 def _lasts(stand: Stand, law: str) -> Mapping[str, float]:

@@ -23,7 +23,7 @@ from labbook.results.paper import Row
 from labbook.results.points import PointResult
 from labbook.results.reference import Comparison, matches, sought
 from labbook.results.series import FurtherFit, Series
-from labbook.results.study import Results
+from labbook.results.study import StudyResults
 
 
 def _declared() -> Iterator[Quantity]:
@@ -55,7 +55,9 @@ class Fan2023(Paper):
     def fit(self, name: str, points: Sequence[PointResult]) -> FurtherFit:
         return fit_along(name, points)
 
-    def compared(self, results: Results, quantity: str, at: Mapping[str, float | str]) -> Sequence[Comparison] | None:
+    def compared(
+        self, results: StudyResults, quantity: str, at: Mapping[str, float | str]
+    ) -> Sequence[Comparison] | None:
         head, _, tail = quantity.partition(".")
         shape, _, term = tail.partition(".")
         points = [result for result in results.points if matches(at, result.point)]
@@ -66,24 +68,26 @@ class Fan2023(Paper):
             return [_of_approach(sought(quantity, at), head, shape, term, points)]
         return None
 
-    def frames(self, results: Results) -> Mapping[str, Iterable[Row]]:
+    def frames(self, results: StudyResults) -> Mapping[str, Iterable[Row]]:
         """`ratios`: a row a point, W over a plain hopper's, with the laws of the angle; `outlets`: a row a point and
         definition of profiles, what was fitted to its outlet."""
         return {"ratios": _ratios(results), "outlets": _outlets(results)}
 
-    def sections(self, results: Results, folder: Path) -> Sequence[Section]:
+    def sections(self, results: StudyResults, folder: Path) -> Sequence[Section]:
         outlets = pages.outlet_pictures(results, folder)
         first = [Section("Outlets of all series", tuple(outlets))] if outlets else []
         return [*first, *pages.ratio_sections(results, folder)]
 
-    def of_series(self, results: Results, series: Series, folder: Path, suffix: str, where: str) -> Sequence[Block]:
+    def of_series(
+        self, results: StudyResults, series: Series, folder: Path, suffix: str, where: str
+    ) -> Sequence[Block]:
         return [
             pages.profile_section(results, series, name, folder, suffix, where)
             for name in series.further
             if name in DEFINITIONS
         ]
 
-    def tables(self, results: Results, series: Series, where: str) -> Sequence[tuple[str, Table]]:
+    def tables(self, results: StudyResults, series: Series, where: str) -> Sequence[tuple[str, Table]]:
         return [
             table
             for name in series.further
@@ -91,7 +95,7 @@ class Fan2023(Paper):
             for table in pages.tables_of(results, series, name, where)
         ]
 
-    def figures_of(self, results: Results, series: Series) -> Mapping[str, Draw]:
+    def figures_of(self, results: StudyResults, series: Series) -> Mapping[str, Draw]:
         beside, found = (results.comparisons, results.source), dict[str, Draw]()
         for name in (name for name in series.further if name in DEFINITIONS):
             found[name] = partial(figures.outlet_profiles, series, name, *beside)
@@ -118,7 +122,7 @@ def _of_approach(base: Comparison, definition: str, shape: str, term: str, point
     return replace(base, ours=ours.value, error=ours.error, low=ours.low, high=ours.high, unit=ours.unit)
 
 
-def _ratios(results: Results) -> Iterator[Row]:
+def _ratios(results: StudyResults) -> Iterator[Row]:
     for name, found in RATIOS.items():
         for one in found(results.points):
             numbers = {"value": one.value, "error": one.error, "low": one.low, "high": one.high}
@@ -134,7 +138,7 @@ def _column(author: str) -> str:
     return author.lower().replace(" & ", "_")
 
 
-def _outlets(results: Results) -> Iterator[Row]:
+def _outlets(results: StudyResults) -> Iterator[Row]:
     for series in results.series:
         for definition in (name for name in DEFINITIONS if name in series.further):
             fit = profile_fit(series, definition)

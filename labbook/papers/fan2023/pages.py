@@ -15,12 +15,12 @@ from labbook.report.tables import INSIDE, Table
 from labbook.results import display
 from labbook.results.reference import Comparison, at_series
 from labbook.results.series import Series
-from labbook.results.study import Results
+from labbook.results.study import StudyResults
 from labbook.scene.quantities import percent
 
 
 def profile_section(
-    results: Results, series: Series, definition: str, folder: Path, suffix: str, where: str
+    results: StudyResults, series: Series, definition: str, folder: Path, suffix: str, where: str
 ) -> Section:
     """Profiles along the outlets of a series and their middles, with what was fitted to them."""
     name = definition.removeprefix("outlet_")
@@ -38,14 +38,14 @@ def profile_section(
     )
 
 
-def tables_of(results: Results, series: Series, definition: str, where: str) -> list[tuple[str, Table]]:
+def tables_of(results: StudyResults, series: Series, definition: str, where: str) -> list[tuple[str, Table]]:
     """Title and table of what was fitted to the profiles of a series, for the terminal."""
     title = f"Profiles along the outlets{where} ({DEFINITIONS[definition]}): {ProfileFit.formula}"
     fitted = profile_table(series, definition, results.comparisons, results.source)
     return [(title, fitted), (f"Outlets{where}", outlet_table(series, definition))]
 
 
-def outlet_pictures(results: Results, folder: Path) -> list[Picture]:
+def outlet_pictures(results: StudyResults, folder: Path) -> list[Picture]:
     """Middles of profiles and flow rates of all series, by each definition of the profiles that was fitted."""
     pictures = []
     for definition in DEFINITIONS:
@@ -57,7 +57,7 @@ def outlet_pictures(results: Results, folder: Path) -> list[Picture]:
     return pictures
 
 
-def ratio_sections(results: Results, folder: Path) -> list[Section]:
+def ratio_sections(results: StudyResults, folder: Path) -> list[Section]:
     """Flow rates over that of a plain hopper, where the angle of its bottom or the place of its outlet was varied."""
     sections = []
     if angles := by_angle(results.points):

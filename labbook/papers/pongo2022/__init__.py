@@ -13,7 +13,7 @@ from labbook.report.blocks import Section
 from labbook.results.paper import Row
 from labbook.results.points import PointResult
 from labbook.results.statements import Judged
-from labbook.results.study import Results
+from labbook.results.study import StudyResults
 from labbook.study import Statement
 from labbook.study.paper import Asked, Wrong, none_such
 from labbook.study.problems import instead, shown
@@ -42,19 +42,19 @@ class Pongo2022(Paper):
             return none_such(quantity, [f"{TURNING}.{one}" for one in asked.units])
         return "Hz" if feature == "minimum" else ""
 
-    def judged(self, results: Results, statement: Statement) -> Sequence[Judged] | None:
+    def judged(self, results: StudyResults, statement: Statement) -> Sequence[Judged] | None:
         if statement.quantity.partition(".")[0] != TURNING:
             return None
         return judged(statement, rotations_of(results))
 
-    def frames(self, results: Results) -> Mapping[str, Iterable[Row]]:
+    def frames(self, results: StudyResults) -> Mapping[str, Iterable[Row]]:
         """`rotation`: a row a point and quantity, the ratio to the bottom at rest."""
         return {"rotation": _rows(results)}
 
-    def sections(self, results: Results, folder: Path) -> Sequence[Section]:
+    def sections(self, results: StudyResults, folder: Path) -> Sequence[Section]:
         return pages.turning_sections(results, folder)
 
-    def figures(self, results: Results) -> Mapping[str, Draw]:
+    def figures(self, results: StudyResults) -> Mapping[str, Draw]:
         found: dict[str, Draw] = {}
         if curves := [one for one in rotations_of(results) if one.flows]:
             found["rotation"] = partial(figures.flow_against_rotation, curves)
@@ -62,11 +62,11 @@ class Pongo2022(Paper):
             found["scaling"] = partial(figures.flow_scaling, scaled)
         return found
 
-    def shows_beds_of(self, results: Results) -> Collection[PointResult]:
+    def shows_beds_of(self, results: StudyResults) -> Collection[PointResult]:
         return [one for curve in rotations_of(results) for one in curve.points]
 
 
-def _rows(results: Results) -> Iterator[Row]:
+def _rows(results: StudyResults) -> Iterator[Row]:
     """Every quantity over that with the bottom at rest, paired by seeds; intervals have the stated confidence."""
     for curve in rotations_of(results):
         for k, result in enumerate(curve.points):

@@ -15,14 +15,14 @@ from labbook.report.sections import PATTERNS
 from labbook.results.points import PointResult
 from labbook.results.recorded import Flowing, acceleration, flow_patterns, moments
 from labbook.results.series import Series
-from labbook.results.study import Results
+from labbook.results.study import StudyResults
 from labbook.scene.quantities import percent, value_range
 from labbook.stats import Pooled
 
 _MEANS = ("orifice_v_z", "orifice_packing_fraction")
 
 
-def turning_sections(results: Results, folder: Path) -> list[Section]:
+def turning_sections(results: StudyResults, folder: Path) -> list[Section]:
     """Sentences, pictures and what is lacking; where no rotation was swept Q(D) alone, if it was fitted."""
     curves = rotations_of(results)
     if not curves:
@@ -64,7 +64,7 @@ def turning_sections(results: Results, folder: Path) -> list[Section]:
     return [Section("Against the rotation of the bottom", (*sentences, *pictures, *without))]
 
 
-def scaling(results: Results, folder: Path) -> Picture | None:
+def scaling(results: StudyResults, folder: Path) -> Picture | None:
     """Q(D) of holes on logarithmic axes, where the laws of that name are fitted."""
     fitted = scaled(results)
     if not fitted:
@@ -72,7 +72,7 @@ def scaling(results: Results, folder: Path) -> Picture | None:
     return picture(figures.flow_scaling(fitted), folder / "scaling", "flow rate against orifice, logarithmic", _SCALING)
 
 
-def scaled(results: Results) -> list[Series]:
+def scaled(results: StudyResults) -> list[Series]:
     """The series to which those laws are fitted."""
     return [one for one in results.series if {"power", "exponential"} & set(one.fits)]
 
@@ -163,7 +163,7 @@ def _hollow(curves: Sequence[Rotation]) -> str:
     return " Hollow: see the remarks in the table of flow rates." if any_one else ""
 
 
-def _lacks(what: str, results: Results, curves: Sequence[Rotation]) -> str:
+def _lacks(what: str, results: StudyResults, curves: Sequence[Rotation]) -> str:
     """Why means above the orifice or accelerations are not shown."""
     if OrificeMeans.name not in results.study.measure:
         return f"{what} need `orifice` among the measures."

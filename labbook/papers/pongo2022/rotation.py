@@ -10,7 +10,7 @@ import numpy as np
 
 from labbook.results import display
 from labbook.results.points import PointResult, by_seed, redundant, swept
-from labbook.results.study import Results
+from labbook.results.study import StudyResults
 from labbook.stats import Pooled
 from labbook.stats.pooling import student, welch
 from labbook.stats.ratio import paired_ratio
@@ -143,7 +143,7 @@ def rotations(points: Sequence[PointResult], missing: Sequence[Mapping[str, floa
     return tuple(sorted(found, key=lambda one: (aspect_ratio(one.points[0]), one.orifice)))
 
 
-def rotations_of(results: Results) -> tuple[Rotation, ...]:
+def rotations_of(results: StudyResults) -> tuple[Rotation, ...]:
     """Points of a study that differ in the rotation of the bottom only."""
     extra = redundant(results.study.points)
     return rotations(results.points, [swept(point, extra) for point in results.missing])

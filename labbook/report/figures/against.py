@@ -22,7 +22,7 @@ from labbook.report.style import (
     verbatim,
 )
 from labbook.results import display
-from labbook.results.against import Against, Line, Place
+from labbook.results.against import Against, Line, RatioPoint
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -186,7 +186,7 @@ def _draw(
     below: "Axes",
     found: Against,
     line: Line,
-    one: Place,
+    one: RatioPoint,
     x: float,
     scale: float,
     style: dict,

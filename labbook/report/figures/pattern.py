@@ -8,7 +8,7 @@ import numpy as np
 
 from labbook.fields import Ring
 from labbook.report.style import COLOURS, FAINT, INK, MILLIMETRE, PAGE, house
-from labbook.results.recorded import Flowing, Section
+from labbook.results.recorded import Flowing, PlaneSection
 from labbook.scene.quantities import percent
 
 if TYPE_CHECKING:
@@ -62,7 +62,7 @@ def flow_patterns(patterns: Sequence[Flowing], titles: Sequence[str] = ()) -> "F
     return figure
 
 
-def speed_of(section: Section) -> np.ndarray:
+def speed_of(section: PlaneSection) -> np.ndarray:
     """Speed in the plane [m/s]; NaN beyond the bed."""
     return np.where(section.bed, np.hypot(section.u, section.w), np.nan)
 
@@ -101,7 +101,7 @@ def _vectors(ax: "Axes", one: Flowing, norm) -> None:
         )
 
 
-def draw_means(ax: "Axes", section: Section, norm) -> None:
+def draw_means(ax: "Axes", section: PlaneSection, norm) -> None:
     """Mean speed with streamlines; what stands is hatched."""
     from matplotlib.patheffects import Normal, Stroke
 

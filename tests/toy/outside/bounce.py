@@ -8,7 +8,7 @@ import numpy as np
 from labbook.backend import load
 from labbook.backend.numerics import Numerics
 from labbook.backend.probes import Contacts
-from labbook.export.wall_shapes import meshed_walls
+from labbook.export.wall_shapes import drawn_walls
 from labbook.scene import CONTACT_LAWS, Primitives, Scene, Spheres, Spherocylinders, Wall
 from labbook.scene.packing import Packing
 from labbook.scene.walls import WALL_SHAPES
@@ -58,5 +58,5 @@ if __name__ == "__main__":
         "rod": fall(backend, True, 0.0),
         "beside": fall(backend, True, 2 * D / 3),
     }
-    (drawn,) = meshed_walls(scene(False), np.array([[0.0, 0.0, RADIUS]]))
-    print(json.dumps({**found, "triangles": len(drawn.triangles)}))
+    (drawn,) = drawn_walls(scene(False), np.array([[0.0, 0.0, RADIUS]]))
+    print(json.dumps({**found, "triangles": len(drawn.mesh.triangles)}))

@@ -11,9 +11,8 @@ from labbook_toy import Backend, Ensemble
 from toy_lab import labbook, study, study_file
 
 from labbook.accuracy.regression import Observed, regress
-from labbook.api import Lab
-from labbook.lab import Lab as Folder
-from labbook.lab import studies
+from labbook.api import Lab, PilotNeeded
+from labbook.lab import LabFolder, studies
 from labbook.results.calibrating import PilotStopped
 from labbook.scene import HertzMindlin
 from labbook.study import load
@@ -174,8 +173,34 @@ def test_a_study_made_in_python_has_its_calibration_in_the_lab(tmp_path, few):
 
 
 @pytest.mark.slow
+@pytest.mark.parametrize("in_python", [True, False])
+def test_a_lab_in_python_measures_first_as_the_command_does(tmp_path, few, in_python):
+    asked, lab = load(asked_file(tmp_path)), Lab(tmp_path / "lab", "toy")
+    asked = asked.change({"name": "made-here"}) if in_python else asked
+    summary = lab.run(asked, progress=False)
+    assert summary.complete
+    assert summary.study is not None
+    assert summary.study.points[0].choice is not None, "numerics are chosen by the pilot"
+    assert not lab.plan(asked).todo, "also of the study as it was before"
+    (point, *_) = lab.results(asked, progress=False).points
+    assert point.point.choice is not None
+    assert len(point.runs) >= 3
+
+
+@pytest.mark.slow
+def test_a_lab_in_python_leaves_the_pilot_out_if_it_is_told_to(tmp_path, few):
+    asked, lab = load(asked_file(tmp_path)), Lab(tmp_path / "lab", "toy")
+    summary = lab.run(asked, progress=False, pilot=False)
+    assert summary.study is not None
+    assert summary.study.points[0].choice is None
+    assert not list((tmp_path / "lab").glob("study-files/*-pilot.yaml"))
+    with pytest.raises(PilotNeeded, match=r"lab\.pilot"):
+        lab.run(asked, progress=False, shard="1/2")
+
+
+@pytest.mark.slow
 def test_the_lab_keeps_it_with_the_study(tmp_path, monkeypatch, few):
-    path, lab = asked_file(tmp_path), Folder(tmp_path / "lab")
+    path, lab = asked_file(tmp_path), LabFolder(tmp_path / "lab")
     labbook("run", path, "--lab", lab.folder, "--backend", "toy")
     kept = studies.kept(lab)["toy-study"]
     beside = studies.calibration(lab, kept)
@@ -183,7 +208,7 @@ def test_the_lab_keeps_it_with_the_study(tmp_path, monkeypatch, few):
     assert beside.read_bytes() == (tmp_path / NAME).read_bytes()
     assert load(kept, beside).points[0].numerics == load(path).points[0].numerics
     monkeypatch.setattr("labbook.lab.merge.load", lambda name: Backend())
-    other = Folder(tmp_path / "other")
+    other = LabFolder(tmp_path / "other")
     labbook("import", lab.folder, "--lab", other.folder)
     brought = studies.calibration(other, studies.kept(other)["toy-study"])
     assert brought is not None

@@ -4,8 +4,8 @@ import math
 import re
 import warnings
 from ast import literal_eval
-from dataclasses import fields
-from typing import Any
+from functools import partial
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -15,6 +15,7 @@ from toy_results import analyse
 
 import labbook
 from labbook.backend import Unsupported
+from labbook.lab import LabFolder
 from labbook.report.gallery import NothingToShow
 
 ORIFICES = (0.018, 0.024, 0.03, 0.036)
@@ -23,9 +24,8 @@ ORIFICES = (0.018, 0.024, 0.03, 0.036)
 def results_of(synthetic, points) -> labbook.Results:
     """Results of points with two runs each."""
     runs = [synthetic.FinishedDouble(one, seed) for one in points for seed in (1, 2)]
-    found = analyse(synthetic.study_of(points, replicates=2, reference=None, fit=("beverloo",)), runs)
-    known: dict[str, Any] = {one.name: getattr(found, one.name) for one in fields(found)}
-    return labbook.Results(**known, lab=labbook.Lab("nowhere"))
+    kind = partial(labbook.Results, place=LabFolder(Path("nowhere")), backend="numba")
+    return analyse(synthetic.study_of(points, replicates=2, reference=None, fit=("beverloo",)), runs, kind=kind)
 
 
 @pytest.fixture(scope="module")

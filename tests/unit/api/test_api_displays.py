@@ -91,8 +91,9 @@ def test_points_traces_and_labs_have_a_display(found):
     assert "orifice 21 mm" in words(found.study.points[1])
     assert f"0 to {trace.rate.max() * 1e3:.4g} g/s" in words(trace)
     assert len(repr(trace)) < 200
-    assert "toy-study toy finished 8" in words(found.lab)
-    assert "8 runs" in words(found.lab)
+    lab = labbook.Lab(found.place.folder, found.backend)
+    assert "toy-study toy finished 8" in words(lab)
+    assert "8 runs" in words(lab)
 
 
 def test_what_people_wrote_is_text():

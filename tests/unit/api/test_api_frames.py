@@ -2,14 +2,15 @@
 
 import json
 import math
-from dataclasses import fields
-from typing import Any
+from functools import partial
+from pathlib import Path
 
 import pandas as pd
 import pytest
 from toy_results import analyse
 
 import labbook
+from labbook.lab import LabFolder
 from labbook.results.frames import frames, known_interval, to_json
 
 ENDS = ["flow_rate_error", "flow_rate_low", "flow_rate_high"]
@@ -25,9 +26,8 @@ def survivor(synthetic):
         for one in points
         for seed in (1, 2, 3)
     ]
-    found = analyse(synthetic.study_of(points, replicates=3, reference=None, fit=()), runs)
-    known: dict[str, Any] = {one.name: getattr(found, one.name) for one in fields(found)}
-    return labbook.Results(**known, lab=labbook.Lab("nowhere"))
+    kind = partial(labbook.Results, place=LabFolder(Path("nowhere")), backend="numba")
+    return analyse(synthetic.study_of(points, replicates=3, reference=None, fit=()), runs, kind=kind)
 
 
 def test_a_mean_says_of_how_many_runs_it_is(survivor):

@@ -28,7 +28,7 @@ from labbook.report.paper import figures_of_all
 from labbook.results.find import find
 from labbook.results.frames import frames
 from labbook.scene.contact import CONTACT_LAWS, ContactLaw
-from labbook.scene.model import Choice
+from labbook.scene.model import TaggedModels
 from labbook.scene.walls import WallShape
 from labbook.study import load
 from labbook.study.extensions import used_by_analysis, used_by_runs
@@ -100,7 +100,7 @@ def test_what_a_class_has_to_define_follows_from_its_base(kind, names):
             "it lacks version, place; define that in Own",
         ),
         (
-            Choice("law", "labbook.contact_laws", ContactLaw, ()),
+            TaggedModels("law", "labbook.contact_laws", ContactLaw, ()),
             "class Own(ContactLaw):\n"
             "    physics: ClassVar[str] = __name__\n    usual_step: ClassVar[str] = '0.02 collision'\n"
             "    honours: ClassVar[frozenset[str]] = frozenset()\n    law: Literal['own'] = 'own'\n"

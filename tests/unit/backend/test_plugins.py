@@ -16,6 +16,7 @@ from toy_lab import ROOT, study_file
 from labbook import plugins
 from labbook.cli.options import told
 from labbook.fit import LAWS, Law
+from labbook.lab.folder import PICTURE
 from labbook.papers import Paper
 from labbook.plugins import BrokenPlugin, Registry
 
@@ -83,6 +84,67 @@ def test_they_go_through_every_verb(study):
         assert text in page
     assert (folder / "drain.svg").is_file()
     assert (study.parent / "lab/exports/toy-study/drained.csv").is_file()
+
+
+WALLS = """container:
+  kind: primitives
+  outlet_plane: 0 mm
+  parts:
+    - {name: front, shape: {kind: plane, point: [0 mm, -5 mm, 0 mm], normal: [0, 1, 0]}}
+    - {name: back, shape: {kind: plane, point: [0 mm, 5 mm, 0 mm], normal: [0, -1, 0]}}
+    - {name: left, shape: {kind: strip, start: [-30 mm, 0 mm], end: [-30 mm, 300 mm]}}
+    - {name: right, shape: {kind: strip, start: [30 mm, 0 mm], end: [30 mm, 300 mm]}}
+    - {name: floor-left, shape: {kind: strip, start: [-30 mm, 0 mm], end: [-12 mm, 0 mm]}}
+    - {name: floor-right, shape: {kind: strip, start: [12 mm, 0 mm], end: [30 mm, 0 mm]}}
+    - {name: lid, opens: start, shape: {kind: strip, start: [-12 mm, 0 mm], end: [12 mm, 0 mm]}}
+    - {name: obstacle, shape: {kind: ball, centre: [0 mm, 0 mm, 30 mm], radius: 8 mm}}
+"""
+
+
+@pytest.mark.parametrize(
+    "backend",
+    [
+        pytest.param("hourglass", marks=pytest.mark.slow),
+        pytest.param("numba", marks=[pytest.mark.compiles, pytest.mark.ring]),
+    ],
+)
+def test_a_wall_from_outside_in_a_silo_is_filled_drawn_recorded_and_measured(tmp_path, backend):
+    path = study_file(tmp_path, "record: {every: 20 ms, replicates: 1}", replicates=1, count=250)
+    lines = path.read_text(encoding="utf-8").splitlines(keepends=True)
+    skipped = ("container:", "sweep:", "  container.orifice")
+    text = "".join(line for line in lines if not line.startswith(skipped)) + WALLS
+    text = text.replace("[flow_rate]", "[flow_rate, half_time]")
+    path.write_text(text if backend == "hourglass" else text.replace("dt: 10 us, ", ""), encoding="utf-8")
+    there = ("--lab", tmp_path / "lab", "--backend", backend)
+    ended = labbook("run", path, *there)
+    assert ended.returncode == 0, ended.stderr
+    found = json.loads(labbook("fit", path, *there, "--json").stdout)
+    rates = [row["value"] for row in found["points"] if row["quantity"] == "flow_rate"]
+    assert len(rates) == 1
+    assert rates[0] > 0
+    (run,) = (tmp_path / "lab/runs").glob("*/run.json")
+    assert (run.parent / PICTURE).is_file()
+    ended = run_outside("-c", RECORDED, run.parent, tmp_path / "lab")
+    assert ended.returncode == 0, ended.stderr
+    recorded = json.loads(ended.stdout)
+    assert recorded["holds"]
+    assert recorded["walls"]["obstacle"] == 8, "an octahedron, as its package draws it"
+    assert set(recorded["walls"]) > {"front", "back", "left", "right", "floor-left", "floor-right"}
+
+
+RECORDED = """
+import json, sys
+from pathlib import Path
+from rerun.chunk import RrdReader
+from labbook.export.recording import of_run
+path = of_run(Path(sys.argv[1]), Path(sys.argv[2]))
+assert RrdReader(path).recordings()
+from labbook.lab.runs import open_run
+from labbook.export.wall_shapes import drawn_walls
+record, run = open_run(Path(sys.argv[1]))
+walls = {wall.name: len(wall.mesh.triangles) for wall in drawn_walls(run.scene, run.start.x)}
+print(json.dumps({"walls": walls, "holds": b"walls/obstacle" in path.read_bytes()}))
+"""
 
 
 @pytest.mark.slow

@@ -15,7 +15,7 @@ from labbook_numba import Backend
 from toy_results import analyse
 from toy_similar import Similar, asked
 
-from labbook.lab import Catalogue, Lab
+from labbook.lab import Catalogue, LabFolder
 from labbook.measure.recorded import FlowPattern
 from labbook.plan.coverage import finished
 from labbook.run.runner import Runner
@@ -28,7 +28,7 @@ MEASURES = ["flow_rate", "packing", "outlet_profiles", "ledger"]
 def discharged(folder, by: Similar) -> tuple[Any, dict[str, Measured]]:
     study = asked(by, measure=MEASURES, record={}, fill={"friction": 0.01})
     lab = folder / f"{by.L}-{by.gravity}"
-    summary = Runner(study, Lab(lab), Backend(wide=True)).run()
+    summary = Runner(study, LabFolder(lab), Backend(wide=True)).run()
     assert list(summary.tally.ran.values()) == ["finished"], summary.tally.failed
     (point,) = analyse(study, finished(Catalogue(lab), study, "numba")).points
     (run,) = point.runs

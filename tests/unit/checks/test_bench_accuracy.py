@@ -10,7 +10,7 @@ from labbook.checks.bench import contacts
 from labbook.checks.bench.contacts import SITUATIONS, at_floor, errors, head_on, measured
 from labbook.checks.bench.order import fitted
 from labbook.checks.verify.materials import EVERY_LAW
-from labbook.checks.verify.planar import Law
+from labbook.checks.verify.planar import PlanarLaw
 from labbook.checks.verify.stand import Stand
 
 STEPS = (20, 40, 80, 160, 320, 640)
@@ -100,7 +100,7 @@ def test_full_slip_changes_velocity_and_spin_by_friction_times_the_impulse():
 def test_a_contact_that_lammps_law_lets_slide_at_once_keeps_a_spring_against_its_motion():
     """gamma v_t is above mu F_n at first touch, as both dashpots are alike: the spring takes up what is too much."""
     (impact,) = at_floor(EVERY_LAW["hertz-lammps"], [1.0])
-    regime, sign, spring = Law.first(impact.law(), -impact.speed, impact.speed, impact.lasts)
+    regime, sign, spring = PlanarLaw.first(impact.law(), -impact.speed, impact.speed, impact.lasts)
     assert (regime, sign) == ("slides", -1.0)
     assert spring < 0
 

@@ -5,8 +5,8 @@ import pytest
 
 from labbook.backend import BackendMissing, Unsupported
 from labbook.checks.compare.compare import compare
-from labbook.checks.compare.sides import parse
-from labbook.lab import Lab
+from labbook.cli.sides import parse
+from labbook.lab import LabFolder
 from labbook.study import load
 
 pytestmark = pytest.mark.compiles
@@ -33,7 +33,7 @@ def test_numba_and_warp_agree_until_chaos_takes_over(tmp_path):
         pytest.skip(str(missing))
     path = tmp_path / "tiny.yaml"
     path.write_text(STUDY)
-    verdict, failed = compare(load(path), Lab(tmp_path / "lab"), two, 0.03)
+    verdict, failed = compare(load(path), LabFolder(tmp_path / "lab"), two, 0.03)
     assert not failed
     (point,) = verdict.points
     found = point.divergence
@@ -67,5 +67,5 @@ def test_a_gpu_that_is_not_there_is_said_before_anything_runs(tmp_path):
     path = tmp_path / "tiny.yaml"
     path.write_text(STUDY)
     with pytest.raises(Unsupported, match=r"no (device )?cuda:0"):
-        compare(load(path), Lab(tmp_path / "lab"), two, 0.03)
+        compare(load(path), LabFolder(tmp_path / "lab"), two, 0.03)
     assert not (tmp_path / "lab").exists()

@@ -11,7 +11,7 @@ from toy_pair import compared, contestants, study
 from labbook.backend.probes import Sample
 from labbook.checks.compare.lockstep import AGREE, divergence, side_by_side
 from labbook.checks.compare.sides import from_shared
-from labbook.lab import Lab
+from labbook.lab import LabFolder
 
 # drifting apart
 
@@ -41,7 +41,7 @@ def test_backends_agree_until_the_largest_difference_exceeds_a_thousandth(tmp_pa
     carry_out(asked, lab)
     two = contestants(second=Drifting())
     first, second = (shared.run(1) for shared in from_shared(asked, asked.points[0], two))
-    found = divergence(two, (first, second), Lab(lab), {})
+    found = divergence(two, (first, second), LabFolder(lab), {})
     expected = Drifting.TAU * np.log(AGREE / 1e-9)
     frame = found.time[1]
     assert expected - frame < found.agree_until <= expected
@@ -68,7 +68,7 @@ def test_frames_are_of_the_same_moments(tmp_path):
     carry_out(asked, lab)
     two = contestants()
     run = from_shared(asked, asked.points[0], two)[0].run(1)
-    frames = list(side_by_side(two, run, Lab(lab), 1e-3, 0.0105, ("x",)))
+    frames = list(side_by_side(two, run, LabFolder(lab), 1e-3, 0.0105, ("x",)))
     assert frames[0].rates == (None, None), "backends may compile in their first beat"
     assert all(rate is not None and rate > 0 for frame in frames[1:] for rate in frame.rates)
     assert [frame.time for frame in frames] == pytest.approx(np.arange(1, 11) * 1e-3)

@@ -11,7 +11,7 @@ from toy_pair import compared, records, stamps, stamps_of_packings, study
 from labbook.checks.compare.compare import compare, narrowed
 from labbook.checks.compare.sides import Side
 from labbook.checks.compare.verdict import Verdict, path_of
-from labbook.lab import Catalogue, Lab
+from labbook.lab import Catalogue, LabFolder
 from labbook.plan.coverage import finished
 from labbook.plan.demand import PackingsOf
 from labbook.run.runner import Runner
@@ -22,7 +22,7 @@ from labbook.run.runner import Runner
 def test_the_second_backend_starts_from_the_first_ones_packings(tmp_path):
     asked, lab = study(tmp_path), tmp_path / "lab"
     carry_out(asked, lab)
-    summary = Runner(asked, Lab(lab), Twin(), packings_of=PackingsOf(Backend().capabilities, "double")).run()
+    summary = Runner(asked, LabFolder(lab), Twin(), packings_of=PackingsOf(Backend().capabilities, "double")).run()
     assert len(summary.tally.ran) == 4
     assert summary.tally.packings == 0
     first, second = records(lab, "toy"), records(lab, "twin")
@@ -36,7 +36,7 @@ def test_the_second_backend_starts_from_the_first_ones_packings(tmp_path):
 
 def test_an_backend_never_fills_in_another_ones_place(tmp_path):
     asked, lab = study(tmp_path, replicates=1), tmp_path / "lab"
-    summary = Runner(asked, Lab(lab), Twin(), packings_of=PackingsOf(Backend().capabilities, "double")).run()
+    summary = Runner(asked, LabFolder(lab), Twin(), packings_of=PackingsOf(Backend().capabilities, "double")).run()
     assert not summary.tally.ran
     assert not summary.tally.packings
     assert summary.tally.failed
@@ -45,11 +45,11 @@ def test_an_backend_never_fills_in_another_ones_place(tmp_path):
 
 def test_packings_can_be_made_alone(tmp_path):
     asked, lab = study(tmp_path), tmp_path / "lab"
-    first = Runner(asked, Lab(lab), Twin(), packings_only=True).run()
+    first = Runner(asked, LabFolder(lab), Twin(), packings_only=True).run()
     assert (first.tally.packings, first.tally.ran) == (2, {})
     assert not (lab / "runs").exists()
     before = stamps_of_packings(lab)
-    assert Runner(asked, Lab(lab), Twin(), packings_only=True).run().work_done == 0
+    assert Runner(asked, LabFolder(lab), Twin(), packings_only=True).run().work_done == 0
     carry_out(asked, lab, backend=Twin())
     assert stamps_of_packings(lab) == before
 
@@ -76,7 +76,7 @@ class Mixed(Twin):
 def test_each_side_works_in_its_own_precision(tmp_path):
     asked, lab = study(tmp_path, orifices="[24]"), tmp_path / "lab"
     two = Side(Backend(), "cpu", "double"), Side(Mixed(), "cpu", "mixed")
-    verdict, failed = compare(asked, Lab(lab), two, 0.03)
+    verdict, failed = compare(asked, LabFolder(lab), two, 0.03)
     assert not failed
     assert [entrant.called for entrant in verdict.entrants] == ["toy-double", "twin-mixed"]
     first, second = records(lab, "toy"), records(lab, "twin")
@@ -84,14 +84,14 @@ def test_each_side_works_in_its_own_precision(tmp_path):
     assert {one.numerics.precision for one in second.values()} == {"mixed"}
     assert {one.experiment_key for one in first.values()} == {one.experiment_key for one in second.values()}
     assert not carry_out(asked, lab).tally.ran, "the study's own precision is double"
-    kept = Verdict.read(path_of(Lab(lab), asked.name, "toy-double", "twin-mixed"))
+    kept = Verdict.read(path_of(LabFolder(lab), asked.name, "toy-double", "twin-mixed"))
     assert kept == verdict
 
 
 def test_one_backend_in_two_precisions(tmp_path):
     asked, lab = study(tmp_path, orifices="[24]"), tmp_path / "lab"
     two = Side(Mixed(), "cpu", "double"), Side(Mixed(), "cpu", "mixed")
-    verdict, failed = compare(asked, Lab(lab), two, 0.03)
+    verdict, failed = compare(asked, LabFolder(lab), two, 0.03)
     assert not failed
     (point,) = verdict.points
     assert not set(point.runs[0]) & set(point.runs[1])

@@ -13,7 +13,7 @@ from labbook.checks.compare.shown import contrast_table, cost_table, divergence_
 from labbook.checks.compare.sides import Side
 from labbook.checks.compare.verdict import Contrast, Cost, Divergence, Entrant, PointVerdict, Verdict
 from labbook.export.recording import CLOCK, FRAMES
-from labbook.lab import Lab
+from labbook.lab import LabFolder
 from labbook.report.style import encode
 
 
@@ -119,7 +119,7 @@ def test_a_recording_has_both_backends_on_one_clock(tmp_path):
     asked, lab = study(tmp_path, orifices="[24]"), tmp_path / "lab"
     carry_out(asked, lab)
     two = Side(Backend(), "cpu"), Side(Twin(bias=0.5), "cpu")
-    path = record(asked, asked.points[0], Lab(lab), two, 0.05, tmp_path / "both.rrd")
+    path = record(asked, asked.points[0], LabFolder(lab), two, 0.05, tmp_path / "both.rrd")
     assert [entry.name for entry in tmp_path.glob("*.rrd")] == ["both.rrd"]
     assert path == tmp_path / "both.rrd"
     frames = {}

@@ -8,9 +8,10 @@ from toy_pair import compared, contestants, study
 
 from labbook.backend import Unsupported
 from labbook.checks.compare.compare import compare, narrowed, stale
-from labbook.checks.compare.sides import CannotCompare, Side, parse
+from labbook.checks.compare.sides import CannotCompare, Side
 from labbook.checks.compare.verdict import NoVerdict, Verdict, path_of
-from labbook.lab import Lab
+from labbook.cli.sides import parse
+from labbook.lab import LabFolder
 from labbook.measure import MEASURES
 from labbook.scene import HertzMindlin
 
@@ -90,13 +91,13 @@ def test_packings_that_cannot_be_made_have_no_number(tmp_path):
     asked = study(tmp_path, orifices="[24]")
     ends = [f"packing, seed {seed}: no room" for seed in (1, 2)]
     first, second = contestants(second=Unfilled())
-    verdict, failed = compare(asked, Lab(tmp_path / "lab"), (first, second), 0.03)
+    verdict, failed = compare(asked, LabFolder(tmp_path / "lab"), (first, second), 0.03)
     assert sorted(failed) == ends, "in whichever order lanes came to them"
     flow, packing = verdict.points[0].contrasts
     assert flow.finding == "equivalent", "those of the first backend are there"
     assert (packing.finding, packing.note) == ("untested", "2 without a number: its packing was not made")
     assert len(packing.first) == 2
-    verdict, failed = compare(asked, Lab(tmp_path / "other"), (second, first), 0.03)
+    verdict, failed = compare(asked, LabFolder(tmp_path / "other"), (second, first), 0.03)
     assert sorted(failed[:2]) == ends
     flow, packing = verdict.points[0].contrasts
     assert (flow.finding, flow.note) == ("untested", "4 without a number: its packing failed: no room")
@@ -122,7 +123,7 @@ def test_what_cannot_be_compared_is_refused(tmp_path):
 def test_a_device_that_is_not_there_is_said_before_anything_runs(tmp_path):
     two = (Side(Backend(), "cpu"), Side(Twin(), "cuda:0"))
     with pytest.raises(Unsupported, match="the toy backend has no cuda:0"):
-        compare(study(tmp_path), Lab(tmp_path / "lab"), two, 0.03)
+        compare(study(tmp_path), LabFolder(tmp_path / "lab"), two, 0.03)
     assert not (tmp_path / "lab").exists()
 
 
@@ -153,7 +154,7 @@ def test_a_verdict_is_stale_when_what_it_rests_on_has_changed(equals, tmp_path, 
 def test_a_verdict_is_read_as_it_was_written(equals, tmp_path):
     asked, there, verdict = equals
     lab = shutil.copytree(there, tmp_path / "lab")
-    path = path_of(Lab(lab), asked.name, "toy", "twin")
+    path = path_of(LabFolder(lab), asked.name, "toy", "twin")
     assert Verdict.read(path) == verdict
     path.write_text("{}")
     with pytest.raises(NoVerdict, match="cannot be read"):

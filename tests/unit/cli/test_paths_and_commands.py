@@ -9,8 +9,7 @@ from toy_lab import study, study_file
 
 import labbook
 from labbook.commands import command
-from labbook.lab import Catalogue, NoCatalogue
-from labbook.lab import Lab as Folder
+from labbook.lab import Catalogue, LabFolder, NoCatalogue
 
 
 @pytest.fixture
@@ -71,5 +70,5 @@ def test_commands_of_messages_are_quoted_and_name_the_lab(tmp_path):
     assert shlex.split(said) == ["labbook", "report", str(path), "--lab", str(lab), "--backend", "toy"]
     (lab / "catalogue.db").unlink()
     with pytest.raises(NoCatalogue) as error:
-        Catalogue(Folder(lab)).runs()
+        Catalogue(LabFolder(lab)).runs()
     assert shlex.split(str(error.value).partition("again: ")[2]) == ["labbook", "reindex", "--lab", str(lab)]

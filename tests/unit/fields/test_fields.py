@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy import integrate
 
-from labbook.fields import Contacts, Grains, Layer, Ring, Space, axes, coarse_grain, contacts_of, grains_of
+from labbook.fields import ContactRows, GrainRows, Layer, Ring, Space, axes, coarse_grain, contacts_of, grains_of
 from labbook.fields.kernel import CUTOFF, amplitude
 
 OMEGA = 1.5e-3
@@ -22,7 +22,7 @@ def named(grid):
 
 def grains(x, v=None, axis=None, frames=1):
     x = np.atleast_2d(np.asarray(x, float))
-    return Grains(x, np.zeros_like(x) if v is None else v, 2e-5, 1e-8, frames, axis)
+    return GrainRows(x, np.zeros_like(x) if v is None else v, 2e-5, 1e-8, frames, axis)
 
 
 def inside(n, seed=0, margin=CUTOFF * OMEGA):
@@ -82,15 +82,15 @@ def test_unlike_grains_weigh_what_they_are(grid):
     x, v = inside(60), np.random.default_rng(5).standard_normal((60, 3))
     large = np.arange(60) < 25
     mass, volume = np.where(large, 2e-5, 3e-6), np.where(large, 1e-8, 2e-9)
-    both = coarse_grain(grid, OMEGA, Grains(x, v, mass, volume, 1))
+    both = coarse_grain(grid, OMEGA, GrainRows(x, v, mass, volume, 1))
     alone = [
-        coarse_grain(grid, OMEGA, Grains(x[one], v[one], float(mass[one][0]), float(volume[one][0]), 1))
+        coarse_grain(grid, OMEGA, GrainRows(x[one], v[one], float(mass[one][0]), float(volume[one][0]), 1))
         for one in (large, ~large)
     ]
     for name in ("density", "packing_fraction", "momentum", "flux", "number"):
         total = np.sum([getattr(one, name) for one in alone], axis=0)
         np.testing.assert_allclose(getattr(both, name), total, rtol=1e-9, atol=1e-12 * abs(total).max())
-    turned = coarse_grain(grid, OMEGA, Grains(x, v, mass, volume, 1, np.tile([0.0, 0.0, 1.0], (60, 1))))
+    turned = coarse_grain(grid, OMEGA, GrainRows(x, v, mass, volume, 1, np.tile([0.0, 0.0, 1.0], (60, 1))))
     np.testing.assert_allclose(turned.density, both.density, rtol=1e-12)
     np.testing.assert_allclose(known(turned.axes)[2, 2], both.number, rtol=1e-9, atol=1e-9 * both.number.max())
 
@@ -205,7 +205,7 @@ def pairs(n, seed):
 
 def test_contact_stress_is_the_line_integral_of_the_kernel():
     x, b, f = pairs(6, 6)
-    found = known(coarse_grain(LAYER, OMEGA, grains(x), Contacts(x, b, f, 1)).contact_stress)
+    found = known(coarse_grain(LAYER, OMEGA, grains(x), ContactRows(x, b, f, 1)).contact_stress)
     z, across = LAYER.points
     for row, column in [(25, 40), (30, 35), (33, 44), (28, 48)]:
         expected = np.zeros((3, 3))
@@ -225,7 +225,7 @@ def test_the_divergence_of_the_stress_is_the_force_density():
     x, b, f = pairs(30, 7)
     both = grains(np.vstack([x, x + b]), np.vstack([f, -f]))
     density = coarse_grain(LAYER, OMEGA, both).momentum / both.mass
-    stress = known(coarse_grain(LAYER, OMEGA, both, Contacts(x, b, f, 1)).contact_stress)
+    stress = known(coarse_grain(LAYER, OMEGA, both, ContactRows(x, b, f, 1)).contact_stress)
     z, across = LAYER.points
     divergence = np.gradient(stress[:, 2], z, axis=1) + np.gradient(stress[:, 0], across, axis=2)
     # central differences of a Gaussian over a third of its width
@@ -237,7 +237,7 @@ def test_about_an_axis_as_well():
     x, b, f = pairs(30, 8)
     both = grains(np.vstack([x, x + b]), np.vstack([f, -f]))
     density = coarse_grain(RING, OMEGA, both).momentum / both.mass
-    p = known(coarse_grain(RING, OMEGA, both, Contacts(x, b, f, 1)).contact_stress)
+    p = known(coarse_grain(RING, OMEGA, both, ContactRows(x, b, f, 1)).contact_stress)
     r, z = RING.points
     out = r[:, None]
     upward = np.gradient(out * p[2, 0], r, axis=0) / out + np.gradient(p[2, 2], z, axis=1)
@@ -255,7 +255,7 @@ def test_a_column_at_rest_carries_its_weight():
     force = np.column_stack([np.zeros(n), np.zeros(n), weight_above])  # on each grain, from below
     branch = np.tile([0, 0, -d], (n, 1)) * np.where(np.arange(n) == 0, 0.5, 1.0)[:, None]  # the first to the floor
     grid = Layer((-0.01, 0.01), (-0.01, 0.04), 80, 200, depth=d)
-    found = coarse_grain(grid, OMEGA, grains(x), Contacts(x, branch, force, 1))
+    found = coarse_grain(grid, OMEGA, grains(x), ContactRows(x, branch, force, 1))
     z, _ = grid.points
     area = (grid.x[1] - grid.x[0]) / grid.nx * grid.depth
     carried = known(found.contact_stress)[2, 2].sum(axis=1) * area

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from labbook.fields import Grains, Layer, Ring, coarse_grain, orifice_means, pattern_of
+from labbook.fields import GrainRows, Layer, Ring, coarse_grain, orifice_means, pattern_of
 from labbook.measure.acceleration import acceleration_profile
 
 OMEGA, G = 1.5e-3, 9.81
@@ -26,7 +26,7 @@ def test_orifice_means_of_known_fields():
     axis = 0.8 * outwards + [0, 0, 0.6]
     v = np.column_stack([-30 * x[:, 1], 30 * x[:, 0], np.full(len(x), -0.25)])
     volume = 0.6 * OMEGA**3
-    fields = coarse_grain(Ring(0.02, (0, 0.03), 40, 60), OMEGA, Grains(x, v, 1e-5, volume, 1, axis))
+    fields = coarse_grain(Ring(0.02, (0, 0.03), 40, 60), OMEGA, GrainRows(x, v, 1e-5, volume, 1, axis))
     found = orifice_means(fields, 0.03, 0.01)
     assert found["packing_fraction"] == pytest.approx(0.6, rel=5e-3)
     assert found["v_z"] == pytest.approx(-0.25, rel=1e-9)
@@ -41,7 +41,7 @@ def test_orifice_means_of_known_fields():
 def test_orifice_means_look_above_the_orifice_only():
     x = np.array([[0.004, 0, 0.005], [0.004, 0, 0.025], [-0.015, 0, 0.005]])
     v = np.array([[0, 0, -1.0], [0, 0, -5.0], [0, 0, -7.0]])
-    fields = coarse_grain(Layer((-0.02, 0.02), (0, 0.03), 80, 60, 3e-3), 5e-4, Grains(x, v, 1.0, 1e-8, 1))
+    fields = coarse_grain(Layer((-0.02, 0.02), (0, 0.03), 80, 60, 3e-3), 5e-4, GrainRows(x, v, 1.0, 1e-8, 1))
     assert orifice_means(fields, 0.006, 0.01, centre=0.004)["v_z"] == pytest.approx(-1)
     assert orifice_means(fields, 0.006, 0.01, centre=-0.015)["v_z"] == pytest.approx(-7)
     with pytest.raises(ValueError, match="no grain"):
@@ -54,7 +54,7 @@ def bed(speed):
     x, z = (axis.ravel() for axis in np.meshgrid(np.arange(-0.05, 0.05, OMEGA), np.arange(0, 0.1, OMEGA)))
     x = np.column_stack([x, np.zeros(len(x)), z])
     v = np.column_stack([np.zeros((len(x), 2)), -speed(x[:, 0], x[:, 2])])
-    return coarse_grain(Layer((-0.05, 0.05), (0, 0.1), 50, 50, 3e-3), OMEGA, Grains(x, v, 1e-5, 1e-8, 1))
+    return coarse_grain(Layer((-0.05, 0.05), (0, 0.1), 50, 50, 3e-3), OMEGA, GrainRows(x, v, 1e-5, 1e-8, 1))
 
 
 def test_nothing_of_a_plug_is_stagnant_and_of_a_channel_what_rests_beside_it():
@@ -77,7 +77,7 @@ def test_sparse_grains_that_fall_are_of_the_bed_and_what_is_above_it_or_below_th
     there = (abs(x) > 0.015) & (z >= 0) | (abs(x) < 0.015) & ((z > 0.03) | (column < 4))  # 0.4 above the outlet
     x = np.column_stack([x, np.zeros(len(x)), z])[there]
     v = np.tile([0, 0, -0.1], (len(x), 1))
-    fields = coarse_grain(Layer((-0.05, 0.05), (-0.03, 0.1), 50, 65, 3e-3), 2 * OMEGA, Grains(x, v, 1e-5, 1e-8, 1))
+    fields = coarse_grain(Layer((-0.05, 0.05), (-0.03, 0.1), 50, 65, 3e-3), 2 * OMEGA, GrainRows(x, v, 1e-5, 1e-8, 1))
     z, x = fields.grid.points
     found = pattern_of(fields).bed
     assert found[np.ix_((z > 0.003) & (z < 0.075), abs(x) < 0.045)].mean() > 0.99

@@ -5,7 +5,7 @@ from toy_lab import carry_out
 from toy_lab import study as toy_study
 
 from labbook.backend import Capabilities
-from labbook.lab.folder import Lab
+from labbook.lab.folder import LabFolder
 from labbook.lab.packings import PackingRecord
 from labbook.lab.records import RunRecord
 from labbook.plan.demand import PointDemand
@@ -96,7 +96,7 @@ def test_the_runner_fills_by_the_one_and_flows_by_the_other(tmp_path):
     assert own.dt != 2e-5
     summary = carry_out(one, tmp_path / "lab")
     assert summary.complete
-    lab = Lab(tmp_path / "lab")
+    lab = LabFolder(tmp_path / "lab")
     (packing,) = (PackingRecord.read(folder) for folder in lab.packings.iterdir())
     (run,) = (RunRecord.read(folder) for folder in lab.runs.iterdir())
     assert (packing.numerics.dt, run.numerics.dt) == (2e-5, own.dt)

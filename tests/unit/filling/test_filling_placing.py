@@ -215,7 +215,7 @@ def test_a_low_bed_in_a_wide_cone_is_placed_where_its_volume_is(width, count, si
     closed = closed.model_copy(update={"grains": closed.grains.model_copy(update={"sizes": sizes})}).close()
     packing = place(closed, "rain", 1)
     assert len(packing.x) == count
-    assert closed.container.holds(packing.x).all()
+    assert closed.container.inside(packing.x).all()
     assert isinstance(closed.container, ConicalSilo)
     cube = 1.0 if sizes is None else (1 - 0.5**4) / (4 * 0.5)  # mean of d^3 between d/2 and d
     level = level_in(closed.container, count * math.pi / 6 * cube / 0.12)

@@ -10,7 +10,7 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from toy_lab import carry_out, labbook, study, study_file
 
-from labbook.lab import Catalogue, Lab, Unreadable
+from labbook.lab import Catalogue, LabFolder, Unreadable
 from labbook.lab.index import Index
 from labbook.lab.packings import read_packing
 from labbook.lab.runs import open_run
@@ -100,7 +100,7 @@ def test_it_is_one_row_that_names_the_file_or_changes_nothing(sound, file, examp
 @pytest.mark.parametrize("kind", ["deleted", "cut", "flipped"])
 def test_every_verb_says_so_and_none_fails(sound, tmp_path, file, kind):
     shutil.copytree(sound / "lab", tmp_path / "lab")
-    lab, of = Lab(tmp_path / "lab"), file.partition("/")
+    lab, of = LabFolder(tmp_path / "lab"), file.partition("/")
     victim = sorted((lab.folder / of[0]).iterdir())[0] / of[2]
     rng = np.random.default_rng(len(file))
     left = harmed(victim.read_bytes(), kind, float(rng.uniform(0.3, 0.6)))  # among the data of a table

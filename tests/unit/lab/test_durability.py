@@ -12,7 +12,7 @@ from fragile_disk import Crash, Disk, Platter, failing
 from toy_lab import carry_out, content, leftovers, study, within
 
 from labbook.cli.options import told
-from labbook.lab import Lab
+from labbook.lab import LabFolder
 from labbook.lab.index import Index
 from labbook.lab.merge import merge
 from labbook.lab.runs import open_run
@@ -34,7 +34,7 @@ def ran(lab: Path) -> None:
 def imported(lab: Path) -> None:
     """A longer run and its packing, of another lab, that replace those of this one."""
     carry_out(study(lab.parent, *SHORT, **SMALL), lab, lanes=1)
-    index = Index(Lab(lab))
+    index = Index(LabFolder(lab))
     try:
         merge(index, lab.parent / "other")
     finally:
@@ -120,7 +120,7 @@ def outlived(crash: Crash, do, right: dict, place: Path) -> None:
     """What a crash leaves can be opened, has all that was reported, and comes to the same end."""
     at = f"{crash.kind} after operation {crash.number}, {crash.last}"
     crash.lay_out(place)
-    lab = Lab(place / "lab")
+    lab = LabFolder(place / "lab")
     Index(lab).close()
     for key, duration in crash.reported.items():
         found, _ = open_run(lab.run(key))

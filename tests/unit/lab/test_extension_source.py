@@ -7,7 +7,7 @@ import pytest
 from labbook_toy import Backend
 from toy_lab import carry_out, study
 
-from labbook.lab import Catalogue, Lab, formulas, identity
+from labbook.lab import Catalogue, LabFolder, formulas, identity
 from labbook.lab.runs import open_run
 from labbook.plan.plan import Planner
 from labbook.plugins import Extension
@@ -124,7 +124,7 @@ def test_runs_by_another_source_are_stale_and_enter_no_mean_of_newer_ones(tmp_pa
     edited("b" * 24)
     carry_out(toy, lab)
     assert plan(toy, lab).counts() == {"done": 4}
-    for folder in Lab(lab).runs.iterdir():
+    for folder in LabFolder(lab).runs.iterdir():
         record, _ = open_run(folder)
         assert record.versions["source of law hertz-mindlin"] == "b" * 24
     why = "the law hertz-mindlin of bed-extras has changed since"
@@ -140,5 +140,5 @@ def test_runs_by_another_source_are_stale_and_enter_no_mean_of_newer_ones(tmp_pa
     edited("d" * 24)
     results = find(toy, Catalogue(lab), "toy")
     assert {len(point.runs) for point in results.points} == {1}, "of two sources the newer one is shown"
-    for folder in Lab(lab).runs.iterdir():
+    for folder in LabFolder(lab).runs.iterdir():
         open_run(folder)

@@ -13,7 +13,7 @@ import pytest
 from labbook_toy import Backend
 from toy_lab import arrays, carry_out, labbook, start, study, study_file, unsealed
 
-from labbook.lab import Catalogue, Lab, RunRecord
+from labbook.lab import Catalogue, LabFolder, RunRecord
 from labbook.lab import merge as merging
 from labbook.lab.folder import EVALUATION
 from labbook.lab.index import Index
@@ -291,7 +291,7 @@ def test_a_longer_run_that_saw_less_does_not_replace_ours(labs, made, tmp_path):
 def test_unfinished_work_of_ours_is_gone_on_with_after_an_import(labs):
     ours, theirs = labs
     key = sorted((theirs / "runs").iterdir())[0].name
-    work = Lab(ours).work(key)
+    work = LabFolder(ours).work(key)
     work.mkdir(parents=True)
     (work / "progress.json").write_text("{}")
     labbook("import", theirs, "--lab", ours)
@@ -301,7 +301,7 @@ def test_unfinished_work_of_ours_is_gone_on_with_after_an_import(labs):
 def test_what_another_process_works_on_is_left_out(labs):
     ours, theirs = labs
     key = sorted((theirs / "runs").iterdir())[0].name
-    claim = Lab(ours).claim(key)
+    claim = LabFolder(ours).claim(key)
     assert claim is not None
     ended = labbook("import", theirs, "--lab", ours, check=False)
     claim.release()
@@ -313,7 +313,7 @@ def test_what_another_process_works_on_is_left_out(labs):
 def test_a_run_whose_packing_another_process_works_on_says_so(labs, tmp_path):
     _, theirs = labs
     key = sorted((theirs / "packings").iterdir())[0].name
-    claim = Lab(tmp_path / "new").claim(key)
+    claim = LabFolder(tmp_path / "new").claim(key)
     assert claim is not None
     ended = labbook("import", theirs, "--lab", tmp_path / "new", check=False)
     claim.release()
@@ -342,7 +342,7 @@ def test_a_full_disk_ends_an_import_in_one_line(labs, monkeypatch):
 
 
 def imported(ours: Path, theirs: Path) -> merging.Merged:
-    index = Index(Lab(ours))
+    index = Index(LabFolder(ours))
     try:
         return merging.merge(index, theirs)
     finally:
@@ -359,13 +359,13 @@ def durations(lab: Path) -> dict[str, float]:
 
 def at_the_claim(monkeypatch, act) -> None:
     """What another process does after the first look of an import, just before it claims a key."""
-    claim = Lab.claim
+    claim = LabFolder.claim
 
-    def late(lab: Lab, key: str):
+    def late(lab: LabFolder, key: str):
         act(lab, key)
         return claim(lab, key)
 
-    monkeypatch.setattr(Lab, "claim", late)
+    monkeypatch.setattr(LabFolder, "claim", late)
 
 
 def test_a_longer_run_that_came_after_the_first_look_is_not_replaced(labs, made, monkeypatch):
@@ -373,7 +373,7 @@ def test_a_longer_run_that_came_after_the_first_look_is_not_replaced(labs, made,
     shutil.rmtree(ours / "runs")
     longer = durations(theirs)
 
-    def put(lab: Lab, key: str) -> None:
+    def put(lab: LabFolder, key: str) -> None:
         if key in longer and not lab.run(key).exists():
             shutil.copytree(theirs / "runs" / key, lab.run(key))
 
@@ -388,7 +388,7 @@ def test_a_run_whose_replacement_was_cut_short_is_put_back_before_it_is_compared
     """Killed between the two renames, a runner leaves the only copy of a run in the work folder."""
     _, longer = labs
     key = keys(longer)[0]
-    work = Lab(longer).work(key)
+    work = LabFolder(longer).work(key)
     work.mkdir(parents=True)
     os.rename(longer / "runs" / key, work / "replaced")
     before = arrays(work / "replaced")
@@ -438,7 +438,7 @@ def test_what_changes_in_the_source_while_it_is_copied_costs_one_line(labs, tmp_
 def test_unfinished_work_of_the_source_is_never_read(labs, monkeypatch):
     ours, theirs = labs
     key = keys(theirs)[0]
-    work = Lab(theirs).work(key)
+    work = LabFolder(theirs).work(key)
     work.mkdir(parents=True)
     shutil.copytree(theirs / "runs" / key, work / "done")
     seen: list[str] = []

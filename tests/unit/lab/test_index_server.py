@@ -11,7 +11,7 @@ import pytest
 from toy_lab import ROOT, labbook, study_file
 from toy_server import postgres, programs
 
-from labbook.lab import Catalogue, Lab, LabError, NoCatalogue, server
+from labbook.lab import Catalogue, LabError, LabFolder, NoCatalogue, server
 from labbook.lab.index import Index
 
 pytest.importorskip("psycopg")
@@ -78,7 +78,7 @@ def test_a_copy_does_not_write_into_the_index_of_its_original(url, tmp_path):
     with pytest.raises(NoCatalogue, match="is missing; make it again: labbook reindex"):
         Catalogue(other)
     shutil.rmtree(next((other / "runs").iterdir()))
-    Index(Lab(other)).close()
+    Index(LabFolder(other)).close()
     assert Catalogue(other).counts() == {"finished": 3}
     assert Catalogue(lab).counts() == {"finished": 4}
 
@@ -91,7 +91,7 @@ def test_many_write_at_once(url, tmp_path):
     before = answers(lab, asked)
 
     def write(_worker: int) -> None:
-        index = Index(Lab(lab))
+        index = Index(LabFolder(lab))
         for folder in sorted((lab / "runs").iterdir()):
             assert index.add_run(folder) is None
         index.close()
@@ -142,24 +142,24 @@ def test_a_server_that_is_not_there_is_one_line_and_the_lab_goes_home(tmp_path):
 def test_a_file_that_says_nothing_of_use_is_named_with_what_to_do(tmp_path, told):
     (tmp_path / "catalogue.url").write_text(told)
     with pytest.raises(LabError, match=r"catalogue.url does not say where the index is .*--index postgresql"):
-        server.address(Lab(tmp_path))
+        server.address(LabFolder(tmp_path))
     assert labbook("reindex", "--lab", tmp_path, "--index", "file").output.startswith("0 runs and 0 packings")
-    assert server.address(Lab(tmp_path)) is None
+    assert server.address(LabFolder(tmp_path)) is None
 
 
 @pytest.mark.parametrize("wrong", ["sqlite:///here.db", "mysql://host/silos", "a server", ""])
 def test_only_the_address_of_a_postgresql_server_is_taken(tmp_path, wrong):
     with pytest.raises(LabError, match=r"give postgresql://HOST/DATABASE, or file"):
-        server.move_to(Lab(tmp_path), wrong)
+        server.move_to(LabFolder(tmp_path), wrong)
     assert not list(tmp_path.iterdir())
 
 
 def test_addresses_of_copies_differ(tmp_path):
     (tmp_path / "catalogue.url").write_text('{"url": "postgresql://host/silos", "name": "abc"}')
     copy = shutil.copytree(tmp_path, tmp_path / "copy")
-    mine, other = server.address(Lab(tmp_path)), server.address(Lab(copy))
+    mine, other = server.address(LabFolder(tmp_path)), server.address(LabFolder(copy))
     assert mine
     assert other
     assert mine.url == other.url
     assert mine.schema != other.schema
-    assert server.address(Lab(tmp_path)) == mine
+    assert server.address(LabFolder(tmp_path)) == mine

@@ -11,7 +11,7 @@ from toy_lab import APP, carry_out, study, study_file, unsealed
 from typer.testing import CliRunner
 
 import labbook
-from labbook.lab import Catalogue, Lab, NoCatalogue, RunRecord, Unreadable
+from labbook.lab import Catalogue, LabFolder, NoCatalogue, RunRecord, Unreadable
 from labbook.lab.database import SCHEMA_VERSION, metadata, opened, runs
 from labbook.lab.index import Index
 from labbook.lab.merge import Merged, merge
@@ -36,7 +36,7 @@ def lab(finished, tmp_path):
 
 
 def tables(lab) -> dict[str, list]:
-    with opened(Lab(lab), read_only=True).connect() as connection:
+    with opened(LabFolder(lab), read_only=True).connect() as connection:
         return {name: sorted(map(repr, connection.execute(metadata.tables[name].select()))) for name in EVERYTHING}
 
 
@@ -59,13 +59,13 @@ def test_made_again_it_is_the_same(lab):
 
 def test_one_of_another_version_is_made_again_by_whoever_writes(lab):
     before = tables(lab)
-    with opened(Lab(lab), read_only=False).connect() as connection:
+    with opened(LabFolder(lab), read_only=False).connect() as connection:
         connection.execute(text(f"UPDATE about SET schema_version = {SCHEMA_VERSION + 1}"))
         connection.execute(text("ALTER TABLE runs ADD COLUMN later TEXT"))
         connection.commit()
     with pytest.raises(NoCatalogue, match="another version"):
         Catalogue(lab)
-    Index(Lab(lab)).close()
+    Index(LabFolder(lab)).close()
     assert tables(lab) == before
 
 
@@ -191,14 +191,14 @@ def test_an_unreadable_run_is_run_again(lab, tmp_path):
 
 def test_a_run_that_was_not_indexed_is_found(lab):
     key = sorted((lab / "runs").iterdir())[0].name
-    with opened(Lab(lab), read_only=False).connect() as connection:
+    with opened(LabFolder(lab), read_only=False).connect() as connection:
         connection.execute(runs.delete().where(runs.c.run_key == key))
         connection.commit()
     assert len(Catalogue(lab).runs()) == 3
-    found = Index(Lab(lab)).found
+    found = Index(LabFolder(lab)).found
     assert (found.runs, found.gone) == (1, 0)
     shutil.rmtree(lab / "runs" / key)
-    found = Index(Lab(lab)).found
+    found = Index(LabFolder(lab)).found
     assert (found.runs, found.gone) == (0, 1)
     assert key not in set(Catalogue(lab).measurements().run_key)
 
@@ -222,11 +222,11 @@ def test_of_two_the_one_that_covers_more_is_imported(tmp_path):
     short, long = tmp_path / "short", tmp_path / "long"
     carry_out(study(tmp_path, "stop: {max_time: 20 ms}", replicates=1), short)
     carry_out(study(tmp_path, replicates=1), long)
-    merged = merge(Index(Lab(long)), short)
+    merged = merge(Index(LabFolder(long)), short)
     (stayed,) = merged.stayed
     assert "the study file toy-study of this lab differs" in stayed
     assert merged == Merged(stayed=[stayed]), "nothing is copied, and nothing left out"
-    merged = merge(Index(Lab(short)), long)
+    merged = merge(Index(LabFolder(short)), long)
     assert (len(merged.copied), merged.left_out) == (2, [])
     assert Catalogue(short).counts() == {"finished": 2}
 
@@ -288,7 +288,7 @@ def test_a_run_is_shown_by_the_beginning_of_its_key(lab):
 
 @pytest.mark.slow
 def test_a_hundred_thousand_runs_are_listed(tmp_path):
-    index = Index(Lab(tmp_path / "lab"))
+    index = Index(LabFolder(tmp_path / "lab"))
     index.close()
     count = 100_000
     row = {"study": "s", "label": "orifice 18 mm", "backend": "toy", "cache_version": 1, "outcome": "finished"}
@@ -297,7 +297,7 @@ def test_a_hundred_thousand_runs_are_listed(tmp_path):
         {**row, "run_key": f"{n:024x}", "lineage_key": f"{n:024x}", "seed": n, "finished": f"2026-{n:06d}"}
         for n in range(count)
     ]
-    with opened(Lab(tmp_path / "lab"), read_only=False).connect() as connection:
+    with opened(LabFolder(tmp_path / "lab"), read_only=False).connect() as connection:
         connection.execute(text("BEGIN"))
         connection.execute(runs.insert(), synthetic)
         connection.commit()
@@ -313,9 +313,9 @@ def test_a_hundred_thousand_runs_are_listed(tmp_path):
 def test_versions_of_the_backend_do_not_mix(tmp_path):
     asked = study(tmp_path, replicates=1)
     carry_out(asked, tmp_path / "lab", backend=Backend(version=1))
-    old = {run.run_key for run in coverage.finished(Catalogue(tmp_path / "lab"), asked, "toy")}
+    old = {run.entry.run_key for run in coverage.finished(Catalogue(tmp_path / "lab"), asked, "toy")}
     carry_out(asked, tmp_path / "lab", backend=Backend(version=2))
-    new = {run.run_key for run in coverage.finished(Catalogue(tmp_path / "lab"), asked, "toy")}
+    new = {run.entry.run_key for run in coverage.finished(Catalogue(tmp_path / "lab"), asked, "toy")}
     assert len(old) == len(new) == 2
     assert not old & new
 
@@ -329,7 +329,7 @@ def test_replicates_of_an_older_version_are_not_pooled_with_newer_ones(tmp_path)
     newer = set(Catalogue(lab).runs()[lambda runs: runs.cache_version == 2].run_key)
     found = coverage.finished(Catalogue(lab), fewer, "toy")
     assert [run.seed for run in found] == [1, 2], "seeds 3 and 4 were run by version 1 only"
-    assert {run.run_key for run in found} == newer
+    assert {run.entry.run_key for run in found} == newer
     both = coverage.finished(Catalogue(lab), study(tmp_path, replicates=4), "toy")
     assert [(run.point.index, run.seed) for run in both] == [(0, 1), (0, 2), (0, 3), (0, 4), (1, 1), (1, 2)]
     assert all(run.record.cache_version == (1 if run.point.index == 0 else 2) for run in both)
@@ -338,7 +338,7 @@ def test_replicates_of_an_older_version_are_not_pooled_with_newer_ones(tmp_path)
 def test_what_is_measured_is_asked_of_many_runs_at_once(lab):
     folders = list((lab / "runs").iterdir())
     observe = RunRecord.read(folders[0]).observe
-    index, asked = Index(Lab(lab)), []
+    index, asked = Index(LabFolder(lab)), []
     event.listen(index._engine, "before_cursor_execute", lambda *given: asked.append(given[2]))
     assert index.derive([folder.name for folder in folders], observe) == 0
     assert len(asked) == 1

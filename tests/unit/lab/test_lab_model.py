@@ -24,7 +24,7 @@ from hypothesis import strategies as st
 from hypothesis.stateful import RuleBasedStateMachine, invariant, precondition, rule, run_state_machine_as_test
 from toy_lab import carry_out, content, leftovers, study, within
 
-from labbook.lab import Catalogue, Lab, RunRecord, Unreadable
+from labbook.lab import Catalogue, LabFolder, RunRecord, Unreadable
 from labbook.lab.folder import EVALUATION
 from labbook.lab.index import Index
 from labbook.lab.merge import merge
@@ -55,7 +55,7 @@ class Truth:
 
     def __init__(self, duration: float):
         with tempfile.TemporaryDirectory() as folder:
-            lab = Lab(Path(folder) / "lab")
+            lab = LabFolder(Path(folder) / "lab")
             carry_out(asked(duration, MOST), lab.folder)
             self.content = content(lab.folder)
             self.runs = {path.name: RunRecord.read(path) for path in lab.runs.iterdir()}
@@ -77,7 +77,7 @@ def until(step: int, table: dict[str, np.ndarray]) -> dict[str, bytes]:
     return {name: column[table["step"] <= step].tobytes() for name, column in table.items()}
 
 
-def numbers(lab: Lab) -> dict[str, dict[str, object]]:
+def numbers(lab: LabFolder) -> dict[str, dict[str, object]]:
     """All measured numbers, by run and quantity, as text: NaN equals itself then."""
     catalogue = Catalogue(lab)
     try:
@@ -142,7 +142,7 @@ class LabAndModel(RuleBasedStateMachine):
     def __init__(self):
         super().__init__()
         self.folder = Path(tempfile.mkdtemp(prefix="labbook-model-"))
-        self.labs = {name: Lab(self.folder / name) for name in "ab"}
+        self.labs = {name: LabFolder(self.folder / name) for name in "ab"}
         self.least: dict[str, dict[str, float]] = {name: {} for name in "ab"}
         """How long each run goes on at least [s], by lab and key: longer runs win."""
         self.damaged: dict[str, set[str]] = {name: set() for name in "ab"}
@@ -271,7 +271,7 @@ class LabAndModel(RuleBasedStateMachine):
                 assert right is None or known[key] == right, "every number is the model's"
             self._look_for_leftovers(name, lab)
 
-    def _look_at_runs(self, name: str, lab: Lab) -> dict[str, dict[str, object] | None]:
+    def _look_at_runs(self, name: str, lab: LabFolder) -> dict[str, dict[str, object] | None]:
         """Runs that can be read, with what is measured of them if the model knows it."""
         there, found = content(lab.folder), {}
         every = truth(DURATIONS[-1])
@@ -301,7 +301,7 @@ class LabAndModel(RuleBasedStateMachine):
                 found[key] = right.numbers[key]
         return found
 
-    def _look_for_leftovers(self, name: str, lab: Lab) -> None:
+    def _look_for_leftovers(self, name: str, lab: LabFolder) -> None:
         left = leftovers(lab.folder)
         if not self.killed[name]:
             assert not [path for path in left if (lab.folder / path).is_file() and "/" not in path[5:]], "no locks"

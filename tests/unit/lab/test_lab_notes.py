@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from labbook_toy import Backend
 from toy_lab import carry_out, labbook, study
 
-from labbook.lab import Catalogue, Lab, LabError, notes
+from labbook.lab import Catalogue, LabError, LabFolder, notes
 from labbook.lab.folder import stamp
 from labbook.lab.notes import Note
 
@@ -20,11 +20,11 @@ SMALL = {"count": 200, "orifices": "[24]", "replicates": 2}
 
 
 @pytest.fixture
-def lab(tmp_path) -> Lab:
-    return Lab(tmp_path / "lab")
+def lab(tmp_path) -> LabFolder:
+    return LabFolder(tmp_path / "lab")
 
 
-def written(lab: Lab, content: bytes) -> Path:
+def written(lab: LabFolder, content: bytes) -> Path:
     """A file with a note of the run KEY, as a person may have left it."""
     path = notes.place(lab, "run", KEY)
     path.parent.mkdir(parents=True, exist_ok=True)
@@ -192,11 +192,11 @@ def made(tmp_path_factory) -> Path:
 
 
 @pytest.fixture
-def full(made, tmp_path, monkeypatch) -> tuple[Lab, str, str]:
+def full(made, tmp_path, monkeypatch) -> tuple[LabFolder, str, str]:
     """A copy of that lab, and the keys of its runs."""
     monkeypatch.setattr("labbook.lab.merge.load", lambda name: Backend())
     shutil.copytree(made, tmp_path / "full")
-    lab = Lab(tmp_path / "full")
+    lab = LabFolder(tmp_path / "full")
     one, other = sorted(path.name for path in lab.runs.iterdir())
     return lab, one, other
 
@@ -252,7 +252,7 @@ def test_a_note_may_have_the_short_key_that_runs_are_listed_by(full):
     short = full / "notes/runs" / f"{key[:10]}.md"
     short.parent.mkdir(parents=True, exist_ok=True)
     short.write_text("tags: short-one\n\nby hand\n")
-    lab = Lab(full)
+    lab = LabFolder(full)
     assert notes.read(lab, "run", key) == Note("by hand", ("short-one",))
     assert notes.tagged(lab, "run")[key] == ("short-one",)
     assert notes.damaged(lab, "run") == []
@@ -289,7 +289,7 @@ def test_a_note_changes_no_run(full):
 
 def test_an_import_brings_notes_along_and_ours_stay(full, tmp_path):
     theirs, key, other = full
-    ours = Lab(tmp_path / "ours")
+    ours = LabFolder(tmp_path / "ours")
     notes.write(theirs, "run", key, Note("theirs", ("a",)))
     notes.write(theirs, "run", other, Note("of the other"))
     notes.write(theirs, "run", OTHER, Note("of a run that nobody has"))
@@ -310,7 +310,7 @@ def test_an_import_brings_notes_along_and_ours_stay(full, tmp_path):
 @pytest.mark.parametrize("harm", [*HARMS, "link"])
 def test_a_damaged_note_is_not_imported(full, tmp_path, harm):
     theirs, key, _ = full
-    ours = Lab(tmp_path / "ours")
+    ours = LabFolder(tmp_path / "ours")
     path = notes.place(theirs, "run", key)
     notes.write(theirs, "run", key, Note("theirs"))
     if harm == "link":

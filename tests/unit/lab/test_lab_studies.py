@@ -10,9 +10,9 @@ from labbook_toy import Backend
 from toy_lab import carry_out, labbook, study, study_file
 from toy_pair import compared
 
-from labbook.api import Lab as Place
+from labbook.api import Lab
 from labbook.checks.compare.compare import narrowed
-from labbook.lab import DiskFull, Lab, studies
+from labbook.lab import DiskFull, LabFolder, studies
 from labbook.plan.demand import PointDemand
 from labbook.run.watch import Unwatched, View
 from labbook.study import Study, define, load
@@ -36,7 +36,7 @@ def keys(asked: Study) -> list[str]:
 class Said(Unwatched):
     """What a runner said, and when its first job was going on."""
 
-    def __init__(self, lab: Lab):
+    def __init__(self, lab: LabFolder):
         self.lab, self.lines, self.there = lab, [], []
 
     def show(self, view: View) -> None:
@@ -47,7 +47,7 @@ class Said(Unwatched):
 
 
 def test_a_run_keeps_its_study_as_its_author_wrote_it(tmp_path):
-    path, lab = commented(tmp_path, orifices="[18, 24]"), Lab(tmp_path / "lab")
+    path, lab = commented(tmp_path, orifices="[18, 24]"), LabFolder(tmp_path / "lab")
     labbook("run", path, "--lab", lab.folder, "--backend", "toy")
     assert studies.kept(lab) == {"toy-study": lab.folder / "study-files/toy-study.yaml"}
     kept = studies.kept(lab)["toy-study"]
@@ -60,7 +60,7 @@ def test_a_run_keeps_its_study_as_its_author_wrote_it(tmp_path):
 
 
 def test_it_is_kept_before_the_first_run_begins(tmp_path):
-    lab = Lab(tmp_path / "lab")
+    lab = LabFolder(tmp_path / "lab")
     said = Said(lab)
     carry_out(load(commented(tmp_path)), lab.folder, watcher=said, backend=Backend(delay=0.005))
     assert said.there
@@ -68,7 +68,7 @@ def test_it_is_kept_before_the_first_run_begins(tmp_path):
 
 
 def test_the_text_is_that_of_the_last_run_and_is_written_only_if_it_differs(tmp_path):
-    path, lab = commented(tmp_path), Lab(tmp_path / "lab")
+    path, lab = commented(tmp_path), LabFolder(tmp_path / "lab")
     carry_out(load(path), lab.folder)
     kept = studies.kept(lab)["toy-study"]
     before = kept.stat()
@@ -84,7 +84,7 @@ def test_the_text_is_that_of_the_last_run_and_is_written_only_if_it_differs(tmp_
 
 def test_a_study_made_in_python_is_kept_as_yaml(tmp_path):
     asked = define({**load(study_file(tmp_path, **SMALL)).stated, "name": "in-python"})
-    lab = Lab(tmp_path / "lab")
+    lab = LabFolder(tmp_path / "lab")
     carry_out(asked, lab.folder)
     assert studies.kept(lab)["in-python"].read_text() == asked.yaml() == asked.text
     again = load(studies.kept(lab)["in-python"])
@@ -92,24 +92,24 @@ def test_a_study_made_in_python_is_kept_as_yaml(tmp_path):
 
 
 def test_a_comparison_and_packings_alone_keep_the_whole_study(tmp_path):
-    path, lab = commented(tmp_path, replicates=2, orifices="[18, 24]"), Lab(tmp_path / "lab")
+    path, lab = commented(tmp_path, replicates=2, orifices="[18, 24]"), LabFolder(tmp_path / "lab")
     asked = load(path)
     compared(narrowed(asked, [1]), lab.folder)
     assert studies.kept(lab)["toy-study"].read_bytes() == path.read_bytes()
     carry_out(asked, tmp_path / "packings", packings_only=True)
-    assert studies.kept(Lab(tmp_path / "packings"))["toy-study"].read_bytes() == path.read_bytes()
+    assert studies.kept(LabFolder(tmp_path / "packings"))["toy-study"].read_bytes() == path.read_bytes()
 
 
 def test_a_plan_and_results_keep_nothing(tmp_path, monkeypatch):
-    monkeypatch.setattr("labbook.api.load_to_plan", lambda name: Backend())
-    asked, place = load(commented(tmp_path)), Place(tmp_path / "lab", "toy")
+    monkeypatch.setattr("labbook.api.lab.load_to_plan", lambda name: Backend())
+    asked, place = load(commented(tmp_path)), Lab(tmp_path / "lab", "toy")
     place.plan(asked)
     place.results(asked, progress=False)
     assert not studies.kept(place.place)
 
 
 def test_a_run_goes_on_where_the_text_cannot_be_kept_and_says_so(tmp_path):
-    lab = Lab(tmp_path / "lab")
+    lab = LabFolder(tmp_path / "lab")
     lab.folder.mkdir()
     lab.studies.write_text("a file in place of the folder")
     said = Said(lab)
@@ -121,7 +121,7 @@ def test_a_run_goes_on_where_the_text_cannot_be_kept_and_says_so(tmp_path):
 
 
 def test_a_full_disk_ends_the_run_before_it_begins_and_leaves_no_half_file(tmp_path, monkeypatch):
-    lab, write = Lab(tmp_path / "lab"), os.replace
+    lab, write = LabFolder(tmp_path / "lab"), os.replace
 
     def full(part, path):
         if Path(path).parent.name == "study-files":
@@ -136,7 +136,7 @@ def test_a_full_disk_ends_the_run_before_it_begins_and_leaves_no_half_file(tmp_p
 
 
 def test_what_else_lies_there_is_no_study(tmp_path):
-    lab = Lab(tmp_path / "lab")
+    lab = LabFolder(tmp_path / "lab")
     for name in ("b", "a", "Z-1_x"):
         studies.keep(lab, name, "name: x\n")
     (lab.studies / "a.yaml.part").write_text("half")
@@ -150,14 +150,14 @@ def test_what_else_lies_there_is_no_study(tmp_path):
 
 @pytest.mark.parametrize("name", ["", "../a", "a/b", "a.b", ".a", "1a", "a\n", "ä", "a" * 81, "a\0"])
 def test_a_name_that_no_study_has_is_refused(tmp_path, name):
-    lab = Lab(tmp_path / "lab")
+    lab = LabFolder(tmp_path / "lab")
     with pytest.raises(ValueError, match="not the name of a study"):
         studies.keep(lab, name, "")
     assert not lab.folder.exists()
 
 
 def test_a_pipe_in_place_of_the_file_is_not_waited_for(tmp_path):
-    lab = Lab(tmp_path / "lab")
+    lab = LabFolder(tmp_path / "lab")
     lab.studies.mkdir(parents=True)
     os.mkfifo(lab.studies / "a.yaml")
     studies.keep(lab, "a", "name: a\n")
@@ -166,7 +166,7 @@ def test_a_pipe_in_place_of_the_file_is_not_waited_for(tmp_path):
 
 def test_a_folder_of_studies_alone_is_no_lab(tmp_path):
     (tmp_path / "study-files").mkdir()
-    assert not Lab(tmp_path).exists
+    assert not LabFolder(tmp_path).exists
 
 
 # import
@@ -181,11 +181,11 @@ def made(tmp_path_factory) -> Path:
 
 
 @pytest.fixture
-def labs(made, tmp_path, monkeypatch) -> tuple[Lab, Lab]:
+def labs(made, tmp_path, monkeypatch) -> tuple[LabFolder, LabFolder]:
     """An empty lab, and a lab to import."""
     monkeypatch.setattr("labbook.lab.merge.load", lambda name: Backend())
     shutil.copytree(made / "theirs", tmp_path / "theirs")
-    return Lab(tmp_path / "ours"), Lab(tmp_path / "theirs")
+    return LabFolder(tmp_path / "ours"), LabFolder(tmp_path / "theirs")
 
 
 def test_an_import_brings_study_files_along_and_ours_stay(labs):

@@ -6,7 +6,7 @@ import pytest
 from labbook_toy import Backend
 from toy_lab import carry_out, labbook, study, study_file
 
-from labbook.lab import Catalogue, Lab, identity
+from labbook.lab import Catalogue, LabFolder, identity
 from labbook.lab.packings import PackingRecord
 from labbook.lab.runs import open_run
 from labbook.plan.plan import Planner
@@ -89,7 +89,7 @@ def test_runs_by_an_older_version_are_stale_and_enter_no_mean_of_newer_ones(tmp_
 
 
 def test_old_records_say_nothing_of_versions_and_stay_readable(tmp_path, monkeypatch):
-    lab = Lab(tmp_path / "lab")
+    lab = LabFolder(tmp_path / "lab")
     for version, stored in ((1, None), (2, {"law hertz-mindlin": 2})):
         monkeypatch.setattr(HertzMindlin, "version", version)
         before = {folder.name for folder in lab.runs.glob("*")}

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from toy_lab import WINDOW, carry_out, labbook, study_file
 
-from labbook.lab import Catalogue, Lab
+from labbook.lab import Catalogue, LabFolder
 from labbook.lab.evaluations import NotEvaluated, evaluate, evaluated
 from labbook.lab.folder import EVALUATION
 from labbook.lab.runs import open_run
@@ -232,7 +232,7 @@ def test_a_lab_that_cannot_be_written_to_is_read_all_the_same(made, monkeypatch,
 
     monkeypatch.setattr("labbook.lab.evaluations.write_table", refuse)
     monkeypatch.setattr("labbook.lab.evaluations.add_measurements", lambda lab, rows: None)
-    results = find(other, Catalogue(Lab(lab)), "toy")
+    results = find(other, Catalogue(LabFolder(lab)), "toy")
     assert counted["flow_rate"] == 4
     assert all(point.flow_rate is not None for point in results.points)
     assert not kept(lab)

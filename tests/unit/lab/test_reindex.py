@@ -7,7 +7,7 @@ from collections.abc import Callable
 import pytest
 from toy_lab import carry_out, labbook, study
 
-from labbook.lab import Catalogue, Lab, NoCatalogue
+from labbook.lab import Catalogue, LabFolder, NoCatalogue
 from labbook.lab import database as tables
 from labbook.lab import index as indexing
 from labbook.lab.index import Index
@@ -48,12 +48,14 @@ def killed(act: Callable[[], None]) -> None:
 
 def made_again(lab, until: int) -> Callable[[], None]:
     """Make the index again, and be killed when so many runs were indexed."""
-    return lambda: Index(Lab(lab), again=True, tick=lambda done, _: os._exit(9) if done == until else None) and None
+    return lambda: (
+        Index(LabFolder(lab), again=True, tick=lambda done, _: os._exit(9) if done == until else None) and None
+    )
 
 
 def test_readers_see_the_old_index_until_the_new_one_is_whole(lab):
     whole, seen = counted(lab), []
-    Index(Lab(lab), again=True, tick=lambda *_: seen.append(counted(lab))).close()
+    Index(LabFolder(lab), again=True, tick=lambda *_: seen.append(counted(lab))).close()
     assert seen == [whole] * 4
     assert counted(lab) == whole == ALL | {"packings": 2}
 
@@ -77,7 +79,7 @@ def test_killed_while_the_two_change_places_it_leaves_one_of_them(lab, monkeypat
         os._exit(9)  # before the transaction ends
 
     if version == "another":
-        with tables.opened(Lab(lab), read_only=False).connect() as connection:
+        with tables.opened(LabFolder(lab), read_only=False).connect() as connection:
             connection.execute(tables.about.update().values(schema_version=1))
             connection.commit()
     monkeypatch.setattr(tables, "_exchange", half)
@@ -88,17 +90,17 @@ def test_killed_while_the_two_change_places_it_leaves_one_of_them(lab, monkeypat
         with pytest.raises(NoCatalogue, match="another version"):
             counted(lab)
     monkeypatch.undo()
-    Index(Lab(lab)).close()
+    Index(LabFolder(lab)).close()
     assert counted(lab) == whole
 
 
 def test_killed_before_there_is_any_it_leaves_none_that_is_shorter(lab):
     whole = counted(lab)
-    tables.remove_file(Lab(lab).catalogue)
-    killed(lambda: Index(Lab(lab), tick=lambda done, _: os._exit(9) if done == 2 else None) and None)
+    tables.remove_file(LabFolder(lab).catalogue)
+    killed(lambda: Index(LabFolder(lab), tick=lambda done, _: os._exit(9) if done == 2 else None) and None)
     with pytest.raises(NoCatalogue, match="make it again"):
         counted(lab)
-    Index(Lab(lab)).close()
+    Index(LabFolder(lab)).close()
     assert counted(lab) == whole
 
 
@@ -106,18 +108,18 @@ def test_a_run_that_ends_meanwhile_is_never_missing(lab, monkeypatch):
     """It is indexed in the old index after the new one was begun, and is in both when they have changed places."""
     last = sorted((lab / "runs").iterdir())[-1]
     last.rename(lab / "elsewhere")
-    Index(Lab(lab)).close()
+    Index(LabFolder(lab)).close()
     exchange, seen = indexing.exchange, []
 
     def late(*arguments) -> None:
         (lab / "elsewhere").rename(last)
-        other = Index(Lab(lab))
+        other = Index(LabFolder(lab))
         other.close()
         exchange(*arguments)
         seen.append(counted(lab))
 
     monkeypatch.setattr(indexing, "exchange", late)
-    made = Index(Lab(lab), again=True)
+    made = Index(LabFolder(lab), again=True)
     made.close()
     assert seen == [ALL | {"packings": 2}]
     assert made.found.runs == 3, "the other process has indexed the fourth"

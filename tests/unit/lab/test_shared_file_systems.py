@@ -12,7 +12,7 @@ import pytest
 from sqlalchemy import text
 from toy_lab import carry_out, labbook, leftovers, study, study_file
 
-from labbook.lab import Catalogue, Lab
+from labbook.lab import Catalogue, LabFolder
 from labbook.lab.database import connect
 from labbook.lab.folder import NoLocks, file_system, is_locked, is_network
 
@@ -88,7 +88,7 @@ def test_without_locks_a_lab_can_be_read(tmp_path, monkeypatch):
 
 def test_a_lock_file_that_another_host_removed_is_made_again(tmp_path, monkeypatch):
     failed = refuse(monkeypatch, errno.ESTALE, times=2)
-    claim = Lab(tmp_path / "lab").claim("a")
+    claim = LabFolder(tmp_path / "lab").claim("a")
     assert claim is not None
     assert len(failed) == 2
     claim.release()
@@ -97,13 +97,13 @@ def test_a_lock_file_that_another_host_removed_is_made_again(tmp_path, monkeypat
 def test_an_error_that_says_nothing_of_locks_stays_what_it_is(tmp_path, monkeypatch):
     refuse(monkeypatch, errno.EIO)
     with pytest.raises(OSError, match="Input/output") as raised:
-        Lab(tmp_path / "lab").claim("a")
+        LabFolder(tmp_path / "lab").claim("a")
     assert not isinstance(raised.value, NoLocks)
 
 
 def test_who_looks_never_makes_a_claim_fail(tmp_path):
     """Looking takes a shared lock for a moment."""
-    lab, over, looked = Lab(tmp_path / "lab"), threading.Event(), [0]
+    lab, over, looked = LabFolder(tmp_path / "lab"), threading.Event(), [0]
     lab.works.mkdir(parents=True)
 
     def look() -> None:
@@ -127,7 +127,7 @@ def test_who_looks_never_makes_a_claim_fail(tmp_path):
 
 
 def test_a_shared_lock_that_stays_for_a_while_is_waited_for(tmp_path):
-    lab = Lab(tmp_path / "lab")
+    lab = LabFolder(tmp_path / "lab")
     lab.works.mkdir(parents=True)
     handle = os.open(lab.works / "a.lock", os.O_RDONLY | os.O_CREAT)
     fcntl.flock(handle, fcntl.LOCK_SH)

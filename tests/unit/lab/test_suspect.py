@@ -13,7 +13,7 @@ from toy_results import analyse
 from labbook.backend import Status
 from labbook.lab import Catalogue, RunRecord
 from labbook.lab.packings import PackingRecord
-from labbook.lab.records import Ledger
+from labbook.lab.records import RunLedger
 from labbook.lab.suspect import DEEPEST, FASTEST, counts, said, suspicion
 from labbook.plan.coverage import finished
 from labbook.report.result_box import concerns
@@ -22,7 +22,7 @@ from labbook.scene import CylinderSilo, HertzMindlin, Packing, Scene, Spheres, W
 
 D, G = 3e-3, 9.81
 BACKEND = ("--backend", "toy")
-GOOD = Ledger(overlap=0.02, speed=1.0, expected_speed=1.0, started=10, inside=4, left=6, outside=0)
+GOOD = RunLedger(overlap=0.02, speed=1.0, expected_speed=1.0, started=10, inside=4, left=6, outside=0)
 
 
 def scene(container) -> Scene:

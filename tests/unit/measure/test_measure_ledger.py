@@ -15,8 +15,8 @@ from labbook.backend.numerics import Numerics
 from labbook.backend.probes import Crossing, Ledger, columns
 from labbook.checks.verify.materials import G, floor, room
 from labbook.checks.verify.rods import ROD, rods_at
-from labbook.checks.verify.stand import Start, grains_at
-from labbook.lab import Catalogue, Lab
+from labbook.checks.verify.stand import MemberStart, grains_at
+from labbook.lab import Catalogue, LabFolder
 from labbook.lab.folder import EVALUATION
 from labbook.lab.runs import open_run
 from labbook.measure import MEASURES, Evaluation, MeasureError, RunData
@@ -140,7 +140,7 @@ def test_some_hundred_rows_and_few_intervals_in_a_sweep():
 def motion(stand: Bundled, scene: Scene, start: Packing, dt: float, steps: int) -> tuple[Evaluation, np.ndarray]:
     """What the measure finds of a motion of which every step is sampled, and the times [s]."""
     numerics = stand.numerics(dt, steps_per_beat=1)
-    rows = stand.run(Start(scene, dt, start), steps, 1, [Ledger()]).rows(Ledger())
+    rows = stand.run(MemberStart(scene, dt, start), steps, 1, [Ledger()]).rows(Ledger())
     run = RunData(scene, numerics, 1, start, "time-limit", steps * dt, {"ledger": rows})
     found = MEASURE.evaluate(run, WINDOW)
     return found, found.arrays["time"]
@@ -235,7 +235,7 @@ def discharge(tmp_path_factory) -> RunData:
     folder = tmp_path_factory.mktemp("small")
     (folder / "small.yaml").write_text(SMALL)
     asked = load(folder / "small.yaml")
-    summary = Runner(asked, Lab(folder / "lab"), numba.Backend(wide=True)).run()
+    summary = Runner(asked, LabFolder(folder / "lab"), numba.Backend(wide=True)).run()
     assert list(summary.tally.ran.values()) == ["finished"], summary.tally.failed
     (kept,) = (folder / "lab/runs").iterdir()
     assert (kept / "ledger.npz").is_file()

@@ -7,7 +7,7 @@ from labbook.backend.numerics import Numerics
 from labbook.measure import MEASURES, MeasureError, RunData
 from labbook.measure.order import hexatic
 from labbook.measure.packing import area_fraction, packing_fraction
-from labbook.measure.region import Region, Ring, bulk
+from labbook.measure.region import Annulus, Region, bulk
 from labbook.scene import (
     Box,
     ConicalSilo,
@@ -144,7 +144,7 @@ def test_a_lattice_in_a_round_silo(silo):
 def test_the_bulk_of_a_cone_is_above_it():
     x = cubic(D)
     region = bulk(scene_of(CONE), packing_of(x[np.hypot(x[:, 0], x[:, 1]) < 14.5 * D]))
-    assert isinstance(region, Ring)
+    assert isinstance(region, Annulus)
     assert (region.inner, region.outer) == (0, pytest.approx(12 * D))
     assert region.low == pytest.approx(10 * D + 3 * D)  # (30 - 10)/2 d at 45 deg, and 3 d
     assert region.high == pytest.approx(50 * D - 3 * D)

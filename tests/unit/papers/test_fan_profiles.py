@@ -18,7 +18,7 @@ from labbook.report.page import write
 from labbook.results.frames import to_json
 from labbook.results.paper import further_fits
 from labbook.results.series import series_of
-from labbook.results.study import Results
+from labbook.results.study import StudyResults
 from labbook.study.schema import Reference, ReferenceEntry
 
 A, B, GAMMA = 0.4, 0.3, 1.5
@@ -57,7 +57,7 @@ class Profiled:
 
 
 @pytest.fixture(scope="module")
-def profiled(synthetic) -> Results:
+def profiled(synthetic) -> StudyResults:
     points = [synthetic.point(k, D) for k, D in enumerate(WIDTHS)]
     reference = Reference(
         "Fan et al. 2023",

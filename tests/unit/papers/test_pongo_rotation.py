@@ -107,8 +107,7 @@ def replace_rate(result, f):
     """The point with the flow rates of its seeds in another order, as if measured at f."""
     order = [run.seed for run in result.runs]
     runs = tuple(
-        replace(run, run=replace(run.run, seed=seed))
-        for run, seed in zip(result.runs, order[1:] + order[:1], strict=True)
+        replace(run, run=Run(run.run.point, seed)) for run, seed in zip(result.runs, order[1:] + order[:1], strict=True)
     )
     return replace(result, at={**result.at, "container.rotation": f}, runs=runs)
 

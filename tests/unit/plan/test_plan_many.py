@@ -1,4 +1,4 @@
-"""Plans of many points: what points have in common is worked out once, and every key is the one of its point alone."""
+"""Plans of many points: every key is the one of its point alone."""
 
 import json
 import math
@@ -12,7 +12,7 @@ from toy_lab import carry_out, study, study_file
 
 from labbook.backend.numerics import Numerics
 from labbook.filling.bed import PACKED, bed_height_ahead, discharged_at
-from labbook.lab import Catalogue, Lab, identity
+from labbook.lab import Catalogue, LabFolder, identity
 from labbook.plan import plan as planning
 from labbook.plan.advice import foresee
 from labbook.plan.demand import PointDemand
@@ -33,7 +33,6 @@ from labbook.scene import (
 from labbook.scene.grains import Kind
 from labbook.scene.model import Text, canonical, once
 from labbook.study import StudyError, load
-from labbook.study import points as reading
 
 GRAINS = Spheres(diameter=3e-3, density=2500, count=3000)
 LAW = HertzMindlin(shear_modulus=1e7, poisson_ratio=0.25, friction=0.5, restitution=0.2)
@@ -121,19 +120,7 @@ def many(folder, replicates=1):
     return path
 
 
-def test_a_section_and_a_time_step_are_read_once_for_all_points_that_share_them(tmp_path, monkeypatch):
-    steps = []
-    numerics_for = reading.numerics_for
-    monkeypatch.setattr(reading, "numerics_for", lambda *of: steps.append(of) or numerics_for(*of))
-    points = load(many(tmp_path)).points
-    assert len(points) == 30
-    assert len(steps) == 3, "one a friction"
-    assert len({id(point.scene.contact) for point in points}) == 3
-    assert len({id(point.scene.container) for point in points}) == 10
-    assert len({id(point.numerics) for point in points}) == 1
-
-
-def test_what_is_wrong_with_a_shared_section_is_said_at_all_its_points(tmp_path):
+def test_a_problem_names_all_points_that_have_it(tmp_path):
     path = many(tmp_path)
     path.write_text(path.read_text().replace("[0.3, 0.4, 0.5]", "[0.3, much, -1]").replace(", 27]", ", 70]"))
     with pytest.raises(StudyError) as error:
@@ -151,8 +138,6 @@ def test_keys_of_a_plan_are_those_of_its_points_alone(tmp_path):
         point = item.demand.point
         alone = load_alone(path, point.at)
         assert alone.scene == point.scene
-        assert alone.scene.model_fields_set == point.scene.model_fields_set
-        assert alone.scene.container.model_fields_set == point.scene.container.model_fields_set
         closed = Scene.model_validate_json(alone.scene.close(alone.fill.friction).model_dump_json())
         keys = identity.run_keys(
             identity.scene_key(Scene.model_validate_json(alone.scene.model_dump_json())),
@@ -188,7 +173,7 @@ def test_a_plan_asks_the_index_once_and_looks_for_no_run_that_is_not_there(tmp_p
 
 @pytest.mark.parametrize("few", [0, 10**6])
 def test_runs_that_are_listed_stand_as_those_that_are_looked_for_one_by_one(tmp_path, monkeypatch, few):
-    lab, asked = Lab(tmp_path / "lab"), study(tmp_path, replicates=3)
+    lab, asked = LabFolder(tmp_path / "lab"), study(tmp_path, replicates=3)
     carry_out(asked, lab.folder)
     first, *between, last = Planner(asked, Catalogue(lab), Backend().capabilities).plan().items
     lab.run(last.keys.run).rename(lab.folder / "gone")  # it is in the index alone

@@ -9,7 +9,7 @@ from toy_lab import carry_out, labbook, study, study_file
 from toy_results import analyse
 
 from labbook.filling.bed import PACKED
-from labbook.lab import Catalogue, Lab
+from labbook.lab import Catalogue, LabFolder
 from labbook.lab.packings import load_packing
 from labbook.plan.advice import cut_short
 from labbook.plan.coverage import finished
@@ -24,7 +24,7 @@ PAPERS = sorted(STUDIES.glob("pongo2022-*.yaml"))
 
 
 def told(asked, lab) -> list[str]:
-    return list(cut_short(Planner(asked, Catalogue(lab), Backend().capabilities).plan(), Lab(lab)))
+    return list(cut_short(Planner(asked, Catalogue(lab), Backend().capabilities).plan(), LabFolder(lab)))
 
 
 @pytest.mark.parametrize("file", PAPERS, ids=lambda file: file.stem)

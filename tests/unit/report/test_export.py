@@ -11,7 +11,7 @@ from toy_results import analyse
 
 from labbook.export.study import NoParquet, write_numbers, write_recordings
 from labbook.export.vtk import write_fields, write_grains
-from labbook.fields import Contacts, Grains, Layer, Ring, Space, coarse_grain
+from labbook.fields import ContactRows, GrainRows, Layer, Ring, Space, coarse_grain
 from labbook.lab.evaluations import evaluate
 from labbook.results.frames import frames
 from labbook.scene import Kind, Spherocylinders
@@ -154,8 +154,8 @@ def test_fields_lie_at_their_points(grid, tmp_path):
     """The point of the highest density is that of the grain; values are read back where they belong."""
     x = np.array([[0.004, 0.012, 0.02]])
     branch, force = np.array([[1e-3, 2e-3, 0]]), np.array([[1.0, 2, 3]])
-    grains = Grains(x, np.array([[1.0, 2.0, 3.0]]), 1e-5, 1e-8, 1, np.array([[0.6, 0.0, 0.8]]))
-    fields = coarse_grain(grid, 2e-3, grains, Contacts(x, branch, force, 1))
+    grains = GrainRows(x, np.array([[1.0, 2.0, 3.0]]), 1e-5, 1e-8, 1, np.array([[0.6, 0.0, 0.8]]))
+    fields = coarse_grain(grid, 2e-3, grains, ContactRows(x, branch, force, 1))
     write_fields(tmp_path / "f.vtk", "fields", fields)
     head, found = read_vtk(tmp_path / "f.vtk")
     counts = [int(count) for count in head["DIMENSIONS"]]

@@ -19,7 +19,7 @@ from labbook.export.recording import (
     top_speed,
     write,
 )
-from labbook.export.wall_shapes import flat_walls, meshed_walls
+from labbook.export.wall_shapes import drawn_walls
 from labbook.scene import Box, CylinderSilo, LinearSpringDashpot, Packing, Scene, Spherocylinders
 
 rerun = pytest.importorskip("rerun")
@@ -150,7 +150,7 @@ def test_numbers_of_the_colour_bar_are_round_and_apart(top):
 
 def test_walls_lie_where_the_container_has_them(run):
     positions = run.start.x
-    quads = {name: corners for name, corners, _ in flat_walls(run.scene, positions)}
+    quads = {wall.name: wall.mesh.vertices for wall in drawn_walls(run.scene, positions)}
     assert set(quads) == {wall.name for wall in run.scene.container.walls()}
     assert np.allclose(quads["left"][:, 0], -0.05)
     assert np.allclose(quads["bottom-right"][:, 2], 0)
@@ -164,7 +164,7 @@ def test_panes_of_a_hopper_end_where_its_plates_do(synthetic):
     """However far grains have fallen below the outlet, and also beside an inclined bottom."""
     scene = synthetic.scene(angle=np.pi / 4)
     grains = np.vstack([synthetic.lattice(scene).x, [[0, 0, -0.05]]])
-    walls = {name: polygon for name, polygon, _ in flat_walls(scene, grains)}
+    walls = {wall.name: wall.mesh.vertices for wall in drawn_walls(scene, grains)}
     pane = walls["front"]
     assert pane[:, 2].min() == pytest.approx(0)
     assert np.allclose(pane[:, 1], -scene.container.thickness / 2)
@@ -203,8 +203,7 @@ def test_all_grains_and_walls_are_in_view_and_fill_it(synthetic, kind):
     size = 10e-3 if kind == "rods" else 1.5e-3
     ways = np.random.default_rng(2).normal(size=(100, 3))
     around = (grains[:, None] + size * ways / np.linalg.norm(ways, axis=1)[:, None]).reshape(-1, 3)
-    walls = [polygon for _, polygon, _ in flat_walls(changed, grains)]
-    walls += [wall.vertices for wall in meshed_walls(changed, grains)]
+    walls = [wall.mesh.vertices for wall in drawn_walls(changed, grains)]
     seen = np.concatenate([around, *walls]) - eye
     high = np.abs(seen @ up) / (seen @ forward) / np.tan(np.radians(55 / 2))
     wide = np.abs(seen @ right) / (seen @ forward) / np.tan(np.radians(55 / 2)) / 0.9
@@ -216,7 +215,7 @@ def test_walls_of_a_box_are_patches_of_their_planes(synthetic):
     box = Box(width=0.1, depth=0.1, height=0.1)
     scene = synthetic.scene().model_copy(update={"container": box})
     grains = np.array([[-0.04, -0.03, 0.01], [0.04, 0.03, 0.09]])
-    quads = {name: corners for name, corners, _ in flat_walls(scene, grains)}
+    quads = {wall.name: wall.mesh.vertices for wall in drawn_walls(scene, grains)}
     assert np.allclose(quads["bottom"][:, 2], 0)
     assert np.ptp(quads["bottom"][:, 0]) == pytest.approx(0.083)
     assert np.ptp(quads["bottom"][:, 1]) == pytest.approx(0.063)
@@ -288,7 +287,8 @@ def test_round_walls_are_meshes_of_their_surface():
     rods = Spherocylinders(diameter=6e-3, length=20e-3, density=620, count=1)
     law = LinearSpringDashpot(normal_stiffness=1.0)
     scene = Scene(grains=rods, contact=law, container=silo)
-    side, bottom = meshed_walls(scene, np.array([[0, 0, 0.1]]))
+    walls = list(drawn_walls(scene, np.array([[0, 0, 0.1]])))
+    side, bottom = (wall.mesh for wall in walls)
     assert np.hypot(*side.vertices.T[:2]) == pytest.approx(np.full(len(side.vertices), 0.095))
     assert side.vertices[:, 2].max() == pytest.approx(0.1 + 5 * 3e-3)
     radii = np.hypot(*bottom.vertices.T[:2])
@@ -296,5 +296,5 @@ def test_round_walls_are_meshes_of_their_surface():
     a, b, c = (bottom.vertices[bottom.triangles[:, k]] for k in range(3))
     area = 0.5 * np.linalg.norm(np.cross(b - a, c - a), axis=1).sum()
     assert area == pytest.approx(np.pi * (0.095**2 - 0.03**2), rel=1e-3)
-    assert (side.spin, len(side.edges), side.spokes) == (0, 2, [])
-    assert bottom.spin == pytest.approx(0.5 * np.pi)
+    assert (walls[0].spin, len(side.outlines), walls[0].spokes) == (0, 2, ())
+    assert walls[1].spin == pytest.approx(0.5 * np.pi)

@@ -2,17 +2,18 @@
 
 import math
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
 import pytest
+from toy_results import RunDouble
 
 from labbook.backend.numerics import Numerics
 from labbook.report import figures
 from labbook.report.against import against_table, changes
 from labbook.results.against import Against, against, rows
-from labbook.results.points import FLOW_RATE, Finished, PointResult, RunResult
+from labbook.results.points import FLOW_RATE, PointResult, RunResult
 from labbook.scene import HertzMindlin, Scene, Spheres, WedgeHopper
 from labbook.stats import Measured, pool
 from labbook.study import Point
@@ -20,38 +21,6 @@ from labbook.study.schema import Fill, Window
 
 FRICTION, LENGTH, LAW, D = "contact.friction", "grains.length", "contact.damping", "container.orifice"
 COMMON, OWN = 0.08, 0.004  # standard deviations: of what a packing does to W, and of what is a run's own
-
-
-@dataclass(frozen=True)
-class Double:
-    """A run of which only seed, packing and outcome matter."""
-
-    point: Point
-    seed: int
-    packing_key: str
-    outcome: str = "finished"
-    suspect: str = ""
-    ended: str = "2026-01-02T03:04:05+00:00"
-    recorded: bool = False
-    frame_interval: float | None = None
-    cache_version: int = 1
-    outdated: str = ""
-    backend: str = "double"
-    device: str = "cpu"
-
-    @property
-    def run_key(self) -> str:
-        return f"{self.point.index:04x}{self.seed:04x}" * 4
-
-    @property
-    def provenance(self) -> dict[str, Any]:
-        return {"backend": "double"}
-
-    def data(self):
-        raise AssertionError("nothing but numbers is asked for")
-
-    def evaluated(self, measure, window):
-        raise AssertionError("nothing but numbers is asked for")
 
 
 def one_packing(index: int, seed: int) -> str:
@@ -78,9 +47,9 @@ def result(
     )
     point = Point(index, scene, Fill(), Numerics(dt=1e-5), at, "")
     ended = dict.fromkeys(flows, "finished") | dict(outcomes or {})
-    doubles: list[Finished] = [Double(point, seed, packing(index, seed), how) for seed, how in ended.items()]
+    doubles = [RunDouble(point, seed, how, packing(index, seed)) for seed, how in ended.items()]
     runs = tuple(
-        RunResult(run, measured(flows.get(run.seed)), ("flow_rate",), Window(), run.outcome != "diverged")
+        RunResult(run, measured(flows.get(run.seed)), ("flow_rate",), Window(), run.entry.outcome != "diverged")
         for run in doubles
     )
     kept = [flow for seed, flow in flows.items() if (outcomes or {}).get(seed) != "diverged"]

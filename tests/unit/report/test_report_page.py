@@ -101,7 +101,9 @@ def test_warnings_of_the_plan_that_limit_numbers_reach_the_results(synthetic):
 
 def test_points_that_are_the_same_runs_are_told(synthetic):
     class SameRun(synthetic.FinishedDouble):
-        run_key = property(lambda self: f"{self.seed:032x}")
+        def __init__(self, point, seed):
+            super().__init__(point, seed)
+            object.__setattr__(self, "entry", replace(self.entry, run_key=f"{seed:032x}"))
 
     points = [
         synthetic.point(0, 0.03),

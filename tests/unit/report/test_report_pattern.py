@@ -11,7 +11,7 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.text import Text
 from toy_results import analyse
 
-from labbook.fields import Grains, Layer, Ring, coarse_grain, orifice_means
+from labbook.fields import GrainRows, Layer, Ring, coarse_grain, orifice_means
 from labbook.measure.recorded import FlowPattern
 from labbook.report import figures, style, tables
 from labbook.report.blocks import Picture
@@ -112,7 +112,7 @@ def test_a_bed_is_shown_also_where_no_grain_is_above_the_orifice(recorded):
 def test_all_means_of_rods_are_declared(grid):
     """One that is not would be an error of the measure, and its pattern would be missing from pages."""
     x, upright = np.array([[0.0, 0.0, 0.005]]), np.array([[0.0, 0.0, 1.0]])
-    fields = coarse_grain(grid, 2e-3, Grains(x, -upright, 1e-5, 1e-8, 1, upright))
+    fields = coarse_grain(grid, 2e-3, GrainRows(x, -upright, 1e-5, 1e-8, 1, upright))
     means = {f"orifice.{name}" for name in orifice_means(fields, 0.01, 0.01)}
     assert "orifice.O_zz" in means
     assert means <= {one.name for one in FlowPattern.declared}

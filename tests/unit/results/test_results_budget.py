@@ -142,7 +142,7 @@ def test_parameters_move_with_numerics_as_the_flow_rates_do(synthetic):
     every = [replace(one, at={**one.at, "numerics.dt": one.numerics.dt}) for one in (*plain, *finer)]
     study = synthetic.study_of(every, reference=None, fit=("beverloo",))
     runs = [synthetic.FinishedDouble(one, seed) for one in every for seed in (1, 2, 3)]
-    runs += [replace(run, seed=run.seed + 3) for run in runs if run.point.numerics.dt == 5e-6]
+    runs += [synthetic.FinishedDouble(run.point, run.seed + 3) for run in runs if run.point.numerics.dt == 5e-6]
     results = analyse(study, runs)
     first, other = (series.fits["beverloo"].parameters for series in results.series)
     assert first["k"].value != other["k"].value

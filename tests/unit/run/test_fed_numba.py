@@ -8,7 +8,7 @@ pytest.importorskip("numba")
 from labbook_numba import Backend
 from toy_results import analyse
 
-from labbook.lab import Catalogue, Lab
+from labbook.lab import Catalogue, LabFolder
 from labbook.plan.coverage import finished
 from labbook.run.runner import Runner
 from labbook.study import define
@@ -30,7 +30,7 @@ def test_a_fed_silo_stays_full_and_its_run_ends_when_it_is_precise(tmp_path):
         accuracy={"flow_rate": "12 %"},
         record={"every": "50 ms"},
     )
-    summary = Runner(asked, Lab(tmp_path), Backend(wide=True)).run()
+    summary = Runner(asked, LabFolder(tmp_path), Backend(wide=True)).run()
     assert list(summary.tally.ran.values()) == ["precise"], summary.tally.failed
     (point,) = analyse(asked, finished(Catalogue(tmp_path), asked, "numba")).points
     (run,) = point.runs

@@ -11,7 +11,7 @@ from toy_results import analyse
 from wrong_study import BASE, problems
 
 from labbook.backend import Unsupported
-from labbook.lab import Catalogue, Lab, identity
+from labbook.lab import Catalogue, LabFolder, identity
 from labbook.lab.records import Precise, StopRule
 from labbook.lab.runs import open_run
 from labbook.plan.coverage import finished
@@ -129,7 +129,7 @@ def test_replicates_are_as_many_as_stated_and_pooled_between_runs(tmp_path):
 def test_lanes_change_no_bit(tmp_path):
     asked = fed(tmp_path, TO.format("3 %"), LONG, replicates=3)
     for name, lanes in (("one", 1), ("two", 2)):
-        Runner(asked, Lab(tmp_path / name), Backend(), lanes=lanes).run()
+        Runner(asked, LabFolder(tmp_path / name), Backend(), lanes=lanes).run()
     for folder in (tmp_path / "one" / "runs").iterdir():
         assert arrays(folder) == arrays(tmp_path / "two" / "runs" / folder.name)
 

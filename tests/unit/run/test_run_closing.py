@@ -11,9 +11,9 @@ from toy_lab import arrays, carry_out, study
 from toy_records import outcomes
 
 from labbook.lab import Catalogue
-from labbook.lab.folder import DiskFull, Lab
+from labbook.lab.folder import DiskFull, LabFolder
 from labbook.lab.records import Unreadable
-from labbook.run import closing, runner
+from labbook.run import closing, execution, runner
 from labbook.run.aside import Aside, Gone
 from labbook.run.discharge import DischargeJob, KeptRun
 from labbook.run.job import JobFailed, Kept
@@ -100,7 +100,7 @@ def test_a_process_killed_while_it_measures_loses_no_run(tmp_path, together, mon
 
 
 def test_an_error_of_another_process_comes_back_as_it_was(tmp_path):
-    lab = Lab(tmp_path / "lab")
+    lab = LabFolder(tmp_path / "lab")
     process = Aside()
     try:
         with pytest.raises(DiskFull) as full:
@@ -195,8 +195,8 @@ def test_jobs_that_hold_too_many_grains_are_waited_for(tmp_path, together, monke
 
 
 def test_a_run_that_is_written_is_told(tmp_path, together, monkeypatch):
-    monkeypatch.setattr(runner, "_LOOK", 0.0)
-    monkeypatch.setattr(runner, "_TELLING", float("inf"))
+    monkeypatch.setattr(execution, "_LOOK", 0.0)
+    monkeypatch.setattr(execution, "_TELLING", float("inf"))
     put = closing.Closer._put
     monkeypatch.setattr(closing.Closer, "_put", lambda *given: (time.sleep(0.05), put(*given))[1])
     seen = set()

@@ -11,7 +11,7 @@ import pytest
 from labbook_toy import Backend
 from toy_lab import ROOT, arrays, carry_out, labbook, start, study, study_file
 
-from labbook.lab import Lab
+from labbook.lab import LabFolder
 from labbook.lab.index import Index
 from labbook.lab.records import Observe
 from labbook.plan.plan import Planner
@@ -39,7 +39,7 @@ def task(asked, **given) -> Task:
 
 def coordinator(asked, lab):
     """One that has no cluster, with its index, and all runs of the study as one batch."""
-    made = Cluster(asked, Lab(lab), "toy", "nowhere")
+    made = Cluster(asked, LabFolder(lab), "toy", "nowhere")
     made._problems, made._observe = {}, Observe.of(asked.measure, asked.window)
     index = Index(made.lab)
     from labbook.lab import Catalogue
@@ -76,7 +76,7 @@ def test_a_task_whose_time_is_over_gives_back_checkpoints_and_the_next_goes_on(t
         given = {
             "packings": {one.name: read(one) for one in (tmp_path / "lab/packings").glob("*")},
             "runs": {one.name: read(one) for one in (tmp_path / "lab/runs").glob("*")},
-            "works": {name: read(tmp_path / "lab/work" / name) for name in Lab(tmp_path / "lab").working()},
+            "works": {name: read(tmp_path / "lab/work" / name) for name in LabFolder(tmp_path / "lab").working()},
         }
         if len(given["runs"]) == 2:
             break
@@ -84,7 +84,7 @@ def test_a_task_whose_time_is_over_gives_back_checkpoints_and_the_next_goes_on(t
     index.close()
     assert slices > 2
     assert resumed
-    assert Lab(tmp_path / "lab").working() == []
+    assert LabFolder(tmp_path / "lab").working() == []
     monkeypatch.setenv("LABBOOK_TOY_DELAY", "0")
     carry_out(asked, tmp_path / "whole")
     assert files(tmp_path / "lab") == files(tmp_path / "whole")
@@ -158,7 +158,7 @@ def test_workers_that_are_killed_at_random_cost_no_bit(tmp_path, cluster):
     killer = threading.Thread(target=kill, daemon=True)
     killer.start()
     try:
-        summary = Cluster(asked, Lab(tmp_path / "lab"), "toy", cluster.scheduler_address, slice=5.0).run()
+        summary = Cluster(asked, LabFolder(tmp_path / "lab"), "toy", cluster.scheduler_address, slice=5.0).run()
     finally:
         over.set()
         killer.join()
@@ -167,7 +167,7 @@ def test_workers_that_are_killed_at_random_cost_no_bit(tmp_path, cluster):
     assert not summary.failed
     carry_out(asked, tmp_path / "whole")
     assert files(tmp_path / "lab") == files(tmp_path / "whole")
-    assert Lab(tmp_path / "lab").working() == []
+    assert LabFolder(tmp_path / "lab").working() == []
 
 
 @pytest.mark.ring

@@ -14,7 +14,7 @@ import pytest
 from labbook_toy import Backend
 from toy_lab import carry_out, labbook, start, study, study_file
 
-from labbook.lab import Lab
+from labbook.lab import LabFolder
 from labbook.run import live
 from labbook.run.live import Publisher, Running, running
 from labbook.run.progress import remaining
@@ -35,15 +35,15 @@ VIEW = View(
 
 
 @pytest.fixture
-def lab(tmp_path) -> Lab:
+def lab(tmp_path) -> LabFolder:
     (tmp_path / "lab").mkdir()
-    return Lab(tmp_path / "lab")
+    return LabFolder(tmp_path / "lab")
 
 
 class Seen(Unwatched):
     """What another watcher is told, and what other processes could read at that moment."""
 
-    def __init__(self, lab: Lab | None = None):
+    def __init__(self, lab: LabFolder | None = None):
         self.views, self.lines, self.running, self._lab = [], [], [], lab
 
     def show(self, view: View) -> None:
@@ -54,11 +54,11 @@ class Seen(Unwatched):
         self.lines.append(line)
 
 
-def publisher(lab: Lab, to: Unwatched | None = None) -> Publisher:
+def publisher(lab: LabFolder, to: Unwatched | None = None) -> Publisher:
     return Publisher(lab, "toy-study", "toy", "cpu", to or Unwatched())
 
 
-def files(lab: Lab) -> list[str]:
+def files(lab: LabFolder) -> list[str]:
     return sorted(os.listdir(lab.live)) if lab.live.exists() else []
 
 
@@ -148,7 +148,7 @@ def test_what_cannot_be_written_stops_nothing(lab, monkeypatch, number):
 
 
 def test_a_file_in_place_of_the_folder_stops_no_run(tmp_path):
-    lab = Lab(tmp_path / "lab")
+    lab = LabFolder(tmp_path / "lab")
     lab.folder.mkdir()
     lab.live.write_text("no folder")
     assert carry_out(study(tmp_path, orifices="[24]", replicates=1), lab.folder, backend=Backend(delay=0.002)).complete
@@ -168,7 +168,7 @@ def test_an_error_ends_publishing_as_well(lab):
     assert files(lab) == []
 
 
-def harmed(lab: Lab, harm: Callable[[Path], object]) -> list[Running]:
+def harmed(lab: LabFolder, harm: Callable[[Path], object]) -> list[Running]:
     """Who is running once the file of one of two has been harmed, whose lock is held as before."""
     with publisher(lab) as one, publisher(lab) as other:
         one.show(VIEW)
@@ -237,7 +237,7 @@ def test_what_else_lies_there_is_passed_over_and_looking_changes_nothing(lab):
 
 
 def test_a_run_publishes_for_whoever_watches_and_keeps_nothing(tmp_path):
-    lab = Lab(tmp_path / "lab")
+    lab = LabFolder(tmp_path / "lab")
     seen = Seen(lab)
     backend = Backend(delay=0.01)
     assert Runner(study(tmp_path, orifices="[24]", replicates=1), lab, backend, watcher=seen, lanes=1).run().complete
@@ -247,7 +247,7 @@ def test_a_run_publishes_for_whoever_watches_and_keeps_nothing(tmp_path):
 
 
 def test_nothing_is_published_where_nothing_is_to_be_done(tmp_path):
-    asked, lab = study(tmp_path, orifices="[24]", replicates=1), Lab(tmp_path / "lab")
+    asked, lab = study(tmp_path, orifices="[24]", replicates=1), LabFolder(tmp_path / "lab")
     carry_out(asked, lab.folder)
     if lab.live.exists():
         lab.live.rmdir()
@@ -272,7 +272,7 @@ def test_status_tells_of_those_who_run(lab):
 
 @pytest.mark.slow
 def test_another_process_sees_runs_done_grow_until_it_ends(tmp_path):
-    path, lab = study_file(tmp_path, replicates=2), Lab(tmp_path / "lab")
+    path, lab = study_file(tmp_path, replicates=2), LabFolder(tmp_path / "lab")
     process = start("run", path, "--lab", lab.folder, "--backend", "toy", delay=0.02)
     until(lambda: running(lab))
     seen: list[Running] = []
@@ -292,7 +292,7 @@ def test_another_process_sees_runs_done_grow_until_it_ends(tmp_path):
 
 @pytest.mark.slow
 def test_a_killed_process_is_gone_at_once_and_the_next_run_sweeps_its_files(tmp_path):
-    path, lab = study_file(tmp_path, replicates=1), Lab(tmp_path / "lab")
+    path, lab = study_file(tmp_path, replicates=1), LabFolder(tmp_path / "lab")
     process = start("run", path, "--lab", lab.folder, "--backend", "toy", delay=0.1)
     until(lambda: running(lab))
     with publisher(lab) as other:
@@ -311,7 +311,7 @@ def test_a_killed_process_is_gone_at_once_and_the_next_run_sweeps_its_files(tmp_
 @pytest.mark.slow
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
 def test_a_process_that_is_asked_to_stop_leaves_no_file(tmp_path, number):
-    path, lab = study_file(tmp_path, replicates=1), Lab(tmp_path / "lab")
+    path, lab = study_file(tmp_path, replicates=1), LabFolder(tmp_path / "lab")
     process = start("run", path, "--lab", lab.folder, "--backend", "toy", delay=0.02)
     until(lambda: running(lab))
     process.send_signal(number)
@@ -322,7 +322,7 @@ def test_a_process_that_is_asked_to_stop_leaves_no_file(tmp_path, number):
 
 @pytest.mark.slow
 def test_a_process_that_compiles_is_seen(tmp_path):
-    path, lab = study_file(tmp_path, replicates=1), Lab(tmp_path / "lab")
+    path, lab = study_file(tmp_path, replicates=1), LabFolder(tmp_path / "lab")
     process = start("run", path, "--lab", lab.folder, "--backend", "toy", LABBOOK_TOY_COMPILES="3")
     until(lambda: any(going.phase == "compiling" for one in running(lab) for going in one.going))
     (one,) = running(lab)

@@ -14,7 +14,7 @@ from toy_records import outcomes, records
 from toy_results import analyse
 
 from labbook.backend import Overflow
-from labbook.lab import Catalogue, Lab
+from labbook.lab import Catalogue, LabFolder
 from labbook.lab.folder import DiskFull
 from labbook.lab.packings import load_packing
 from labbook.lab.tables import read_checkpoint
@@ -82,7 +82,7 @@ def test_a_guard_ends_one_run_and_others_go_on(tmp_path):
     assert failed.failure.guard == "overlap"
     assert 0 <= failed.failure.grain < 200
     assert failed.coverage.steps <= failed.failure.step < failed.coverage.steps + 100, "the last good beat is kept"
-    kept = read_checkpoint(Lab(tmp_path / "lab").run(failed.run_key) / "checkpoint.npz")
+    kept = read_checkpoint(LabFolder(tmp_path / "lab").run(failed.run_key) / "checkpoint.npz")
     assert kept.arrays["count"][0] == failed.coverage.steps
     assert not carry_out(asked, tmp_path / "lab").tally.ran, "it is deterministic: it is not run again"
     other = study(tmp_path, replicates=1)

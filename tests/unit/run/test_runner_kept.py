@@ -88,7 +88,7 @@ def test_recorded_runs_have_the_frames_that_were_asked_and_others_none(tmp_path,
             assert data.start.ids is not None
             assert np.array_equal(trajectories.x[0], data.start.x[np.argsort(data.start.ids)].astype(np.float32))
             assert run.record.coverage.frame_interval == pytest.approx(every * 1e-3)
-        other = tmp_path / "unrecorded/runs" / run.run_key
+        other = tmp_path / "unrecorded/runs" / run.entry.run_key
         recorded = {name: array for name, array in arrays(run.folder).items() if "recording" not in name}
         assert recorded == {name: array for name, array in arrays(other).items() if "recording" not in name}
 
@@ -107,11 +107,11 @@ def test_long_recordings_are_whole_also_when_continued(tmp_path):
     assert frames is not None
     assert list(np.unique(frames["step"])) == list(range(0, 120_001, 190))
     carry_out(asked, tmp_path / "whole")
-    assert arrays(run.folder) == arrays(tmp_path / "whole/runs" / run.run_key)
+    assert arrays(run.folder) == arrays(tmp_path / "whole/runs" / run.entry.run_key)
 
 
 def test_many_frames_do_not_wait_in_memory_for_the_next_save(tmp_path, monkeypatch):
-    monkeypatch.setattr("labbook.run.runner._MOST_UNSAVED", 3 * 10**5)
+    monkeypatch.setattr("labbook.run.execution._MOST_UNSAVED", 3 * 10**5)
     unsaved, write = [], Job._write
     monkeypatch.setattr(Job, "_write", lambda job, checkpoint: (unsaved.append(job.unsaved), write(job, checkpoint)))
     asked = study(tmp_path, "record: {every: 0.1 ms, replicates: 1}", replicates=1, orifices="[24]", count=100)

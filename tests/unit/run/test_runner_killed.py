@@ -15,7 +15,7 @@ from typer.testing import CliRunner
 
 from labbook.backend import load
 from labbook.cli import build
-from labbook.lab import Catalogue, DiskFull, Lab, RunRecord
+from labbook.lab import Catalogue, DiskFull, LabFolder, RunRecord
 from labbook.lab import folder as lab_module
 
 BACKEND = ("--backend", "toy")
@@ -186,13 +186,13 @@ def test_a_claim_is_free_as_soon_as_its_process_is_killed(tmp_path):
     held: list[str] = []
     while not held and time.monotonic() < deadline:
         time.sleep(0.02)  # a lock file is made a moment before it is locked
-        held = [lock.stem for lock in (lab / "work").glob("*.lock") if Lab(lab).held(lock.stem)]
+        held = [lock.stem for lock in (lab / "work").glob("*.lock") if LabFolder(lab).held(lock.stem)]
     (key,) = held
-    assert Lab(lab).claim(key) is None
+    assert LabFolder(lab).claim(key) is None
     process.kill()
     process.wait()
-    assert not Lab(lab).held(key)
-    claim = Lab(lab).claim(key)
+    assert not LabFolder(lab).held(key)
+    claim = LabFolder(lab).claim(key)
     assert claim is not None
     claim.release()
 

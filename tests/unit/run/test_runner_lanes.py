@@ -11,11 +11,11 @@ from toy_lab import arrays, carry_out, study, study_file
 from toy_records import outcomes
 
 from labbook.backend import Spec
-from labbook.lab import Catalogue, Lab
+from labbook.lab import Catalogue, LabFolder
 from labbook.lab.index import Index
 from labbook.lab.records import Observe
 from labbook.plan.plan import Planner
-from labbook.run import runner
+from labbook.run import execution, runner
 from labbook.run.board import Board
 from labbook.run.fill import FillJob
 from labbook.run.job import Bench, Job
@@ -42,8 +42,8 @@ def test_saving_that_takes_long_is_done_seldom(tmp_path, monkeypatch):
     carry_out(asked, tmp_path / "short", lanes=1, checkpoint_every=0)
     often = len(saved)
     saved.clear()
-    monkeypatch.setattr(runner, "_LONG", 0.0)
-    monkeypatch.setattr(runner, "_SAVING", 1e-6)  # so that the next save is hours away
+    monkeypatch.setattr(execution, "_LONG", 0.0)
+    monkeypatch.setattr(execution, "_SAVING", 1e-6)  # so that the next save is hours away
     carry_out(asked, tmp_path / "long", lanes=1, checkpoint_every=0)
     assert len(saved) == 1 < often
 
@@ -59,15 +59,15 @@ def test_saving_takes_its_part_of_the_time_and_the_longest_unsaved_come_first(tm
             saved.append(member)
             now[0] += 10
 
-    monkeypatch.setattr(runner, "time", SimpleNamespace(perf_counter=lambda: now[0]))
-    carrying: Any = runner.Runner(study(tmp_path), Lab(tmp_path / "lab"), Backend())
+    monkeypatch.setattr(execution, "time", SimpleNamespace(perf_counter=lambda: now[0]))
+    carrying: Any = runner.Runner(study(tmp_path), LabFolder(tmp_path / "lab"), Backend())
     lane = SimpleNamespace(ensemble=object(), saving=0.0, jobs={member: Slow() for member in "abcd"})
     carrying._begun, carrying._saved = 0.0, dict.fromkeys(lane.jobs.values(), 0.0)
     for turn in range(100):
         now[0] = max(now[0], 40.0 * turn)
         carrying._save(lane)
         assert lane.saving == 10 * len(saved)
-        assert 10 * (len(saved) - 1) <= max(runner._LONG, runner._SAVING * now[0])
+        assert 10 * (len(saved) - 1) <= max(execution._LONG, execution._SAVING * now[0])
     assert saved == list("abcd" * 5)  # one in 200 s
     now[0], carrying.checkpoint_every = 1e6, 1e9  # there is time, and none is due
     carrying._save(lane)
@@ -78,7 +78,7 @@ def test_a_job_that_needs_another_spec_is_begun_once_to_learn_that(tmp_path, mon
     begun = []
     begin = FillJob.begin
     monkeypatch.setattr(FillJob, "begin", lambda job: begun.append(job.key) or begin(job))
-    asked, backend, lab = study(tmp_path), Backend(), Lab(tmp_path / "lab")
+    asked, backend, lab = study(tmp_path), Backend(), LabFolder(tmp_path / "lab")
     catalogue, index = Catalogue(lab), Index(lab)
     try:
         planner = Planner(asked, catalogue, backend.capabilities)
@@ -97,8 +97,8 @@ def test_a_job_that_needs_another_spec_is_begun_once_to_learn_that(tmp_path, mon
 
 
 def test_progress_tells_runs_from_packings(tmp_path, monkeypatch):
-    monkeypatch.setattr(runner, "_LOOK", 0.0)  # after every beat, whatever the clock says
-    monkeypatch.setattr(runner, "_TELLING", math.inf)
+    monkeypatch.setattr(execution, "_LOOK", 0.0)  # after every beat, whatever the clock says
+    monkeypatch.setattr(execution, "_TELLING", math.inf)
     seen = []
 
     class Watch(Unwatched):

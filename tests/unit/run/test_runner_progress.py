@@ -16,11 +16,11 @@ from labbook.backend import load
 from labbook.backend.numerics import Numerics
 from labbook.checks.verify.symmetry import hopper
 from labbook.plan.forecast import fill_time
-from labbook.run import board, progress, runner
+from labbook.run import board, execution, progress
 from labbook.run.board import Tally
 from labbook.run.fill import FillJob, short
 from labbook.run.progress import Bar, fitted, remaining, spoken
-from labbook.run.runner import Summary
+from labbook.run.summary import Summary
 from labbook.run.watch import Going, Meter, Unwatched, View
 from labbook.study import load as read
 
@@ -249,8 +249,8 @@ def test_what_takes_long_to_count_is_counted_seldom(tmp_path, monkeypatch):
 
 @pytest.mark.parametrize("off", [0.1, 10.0])
 def test_a_wrong_forecast_of_discharges_is_corrected_by_those_under_way(tmp_path, monkeypatch, off):
-    monkeypatch.setattr(runner, "_LOOK", 0.0)  # after every beat, whatever the clock says
-    monkeypatch.setattr(runner, "_TELLING", math.inf)
+    monkeypatch.setattr(execution, "_LOOK", 0.0)  # after every beat, whatever the clock says
+    monkeypatch.setattr(execution, "_TELLING", math.inf)
     seen = []
 
     class Watch(Unwatched):

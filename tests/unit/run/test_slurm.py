@@ -16,7 +16,7 @@ import pytest
 from toy_lab import APP, ROOT, arrays, labbook, study_file
 from typer.testing import CliRunner
 
-from labbook.lab import Catalogue, Lab
+from labbook.lab import Catalogue, LabFolder
 from labbook.run.slurm import seconds
 
 FOLDERS = os.pathsep.join(map(str, (ROOT, ROOT / "backends", ROOT / "tests/toy")))
@@ -193,7 +193,7 @@ def test_runs_that_the_lab_has_shorter_go_on_there(tmp_path):
     assert "0 packings" in ended.stdout
     again = labbook("run", path, "--lab", tmp_path / "other", "--backend", "toy", "--base", tmp_path / "part")
     assert "unreadable" not in again.output.lower(), "runs that are in the base only are not of this lab"
-    assert not Catalogue(Lab(tmp_path / "other")).counts()
+    assert not Catalogue(LabFolder(tmp_path / "other")).counts()
 
 
 @pytest.mark.slow
@@ -414,4 +414,4 @@ def test_a_real_slurm_runs_an_array_to_its_end_through_a_kill_and_a_requeue(tmp_
     monkeypatch.setenv("LABBOOK_TOY_DELAY", "0")
     labbook("run", path, "--lab", tmp_path / "whole", "--backend", "toy")
     assert files(lab) == files(tmp_path / "whole")
-    assert Lab(lab).working() == []
+    assert LabFolder(lab).working() == []

@@ -10,7 +10,7 @@ pytest.importorskip("numba")
 from labbook_numba import Backend
 from toy_results import analyse
 
-from labbook.lab import Catalogue, Lab
+from labbook.lab import Catalogue, LabFolder
 from labbook.plan.coverage import finished
 from labbook.run.runner import Runner
 from labbook.study import load
@@ -43,7 +43,7 @@ def test_a_reduced_study_runs_to_its_flow_rates(name, tmp_path):
     file = tmp_path / f"{name}.yaml"
     file.write_text(text, encoding="utf-8")
     asked = load(file)
-    summary = Runner(asked, Lab(tmp_path / "lab"), Backend()).run()
+    summary = Runner(asked, LabFolder(tmp_path / "lab"), Backend()).run()
     assert list(summary.tally.ran.values()) == ["finished"] * 2, summary.tally.failed
     found = analyse(asked, finished(Catalogue(tmp_path / "lab"), asked, "numba"))
     rates = [point.pooled["grain_rate"].value for point in found.points]

@@ -11,7 +11,7 @@ import pytest
 from PIL import Image
 
 from labbook import picture
-from labbook.picture import View, bed, cut, drawn, layers
+from labbook.picture import Raster, bed, cut, drawn, layers
 from labbook.scene import (
     Box,
     Container,
@@ -59,7 +59,7 @@ def turned(*axis) -> np.ndarray:
     return q / np.linalg.norm(q)
 
 
-def pixel(view: View, x: float, z: float) -> tuple[int, int]:
+def pixel(view: Raster, x: float, z: float) -> tuple[int, int]:
     """Row and column of a place [m]."""
     return int((view.z - z) * view.scale + view.down / 2), int((x - view.x) * view.scale + view.across / 2)
 
@@ -95,7 +95,7 @@ def test_walls_are_the_section_of_the_container():
     hopper = WedgeHopper(width=0.04, height=0.3, thickness=1.01 * D, angle=math.radians(60), orifice=0.012)
     start = packing(*((x, 0, z) for x in (-0.018, 0, 0.018) for z in (0.02, 0.03, 0.04)))
     nothing = packing()
-    view, seen = View.of(scene(hopper), start, nothing), drawn(scene(hopper), start, nothing)
+    view, seen = Raster.of(scene(hopper), start, nothing), drawn(scene(hopper), start, nothing)
     for x, z in ((-0.02, 0.03), (0.02, 0.03), (0.006, 0), (-0.013, 0.007 / math.tan(math.radians(60)))):
         assert seen[pixel(view, x, z)][3] > 100, (x, z)
         assert tuple(seen[pixel(view, x, z)][:3]) == picture.WALL
@@ -111,7 +111,7 @@ def test_the_nearer_grain_hides_the_farther_one():
         for order in (slice(None), slice(None, None, -1)):
             rows = [((0, -0.002, 0.03), near), ((0.0005, 0.002, 0.0305), far)][order]
             now = packing(*(x for x, _ in rows), ids=[grain for _, grain in rows])
-            view = View.of(scene(), start, now)
+            view = Raster.of(scene(), start, now)
             assert told(drawn(scene(), start, now)[pixel(view, 0, 0.03)])
 
 
@@ -125,7 +125,7 @@ def test_of_crossing_rods_the_nearer_one_hides_the_farther_one():
     for front, told in (((blue, warm), is_blue), ((warm, blue), is_warm)):
         # at x = 0.005 the leaning rod is at y = 0.004 - 0.005, a diameter and more before the upright one
         now = packing((0, 0.004, 0.05), (0.005, 0.0025, 0.05), ids=front, q=np.array([turned(1, -1, 0), ALONG_Z]))
-        view = View.of(scene(THIN, rods), start, now)
+        view = Raster.of(scene(THIN, rods), start, now)
         assert told(drawn(scene(THIN, rods), start, now)[pixel(view, 0.005, 0.05)])
 
 
@@ -138,7 +138,7 @@ def test_of_a_round_silo_the_half_behind_the_axis_is_seen():
     assert (before == nothing).all()
     now = packing((0.01, 0.001, 0.01), ids=[0])
     behind = drawn(silo, start, now)
-    place = pixel(View.of(silo, start, now), 0.01, 0.01)
+    place = pixel(Raster.of(silo, start, now), 0.01, 0.01)
     assert (behind[place][3], nothing[place][3]) == (255, 0)
 
 
@@ -153,7 +153,7 @@ def test_what_is_farther_behind_the_cut_is_darker():
     silo = scene(CylinderSilo(diameter=0.04, height=0.2, orifice=0.012))
     start = packing(*((x, y, z) for x in (-0.01, 0.01) for y in (-0.01, 0.01) for z in (0.002, 0.01)))
     now = packing((-0.01, 0.002, 0.01), (0.01, 0.015, 0.01), ids=[0, 2])
-    view, seen = View.of(silo, start, now), drawn(silo, start, now)
+    view, seen = Raster.of(silo, start, now), drawn(silo, start, now)
     near, far = (seen[pixel(view, x, 0.01)][:3].sum() for x in (-0.01, 0.01))
     assert far < 0.8 * near
 
@@ -164,7 +164,7 @@ def test_a_rod_covers_the_area_of_its_capsule(axis):
     rod = Spherocylinders(diameter=D, length=5 * D, density=1000, count=1)
     free = scene(Primitives(), rod)
     now = packing((0.1, 0, 0.3), q=np.array([turned(*axis)]))
-    view, alpha = View.of(free, now, now), drawn(free, now, now)[..., 3] / 255
+    view, alpha = Raster.of(free, now, now), drawn(free, now, now)[..., 3] / 255
     a = np.array(axis) / np.linalg.norm(axis)
     half = rod.half_length * math.hypot(a[0], a[2])
     assert alpha.sum() / view.scale**2 == pytest.approx(4 * half * D / 2 + math.pi / 4 * D**2, rel=0.03)
@@ -182,7 +182,7 @@ def test_layers_are_equally_thick_and_neighbours_differ_in_colour():
     assert list(found) == [k // 4 for k in range(32)], "32 grains high, at most 8 layers"
     assert list(layers(scene(), column(6))) == [0, 0, 1, 1, 2, 2], "and two grains at least"
     assert list(layers(scene(), column(1))) == [0]
-    view, seen = View.of(scene(), start, start), drawn(scene(), start, start)
+    view, seen = Raster.of(scene(), start, start), drawn(scene(), start, start)
     rows = [(pixel(view, 0, (k + 0.9) * D)[0], pixel(view, 0, (k + 0.1) * D)[0] + 1) for k in range(32)]
     middle = pixel(view, 0, 0)[1]
     colours = [seen[top:bottom, middle, :3].mean(axis=0) for top, bottom in rows]
@@ -195,7 +195,7 @@ def test_layers_are_equally_thick_and_neighbours_differ_in_colour():
 def test_grains_keep_the_colour_of_their_layer_wherever_they_go():
     start = column()
     now = packing((0, 0, 0.09), (0, 0, 0.03), ids=[0, 5])
-    view, seen = View.of(scene(), start, now), drawn(scene(), start, now)
+    view, seen = Raster.of(scene(), start, now), drawn(scene(), start, now)
     assert is_blue(seen[pixel(view, 0, 0.09)])
     assert is_warm(seen[pixel(view, 0, 0.03)])
 
@@ -206,7 +206,7 @@ def test_kinds_have_their_own_colours_and_sizes():
     kind = np.array([0, 1] * 6)
     x = [(k * D - 0.0165, 0, (k % 4 + 0.5) * 3 * D) for k in range(12)]
     start = packing(*x, kind=kind, diameter=np.where(kind == 0, D, D / 2))
-    view, seen = View.of(mixed, start, start), drawn(mixed, start, start)
+    view, seen = Raster.of(mixed, start, start), drawn(mixed, start, start)
     for k, (across, _, up) in enumerate(x):
         colour = seen[pixel(view, across, up)]
         assert (is_warm if kind[k] == 0 else is_blue)(colour)
@@ -253,7 +253,7 @@ def test_below_the_outlet_a_little_is_shown_and_no_grain_in_part():
     start = packing(*((x * D, 0, (z + 0.5) * D) for x in range(-6, 7) for z in range(12)))
     for z in np.linspace(0.002, -0.02, 45):
         now = packing((0, 0, z), ids=[0])
-        view, alpha = View.of(hopper, start, now), drawn(hopper, start, now)[..., 3] / 255
+        view, alpha = Raster.of(hopper, start, now), drawn(hopper, start, now)[..., 3] / 255
         row, col = pixel(view, 0, 0)
         seen = alpha[:, col - 20 : col + 20].sum() / view.scale**2
         whole = math.pi / 4 * D**2
@@ -265,7 +265,7 @@ def test_below_the_outlet_a_little_is_shown_and_no_grain_in_part():
 def test_empty_height_above_the_bed_is_cropped():
     tall = scene(WedgeHopper(width=0.04, height=3, thickness=1.01 * D, orifice=0.012))
     start = packing(*((x * D, 0, (z + 0.5) * D) for x in range(-6, 7) for z in range(12)))
-    view = View.of(tall, start, start)
+    view = Raster.of(tall, start, start)
     assert view.z + view.down / view.scale / 2 == pytest.approx(12 * D, abs=3 * D)
     assert max(view.down, view.across) == picture.SIZE
 
@@ -302,12 +302,12 @@ def test_free_grains_are_followed_within_reason():
     free = scene(Primitives())
     start = floor()
     now = packing(*(start.x + np.array([0.02, 0, 0.01])))
-    view = View.of(free, start, now)
+    view = Raster.of(free, start, now)
     assert view.x + view.across / view.scale / 2 > now.x[:, 0].max()
     gone = packing(*(start.x + np.array([1e3, 0, 0])))
-    assert View.of(free, start, gone).across / View.of(free, start, gone).scale < 0.1
+    assert Raster.of(free, start, gone).across / Raster.of(free, start, gone).scale < 0.1
 
 
 def test_an_outlet_far_below_leaves_the_bed_in_sight():
-    view = View.of(scene(Primitives(outlet_plane=-10)), floor(), floor())
+    view = Raster.of(scene(Primitives(outlet_plane=-10)), floor(), floor())
     assert view.across > picture.SIZE / 2

@@ -124,14 +124,14 @@ def polygon(container) -> np.ndarray:
 def test_a_container_holds_what_lies_between_its_walls(container):
     """Against the polygon of its drawn walls, in the plane y = 0."""
     x = np.random.default_rng(1).uniform((-0.07, 0, -0.02), (0.07, 0, 0.15), (4000, 3))
-    assert np.array_equal(container.holds(x), Path(polygon(container)).contains_points(x[:, [0, 2]]))
+    assert np.array_equal(container.inside(x), Path(polygon(container)).contains_points(x[:, [0, 2]]))
     above = x + np.array([0.0, 0.0, 1.0])
-    assert np.array_equal(container.holds(above), np.abs(x[:, 0]) < 0.05)
+    assert np.array_equal(container.inside(above), np.abs(x[:, 0]) < 0.05)
     across = x[:, [1, 0, 2]]
     if isinstance(container, WedgeHopper):
-        assert not container.holds(across)[np.abs(across[:, 1]) > container.thickness / 2].any()
+        assert not container.inside(across)[np.abs(across[:, 1]) > container.thickness / 2].any()
     else:
-        assert np.array_equal(container.holds(across), container.holds(x))
+        assert np.array_equal(container.inside(across), container.inside(x))
     ends = polygon(container)
     out = x[:, 0]
     lowest = ends[ends[:, 1] == 0, 0]
@@ -143,8 +143,8 @@ def test_a_container_holds_what_lies_between_its_walls(container):
 def test_a_box_holds_what_is_below_its_lid_and_has_no_outlet():
     x = np.array([[0, 0, 0.01], [0.051, 0, 0.01], [0, -0.021, 0.01], [0, 0, -0.01], [0, 0, 0.2]])
     box = Box(width=0.1, depth=0.04, height=0.1)
-    assert box.holds(x).tolist() == [True, False, False, False, True]
-    assert box.model_copy(update={"lid": True}).holds(x).tolist() == [True, False, False, False, False]
+    assert box.inside(x).tolist() == [True, False, False, False, True]
+    assert box.model_copy(update={"lid": True}).inside(x).tolist() == [True, False, False, False, False]
     assert not box.lets_out(x).any()
 
 
@@ -153,5 +153,5 @@ def test_primitives_hold_what_is_behind_no_plane():
     floor = Wall(name="floor", shape=Plane(point=(0, 0, 0), normal=(0, 0, 2)))
     side = Wall(name="side", shape=Plane(point=(-0.5, 0, 0), normal=(1, 0, 0)))
     plate = Wall(name="plate", shape=Strip(start=(0, 0), end=(1, 1)))
-    assert Primitives(parts=(floor, side, plate)).holds(x).tolist() == [True, False, False]
-    assert Primitives().holds(x).all()
+    assert Primitives(parts=(floor, side, plate)).inside(x).tolist() == [True, False, False]
+    assert Primitives().inside(x).all()

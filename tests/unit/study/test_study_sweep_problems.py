@@ -49,4 +49,4 @@ def test_a_huge_sweep_is_refused_at_once(tmp_path):
     keys = ("container.orifice", "container.gap", "container.thickness", "grains.diameter")
     text = "sweep:\n" + "".join(f"  {key}: [{values}]\n" for key in keys)
     (problem, *_) = [p for p in problems(tmp_path, BASE + text) if p.key == "sweep"]
-    assert "6250000 points are more than 100000; a plan of them takes about 25 GB of memory" in problem.message
+    assert "6250000 points are more than 100000; a plan of them takes about 50 GB of memory" in problem.message

@@ -12,7 +12,7 @@ import warp as wp
 from labbook_warp import Backend, beat, compiling
 from toy_lab import carry_out, study
 
-from labbook.lab import Catalogue, Lab
+from labbook.lab import Catalogue, LabFolder
 from labbook.lab.index import Index
 from labbook.lab.records import Observe
 from labbook.plan.plan import Planner
@@ -34,7 +34,7 @@ def expected(tmp_path):
 
 def said(tmp_path, of):
     """What the board says of a study before anything runs."""
-    asked, backend, lab = study(tmp_path, FAST, **of), Backend(), Lab(tmp_path / "board")
+    asked, backend, lab = study(tmp_path, FAST, **of), Backend(), LabFolder(tmp_path / "board")
     catalogue, index = Catalogue(lab), Index(lab)
     try:
         planner = Planner(asked, catalogue, backend.capabilities)

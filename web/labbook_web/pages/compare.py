@@ -31,7 +31,7 @@ class Malformed(ValueError):
 
 
 @dataclass(frozen=True, eq=False)
-class Item:
+class ComparedItem:
     """One of the things that are compared. `run`: key of the run whose bed is shown; `address`: path of its page."""
 
     text: str
@@ -82,7 +82,7 @@ def compare_page(shelf: Shelf, items: Sequence[str]) -> Page:
     )  # fmt: skip
 
 
-def _compared(items: Sequence[Item]) -> list[Compared]:
+def _compared(items: Sequence[ComparedItem]) -> list[Compared]:
     """Stored comparisons of two backends of one study that both are among the items."""
     shown: dict[str, set[str]] = {}
     for one in items:
@@ -94,14 +94,14 @@ def _compared(items: Sequence[Item]) -> list[Compared]:
     ]
 
 
-def _told_apart(items: list[Item]) -> list[Item]:
+def _told_apart(items: list[ComparedItem]) -> list[ComparedItem]:
     """Their labels with the backend, if there are several."""
     if len({one.backend for one in items}) < 2:
         return items
     return [replace(one, label=f"{one.label} on {one.backend}") for one in items]
 
 
-def _item(shelf: Shelf, text: str, lacking: list[str]) -> Item:
+def _item(shelf: Shelf, text: str, lacking: list[str]) -> ComparedItem:
     said = _ITEM.fullmatch(text)
     if said is None or (said["kind"] == "point") != (said["number"] is not None):
         raise Malformed(f"{text[:80]} is not an item: use run:KEY, point:STUDY:NUMBER or study:STUDY")
@@ -110,17 +110,17 @@ def _item(shelf: Shelf, text: str, lacking: list[str]) -> Item:
     found = shelf.found(said["name"], shelf.backend_of(said["name"], said["backend"]))
     name = found.study.name
     if said["kind"] == "study":
-        return Item(text, name, f"study/{name}", None, None, found, (), None, False, found.backend)
+        return ComparedItem(text, name, f"study/{name}", None, None, found, (), None, False, found.backend)
     number = int(said["number"])
     result = point_of(found, number)
     curves = [one for run in result.runs if (one := curve_of(run, f"seed {run.seed}", lacking)) is not None]
     label, address = f"{name}, {result.label or 'the only point'}", f"study/{name}/point/{number}"
     filmed = next((run for run in result.runs if run.recorded), result.runs[0])
     shown = filmed.run_key, filmed.recorded, found.backend
-    return Item(text, label, address, result.point, result, found, curves, *shown)
+    return ComparedItem(text, label, address, result.point, result, found, curves, *shown)
 
 
-def _run(shelf: Shelf, text: str, prefix: str, lacking: list[str]) -> Item:
+def _run(shelf: Shelf, text: str, prefix: str, lacking: list[str]) -> ComparedItem:
     key = key_of(shelf, prefix)
     folder, entry = shelf.lab.run(key), shelf.catalogue.entries([key])[0]
     try:
@@ -131,10 +131,10 @@ def _run(shelf: Shelf, text: str, prefix: str, lacking: list[str]) -> Item:
     lacking += why
     label = f"{record.study}, {record.label}, seed {record.seed}"
     shown = key, record.coverage.recording is not None, record.backend
-    return Item(text, label, f"run/{key[:16]}", point_of_run(record), None, None, curves, *shown)
+    return ComparedItem(text, label, f"run/{key[:16]}", point_of_run(record), None, None, curves, *shown)
 
 
-def _differences(items: Sequence[Item]) -> list[tuple[str, tuple[str, ...]]]:
+def _differences(items: Sequence[ComparedItem]) -> list[tuple[str, tuple[str, ...]]]:
     """In what they differ; of studies, in what their files state."""
     if len(items) < 2:
         return []
@@ -157,7 +157,7 @@ def _said(value: Any) -> str:
     return ", ".join(map(str, value)) if isinstance(value, list | tuple) else str(value)
 
 
-def _numbers(items: Sequence[Item]) -> list[dict[str, Any]]:
+def _numbers(items: Sequence[ComparedItem]) -> list[dict[str, Any]]:
     """What was measured of points, and how each lies to the first: ratio with a 95 % interval, of independent runs."""
     results = [one.result for one in items]
     names = dict.fromkeys(name for one in results if one is not None for name in one.pooled)

@@ -5,18 +5,18 @@ from typing import Any
 
 import pandas as pd
 
+from labbook.api import Results
 from labbook.commands import command
 from labbook.lab import LabError
 from labbook.lab.catalogue import SUSPECT
 from labbook.lab.journal import unfinished
 from labbook.report.result_box import concerns, headline
-from labbook.results.study import Results
 from labbook.run.live import Running
 from labbook.scene.quantities import duration
 from labbook.study import StudyError
 from labbook_web.page import Page
 from labbook_web.pages.sheet import sheet
-from labbook_web.shelf import Found, Listed, NotThere, Shelf
+from labbook_web.shelf import Found, NotThere, Shelf, StudyListing
 
 CARDS = 24
 """Studies on a page."""
@@ -55,7 +55,7 @@ def lab_page(shelf: Shelf, query: Mapping[str, str], cards: int | None = None) -
     )  # fmt: skip
 
 
-def card(shelf: Shelf, listed: Listed) -> dict[str, Any]:
+def card(shelf: Shelf, listed: StudyListing) -> dict[str, Any]:
     """What the card of one study shows: contact sheet, progress, outcomes and result; or why it cannot be read."""
     shown: dict[str, Any] = {"one": listed, "problem": listed.problem, "found": None}
     shown["command"] = command("web", f"{listed.name}.yaml", lab=shelf.lab.folder)
@@ -109,13 +109,13 @@ def outcomes(results: Results) -> dict[str, int]:
     return dict(sorted(found.items(), key=lambda item: -item[1]))
 
 
-def _has(shelf: Shelf, one: Listed, text: str) -> bool:
+def _has(shelf: Shelf, one: StudyListing, text: str) -> bool:
     if not text:
         return True
     return text.lower() in " ".join((one.name, shelf.text(one), *one.note.tags)).lower()
 
 
-def _told(one: Listed) -> dict[str, Any]:
+def _told(one: StudyListing) -> dict[str, Any]:
     ended: dict[str, int] = {}
     for count in one.counts:
         ended[count.outcome] = ended.get(count.outcome, 0) + count.runs

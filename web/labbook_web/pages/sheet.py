@@ -3,9 +3,9 @@
 from collections.abc import Sequence
 from dataclasses import dataclass
 
+from labbook.api import Results
 from labbook.results import display
 from labbook.results.points import PointResult
-from labbook.results.study import Results
 
 Value = float | str
 

@@ -5,14 +5,12 @@ import re
 import threading
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
-from dataclasses import fields
 from functools import partial
 from typing import Any
 
 import numpy as np
 
-from labbook.api import Lab
-from labbook.api import Results as Tabled
+from labbook.api import Results
 from labbook.checks.compare import shown
 from labbook.commands import command
 from labbook.fit import Law
@@ -32,7 +30,6 @@ from labbook.results.frames import to_json
 from labbook.results.points import ORIFICE, PointResult, followers, names_scene
 from labbook.results.reference import at_series
 from labbook.results.series import Series
-from labbook.results.study import Results
 from labbook_web.page import Page, embedded
 from labbook_web.pages.lab import outcomes, progress
 from labbook_web.pages.sheet import sheet
@@ -60,7 +57,7 @@ def study_page(shelf: Shelf, name: str, query: Mapping[str, str]) -> Page:
             "headline": headline(results),
             **json.loads(to_json(results)),
         },
-        lambda: tabled(results, shelf).frame(),
+        results.frame,
         {
             **found.once("study", lambda: _shown(found)),
             "found": found,
@@ -108,12 +105,6 @@ def _fits(results: Results) -> list[tuple[str, str, Law, Table]]:
         for one in results.series
         for law, fit in one.fits.items()
     ]
-
-
-def tabled(results: Results, shelf: Shelf) -> Tabled:
-    """The results with the tables of the Python interface."""
-    values = {one.name: getattr(results, one.name) for one in fields(results)}
-    return Tabled(**values, lab=Lab(shelf.lab.folder))
 
 
 def verdicts(compared: Sequence[Compared]) -> list[dict[str, Any]]:

@@ -3,7 +3,7 @@
 from collections.abc import Mapping
 
 from labbook.checks.verify.case import Case, limited
-from labbook.checks.verify.stand import Stand, Start, grains_at
+from labbook.checks.verify.stand import MemberStart, Stand, grains_at
 from labbook.scene import Plane, Primitives, Scene, Spheres, Wall
 
 from .viscous import Viscous
@@ -22,7 +22,7 @@ def _restitution(stand: Stand) -> Mapping[str, float]:
     scene = Scene(grains=grains, contact=law, container=Primitives(parts=(floor,)), gravity=0.0)
     dt = law.collision_time(grains.mass, grains.radius, SPEED) / STEPS
     above = [[0.0, 0.0, grains.radius + 10 * SPEED * dt]]
-    motion = stand.run(Start(scene, dt, grains_at(above, [[0.0, 0.0, -SPEED]])), beats=3, steps_per_beat=STEPS)
+    motion = stand.run(MemberStart(scene, dt, grains_at(above, [[0.0, 0.0, -SPEED]])), beats=3, steps_per_beat=STEPS)
     return {"restitution": abs(motion.end.v[0, 2] / SPEED - RESTITUTION_ASKED)}
 
 

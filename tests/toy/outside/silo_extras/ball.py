@@ -5,6 +5,7 @@ from typing import ClassVar, Literal
 import numpy as np
 from labbook_dem.words import dot, func, sqrt, wide, wide3
 
+from labbook.scene.geometry import Bounds, Mesh
 from labbook.scene.quantities import Coordinate, Length
 from labbook.scene.walls import WallShape
 
@@ -24,11 +25,11 @@ class Ball(WallShape):
         """Distance [m] of points x, shape [n, 3], from its surface."""
         return np.linalg.norm(x - np.array(self.centre), axis=1) - self.radius
 
-    def mesh(self) -> tuple[np.ndarray, np.ndarray]:
+    def mesh(self, within: Bounds) -> Mesh:
         """An octahedron."""
         tips = np.concatenate([np.eye(3), -np.eye(3)])
         faces = [(i, j, k) for i in (0, 3) for j in (1, 4) for k in (2, 5)]
-        return np.array(self.centre) + self.radius * tips, np.array(faces)
+        return Mesh(np.array(self.centre) + self.radius * tips, np.array(faces))
 
 
 PARTS = 4

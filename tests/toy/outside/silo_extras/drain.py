@@ -17,7 +17,7 @@ from labbook.results.points import PointResult
 from labbook.results.reference import Comparison, sought
 from labbook.results.series import FurtherFit, Series
 from labbook.results.statements import Judged
-from labbook.results.study import Results
+from labbook.results.study import StudyResults
 from labbook.study import Statement
 from labbook.study.paper import Asked, Wrong
 
@@ -56,36 +56,40 @@ class Drain(Paper):
             return "" if asked.stated else Wrong("an order is no number", "write `from`, `to` and `says`")
         return super().unit(quantity, asked)
 
-    def compared(self, results: Results, quantity: str, at: Mapping[str, float | str]) -> Sequence[Comparison] | None:
+    def compared(
+        self, results: StudyResults, quantity: str, at: Mapping[str, float | str]
+    ) -> Sequence[Comparison] | None:
         if quantity != "drained.first":
             return None
         return [replace(sought(quantity, at), ours=_half_time(results.points[0]), error=1e-3, unit="s")]
 
-    def judged(self, results: Results, statement: Statement) -> Sequence[Judged] | None:
+    def judged(self, results: StudyResults, statement: Statement) -> Sequence[Judged] | None:
         if statement.quantity != "drained.order":
             return None
         times = [_half_time(one) for one in results.points]
         ours = float(np.mean(np.diff(times) < 0))
         return [Judged(statement, "all orifices", ours, 0.0, ours, ours, how="Ends are those of the only number.")]
 
-    def frames(self, results: Results) -> Mapping[str, Iterable[Row]]:
+    def frames(self, results: StudyResults) -> Mapping[str, Iterable[Row]]:
         return {"drained": [{"orifice": one.orifice, "half_time": _half_time(one)} for one in results.points]}
 
-    def sections(self, results: Results, folder: Path) -> Sequence[Section]:
+    def sections(self, results: StudyResults, folder: Path) -> Sequence[Section]:
         drawn = picture(self._draw(results), folder / "drain", "half time against orifice", "Half times.")
         return [Section("How silos drain", (drawn,))]
 
-    def of_series(self, results: Results, series: Series, folder: Path, suffix: str, where: str) -> Sequence[Block]:
+    def of_series(
+        self, results: StudyResults, series: Series, folder: Path, suffix: str, where: str
+    ) -> Sequence[Block]:
         return [Prose("These drain.")]
 
-    def tables(self, results: Results, series: Series, where: str) -> Sequence[tuple[str, Table]]:
+    def tables(self, results: StudyResults, series: Series, where: str) -> Sequence[tuple[str, Table]]:
         rows = tuple((name, f"{one.value:.2f}") for name, one in series.parameters("drain").items())
         return [(f"Drain{where}", Table(("parameter", "value"), rows))]
 
-    def figures(self, results: Results) -> Mapping[str, Draw]:
+    def figures(self, results: StudyResults) -> Mapping[str, Draw]:
         return {"drain": lambda: self._draw(results)}
 
-    def _draw(self, results: Results):
+    def _draw(self, results: StudyResults):
         from matplotlib.figure import Figure
 
         figure = Figure()

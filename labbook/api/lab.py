@@ -1,0 +1,316 @@
+"""A lab with its backend and device: plans, runs, pilots and results of studies."""
+
+import errno
+import os
+import re
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass, replace
+from functools import partial
+from html import escape
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from labbook import html
+from labbook.accuracy import BESIDE, write
+from labbook.api.progress import counted, watching
+from labbook.api.results import Results
+from labbook.backend import Backend, Unsupported, load_to_plan
+from labbook.backend import load as load_backend
+from labbook.commands import command
+from labbook.lab import Catalogue, LabError, LabFolder, NoCatalogue
+from labbook.lab.folder import DEFAULT
+from labbook.lab.index import Index
+from labbook.plan.advice import foresee, forewarn
+from labbook.plan.devices import named
+from labbook.plan.plan import Plan, flow_rates
+from labbook.results.calibrating import Calibrated, NotCalibrated, PilotStopped, calibrate, flow_and_filling
+from labbook.results.find import find
+from labbook.results.points import FLOW_RATE
+from labbook.run.cluster import Cluster
+from labbook.run.devices import Crew
+from labbook.run.execution import CHECKPOINT_EVERY
+from labbook.run.runner import Runner
+from labbook.run.shard import WHOLE, Shard
+from labbook.run.summary import Summary
+from labbook.run.watch import Watcher
+from labbook.study import Study
+from labbook.study.pilot import first_needed, whole
+from labbook.study.problems import grouped
+from labbook.study.source import given_path
+from labbook.warning import by_a_verb, warn
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+_OPTION = re.compile(r"(?<=use )--(device|backend) ([\w:]*\w)")
+"""Of the command line, with its value."""
+_SHOWN = 40
+"""Rows of a table."""
+
+
+class PilotNeeded(Exception):
+    """A part of a study was asked for that needs a pilot as a whole; the message says what to do."""
+
+
+def _is_study(given: object) -> None:
+    if not isinstance(given, Study):
+        raise TypeError(f"a Study is needed, and not {given!r}; read a file with labbook.load(path)")
+
+
+@dataclass(frozen=True)
+class Lab:
+    """A folder with runs and packings, and the backend and device that make them.
+
+    The folder is created at the first write; `~` is the home folder, as in a shell. Several processes may use one lab
+    at once: they share the work.
+    """
+
+    folder: Path | str = DEFAULT
+    backend: str = "numba"
+    """Backend that makes the runs, and whose runs `results` reads: `numba` (CPU) or `warp` (GPU)."""
+    device: str = "cpu"
+    """Device, such as `cpu` or `cuda:0`; several as `cuda:0,cuda:1` or `cuda:all`."""
+
+    def __post_init__(self):
+        object.__setattr__(self, "folder", given_path(self.folder, "labbook.Lab: folder"))
+
+    @property
+    def place(self) -> LabFolder:
+        """The folder, with methods for the places in it."""
+        return LabFolder(Path(self.folder))
+
+    def plan(self, study: Study) -> Plan:
+        """The runs that `study` still needs in this lab and why, with a forecast of time and disk space, and warnings.
+
+        Raises Unsupported, Conflict or MeasureError if the backend cannot do it, TooLarge, BackendMissing, LabError.
+        """
+        _is_study(study)
+        with self._catalogue() as catalogue, _in_python():
+            return foresee(self._calibrated(study), catalogue, load_to_plan(self.backend), self.device)
+
+    def run(
+        self,
+        study: Study,
+        progress: bool | Watcher = True,
+        checkpoint_every: float = CHECKPOINT_EVERY,
+        shard: str | None = None,
+        base: Path | str | None = None,
+        cluster: str | None = None,
+        pilot: bool = True,
+    ) -> Summary:
+        """Make the runs that `study` still needs; finished runs are not repeated.
+
+        progress: whether to show a bar, or a Watcher to inform. checkpoint_every: wall time [s] between two saves of a
+        run; more if saving took over 5 % of the time. shard: I/N, to run only part I of N parts of the study, which
+        have about the same forecast cost; all runs from one packing are in one part. base: another lab, whose runs are
+        not repeated and whose packings are used. cluster: address of a Dask scheduler; its workers run the study
+        (extra `cluster`). pilot: whether the pilot that a requested error may need comes first (`pilot`); False: the
+        default step is used where none can be chosen, and the error budget says that its bias is not known.
+
+        Ctrl-C saves unfinished runs and returns; a second one raises KeyboardInterrupt and keeps the
+        last checkpoints. Either way the next call goes on. Failed runs give a warning and are named in the summary.
+        If anything is to run, the warnings of the plan are repeated before, unless progress is False. Raises what
+        `plan` does except TooLarge, before anything runs; ValueError for a wrong `shard`; DiskFull; PilotNeeded for a
+        `shard` of a study that needs a pilot; PilotStopped after Ctrl-C in the pilot, and PermissionError where its
+        calibration cannot be written.
+        """
+        _is_study(study)
+        part = WHOLE if shard is None else Shard.parse(shard)
+        other = None if base is None else LabFolder(given_path(base, "base"))
+        backend, plain = load_backend(self.backend), isinstance(progress, bool)
+        with watching(progress) as watcher, _in_python():
+            study = self._calibrated(study)
+            if pilot and (needed := first_needed(study)) is not None:
+                study = self._piloted(study, needed, watcher, whole=shard is None)
+            for line in () if progress is False else self._forewarned(study, backend):
+                watcher.tell(line)
+            if cluster is not None:
+                summary = Cluster(study, self.place, self.backend, cluster, self.device, watcher=watcher).run()
+            else:
+                first, *others = named(self.device, backend)
+                options = (checkpoint_every, watcher)
+                if others:
+                    runner = Crew(study, self.place, self.backend, (first, *others), *options, part, other)
+                else:
+                    runner = Runner(study, self.place, backend, first, *options, shard=part, base=other)
+                summary = runner.run()
+        summary = replace(summary, study=summary.study or study)
+        if shard is None and base is None and not summary.stopped:
+            summary = replace(summary, no_flow=self._no_flow(study, summary))
+        if plain:
+            for why in grouped(summary.failed):
+                warn(f"failed: {why}")
+            if summary.no_flow:
+                warn(f"no point of the study has a flow rate: {summary.no_flow}")
+        return summary
+
+    def _forewarned(self, study: Study, backend: Backend) -> tuple[str, ...]:
+        """The warnings of a plan, and what was wrong with an index that has to be made first."""
+
+        def looked() -> tuple[str, ...]:
+            with self._catalogue() as catalogue:
+                return tuple(f"Warning: {line}" for line in forewarn(study, catalogue, backend, self.device))
+
+        try:
+            return looked()
+        except NoCatalogue:
+            index = Index(self.place)  # to run makes the index of a lab without one, where a plan only looks
+            index.close()
+            return (*(f"Unreadable: {problem}" for problem in index.found.problems), *looked())
+
+    def _piloted(self, study: Study, needed: Study, watcher: Watcher, whole: bool) -> Study:
+        """The study with numerics chosen by its pilot. whole: whether all of its runs are to be made here."""
+        verb = by_a_verb()
+        skip = "--no-pilot" if verb else "pilot=False"
+        if not whole:
+            first = command("pilot", study.path, lab=self.folder, backend=self.backend) if verb else "lab.pilot(study)"
+            raise PilotNeeded(f"{study.name} needs a pilot for all parts: give {first} first, or {skip}")
+        runs = len(needed.points) * needed.replicates
+        watcher.tell(f"Such scenes are not calibrated: a pilot of {runs} runs comes first ({skip} skips it)")
+        try:
+            study = self.pilot(study, watcher)
+        except PilotStopped:
+            raise
+        except NotCalibrated as problem:
+            watcher.tell(f"The pilot gave no calibration: {problem}. The default step is used; its bias is unknown")
+            return study
+        planned = command("plan", study.path, lab=self.folder, backend=self.backend) if verb else "lab.plan(study)"
+        watcher.tell(f"The pilot wrote {study.calibration_file}. To see the chosen numerics: {planned}")
+        return study
+
+    def _calibration_file(self, study: Study) -> Path:
+        """Where the pilot of a study writes its calibration: beside its file, or into the lab."""
+        if study.source:
+            return study.path.with_suffix(BESIDE)
+        return (self.place.studies / f"{study.name}{BESIDE}").resolve()
+
+    def _calibrated(self, study: Study) -> Study:
+        """The study with the numerics that its pilot has made possible, if it had one since the study was read."""
+        if not any(point.wants_pilot for point in study.points):
+            return study
+        file = self._calibration_file(study)
+        return study.calibrated(file) if file.is_file() else study
+
+    def _no_flow(self, study: Study, summary: Summary) -> str:
+        """Why no point has a flow rate, though the study measures it and runs are done; empty if one has."""
+        done = [[item.keys.run for item in point.items if item.state == "done"] for point in summary.points]
+        if FLOW_RATE not in study.measure or not any(done):
+            return ""
+        with self._catalogue() as catalogue:
+            if any(flow_rates(study, catalogue, keys) for keys in done):
+                return ""
+            found = find(study, catalogue, self.backend, lambda done: None)
+        return "; ".join(dict.fromkeys(filter(None, (point.no_flow for point in found.points)))) or "see the report"
+
+    def pilot(self, study: Study, progress: bool | Watcher = True, seeds: int | None = None) -> Study:
+        """`study` with numerics chosen from its pilot: runs that measure the effect of numerics on the flow rate.
+
+        seeds: None for the pilot that the requested error needs, which has two time steps; a study whose scenes are
+        calibrated, or that requests no error, needs none and is returned as it is. With a number a whole pilot is
+        run, needed or not: seven settings of time step and stiffness with `seeds` runs each, at the first and last
+        point. A study that sweeps numerics is its own pilot.
+
+        The calibration is written beside the study file, where `load` finds it, or into the lab for a study made
+        in Python. Raises what `run` raises; NotCalibrated where too few runs flowed or scenes of this kind cannot be
+        calibrated, PilotStopped after Ctrl-C; OSError where the calibration cannot be written, before anything runs.
+        """
+        _is_study(study)
+        runs = first_needed(study) if seeds is None else whole(study, seeds)
+        if runs is None:
+            return study
+        file = self._calibration_file(study)
+        if study.source and not os.access(file.parent, os.W_OK):
+            raise PermissionError(errno.EACCES, "the calibration of its pilot cannot be written there", str(file))
+        write(file, [one.effects for one in effects_of_numerics(self, runs, progress)])
+        return study.calibrated(file)
+
+    def results(self, study: Study, progress: bool | Callable[[int], None] = True) -> Results:
+        """Results of `study` so far. Runs that are not evaluated yet are evaluated now, and the numbers are kept.
+
+        progress: whether to show how many runs are evaluated, or a function to call. Unreadable runs give a warning
+        and are left out; measures that fail on a run give one too. Raises LabError.
+        """
+        _is_study(study)
+        if not Path(self.folder).exists():
+            warn(f"there is no lab {self.folder} yet, so that it has no runs")
+        with self._catalogue() as catalogue, counted(progress, "evaluating runs") as told:
+            kind = partial(Results, place=self.place, backend=self.backend)
+            found = find(self._calibrated(study), catalogue, self.backend, told, kind)
+        for problem in grouped(found.unreadable):
+            warn(f"left out: {problem}")
+        for problem in grouped(found.unmeasured):
+            warn(f"not measured: {problem}")
+        return found
+
+    def frame(
+        self, study: Study | str | None = None, outcome: str | None = None, limit: int | None = None
+    ) -> "pd.DataFrame":
+        """All runs of the lab, the latest first: one row per run, with units in `attrs`.
+
+        study: only runs first made for this study (or its name); outcome: only runs with this outcome, or
+        `unreadable`, or `suspect`; limit: largest number of rows. Raises LabError, and ValueError for an outcome or the
+        name of a study that no run has.
+        """
+        with self._catalogue() as catalogue:
+            if absent := catalogue.absent(study if isinstance(study, str) else None, outcome):
+                raise ValueError(absent)
+            made = catalogue.runs(study.name if isinstance(study, Study) else study, outcome, limit)
+        made.attrs = {"lab": str(self.folder), "units": {"duration": "s", "wall_time": "s", "rate": "1/s"}}
+        return made
+
+    def __repr__(self) -> str:
+        head = f"<Lab {self.folder} on {self.backend}, {self.device}"
+        try:
+            with self._catalogue() as catalogue:
+                counts, packings = catalogue.counts(), catalogue.packing_count()
+        except LabError as error:
+            return f"{head}: {error}>"
+        by = ", ".join(f"{count} {outcome}" for outcome, count in sorted(counts.items()))
+        held = f"{sum(counts.values())} runs{f' ({by})' if by else ''}, {packings} packings"
+        return f"{head}: {held}>"
+
+    def _repr_html_(self) -> str:
+        try:
+            with self._catalogue() as catalogue:
+                counts, packings = catalogue.studies(), catalogue.packing_count()
+        except LabError as error:
+            return escape(f"<Lab {self.folder} on {self.backend}, {self.device}: {error}>")
+        rows = [(one.study or "–", one.backend, one.outcome, str(one.runs)) for one in counts]
+        listed = html.table(("study", "backend", "outcome", "runs"), rows[:_SHOWN]) if rows else ""
+        more = [f"and {len(rows) - _SHOWN} more rows"] if len(rows) > _SHOWN else []
+        runs = sum(one.runs for one in counts)
+        said = f"{runs} run{'' if runs == 1 else 's'}, {packings} packing{'' if packings == 1 else 's'}"
+        return html.titled(f"Lab {self.folder} on {self.backend}, {self.device}: {said}", listed, html.lines(more))
+
+    @contextmanager
+    def _catalogue(self) -> Iterator[Catalogue]:
+        catalogue = Catalogue(self.place)
+        try:
+            yield catalogue
+        finally:
+            catalogue.close()
+
+
+def effects_of_numerics(lab: Lab, pilot: Study, progress: bool | Watcher = True) -> tuple[Calibrated, ...]:
+    """What numerics do to the flow rate, scene by scene, from a pilot, whose missing runs are made.
+
+    Raises what `Lab.pilot` raises.
+    """
+    for point in pilot.points:
+        flow_and_filling(point)  # refuses, before anything runs, scenes that have no groups
+    if lab.run(pilot, progress).stopped:
+        raise PilotStopped
+    return calibrate(pilot.name, lab.results(pilot, False).points)
+
+
+@contextmanager
+def _in_python() -> Iterator[None]:
+    """Names arguments of Python where a message names options of the command line, unless a verb has called."""
+    try:
+        yield
+    except Unsupported as problem:
+        if by_a_verb():
+            raise
+        said = _OPTION.sub(lambda found: f"{found[1]}={found[2]!r}", problem.remedy).replace("--", "")
+        raise Unsupported(problem.key.removeprefix("--"), said) from problem

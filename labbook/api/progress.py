@@ -1,0 +1,52 @@
+"""Progress in Python: a bar in a terminal or a notebook, warnings where no bar is wanted."""
+
+from collections.abc import Callable, Iterator
+from contextlib import AbstractContextManager, contextmanager, nullcontext
+
+from labbook.run.notebook import NotebookBar, counting, in_notebook
+from labbook.run.progress import Bar
+from labbook.run.watch import Unwatched, Watcher
+from labbook.warning import caller, warn
+
+
+class Quiet(Unwatched):
+    """A watcher that shows nothing; messages that must not be missed become warnings at the line of the user's code."""
+
+    def __init__(self):
+        self._place = caller()  # lines are told from threads of their own
+
+    def tell(self, line: str) -> None:
+        """Warn of it."""
+        warn(line, self._place)
+
+
+def watching(progress: bool | Watcher) -> AbstractContextManager[Watcher]:
+    """The watcher of runs that `progress` stands for: a bar, nothing, or itself."""
+    if not isinstance(progress, bool):
+        return nullcontext(progress)
+    if not progress:
+        return nullcontext(Quiet())
+    if in_notebook():
+        return NotebookBar()
+    from rich.console import Console
+
+    return Bar(Console(stderr=True))
+
+
+@contextmanager
+def counted(progress: bool | Callable[[int], None], what: str) -> Iterator[Callable[[int], None]]:
+    """A function that shows how many runs are done, as `progress` says. `what`: title of the count."""
+    if not isinstance(progress, bool):
+        yield progress
+        return
+    if progress and in_notebook():
+        with counting(what) as told:
+            yield told
+        return
+    from rich.console import Console
+    from rich.progress import Progress
+
+    console = Console(stderr=True)
+    with Progress(console=console, transient=True, disable=not (progress and console.is_terminal)) as bar:
+        task = bar.add_task(what, total=None)
+        yield lambda done: bar.update(task, completed=done)

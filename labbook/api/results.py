@@ -1,0 +1,236 @@
+"""Results of a study as Python has them: with frames, fits, figures and files."""
+
+import math
+from base64 import b64encode
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from functools import cached_property
+from html import escape
+from numbers import Integral
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Literal, overload
+
+from labbook import html
+from labbook.api.run import Run
+from labbook.export.packing import check_spheres, write_packings
+from labbook.export.study import write_numbers, write_recordings
+from labbook.fit import LAWS, FitError, FitResult
+from labbook.fit import named as named_law
+from labbook.lab import LabFolder
+from labbook.report import gallery, page, style, tables
+from labbook.results import display
+from labbook.results.frames import frames, known_interval
+from labbook.results.points import FLOW_RATE
+from labbook.results.selection import listed, point_at, series_at
+from labbook.results.series import series_of
+from labbook.results.study import StudyResults
+from labbook.study import Point
+from labbook.study.problems import instead
+from labbook.study.source import given_path
+from labbook.study.stated import LawName, Swept
+
+if TYPE_CHECKING:
+    import pandas as pd
+    from matplotlib.figure import Figure
+
+_ENDS = ("", "_error", "_low", "_high")
+"""Of the names of columns that have the unit of their quantity."""
+_SHOWN = 40
+"""Lines of a plain text."""
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Results(StudyResults):
+    """All results of a study, with its tables, figures and files."""
+
+    place: LabFolder = field(kw_only=True)
+    """The folder of the lab that has the runs."""
+    backend: str = field(kw_only=True)
+    """The backend that made the runs."""
+
+    def frame(self) -> "pd.DataFrame":
+        """A row a point: `point` (from 1), what was swept, and of each quantity its mean over replicates (`flow_rate`),
+        standard error (`flow_rate_error`), the ends of its 95 % interval (`flow_rate_low`, `flow_rate_high`) and the
+        number of runs in the mean (`flow_rate_n`); `runs`: finished runs of the point, however they ended;
+        `replicates`: those in the mean of the flow rate, or in any mean if the study does not measure it; `remark`.
+
+        SI, units in `attrs`; NaN for what is not known, so error and interval of a mean of one run are NaN.
+        """
+        import pandas as pd
+
+        rows: list[dict[str, Any]] = []
+        units, measured = self.study.units, FLOW_RATE in self.study.measure
+        rates = [f"{FLOW_RATE}{end}" for end in (*_ENDS, "_n") if measured]
+        for result in self.points:
+            row: dict[str, Any] = {"point": result.point.index + 1, **result.point.at}
+            row |= {name: 0 if name.endswith("_n") else math.nan for name in rates}  # also where no run has one
+            for name, pooled in result.pooled.items():
+                low, high = known_interval(pooled.low, pooled.high)
+                row |= {name: pooled.value, f"{name}_error": pooled.error, f"{name}_low": low, f"{name}_high": high}
+                row[f"{name}_n"] = pooled.n
+            numbers = {name: one for run in result.runs for name, one in run.measured.items() if name in result.pooled}
+            for name, one in numbers.items():
+                units |= {f"{name}{end}": one.unit for end in _ENDS}
+            n = row[f"{FLOW_RATE}_n"] if measured else max((one.n for one in result.pooled.values()), default=0)
+            rows.append({**row, "runs": len(result.runs), "replicates": n, "remark": result.remark})
+        swept = dict.fromkeys(key for point in self.study.points for key in point.at)
+        empty = ["point", *swept, *rates, "runs", "replicates", "remark"]
+        made = pd.DataFrame(rows, columns=None if rows else empty)
+        for name in (f"{one}_n" for one in dict.fromkeys(one for result in self.points for one in result.pooled)):
+            made[name] = made[name].fillna(0).astype(int)  # of points that lack it
+        made.attrs = {"study": self.study.name, "units": units}
+        return made
+
+    def frames(self) -> dict[str, "pd.DataFrame"]:
+        """All tables by name, one row per number, as `labbook export` writes them: see `labbook.results.frames.frames`.
+
+        SI, with units in `attrs` and in columns called `unit`.
+        """
+        return frames(self)
+
+    @overload
+    def fit(self, law: LawName, at: Swept | None = None) -> FitResult: ...
+
+    @overload
+    def fit(self, law: str, at: Mapping[str, Any] | None = None) -> FitResult: ...
+
+    def fit(self, law: str, at: Mapping[str, Any] | None = None) -> FitResult:
+        """Fit of the law with this name (`beverloo_3d` or `Beverloo 3d`) to flow rates against the orifice; the study
+        need not list it.
+
+        at: the series, if other keys than the orifice are swept (`{"container.angle": "30 deg"}`). Raises FitError,
+        LookupError if `at` is missing or matches no series.
+        """
+        series, law = series_at(self.series, at, self.study.points[0]), named_law(law)
+        if law not in series.fits:
+            (series,) = series_of(series.points, (law,)) or (series,)
+        if law in series.fits:
+            return series.fits[law]
+        if law in LAWS:
+            raise FitError("; ".join(series.problems))
+        raise FitError(f"no law of the flow rate is called {law}; {instead(law, LAWS)}")
+
+    def figures(self, at: Mapping[str, Any] | None = None) -> tuple[str, ...]:
+        """Names of the figures that `plot` can draw. at: only figures of this series (None: of all series)."""
+        series = self.series if at is None else (series_at(self.series, at, self.study.points[0]),)
+        own = [name for one in series for name in gallery.of_series(self, one)]
+        shared = [*gallery.of_results(self)]
+        return tuple(dict.fromkeys([*own, *shared] if len(series) == 1 else [*shared, *own]))
+
+    @overload
+    def plot(self, name: gallery.FigureName | None = None, at: Swept | None = None) -> "Figure": ...
+
+    @overload
+    def plot(self, name: str | None = None, at: Mapping[str, Any] | None = None) -> "Figure": ...
+
+    def plot(self, name: str | None = None, at: Mapping[str, Any] | None = None) -> "Figure":
+        """One of the report's figures, by its name in `figures()` (None: the first) or that of its file in the report
+        (`flow`, `fit`); a notebook displays it.
+
+        at: the series, as for `fit`. Raises LookupError for an unknown figure.
+        """
+        name = gallery.FILES.get(name or "", name) or next(iter(self.figures(at)), "flow_rate")
+        if name not in (known := self.figures()):
+            there = ", ".join(known) or "none, as there are no series of finished points"
+            raise gallery.NothingToShow(f"no figure of these results is called {name}; there are: {there}")
+        draw = gallery.of_results(self).get(name)
+        if draw is None and self.series:
+            draw = gallery.of_series(self, series_at(self.series, at, self.study.points[0])).get(name)
+        if draw is None:
+            raise gallery.NothingToShow(f"this series has no figure {name}; it has: {', '.join(self.figures(at))}")
+        return style.displayed(draw())
+
+    @cached_property
+    def runs(self) -> tuple[Run, ...]:
+        """All runs, ordered by point and seed."""
+        return tuple(
+            Run(run.run, run.measured, run.measures, run.window, run.counted, self.study, self.place)
+            for p in self.points
+            for run in p.runs
+        )
+
+    def run(self, point: Point | int | None = None, seed: int = 1, *, at: Mapping[str, Any] | None = None) -> Run:
+        """The run with this seed of a point: a Point of the study, its number (from 1), or the one whose swept values
+        are `at` (`{"container.orifice": "18 mm", "contact.friction": 0.2}`). Raises LookupError, TypeError."""
+        if (point is None) == (at is None):
+            raise TypeError("give a point (a Point of the study, or its number from 1) or the values `at` it")
+        if at is not None:
+            point = point_at(self.study.points, at)
+        number = point.index + 1 if isinstance(point, Point) else point
+        if isinstance(number, bool) or not isinstance(number, Integral):
+            raise TypeError(f"a Point of the study or its number is needed, and not {point!r}")
+        for run in self.runs:
+            if (run.point.index + 1, run.seed) == (number, seed):
+                return run
+        there = ", ".join(listed([f"({run.point.index + 1}, {run.seed})" for run in self.runs])) or "none"
+        raise LookupError(f"no finished run of point {number} with seed {seed}; there are, as (point, seed): {there}")
+
+    def report(self, folder: Path | str | None = None) -> Path:
+        """Write the report, one HTML file, and its figures as PNG, SVG and PDF, into a folder (None:
+        LAB/reports/NAME). Returns the path of the page."""
+        return page.write(self, self._folder(folder, "reports"))
+
+    def export(
+        self,
+        folder: Path | str | None = None,
+        kind: Literal["csv", "parquet"] = "csv",
+        vtk: bool = False,
+        packings: bool = False,
+        every: float | None = None,
+        say: Callable[[str], None] = lambda text: None,
+    ) -> list[Path]:
+        """Write all tables; with `vtk` also recorded runs for ParaView, with `packings` also initial packings as data
+        files of LIGGGHTS and LAMMPS. Returns the paths.
+
+        folder: None for LAB/exports/NAME. every: also write the table `inside`, the number of grains inside at times
+        this far apart [s]. say: called with the name of each file. Raises ValueError for another kind, NoParquet (of
+        `labbook.export.study`) without pyarrow, NotSpheres (of `labbook.export.packing`) for packings of rods, and
+        Unreadable (of `labbook.lab`) for a damaged one.
+        """
+        if packings:
+            check_spheres(self.study)
+        there = self._folder(folder, "exports")
+        paths = write_numbers(self, there, kind, every)
+        if packings:
+            paths += write_packings(self, self.place, there / "packings", say)
+        return paths + (write_recordings(self, there / "vtk", say) if vtk else [])
+
+    def _folder(self, given: Path | str | None, kind: str) -> Path:
+        """The folder that was given for files, or that of this study in the lab."""
+        if given is None:
+            return self.place.folder / kind / self.study.name
+        return given_path(given, f"results.{kind.removesuffix('s')}: folder")
+
+    def __repr__(self) -> str:
+        head = f"<Results of {self.study.name} on {self.backend} in {self.place.folder}: "
+        lines = [
+            head + ("no finished run; lab.run(study) makes them>" if not self.points else f"{len(self.runs)} runs>")
+        ]
+        for result in self.points:
+            flow = result.flow_rate
+            said = "no flow rate" if flow is None else f"W = {display.with_error(flow.value, flow.error, 1e3)} g/s"
+            lines.append(
+                f"  {result.label or 'the only point'}: {said}" + (f" ({result.remark})" * bool(result.remark))
+            )
+        return "\n".join(lines[:_SHOWN] + ([f"  and {len(lines) - _SHOWN} more"] if len(lines) > _SHOWN else []))
+
+    def _repr_html_(self) -> str:
+        if not self.points:
+            return escape(repr(self))
+        shown = "".join(f"<div>{escape(line)}</div>" for line in page.summary(self))
+        return f"<div><b>{escape(self.study.name)}</b></div>{shown}{_html(tables.flow_table(self))}{self._picture()}"
+
+    def _picture(self) -> str:
+        """The first figure of all, as the notebook's own: of several series the one that shows them all."""
+        drawn = {**(gallery.of_results(self) if len(self.series) > 1 else {})}
+        for one in self.series[:1]:
+            drawn |= gallery.of_series(self, one)
+        for draw in list(drawn.values())[:1]:
+            data, size = style.for_a_screen(draw())
+            return f'<img width="{size["width"]}" src="data:image/png;base64,{b64encode(data).decode()}"/>'
+        return ""
+
+
+def _html(shown: tables.Table) -> str:
+    """A table of a report as a notebook shows it."""
+    return html.table(shown.headings, shown.rows, shown.notes)

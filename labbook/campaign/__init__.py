@@ -1,0 +1,33 @@
+"""Campaigns: results decide what runs next. Propose, run, evaluate, propose.
+
+A strategy proposes runs, generation by generation (`strategy.py`). `Campaign` asks it, keeps what it proposed, and
+knows when it has ended (`campaign.py`). How runs are made is not known here.
+"""
+
+from labbook.campaign.campaign import Campaign
+from labbook.campaign.precise import PreciseRun
+from labbook.campaign.replicates import Replicates
+from labbook.campaign.strategy import (
+    STRATEGIES,
+    Assignment,
+    Generation,
+    History,
+    Proposal,
+    Strategies,
+    Strategy,
+    Trial,
+)
+
+__all__ = [
+    "STRATEGIES",
+    "Assignment",
+    "Campaign",
+    "Generation",
+    "History",
+    "PreciseRun",
+    "Proposal",
+    "Replicates",
+    "Strategies",
+    "Strategy",
+    "Trial",
+]

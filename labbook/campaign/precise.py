@@ -1,0 +1,36 @@
+"""The strategy behind fed beds: one run goes on until its own flow rate is known well enough."""
+
+from typing import ClassVar
+
+from labbook.campaign.strategy import Assignment, History, Proposal, Strategy
+from labbook.scene.quantities import percent
+from labbook.stats.tolerance import Tolerance
+
+HALF_WIDTH = "flow_rate.half_width"
+"""Half width of the 95 % interval of the flow rate by one run alone, relative to it; absent while the flow has a
+trend."""
+
+
+class PreciseRun(Strategy):
+    """Lets one run of a fed bed go on from look to look.
+
+    Each look is one trial of the run so far; looks are few (`labbook.stats.stopping.looks`), since each is a chance to
+    stop on an error that came out small by accident.
+    """
+
+    name: ClassVar[str] = "precise"
+    ahead: ClassVar[int] = 0
+
+    error: float
+    """Half width to reach, relative to the flow rate: what the bias of numerics leaves of the requested error."""
+
+    def propose(self, history: History) -> Proposal:
+        """Propose that the run of the latest trial goes on, or end it."""
+        latest = list(history.trials)[-1]
+        half_width = latest.numbers.get(HALF_WIDTH)
+        if half_width is None:
+            return Proposal((Assignment(latest.at),), "the flow has a trend, or too few grains have left")
+        known = f"W to {percent(half_width, '.2f')}, and {percent(self.error)} is asked"
+        if Tolerance(self.error).kept(half_width):
+            return Proposal.end(known)
+        return Proposal((Assignment(latest.at),), known)

@@ -1,0 +1,189 @@
+"""Strategies: from the results so far, the runs to make next, and the reason in a sentence.
+
+A package adds one by the entry-point group `labbook.strategies`; a study names it under `adapt`:
+
+    adapt: {bisect: {flow_rate: 50 g/s, within: 1 %}}
+
+The fields of a strategy are its keys in the study, with units as everywhere.
+"""
+
+import math
+from abc import ABC, abstractmethod
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Any, ClassVar, Literal, Union
+
+from pydantic import GetCoreSchemaHandler, create_model
+from pydantic_core import CoreSchema, core_schema
+
+from labbook.plugins import Registry
+from labbook.scene.model import Fault, Model, refuse
+from labbook.stats import Decision, Pooled, pool
+
+Values = Mapping[str, float | str]
+"""Dotted keys of a study, with values in SI; the word itself for keys that take words."""
+
+
+@dataclass(frozen=True)
+class Assignment:
+    """Runs of one point: the values of its keys, and how many replicates it shall have in all (seeds 1, 2, 3 ...)."""
+
+    at: Values
+    replicates: int = 1
+
+
+@dataclass(frozen=True)
+class Proposal:
+    """The assignments of a generation, and the reason for them in a sentence.
+
+    `state`: `go` with assignments; `wait` for the generations in flight to be complete, after which the strategy is
+    asked again; `end` of the campaign, whose reason says why. `decision`: the statistics of replicates on which it
+    rests.
+    """
+
+    assignments: tuple[Assignment, ...]
+    reason: str
+    state: Literal["go", "wait", "end"] = "go"
+    decision: Decision | None = None
+
+    @classmethod
+    def wait(cls, reason: str = "") -> "Proposal":
+        """Nothing before the generations in flight are complete."""
+        return cls((), reason, "wait")
+
+    @classmethod
+    def end(cls, reason: str) -> "Proposal":
+        """Nothing more."""
+        return cls((), reason, "end")
+
+
+@dataclass(frozen=True)
+class Trial:
+    """A finished run as strategies see it.
+
+    `at`: values of the swept keys [SI]; `key`: of the run; `numbers`: its finite numbers by name of their quantity
+    [SI], none of a run that diverged or is suspect: `outcome` says how it ended.
+    """
+
+    at: Values
+    seed: int
+    key: str
+    outcome: str
+    numbers: Mapping[str, float] = field(default_factory=dict)
+
+
+@dataclass(frozen=True)
+class Generation:
+    """Assignments that were proposed together. `trials`: its runs by key; None until all are finished."""
+
+    number: int
+    assignments: tuple[Assignment, ...]
+    reason: str
+    trials: tuple[Trial, ...] | None = None
+
+
+@dataclass(frozen=True)
+class History:
+    """All that a strategy may rest a proposal on.
+
+    `study`: as its author stated it (`labbook.Study`), whose points are the range of its sweep; `generations`: those
+    complete; `pending`: those in flight, whose results are not known; `number`: of the generation to be proposed.
+    """
+
+    study: Any
+    generations: tuple[Generation, ...] = ()
+    pending: tuple[Generation, ...] = ()
+    number: int = 0
+
+    @property
+    def trials(self) -> Iterator[Trial]:
+        """All finished runs, by generation and key."""
+        return (trial for generation in self.generations for trial in generation.trials or ())
+
+    def values(self, quantity: str) -> list[tuple[Values, list[float]]]:
+        """The numbers of one quantity at each point.
+
+        Args:
+            quantity: its name, such as `flow_rate` [kg/s].
+
+        Returns:
+            Each point's values of the swept keys, with the numbers of its runs in the order of their seeds; a point
+            none of whose runs has a number has an empty list. Points are in the order in which they were proposed.
+        """
+        places: dict[tuple, tuple[Values, dict[int, float]]] = {}
+        for trial in self.trials:
+            _, seeds = places.setdefault(tuple(sorted(trial.at.items())), (trial.at, {}))
+            value = trial.numbers.get(quantity, math.nan)
+            if math.isfinite(value):
+                seeds[trial.seed] = value
+        return [(at, [seeds[seed] for seed in sorted(seeds)]) for at, seeds in places.values()]
+
+    def pooled(self, quantity: str) -> list[tuple[Values, Pooled]]:
+        """The mean of one quantity at each point that has numbers, with its 95 % interval (Student's t)."""
+        return [(at, pool(numbers)) for at, numbers in self.values(quantity) if numbers]
+
+
+class Strategy(Model, ABC):
+    """Proposes the runs of a campaign from the results so far.
+
+    A proposal may depend on the study and on the history alone, never on time, chance or the machine: a campaign that
+    was killed asks again and has to be answered the same.
+    """
+
+    name: ClassVar[str]
+    """As studies name it under `adapt`."""
+    version: ClassVar[int] = 1
+    """Raised when its proposals change: campaigns that were begun by an older version begin anew, and finished runs are
+    not repeated."""
+    ahead: ClassVar[int] = 1
+    """Generations in flight beside the oldest that is not complete: with 1 a device has work meanwhile. A strategy that
+    needs the results of all answers `Proposal.wait`."""
+
+    @abstractmethod
+    def propose(self, history: History) -> Proposal:
+        """Propose the generation `history.number`.
+
+        Args:
+            history: the complete generations with their runs, and those in flight.
+
+        Returns:
+            Assignments with their reason; or `Proposal.wait()` until what is in flight is complete; or
+            `Proposal.end(reason)`.
+        """
+
+
+class Strategies(Registry[type[Strategy]]):
+    """Strategies by name. It marks a field that takes a mapping of one name to the strategy's own keys."""
+
+    def __init__(self, group: str, builtin: Sequence[type[Strategy]] = ()):
+        super().__init__(group, Strategy, builtin)
+
+    def __hash__(self) -> int:  # `Annotated` asks for it where a field may also be None
+        return id(self)
+
+    def _made(self, loaded: Any) -> Any:
+        return loaded if isinstance(loaded, type) and issubclass(loaded, Strategy) else None
+
+    def __get_pydantic_core_schema__(self, source: Any, handler: GetCoreSchemaHandler) -> CoreSchema:
+        fields: dict[str, Any] = {name: (Union[kind, None], None) for name, kind in self.items()}  # noqa: UP007
+        stated = create_model("Adapt", __base__=Model, **fields)
+        return core_schema.no_info_before_validator_function(
+            _mapping, core_schema.no_info_after_validator_function(_only, handler.generate_schema(stated))
+        )
+
+
+def _mapping(stated: Any) -> Any:
+    """A strategy that was made in Python as the mapping that a study has."""
+    return {stated.name: stated} if isinstance(stated, Strategy) else stated
+
+
+def _only(stated: Model) -> Strategy:
+    chosen = [kind for name in type(stated).model_fields if (kind := getattr(stated, name)) is not None]
+    if len(chosen) != 1:
+        names = ", ".join(STRATEGIES) or "none is installed"
+        refuse([Fault("adapt", f"{len(chosen)} strategies are named, and one is needed", f"name one of: {names}")])
+    return chosen[0]
+
+
+STRATEGIES = Strategies("labbook.strategies")
+"""Those that a study can name under `adapt`."""

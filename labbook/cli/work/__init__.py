@@ -1,0 +1,1 @@
+"""Bodies of verbs, each imported when its verb is called, so that `labbook --help` loads no other room."""

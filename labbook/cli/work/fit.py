@@ -1,0 +1,57 @@
+"""Tables of what a study found."""
+
+import typer
+
+from labbook.api import Results
+from labbook.cli.screen import print_table, say, screen
+from labbook.report import tables
+from labbook.report.fitted_tables import fit_table
+from labbook.report.page import summary
+from labbook.report.paper import tables_of_all
+from labbook.report.statement_tables import statement_digest, statement_table
+from labbook.report.tables import numerical_table
+from labbook.results import display
+from labbook.results.frames import to_json
+from labbook.results.reference import at_series
+
+
+def show(found: Results, as_json: bool) -> None:
+    """Print flow rates, fits, comparisons and statements as tables or as JSON."""
+    if as_json:
+        typer.echo(to_json(found))
+        return
+    console = screen(highlight=False)
+    console.print(found.study.name, style="bold", markup=False)
+    for sentence in summary(found):
+        console.print(sentence, markup=False)
+    print_table(console, tables.flow_table(found), "Flow rates")
+    if found.numerical:
+        print_table(console, numerical_table(found.numerical), "Do numerics matter?")
+    further = tables.further_table(found)
+    if further is not None:
+        print_table(console, further, "Further measurements")
+    for series in found.series:
+        where = f" at {series.label}" if series.label else ""
+        for law, fitted in series.fits.items():
+            print_table(
+                console,
+                fit_table(law, fitted, at_series(found.comparisons, law, series), found.source),
+                f"{display.law(law)}{where}: {fitted.law.formula}",
+            )
+        further_tables, failed = tables_of_all(found, series, where)
+        for title, table in further_tables:
+            print_table(console, table, title)
+        for problem in failed:
+            say(f"Not shown: {problem}", err=True)
+        for problem in series.problems:
+            console.print(f"Not fitted{where}: {problem}.", markup=False)
+        if series.verdict:
+            console.print(series.verdict, markup=False)
+    if digest := statement_digest(found.judged):
+        print_table(console, digest, f"Statements of {found.source}")
+        if open_ones := [one for one in found.judged if one.verdict != "holds"]:
+            print_table(console, statement_table(open_ones), "Statements that do not hold or are undecided")
+    elif found.judged:
+        print_table(console, statement_table(found.judged), f"Statements of {found.source}")
+    if found.comparisons:
+        print_table(console, tables.comparison_table(found.comparisons), f"Beside {found.source}")

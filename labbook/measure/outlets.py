@@ -1,0 +1,100 @@
+"""Flow rates of several outlets of one container, told apart by where grains cross the outlet's plane."""
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from labbook.backend.numerics import Numerics
+from labbook.backend.probes import Crossing, Probe
+from labbook.measure.data import RunData
+from labbook.measure.measure import (
+    Evaluation,
+    Measure,
+    MeasureError,
+    Quantity,
+    Window,
+    apart,
+    while_flowing,
+    window_in_words,
+)
+from labbook.measure.scales import gap
+from labbook.measure.series import crossings, mean_mass
+from labbook.measure.steady import BLOCKS, FEWEST, outflow, steady_flow
+from labbook.scene import Outlet, Scene
+from labbook.stats import Measured
+
+
+class OutletRates(Measure):
+    """Mass flow rate W of each outlet of a container that has several, over the time in which that of all is taken.
+
+    Quantities: `flow_rate_NAME` [kg/s] of each outlet; of a run that clogged, `flow_rate_NAME_flowing`. A grain leaves
+    through the outlet whose lid is nearest to the point at which it crosses the plane. Too few grains of an outlet give
+    a rate of NaN, and a note. Arrays: `outlet`, the place of its outlet among them all for each grain that left, by
+    time, shape [n].
+    """
+
+    name = "outlets"
+    version = 1
+    declared = ()
+
+    def check(self, scene: Scene) -> None:
+        if len(scene.container.outlets) < 2:
+            reason = f"outlets tells several outlets apart, and the container ({scene.container.kind}) has no two"
+            remedy = "take outlets out of measure, or close each outlet of listed walls by a part with opens: start"
+            raise MeasureError(reason, remedy)
+
+    def quantities(self, scene: Scene) -> tuple[Quantity, ...]:
+        rates = [_rate(outlet) for outlet in scene.container.outlets]
+        return (*rates, *map(while_flowing, rates)) if len(rates) > 1 else ()
+
+    def probes(self, scene: Scene, numerics: Numerics) -> tuple[Probe, ...]:
+        self.check(scene)
+        return (Crossing(scene.container.outlets[0].plane),)
+
+    def evaluate(self, run: RunData, window: Window) -> Evaluation:
+        self.check(run.scene)
+        flow, _ = outflow(run, window)
+        times, weights = crossings(run)
+        outlets, through = run.scene.container.outlets, passed(run)
+        within = None if flow is None else _Times(flow.begin, flow.end)
+        numbers = []
+        for place, outlet in enumerate(outlets):
+            mine, name = through == place, _rate(outlet).name + apart(run)
+            own = None
+            if within is not None:
+                own = steady_flow(times[mine], len(run.start), within, weights[mine], gap(run.scene, window))
+            if within is None or own is None:
+                few = f"too few grains: {int(mine.sum())} left through {outlet.name}; {FEWEST} in the window are needed"
+                where = window_in_words(within or window)
+                numbers.append(Measured(name, math.nan, math.nan, 0, where, "crossings", "kg/s", few))
+                continue
+            where = f"{within.start:.4g} s to {within.end:.4g} s, as of all outlets"
+            how = f"crossings nearest to {outlet.name}; error from {BLOCKS} blocks of equally many grains"
+            value, error = mean_mass(run) * own.rate, mean_mass(run) * own.error
+            numbers.append(Measured(name, value, error, own.n_effective, where, how, "kg/s", ""))
+        return Evaluation(tuple(numbers), {"outlet": through})
+
+
+@dataclass(frozen=True)
+class _Times:
+    """A window between two instants [s]."""
+
+    start: float
+    end: float
+    timed: bool = True
+
+
+def passed(run: RunData) -> np.ndarray:
+    """The place among the container's outlets of the one that each grain left through, in the order of the times at
+    which they left, shape [n]: that whose lid is nearest."""
+    table = run.tables["crossing"]
+    x = np.column_stack([np.asarray(table[axis], float) for axis in "xyz"])
+    x = x[np.argsort(table["time"], kind="stable")]
+    lids = [outlet.lid for outlet in run.scene.container.outlets]
+    return np.argmin([np.full(len(x), math.inf) if lid is None else np.abs(lid.distance(x)) for lid in lids], axis=0)
+
+
+def _rate(outlet: Outlet) -> Quantity:
+    meaning = f"mass flow rate through {outlet.name} in the window"
+    return Quantity(f"flow_rate_{outlet.name}", f"W of {outlet.name}", "kg/s", meaning, "g/s", 1e3)

@@ -1,0 +1,128 @@
+"""Selection of a point or a series of results by swept values, called `at`."""
+
+import math
+from collections.abc import Mapping, Sequence
+from contextlib import suppress
+from typing import Any
+
+from labbook.results import display
+from labbook.results.points import ORIFICE
+from labbook.results.series import Series
+from labbook.scene.quantities import parse
+from labbook.study import Point
+from labbook.study.keys import find as find_keys
+from labbook.study.problems import instead
+
+_NAMED = 12
+"""Series, points or runs that a message names."""
+
+
+def point_at(points: Sequence[Point], at: Mapping[str, Any]) -> Point:
+    """The point with these swept values.
+
+    Args:
+        points: the points of a study.
+        at: values by key or its last part; text is read with its unit, a number is in SI.
+
+    Raises:
+        LookupError: no point has these values, or several do.
+    """
+    keys = list(dict.fromkeys(key for point in points for key in point.at))
+    wanted: dict[str, float | str] = {}
+    for key, value in at.items():
+        names = _named(str(key), keys)
+        if len(names) != 1:
+            raise LookupError(f"at: the study does not sweep {key}; {instead(str(key), keys)}")
+        wanted[names[0]] = _value(names[0], value, points[0])
+    matches = [point for point in points if _has(point.at, wanted)]
+    if len(matches) == 1:
+        return matches[0]
+    there = "; ".join(listed([_written(point.at) for point in matches or points]))
+    raise LookupError(f"{len(matches)} points are at {dict(at)}; there are: {there}")
+
+
+def series_at(series: Sequence[Series], at: Mapping[str, Any] | None, like: Point) -> Series:
+    """The series with these values of the keys by which series are told apart.
+
+    Args:
+        series: all series of a study.
+        at: values as for `point_at`; None if there is one series.
+        like: a point of the study, whose grain diameter is the unit `d`.
+
+    Raises:
+        LookupError: no series has these values, or several do.
+    """
+    if not series:
+        raise LookupError("there is no series, as no point with an orifice is done")
+    wanted: dict[str, float | str] = {}
+    for key, value in (at or {}).items():
+        name = _series_key(series, str(key))
+        wanted[name] = _value(name, value, like)
+    matches = [one for one in series if _has(one.at, wanted)]
+    if len(matches) == 1:
+        return matches[0]
+    there = "; ".join(listed([_written(one.at) for one in series]))
+    if at:
+        raise LookupError(f"{len(matches)} series are at {dict(at)}; there are: {there}")
+    raise LookupError(f"the study has several series: say which by `at`; there are: {there}")
+
+
+def _series_key(series: Sequence[Series], name: str) -> str:
+    """The key with this name, or the only one that ends with it, among those by which series are told apart.
+
+    Raises:
+        LookupError: no key has this name, or several end with it.
+    """
+    keys = list(dict.fromkeys(key for one in series for key in one.at))
+    names = _named(name, keys)
+    if len(names) == 1:
+        return names[0]
+    if len(names) > 1:
+        raise LookupError(f"at: {name} may be {' or '.join(names)}")
+    if name == ORIFICE or ORIFICE.endswith(f".{name}"):
+        raise LookupError(
+            f"at: {ORIFICE} is the axis of every series and tells none apart; "
+            + (f"series are told apart by {', '.join(keys)}" if keys else "there is one series: leave out `at`")
+        )
+    raise LookupError(f"at: series are not told apart by {name}; {instead(name, keys)}")
+
+
+def _named(name: str, keys: Sequence[str]) -> list[str]:
+    """The keys with this name or ending."""
+    return [key for key in keys if key == name or key.endswith(f".{name}")]
+
+
+def _has(at: Mapping[str, float | str], wanted: Mapping[str, float | str]) -> bool:
+    return all(_same(at.get(key), value) for key, value in wanted.items())
+
+
+def _value(key: str, value: Any, point: Point) -> float | str:
+    """A value of a key in SI, or the word that it is; text is read as a study's, with its unit."""
+    known = next((one for one in find_keys(key) if one.unit is not None), None)
+    if isinstance(value, str) and known is not None:
+        return parse(value, known.unit, point.scene.grains.diameter)
+    return value if isinstance(value, str) else float(value)
+
+
+def _written(at: Mapping[str, float | str]) -> str:
+    """What tells a series apart, as one writes it for `at`: with units, and numbers that mean the very same value."""
+    written: dict[str, float | str] = {}
+    for key, value in at.items():
+        shown = display.key(key)
+        written[key] = value
+        if not isinstance(value, str) and shown.unit:
+            text = f"{value * shown.scale:.12g} {shown.unit}"
+            with suppress(ValueError):  # units that are shown by a sign of their own
+                written[key] = text if _same(parse(text, None), value) else value
+    return repr(written)
+
+
+def listed(texts: Sequence[str]) -> list[str]:
+    """The first of many, and how many there are."""
+    return [*texts[:_NAMED], f"... ({len(texts)} in all)"] if len(texts) > _NAMED else [*texts]
+
+
+def _same(one: float | str | None, other: float | str) -> bool:
+    if isinstance(one, str) or isinstance(other, str) or one is None:
+        return one == other
+    return math.isclose(one, other, rel_tol=1e-9)

@@ -1,0 +1,261 @@
+"""The loop of a run: lanes take jobs from the board, step them by beats, save them, and end them by the stop rule."""
+
+import time
+from collections.abc import Callable, Sequence
+from concurrent.futures import FIRST_COMPLETED, Future, wait
+from typing import Any
+
+from labbook.backend import Backend, Member, Overflow
+from labbook.run.board import Board, Started
+from labbook.run.closing import Closing
+from labbook.run.fill import FillJob
+from labbook.run.job import Job
+from labbook.run.lane import Lane, Turn
+from labbook.run.live import Publisher
+from labbook.run.stopping import Request
+from labbook.run.watch import Going, Meter, View
+
+CHECKPOINT_EVERY = 20.0
+"""Wall time between two saves of a job [s], which is what a kill loses at most; longer where saving would take more
+than its part of the time."""
+_LOOK = 0.2  # s: how often a wait looks whether it was asked to stop
+_TELLING = 0.05  # of the main thread's time may go into telling how it goes
+_SAVING = 0.05  # part of the time since the start, at most, that goes into saving the members of an ensemble
+_LONG = 1.0  # s of saving that are allowed from the start
+_MOST_UNSAVED = 2**28  # bytes of rows of a job that wait in memory for its next save
+_POLL = 0.5  # s: how often claims that others hold are tried again
+_MANY = 10_000  # grains that take a while to place
+_BEFORE_STEPS = ("placing", "compiling", "preparing")
+
+Turns = dict[Future[Turn], tuple[Lane, list[Started]]]
+
+
+class Execution:
+    """The jobs of one board on one device, while they are carried out.
+
+    Attributes:
+        meter: Grain-steps taken, and the time without any.
+        left_behind: Whether threads still compile for jobs that were dropped.
+    """
+
+    def __init__(
+        self,
+        board: Board,
+        closing: Closing,
+        backend: Backend,
+        device: str,
+        lanes: int,
+        slots: int,
+        publisher: Publisher,
+        request: Request,
+        say: Callable[[str], None],
+        checkpoint_every: float,
+    ):
+        """Prepare lanes; nothing runs before `carry_out`.
+
+        Args:
+            board: Has the jobs.
+            closing: Writes and measures what ended jobs leave.
+            backend: Steps them.
+            device: Where they are stepped.
+            lanes: Ensembles that are stepped at once.
+            slots: Members of each, at most.
+            publisher: Shows how jobs stand.
+            request: By which a stop is asked for.
+            say: Shows a line.
+            checkpoint_every: Wall time between two saves of a job [s].
+        """
+        self.meter, self.left_behind = Meter(), False
+        self._board, self._closing, self._backend, self._device = board, closing, backend, device
+        self._publisher, self._request, self._say = publisher, request, say
+        self._checkpoint_every = checkpoint_every
+        self._lanes = [Lane(backend, device, slots) for _ in range(lanes)]
+        self._saved: dict[Job, float] = {}
+        """When each job was saved last, or begun."""
+        self._begun = time.perf_counter()
+        self._next_report = float("-inf")
+
+    def carry_out(self) -> None:
+        """Take jobs from the board until none are left, or a stop is asked for; then everything is saved.
+
+        Raises DiskFull; KeyboardInterrupt when asked again meanwhile.
+        """
+        lanes, turns = self._lanes, Turns()
+        try:
+            while not self._request.made:
+                self._closing.settle()
+                if not self._board.todo and (self._device == "cpu" or not self._board.going):
+                    self._board.widen()
+                busy = [lane for lane, _ in turns.values()]
+                for lane in lanes:
+                    if lane not in busy:
+                        turns |= self._next_turn(lane)
+                if self._request.made:
+                    break
+                if not (turns or self._closing.jobs):
+                    if not self._board.todo:
+                        return
+                    self.report()
+                    time.sleep(_POLL)  # others hold what is left
+                    continue
+                awaited: list[Future[Any]] = [*turns, *self._closing.futures]
+                for done in wait(awaited, timeout=_LOOK, return_when=FIRST_COMPLETED).done:
+                    if done in turns:
+                        self._visit(*turns.pop(done), done)
+                self.report()
+            self._leave(turns, lanes)
+            self._closing.settle_all()
+        except Exception:  # such as a full disk: the process ends now, and kernels must not be at work by then
+            wait([turn for turn, (lane, _) in turns.items() if not lane.preparing])
+            raise
+        finally:
+            busy = [lane for lane, _ in turns.values()]
+            for lane in lanes:
+                if lane not in busy:
+                    lane.close()
+                lane.end()
+            self._closing.end()
+            for job in list(self._board.going.values()):
+                self._board.dropped(job)
+
+    def _next_turn(self, lane: Lane) -> "Turns":
+        if lane.slots > 1 and not lane.jobs and self._closing.jobs:
+            return {}  # what they let begin comes into one ensemble, which is laid out once
+        new: list[Started] = []
+        while len(lane.jobs) + len(new) < lane.slots and not self._request.made:
+            spec = lane.spec if lane.jobs else new[0].spec if new else None
+            started = self._board.next(spec)
+            if started is None:
+                break
+            new.append(started)
+            self._saved[started.job] = time.perf_counter()
+        if self._request.made or not (lane.jobs or new):
+            return {}
+        return {lane.start(new): (lane, new)}
+
+    def _visit(self, lane: Lane, new: list[Started], turn: "Future[Turn]") -> None:
+        """Account for a turn; end, save or leave going each of its jobs."""
+        try:
+            took = turn.result()
+            rows = lane.rows()
+        except (Overflow, ValueError, MemoryError) as problem:  # one bad start must not end the others
+            jobs = dict.fromkeys((*lane.jobs.values(), *(started.job for started in new)))
+            lane.jobs.clear()
+            lane.close()
+            if isinstance(problem, MemoryError) and len(jobs) > 1:
+                self._fewer_at_once(lane, list(jobs), problem)
+                return
+            for job in jobs:
+                self._board.failed(job, f"{job.label}: {problem}")
+            return
+        ensemble = lane.ensemble
+        assert ensemble is not None
+        share = max(1, len(self._board.going))
+        # of all before anything is done with one: a backend reads them together
+        now = {member: ensemble.status(member) for member in lane.jobs}
+        for member, job in list(lane.jobs.items()):
+            status, before = now[member], job.status
+            work = (status.step - before.step) * (status.grains + before.grains) / 2
+            self.meter.add(work)
+            job.after(status, rows[member], took.wall, took.process / share, work)
+            job.look(ensemble, member)
+            if warning := job.warning():
+                self._say(warning)
+            verdict = job.verdict([event for event in took.events if event.member == member])
+            if verdict:
+                self._end(lane, member, job, verdict)
+        self._save(lane)
+
+    def _fewer_at_once(self, lane: Lane, jobs: Sequence[Job], problem: MemoryError) -> None:
+        """Let a lane go on with half as many of its jobs at once, each from its last save: what else the device does
+        may have taken memory that was free when slots were counted."""
+        lane.slots = len(jobs) // 2
+        for job in jobs:
+            self._saved.pop(job, None)
+            self._board.dropped(job)
+        self._say(
+            f"{problem}. They go on from their last checkpoints, {lane.slots} at once; to have more at once, end other "
+            "programs on the device, or add devices (--device cuda:all)"
+        )
+
+    def _save(self, lane: Lane) -> None:
+        """Save jobs that have not been saved for `checkpoint_every`, the longest unsaved first, while saving has its
+        part of the time: the lane stands still meanwhile. Those with many rows in memory are saved in any case."""
+        assert lane.ensemble is not None
+        for member, job in sorted(lane.jobs.items(), key=lambda one: self._saved[one[1]]):
+            begun = time.perf_counter()
+            allowed = max(_LONG, _SAVING * (begun - self._begun))
+            waits = begun - self._saved[job] < self._checkpoint_every or lane.saving > allowed
+            if waits and job.unsaved < _MOST_UNSAVED:
+                continue
+            job.save(lane.ensemble, member)
+            self._saved[job] = time.perf_counter()
+            lane.saving += self._saved[job] - begun
+
+    def _end(self, lane: Lane, member: Member, job: Job, verdict: str) -> None:
+        assert lane.ensemble is not None
+        try:
+            left = job.leave(lane.ensemble, member)
+        finally:
+            self._saved.pop(job, None)
+            lane.retire(member)
+        self._closing.close(job, verdict, left)
+
+    def _leave(self, turns: "Turns", lanes: list[Lane]) -> None:
+        """Let the turns end, and save what is not finished by then. Lanes that prepare have nothing to save."""
+        while any(not lane.preparing for lane, _ in turns.values()):
+            for turn in wait(turns, timeout=_LOOK, return_when=FIRST_COMPLETED).done:
+                self._visit(*turns.pop(turn), turn)
+        self.left_behind = bool(turns) or self._backend.compiling()
+        waited = [lane for lane in lanes if lane not in [lane for lane, _ in turns.values()]]
+        for lane in waited:
+            for member, job in list(lane.jobs.items()):
+                assert lane.ensemble is not None
+                job.save(lane.ensemble, member)
+
+    def announce(self, job: Job) -> None:
+        """Report a job that takes a while to begin: placing many grains does."""
+        grains = job.scene.grains.count
+        if isinstance(job, FillJob) and grains >= _MANY:
+            self.report(Going(job.label, "placing", (f"placing {grains} grains",)))
+
+    def report(self, *beginning: Going) -> None:
+        """Publish how all jobs stand, now and then. beginning: jobs that are being begun."""
+        begun = time.perf_counter()
+        if begun < self._next_report:
+            return
+        board = self._board
+        done, asked = board.runs()
+        going = (*beginning, *self._going())
+        self.meter.look(idle=bool(going) and all(one.phase in _BEFORE_STEPS for one in going))
+        view = View(
+            runs_done=done,
+            runs_asked=asked,
+            fillings_left=board.fillings_left(),
+            going=going,
+            elsewhere=board.elsewhere,
+            work_done=self.meter.work,
+            work_left=board.work_left(),
+            rate=self.meter.rate(),
+            open_ended=board.open_ended(),
+        )
+        self._publisher.show(view)
+        now = time.perf_counter()
+        self._next_report = now + max(_LOOK, (now - begun) / _TELLING)  # counting 10^5 runs takes a while
+
+    def _going(self) -> list[Going]:
+        """What every job is at."""
+        compiling = self._backend.compiling()
+        at_work = {job for lane in self._lanes if not lane.preparing for job in list(lane.jobs.values())}
+        found, closing = [], dict.fromkeys(self._closing.jobs)
+        for job in (*(job for job in self._board.going.values() if job not in closing), *closing):
+            if job in closing:
+                found.append(Going(job.label, "writing", ("writing and measuring",)))
+            elif job in at_work:
+                phase = "settling" if isinstance(job, FillJob) else "discharging"
+                found.append(Going(job.label, phase, job.doing()))
+            elif compiling:
+                found.append(Going(job.label, "compiling", ("compiling, once for this kind of scene",)))
+            else:
+                found.append(Going(job.label, "preparing", ("preparing kernels",)))
+        return found

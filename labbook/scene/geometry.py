@@ -1,0 +1,171 @@
+"""Boxes and meshes of triangles, and what follows of a surface from its distance function alone.
+
+The distance function of a surface gives the distance [m] of points, shape [n, 3], from it, shape [n]; it may be
+negative on one side. Extent, mesh and section of a wall that states no more are found from it by numbers.
+"""
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+
+Point2 = tuple[float, float]
+Point3 = tuple[float, float, float]
+Segment = tuple[Point2, Point2]
+Distance = Callable[[np.ndarray], np.ndarray]
+
+CELLS = 48
+"""Cells of the longest side of the grid on which a surface is sought."""
+_FAR = 1e6  # m: from here a bounded surface is a point, to 1e-8 m for one of 0.1 m
+_STEPS = 1000  # beside an upright wall they are short
+_TETRAHEDRA = ((0, 1, 3, 7), (0, 1, 5, 7), (0, 2, 3, 7), (0, 2, 6, 7), (0, 4, 5, 7), (0, 4, 6, 7))  # of a cube, by bits
+_EDGES = {1: ((0, 1), (0, 2), (0, 3)), 2: ((0, 2), (0, 3), (1, 3), (1, 2)), 3: ((3, 0), (3, 1), (3, 2))}
+
+
+@dataclass(frozen=True)
+class Bounds:
+    """A box from `low` to `high` [m] along the axes; infinite where it has no end."""
+
+    low: Point3
+    high: Point3
+
+    @property
+    def endless(self) -> tuple[bool, bool, bool]:
+        """Along which axes it has no end, on either side."""
+        x, y, z = (math.isinf(a) or math.isinf(b) for a, b in zip(self.low, self.high, strict=True))
+        return x, y, z
+
+    @property
+    def size(self) -> Point3:
+        """Extents [m] along x, y and z."""
+        x, y, z = (b - a for a, b in zip(self.low, self.high, strict=True))
+        return x, y, z
+
+    def within(self, other: "Bounds | None") -> "Bounds":
+        """What lies in both; itself of None."""
+        if other is None:
+            return self
+        return Bounds(_point(map(max, self.low, other.low)), _point(map(min, self.high, other.high)))
+
+
+def _point(values) -> Point3:
+    x, y, z = map(float, values)
+    return x, y, z
+
+
+@dataclass(frozen=True, eq=False)
+class Mesh:
+    """Vertices [n, 3] in m and triangles [m, 3] of a surface; `outlines` [p, 3] in m: lines along its edges."""
+
+    vertices: np.ndarray
+    triangles: np.ndarray
+    outlines: tuple[np.ndarray, ...] = ()
+
+    @classmethod
+    def polygon(cls, corners: np.ndarray, outlined: bool) -> "Mesh":
+        """A convex polygon with the corners [n, 3] in m; `outlined`: with a line along its edge."""
+        fan = np.array([[0, k, k + 1] for k in range(1, len(corners) - 1)])
+        return cls(corners, fan, (np.array([*corners, corners[0]]),) if outlined else ())
+
+    def section(self) -> tuple[Segment, ...]:
+        """The lines (x, z) [m] in which the plane y = 0 cuts it; of triangles that lie in that plane, nothing."""
+        corners = self.vertices[self.triangles]
+        y = corners[:, :, 1]
+        cut = corners[(y.min(axis=1) < 0) & (y.max(axis=1) >= 0)]
+        lines = list[Segment]()
+        for triangle in cut:
+            ends = [
+                (float(p[0] - p[1] / (q[1] - p[1]) * (q[0] - p[0])), float(p[2] - p[1] / (q[1] - p[1]) * (q[2] - p[2])))
+                for p, q in zip(triangle, np.roll(triangle, 1, axis=0), strict=True)
+                if (p[1] < 0) != (q[1] < 0)
+            ]
+            if ends[0] != ends[1]:
+                lines.append((ends[0], ends[1]))
+        return tuple(lines)
+
+
+def extent(distance: Distance) -> Bounds:
+    """The box around a surface, from its distance function: to 1e-8 m for a surface of 0.1 m, infinite where it has no
+    end."""
+    found = []
+    for sense in (-1.0, 1.0):
+        reach = _FAR - np.abs(distance(sense * _FAR * np.eye(3)))
+        farther = 10 * _FAR - np.abs(distance(10 * sense * _FAR * np.eye(3)))
+        ends = np.abs(farther - reach) <= 1e-5 * (1 + np.abs(reach))
+        found.append(np.where(ends, sense * reach, sense * math.inf))
+    # of what is flat, an end may lie beyond the other by the error
+    return Bounds(_point(np.minimum(*found)), _point(np.maximum(*found)))
+
+
+def enclosed(inside: Callable[[np.ndarray], np.ndarray], bounds: Bounds) -> Bounds:
+    """The box that holds all points of a wall's inner side, as far as the wall's own `bounds` tell: infinite on sides
+    on which points far out are inside too."""
+    low, high = (
+        np.where(inside(sense * _FAR * np.eye(3)), sense * math.inf, ends)
+        for sense, ends in ((-1.0, bounds.low), (1.0, bounds.high))
+    )
+    return Bounds(_point(low), _point(high))
+
+
+def contour(distance: Distance, bounds: Bounds) -> Mesh | None:
+    """The surface within `bounds`, found on a grid of CELLS cells along its longest side; None where there is none.
+
+    Where the distance has a negative side it is the border of that; else the surface is thin, and the mesh has two
+    layers that coincide. By marching tetrahedra, with vertices moved onto the surface.
+    """
+    if any(bounds.endless) or min(bounds.size) < 0:
+        return None
+    h = max(bounds.size) / CELLS
+    if h == 0:
+        return None
+    axes = [np.arange(a - 2.5 * h, b + 3 * h, h) for a, b in zip(bounds.low, bounds.high, strict=True)]
+    shape = tuple(map(len, axes))
+    nodes = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, 3)
+    value = distance(nodes)
+    value = value if (value < 0).any() else value - 0.9 * h
+    first = np.arange(len(nodes)).reshape(shape)[:-1, :-1, :-1].ravel()
+    step = (shape[1] * shape[2], shape[2], 1)
+    corners = np.stack([first + sum(step[k] for k in range(3) if c >> k & 1) for c in range(8)], axis=1)
+    corners = corners[np.ptp(np.sign(value[corners]), axis=1) > 0]
+    pairs = list[np.ndarray]()  # of nodes, for each corner of each triangle: [n, 3, 2]
+    for tetrahedron in _TETRAHEDRA:
+        four = corners[:, tetrahedron]
+        negative = value[four] < 0
+        order = np.argsort(~negative, axis=1, kind="stable")
+        four, several = np.take_along_axis(four, order, axis=1), negative.sum(axis=1)
+        for number, edges in _EDGES.items():
+            edge = four[several == number][:, np.array(edges)]
+            pairs += [edge[:, :3]] if len(edges) == 3 else [edge[:, :3], edge[:, [0, 2, 3]]]
+    ends = np.sort(np.concatenate(pairs), axis=2)
+    if not len(ends):
+        return None
+    keys, triangles = np.unique(ends[..., 0] * len(nodes) + ends[..., 1], return_inverse=True)
+    a, b = keys // len(nodes), keys % len(nodes)
+    vertices = nodes[a] + (value[a] / (value[a] - value[b]))[:, None] * (nodes[b] - nodes[a])
+    for _ in range(3):
+        vertices = vertices - distance(vertices)[:, None] * _gradient(distance, vertices, 1e-4 * h)
+    return Mesh(vertices, triangles.reshape(-1, 3))
+
+
+def _gradient(distance: Distance, x: np.ndarray, step: float) -> np.ndarray:
+    """Direction in which the distance of points x, shape [n, 3], grows, shape [n, 3]."""
+    slope = np.stack([distance(x + shift) - distance(x - shift) for shift in step * np.eye(3)], axis=1)
+    return slope / np.maximum(np.linalg.norm(slope, axis=1), 1e-9 * step)[:, None]
+
+
+def stands_over(distance: Distance, bounds: Bounds, x: np.ndarray) -> np.ndarray:
+    """Which of the points x, shape [n, 3], have the surface straight below them, shape [n]: by steps downwards as long
+    as the distance is."""
+    size = [one for one in bounds.size if math.isfinite(one)]
+    near = 1e-6 * max(size, default=1.0)
+    found, left, at = np.zeros(len(x), bool), np.arange(len(x)), np.array(x, float)
+    for _ in range(_STEPS):
+        if not len(left):
+            break
+        away = np.abs(distance(at))
+        found[left[away <= near]] = True
+        at[:, 2] -= away
+        goes_on = (away > near) & (at[:, 2] >= bounds.low[2] - near)
+        left, at = left[goes_on], at[goes_on]
+    return found

@@ -1,0 +1,61 @@
+"""A study with other points than its author stated: those that a strategy has proposed, or those of a pilot."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from typing import Any
+
+from labbook.campaign import Assignment
+from labbook.scene.quantities import DIGITS, parse
+from labbook.study.keys import find
+from labbook.study.load import Study
+from labbook.study.point import Point
+
+
+def with_points(study: Study, assignments: Sequence[Assignment]) -> Study:
+    """Give a study the points that were proposed, in place of its sweep.
+
+    Args:
+        study: As its author stated it.
+        assignments: Values of keys [SI] and replicates of each point; each point once.
+
+    Returns:
+        The study with these points in this order, each with its own number of replicates; points that it states
+        already are the same.
+
+    Raises:
+        StudyError: A point cannot be.
+    """
+    stated = {_place(point.at): point for point in study.points}
+    new = [one for one in assignments if _place(one.at) not in stated]
+    known = stated | {_place(one.at): point for one, point in zip(new, _read(study, new), strict=True)}
+    points = (
+        replace(known[_place(one.at)], index=index, replicates=one.replicates) for index, one in enumerate(assignments)
+    )
+    return replace(study, points=tuple(points))
+
+
+def _read(study: Study, assignments: Sequence[Assignment]) -> tuple[Point, ...]:
+    """Points that the study does not state, read as if it did."""
+    if not assignments:
+        return ()
+    changes: dict[str, Any] = {"points": [written_at(one.at) for one in assignments], "adapt": None}
+    changes |= {"sweep": None} if "sweep" in study.stated else {}
+    if not (study.window.timed or study.fed):  # with these points alone the window could be another one
+        changes["window"] = {**study.stated.get("window", {}), "start": study.window.start, "end": study.window.end}
+    return study.change(changes).points
+
+
+def _place(at: Mapping[str, float | str]) -> tuple:
+    return tuple(sorted(at.items()))
+
+
+def written_at(at: Mapping[str, float | str]) -> dict[str, str]:
+    """Write SI values of keys as a study file has them: with units, lengths in mm where these are the same number."""
+    return {key: value if isinstance(value, str) else _written(key, value) for key, value in at.items()}
+
+
+def _written(key: str, value: float) -> str:
+    unit = next((known.unit for known in find(key) if known.unit is not None), "")
+    shown = f"{1e3 * value:.12g} mm"
+    as_read = float(f"{value:.{DIGITS}g}")  # values of a sweep are rounded to as many digits
+    return shown if unit == "m" and parse(shown, "m") == as_read else f"{value!r} {unit}".strip()

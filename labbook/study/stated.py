@@ -1,0 +1,568 @@
+"""The keys of a study as types. Generated from the models by `labbook.study.static`; do not edit.
+
+All values may be of any type: they are checked when the study is made. Types only list the known keys and choices.
+"""
+# fmt: off
+# ruff: noqa: E501
+
+from collections.abc import Mapping, Sequence
+from typing import Literal, TypeAlias, TypedDict
+
+Swept = TypedDict("Swept", {
+    "grains.shape": object, "grains.diameter": object, "grains.density": object, "grains.count": object,
+    "grains.sizes.kind": object, "grains.sizes.smallest": object, "grains.sizes.mean": object,
+    "grains.sizes.deviation": object, "grains.length": object, "contact.law": object, "contact.friction": object,
+    "contact.rolling_friction": object, "contact.restitution": object, "contact.damping": object,
+    "contact.rolling": object, "contact.rolling_model": object, "contact.rolling_stiffness": object,
+    "contact.rolling_damping": object, "contact.shear_modulus": object, "contact.poisson_ratio": object,
+    "contact.tangential_damping": object, "contact.normal_damping": object, "contact.youngs_modulus": object,
+    "contact.tension": object, "contact.normal_stiffness": object, "contact.tangential_stiffness": object,
+    "container.kind": object, "container.width": object, "container.height": object, "container.thickness": object,
+    "container.angle": object, "container.orifice": object, "container.gap": object, "container.diameter": object,
+    "container.rotation": object, "container.depth": object, "container.lid": object,
+    "container.outlet_plane": object, "walls.all.friction": object, "walls.all.rolling_friction": object,
+    "walls.all.restitution": object, "walls.all.youngs_modulus": object, "walls.all.shear_modulus": object,
+    "walls.all.poisson_ratio": object, "walls.all.normal_stiffness": object, "gravity": object, "feed.kind": object,
+    "fill.kind": object, "fill.friction": object, "fill.contact.law": object, "fill.contact.friction": object,
+    "fill.contact.rolling_friction": object, "fill.contact.restitution": object, "fill.contact.damping": object,
+    "fill.contact.rolling": object, "fill.contact.rolling_model": object, "fill.contact.rolling_stiffness": object,
+    "fill.contact.rolling_damping": object, "fill.contact.shear_modulus": object,
+    "fill.contact.poisson_ratio": object, "fill.contact.tangential_damping": object,
+    "fill.contact.normal_damping": object, "fill.contact.youngs_modulus": object, "fill.contact.tension": object,
+    "fill.contact.normal_stiffness": object, "fill.contact.tangential_stiffness": object,
+    "fill.numerics.dt": object, "fill.numerics.precision": object, "fill.numerics.integrator": object,
+    "fill.numerics.skin": object, "fill.numerics.steps_per_beat": object, "fill.numerics.stiffness_scale": object,
+    "fill.numerics.speed_limit": object, "fill.numerics.overlap_limit": object, "fill.settled_below": object,
+    "fill.moving": object, "fill.surface_motion": object, "fill.max_time": object, "numerics.dt": object,
+    "numerics.precision": object, "numerics.integrator": object, "numerics.skin": object,
+    "numerics.steps_per_beat": object, "numerics.stiffness_scale": object, "numerics.speed_limit": object,
+    "numerics.overlap_limit": object,
+}, total=False)
+"""Dotted keys that a sweep may vary."""
+
+
+Changed = TypedDict("Changed", {
+    "name": object, "about": object, "replicates": object, "accuracy.flow_rate": object,
+    "accuracy.max_replicates": object, "accuracy.calibration": object, "accuracy.numerics": object,
+    "accuracy.count_suspect": object, "measure": object, "fit": object, "window.start": object,
+    "window.end": object, "window.after": object, "window.until": object, "window.gap": object,
+    "window.moment": object, "window.interval": object, "window.layer": object, "stop.discharged": object,
+    "stop.max_time": object, "stop.stall": object, "stop.fill_height": object, "record.every": object,
+    "record.replicates": object, "grains.shape": object, "grains.diameter": object, "grains.density": object,
+    "grains.count": object, "grains.sizes.kind": object, "grains.sizes.smallest": object,
+    "grains.sizes.mean": object, "grains.sizes.deviation": object, "grains.length": object, "contact.law": object,
+    "contact.friction": object, "contact.rolling_friction": object, "contact.restitution": object,
+    "contact.damping": object, "contact.rolling": object, "contact.rolling_model": object,
+    "contact.rolling_stiffness": object, "contact.rolling_damping": object, "contact.shear_modulus": object,
+    "contact.poisson_ratio": object, "contact.tangential_damping": object, "contact.normal_damping": object,
+    "contact.youngs_modulus": object, "contact.tension": object, "contact.normal_stiffness": object,
+    "contact.tangential_stiffness": object, "container.kind": object, "container.width": object,
+    "container.height": object, "container.thickness": object, "container.angle": object,
+    "container.orifice": object, "container.gap": object, "container.diameter": object,
+    "container.rotation": object, "container.depth": object, "container.lid": object,
+    "container.outlet_plane": object, "walls.all.friction": object, "walls.all.rolling_friction": object,
+    "walls.all.restitution": object, "walls.all.youngs_modulus": object, "walls.all.shear_modulus": object,
+    "walls.all.poisson_ratio": object, "walls.all.normal_stiffness": object, "gravity": object, "feed.kind": object,
+    "fill.kind": object, "fill.friction": object, "fill.contact.law": object, "fill.contact.friction": object,
+    "fill.contact.rolling_friction": object, "fill.contact.restitution": object, "fill.contact.damping": object,
+    "fill.contact.rolling": object, "fill.contact.rolling_model": object, "fill.contact.rolling_stiffness": object,
+    "fill.contact.rolling_damping": object, "fill.contact.shear_modulus": object,
+    "fill.contact.poisson_ratio": object, "fill.contact.tangential_damping": object,
+    "fill.contact.normal_damping": object, "fill.contact.youngs_modulus": object, "fill.contact.tension": object,
+    "fill.contact.normal_stiffness": object, "fill.contact.tangential_stiffness": object,
+    "fill.numerics.dt": object, "fill.numerics.precision": object, "fill.numerics.integrator": object,
+    "fill.numerics.skin": object, "fill.numerics.steps_per_beat": object, "fill.numerics.stiffness_scale": object,
+    "fill.numerics.speed_limit": object, "fill.numerics.overlap_limit": object, "fill.settled_below": object,
+    "fill.moving": object, "fill.surface_motion": object, "fill.max_time": object, "numerics.dt": object,
+    "numerics.precision": object, "numerics.integrator": object, "numerics.skin": object,
+    "numerics.steps_per_beat": object, "numerics.stiffness_scale": object, "numerics.speed_limit": object,
+    "numerics.overlap_limit": object, "sweep.grains.shape": object, "sweep.grains.diameter": object,
+    "sweep.grains.density": object, "sweep.grains.count": object, "sweep.grains.sizes.kind": object,
+    "sweep.grains.sizes.smallest": object, "sweep.grains.sizes.mean": object,
+    "sweep.grains.sizes.deviation": object, "sweep.grains.length": object, "sweep.contact.law": object,
+    "sweep.contact.friction": object, "sweep.contact.rolling_friction": object, "sweep.contact.restitution": object,
+    "sweep.contact.damping": object, "sweep.contact.rolling": object, "sweep.contact.rolling_model": object,
+    "sweep.contact.rolling_stiffness": object, "sweep.contact.rolling_damping": object,
+    "sweep.contact.shear_modulus": object, "sweep.contact.poisson_ratio": object,
+    "sweep.contact.tangential_damping": object, "sweep.contact.normal_damping": object,
+    "sweep.contact.youngs_modulus": object, "sweep.contact.tension": object,
+    "sweep.contact.normal_stiffness": object, "sweep.contact.tangential_stiffness": object,
+    "sweep.container.kind": object, "sweep.container.width": object, "sweep.container.height": object,
+    "sweep.container.thickness": object, "sweep.container.angle": object, "sweep.container.orifice": object,
+    "sweep.container.gap": object, "sweep.container.diameter": object, "sweep.container.rotation": object,
+    "sweep.container.depth": object, "sweep.container.lid": object, "sweep.container.outlet_plane": object,
+    "sweep.walls.all.friction": object, "sweep.walls.all.rolling_friction": object,
+    "sweep.walls.all.restitution": object, "sweep.walls.all.youngs_modulus": object,
+    "sweep.walls.all.shear_modulus": object, "sweep.walls.all.poisson_ratio": object,
+    "sweep.walls.all.normal_stiffness": object, "sweep.gravity": object, "sweep.feed.kind": object,
+    "sweep.fill.kind": object, "sweep.fill.friction": object, "sweep.fill.contact.law": object,
+    "sweep.fill.contact.friction": object, "sweep.fill.contact.rolling_friction": object,
+    "sweep.fill.contact.restitution": object, "sweep.fill.contact.damping": object,
+    "sweep.fill.contact.rolling": object, "sweep.fill.contact.rolling_model": object,
+    "sweep.fill.contact.rolling_stiffness": object, "sweep.fill.contact.rolling_damping": object,
+    "sweep.fill.contact.shear_modulus": object, "sweep.fill.contact.poisson_ratio": object,
+    "sweep.fill.contact.tangential_damping": object, "sweep.fill.contact.normal_damping": object,
+    "sweep.fill.contact.youngs_modulus": object, "sweep.fill.contact.tension": object,
+    "sweep.fill.contact.normal_stiffness": object, "sweep.fill.contact.tangential_stiffness": object,
+    "sweep.fill.numerics.dt": object, "sweep.fill.numerics.precision": object,
+    "sweep.fill.numerics.integrator": object, "sweep.fill.numerics.skin": object,
+    "sweep.fill.numerics.steps_per_beat": object, "sweep.fill.numerics.stiffness_scale": object,
+    "sweep.fill.numerics.speed_limit": object, "sweep.fill.numerics.overlap_limit": object,
+    "sweep.fill.settled_below": object, "sweep.fill.moving": object, "sweep.fill.surface_motion": object,
+    "sweep.fill.max_time": object, "sweep.numerics.dt": object, "sweep.numerics.precision": object,
+    "sweep.numerics.integrator": object, "sweep.numerics.skin": object, "sweep.numerics.steps_per_beat": object,
+    "sweep.numerics.stiffness_scale": object, "sweep.numerics.speed_limit": object,
+    "sweep.numerics.overlap_limit": object,
+}, total=False)
+"""Dotted keys that `Study.change` takes."""
+
+
+class AccuracyKeys(TypedDict, total=False):
+    """Section `accuracy`."""
+
+    flow_rate: object
+    """Relative error of the flow rate to reach: bias of the numerics plus half-width of the 95 % interval. labbook
+    then chooses numerics that are left out, and the number of replicates; none: `replicates` runs. Range: in (0,
+    1)."""
+    max_replicates: object
+    """Largest number of replicates per point, even if the error is not reached. Range: of at least 2."""
+    calibration: object
+    """Calibration file written by `labbook pilot`; none: STUDY.calibration.json beside the study file, if it
+    exists, and the file shipped with labbook."""
+    numerics: object
+    """Relative margin of the equivalence test between swept numerics; none: no test. Range: in (0, 1)."""
+    count_suspect: object
+    """Whether suspect runs (by their ledger) take part in means and fits."""
+
+
+class WindowKeys(TypedDict, total=False):
+    """Section `window`."""
+
+    start: object
+    """Discharged mass fraction at which the window opens. Range: in [0, 1]."""
+    end: object
+    """Discharged mass fraction at which the window closes. If left out: where the lowest bed of the study is still
+    1.2 container widths high, between 0.3 and 0.6; 0.6 where that height is unknown. Range: in [0, 1]."""
+    after: object
+    """Time after the opening of the outlet at which the window opens, instead of `start` [s]. Range: of at least 0."""
+    until: object
+    """Time after the opening of the outlet at which the window closes, instead of `end` [s]. Range: above 0."""
+    gap: object
+    """A longer time without a leaving grain is left out of the flow rate, and reported [s]. Range: above 0."""
+    moment: object
+    """Time over which maps at three instants of the window are averaged, and at most between two frames of
+    `contact_stress` [s]. Range: above 0."""
+    interval: object
+    """Time between the two velocities whose difference is the acceleration above the outlet [s]. Range: above 0."""
+    layer: object
+    """Height of the layer above the outlet over which fields are averaged [m]. Range: above 0."""
+
+
+class StopKeys(TypedDict, total=False):
+    """Section `stop`."""
+
+    discharged: object
+    """Stop at this discharged mass fraction, at least `window.end`; if left out: `window.end` + 0.05. Range: in (0,
+    1]."""
+    max_time: object
+    """Stop at this time after the opening of the outlet; if left out, not before `window.until` [s]. Range: above
+    0."""
+    stall: object
+    """Time without a leaving grain after which a run is clogged [s]. Range: above 0."""
+    fill_height: object
+    """Stop when the bed of a flat-bottomed silo has fallen to this height; none: no such stop [m]. Range: above 0."""
+
+
+class RecordKeys(TypedDict, total=False):
+    """Section `record`."""
+
+    every: object
+    """Time between two recorded frames, to the nearest time step. The first frame is at the opening [s]. Range:
+    above 0."""
+    replicates: object
+    """Number of replicates of each point that are recorded. Range: of at least 1."""
+
+
+class GrainsSizesKeys(TypedDict, total=False):
+    """Section `grains.sizes`."""
+
+    kind: Literal["uniform", "normal"] | object
+    """`uniform`: Uniform number distribution of diameters from `smallest` to d; `normal`: Normal number
+    distribution of diameters, cut at d and symmetrically below the mean."""
+    smallest: object
+    """Smallest diameter, from d/10 to below d [m]. Range: above 0."""
+    mean: object
+    """Mean diameter, below d [m]. Range: above 0."""
+    deviation: object
+    """Standard deviation of the diameters before the cut [m]. Range: above 0."""
+
+
+class GrainsKindsKeys(TypedDict, total=False):
+    """Section `grains.kinds[]`."""
+
+    name: object
+    """Name that `contact.between` refers to: lower-case letters, digits and hyphens."""
+    share: object
+    """Number fraction of this kind; all shares add up to 1. Range: in (0, 1]."""
+    diameter: object
+    """Diameter of all grains of this kind, at most d; none: from `grains.sizes`, or d [m]. Range: above 0."""
+    density: object
+    """Density of this kind's material; none: `grains.density` [kg/m^3]. Range: above 0."""
+    youngs_modulus: object
+    """Young's modulus E of this kind's material, instead of `shear_modulus` [Pa]. Range: above 0."""
+    shear_modulus: object
+    """Shear modulus G of this kind's material (laws by Hertz); none: as in `contact` [Pa]. Range: above 0."""
+    poisson_ratio: object
+    """Poisson's ratio ν of this kind's material, only with a modulus; none: as in `contact`. Range: in (-1, 0.5]."""
+
+
+class GrainsKeys(TypedDict, total=False):
+    """Section `grains`."""
+
+    shape: Literal["sphere", "spherocylinder"] | object
+    """`sphere`: Spheres, equal or of several sizes and materials; `spherocylinder`: Equal rods: cylinders with
+    hemispheres on both ends."""
+    diameter: object
+    """shape: sphere: Diameter d of the largest grains; `d` is a unit of length in all other keys [m]. Range: above
+    0.
+
+    shape: spherocylinder: Diameter d; `d` is a unit of length in all other keys [m]. Range: above 0."""
+    density: object
+    """Density ρ_p of the grains' material [kg/m^3]. Range: above 0."""
+    count: object
+    """Number of grains N. Range: of at least 1."""
+    length: object
+    """Length L from end to end, at least the diameter; an aspect ratio of 3.3 is a length of `3.3 d` [m]. Range:
+    above 0."""
+    sizes: GrainsSizesKeys | object
+    kinds: Sequence[GrainsKindsKeys | object] | object
+
+
+class ContactBetweenKeys(TypedDict, total=False):
+    """Section `contact.between[]`."""
+
+    friction: object
+    """Friction coefficient between these kinds; for one kind named twice also at walls without their own. Range: of
+    at least 0."""
+    rolling_friction: object
+    """Rolling friction coefficient μ_r between these kinds; at walls as for `friction`. Range: of at least 0."""
+    restitution: object
+    """Coefficient of normal restitution between these kinds, in (0, 1]; at walls as for `friction`. Range: in (0,
+    1]."""
+    kinds: object
+    """Names of the two kinds, from `grains.kinds`."""
+    normal_stiffness: object
+    """Normal stiffness k_n between these kinds (law linear); at walls as for `friction` [N/m]. Range: above 0."""
+
+
+class ContactKeys(TypedDict, total=False):
+    """Section `contact`."""
+
+    law: Literal["hertz-mindlin", "hertz-printed", "hertz-liggghts", "hertz-lammps", "linear"] | object
+    """`hertz-mindlin`: Hertz normal force with Mindlin's friction spring (Fan et al. 2023, eqs 6-8);
+    `hertz-printed`: Fan et al. 2023, eqs 6 to 8, literally: no limit on the total friction force; `hertz-liggghts`:
+    The model `hertz tangential history` of LIGGGHTS 3.8 (normal_model_hertz.h, tangential_model_history.h);
+    `hertz-lammps`: `hertz/material` with `tangential mindlin` of LAMMPS' pair style granular (pair_granular.cpp,
+    January 2022); `linear`: Linear springs and dashpots (Pongó et al. 2022)."""
+    friction: object
+    """Friction coefficient μ between grains, and at walls without their own. Range: of at least 0."""
+    rolling_friction: object
+    """Rolling friction coefficient μ_r: the torque is at most μ_r R F_n; for R see `rolling_model`. Range: of at
+    least 0."""
+    restitution: object
+    """Coefficient of normal restitution e, in (0, 1]; a law by Hertz may state `normal_damping` instead. Range: in
+    (0, 1]."""
+    damping: Literal["clamped", "textbook", "printed"] | object
+    """law: hertz-mindlin or law: linear: `clamped`: damping that gives e with a normal force that never pulls;
+    `textbook`: the papers' formula; `printed`: as `textbook`, but walls use the grain-grain damping, as in Pongó et
+    al. (law linear).
+
+    law: hertz-printed or law: hertz-liggghts or law: hertz-lammps: `textbook`: C_n = sqrt(5/6) ln(1/e)/sqrt(pi^2 +
+    ln^2 e), which gives e if the normal force may pull; `clamped`: damping that gives e if it may not."""
+    rolling: Literal["full", "rolling"] | object
+    """`full`: rolling friction resists all relative rotation, also twist (Fan et al. 2023, eq 8, literally);
+    `rolling`: only its tangential part."""
+    rolling_model: Literal["cdt", "epsd"] | object
+    """`cdt`: constant directional torque (Fan et al. 2023, eq 8), with R the radius of the smaller grain; grains
+    held by rolling friction alone creep. `epsd`: elastic-plastic spring-dashpot (Ai et al. 2011, model C), with
+    effective radius R = r_i r_j/(r_i + r_j), at walls the grain radius; grains that it holds rest. Spheres only."""
+    rolling_stiffness: object
+    """Stiffness of rolling springs as k_r/(k_n μ_r² R²), k_n = F_n/δ without damping; none: 2.25 (Ai et al. 2011).
+    Range: above 0."""
+    rolling_damping: object
+    """Damping ratio η_r of rolling springs; none: 0.3. Range: of at least 0."""
+    shear_modulus: object
+    """Shear modulus G of the grains' material; or state `youngs_modulus` [Pa]. Range: above 0."""
+    poisson_ratio: object
+    """Poisson's ratio ν of the grains' material, in (-1, 1/2]. Range: in (-1, 0.5]."""
+    tangential_damping: object
+    """law: hertz-mindlin or law: hertz-printed or law: hertz-liggghts or law: hertz-lammps: Ratio C_t/C_n of
+    tangential to normal damping (Fan et al. do not give C_t). Range: of at least 0.
+
+    law: linear: Ratio γ_t/γ_n of tangential to normal damping. Range: of at least 0."""
+    normal_damping: object
+    """Value of C_n, instead of one from the coefficient of restitution; none: as `damping` says. Range: of at least
+    0."""
+    youngs_modulus: object
+    """Young's modulus E of the grains' material, instead of `shear_modulus` = E/(2 (1 + ν)) [Pa]. Range: above 0."""
+    tension: object
+    """Whether the normal force may pull as grains separate, as in the paper or code of the law."""
+    normal_stiffness: object
+    """Normal stiffness k_n [N/m]. Range: above 0."""
+    tangential_stiffness: object
+    """Ratio k_t/k_n of tangential to normal stiffness. Range: in (0, 10]."""
+    between: Sequence[ContactBetweenKeys | object] | object
+
+
+class ContainerPartsShapeKeys(TypedDict, total=False):
+    """Section `container.parts[].shape`."""
+
+    kind: Literal["plane", "strip", "frustum"] | object
+    """`plane`: The half-space behind an infinite plane; `normal` points to the grains; `strip`: A thin plate: the
+    segment from `start` to `end` in the x-z plane [m], infinite along y; `frustum`: A thin plate round the vertical
+    axis x = y = 0: a segment in the plane of radius and height, rotated about it."""
+    point: object
+    """A point of the plane [m]."""
+    normal: object
+    """Direction towards the grains, of any length."""
+    start: object
+    """x and z of one edge [m]."""
+    end: object
+    """x and z of the other edge [m]."""
+    lower: object
+    """Radius and z of the inner edge, the rim [m]."""
+    upper: object
+    """Radius and z of the other edge; its radius is not smaller [m]."""
+
+
+class ContainerPartsMotionKeys(TypedDict, total=False):
+    """Section `container.parts[].motion`."""
+
+    velocity: object
+    """Velocity of the surface along x, y and z, within the surface; the wall itself stays where it is [m/s]."""
+    spin: object
+    """Angular velocity of the surface about the vertical axis x = y = 0 [rad/s]."""
+
+
+class ContainerPartsKeys(TypedDict, total=False):
+    """Section `container.parts[]`."""
+
+    name: object
+    """Name that `walls` and friction springs refer to: lower-case letters, digits and hyphens."""
+    opens: Literal["start"] | object
+    """`start`: the wall stands while the container is filled and vanishes when the discharge starts; none: it
+    stays."""
+    shape: ContainerPartsShapeKeys | object
+    motion: ContainerPartsMotionKeys | object
+
+
+class ContainerKeys(TypedDict, total=False):
+    """Section `container`."""
+
+    kind: Literal["wedge-hopper", "cylinder-silo", "conical-silo", "box", "primitives"] | object
+    """`wedge-hopper`: Quasi-2D silo between a front and a back wall (Fan et al. 2023, Fig. 1); `cylinder-silo`:
+    Upright cylinder with a round outlet in the middle of its flat bottom, which may rotate (Pongó et al. 2022);
+    `conical-silo`: Upright cylinder above a cone, with a round outlet at the cone's tip; `box`: Box, centred in x
+    and y, with its bottom at z = 0; `lid` closes its top; `primitives`: Walls listed one by one; without walls:
+    free space. Parts that open at the start stand only in the closed one."""
+    width: object
+    """kind: wedge-hopper: Inner width L between the side walls [m]. Range: above 0.
+
+    kind: box: Inner size along x [m]. Range: above 0."""
+    height: object
+    """kind: wedge-hopper: Height H of the side walls above the outlet; grains may start above it [m]. Range: above
+    0.
+
+    kind: cylinder-silo: Height of the cylinder above the outlet; grains may start above it [m]. Range: above 0.
+
+    kind: conical-silo: Height of the cylinder's upper end above the outlet; grains may start above it [m]. Range:
+    above 0.
+
+    kind: box: Inner size along z [m]. Range: above 0."""
+    thickness: object
+    """Distance Z between the front and the back wall [m]. Range: above 0."""
+    angle: object
+    """kind: wedge-hopper: Angle α of the bottom from the vertical, 1 to 90 deg: 90 deg is flat, 15 deg a steep
+    funnel [rad].
+
+    kind: conical-silo: Angle of the cone from the vertical, at least 1 deg and less than 90 deg [rad]."""
+    orifice: object
+    """kind: wedge-hopper: Width D of the outlet, less than the width of the hopper [m]. Range: above 0.
+
+    kind: cylinder-silo or kind: conical-silo: Diameter D of the outlet, less than the cylinder's [m]. Range: above
+    0."""
+    gap: object
+    """Gap s from the left side wall to the near edge of the outlet, at most (L - D)/2; none: centred [m]. Range: of
+    at least 0."""
+    diameter: object
+    """Inner diameter D_c of the cylinder [m]. Range: above 0."""
+    rotation: object
+    """Rotation frequency f of the bottom after the opening; positive is counter-clockwise seen from above [Hz]."""
+    depth: object
+    """Inner size along y [m]. Range: above 0."""
+    lid: object
+    """Whether a plane closes the top."""
+    outlet_plane: object
+    """Height z at which grains count as discharged; none: there is no outlet [m]."""
+    parts: Sequence[ContainerPartsKeys | object] | object
+
+
+class WallsKeys(TypedDict, total=False):
+    """Section `walls.*`."""
+
+    friction: object
+    """Friction coefficient at this wall. Range: of at least 0."""
+    rolling_friction: object
+    """Rolling friction coefficient μ_r at this wall. Range: of at least 0."""
+    restitution: object
+    """Coefficient of normal restitution at this wall, in (0, 1]. Range: in (0, 1]."""
+    youngs_modulus: object
+    """Young's modulus E of this wall's material, instead of `shear_modulus` [Pa]. Range: above 0."""
+    shear_modulus: object
+    """Shear modulus G of this wall's material (laws by Hertz); none: as in `contact` [Pa]. Range: above 0."""
+    poisson_ratio: object
+    """Poisson's ratio ν of this wall's material, only with a modulus; none: as in `contact`. Range: in (-1, 0.5]."""
+    normal_stiffness: object
+    """Normal stiffness k_n at this wall (law linear) [N/m]. Range: above 0."""
+
+
+class FeedKeys(TypedDict, total=False):
+    """Section `feed`."""
+
+    kind: Literal["reinject"] | object
+    """`reinject`: grains that left fall onto the bed again, from random free places above it."""
+
+
+class FillNumericsKeys(TypedDict, total=False):
+    """Section `fill.numerics`."""
+
+    dt: object
+    """Time step [s] [s]. Range: above 0."""
+    precision: Literal["double", "mixed"] | object
+    """`mixed`: positions and their update in double, contact law in single. If left out, chosen where the study
+    states `accuracy.flow_rate`."""
+    integrator: Literal["leapfrog"] | object
+    """Time integrator; the only choice."""
+    skin: object
+    """Skin of the neighbour lists, in grain diameters. Range: in (0, 1]."""
+    steps_per_beat: object
+    """Steps per beat. Measurements are taken and runs are stopped at the ends of beats only. Range: of at least 1."""
+    stiffness_scale: object
+    """Factor on all stiffnesses of the study. Range: above 0."""
+    speed_limit: object
+    """Abort the run if any grain is faster than this. If a study leaves it out, H is the height of the container,
+    or of the column in which grains start, if that is higher [m/s]. Range: above 0."""
+    overlap_limit: object
+    """Abort the run if any overlap exceeds this fraction of the grain diameter. Range: in (0, 1]."""
+
+
+class FillKeys(TypedDict, total=False):
+    """Section `fill`."""
+
+    kind: Literal["rain", "gas", "planar"] | object
+    """Start of the grains: `rain`, a loose column of slow grains; `gas`, a denser one of fast grains; `planar`, a
+    rain in the middle plane between front and back walls."""
+    friction: object
+    """Friction coefficient of grains and walls during filling; none: as in the study. Range: of at least 0."""
+    contact: ContactKeys | object
+    """Contact law during filling, with the keys of `contact`; none: as in the study. So studies of several laws can
+    start from the same beds."""
+    settled_below: object
+    """Kinetic energy per grain, in units of m g d, below which the bed is at rest. Range: in (0, 1]."""
+    moving: object
+    """Fraction of the grains that may still move in a bed at rest: each slow grain has less than `settled_below`.
+    None: 1 % for rods and for spheres without rolling friction, which may roll for ever; else 0, and 0 if
+    `settled_below` is stated. Range: in [0, 1]."""
+    surface_motion: object
+    """Whether surfaces of walls (`container.rotation`, `container.parts[].motion`) move already during filling."""
+    max_time: object
+    """Longest filling; a bed that moves after this time is an error [s]. Range: above 0."""
+    numerics: FillNumericsKeys | object
+
+
+class NumericsKeys(TypedDict, total=False):
+    """Section `numerics`."""
+
+    dt: object
+    """Time step [s] [s]. Range: above 0."""
+    precision: Literal["double", "mixed"] | object
+    """`mixed`: positions and their update in double, contact law in single. If left out, chosen where the study
+    states `accuracy.flow_rate`."""
+    integrator: Literal["leapfrog"] | object
+    """Time integrator; the only choice."""
+    skin: object
+    """Skin of the neighbour lists, in grain diameters. Range: in (0, 1]."""
+    steps_per_beat: object
+    """Steps per beat. Measurements are taken and runs are stopped at the ends of beats only. Range: of at least 1."""
+    stiffness_scale: object
+    """Factor on all stiffnesses of the study. Range: above 0."""
+    speed_limit: object
+    """Abort the run if any grain is faster than this. If a study leaves it out, H is the height of the container,
+    or of the column in which grains start, if that is higher [m/s]. Range: above 0."""
+    overlap_limit: object
+    """Abort the run if any overlap exceeds this fraction of the grain diameter. Range: in (0, 1]."""
+
+
+class StudyKeys(TypedDict, total=False):
+    """All keys of a study."""
+
+    name: object
+    """Name of the study: letters, digits, - and _."""
+    about: object
+    """What the study is for, in a sentence."""
+    replicates: object
+    """Minimum number of runs per point; their seeds are 1, 2, 3 ... Range: of at least 1."""
+    accuracy: AccuracyKeys | object
+    measure: Sequence[Literal["flow_rate", "outlet_profiles", "packing", "orifice", "contact_stress", "ledger"] | object] | object
+    """Names of the measurements to take."""
+    fit: Sequence[Literal["beverloo", "janda", "beverloo_3d", "janda_3d", "power", "exponential"] | object] | object
+    """Names of the laws to fit."""
+    window: WindowKeys | object
+    stop: StopKeys | object
+    record: RecordKeys | object
+    grains: GrainsKeys | object
+    contact: ContactKeys | object
+    container: ContainerKeys | object
+    walls: Mapping[str, WallsKeys | object] | object
+    gravity: object
+    """Acceleration of gravity g, along -z [m/s^2]. Range: of at least 0."""
+    feed: FeedKeys | object
+    fill: FillKeys | object
+    numerics: NumericsKeys | object
+    sweep: Swept | object
+    points: Sequence[Swept | object] | object
+    reference: Mapping[str, object] | object
+
+
+LawName: TypeAlias = Literal["beverloo", "janda", "beverloo_3d", "janda_3d", "power", "exponential"]
+"""Names of the laws of flow."""
+
+
+KEYS = """\
+    name, about, replicates, measure, fit, gravity [m/s^2]
+    accuracy: flow_rate, max_replicates, calibration, numerics, count_suspect
+    window: start, end, after [s], until [s], gap [s], moment [s], interval [s], layer [m]
+    stop: discharged, max_time [s], stall [s], fill_height [m]
+    record: every [s], replicates
+    grains: shape, diameter [m], density [kg/m^3], count, length [m]
+    grains.sizes: kind, smallest [m], mean [m], deviation [m]
+    grains.kinds[]: name, share, diameter [m], density [kg/m^3], youngs_modulus [Pa], shear_modulus [Pa],
+        poisson_ratio
+    contact: law, friction, rolling_friction, restitution, damping, rolling, rolling_model, rolling_stiffness,
+        rolling_damping, shear_modulus [Pa], poisson_ratio, tangential_damping, normal_damping, youngs_modulus [Pa],
+        tension, normal_stiffness [N/m], tangential_stiffness
+    contact.between[]: friction, rolling_friction, restitution, kinds, normal_stiffness [N/m]
+    container: kind, width [m], height [m], thickness [m], angle [rad], orifice [m], gap [m], diameter [m], rotation
+        [Hz], depth [m], lid, outlet_plane [m]
+    container.parts[]: name, opens
+    container.parts[].shape: kind, point [m], normal, start [m], end [m], lower [m], upper [m]
+    container.parts[].motion: velocity [m/s], spin [rad/s]
+    walls.*: friction, rolling_friction, restitution, youngs_modulus [Pa], shear_modulus [Pa], poisson_ratio,
+        normal_stiffness [N/m]
+    feed: kind
+    fill: kind, friction, contact, settled_below, moving, surface_motion, max_time [s]
+    fill.numerics: dt [s], precision, integrator, skin, steps_per_beat, stiffness_scale, speed_limit [m/s],
+        overlap_limit
+    numerics: dt [s], precision, integrator, skin, steps_per_beat, stiffness_scale, speed_limit [m/s], overlap_limit
+"""
+"""The keys of a study by sections, with SI units."""

@@ -1,0 +1,212 @@
+"""Campaigns: on which results a proposal rests, whatever the timing; what is kept; the three built-in strategies."""
+
+import math
+from typing import ClassVar
+
+import pytest
+
+from labbook.campaign import (
+    Assignment,
+    Campaign,
+    Generation,
+    History,
+    PreciseRun,
+    Proposal,
+    Replicates,
+    Strategy,
+    Trial,
+)
+from labbook.campaign.campaign import Proposed, with_proposal
+from labbook.campaign.precise import HALF_WIDTH
+from labbook.stats import StoppingRule, Tolerance
+
+
+class Counting(Strategy):
+    """Proposes one point a generation, at the number of runs that it was shown; ends after `last` of them."""
+
+    name: ClassVar[str] = "counting"
+
+    last: int = 4
+    waits: bool = False
+
+    def propose(self, history: History) -> Proposal:
+        if self.waits and history.pending:
+            return Proposal.wait()
+        if history.number == self.last:
+            return Proposal.end("enough")
+        known = len(list(history.trials))
+        return Proposal((Assignment({"x": float(history.number), "known": float(known)}),), f"{known} runs are known")
+
+
+class Ahead(Counting):
+    name: ClassVar[str] = "ahead"
+    ahead: ClassVar[int] = 0
+
+
+def runs(generation: Generation) -> tuple[Trial, ...]:
+    """A run of each assignment; keys in no order."""
+    return tuple(
+        Trial(one.at, 1, f"key {hash(one.at['x']) % 7} {one.at['x']}", "finished", {"flow_rate": one.at["x"]})
+        for one in generation.assignments
+    )
+
+
+def known(campaign: Campaign) -> list[float]:
+    return [float(one.at["known"]) for one in campaign.assignments]
+
+
+def test_a_generation_is_in_flight_while_the_next_is_proposed():
+    campaign, done = Campaign(Counting(), None), set[int]()
+
+    def evaluate(generation: Generation):
+        return runs(generation) if generation.number in done else None
+
+    assert campaign.advance(evaluate)
+    assert len(campaign.generations) == 2, "the second is proposed before any run is done"
+    assert not campaign.advance(evaluate), "two are in flight"
+    done.add(0)
+    assert campaign.advance(evaluate)
+    assert len(campaign.generations) == 3
+    done |= {1, 2, 3}
+    campaign.advance(evaluate)
+    assert campaign.ended == "enough"
+    assert known(campaign) == [0, 0, 1, 2], "each rests on all but the generation before it"
+
+
+@pytest.mark.parametrize("order", [(0, 1, 2, 3), (1, 0, 3, 2), (3, 2, 1, 0)])
+@pytest.mark.parametrize(("strategy", "expected"), [
+    (Counting(), [0, 0, 1, 2]), (Counting(waits=True), [0, 1, 2, 3]), (Ahead(), [0, 1, 2, 3]),
+])  # fmt: skip
+def test_timing_never_enters(order, strategy, expected):
+    """Whichever generation is done first, and however late it is looked at, the same is proposed."""
+    campaign, done = Campaign(strategy, None), set[int]()
+    for number in order:
+        campaign.advance(lambda generation: runs(generation) if generation.number in done else None)
+        done.add(number)
+    campaign.advance(runs)
+    assert known(campaign) == expected
+    at_once = Campaign(strategy, None)
+    at_once.advance(runs)
+    assert at_once.generations == campaign.generations
+
+
+def test_what_is_in_flight_is_shown_without_its_results():
+    shown: list[History] = []
+
+    class Looking(Counting):
+        name: ClassVar[str] = "looking"
+
+        def propose(self, history: History) -> Proposal:
+            shown.append(history)
+            return super().propose(history)
+
+    Campaign(Looking(), None).advance(runs)
+    assert [len(one.generations) for one in shown] == [0, 0, 1, 2, 3]
+    assert all(generation.trials is None for one in shown for generation in one.pending)
+    assert all(list(one.generations) == sorted(one.generations, key=lambda g: g.number) for one in shown)
+
+
+class Shared:
+    """A store that another process writes too: it holds a proposal before ours comes."""
+
+    def __init__(self, held: Proposed):
+        self.held = held
+
+    def read(self) -> Proposed:
+        return Proposed()
+
+    def keep(self, number: int, proposal: Proposal) -> Proposed:
+        self.held = with_proposal(self.held, number, proposal)
+        return self.held
+
+
+def test_the_first_proposal_that_is_kept_counts():
+    theirs = Proposal((Assignment({"x": 7.0, "known": 0.0}),), "theirs")
+    store = Shared(with_proposal(Proposed(), 0, theirs))
+    campaign = Campaign(Counting(), None, store)
+    campaign.advance(lambda generation: None)
+    assert [one.reason for one in campaign.generations] == ["theirs", "0 runs are known"]
+    assert campaign.assignments[0].at["x"] == 7
+
+
+def test_a_strategy_that_waits_for_nothing_or_proposes_nothing_is_an_error():
+    class Idle(Counting):
+        name: ClassVar[str] = "idle"
+
+        def propose(self, history: History) -> Proposal:
+            return Proposal.wait() if self.waits else Proposal((), "nothing")
+
+    with pytest.raises(ValueError, match="the strategy idle waits"):
+        Campaign(Idle(waits=True), None).advance(runs)
+    with pytest.raises(ValueError, match="the strategy idle proposes no assignments"):
+        Campaign(Idle(), None).advance(runs)
+
+
+def test_more_replicates_of_a_point_are_no_new_point():
+    generations = (
+        Generation(0, (Assignment({"x": 1.0}, 2), Assignment({"x": 2.0}, 2)), ""),
+        Generation(1, (Assignment({"x": 1.0}, 5),), ""),
+    )
+    campaign = Campaign(Counting(), None, Shared(Proposed()))
+    campaign.generations = list(generations)
+    assert campaign.assignments == [Assignment({"x": 1.0}, 5), Assignment({"x": 2.0}, 2)]
+
+
+def test_values_are_by_point_and_seed():
+    trials = (
+        Trial({"x": 1.0}, 2, "a", "finished", {"flow_rate": 4.0}),
+        Trial({"x": 1.0}, 1, "b", "finished", {"flow_rate": 3.0}),
+        Trial({"x": 2.0}, 1, "c", "clogged", {}),
+        Trial({"x": 3.0}, 1, "d", "finished", {"flow_rate": 0.0}),
+    )
+    history = History(None, (Generation(0, (), "", trials),))
+    assert history.values("flow_rate") == [({"x": 1.0}, [3.0, 4.0]), ({"x": 2.0}, []), ({"x": 3.0}, [0.0])]
+    # of 3 and 4: mean 3.5, standard error 0.5, and t of one degree of freedom is 12.706
+    (at, mean), (zero, _) = history.pooled("flow_rate")
+    assert (at, zero) == ({"x": 1.0}, {"x": 3.0})
+    assert (mean.value, mean.error) == (3.5, 0.5)
+    assert mean.half_width == pytest.approx(0.5 * 12.7062, rel=1e-5)
+
+
+@pytest.mark.parametrize(
+    ("half_width", "bias", "is_kept"), [(0.01, 0.0, True), (0.008, 0.002, True), (0.009, 0.002, False)]
+)
+def test_the_sum_of_bias_and_half_width_is_what_is_tolerated(half_width, bias, is_kept):
+    assert Tolerance(0.01, bias).kept(half_width) is is_kept
+
+
+def one_point(values: list[float | None]) -> History:
+    trials = tuple(
+        Trial({"x": 1.0}, seed, f"key {-seed}", "finished", {} if value is None else {"flow_rate": value})
+        for seed, value in enumerate(values, 1)
+    )
+    return History(None, (Generation(0, (Assignment({"x": 1.0}, len(values)),), "", trials),), (), 1)
+
+
+def test_replicates_are_added_until_the_flow_rate_is_known():
+    rule = StoppingRule(0.02, 3, 20)
+    few = Replicates(rule=rule).propose(one_point([0.9, 1.0, 1.1]))
+    assert few.state == "go"
+    assert few.assignments[0].replicates == 4, "at most a third at a time"
+    assert few.decision is not None
+    enough = Replicates(rule=rule).propose(one_point([1.0, 1.0001, 0.9999]))
+    assert enough.state == "end"
+    assert "with 3 replicates" in enough.reason
+    hopeless = Replicates(rule=rule).propose(one_point([None] * 6))
+    assert hopeless.reason.startswith("none of 6 runs has a flow rate")
+    capped = Replicates(rule=StoppingRule(0.02, 3, 3)).propose(one_point([0.9, 1.0, 1.1]))
+    assert "accuracy.max_replicates allows no more" in capped.reason
+
+
+def test_a_forecast_of_replicates_that_was_wrong_is_reported():
+    rule = StoppingRule(0.02, 3, 50)
+    proposal = Replicates(rule=rule, scatter=0.1).propose(one_point([1.0, 1.0001, 0.9999]))
+    assert f"({rule.forecast(0.1)} were expected" in proposal.reason
+    assert "expected" not in Replicates(rule=rule).propose(one_point([1.0, 1.0001, 0.9999])).reason
+
+
+@pytest.mark.parametrize(("half_width", "state"), [(math.nan, "go"), (0.02, "go"), (0.01, "end")])
+def test_a_fed_run_goes_on_until_it_is_precise(half_width, state):
+    numbers = {} if math.isnan(half_width) else {HALF_WIDTH: half_width}
+    look = Generation(0, (Assignment({}),), "", (Trial({}, 1, "key", "going on", numbers),))
+    assert PreciseRun(error=0.01).propose(History(None, (look,), (), 1)).state == state
