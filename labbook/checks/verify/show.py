@@ -39,7 +39,7 @@ def run_cases(
 ) -> bool:
     """Run cases and print their verdicts; whether none failed. A backend that cannot do it ends the program."""
     try:
-        verdicts = _judged(cases, Stand(load(backend), precision, device))
+        verdicts = judged(cases, Stand(load(backend), precision, device))
     except (BackendMissing, Unsupported) as error:
         typer.echo(f"labbook verify: {error}", err=True)
         raise typer.Exit(2) from None
@@ -55,7 +55,8 @@ def run_cases(
     return all(v.result != "failed" for v in verdicts)
 
 
-def _judged(cases: Sequence[Case], stand: Stand) -> list[CriterionResult]:
+def judged(cases: Sequence[Case], stand: Stand) -> list[CriterionResult]:
+    """Verdicts of cases on a stand, with a progress bar; a case of another package whose code fails is failed."""
     verdicts: list[CriterionResult] = []
     with Progress(*Progress.get_default_columns(), TimeElapsedColumn(), console=Console(stderr=True)) as bar:
         task = bar.add_task("", total=len(cases))

@@ -11,6 +11,11 @@ import pytest
 from toy_lab import carry_out, labbook, study_file
 
 from labbook import plugins
+from labbook.backend import load as load_backend
+from labbook.checks import doctor
+from labbook.checks.verify.cases import EVERY, chosen
+from labbook.checks.verify.show import judged
+from labbook.checks.verify.stand import Stand
 from labbook.cli.options import told
 from labbook.filling.placing import Start
 from labbook.fit import LAWS, Law
@@ -34,6 +39,7 @@ HEAD = {
     "law": "import numpy as np\nfrom labbook.fit import Law\n",
     "paper": "from labbook.papers import Paper\n",
     "start": "from labbook.filling.placing import Start\n",
+    "case": "from labbook.checks.verify.case import Case, limited\n",
     "contact": "from typing import ClassVar, Literal\nfrom labbook.scene.contact import ContactLaw\n",
 }
 
@@ -280,3 +286,32 @@ def test_runs_name_the_extensions_that_they_use_and_no_other(done, monkeypatch):
     assert origin["packages"]["hertz-mindlin-extras"] == "0.1"
     assert "linear-extras" not in origin["packages"]
     assert "extensions" not in provenance("cpu")
+
+
+def test_the_doctor_lists_what_each_package_adds(monkeypatch):
+    extensions = [
+        Extension(group, name, "bed-extras", "0.1", "bed_extras")
+        for group, name in (("labbook.contact_laws", "viscous"), ("labbook.cases", "rebound"))
+    ]
+    monkeypatch.setattr(doctor, "extensions", lambda: extensions)
+    monkeypatch.setattr(doctor, "installed", dict)
+    (package,) = [package for package in doctor.examine().packages if package.name == "bed-extras"]
+    assert package == doctor.Package("bed-extras", "0.1", "adds contact law viscous, case rebound")
+
+
+CASE = """
+def run(stand): return stand.nothing
+
+class Own(Case):
+    def __init__(self):
+        super().__init__("rebound", "it rebounds", "nobody", {"speed": limited(1e-3)}, run)
+"""
+
+
+def test_a_case_that_fails_to_run_is_a_failed_verdict_with_the_reason(put):
+    put(EVERY, "labbook.cases", "case", CASE)
+    assert [case.name for case in chosen(["rebound"])] == ["rebound"]
+    (verdict,) = judged(chosen(["rebound"]), Stand(load_backend("reference")))
+    assert verdict.result == "failed"
+    assert verdict.note.startswith("case rebound of bed-extras 0.1: AttributeError: 'Stand' object has no attribute")
+    assert verdict.note.endswith("(bed_extras/case.py, line 3)")

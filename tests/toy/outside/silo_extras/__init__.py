@@ -1,1 +1,1 @@
-"""A package from outside that adds a measure, a law and a backend to labbook, by its entry points alone."""
+"""A package from outside: a contact law, a wall, a start, a measure, a flow law, a paper and a backend."""
