@@ -36,7 +36,7 @@ class Pongo2022(Paper):
             return Wrong("what turning does is stated, not given as a number", "write `from` and `to` and `says`")
         if feature and feature not in FEATURES:
             return Wrong(f"a curve has no {shown(feature)}", instead(feature, FEATURES))
-        if not any(hasattr(scene.container, "rotation") for scene in asked.scenes):
+        if all(scene.container.spin_key is None for scene in asked.scenes):
             return Wrong("this container has no rotation", "leave it out, or use a cylinder-silo")
         if name not in asked.units:
             return none_such(quantity, [f"{TURNING}.{one}" for one in asked.units])
