@@ -513,13 +513,14 @@ class StudyKeys(TypedDict, total=False):
     replicates: object
     """Minimum number of runs per point; their seeds are 1, 2, 3 ... Range: of at least 1."""
     accuracy: AccuracyKeys | object
-    measure: Sequence[Literal["flow_rate", "outlet_profiles", "packing", "orifice", "contact_stress", "ledger"] | object] | object
+    measure: Sequence[Literal["flow_rate", "outlet_profiles", "packing", "orifice", "contact_stress", "ledger", "outlets"] | object] | object
     """Names of the measurements to take."""
     fit: Sequence[Literal["beverloo", "janda", "beverloo_3d", "janda_3d", "power", "exponential"] | object] | object
     """Names of the laws to fit."""
     window: WindowKeys | object
     stop: StopKeys | object
     record: RecordKeys | object
+    adapt: Mapping[str, object] | object
     grains: GrainsKeys | object
     contact: ContactKeys | object
     container: ContainerKeys | object

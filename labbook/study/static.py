@@ -31,6 +31,7 @@ _OTHER = {
     "sweep": "Swept | object",
     "points": "Sequence[Swept | object] | object",
     "reference": "Mapping[str, object] | object",
+    "adapt": "Mapping[str, object] | object",
 }
 """Keys of a study that no model has."""
 _NAMES = {"measure": MEASURES, "fit": LAWS}

@@ -46,7 +46,7 @@ class Ahead(Counting):
 def runs(generation: Generation) -> tuple[Trial, ...]:
     """A run of each assignment; keys in no order."""
     return tuple(
-        Trial(one.at, 1, f"key {hash(one.at['x']) % 7} {one.at['x']}", "finished", {"flow_rate": one.at["x"]})
+        Trial(one.at, 1, f"key {hash(one.at['x']) % 7} {one.at['x']}", "finished", {"flow_rate": float(one.at["x"])})
         for one in generation.assignments
     )
 

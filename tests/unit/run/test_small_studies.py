@@ -194,7 +194,7 @@ def read() -> dict[str, dict[str, Numbers]]:
 
 
 def test_every_study_that_ships_is_recorded_and_no_other():
-    assert sorted(read()) == [path.stem for path in STUDIES], f"run python {Path(__file__).name}"
+    assert sorted(read()) == sorted(path.stem for path in STUDIES), f"run python {Path(__file__).name}"
 
 
 @pytest.mark.parametrize("path", STUDIES, ids=lambda path: path.stem)
