@@ -21,11 +21,11 @@ def register(app: typer.Typer) -> None:
 
         An existing folder is never overpackage.
         """
-        from labbook.extension import NotWritten, write
+        from labbook.extension import PackageNotWritten, write
 
         try:
             package = write(name, folder)
-        except NotWritten as error:
+        except PackageNotWritten as error:
             say(f"labbook new-extension: {error}", err=True)
             raise typer.Exit(1) from None
         say(f"Wrote {package}. Next: pip install --no-deps -e {shlex.quote(str(package))}")

@@ -12,7 +12,7 @@ NAME = "my-extension"
 """Name of the template; its package is `my_extension`."""
 
 
-class NotWritten(Exception):
+class PackageNotWritten(Exception):
     """The package was not written; the message says why and what to do."""
 
 
@@ -27,13 +27,15 @@ def write(name: str, folder: Path) -> Path:
         The new folder.
 
     Raises:
-        NotWritten: No package can have this name, the folder exists, or it cannot be written.
+        PackageNotWritten: No package can have this name, the folder exists, or it cannot be written.
     """
     package = name.replace("-", "_")
     if not re.fullmatch(r"[a-z][a-z0-9]*(-[a-z0-9]+)*", name):
-        raise NotWritten(f"{name!r} cannot be the name of a package: use small letters, digits and -, a letter first")
+        raise PackageNotWritten(
+            f"{name!r} cannot be the name of a package: use small letters, digits and -, a letter first"
+        )
     if keyword.iskeyword(package) or package in sys.stdlib_module_names or package.partition("_")[0] == "labbook":
-        raise NotWritten(f"{name} is a name of Python or of labbook: choose another one")
+        raise PackageNotWritten(f"{name} is a name of Python or of labbook: choose another one")
     target = folder / name
     try:
         target.mkdir()
@@ -43,9 +45,11 @@ def write(name: str, folder: Path) -> Path:
             path.parent.mkdir(exist_ok=True)
             path.write_text(renamed, encoding="utf-8")
     except FileExistsError:
-        raise NotWritten(f"{target} exists and is left as it is: choose another name, or remove it") from None
+        raise PackageNotWritten(f"{target} exists and is left as it is: choose another name, or remove it") from None
     except OSError as error:
-        raise NotWritten(f"{target} cannot be written: {error.strerror}; choose another folder with --folder") from None
+        raise PackageNotWritten(
+            f"{target} cannot be written: {error.strerror}; choose another folder with --folder"
+        ) from None
     return target
 
 

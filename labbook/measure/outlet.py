@@ -94,11 +94,13 @@ class OutletProfile:
         seen = self.crossing_velocity > 0
         return np.divide(self.crossing_flux, self.crossing_velocity, out=np.zeros_like(self.flux), where=seen)
 
-    def outlets(self, radius: float) -> Mapping[str, "Outlet"]:
+    def outlets(self, radius: float) -> Mapping[str, "ProfileAcross"]:
         """The profiles by each of DEFINITIONS, of grains of that radius [m]."""
         return {
-            COVERAGE: Outlet(self.R, self.edges, self.area_fraction, self.flux, 1 - radius / self.R, self.counted),
-            CROSSINGS: Outlet(self.R, self.edges, self.crossing_fraction, self.crossing_flux, 1.0, self.counted),
+            COVERAGE: ProfileAcross(
+                self.R, self.edges, self.area_fraction, self.flux, 1 - radius / self.R, self.counted
+            ),
+            CROSSINGS: ProfileAcross(self.R, self.edges, self.crossing_fraction, self.crossing_flux, 1.0, self.counted),
         }
 
     @property
@@ -108,7 +110,7 @@ class OutletProfile:
 
 
 @dataclass(frozen=True, eq=False)
-class Outlet:
+class ProfileAcross:
     """Profiles along one outlet, of one run or the mean of several.
 
     `R`: half width of the outlet [m]; `edges`: of the bins, in x* = (x - e)/R from -1 to 1, shape [m + 1];
@@ -141,10 +143,10 @@ class Outlet:
         return bool((np.abs(self.flux[pairs]) > 0).any())
 
 
-def mean_of(outlets: Sequence[Outlet]) -> Outlet:
+def mean_of(outlets: Sequence[ProfileAcross]) -> ProfileAcross:
     """The mean of several runs through equal outlets; velocities weigh by the time that grains were there."""
     first = outlets[0]
-    return Outlet(
+    return ProfileAcross(
         first.R,
         first.edges,
         np.mean([one.area_fraction for one in outlets], axis=0),

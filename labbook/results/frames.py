@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from labbook.measure.outlet import DEFINITIONS, Outlet
+from labbook.measure.outlet import DEFINITIONS, ProfileAcross
 from labbook.measure.series import discharged, mean_mass
 from labbook.results.against import against
 from labbook.results.against import rows as against_rows
@@ -303,7 +303,7 @@ def _profiles(results: StudyResults) -> Iterator[Row]:
             yield from ({**head, **row} for row in _along(result.outlets(definition)))
 
 
-def _along(outlets: Sequence[Outlet]) -> Iterator[Row]:
+def _along(outlets: Sequence[ProfileAcross]) -> Iterator[Row]:
     """A row a bin: mean over seeds, and its standard error."""
     first, n = outlets[0], len(outlets)
     middle = (first.edges[1:] + first.edges[:-1]) / 2

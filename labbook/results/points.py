@@ -16,7 +16,7 @@ from labbook.measure import MEASURES, Evaluation, Measure, MeasureError, Window,
 from labbook.measure.acceleration import AccelerationProfile
 from labbook.measure.flow import CUT_SHORT, WIDER, FlowRate, Trace, summed_up
 from labbook.measure.orifice import OrificeMeans
-from labbook.measure.outlet import Outlet, OutletProfile, OutletProfiles
+from labbook.measure.outlet import OutletProfile, OutletProfiles, ProfileAcross
 from labbook.measure.steady import BLOCKS, FEWEST
 from labbook.measure.stress import ContactStress
 from labbook.plan.demand import stopping_rule
@@ -158,7 +158,7 @@ class RunResult:
         return Fields.of(kept) if kept else None
 
     @cached_property
-    def outlets(self) -> Mapping[str, Outlet]:
+    def outlets(self) -> Mapping[str, ProfileAcross]:
         """Profiles along its outlet by definition (`labbook.measure.outlet.DEFINITIONS`); none of a run that clogged
         or does not count, as for its flow rate."""
         if OutletProfiles.name not in self.measures or self.outcome == "clogged" or not self.counted:
@@ -215,7 +215,7 @@ class PointResult:
         """Pooled W [kg/s], or None if no replicate gave one."""
         return self.pooled.get(FLOW_RATE)
 
-    def outlets(self, definition: str) -> tuple[Outlet, ...]:
+    def outlets(self, definition: str) -> tuple[ProfileAcross, ...]:
         """Profiles along the outlet, of every run that has them."""
         return tuple(run.outlets[definition] for run in self.runs if definition in run.outlets)
 

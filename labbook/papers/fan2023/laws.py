@@ -29,7 +29,7 @@ import numpy as np
 
 from labbook.fit import Parameter
 from labbook.fit.band import half_width, law_error
-from labbook.measure.outlet import Outlet
+from labbook.measure.outlet import ProfileAcross
 from labbook.stats.pooling import student
 
 # Bins lie in pairs about the middle, so that the dome, which is even, and x*, which is odd, are orthogonal: amplitude
@@ -72,7 +72,7 @@ class Tilted:
     tilt: np.ndarray
 
 
-def fit_dome(outlets: Sequence[Outlet], values: Sequence[np.ndarray], *, one_amplitude: bool = False) -> Tilted:
+def fit_dome(outlets: Sequence[ProfileAcross], values: Sequence[np.ndarray], *, one_amplitude: bool = False) -> Tilted:
     """Least squares of profiles `values`, one an outlet, shape [m] each, that share their exponent.
 
     Every profile weighs alike, in units of its own mean. Bins where there is no value (NaN: no velocity where no grain

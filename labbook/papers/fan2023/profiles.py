@@ -11,7 +11,7 @@ import numpy as np
 
 from labbook.fit import Context, FitError, Parameter
 from labbook.fit.band import half_width, scatter
-from labbook.measure.outlet import COVERAGE, Outlet, mean_of
+from labbook.measure.outlet import COVERAGE, ProfileAcross, mean_of
 from labbook.papers.fan2023.laws import (
     FEWEST,
     Approach,
@@ -70,7 +70,7 @@ class FittedOutlet:
     phi_c), `eccentric` by eq 18.
     """
 
-    profile: Outlet
+    profile: ProfileAcross
     v_c: Pooled
     phi_c: Pooled
     phi_max: Pooled
@@ -118,7 +118,7 @@ def profile_fit(series: Series, definition: str) -> ProfileFit:
     return found
 
 
-def fit_profiles(seeds: Sequence[Sequence[Outlet]], context: Context) -> ProfileFit:
+def fit_profiles(seeds: Sequence[Sequence[ProfileAcross]], context: Context) -> ProfileFit:
     """Fit the profiles of one or several outlets; `seeds`: for each outlet its replicates.
 
     Intervals are Student's, with errors by the bootstrap over seeds (what a bin sees in one run hangs together with
@@ -135,7 +135,7 @@ def fit_profiles(seeds: Sequence[Sequence[Outlet]], context: Context) -> Profile
     R = np.array([one[0].R for one in seeds])
     names = _SHARED + (_SATURATION if saturates else ())
 
-    def statistic(drawn: Sequence[Sequence[Outlet]]) -> list[float]:
+    def statistic(drawn: Sequence[Sequence[ProfileAcross]]) -> list[float]:
         numbers = _numbers([mean_of(one) for one in drawn], context, saturates)
         drawn_laws = laws(dict(zip(names, numbers, strict=False)), R, context.g)
         return numbers + [float(value) for law in drawn_laws.values() for value in law]
@@ -162,7 +162,7 @@ def fit_profiles(seeds: Sequence[Sequence[Outlet]], context: Context) -> Profile
     return ProfileFit(parameters, notes, outlets=outlets, misfit=misfit, curves=drawn)
 
 
-def _numbers(outlets: Sequence[Outlet], context: Context, saturates: bool) -> list[float]:
+def _numbers(outlets: Sequence[ProfileAcross], context: Context, saturates: bool) -> list[float]:
     """The shared parameters, those of eq 12, and seven numbers of each outlet."""
     d, rho, g = context.d, context.rho_p, context.g
     R = np.array([one.R for one in outlets])
@@ -225,7 +225,7 @@ def _misfits(outlets: Sequence[FittedOutlet], parameters: Mapping[str, Parameter
     return found
 
 
-def _notes(seeds: Sequence[Sequence[Outlet]], means: Sequence[Outlet], several: bool, saturates: bool):
+def _notes(seeds: Sequence[Sequence[ProfileAcross]], means: Sequence[ProfileAcross], several: bool, saturates: bool):
     if all(one.reach >= 1 for one in means):
         yield "fitted over whole outlets: no grain crosses within its radius of an edge, and phi falls to nothing there"
     else:

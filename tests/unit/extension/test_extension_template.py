@@ -9,12 +9,12 @@ from pathlib import Path
 import pytest
 from toy_lab import ROOT, labbook
 
-from labbook.extension import NotWritten, write
+from labbook.extension import PackageNotWritten, write
 
 
 @pytest.mark.parametrize("name", ["Bed", "bed_extras", "1bed", "bed--extras", "class", "json", "labbook-extras", ""])
 def test_names_that_no_package_can_have_are_refused(tmp_path, name):
-    with pytest.raises(NotWritten):
+    with pytest.raises(PackageNotWritten):
         write(name, tmp_path)
     assert not list(tmp_path.iterdir())
 

@@ -5,6 +5,8 @@ import shutil
 from collections import Counter
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -70,6 +72,11 @@ def made(done, tmp_path):
 
 def kept(lab: Path) -> dict[Path, int]:
     return {path: path.stat().st_mtime_ns for path in lab.glob(f"runs/*/{EVALUATION}*")}
+
+
+def run_without_rows(folder: Path) -> Any:
+    """The data of a run of the study, as far as faults of measures need it."""
+    return SimpleNamespace(scene=load(asked(folder)).points[0].scene)
 
 
 @pytest.mark.slow
@@ -249,16 +256,16 @@ def test_a_lab_that_cannot_be_written_to_is_read_all_the_same(made, monkeypatch,
         (lambda: None.nothing, "fails: AttributeError: 'NoneType' object has no attribute 'nothing'"),  # pyright: ignore
     ],
 )
-def test_a_fault_of_a_measure_is_told_and_ends_nothing(give, problem, monkeypatch):
+def test_a_fault_of_a_measure_is_told_and_ends_nothing(give, problem, monkeypatch, tmp_path):
     monkeypatch.setattr(type(MEASURES["flow_rate"]), "evaluate", lambda *_: give())
-    result = evaluate(MEASURES["flow_rate"], WINDOW, None)  # pyright: ignore[reportArgumentType]
+    result = evaluate(MEASURES["flow_rate"], WINDOW, run_without_rows(tmp_path))
     assert (result.problem, result.evaluation.numbers) == (problem, ())
 
 
-def test_a_measure_that_lacks_memory_is_tried_again(monkeypatch):
+def test_a_measure_that_lacks_memory_is_tried_again(monkeypatch, tmp_path):
     def lacks(*_):
         raise MemoryError
 
     monkeypatch.setattr(type(MEASURES["flow_rate"]), "evaluate", lacks)
     with pytest.raises(MemoryError):
-        evaluate(MEASURES["flow_rate"], WINDOW, None)  # pyright: ignore[reportArgumentType]
+        evaluate(MEASURES["flow_rate"], WINDOW, run_without_rows(tmp_path))

@@ -8,7 +8,7 @@ import pytest
 from scipy.integrate import quad
 
 from labbook.fit import Context, FitError
-from labbook.measure.outlet import Outlet
+from labbook.measure.outlet import ProfileAcross
 from labbook.papers.fan2023 import profiles
 from labbook.papers.fan2023.laws import centred_flow, dome, eccentric_flow, fit_approach, fit_saturation
 from labbook.papers.fan2023.profiles import fit_profiles
@@ -34,13 +34,13 @@ def made(R, speed, cover, phi_max, edges=EDGES):
     flux = phi * profile(fine, speed) * math.sqrt(2 * FAN.g * R)
     means = [np.bincount(place, values) / np.bincount(place) for values in (phi, flux)]
     counted = 2 / 3 * FAN.d * FAN.rho_p * float(means[1].mean()) * 2 * R
-    return Outlet(R, edges, means[0], means[1], 1 - RADIUS / R, counted)
+    return ProfileAcross(R, edges, means[0], means[1], 1 - RADIUS / R, counted)
 
 
 def noisy(outlet, rng, scatter):
     phi = outlet.area_fraction * (1 + scatter * rng.standard_normal(len(outlet.area_fraction)))
     v = outlet.velocity * (1 + scatter * rng.standard_normal(len(phi)))
-    return Outlet(outlet.R, outlet.edges, phi, phi * v, outlet.reach, outlet.counted)
+    return ProfileAcross(outlet.R, outlet.edges, phi, phi * v, outlet.reach, outlet.counted)
 
 
 def phi_c(R):
@@ -133,17 +133,17 @@ def test_only_bins_that_centres_can_reach_are_fitted():
     assert outlet.inside.sum() == 20  # |x*| <= 1 - 1.5/9, in bins of 1/12
     spoilt = outlet.area_fraction.copy()
     spoilt[~outlet.inside] *= 3
-    aside = Outlet(outlet.R, EDGES, spoilt, outlet.flux, outlet.reach, outlet.counted)
+    aside = ProfileAcross(outlet.R, EDGES, spoilt, outlet.flux, outlet.reach, outlet.counted)
     assert fit_profiles([[aside]], FAN).parameters["b"] == fit_profiles([[outlet]], FAN).parameters["b"]
 
 
 def test_where_no_grain_was_the_fraction_is_nothing_and_the_velocity_unknown():
     """Whole outlets: bins without a grain pull b, with the others on an exact dome, and leave a alone."""
     outlet = made(0.015, (0, 1.3, 0.4), (0, 1, 0.4), 0.7)
-    whole = Outlet(outlet.R, EDGES, outlet.area_fraction, outlet.flux, 1.0, outlet.counted)
+    whole = ProfileAcross(outlet.R, EDGES, outlet.area_fraction, outlet.flux, 1.0, outlet.counted)
     empty = whole.area_fraction.copy()
     empty[[0, -1]] = 0
-    emptied = Outlet(outlet.R, EDGES, empty, np.where(empty > 0, outlet.flux, 0), 1.0, outlet.counted)
+    emptied = ProfileAcross(outlet.R, EDGES, empty, np.where(empty > 0, outlet.flux, 0), 1.0, outlet.counted)
     before, after = (fit_profiles([[one]], FAN).parameters for one in (whole, emptied))
     assert after["a"].value == pytest.approx(0.4, abs=0.01)
     assert before["b"].value == pytest.approx(0.4, abs=1e-3)

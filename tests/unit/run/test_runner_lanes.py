@@ -15,11 +15,12 @@ from labbook.lab import Catalogue, LabFolder
 from labbook.lab.index import Index
 from labbook.lab.records import Observe
 from labbook.plan.plan import Planner
-from labbook.run import execution, runner
+from labbook.run import execution
 from labbook.run.board import Board
 from labbook.run.fill import FillJob
 from labbook.run.job import Bench, Job
 from labbook.run.progress import counts
+from labbook.run.stopping import Request
 from labbook.run.watch import Unwatched, View
 from labbook.study import load
 
@@ -48,7 +49,7 @@ def test_saving_that_takes_long_is_done_seldom(tmp_path, monkeypatch):
     assert len(saved) == 1 < often
 
 
-def test_saving_takes_its_part_of_the_time_and_the_longest_unsaved_come_first(tmp_path, monkeypatch):
+def test_saving_takes_its_part_of_the_time_and_the_longest_unsaved_come_first(monkeypatch):
     now: list[float] = [0.0]
     saved: list[str] = []
 
@@ -60,16 +61,19 @@ def test_saving_takes_its_part_of_the_time_and_the_longest_unsaved_come_first(tm
             now[0] += 10
 
     monkeypatch.setattr(execution, "time", SimpleNamespace(perf_counter=lambda: now[0]))
-    carrying: Any = runner.Runner(study(tmp_path), LabFolder(tmp_path / "lab"), Backend())
+    nothing: Any = None
+    carrying: Any = execution.Execution(
+        nothing, nothing, Backend(), "cpu", 0, 1, nothing, Request(), print, execution.CHECKPOINT_EVERY
+    )
     lane = SimpleNamespace(ensemble=object(), saving=0.0, jobs={member: Slow() for member in "abcd"})
-    carrying._begun, carrying._saved = 0.0, dict.fromkeys(lane.jobs.values(), 0.0)
+    carrying._saved = dict.fromkeys(lane.jobs.values(), 0.0)
     for turn in range(100):
         now[0] = max(now[0], 40.0 * turn)
         carrying._save(lane)
         assert lane.saving == 10 * len(saved)
         assert 10 * (len(saved) - 1) <= max(execution._LONG, execution._SAVING * now[0])
     assert saved == list("abcd" * 5)  # one in 200 s
-    now[0], carrying.checkpoint_every = 1e6, 1e9  # there is time, and none is due
+    now[0], carrying._checkpoint_every = 1e6, 1e9  # there is time, and none is due
     carrying._save(lane)
     assert len(saved) == 20
 
