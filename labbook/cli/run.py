@@ -1,30 +1,11 @@
 """`labbook run`: carry out what a study still needs."""
 
-from contextlib import suppress
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import Annotated
 
 import typer
 
-from labbook.cli.options import (
-    BACKEND,
-    GO_ON,
-    LAB,
-    STOPPED,
-    Device,
-    Lab,
-    RunsOn,
-    StudyFile,
-    fail,
-    leave,
-    read_study,
-)
-from labbook.cli.screen import say, screen
-from labbook.commands import command
-
-if TYPE_CHECKING:
-    from labbook.run.summary import Summary
-    from labbook.study import Study
+from labbook.cli.options import BACKEND, LAB, Device, Lab, RunsOn, StudyFile
 
 Part = Annotated[
     str | None, typer.Option("--shard", help="Run only part i of n, such as 1/4.", metavar="I/N", show_default=False)
@@ -91,87 +72,6 @@ def register(app: typer.Typer) -> None:
         if the study measures flow_rate and no point has one (not judged for one --shard or with --base); 2 if an
         argument is wrong; 130 if it was stopped.
         """
-        from labbook.api import Lab as Place
-        from labbook.api import PilotNeeded
-        from labbook.backend import BackendMissing, Unsupported
-        from labbook.lab import NoCatalogue
-        from labbook.lab.folder import DiskFull
-        from labbook.measure import MeasureError
-        from labbook.plan.demand import Conflict
-        from labbook.results.calibrating import PilotStopped
-        from labbook.run.cluster import ClusterFailed
-        from labbook.run.progress import Bar
-        from labbook.run.shard import Shard
+        from labbook.cli.work import run as work
 
-        asked = read_study(study)
-        if shard is not None:
-            try:
-                Shard.parse(shard)
-            except ValueError as problem:
-                fail(f"--shard: {problem}")
-        if cluster is not None and (shard is not None or base is not None):
-            fail("--cluster: the workers share the whole study; leave out --shard and --base")
-        if expect is not None and (told_apart := unexpected(expect, asked, backend)):
-            fail(f"{told_apart} since the script was written: write the script again with labbook slurm")
-        console, place = screen(highlight=False, markup=False), Place(lab, backend, device)
-        try:
-            with Bar(screen(stderr=True)) as bar:
-                summary = place.run(asked, bar, checkpoint_every, shard, base, cluster, pilot)
-        except PilotStopped:
-            with suppress(OSError):
-                say(f"Stopped early, in the pilot; everything is saved: {GO_ON}", err=True)
-            leave(STOPPED)
-        except PermissionError as problem:
-            elsewhere = command("pilot", asked.path, "--out", "FILE", lab=lab, backend=backend)
-            fail(f"{problem.filename}: {problem.strerror}; give {elsewhere} and name FILE as accuracy.calibration, or "
-                 "give --no-pilot")  # fmt: skip
-        except (BackendMissing, NoCatalogue, Unsupported, Conflict, MeasureError) as problem:
-            fail(problem)
-        except (DiskFull, ClusterFailed, PilotNeeded) as problem:
-            fail(problem)
-        except KeyboardInterrupt:
-            with suppress(OSError):
-                say(f"Stopped at once; the last checkpoints are kept: {GO_ON}", err=True)
-            leave(STOPPED)
-        with suppress(OSError):  # the terminal is gone: all is saved, and nobody reads it
-            for line in told(summary):
-                console.print(line, soft_wrap=not console.is_terminal)
-            for line in advice(summary, study, lab, backend):
-                console.print(line, soft_wrap=True)  # commands stay in one piece
-        if summary.left_behind:
-            leave(STOPPED)
-        if summary.stopped:
-            raise typer.Exit(STOPPED)
-        if summary.failed or summary.diverged or summary.suspect or summary.no_flow:
-            raise typer.Exit(1)
-
-
-def unexpected(expect: str, study: "Study", backend: str) -> str | None:
-    """In what labbook, the backend or the study differ from what a script was written for; None if in nothing."""
-    from labbook.backend import BackendMissing, load
-    from labbook.run.slurm import differs
-
-    try:
-        return differs(expect, study, load(backend).capabilities)
-    except BackendMissing as problem:
-        fail(problem)
-
-
-def told(summary: "Summary") -> list[str]:
-    """What came of it, line by line."""
-    return summary.lines() + ([f"Stopped early; everything is saved: {GO_ON}"] if summary.stopped else [])
-
-
-def advice(summary: "Summary", study: Path, lab: Path, backend: str) -> list[str]:
-    """What to do next, as commands."""
-    lines = []
-    if summary.diverged:
-        listed, shown = command("runs", "--outcome", "diverged", lab=lab), command("show", "RUN", lab=lab)
-        lines.append(f"Which runs diverged, and how: {listed}; {shown}")
-    if summary.suspect:
-        lines.append(f"Which runs are suspect, and why: {command('runs', '--outcome', 'suspect', lab=lab)}")
-    if summary.done and not summary.stopped:
-        lines.append(f"Next: {command('report', study, lab=lab, backend=backend)}")
-        if any(item.demand.recorded for point in summary.points for item in point.items):
-            lines.append(f"      {command('view', study, lab=lab, backend=backend)}")
-    return lines
+        work.run(study, lab, backend, device, checkpoint_every, shard, base, cluster, expect, pilot)

@@ -5,7 +5,7 @@ import pytest
 
 from labbook.backend import BackendMissing, Unsupported
 from labbook.checks.compare.compare import compare
-from labbook.cli.sides import parse
+from labbook.cli.work.sides import parse
 from labbook.lab import LabFolder
 from labbook.study import load
 

@@ -10,7 +10,7 @@ from labbook.backend import Unsupported
 from labbook.checks.compare.compare import compare, narrowed, stale
 from labbook.checks.compare.sides import CannotCompare, Side
 from labbook.checks.compare.verdict import NoVerdict, Verdict, path_of
-from labbook.cli.sides import parse
+from labbook.cli.work.sides import parse
 from labbook.lab import LabFolder
 from labbook.measure import MEASURES
 from labbook.scene import HertzMindlin

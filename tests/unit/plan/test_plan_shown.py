@@ -6,7 +6,7 @@ import pytest
 from typer.testing import CliRunner
 
 from labbook.cli import build
-from labbook.cli.plan import spans
+from labbook.cli.work.plan import spans
 
 STUDIES = Path(__file__).parents[3] / "studies"
 
