@@ -159,6 +159,7 @@ class Board:
         self._holds, self._rest = self._rest, None
         for point in list(self.points.values()):
             self._take(self._planner.point(point))
+        self._take_proposed()
 
     def expected(self) -> list[Expected]:
         """What fillings and runs need, of the first points. Kernels are chosen by how many members there are."""

@@ -89,10 +89,14 @@ class Division:
         """By seed, from 1 on: the part of each packing."""
 
     def number(self, demand: Demand) -> int | None:
-        """Whose a run is, from 1 on; None if it is not among those that are divided."""
+        """Whose a run is, from 1 on; None if it is not among those that are divided, as those of points that a strategy
+        has proposed since."""
+        bed = self._bed.get(demand.point.index)
+        if bed is None:
+            return None
         while len(self._seeds) < demand.seed:
             self._seeds.append(self._deal(len(self._seeds) + 1))
-        return self._seeds[demand.seed - 1].get(self._bed[demand.point.index])
+        return self._seeds[demand.seed - 1].get(bed)
 
     def holds(self, number: int) -> Callable[[Demand], bool]:
         """Whether a run belongs to the part with this number."""

@@ -107,6 +107,18 @@ def test_two_processes_share_one_campaign(tmp_path, whole):
 
 
 @pytest.mark.slow
+def test_several_devices_share_one_campaign(tmp_path, whole):
+    path, lab = asked(tmp_path), tmp_path / "lab"
+    environment = {**ENVIRONMENT, "LABBOOK_TOY_DEVICES": "gpu:0,gpu:1"}
+    there = ("--lab", lab, "--backend", "toy", "--device", "gpu:0,gpu:1")
+    words = [*LABBOOK, "run", *map(str, (path, *there))]
+    ended = subprocess.run(words, env=environment, capture_output=True, text=True)
+    assert ended.returncode == 0, ended.stdout + ended.stderr
+    assert proposals(lab)["generations"] == proposals(whole[1])["generations"]
+    assert proposals(lab)["ended"] is not None
+
+
+@pytest.mark.slow
 def test_a_lab_without_the_file_proposes_the_same_and_runs_nothing(tmp_path, whole):
     path, lab = whole
     kept = proposals(lab)
