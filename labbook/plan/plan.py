@@ -363,7 +363,7 @@ class Planner:
         """All numbers that are measured of runs, by run and quantity."""
         study, numbers = self.study, {key: dict[str, float]() for key in run_keys}
         for measure in (MEASURES[name] for name in study.measure):
-            for quantity in measure.declared:
+            for quantity in dict.fromkeys((*measure.declared, *measure.quantities(study.points[0].scene))):
                 suspects = study.accuracy.count_suspect
                 values = self.catalogue.values(
                     run_keys, quantity.name, measure.version, study.window, suspects=suspects
