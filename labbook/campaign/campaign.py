@@ -52,6 +52,8 @@ def with_proposal(kept: Proposed, number: int, proposal: Proposal) -> Proposed:
     """Add the proposal of generation `number` to what is kept, unless that has one or has ended."""
     if kept.ended is not None or len(kept.generations) > number:
         return kept
+    if len(kept.generations) < number:
+        raise ValueError(f"generation {number + 1} is proposed, and {len(kept.generations)} are kept")
     if proposal.state == "end":
         return replace(kept, ended=proposal.reason)
     return replace(kept, generations=(*kept.generations, Generation(number, proposal.assignments, proposal.reason)))

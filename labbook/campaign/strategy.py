@@ -181,7 +181,7 @@ def _only(stated: Model) -> Strategy:
     chosen = [kind for name in type(stated).model_fields if (kind := getattr(stated, name)) is not None]
     if len(chosen) != 1:
         names = ", ".join(STRATEGIES) or "none is installed"
-        refuse([Fault("adapt", f"{len(chosen)} strategies are named, and one is needed", f"name one of: {names}")])
+        refuse([Fault("", f"{len(chosen)} strategies are named, and one is needed", f"name one of: {names}")])
     return chosen[0]
 
 

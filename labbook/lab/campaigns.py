@@ -65,7 +65,7 @@ class CampaignFile:
         options = strategy.model_dump(mode="json")
         key = digest([stated, strategy.name, strategy.version, options, backend])
         self.path = lab.campaigns / f"{study.name}-{key}.json"
-        self._lab, self._writes = lab, writes
+        self._lab, self._writes, self._unwritten = lab, writes, Proposed()
         self._head = {"study": study.name, "strategy": strategy.name, "version": strategy.version, "options": options}
 
     def read(self) -> Proposed:
@@ -88,7 +88,11 @@ class CampaignFile:
     def keep(self, number: int, proposal: Proposal) -> Proposed:
         """Keep a proposal, unless another process has kept one. Raises LabError, OSError."""
         if not self._writes:
-            return with_proposal(self.read(), number, proposal)
+            kept = self.read()
+            if len(kept.generations) < len(self._unwritten.generations):  # what this object was given before
+                kept = self._unwritten
+            self._unwritten = with_proposal(kept, number, proposal)
+            return self._unwritten
         with self._lab.alone(f"campaign-{self.path.stem}"):
             before = self.read()
             after = with_proposal(before, number, proposal)

@@ -90,7 +90,8 @@ def _complain(
     name = dotted(location)
     if kind == "impossible":
         for fault in context["faults"]:
-            yield Complaint((*location, *fault.key.split(".")), fault.reason, fault.remedy, clash=True)
+            place = (*location, *filter(None, fault.key.split(".")))  # of a whole section there is no key
+            yield Complaint(place, fault.reason, fault.remedy, clash=True)
     elif kind == "missing":
         yield Complaint(location, _MISSING, f"add it: {_rule(name, chosen)}")
     elif kind == "extra_forbidden":
