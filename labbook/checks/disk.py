@@ -216,9 +216,9 @@ def _process(target: Callable[..., None], *given: object) -> Iterator[multiproce
         process.join()
 
 
-def _until(true: Callable[[], bool], else_said: str, patience: float = STARTS) -> None:
-    """Wait until something is true. Raises Unfit with what is said else."""
-    end = time.monotonic() + patience
+def _until(true: Callable[[], bool], else_said: str, patience: float | None = None) -> None:
+    """Wait until something is true, for `patience` [s] (None: STARTS). Raises Unfit with what is said else."""
+    end = time.monotonic() + (STARTS if patience is None else patience)
     while not true():
         if time.monotonic() > end:
             raise Unfit(else_said)

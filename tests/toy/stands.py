@@ -76,13 +76,16 @@ def specialised(stand: Bundled) -> Bundled:
     return replace(stand, backend=load(stand.backend.capabilities.name), wide=False)
 
 
-def where(stand: Bundled, slow: pytest.MarkDecorator = pytest.mark.ring):
-    """The stand as a parameter; skipped where its device is missing. `slow`: mark of a stand that is slow."""
+def where(stand: Bundled, slow: pytest.MarkDecorator = pytest.mark.ring, *, once: bool = False):
+    """The stand as a parameter; skipped where its device is missing. `slow`: mark of a stand that is slow. `once`: the
+    second precision of a backend is in the ring, since its kernels are compiled for these tests alone."""
     marks = []
     if reason := missing(stand):
         marks.append(pytest.mark.skip(reason=reason))
     if stand.part < 1:
         marks.append(slow)
+    if once and stand.second:
+        marks.append(pytest.mark.ring)
     return pytest.param(stand, id=f"{stand.backend.capabilities.name}-{stand.precision}-{stand.device}", marks=marks)
 
 

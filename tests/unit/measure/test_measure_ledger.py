@@ -146,7 +146,7 @@ def motion(stand: Bundled, scene: Scene, start: Packing, dt: float, steps: int) 
     return found, found.arrays["time"]
 
 
-on_every_stand = pytest.mark.parametrize("stand", [where(one, pytest.mark.compiles) for one in stands()])
+on_every_stand = pytest.mark.parametrize("stand", [where(one, pytest.mark.compiles, once=True) for one in stands()])
 
 
 @on_every_stand

@@ -95,8 +95,8 @@ def test_bits_do_not_depend_on_threads(start, precision, law):
     assert (packing.pair_rolling is not None and packing.pair_rolling.any()) == bool(law)
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("precision", ["double", pytest.param("mixed", marks=pytest.mark.ring)])
+@pytest.mark.ring  # two minutes to compile; spheres, above, share a scene among threads by the same code
+@pytest.mark.parametrize("precision", ["double", "mixed"])
 def test_bits_of_rods_do_not_depend_on_threads(precision):
     """They fall onto a bottom that turns, and touch one another, the wall, the bottom and its rim on their way out."""
     scene = rods_in_silo.silo(200)

@@ -48,7 +48,9 @@ def run(stand: Stand, scene: Scene, start: Packing, beats: int, **further):
     return advanced(stand.backend, scene, how, start, beats, PROBES, stand.device)
 
 
-@pytest.fixture(scope="module", params=[where(stand) for stand in stands() if stand.device == "cpu" and stand.lists])
+@pytest.fixture(
+    scope="module", params=[where(stand, once=True) for stand in stands() if stand.device == "cpu" and stand.lists]
+)
 def stand(request) -> Stand:
     return request.param
 
