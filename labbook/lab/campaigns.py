@@ -88,10 +88,10 @@ class CampaignFile:
     def keep(self, number: int, proposal: Proposal) -> Proposed:
         """Keep a proposal, unless another process has kept one. Raises LabError, OSError."""
         if not self._writes:
-            kept = self.read()
-            if len(kept.generations) < len(self._unwritten.generations):  # what this object was given before
-                kept = self._unwritten
-            self._unwritten = with_proposal(kept, number, proposal)
+            stored = self.read()
+            if len(stored.generations) < len(self._unwritten.generations):  # what this object was given before
+                stored = self._unwritten
+            self._unwritten = with_proposal(stored, number, proposal)
             return self._unwritten
         with self._lab.alone(f"campaign-{self.path.stem}"):
             before = self.read()
