@@ -258,7 +258,7 @@ def test_a_lab_that_cannot_be_written_to_is_read_all_the_same(made, monkeypatch,
 )
 def test_a_fault_of_a_measure_is_told_and_ends_nothing(give, problem, monkeypatch, tmp_path):
     monkeypatch.setattr(type(MEASURES["flow_rate"]), "evaluate", lambda *_: give())
-    result = evaluate(MEASURES["flow_rate"], WINDOW, run_without_rows(tmp_path))
+    result = evaluate(MEASURES["flow_rate"], Window(start=0.1, end=0.5), run_without_rows(tmp_path))
     assert (result.problem, result.evaluation.numbers) == (problem, ())
 
 
@@ -268,4 +268,4 @@ def test_a_measure_that_lacks_memory_is_tried_again(monkeypatch, tmp_path):
 
     monkeypatch.setattr(type(MEASURES["flow_rate"]), "evaluate", lacks)
     with pytest.raises(MemoryError):
-        evaluate(MEASURES["flow_rate"], WINDOW, run_without_rows(tmp_path))
+        evaluate(MEASURES["flow_rate"], Window(start=0.1, end=0.5), run_without_rows(tmp_path))
