@@ -16,6 +16,7 @@ from labbook.campaign.strategy import (
     Strategies,
     Strategy,
     Trial,
+    place,
 )
 
 __all__ = [
@@ -30,4 +31,5 @@ __all__ = [
     "Strategies",
     "Strategy",
     "Trial",
+    "place",
 ]

@@ -6,9 +6,9 @@ from the generations before n - ahead; if the strategy then waits, from all befo
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from typing import Any, Protocol
+from typing import Any
 
-from labbook.campaign.strategy import STRATEGIES, Assignment, Generation, History, Proposal, Strategy, Trial
+from labbook.campaign.strategy import STRATEGIES, Assignment, Generation, History, Proposal, Strategy, Trial, place
 
 Evaluate = Callable[[Generation], tuple[Trial, ...] | None]
 """Gives the finished runs of a generation; None as long as some are missing."""
@@ -22,30 +22,8 @@ class Proposed:
     ended: str | None = None
 
 
-class Store(Protocol):
-    """Keeps proposals, so that a campaign that was killed, or that several processes share, has one course."""
-
-    def read(self) -> Proposed:
-        """Give all that is kept."""
-        ...
-
-    def keep(self, number: int, proposal: Proposal) -> Proposed:
-        """Keep a proposal of generation `number` unless another process has kept one; give all that is kept then."""
-        ...
-
-
-class _Memory:
-    """Keeps proposals in this process only."""
-
-    def __init__(self):
-        self._kept = Proposed()
-
-    def read(self) -> Proposed:
-        return self._kept
-
-    def keep(self, number: int, proposal: Proposal) -> Proposed:
-        self._kept = with_proposal(self._kept, number, proposal)
-        return self._kept
+Keep = Callable[[int, Proposal], Proposed]
+"""Keeps the proposal of a generation, by its number, unless another process has kept one; gives all that is kept."""
 
 
 def with_proposal(kept: Proposed, number: int, proposal: Proposal) -> Proposed:
@@ -67,19 +45,19 @@ class Campaign:
         ended: Why the strategy ended the campaign; None while it goes on.
     """
 
-    def __init__(self, strategy: Strategy, study: Any = None, store: Store | None = None):
-        """Take up a campaign where its store has it.
+    def __init__(self, strategy: Strategy, study: Any, proposed: Proposed | None = None, keep: Keep | None = None):
+        """Take up a campaign as far as it has come.
 
         Args:
             strategy: Proposes.
             study: As its author stated it; see `History.study`.
-            store: Keeps what is proposed; None: this object alone.
+            proposed: All that was proposed before; None: nothing.
+            keep: Keeps what is proposed from here on; None: this object alone does.
         """
-        self.strategy, self.study = strategy, study
-        self._store: Store = store or _Memory()
+        self.strategy, self.study, self._keep = strategy, study, keep
         self.generations: list[Generation] = []
         self.ended: str | None = None
-        self._take(self._store.read())
+        self._take(proposed or Proposed())
 
     def advance(self, evaluate: Evaluate) -> bool:
         """Evaluate the generations that are complete by now, and propose all that may be in flight.
@@ -95,7 +73,7 @@ class Campaign:
             proposal = self._proposal(complete)
             if proposal.state == "wait":
                 break
-            self._take(self._store.keep(len(self.generations), proposal))
+            self._take(self._stored(proposal))
             complete = self._evaluated(evaluate)  # its runs may be there already
         return len(self.generations) > before
 
@@ -105,9 +83,8 @@ class Campaign:
         points: dict[tuple, Assignment] = {}
         for generation in self.generations:
             for assignment in generation.assignments:
-                place = tuple(sorted(assignment.at.items()))
-                had = points.get(place, assignment)
-                points[place] = replace(had, replicates=max(had.replicates, assignment.replicates))
+                had = points.get(place(assignment.at), assignment)
+                points[place(assignment.at)] = replace(had, replicates=max(had.replicates, assignment.replicates))
         return list(points.values())
 
     @property
@@ -116,6 +93,13 @@ class Campaign:
         lines = [f"Generation {one.number + 1} of {self.strategy.name}: {one.reason}" for one in self.generations]
         return lines + ([f"{self.strategy.name} has ended: {self.ended}"] if self.ended is not None else [])
 
+    def _stored(self, proposal: Proposal) -> Proposed:
+        """Keep a proposal, and give all that is kept then."""
+        number = len(self.generations)
+        if self._keep is not None:
+            return self._keep(number, proposal)
+        return with_proposal(Proposed(tuple(self.generations), self.ended), number, proposal)
+
     def _take(self, proposed: Proposed) -> None:
         """Take up what the store has beyond what is known here."""
         self.generations += proposed.generations[len(self.generations) :]
@@ -123,13 +107,13 @@ class Campaign:
 
     def _evaluated(self, evaluate: Evaluate) -> int:
         """Take in the runs of complete generations; how many are complete before the first that is not."""
-        for place, generation in enumerate(self.generations):
+        for number, generation in enumerate(self.generations):
             if generation.trials is None:
                 trials = evaluate(generation)
                 if trials is None:
-                    return place
+                    return number
                 ordered = tuple(sorted(trials, key=lambda trial: trial.key))
-                self.generations[place] = replace(generation, trials=ordered)
+                self.generations[number] = replace(generation, trials=ordered)
         return len(self.generations)
 
     def _proposal(self, complete: int) -> Proposal:

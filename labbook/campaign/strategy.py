@@ -18,10 +18,18 @@ from pydantic_core import CoreSchema, core_schema
 
 from labbook.plugins import Registry
 from labbook.scene.model import Fault, Model, refuse
+from labbook.scene.quantities import DIGITS
 from labbook.stats import Decision, Pooled, pool
 
 Values = Mapping[str, float | str]
 """Dotted keys of a study, with values in SI; the word itself for keys that take words."""
+
+
+def place(values: Values) -> tuple[tuple[str, float | str], ...]:
+    """Identify a point by its values, with numbers to as many digits as a sweep has: a value that was computed in two
+    ways is one point."""
+    rounded = {key: value if isinstance(value, str) else float(f"{value:.{DIGITS}g}") for key, value in values.items()}
+    return tuple(sorted(rounded.items()))
 
 
 @dataclass(frozen=True)
@@ -47,9 +55,9 @@ class Proposal:
     decision: Decision | None = None
 
     @classmethod
-    def wait(cls, reason: str = "") -> "Proposal":
+    def wait(cls) -> "Proposal":
         """Nothing before the generations in flight are complete."""
-        return cls((), reason, "wait")
+        return cls((), "", "wait")
 
     @classmethod
     def end(cls, reason: str) -> "Proposal":
@@ -112,7 +120,7 @@ class History:
         """
         places: dict[tuple, tuple[Values, dict[int, float]]] = {}
         for trial in self.trials:
-            _, seeds = places.setdefault(tuple(sorted(trial.at.items())), (trial.at, {}))
+            _, seeds = places.setdefault(place(trial.at), (trial.at, {}))
             value = trial.numbers.get(quantity, math.nan)
             if math.isfinite(value):
                 seeds[trial.seed] = value

@@ -45,13 +45,13 @@ class _Record(_Frozen):
 
 
 class CampaignFile:
-    """The store of one campaign in a lab; see `labbook.campaign.campaign.Store`.
+    """The file of one campaign in a lab.
 
     Attributes:
         path: Its file.
     """
 
-    def __init__(self, lab: LabFolder, study: Study, strategy: Strategy, backend: str, writes: bool = False):
+    def __init__(self, lab: LabFolder, study: Study, strategy: Strategy, backend: str):
         """Find the file of a campaign.
 
         Args:
@@ -59,13 +59,12 @@ class CampaignFile:
             study: As its author stated it.
             strategy: Proposes.
             backend: Name of the backend whose runs are looked at.
-            writes: Keep proposals; else they are only read, as a plan does.
         """
         stated = {name: section for name, section in study.stated.items() if name not in _BESIDE}
         options = strategy.model_dump(mode="json")
         key = digest([stated, strategy.name, strategy.version, options, backend])
         self.path = lab.campaigns / f"{study.name}-{key}.json"
-        self._lab, self._writes, self._unwritten = lab, writes, Proposed()
+        self._lab = lab
         self._head = {"study": study.name, "strategy": strategy.name, "version": strategy.version, "options": options}
 
     def read(self) -> Proposed:
@@ -87,12 +86,6 @@ class CampaignFile:
 
     def keep(self, number: int, proposal: Proposal) -> Proposed:
         """Keep a proposal, unless another process has kept one. Raises LabError, OSError."""
-        if not self._writes:
-            stored = self.read()
-            if len(stored.generations) < len(self._unwritten.generations):  # what this object was given before
-                stored = self._unwritten
-            self._unwritten = with_proposal(stored, number, proposal)
-            return self._unwritten
         with self._lab.alone(f"campaign-{self.path.stem}"):
             before = self.read()
             after = with_proposal(before, number, proposal)
@@ -130,7 +123,8 @@ def campaign_of(study: Study, lab: LabFolder, backend: str, writes: bool = False
     """
     if study.adapt is None:
         return None
-    return Campaign(study.adapt, study, CampaignFile(lab, study, study.adapt, backend, writes))
+    file = CampaignFile(lab, study, study.adapt, backend)
+    return Campaign(study.adapt, study, file.read(), file.keep if writes else None)
 
 
 def as_proposed(study: Study, lab: LabFolder, backend: str) -> tuple[Study, tuple[str, ...]]:

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any, Literal
 
 from labbook.accuracy.groups import has_groups
 from labbook.backend import Backend, Capabilities, Spec, Unsupported, absent
-from labbook.campaign import Assignment, Generation, History, Proposal, Replicates, Trial
+from labbook.campaign import Assignment, Generation, History, Proposal, Replicates, Trial, place
 from labbook.campaign.replicates import QUANTITY
 from labbook.commands import command
 from labbook.lab import identity
@@ -323,8 +323,7 @@ class Planner:
         """
         if self.campaign is None or not self._extends:
             return []
-        states: dict[str, State] = {item.keys.run: item.state for point in known.values() for item in point.items}
-        self.campaign.advance(lambda generation: self._trials(generation, states))
+        self.campaign.advance(lambda generation: self._trials(generation, known))
         self._take_up()
         replicates = {index: point.shared.point.replicates for index, point in known.items()}
         changed = [one for one in self.points if replicates.get(one.point.index) != one.point.replicates]
@@ -338,25 +337,24 @@ class Planner:
             self.study = with_points(self.campaign.study, assignments)
             self.__dict__.pop("points", None)
 
-    def _trials(self, generation: Generation, states: Mapping[str, State]) -> tuple[Trial, ...] | None:
-        """The runs of a generation, if all are done. states: of those that were looked at, by key."""
+    def _trials(self, generation: Generation, points: Mapping[int, PointPlan]) -> tuple[Trial, ...] | None:
+        """The runs of a generation, if all are done. points: by their index, as they stand."""
         self._take_up()
-        places = {tuple(sorted(one.at.items())): one for one in self.campaign.assignments} if self.campaign else {}
+        assert self.campaign is not None
+        places = [place(assignment.at) for assignment in self.campaign.assignments]
         shared = dict(zip(places, self.points, strict=True))
-        runs = [
-            (one.at, demand, demand.keys(self.backend))
-            for one in generation.assignments
-            for demand in map(shared[tuple(sorted(one.at.items()))].run, range(1, one.replicates + 1))
-        ]
-        if any(states.get(keys.run, "done") != "done" for _, _, keys in runs):
-            return None
-        listed = self._look_up((demand, keys) for _, demand, keys in runs)
-        items = [(at, self._item(demand, keys, listed)) for at, demand, keys in runs]
-        if any(item.state != "done" for _, item in items):
-            return None
-        numbers = self._numbers([item.keys.run for _, item in items])
+        runs: list[tuple[Assignment, Item]] = []
+        for assignment in generation.assignments:
+            point = points.get(shared[place(assignment.at)].point.index)
+            if point is None or len(point.items) < assignment.replicates:
+                (point,) = self._begun([shared[place(assignment.at)]])
+            runs += [(assignment, item) for item in point.items[: assignment.replicates]]
+            if any(item.state != "done" for item in point.items[: assignment.replicates]):
+                return None
+        numbers = self._numbers([item.keys.run for _, item in runs])
         return tuple(
-            Trial(at, item.demand.seed, item.keys.run, item.outcome or "", numbers[item.keys.run]) for at, item in items
+            Trial(assignment.at, item.demand.seed, item.keys.run, item.outcome or "", numbers[item.keys.run])
+            for assignment, item in runs
         )
 
     def _numbers(self, run_keys: list[str]) -> dict[str, dict[str, float]]:

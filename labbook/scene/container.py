@@ -341,29 +341,16 @@ class WedgeHopper(ContainerShape):
         return tuple(walls)
 
 
-class CylinderSilo(ContainerShape):
-    """Upright cylinder with a round outlet in the middle of its flat bottom, which may rotate (Pongó et al. 2022)."""
+class RoundSilo(ContainerShape, ABC):
+    """Upright cylinder with a round outlet on its axis, whatever its bottom."""
 
     symmetry: ClassVar[Symmetry | None] = "axial"
     widths: ClassVar[tuple[str, ...]] = ("diameter",)
     at_least_a_grain: ClassVar[tuple[str, ...]] = ("orifice", "diameter")
-    spin_key: ClassVar[str | None] = "rotation"
-
-    kind: Literal["cylinder-silo"] = "cylinder-silo"
-    diameter: Length
-    """Inner diameter D_c of the cylinder."""
-    height: Length
-    """Height of the cylinder above the outlet; grains may start above it."""
-    orifice: Length
-    """Diameter D of the outlet, less than the cylinder's."""
-    rotation: Frequency = 0.0
-    """Rotation frequency f of the bottom after the opening; positive is counter-clockwise seen from above."""
-    closed: InternalFlag = False
-
-    @model_validator(mode="after")
-    def _is_possible(self):
-        refuse(_orifice_faults(self.orifice, self.diameter))
-        return self
+    if TYPE_CHECKING:  # fields of each
+        diameter: float
+        height: float
+        orifice: float
 
     @property
     def outlet_plane(self) -> float:
@@ -397,9 +384,35 @@ class CylinderSilo(ContainerShape):
         """As of any container."""
         return self.height
 
+    def lets_out(self, x: np.ndarray) -> np.ndarray:
+        """Which of the centres x [m], shape [n, 3], of grains that pass the outlet's plane do so in the outlet."""
+        return np.hypot(x[:, 0], x[:, 1]) <= self.orifice / 2
+
+
+class CylinderSilo(RoundSilo):
+    """Upright cylinder with a round outlet in the middle of its flat bottom, which may rotate (Pongó et al. 2022)."""
+
+    spin_key: ClassVar[str | None] = "rotation"
+
+    kind: Literal["cylinder-silo"] = "cylinder-silo"
+    diameter: Length
+    """Inner diameter D_c of the cylinder."""
+    height: Length
+    """Height of the cylinder above the outlet; grains may start above it."""
+    orifice: Length
+    """Diameter D of the outlet, less than the cylinder's."""
+    rotation: Frequency = 0.0
+    """Rotation frequency f of the bottom after the opening; positive is counter-clockwise seen from above."""
+    closed: InternalFlag = False
+
+    @model_validator(mode="after")
+    def _is_possible(self):
+        refuse(_orifice_faults(self.orifice, self.diameter))
+        return self
+
     def volume_below(self, z: float) -> float:
         """As of any container."""
-        return math.pi / 4 * self.diameter**2 * z
+        return self.area * z
 
     def span(self, z: float) -> tuple[float, float]:
         """As of any container."""
@@ -408,10 +421,6 @@ class CylinderSilo(ContainerShape):
     def inside(self, x: np.ndarray) -> np.ndarray:
         """Which of the centres x [m], shape [n, 3], lie between the walls, shape [n]; above them too."""
         return (np.hypot(x[:, 0], x[:, 1]) <= self.diameter / 2) & (x[:, 2] >= 0)
-
-    def lets_out(self, x: np.ndarray) -> np.ndarray:
-        """Which of the centres x [m], shape [n, 3], of grains that pass the outlet's plane do so in the outlet."""
-        return np.hypot(x[:, 0], x[:, 1]) <= self.orifice / 2
 
     def close(self, surface_motion: bool = False) -> "CylinderSilo":
         """The closed container in which a packing is made; it has no outlet, and its bottom turns only if
@@ -431,12 +440,8 @@ class CylinderSilo(ContainerShape):
         )
 
 
-class ConicalSilo(ContainerShape):
+class ConicalSilo(RoundSilo):
     """Upright cylinder above a cone, with a round outlet at the cone's tip."""
-
-    symmetry: ClassVar[Symmetry | None] = "axial"
-    widths: ClassVar[tuple[str, ...]] = ("diameter",)
-    at_least_a_grain: ClassVar[tuple[str, ...]] = ("orifice", "diameter")
 
     kind: Literal["conical-silo"] = "conical-silo"
     diameter: Length
@@ -469,38 +474,6 @@ class ConicalSilo(ContainerShape):
         """Height of the cone [m]."""
         return (self.diameter - self.orifice) / 2 / math.tan(self.angle)
 
-    @property
-    def outlet_plane(self) -> float:
-        """As of any container."""
-        return 0.0
-
-    @property
-    def outlets(self) -> tuple[Outlet, ...]:
-        """The hole."""
-        lid = Frustum.of(kind="frustum", lower=(0.0, 0.0), upper=(self.orifice / 2, 0.0))
-        return (Outlet("outlet", 0.0, "hole", self.orifice, 0.0, lid),)
-
-    @property
-    def bounds(self) -> Bounds:
-        """As of any container."""
-        r = self.diameter / 2
-        return Bounds((-r, -r, 0.0), (r, r, self.height))
-
-    @property
-    def across(self) -> float:
-        """As of any container."""
-        return self.diameter
-
-    @property
-    def area(self) -> float:
-        """As of any container."""
-        return math.pi / 4 * self.diameter**2
-
-    @property
-    def roof(self) -> float:
-        """As of any container."""
-        return self.height
-
     def volume_below(self, z: float) -> float:
         """As of any container."""
         slope, r, R, cone = math.tan(self.angle), self.orifice / 2, self.diameter / 2, min(z, self.rise)
@@ -516,10 +489,6 @@ class ConicalSilo(ContainerShape):
         off = np.hypot(x[:, 0], x[:, 1])
         bottom = np.maximum(off - self.orifice / 2, 0) / math.tan(self.angle)
         return (off <= self.diameter / 2) & (x[:, 2] >= bottom)
-
-    def lets_out(self, x: np.ndarray) -> np.ndarray:
-        """Which of the centres x [m], shape [n, 3], of grains that pass the outlet's plane do so in the outlet."""
-        return np.hypot(x[:, 0], x[:, 1]) <= self.orifice / 2
 
     def close(self, surface_motion: bool = False) -> "ConicalSilo":
         """The closed container in which a packing is made, with a lid over its outlet."""

@@ -4,7 +4,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from typing import Any
 
-from labbook.campaign import Assignment
+from labbook.campaign import Assignment, place
 from labbook.scene.quantities import DIGITS, parse
 from labbook.study.keys import find
 from labbook.study.load import Study
@@ -25,11 +25,11 @@ def with_points(study: Study, assignments: Sequence[Assignment]) -> Study:
     Raises:
         StudyError: A point cannot be.
     """
-    stated = {_place(point.at): point for point in study.points}
-    new = [one for one in assignments if _place(one.at) not in stated]
-    known = stated | {_place(one.at): point for one, point in zip(new, _read(study, new), strict=True)}
+    stated = {place(point.at): point for point in study.points}
+    new = [one for one in assignments if place(one.at) not in stated]
+    known = stated | {place(one.at): point for one, point in zip(new, _read(study, new), strict=True)}
     points = (
-        replace(known[_place(one.at)], index=index, replicates=one.replicates) for index, one in enumerate(assignments)
+        replace(known[place(one.at)], index=index, replicates=one.replicates) for index, one in enumerate(assignments)
     )
     return replace(study, points=tuple(points))
 
@@ -43,10 +43,6 @@ def _read(study: Study, assignments: Sequence[Assignment]) -> tuple[Point, ...]:
     if not (study.window.timed or study.fed):  # with these points alone the window could be another one
         changes["window"] = {**study.stated.get("window", {}), "start": study.window.start, "end": study.window.end}
     return study.change(changes).points
-
-
-def _place(at: Mapping[str, float | str]) -> tuple:
-    return tuple(sorted(at.items()))
 
 
 def written_at(at: Mapping[str, float | str]) -> dict[str, str]:

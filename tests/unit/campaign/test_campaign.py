@@ -106,24 +106,17 @@ def test_what_is_in_flight_is_shown_without_its_results():
     assert all(list(one.generations) == sorted(one.generations, key=lambda g: g.number) for one in shown)
 
 
-class Shared:
-    """A store that another process writes too: it holds a proposal before ours comes."""
-
-    def __init__(self, held: Proposed):
-        self.held = held
-
-    def read(self) -> Proposed:
-        return Proposed()
-
-    def keep(self, number: int, proposal: Proposal) -> Proposed:
-        self.held = with_proposal(self.held, number, proposal)
-        return self.held
-
-
 def test_the_first_proposal_that_is_kept_counts():
+    """Another process has kept a proposal of its own before ours comes."""
     theirs = Proposal((Assignment({"x": 7.0, "known": 0.0}),), "theirs")
-    store = Shared(with_proposal(Proposed(), 0, theirs))
-    campaign = Campaign(Counting(), None, store)
+    held = with_proposal(Proposed(), 0, theirs)
+
+    def keep(number: int, proposal: Proposal) -> Proposed:
+        nonlocal held
+        held = with_proposal(held, number, proposal)
+        return held
+
+    campaign = Campaign(Counting(), None, keep=keep)
     campaign.advance(lambda generation: None)
     assert [one.reason for one in campaign.generations] == ["theirs", "0 runs are known"]
     assert campaign.assignments[0].at["x"] == 7
@@ -147,9 +140,19 @@ def test_more_replicates_of_a_point_are_no_new_point():
         Generation(0, (Assignment({"x": 1.0}, 2), Assignment({"x": 2.0}, 2)), ""),
         Generation(1, (Assignment({"x": 1.0}, 5),), ""),
     )
-    campaign = Campaign(Counting(), None, Shared(Proposed()))
-    campaign.generations = list(generations)
+    campaign = Campaign(Counting(), None, Proposed(generations))
     assert campaign.assignments == [Assignment({"x": 1.0}, 5), Assignment({"x": 2.0}, 2)]
+
+
+def test_a_value_that_was_computed_in_two_ways_is_one_point():
+    """0.1 + 0.2 is not 0.3 to the last digit, and is the same outlet."""
+    generations = (
+        Generation(0, (Assignment({"x": 0.3}, 2),), ""),
+        Generation(1, (Assignment({"x": 0.1 + 0.2}, 3),), ""),
+    )
+    assert Campaign(Counting(), None, Proposed(generations)).assignments == [Assignment({"x": 0.3}, 3)]
+    trials = tuple(Trial({"x": x}, seed, str(seed), "finished", {"q": 1.0}) for seed, x in ((1, 0.3), (2, 0.1 + 0.2)))
+    assert History(None, (Generation(0, (), "", trials),)).values("q") == [({"x": 0.3}, [1.0, 1.0])]
 
 
 def test_values_are_by_point_and_seed():
