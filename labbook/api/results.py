@@ -17,6 +17,7 @@ from labbook.export.study import write_numbers, write_recordings
 from labbook.fit import LAWS, FitError, FitResult
 from labbook.fit import named as named_law
 from labbook.lab import LabFolder
+from labbook.lab.records import repeat
 from labbook.report import gallery, page, style, tables
 from labbook.results import display
 from labbook.results.frames import frames, known_interval
@@ -51,8 +52,8 @@ class Results(StudyResults):
     def frame(self) -> "pd.DataFrame":
         """A row a point: `point` (from 1), what was swept, and of each quantity its mean over replicates (`flow_rate`),
         standard error (`flow_rate_error`), the ends of its 95 % interval (`flow_rate_low`, `flow_rate_high`) and the
-        number of runs in the mean (`flow_rate_n`); `runs`: finished runs of the point, however they ended;
-        `replicates`: those in the mean of the flow rate, or in any mean if the study does not measure it; `remark`.
+        number of beds in the mean (`flow_rate_n`); `runs`: finished runs of the point, however they ended;
+        `replicates`: beds in the mean of the flow rate, or in any mean if the study does not measure it; `remark`.
 
         SI, units in `attrs`; NaN for what is not known, so error and interval of a mean of one run are NaN.
         """
@@ -142,16 +143,24 @@ class Results(StudyResults):
 
     @cached_property
     def runs(self) -> tuple[Run, ...]:
-        """All runs, ordered by point and seed."""
+        """All runs, ordered by point, seed and discharge."""
         return tuple(
             Run(run.run, run.measured, run.measures, run.window, run.counted, self.study, self.place)
             for p in self.points
             for run in p.runs
         )
 
-    def run(self, point: Point | int | None = None, seed: int = 1, *, at: Mapping[str, Any] | None = None) -> Run:
+    def run(
+        self,
+        point: Point | int | None = None,
+        seed: int = 1,
+        *,
+        discharge: int = 1,
+        at: Mapping[str, Any] | None = None,
+    ) -> Run:
         """The run with this seed of a point: a Point of the study, its number (from 1), or the one whose swept values
-        are `at` (`{"container.orifice": "18 mm", "contact.friction": 0.2}`). Raises LookupError, TypeError."""
+        are `at` (`{"container.orifice": "18 mm", "contact.friction": 0.2}`). discharge: which one of its bed. Raises
+        LookupError, TypeError."""
         if (point is None) == (at is None):
             raise TypeError("give a point (a Point of the study, or its number from 1) or the values `at` it")
         if at is not None:
@@ -160,10 +169,14 @@ class Results(StudyResults):
         if isinstance(number, bool) or not isinstance(number, Integral):
             raise TypeError(f"a Point of the study or its number is needed, and not {point!r}")
         for run in self.runs:
-            if (run.point.index + 1, run.seed) == (number, seed):
+            if (run.point.index + 1, run.seed, run.discharge) == (number, seed, discharge):
                 return run
-        there = ", ".join(listed([f"({run.point.index + 1}, {run.seed})" for run in self.runs])) or "none"
-        raise LookupError(f"no finished run of point {number} with seed {seed}; there are, as (point, seed): {there}")
+        several = any(run.discharge > 1 for run in self.runs)
+        known = [(run.point.index + 1, run.seed, *([run.discharge] if several else [])) for run in self.runs]
+        there = ", ".join(listed([f"({', '.join(map(str, one))})" for one in known])) or "none"
+        lacking = f"no finished run of point {number} with {repeat(seed, discharge)}"
+        names = "point, seed, discharge" if several else "point, seed"
+        raise LookupError(f"{lacking}; there are, as ({names}): {there}")
 
     def report(self, folder: Path | str | None = None) -> Path:
         """Write the report, one HTML file, and its figures as PNG, SVG and PDF, into a folder (None:

@@ -100,11 +100,11 @@ class Run(RunResult):
             bed = f'<img alt="The bed" style="max-height:16em" src="data:image/png;base64,{data}"/>'
         numbers = f"<div>{facts}{_quantities(self.measured)}</div>"
         shown = f'<div style="display:flex;flex-wrap:wrap;gap:1.5em">{bed}{numbers}</div>'
-        return html.titled(f"{self.study.name}, {label}, seed {self.seed}", shown)
+        return html.titled(f"{self.study.name}, {label}, {self.repeat}", shown)
 
     def __repr__(self) -> str:
         recorded = ", recorded" if self.recorded else ""
-        return f"<Run of {self.study.name}, {self.point.label}, seed {self.seed}: {self.outcome}{recorded}>"
+        return f"<Run of {self.study.name}, {self.point.label}, {self.repeat}: {self.outcome}{recorded}>"
 
 
 def _quantities(measured: Mapping[str, Measured]) -> str:

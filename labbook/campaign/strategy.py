@@ -20,6 +20,7 @@ from labbook.plugins import Registry
 from labbook.scene.model import Fault, Model, refuse
 from labbook.scene.quantities import DIGITS
 from labbook.stats import Decision, Pooled, pool
+from labbook.stats.nested import Beds, by_bed, of_beds
 
 Values = Mapping[str, float | str]
 """Dotted keys of a study, with values in SI; the word itself for keys that take words."""
@@ -34,10 +35,12 @@ def place(values: Values) -> tuple[tuple[str, float | str], ...]:
 
 @dataclass(frozen=True)
 class Assignment:
-    """Runs of one point: the values of its keys, and how many replicates it shall have in all (seeds 1, 2, 3 ...)."""
+    """Runs of one point: the values of its keys, how many replicates it shall have in all (beds, with seeds 1, 2, 3
+    ...), and how many discharges each of these; strategies of studies leave that to `discharges_per_bed`."""
 
     at: Values
     replicates: int = 1
+    discharges: int = 1
 
 
 @dataclass(frozen=True)
@@ -70,7 +73,8 @@ class Trial:
     """A finished run as strategies see it.
 
     `at`: values of the swept keys [SI]; `key`: of the run; `numbers`: its finite numbers by name of their quantity
-    [SI], none of a run that diverged or is suspect: `outcome` says how it ended.
+    [SI], none of a run that diverged or is suspect: `outcome` says how it ended; `seed`: of its bed, of which it is the
+    first, second ... `discharge`.
     """
 
     at: Values
@@ -78,6 +82,7 @@ class Trial:
     key: str
     outcome: str
     numbers: Mapping[str, float] = field(default_factory=dict)
+    discharge: int = 1
 
 
 @dataclass(frozen=True)
@@ -115,16 +120,21 @@ class History:
             quantity: its name, such as `flow_rate` [kg/s].
 
         Returns:
-            Each point's values of the swept keys, with the numbers of its runs in the order of their seeds; a point
-            none of whose runs has a number has an empty list. Points are in the order in which they were proposed.
+            Each point's values of the swept keys, with the numbers of its beds in the order of their seeds, of several
+            discharges of a bed their mean; a point none of whose runs has a number has an empty list. Points are in the
+            order in which they were proposed.
         """
-        places: dict[tuple, tuple[Values, dict[int, float]]] = {}
+        return [(at, of_beds(beds)) for at, beds in self.beds(quantity)]
+
+    def beds(self, quantity: str) -> list[tuple[Values, Beds]]:
+        """The numbers of one quantity at each point, by bed: as `values`, with those of all its discharges."""
+        places: dict[tuple, tuple[Values, dict[tuple[int, int], float]]] = {}
         for trial in self.trials:
-            _, seeds = places.setdefault(place(trial.at), (trial.at, {}))
+            _, repeats = places.setdefault(place(trial.at), (trial.at, {}))
             value = trial.numbers.get(quantity, math.nan)
             if math.isfinite(value):
-                seeds[trial.seed] = value
-        return [(at, [seeds[seed] for seed in sorted(seeds)]) for at, seeds in places.values()]
+                repeats[trial.seed, trial.discharge] = value
+        return [(at, by_bed((seed, value) for (seed, _), value in sorted(of.items()))) for at, of in places.values()]
 
     def pooled(self, quantity: str) -> list[tuple[Values, Pooled]]:
         """The mean of one quantity at each point that has numbers, with its 95 % interval (Student's t)."""

@@ -80,8 +80,10 @@ def _show(found) -> None:
     from labbook.scene.quantities import percent
 
     table = Table(box=box.SIMPLE_HEAD)
-    for heading in ("run", "study", "point", "seed", "backend", "outcome", "left", "t [s]", "M/s"):
-        right = heading in ("seed", "left", "t [s]", "M/s")
+    several = bool((found["discharge"] > 1).any())
+    headings = ("run", "study", "point", "seed", *(["discharge"] if several else []), "backend", "outcome", "left")
+    for heading in (*headings, "t [s]", "M/s"):
+        right = heading in ("seed", "discharge", "left", "t [s]", "M/s")
         folded = heading in ("study", "point")  # the others are never cut
         table.add_column(escape(heading), justify="right" if right else "left", no_wrap=not folded, overflow="fold")
     problems, suspects = [], []
@@ -89,7 +91,8 @@ def _show(found) -> None:
     twice = {point for point, many in scenes.items() if many > 1}
     for row in found.itertuples(index=False):
         if row.outcome == "unreadable":
-            table.add_row(row.run_key[:10], "", "", "", "", "unreadable", "", "", "", style="red")
+            blank = [""] * (len(headings) - 3)
+            table.add_row(row.run_key[:10], *blank, "unreadable", "", "", "", style="red")
             problems.append(row.problem)
             continue
         rate = "" if row.rate is None or row.rate != row.rate else f"{row.rate / 1e6:.2f}"
@@ -98,6 +101,7 @@ def _show(found) -> None:
             escape(row.study),
             escape(row.label) + (f" (scene {row.scene_key[:6]})" if (row.study, row.label) in twice else ""),
             str(int(row.seed)),
+            *([str(int(row.discharge))] if several else []),
             f"{escape(row.backend)} {int(row.cache_version)}",
             f"{row.outcome}, suspect" if row.suspect else row.outcome,
             percent(row.discharged, ".0f"),

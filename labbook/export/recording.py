@@ -67,6 +67,11 @@ class NotRecorded(Exception):
     """The run kept no frames; the message says how to ask for them."""
 
 
+def file_name(point: int, seed: int, discharge: int = 1) -> str:
+    """Name of a run's files, without their ending: `point-1-seed-1`; `point`: its index, from 0."""
+    return f"point-{point + 1}-seed-{seed}" + (f"-discharge-{discharge}" if discharge > 1 else "")
+
+
 def of_run(folder: Path, lab: Path, study: str | None = None, point: Point | None = None) -> Path:
     """The recording of the finished run in `folder`: lab/recordings/STUDY/point-1-seed-1-BACKEND.rrd.
 
@@ -76,13 +81,13 @@ def of_run(folder: Path, lab: Path, study: str | None = None, point: Point | Non
     """
 
     record = RunRecord.read(folder)
-    name, seed = study or record.study, record.seed
+    name = study or record.study
     index, label = (record.point, record.label) if point is None else (point.index, point.label)
-    path = lab / "recordings" / name / f"point-{index + 1}-seed-{seed}-{record.backend}.rrd"
+    path = lab / "recordings" / name / f"{file_name(index, record.seed, record.discharge)}-{record.backend}.rrd"
     source = source_of(record)
     if holds(path, source):
         return path
-    title = f"{name}: {label}, seed {seed}"
+    title = f"{name}: {label}, {record.repeat}"
     return write(run_data(folder, record), read_recording(folder, record), path, name=title, source=source)
 
 

@@ -8,6 +8,7 @@ from typing import Literal, get_args
 
 import numpy as np
 
+from labbook.export.recording import file_name
 from labbook.export.vtk import write_fields, write_grains, write_series
 from labbook.fields import axes
 from labbook.lab.folder import write_bytes
@@ -66,8 +67,8 @@ def write_recordings(results: StudyResults, folder: Path, say: Callable[[str], N
             rows = run.frames()
             if rows is None or not len(rows["time"]):
                 continue
-            say(f"{result.label}, seed {run.seed}")
-            paths += _grains(result, rows, folder / f"point-{result.point.index + 1}-seed-{run.seed}")
+            say(f"{result.label}, {run.repeat}")
+            paths += _grains(result, rows, folder / file_name(result.point.index, run.seed, run.discharge))
         for pattern in flow_patterns(result)[:1]:
             path = folder / f"point-{result.point.index + 1}-fields.vtk"
             write_fields(

@@ -169,11 +169,12 @@ class Catalogue:
             raise NoCatalogue(self.lab, "is damaged") from error
 
     def runs(self, study: str | None = None, outcome: str | None = None, limit: int | None = None) -> "pd.DataFrame":
-        """Runs, the latest first: key, study, point, seed, backend, outcome, how far, speed, size.
+        """Runs, the latest first: key, study, point, seed, discharge, backend, outcome, how far, speed, size.
 
-        Columns: run_key, study, label, seed, backend, cache_version, outcome, grains, discharged, duration
-        [s], wall_time [s], rate [grain-steps/s], finished, device, bytes, problem, suspect (why it is; else empty),
-        scene_key (of a run that can be read; points of one name differ by it if two studies have the same name).
+        Columns: run_key, study, label, seed, discharge (its number of its bed, from 1 on), backend, cache_version,
+        outcome, grains, discharged, duration [s], wall_time [s], rate [grain-steps/s], finished, device, bytes,
+        problem, suspect (why it is; else empty), scene_key (of a run that can be read; points of one name differ by it
+        if two studies have the same name).
         outcome: only those that ended so, or those that are SUSPECT.
         """
         query = select(*(runs.c[name].label(name) for name in (*RUN_COLUMNS, "scene_key"))).order_by(
@@ -404,6 +405,7 @@ RUN_COLUMNS = (
     "study",
     "label",
     "seed",
+    "discharge",
     "backend",
     "cache_version",
     "outcome",

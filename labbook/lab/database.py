@@ -47,7 +47,7 @@ from labbook.lab import server
 from labbook.lab.folder import DiskFull, LabError, LabFolder, file_system, is_network, remove
 from labbook.lab.server import BUSY
 
-SCHEMA_VERSION = 6
+SCHEMA_VERSION = 7
 
 metadata = MetaData()
 
@@ -69,6 +69,7 @@ runs = Table(
     Column("study", _NAME, nullable=False, default=""),
     Column("label", _NAME, nullable=False, default=""),
     Column("seed", BigInteger),
+    Column("discharge", BigInteger),
     Column("engine", _NAME, key="backend"),
     Column("cache_version", Integer),
     Column("outcome", _NAME, nullable=False),

@@ -21,7 +21,7 @@ from labbook.lab.catalogue import Catalogue, Entry
 from labbook.lab.database import add_measurements
 from labbook.lab.folder import EVALUATION, LabFolder, is_beside, remove, stamp
 from labbook.lab.identity import scene_key
-from labbook.lab.records import Observe, RunRecord, Unreadable
+from labbook.lab.records import Observe, RunRecord, Unreadable, repeat
 from labbook.lab.runs import open_run, read_recording, run_data
 from labbook.lab.tables import read_table, write_table
 from labbook.measure import MEASURES, Evaluation, Measure, MeasureError, RunData, Window, scales
@@ -169,6 +169,13 @@ class FinishedRun:
     folder: Path
     entry: Entry
     outdated: str = ""
+    discharge: int = 1
+    """Number of the discharge of its bed."""
+
+    @property
+    def repeat(self) -> str:
+        """Which repeat of its point it is, for people: `seed 3, discharge 2`."""
+        return repeat(self.seed, self.discharge)
 
     @cached_property
     def record(self) -> RunRecord:
@@ -323,7 +330,7 @@ def kept_numbers(catalogue: Catalogue, runs: Iterable[FinishedRun], observe: Obs
 
 
 def _note(found: Numbers, run: FinishedRun, measure: Measure, why: str) -> None:
-    said = f"run {run.entry.run_key} of {run.point.label}, seed {run.seed}: {measure.name}: {why}"
+    said = f"run {run.entry.run_key} of {run.point.label}, {run.repeat}: {measure.name}: {why}"
     found.failed.setdefault(run.entry.run_key, {})[measure.name] = said
 
 

@@ -17,6 +17,7 @@ from typing import Any
 
 from labbook.backend import Capabilities
 from labbook.backend.numerics import Numerics
+from labbook.filling import Kick
 from labbook.lab.formulas import source_hash
 from labbook.scene import CONTACT_LAWS, ContactLaw, Scene, Surface, Wall
 from labbook.scene.material import OwnMaterial
@@ -260,7 +261,7 @@ class Keys:
     scene: str
     packing: str
     experiment: str
-    """Scene and packing: two backends with the same one ran the same experiment."""
+    """Scene, packing and kick: two backends with the same one ran the same experiment."""
     run: str
     lineage: str
     """As `run`, whatever the backend's version and the source of extensions: what a stale run and its replacement have
@@ -281,9 +282,9 @@ def packing_key(closed: str, filling: Filling, numerics: Numerics, maker: str, c
     return digest({**_packing(closed, filling, numerics, maker), "cache_version": cache_version})
 
 
-def experiment_key(scene: str, packing: str) -> str:
-    """Key of an experiment: keys of the scene and of the packing that it starts from."""
-    return digest({"scene": scene, "packing": packing})
+def experiment_key(scene: str, packing: str, kick: Kick | None = None) -> str:
+    """Key of an experiment: keys of the scene and of the packing that it starts from, and the kick, if it has one."""
+    return digest({"scene": scene, "packing": packing, **_kick(kick)})
 
 
 def run_key(experiment: str, numerics: Numerics, backend: str, cache_version: int) -> str:
@@ -297,20 +298,33 @@ def lineage_scene(scene: Scene, versions: Versions, key: str) -> str:
 
 
 def lineage_key(
-    scene: str, closed: str, filling: Filling, numerics: Numerics, backend: str, maker: Maker | None = None
+    scene: str,
+    closed: str,
+    filling: Filling,
+    numerics: Numerics,
+    backend: str,
+    maker: Maker | None = None,
+    kick: Kick | None = None,
 ) -> str:
     """As a run's key, but of every version of the backend called `backend`, and of the packing's `maker` (None: the
     backend itself, by the same numerics)."""
     made = (maker.numerics, maker.backend.name) if maker else (numerics, backend)
-    return lineage_from(scene, closed, filling, *made, numerics, backend)
+    return lineage_from(scene, closed, filling, *made, numerics, backend, kick)
 
 
 def lineage_from(
-    scene: str, closed: str, filling: Filling, filled: Numerics, maker: str, numerics: Numerics, backend: str
+    scene: str,
+    closed: str,
+    filling: Filling,
+    filled: Numerics,
+    maker: str,
+    numerics: Numerics,
+    backend: str,
+    kick: Kick | None = None,
 ) -> str:
     """The same where the packing was made by the backend called `maker` with the numerics `filled`."""
     packing = _packing(closed, filling, filled, maker)
-    return digest({"scene": scene, "packing": packing, **_how(numerics, backend)})
+    return digest({"scene": scene, "packing": packing, **_how(numerics, backend), **_kick(kick)})
 
 
 def run_keys(
@@ -321,20 +335,27 @@ def run_keys(
     backend: Capabilities,
     maker: Maker | None = None,
     lineage_scenes: tuple[str, str] | None = None,
+    kick: Kick | None = None,
 ) -> Keys:
     """Identities of a run: keys of the scene and of its closed form, the filling, and how both are
     computed. `maker`: what makes the packing; None: `backend` itself, by the same numerics. `lineage_scenes`: keys of
-    both scenes as lineages have them (`lineage_scene`), where they differ."""
+    both scenes as lineages have them (`lineage_scene`), where they differ. `kick`: of a discharge after the first of
+    its bed."""
     made = maker or Maker(backend, numerics)
     packing = packing_key(closed, filling, made.numerics, made.backend.name, made.backend.cache_version)
-    experiment = experiment_key(scene, packing)
+    experiment = experiment_key(scene, packing, kick)
     run = run_key(experiment, numerics, backend.name, backend.cache_version)
-    lineage = lineage_key(*(lineage_scenes or (scene, closed)), filling, numerics, backend.name, made)
+    lineage = lineage_key(*(lineage_scenes or (scene, closed)), filling, numerics, backend.name, made, kick)
     return Keys(scene=scene, packing=packing, experiment=experiment, run=run, lineage=lineage)
 
 
 def _how(numerics: Numerics, backend: str) -> dict[str, Any]:
     return {"numerics": numerics_identity(numerics), "engine": backend}
+
+
+def _kick(kick: Kick | None) -> dict[str, Any]:
+    """The kick as it stands in a key, from which the first discharge of a bed leaves it out."""
+    return {} if kick is None else {"kick": vars(kick)}
 
 
 def _packing(closed: str, filling: Filling, numerics: Numerics, maker: str) -> dict[str, Any]:

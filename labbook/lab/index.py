@@ -315,7 +315,7 @@ def _forget(connection: Connection, key: str) -> None:
     connection.execute(delete(runs).where(runs.c.run_key == key))
 
 
-_KNOWN = ("study", "label", "seed", "backend", "cache_version", "packing_key", "lineage_key")
+_KNOWN = ("study", "label", "seed", "discharge", "backend", "cache_version", "packing_key", "lineage_key")
 _KEYS = ("run_key", "experiment_key", "scene_key")
 _OF_RECORD = (*_KNOWN, *_KEYS, "outcome", "wall_time", "finished", "device", "machine")
 """What of a run's record is in its row; of a damaged run only what is known by the first names."""

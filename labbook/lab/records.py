@@ -23,6 +23,7 @@ from typing_extensions import TypedDict
 
 from labbook.backend.numerics import Numerics
 from labbook.backend.probes import parse_probe
+from labbook.filling import Kick
 from labbook.lab.folder import open_file, write_bytes
 from labbook.measure import Window, scales
 from labbook.scene import Scene
@@ -352,6 +353,12 @@ class RunFailure(Part):
     message: str
 
 
+def repeat(seed: int, discharge: int = 1) -> str:
+    """Name a run among those of its point, for people: `seed 3`, and of a further discharge of its bed `seed 3,
+    discharge 2`."""
+    return f"seed {seed}" if discharge == 1 else f"seed {seed}, discharge {discharge}"
+
+
 class Observe(Part):
     """What is measured, over which fractions of the initial mass discharged; `timed`: over which times [s]. The others:
     what the window states of `labbook.measure.scales`."""
@@ -392,6 +399,8 @@ class RunRecord(FolderRecord):
     label: Text
     at: dict[Text, float | Text]
     seed: Whole
+    kick: Annotated[Kick | None, Field(exclude_if=lambda kick: kick is None)] = None
+    """Of a discharge after the first of its bed."""
     scene: Scene
     versions: StoredVersions = Field(default_factory=dict)
     """By which the scene was computed."""
@@ -417,6 +426,16 @@ class RunRecord(FolderRecord):
         if self.ledger is not None and (fault := self.ledger.fault(coverage.grains)):
             raise ValueError(f"ledger.{fault}")
         return self
+
+    @property
+    def discharge(self) -> int:
+        """Number of the discharge of its bed, from 1 on."""
+        return 1 if self.kick is None else self.kick.discharge
+
+    @property
+    def repeat(self) -> str:
+        """Which repeat of its point it is, for people: `seed 3, discharge 2`."""
+        return repeat(self.seed, self.discharge)
 
     @property
     def provenance(self) -> dict[str, Any]:

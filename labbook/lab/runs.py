@@ -160,7 +160,7 @@ def check_keys(folder: Path, record: RunRecord) -> None:
     """Whether the keys are those of what is recorded. Raises Unreadable."""
     whose = {
         "scene_key": identity.scene_key(record.scene, record.versions),
-        "experiment_key": identity.experiment_key(record.scene_key, record.packing_key),
+        "experiment_key": identity.experiment_key(record.scene_key, record.packing_key, record.kick),
         "run_key": identity.run_key(record.experiment_key, record.numerics, record.backend, record.cache_version),
     }
     for name, key in whose.items():
@@ -181,9 +181,8 @@ def _check_start(folder: Path, record: RunRecord, packed: PackingRecord) -> None
         raise Unreadable(f"{path}: packing_key: the packing {packed.packing_key} has other grains")
     scene = identity.lineage_scene(record.scene, record.versions, record.scene_key)
     closed = identity.lineage_scene(packed.scene, packed.versions, packed.closed_key)
-    lineage = identity.lineage_from(
-        scene, closed, packed.filling, packed.numerics, packed.backend, record.numerics, record.backend
-    )
+    made = packed.filling, packed.numerics, packed.backend
+    lineage = identity.lineage_from(scene, closed, *made, record.numerics, record.backend, record.kick)
     if record.lineage_key != lineage:
         raise Unreadable(f"{path}: lineage_key: it does not match the record ({lineage})")
 

@@ -168,7 +168,7 @@ def finished(
     known: Mapping[str, Sequence[RequestedRun]] | None = None,
     kind: type[FinishedRun] = FinishedRun,
 ) -> list[FinishedRun]:
-    """Runs of `study` on `backend` that cover its stop rule and measures, by point and seed.
+    """Runs of `study` on `backend` that cover its stop rule and measures, by point, seed and discharge.
 
     Replicates beyond the minimum count too. The runs of one point are all of one version of its law and walls, of one
     source of extensions among these and of one version of the backend, the newest that has any: what several versions
@@ -195,9 +195,9 @@ def finished(
     for match in found:
         point = match.request.demand.point.index
         newest[point] = max(match, newest.get(point, match), key=lambda one: one.rank)
-    found.sort(key=lambda match: (match.request.demand.point.index, match.request.demand.seed))
+    found.sort(key=lambda match: (match.request.demand.point.index, *match.request.demand.number))
     return [
-        kind(one.demand.point, one.demand.seed, lab.run(entry.run_key), entry, outdated)
+        kind(one.demand.point, one.demand.seed, lab.run(entry.run_key), entry, outdated, one.demand.discharge)
         for one, entry, _, outdated in (
             match for match in found if match.group == newest[match.request.demand.point.index].group
         )

@@ -9,19 +9,20 @@ from typing import Any
 from labbook.backend import Backend, Capabilities, Spec
 from labbook.backend.numerics import Numerics, Precision
 from labbook.backend.probes import UNEVEN, Crossing, Film, Probe, describe_probe, film_probe, table_name
-from labbook.filling import bed, placing
+from labbook.filling import Kick, bed, placing
 from labbook.lab import identity
 from labbook.lab.identity import Filling, Keys, Maker, Versions
-from labbook.lab.records import Precise, StopRule
+from labbook.lab.records import Precise, StopRule, repeat
 from labbook.measure import MEASURES
 from labbook.scene import Scene
 from labbook.scene.model import once
 from labbook.scene.quantities import span
 from labbook.scene.timescales import gravity_time
 from labbook.stats import StoppingRule
+from labbook.stats.nested import MOST, START
 from labbook.study import Point, Study
 from labbook.study.applicable import flat_area
-from labbook.study.schema import EVERY, LONGEST, STALL, Stop
+from labbook.study.schema import AUTO, EVERY, LONGEST, STALL, Stop
 
 _ENOUGH = math.ceil(1 / UNEVEN)
 """Steps between two frames from which on these are as close to each other as asked."""
@@ -230,10 +231,15 @@ class PointDemand:
         """What every run observes, as coverage compares it."""
         return _names(self.probes)
 
-    def run(self, seed: int) -> "Demand":
-        """The run with this seed."""
+    def run(self, seed: int, discharge: int = 1) -> "Demand":
+        """The run with this seed, which is this discharge of its bed."""
         record = self.study.record
-        return Demand(self, seed, recorded=record is not None and seed <= record.replicates)
+        recorded = record is not None and discharge == 1 and seed <= record.replicates
+        return Demand(self, seed, recorded=recorded, discharge=discharge)
+
+    def runs(self, beds: int, discharges: int) -> "Iterator[Demand]":
+        """The runs of so many beds with so many discharges each, by seed."""
+        return (self.run(seed, number) for seed in range(1, beds + 1) for number in range(1, discharges + 1))
 
 
 @lru_cache(maxsize=1024)
@@ -268,6 +274,23 @@ class Demand:
     shared: PointDemand
     seed: int
     recorded: bool
+    discharge: int = 1
+    """Number of the discharge of its bed."""
+
+    @property
+    def kick(self) -> Kick | None:
+        """The kick that it starts with; None of the first discharge of its bed."""
+        return None if self.discharge == 1 else Kick(self.discharge)
+
+    @property
+    def number(self) -> tuple[int, int]:
+        """Seed of its bed, and number of the discharge of that."""
+        return self.seed, self.discharge
+
+    @property
+    def repeat(self) -> str:
+        """Which repeat of its point it is, for people: `seed 3, discharge 2`."""
+        return repeat(self.seed, self.discharge)
 
     @property
     def point(self) -> Point:
@@ -306,7 +329,8 @@ class Demand:
         s = self.shared
         opened, closed = scenes or (s.scene_key, s.closed_key)
         lineage = scenes or s.lineage_scenes
-        return identity.run_keys(opened, closed, self.filling, s.numerics, backend, s.maker(backend), lineage)
+        made = s.maker(backend)
+        return identity.run_keys(opened, closed, self.filling, s.numerics, backend, made, lineage, self.kick)
 
     def run_key(self, backend: str, version: int) -> str:
         """Key of this run on one version of the backend called `backend`."""
@@ -315,7 +339,8 @@ class Demand:
         if s.packings_of is not None:
             made = (s.packings_of.backend.name, s.packings_of.backend.cache_version)
         packing = identity.packing_key(s.closed_key, self.filling, s.filled_by, *made)
-        return identity.run_key(identity.experiment_key(s.scene_key, packing), s.numerics, backend, version)
+        experiment = identity.experiment_key(s.scene_key, packing, self.kick)
+        return identity.run_key(experiment, s.numerics, backend, version)
 
     def lineage(self, backend: str, scenes: tuple[str, str] | None = None) -> str:
         """Identity of this run on any version of the backend called `backend`. `scenes`: keys of the open and of the
@@ -323,7 +348,7 @@ class Demand:
         s = self.shared
         opened, closed = scenes or s.lineage_scenes
         made = backend if s.packings_of is None else s.packings_of.backend.name
-        return identity.lineage_from(opened, closed, self.filling, s.filled_by, made, s.numerics, backend)
+        return identity.lineage_from(opened, closed, self.filling, s.filled_by, made, s.numerics, backend, self.kick)
 
     def older_lineages(self, backend: str) -> Iterator[tuple[str, str]]:
         """Lineages of this run by older versions of laws and walls, the newest first, and what has changed since."""
@@ -332,11 +357,24 @@ class Demand:
 
 
 def demands(study: Study, seeds: int, packings_of: PackingsOf | None = None) -> Iterator[Demand]:
-    """Runs 1..`seeds` of every point: first the first seed of all points, then the second, and so on. `packings_of`:
-    the backend whose packings they start from, None for their own."""
+    """All runs that the study may have of the seeds 1..`seeds` of every point: first the first seed of all points, then
+    the second, and so on. `packings_of`: the backend whose packings they start from, None for their own."""
     shared = [PointDemand(study, point, packings_of) for point in study.points]
+    numbers = range(1, discharges(study)[1] + 1)
     for seed in range(1, seeds + 1):
-        yield from (point.run(seed) for point in shared)
+        yield from (point.run(seed, number) for number in numbers for point in shared)
+
+
+def discharges(study: Study) -> tuple[int, int]:
+    """How many discharges each bed of the study has at first, and at most."""
+    stated = study.discharges_per_bed
+    return (START, MOST) if stated == AUTO else (stated, stated)
+
+
+def fewest_runs(study: Study, point: Point | None = None) -> int:
+    """Runs that a point has at least; None as `point`: any that no strategy has proposed."""
+    beds = (None if point is None else point.replicates) or study.replicates
+    return beds * discharges(study)[0]
 
 
 def recorded_in_words(points: Iterable[PointDemand]) -> str:

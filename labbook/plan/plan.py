@@ -25,7 +25,7 @@ from labbook.lab.suspect import counts
 from labbook.measure import MEASURES
 from labbook.measure.measure import window_in_words
 from labbook.plan.coverage import made_by, shortfall
-from labbook.plan.demand import Demand, PackingsOf, PointDemand, recorded_in_words, stopping_rule
+from labbook.plan.demand import Demand, PackingsOf, PointDemand, discharges, recorded_in_words, stopping_rule
 from labbook.plan.possible import check_container
 from labbook.scene.quantities import duration, percent, size, value_range
 from labbook.stats import Decision, StoppingRule
@@ -59,6 +59,12 @@ class Item:
     def counts(self) -> bool:
         """Whether the run, once it is done, takes part in means and fits."""
         return counts(self.outcome or "", self.suspect, self.demand.shared.study.accuracy.count_suspect)
+
+
+def place_in_order(item: Item) -> tuple[int, int, int]:
+    """The place of a run in the order in which runs are begun: the first discharge of the first bed of every point, its
+    further discharges, then the second bed, and so on."""
+    return *item.demand.number, item.demand.point.index
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -116,7 +122,7 @@ class Plan:
     def items(self) -> list[Item]:
         """All runs: the first seed of every point, then the second, and so on."""
         every = [item for point in self.points for item in point.items]
-        return sorted(every, key=lambda item: (item.demand.seed, item.demand.point.index))
+        return sorted(every, key=place_in_order)
 
     @cached_property
     def todo(self) -> list[Item]:
@@ -137,14 +143,15 @@ class Plan:
         return Counter(item.state for item in self.items)
 
     def frame(self) -> "pd.DataFrame":
-        """A row a run: `point` (from 1), what was swept [SI, units in `attrs`], `label`, `seed`, `state`, `reason`,
-        `outcome`, `run_key`, `packed` (whether its packing is there)."""
+        """A row a run: `point` (from 1), what was swept [SI, units in `attrs`], `label`, `seed`, `discharge` (where
+        beds have several), `state`, `reason`, `outcome`, `run_key`, `packed` (whether its packing is there)."""
         import pandas as pd
 
         rows = []
         for item in self.items:
             point = item.demand.point
             head = {"point": point.index + 1, **point.at, "label": point.label, "seed": item.demand.seed}
+            head |= {} if self.study.discharges_per_bed == 1 else {"discharge": item.demand.discharge}
             how = {"state": item.state, "reason": item.reason, "outcome": item.outcome}
             rows.append({**head, **how, "run_key": item.keys.run, "packed": item.packed})
         made = pd.DataFrame(rows)
@@ -346,14 +353,22 @@ class Planner:
         runs: list[tuple[Assignment, Item]] = []
         for assignment in generation.assignments:
             point = points.get(shared[place(assignment.at)].point.index)
-            if point is None or len(point.items) < assignment.replicates:
+            if point is None or point.items[-1].demand.seed < assignment.replicates:
                 (point,) = self._begun([shared[place(assignment.at)]])
-            runs += [(assignment, item) for item in point.items[: assignment.replicates]]
-            if any(item.state != "done" for item in point.items[: assignment.replicates]):
+            assigned = [item for item in point.items if item.demand.seed <= assignment.replicates]
+            runs += [(assignment, item) for item in assigned]
+            if any(item.state != "done" for item in assigned):
                 return None
         numbers = self._numbers([item.keys.run for _, item in runs])
         return tuple(
-            Trial(assignment.at, item.demand.seed, item.keys.run, item.outcome or "", numbers[item.keys.run])
+            Trial(
+                assignment.at,
+                item.demand.seed,
+                item.keys.run,
+                item.outcome or "",
+                numbers[item.keys.run],
+                item.demand.discharge,
+            )
             for assignment, item in runs
         )
 
@@ -393,11 +408,11 @@ class Planner:
         )
         return replace(base, points=points)
 
-    def these(self, seeds: Mapping[int, Iterable[int]]) -> Plan:
-        """These runs alone, by index of their point and seed, and none that follow from them."""
+    def these(self, repeats: Mapping[int, Iterable[tuple[int, int]]]) -> Plan:
+        """These runs alone, by index of their point, each by its seed and discharge, and none that follow from them."""
         self._extends = False
         asked = {
-            shared: self._keyed(shared.run(seed) for seed in seeds.get(shared.point.index, ()))
+            shared: self._keyed(shared.run(*repeat) for repeat in repeats.get(shared.point.index, ()))
             for shared in self.points
         }
         listed = self._look_up(pair for pairs in asked.values() for pair in pairs)
@@ -432,7 +447,7 @@ class Planner:
         return self._judged(demand, keys, self._looked_at(keys.run))
 
     def _first(self, shared: PointDemand) -> list[Demand]:
-        return [shared.run(seed) for seed in range(1, stopping_rule(self.study, shared.point).first + 1)]
+        return list(shared.runs(stopping_rule(self.study, shared.point).first, discharges(self.study)[0]))
 
     def _extended(self, shared: PointDemand, items: list[Item]) -> PointPlan:
         """With the replicates that are proposed once all so far are done."""
@@ -441,9 +456,11 @@ class Planner:
             if proposal.state == "end":
                 return PointPlan(shared, tuple(items), proposal)
             (assigned,) = proposal.assignments
-            added = self._keyed(shared.run(seed) for seed in range(len(items) + 1, assigned.replicates + 1))
+            known = {item.demand.number for item in items}
+            wanted = shared.runs(assigned.replicates, assigned.discharges)
+            added = self._keyed(run for run in wanted if run.number not in known)
             listed = self._look_up(added)
-            items += [self._item(*pair, listed) for pair in added]
+            items = sorted([*items, *(self._item(*pair, listed) for pair in added)], key=place_in_order)
         return PointPlan(shared, tuple(items), None)
 
     def _replicates(self, point: Point, items: Sequence[Item]) -> Proposal:
@@ -453,11 +470,12 @@ class Planner:
             return _AS_STATED
         keys = [item.keys.run for item in items]
         rates = flow_rates(self.study, self.catalogue, keys)
+        numbers = [{QUANTITY: rates[key]} if key in rates else {} for key in keys]
         trials = tuple(
-            Trial(point.at, item.demand.seed, key, item.outcome or "", {QUANTITY: rates[key]} if key in rates else {})
-            for key, item in zip(keys, items, strict=True)
+            Trial(point.at, item.demand.seed, item.keys.run, item.outcome or "", found, item.demand.discharge)
+            for item, found in zip(items, numbers, strict=True)
         )
-        done = Generation(0, (Assignment(point.at, len(items)),), "", trials)
+        done = Generation(0, (Assignment(point.at, *items[-1].demand.number),), "", trials)
         scatter = None if point.choice is None else point.choice.scatter
         return Replicates.of(rule=rule, scatter=scatter).propose(History(self.study, (done,), (), 1))
 

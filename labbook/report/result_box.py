@@ -206,7 +206,7 @@ def concerns(results: StudyResults) -> list[str]:
     if suspects:
         verb = "is" if len(suspects) == 1 else "are"
         fate = "counted all the same (accuracy.count_suspect)" if study.accuracy.count_suspect else "left out"
-        why = [f"{one.label or 'the only point'}, seed {run.seed}: {run.suspect}" for one, run in suspects]
+        why = [f"{one.label or 'the only point'}, {run.repeat}: {run.suspect}" for one, run in suspects]
         sentences.append(f"{_count(len(suspects), 'run')} {verb} suspect and {fate}: {_listed(why)}.")
     sentences += _imprecise(results)
     sentences += _limits(results)

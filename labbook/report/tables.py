@@ -25,6 +25,7 @@ CONVENTIONS = (
     "Intervals are 95 %, by Student’s t on n replicates: those that gave a flow rate. ± is one standard error, from "
     "the scatter between replicates."
 )
+SEVERAL = "Beds are the replicates: each counts by the mean over its discharges."
 ALONE = "For points with one fed run: from the scatter within the run, by Student’s t on its blocks."
 
 
@@ -57,11 +58,14 @@ def flow_table(results: StudyResults) -> Table:
         if pooled is not None:
             value, interval, n = display.number(pooled.value, pooled.error, scale), _interval(pooled, scale), pooled.n
         own = (value, interval) if flow else ()
-        runs = str(n) if n == len(result.runs) else f"{n} of {len(result.runs)}"
+        runs = str(n) if n == len(result.beds) else f"{n} of {len(result.beds)}"
+        runs += f" ({len(result.runs)} runs)" if len(result.runs) > len(result.beds) else ""
         rows.append((*_at(result, swept), *own, *_cells(result, others), runs, "; ".join(_remarks(result))))
     headings = (*_headings(swept, flow), *(("95 % interval",) if flow else ()), *_headings((), others), "n", "remarks")
     alone = results.study.fed and any(len(result.runs) == 1 for result in results.points)
     notes = (CONVENTIONS, ALONE) if alone else (CONVENTIONS,)
+    if any(len(result.runs) > len(result.beds) for result in results.points):
+        notes += (SEVERAL,)
     return Table(headings, tuple(rows), frozenset({len(headings) - 1}), notes=notes)
 
 
@@ -275,9 +279,14 @@ def provenance_table(results: StudyResults) -> Table:
 
 
 def runs_table(results: StudyResults) -> Table:
-    """Point, seed, outcome and key of every run."""
+    """Point, seed and discharge, outcome and key of every run."""
     rows = tuple(
-        (result.label, str(run.seed), f"{run.outcome}, suspect" if run.suspect else run.outcome, run.run_key)
+        (
+            result.label,
+            run.repeat.removeprefix("seed "),
+            f"{run.outcome}, suspect" if run.suspect else run.outcome,
+            run.run_key,
+        )
         for result in results.points
         for run in result.runs
     )
@@ -301,10 +310,10 @@ def numerical_table(found: Sequence[Numerical]) -> Table:
             "–" if flow is None else display.with_error(flow.value, flow.error, shown.scale)
             for flow in (one.first.flow_rate, one.other.flow_rate)
         ]
-        runs = f"{len(one.first.runs)}, {len(one.other.runs)}"
+        runs = f"{len(one.first.beds)}, {len(one.other.beds)}"
         rows.append((one.label, one.where or "–", runs, *means, *_numerical_cells(one)))
         if one.test is not None and one.finding == "undecided":
-            need = replicates_needed(one.test, min(len(one.first.runs), len(one.other.runs)))
+            need = replicates_needed(one.test, min(len(one.first.beds), len(one.other.beds)))
             many = "more than 1000" if need is None else str(need)
             notes.append(f"{one.label}: {many} replicates of each would decide with a power of 90 % if W is the same.")
     margin = next((one.margin for one in found if one.margin is not None), None)

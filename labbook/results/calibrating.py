@@ -11,7 +11,7 @@ import numpy as np
 from labbook.accuracy.calibration import Effects
 from labbook.accuracy.groups import Groups, groups
 from labbook.accuracy.regression import Observed, Slopes, regress
-from labbook.results.points import FLOW_RATE, PointResult, by_seed
+from labbook.results.points import FLOW_RATE, PointResult, by_seed, counted
 from labbook.scene.quantities import percent
 from labbook.study import Point
 
@@ -93,7 +93,7 @@ def calibrate(name: str, points: Sequence[PointResult]) -> tuple[Calibrated, ...
     for one in points:
         scenes[_place(one)].append(one)
     made = sorted({f"{run.backend} version {run.cache_version}" for one in points for run in one.runs})
-    runs = sum(len(by_seed(one, FLOW_RATE)) for one in points)
+    runs = sum(len(counted(one, FLOW_RATE)) for one in points)
     source = f"{name}, {runs} runs on {', '.join(made)}, {datetime.now(UTC):%Y-%m-%d}"
     found, reasons = [], []
     for some in scenes.values():
@@ -144,10 +144,8 @@ def _place(point: PointResult) -> str:
 
 
 def _observed(point: PointResult, flow: Groups, filled: Groups) -> list[Observed]:
-    beds = {run.seed: run.packing_key for run in point.runs}
-    rates = by_seed(point, FLOW_RATE).items()
-    mixed = _are_mixed(point)
-    return [Observed(beds[seed], filled.overlap, flow.overlap, flow.step, rate, *mixed) for seed, rate in rates]
+    rates, mixed = counted(point, FLOW_RATE), _are_mixed(point)
+    return [Observed(run.packing_key, filled.overlap, flow.overlap, flow.step, rate, *mixed) for run, rate in rates]
 
 
 def _are_mixed(result: PointResult) -> tuple[bool, bool]:

@@ -40,7 +40,7 @@ def results_of(
     """
     unreadable, unmeasured = list(lost), list[str]()
     by_point: dict[int, list[RunResult]] = {}
-    for run in sorted(runs, key=lambda run: (run.point.index, run.seed)):
+    for run in sorted(runs, key=lambda run: (run.point.index, run.seed, run.discharge)):
         key = run.entry.run_key
         if (why := numbers.problems.get(key)) is not None:
             unreadable.append(why)

@@ -14,7 +14,7 @@ from labbook.results.against import rows as against_rows
 from labbook.results.budget import budgets
 from labbook.results.paper import Row, analyses
 from labbook.results.paper import frames as frames_of_papers
-from labbook.results.points import PointResult
+from labbook.results.points import PointResult, RunResult
 from labbook.results.recorded import acceleration
 from labbook.results.series import Series
 from labbook.results.study import StudyResults
@@ -50,7 +50,7 @@ def frames(
 
     | frame           | a row                                                                                     |
     |-----------------|-------------------------------------------------------------------------------------------|
-    | `points`        | point and quantity: mean over seeds, interval, n, effective n, unit, window, outcomes     |
+    | `points`        | point and quantity: mean over beds, interval, n, effective n, unit, window, outcomes      |
     | `runs`          | run and quantity: value, error, effective n, window, method, note                         |
     | `flow`          | run and bin of time: W(t)                                                                 |
     | `against`       | point and swept key: W, and its ratio to that at the first value, paired where runs can be   |
@@ -67,6 +67,8 @@ def frames(
 
     An interval whose both ends are unknown is NaN at both, as is an unknown error; one that is open at one end is
     infinite there. `attrs["units"]` has the SI units of columns that mean the same in every row.
+
+    `replicates` counts beds; where a study states `discharges_per_bed`, rows of runs have `seed` and `discharge`.
 
     Papers add theirs (`labbook.papers`). What rests on several points names them (`points`, counted from 1); `stale`:
     runs of another version of the backend than the one installed, or of an older one of the law, are among them.
@@ -135,7 +137,7 @@ def inside(results: StudyResults, every: float) -> "pd.DataFrame":
             data = run.run.data()
             times, mass = discharged(data)
             total, count = len(data.start) * mean_mass(data), len(data.start)
-            head = {**of_point(result), "seed": run.seed, "run_key": run.run_key}
+            head = {**of_run(results, result, run), "run_key": run.run_key}
             for k in range(math.floor(data.duration / every * (1 + 1e-12)) + 1):
                 left = int(np.searchsorted(times, k * every, side="right"))
                 gone = float(mass[left - 1]) if left else 0.0
@@ -162,10 +164,16 @@ def of_point(result: PointResult) -> Row:
     return {"point": result.point.index + 1, **result.point.at}
 
 
+def of_run(results: StudyResults, result: PointResult, run: RunResult) -> Row:
+    """The columns that say which run of a point it is; `discharge` only where beds have several."""
+    several = results.study.discharges_per_bed != 1
+    return {**of_point(result), "seed": run.seed, **({"discharge": run.discharge} if several else {})}
+
+
 def _runs(results: StudyResults) -> Iterator[Row]:
     for result in results.points:
         for run in result.runs:
-            head = {**of_point(result), "seed": run.seed, "run_key": run.run_key, "outcome": run.outcome}
+            head = {**of_run(results, result, run), "run_key": run.run_key, "outcome": run.outcome}
             head |= {"suspect": run.suspect}
             for measured in run.measured.values():
                 yield {**head, **vars(measured), "stale": bool(results.stale_because(run))}
@@ -293,7 +301,7 @@ def _flow(results: StudyResults) -> Iterator[Row]:
         for run in result.runs:
             if run.trace is not None:
                 for time, rate in zip(run.trace.time, run.trace.rate, strict=True):
-                    yield {**of_point(result), "seed": run.seed, "time": float(time), "flow_rate": float(rate)}
+                    yield {**of_run(results, result, run), "time": float(time), "flow_rate": float(rate)}
 
 
 def _profiles(results: StudyResults) -> Iterator[Row]:
@@ -304,7 +312,7 @@ def _profiles(results: StudyResults) -> Iterator[Row]:
 
 
 def _along(outlets: Sequence[ProfileAcross]) -> Iterator[Row]:
-    """A row a bin: mean over seeds, and its standard error."""
+    """A row a bin: mean over beds, and its standard error."""
     first, n = outlets[0], len(outlets)
     middle = (first.edges[1:] + first.edges[:-1]) / 2
     columns: dict[str, np.ndarray] = {"x_star": middle, "x": middle * first.R, "fitted": first.inside}

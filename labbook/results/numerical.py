@@ -73,7 +73,7 @@ def _against(key: str, first: PointResult, other: PointResult, margin: float | N
     a, b = ([values[seed] for seed in (common if paired else values)] for values in (one, two))
     mean = math.fsum(a) / len(a) if a else 0.0
     if min(len(a), len(b)) < 2 or not mean > 0:
-        return Numerical(key, first, other, margin, None, "at least two runs of each that flowed are needed")
+        return Numerical(key, first, other, margin, None, "at least two replicates of each that flowed are needed")
     test = tost(a, b, (margin or 1.0) * mean, paired=paired).over(mean)
     return Numerical(key, first, other, margin, test, paired=paired)
 

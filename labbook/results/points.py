@@ -1,4 +1,4 @@
-"""Points of a study with their replicates: what was measured of each run, and means over seeds."""
+"""Points of a study with their replicates: what was measured of each run, and means over beds."""
 
 import math
 from collections import Counter
@@ -16,12 +16,13 @@ from labbook.measure import MEASURES, Evaluation, Measure, MeasureError, Window,
 from labbook.measure.acceleration import AccelerationProfile
 from labbook.measure.flow import CUT_SHORT, WIDER, FlowRate, Trace, summed_up
 from labbook.measure.orifice import OrificeMeans
-from labbook.measure.outlet import OutletProfile, OutletProfiles, ProfileAcross
+from labbook.measure.outlet import OutletProfile, OutletProfiles, ProfileAcross, mean_of
 from labbook.measure.steady import BLOCKS, FEWEST
 from labbook.measure.stress import ContactStress
-from labbook.plan.demand import stopping_rule
+from labbook.plan.demand import fewest_runs, stopping_rule
 from labbook.results import display
 from labbook.stats import Measured, Pooled, Tolerance
+from labbook.stats.nested import by_bed, of_beds
 from labbook.stats.pooling import student
 from labbook.stats.trend import MATERIAL
 from labbook.study import Point, Study
@@ -53,8 +54,18 @@ class RunResult:
 
     @property
     def seed(self) -> int:
-        """Number of the replicate."""
+        """Number of the replicate, which is a bed."""
         return self.run.seed
+
+    @property
+    def discharge(self) -> int:
+        """Number of the discharge of its bed."""
+        return self.run.discharge
+
+    @property
+    def repeat(self) -> str:
+        """Which repeat of its point it is, for people: `seed 3, discharge 2`."""
+        return self.run.repeat
 
     @property
     def run_key(self) -> str:
@@ -171,9 +182,9 @@ class RunResult:
 class PointResult:
     """One point of a study with its replicates.
 
-    `at`: what was swept, without what follows from the rest, which is `along`; `pooled`: means over seeds, by quantity,
-    with Student intervals; `tolerance`: the requested relative half-width; `asked`: how many replicates it asks for at
-    least.
+    `at`: what was swept, without what follows from the rest, which is `along`; `pooled`: means over beds, by quantity,
+    with Student intervals; of several discharges of a bed their mean is its value. `tolerance`: the requested relative
+    half-width; `asked`: how many runs it asks for at least.
     """
 
     point: Point
@@ -215,9 +226,18 @@ class PointResult:
         """Pooled W [kg/s], or None if no replicate gave one."""
         return self.pooled.get(FLOW_RATE)
 
+    @cached_property
+    def beds(self) -> tuple[int, ...]:
+        """Seeds of its beds."""
+        return tuple(dict.fromkeys(run.seed for run in self.runs))
+
     def outlets(self, definition: str) -> tuple[ProfileAcross, ...]:
-        """Profiles along the outlet, of every run that has them."""
-        return tuple(run.outlets[definition] for run in self.runs if definition in run.outlets)
+        """Profiles along the outlet, of every bed that has them: means over its discharges."""
+        beds: dict[int, list[ProfileAcross]] = {}
+        for run in self.runs:
+            if definition in run.outlets:
+                beds.setdefault(run.seed, []).append(run.outlets[definition])
+        return tuple(each[0] if len(each) == 1 else mean_of(each) for each in beds.values())
 
     @property
     def outcomes(self) -> Counter[str]:
@@ -296,7 +316,7 @@ class PointResult:
             interval = f"{low} to {high}" if math.isfinite(one.half_width) else "unknown"
             value = display.with_error(one.value, one.error, shown.scale)
             rows.append((shown.name, value, interval, shown.unit, str(one.n)))
-        table = html.table(("quantity", "mean ± error", "95 % interval", "unit", "runs in the mean"), rows)
+        table = html.table(("quantity", "mean ± error", "95 % interval", "unit", "replicates in the mean"), rows)
         ended = ", ".join(f"{count} {name}" for name, count in self.outcomes.items())
         return html.titled(self.label or "the only point", table, html.lines(filter(None, (ended, self.remark))))
 
@@ -316,11 +336,16 @@ def _no_flow(run: RunResult) -> str:
     return "few" if FLOW_RATE in run.measured else ""
 
 
+def counted(result: PointResult, quantity: str) -> list[tuple[RunResult, float]]:
+    """The quantity of every run of a point that counts and has it."""
+    there = ((run, run.measured[quantity].value) for run in result.runs if run.counted and quantity in run.measured)
+    return [(run, value) for run, value in there if math.isfinite(value)]
+
+
 def by_seed(result: PointResult, quantity: str) -> dict[int, float]:
-    """The quantity of every run of a point that counts."""
-    counted = (run for run in result.runs if run.counted and quantity in run.measured)
-    found = {run.seed: run.measured[quantity].value for run in counted}
-    return {seed: value for seed, value in found.items() if math.isfinite(value)}
+    """The quantity of every bed of a point that has it, by its seed: the mean over its discharges."""
+    beds = by_bed((run.seed, value) for run, value in counted(result, quantity))
+    return dict(zip(beds, of_beds(beds), strict=True))
 
 
 def names_scene(name: str) -> bool:
@@ -362,19 +387,19 @@ def followers(points: Sequence[PointResult], key: str) -> tuple[str, ...]:
 
 
 def pooled_point(study: Study, point: Point, extra: frozenset[str], runs: tuple[RunResult, ...]) -> PointResult:
-    """A point with its numbers pooled over seeds, of the runs that count."""
+    """A point with its numbers pooled over beds, of the runs that count."""
     rule = stopping_rule(study)
     unpooled = {one.name for measure in MEASURES.values() for one in measure.declared if not one.pooled}
-    values: dict[str, list[float]] = {}
+    values: dict[str, list[tuple[int, float]]] = {}
     for run in runs:
         for name, measured in run.measured.items():
             if run.counted and name not in unpooled and math.isfinite(measured.value):
-                values.setdefault(name, []).append(measured.value)
-    pooled = {name: rule.pool(found) for name, found in values.items()}
+                values.setdefault(name, []).append((run.seed, measured.value))
+    pooled = {name: rule.pool(of_beds(by_bed(found))) for name, found in values.items()}
     if study.fed and len(values.get(FLOW_RATE, ())) == 1:
         pooled |= _of_one_run(runs)
     along = {name: value for name, value in point.at.items() if name in extra}
-    asked = point.replicates or study.replicates
+    asked = fewest_runs(study, point)
     return PointResult(point, swept(point, extra), runs, pooled, study.accuracy.flow_rate, asked, along)
 
 

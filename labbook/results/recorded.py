@@ -111,9 +111,12 @@ def acceleration(result: PointResult) -> AccelerationProfile | None:
     The mean over the runs of a point that measured `orifice`, else of its first recorded run; None without any, or with
     frames too far apart.
     """
-    measured = [run.acceleration for run in result.runs if run.counted and run.acceleration is not None]
-    if measured:
-        return pooled_profile(measured)
+    beds: dict[int, list[AccelerationProfile]] = {}
+    for run in result.runs:
+        if run.counted and run.acceleration is not None:
+            beds.setdefault(run.seed, []).append(run.acceleration)
+    if beds:
+        return pooled_profile([pooled_profile(discharges) for discharges in beds.values()])
     found = (AccelerationProfile.of(run.evaluation(FreeFall())) for run in _recorded(result))
     return next((profile for profile in found if profile is not None), None)
 

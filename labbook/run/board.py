@@ -16,7 +16,7 @@ from labbook.lab.packings import just_made
 from labbook.lab.records import Observe
 from labbook.plan.demand import Demand
 from labbook.plan.forecast import discharge_work, fill_work
-from labbook.plan.plan import Item, Plan, Planner, PointPlan, counted, specified
+from labbook.plan.plan import Item, Plan, Planner, PointPlan, counted, place_in_order, specified
 from labbook.run.discharge import DischargeJob
 from labbook.run.fill import FillJob
 from labbook.run.job import Bench, Job, JobFailed
@@ -61,11 +61,6 @@ def _given_back(held: Claim | Job) -> Iterator[None]:
     except BaseException:
         held.release()
         raise
-
-
-def _place(item: Item) -> tuple[int, int]:
-    """In the order in which runs are begun: first replicates of all points first."""
-    return item.demand.seed, item.demand.point.index
 
 
 class Board:
@@ -133,7 +128,7 @@ class Board:
             known = key in self.going or key in self.tally.lost or key in self.tally.ran
             had = self.todo.get(key)
             if self._lacks(item) and not known and (anew or had is None):
-                self._ordered &= had is not None and _place(had) == _place(item)
+                self._ordered &= had is not None and place_in_order(had) == place_in_order(item)
                 self.todo[key] = item
 
     def _lacks(self, item: Item) -> bool:
@@ -182,7 +177,7 @@ class Board:
             self._look_around()
         self.elsewhere = 0
         if not self._ordered:
-            self.todo = dict(sorted(self.todo.items(), key=lambda one: _place(one[1])))
+            self.todo = dict(sorted(self.todo.items(), key=lambda one: place_in_order(one[1])))
             self._ordered = True
         for begin, packed in ((self._fill, False), (self._discharge, True)):
             for item in list(self.todo.values()):  # `begin` may take some away

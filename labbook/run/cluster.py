@@ -59,13 +59,13 @@ class ClusterFailed(Exception):
 
 @dataclass(frozen=True)
 class Task:
-    """What a worker is asked: runs by point and seeds, with what they start from or go on from, by key."""
+    """What a worker is asked: runs by point, seed and discharge, with what they start from or go on from, by key."""
 
     study: Study
     backend: str
     device: str
     expected: str
-    seeds: Mapping[int, tuple[int, ...]]
+    repeats: Mapping[int, tuple[tuple[int, int], ...]]
     packings: Mapping[str, Files]
     runs: Mapping[str, Files]
     works: Mapping[str, Files]
@@ -107,7 +107,7 @@ def _carried_out(task: Task, lab: LabFolder, backend: Any) -> Back:
     for found, place in ((task.packings, lab.packing), (task.runs, lab.run), (task.works, lab.work)):
         for key, files in found.items():
             write(place(key), files)
-    points = tuple(point for point in task.study.points if point.index in task.seeds)
+    points = tuple(point for point in task.study.points if point.index in task.repeats)
     request, over = Request(), threading.Event()
     clock = threading.Thread(target=_stop_in_time, args=(task.slice, _asked(task), request, over), daemon=True)
     clock.start()
@@ -115,7 +115,7 @@ def _carried_out(task: Task, lab: LabFolder, backend: Any) -> Back:
         lanes = 1 if task.device == "cpu" else None  # a thread of a worker is a lane
         study = replace(task.study, points=points)
         done = Runner(
-            study, lab, backend, task.device, task.slice, lanes=lanes, seeds=task.seeds, request=request
+            study, lab, backend, task.device, task.slice, lanes=lanes, repeats=task.repeats, request=request
         ).run()
     finally:
         over.set()
@@ -311,18 +311,18 @@ class Cluster:
         return found
 
     def _submit(self, client, batch: Batch):
-        seeds: dict[int, tuple[int, ...]] = {}
+        repeats: dict[int, tuple[tuple[int, int], ...]] = {}
         for item in batch.items:
             at = item.demand.point.index
-            seeds[at] = (*seeds.get(at, ()), item.demand.seed)
+            repeats[at] = (*repeats.get(at, ()), item.demand.number)
         keys = {item.keys.packing for item in batch.items}, {item.keys.run for item in batch.items}
         study = self._now.study  # with the points that its strategy has proposed
         task = Task(
-            study=replace(study, adapt=None, points=tuple(p for p in study.points if p.index in seeds)),
+            study=replace(study, adapt=None, points=tuple(p for p in study.points if p.index in repeats)),
             backend=self.backend,
             device=self.device,
             expected=self._expected,
-            seeds=seeds,
+            repeats=repeats,
             packings={key: read(self.lab.packing(key)) for key in keys[0] if self.lab.packing(key).is_dir()},
             runs={key: read(self.lab.run(key)) for key in keys[1] if self.lab.run(key).is_dir()},
             works={

@@ -26,7 +26,7 @@ from labbook.backend.probes import (
 )
 from labbook.campaign import Assignment, Generation, History, PreciseRun, Trial
 from labbook.campaign.precise import HALF_WIDTH
-from labbook.filling import Feeder, PlacingError, opened
+from labbook.filling import Feeder, PlacingError, kicked, opened
 from labbook.filling.bed import bed_height, parts_of_mass
 from labbook.lab import identity
 from labbook.lab.folder import PICTURE, Claim
@@ -85,7 +85,7 @@ class DischargeJob(Job):
     # start
 
     def fresh(self) -> Packing:
-        """The packing, with the outlet open."""
+        """The packing, with the outlet open, and the kick of a further discharge."""
         packing = self._packed
         height = self.scene.container.roof
         level = float(packing.x[:, 2].max())
@@ -101,7 +101,8 @@ class DischargeJob(Job):
                 f"({lowest * 1e3:.4g} mm); use more grains or lower stop.fill_height"
             )
         _ = self._feeder  # which may have no room
-        return opened(packing, self.demand.shared.closed, self.scene)
+        start, kick = opened(packing, self.demand.shared.closed, self.scene), self.demand.kick
+        return start if kick is None else kicked(start, self.scene, kick, self.demand.seed)
 
     @cached_property
     def _feeder(self) -> Feeder | None:
@@ -376,6 +377,7 @@ class DischargeJob(Job):
                 "label": demand.point.label,
                 "at": dict(demand.point.at),
                 "seed": demand.seed,
+                "kick": demand.kick,
                 "scene": self.scene,
                 "versions": identity.versions(self.scene),
                 "numerics": self.numerics,

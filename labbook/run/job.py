@@ -260,8 +260,8 @@ class Job(ABC):
 
     @property
     def label(self) -> str:
-        """For people: what, where, which seed."""
-        return f"{self.kind} of {self.demand.point.label}, seed {self.demand.seed}"
+        """For people: what, where, which repeat."""
+        return f"{self.kind} of {self.demand.point.label}, {self.demand.repeat}"
 
 
 def failure(events: Sequence[Event]) -> Failed | None:

@@ -53,8 +53,8 @@ class Runner:
     base: LabFolder | None = None
     """A lab whose finished runs are not made again, and whose packings and shorter runs are gone on from."""
 
-    seeds: Mapping[int, Sequence[int]] | None = None
-    """The runs that are done, by index of the point and seed; None: what the study asks for."""
+    repeats: Mapping[int, Sequence[tuple[int, int]]] | None = None
+    """The runs that are done, by index of the point, each by its seed and discharge; None: what the study asks for."""
     request: Request = field(default_factory=Request)
     """By which another thread may ask it to stop."""
 
@@ -130,12 +130,12 @@ class Runner:
         if base is not None:
             plan = planner.of_base(base)
         else:
-            plan = planner.plan() if self.seeds is None else planner.these(self.seeds)
+            plan = planner.plan() if self.repeats is None else planner.these(self.repeats)
         self._keep_study()
         done = [item.keys.run for item in plan.items if item.state == "done"]
         if base is not None:  # the others are measured where they are
             done = [key for key in done if self.lab.run(key).exists()]
-        if index.derive(done, observe) and self.base is None and self.seeds is None:
+        if index.derive(done, observe) and self.base is None and self.repeats is None:
             plan = planner.plan()
         return plan, planner
 

@@ -5,7 +5,7 @@ from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 
 from labbook.backend import Capabilities
-from labbook.plan.demand import Demand, PointDemand
+from labbook.plan.demand import Demand, PointDemand, discharges
 from labbook.plan.forecast import discharge_work, fill_work
 
 MOST = 100_000
@@ -78,7 +78,8 @@ class Division:
             self._bed[shared.point.index] = numbers.setdefault(keys.packing, len(numbers))
         self._first = [next(iter(runs.values())).shared for runs in beds.values()]
         work = [
-            fill_work(next(iter(runs.values()))) + sum(discharge_work(run.shared) for run in runs.values())
+            fill_work(next(iter(runs.values())))
+            + sum(discharges(run.shared.study)[0] * discharge_work(run.shared) for run in runs.values())
             for runs in beds.values()
         ]
         most = max(work, default=0.0) or 1.0

@@ -60,22 +60,23 @@ class Summary:
         return tuple(self.tally.failed)
 
     @property
-    def diverged(self) -> dict[str, list[int]]:
-        """Seeds of the runs that diverged, now or earlier, by the label of their point."""
-        found: dict[str, list[int]] = {}
+    def diverged(self) -> dict[str, list[str]]:
+        """Seed and discharge of the runs that diverged, now or earlier, by the label of their point."""
+        found: dict[str, list[str]] = {}
         for point in self.points:
             for item in point.items:
                 if item.state == "done" and item.outcome == "diverged":
-                    found.setdefault(item.demand.point.label, []).append(item.demand.seed)
+                    found.setdefault(item.demand.point.label, []).append(item.demand.repeat)
         return found
 
     @property
-    def suspect(self) -> dict[str, dict[int, str]]:
-        """Why runs are suspect and left out of every mean, by the label of their point and their seed."""
-        found: dict[str, dict[int, str]] = {}
+    def suspect(self) -> dict[str, dict[str, str]]:
+        """Why runs are suspect and left out of every mean, by the label of their point, and their seed and
+        discharge."""
+        found: dict[str, dict[str, str]] = {}
         for item in (item for point in self.points for item in point.items):
             if item.state == "done" and item.suspect and not item.counts:
-                found.setdefault(item.demand.point.label, {})[item.demand.seed] = item.suspect
+                found.setdefault(item.demand.point.label, {})[item.demand.repeat] = item.suspect
         return found
 
     @property
@@ -104,12 +105,11 @@ class Summary:
             if point.ended is not None and point.ended.reason:
                 lines.append(f"{point.shared.point.label}: {point.ended.reason}")
         lines += self.campaign
-        for label, seeds in self.diverged.items():
-            many = f"seeds {', '.join(map(str, seeds))}" if len(seeds) > 1 else f"seed {seeds[0]}"
-            lines.append(f"Diverged: {label}, {many}: stopped by a guard, and left out of every mean")
+        for label, repeats in self.diverged.items():
+            lines.append(f"Diverged: {label}, {'; '.join(repeats)}: stopped by a guard, and left out of every mean")
         for label, reasons in self.suspect.items():
-            for seed, why in reasons.items():
-                lines.append(f"Suspect: {label}, seed {seed}: {why}; left out of every mean")
+            for repeat, why in reasons.items():
+                lines.append(f"Suspect: {label}, {repeat}: {why}; left out of every mean")
         lines += [f"Failed: {why}" for why in grouped(tally.failed)]
         lines += [f"Unreadable: {problem}" for problem in self.problems]
         return lines + ([f"No point of the study has a flow rate: {self.no_flow}"] if self.no_flow else [])

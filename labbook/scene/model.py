@@ -92,6 +92,20 @@ class Among:
 
 
 @dataclass(frozen=True)
+class OrWord:
+    """Marks a field of a type `number` in whose place a `word` may stand."""
+
+    number: Any
+    word: str
+
+    def __get_pydantic_core_schema__(self, source: Any, handler: GetCoreSchemaHandler) -> CoreSchema:
+        def check(value: Any, number: Callable[[Any], Any]) -> Any:
+            return value if value == self.word else number(value)
+
+        return core_schema.no_info_wrap_validator_function(check, handler.generate_schema(self.number))
+
+
+@dataclass(frozen=True)
 class Fault:
     """Something that cannot be: the dotted key at fault (from the model that says so), why, the remedy."""
 

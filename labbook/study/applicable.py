@@ -98,6 +98,23 @@ def unfed(source: StudyText, settings: Settings, points: Sequence[Point], window
         yield Problem(source.path, source.line(("window", key)), f"window.{key}", reason, remedy)
 
 
+def undischarged(source: StudyText, settings: Settings, points: Sequence[Point]) -> Iterator[Problem]:
+    """Several discharges of a bed at points where a bed has one run at most."""
+    if settings.discharges_per_bed == 1:
+        return
+    key, remedy = "discharges_per_bed", "leave it out, and use replicates: each has a bed of its own"
+    for point in points:
+        reason = ""
+        if point.scene.feed is not None:
+            reason = "one run of a fed bed goes on until its own flow rate is known"
+        elif point.scene.container.outlet_plane is None:
+            reason = "the container has no outlet, so that nothing is discharged"
+        if reason:
+            at = f" (at {point.label})" if len(points) > 1 else ""
+            yield Problem(source.path, source.line((key,)), key, reason + at, remedy)
+            return
+
+
 def _obstacles(scene: Scene) -> Iterator[tuple[str, str, str]]:
     if scene.gravity == 0:
         yield "gravity", "without gravity the grains do not settle", "use a gravity above 0 m/s^2"

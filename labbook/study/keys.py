@@ -16,7 +16,7 @@ from labbook.backend.numerics import Numerics
 from labbook.campaign import Strategies
 from labbook.measure import scales
 from labbook.scene.contact import CONTACT_LAWS
-from labbook.scene.model import Among, Internal, Model, Stated, TaggedModels
+from labbook.scene.model import Among, Internal, Model, OrWord, Stated, TaggedModels
 from labbook.scene.quantities import Unit
 from labbook.scene.scene import Scene
 from labbook.study.absent import absent
@@ -161,7 +161,9 @@ def _same_everywhere(field: str, members: list[Any]) -> bool:
 
 def _leaf(name: str, field: FieldInfo, base: Any, metadata: list[Any], of: str) -> Key:
     unit = next((mark.symbol for mark in metadata if isinstance(mark, Unit)), None)
-    length = ""
+    length, word = "", next((mark for mark in metadata if isinstance(mark, OrWord)), None)
+    if word is not None:
+        base, metadata = _unwrap(word.number, metadata)
     if get_origin(base) is tuple:
         parts = get_args(base)
         inner, inner_metadata = _unwrap(parts[0], [])
@@ -176,7 +178,7 @@ def _leaf(name: str, field: FieldInfo, base: Any, metadata: list[Any], of: str) 
         name,
         length or ("choice" if choices else kinds[base]),
         None if length and unit is None else unit,
-        _limits(metadata),
+        _limits(metadata) + (f" or {word.word}" if word is not None else ""),
         choices,
         None if any(isinstance(mark, Stated) for mark in metadata) else _default(field, unit),
         " ".join((field.description or ("Time integrator; the only choice." if len(choices) == 1 else "")).split()),

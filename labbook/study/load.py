@@ -6,7 +6,7 @@ from dataclasses import dataclass, field
 from inspect import Parameter, cleandoc, signature
 from itertools import islice
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, TypeVar, Unpack
+from typing import TYPE_CHECKING, Any, Literal, TypeVar, Unpack
 
 from pydantic import ValidationError
 
@@ -16,7 +16,7 @@ from labbook.campaign import Strategy
 from labbook.fit import LAWS
 from labbook.measure import MEASURES
 from labbook.study.absent import absent
-from labbook.study.applicable import unfed, unfillable, unfittable, unmeasurable
+from labbook.study.applicable import undischarged, unfed, unfillable, unfittable, unmeasurable
 from labbook.study.explain import complaints
 from labbook.study.habits import habit
 from labbook.study.keys import all_keys, find, nearest
@@ -27,6 +27,7 @@ from labbook.study.points import PointReader
 from labbook.study.problems import MOST, Problem, StudyError, instead, meant, shown
 from labbook.study.reference import ReferenceReader
 from labbook.study.schema import (
+    AUTO,
     SETTING_KEYS,
     TOP_KEYS,
     Accuracy,
@@ -86,6 +87,7 @@ class Study:
     fit: tuple[str, ...]
     record: Record | None
     reference: Reference | None
+    discharges_per_bed: int | Literal["auto"] = 1
     adapt: Strategy | None = field(default=None, compare=False)
     """Proposes the points that are run, within the range of `points`; None: `points` are run."""
     stated: Mapping[str, Any] = field(default_factory=dict, repr=False, compare=False)
@@ -207,6 +209,7 @@ def _resolved(source: StudyText, calibration_file: Path | None = None) -> Study:
         problems += unmeasurable(source, settings, points)
         problems += unfittable(source, settings, points)
         problems += unfillable(source, settings, points)
+        problems += undischarged(source, settings, points)
     window, stop = resolved(settings, points) if settings is not None and points else (None, None)
     if settings is not None and window is not None:
         problems += unfed(source, settings, points, window)
@@ -290,11 +293,13 @@ def _calibration(source: StudyText, path: Path | None, problems: list[Problem]) 
 
 def _too_many_runs(source: StudyText, settings: Settings, points: int) -> Iterator[Problem]:
     """More runs than a plan can hold."""
-    runs = points * settings.replicates
+    each = 1 if settings.discharges_per_bed == AUTO else settings.discharges_per_bed
+    runs = points * settings.replicates * each
     if runs > MAX_RUNS:
         memory = f"a plan of them takes about {runs * BYTES / 1e9:.3g} GB of memory"
-        message = f"{points} points of {settings.replicates} replicates are {runs} runs, more than {MAX_RUNS}; {memory}"
-        remedy = f"use at most {MAX_RUNS // points} replicates, or split the study"
+        of = f"{settings.replicates} replicates" + (f" with {each} discharges each" if each > 1 else "")
+        message = f"{points} points of {of} are {runs} runs, more than {MAX_RUNS}; {memory}"
+        remedy = f"use at most {MAX_RUNS // (points * each)} replicates, or split the study"
         yield Problem(source.path, source.line(("replicates",)), "replicates", message, remedy)
 
 

@@ -3,7 +3,7 @@
 import math
 from collections.abc import Iterator
 from dataclasses import dataclass
-from typing import Annotated
+from typing import Annotated, Literal
 
 from pydantic import (
     BeforeValidator,
@@ -20,7 +20,7 @@ from labbook.campaign import STRATEGIES, Strategy
 from labbook.filling.placing import STARTS
 from labbook.fit import named
 from labbook.scene.contact import AnyLaw
-from labbook.scene.model import Among, Fault, Model, refuse
+from labbook.scene.model import Among, Fault, Model, OrWord, refuse
 from labbook.scene.quantities import Coefficient, Duration, Instant, Length, Ratio, Whole
 from labbook.scene.scene import Scene
 
@@ -186,11 +186,16 @@ class Record(Model):
     every: Duration | None = None
     """Time between two recorded frames, to the nearest time step. The first frame is at the opening."""
     replicates: Annotated[Whole, Field(ge=1, le=10_000)] = 1
-    """Number of replicates of each point that are recorded."""
+    """Number of replicates of each point that are recorded; of each bed the first discharge."""
 
 
 Names = Annotated[tuple[str, ...], BeforeValidator(lambda names: [names] if isinstance(names, str) else names)]
 """A list of names; one alone need not stand in brackets."""
+
+
+AUTO: Literal["auto"] = "auto"
+"""As `discharges_per_bed`: the cheapest number is looked for."""
+PerBed = Annotated[int | Literal["auto"], OrWord(Annotated[Whole, Field(ge=1, le=100)], AUTO)]
 
 
 class Settings(Model):
@@ -201,7 +206,10 @@ class Settings(Model):
     about: Annotated[str, Field(max_length=2000)] = ""
     """What the study is for, in a sentence."""
     replicates: Annotated[Whole, Field(ge=1, le=10_000)] = 1
-    """Minimum number of runs per point; their seeds are 1, 2, 3 ..."""
+    """Minimum number of beds per point; their seeds are 1, 2, 3 ..."""
+    discharges_per_bed: PerBed = 1
+    """Number of discharges of each bed: the second and further ones start with small random velocities. `auto`: the
+    number that is cheapest for `accuracy.flow_rate`, from how much of the scatter beds and flow have each."""
     accuracy: Accuracy = Accuracy()
     measure: Names = ("flow_rate",)
     """Names of the measurements to take."""
@@ -228,6 +236,12 @@ class Settings(Model):
         if self.accuracy.max_replicates < self.replicates and self.accuracy.flow_rate is not None:
             reason = f"{self.accuracy.max_replicates} is less than the {self.replicates} requested replicates"
             yield Fault("accuracy.max_replicates", reason, f"use at least {self.replicates}")
+        if self.discharges_per_bed == AUTO and self.accuracy.flow_rate is None:
+            reason = "the cheapest number of discharges follows from the error that is requested, and none is"
+            yield Fault("discharges_per_bed", reason, "state accuracy.flow_rate, or a number such as 3")
+        elif self.discharges_per_bed == AUTO and self.adapt is not None:
+            reason = f"the strategy {self.adapt.name} decides how many beds a point has, so that no number is cheapest"
+            yield Fault("discharges_per_bed", reason, "state a number such as 3")
         end = self.window.end
         if self.window.timed and self.stop.max_time is not None and self.stop.max_time < end:
             reason = f"a run that stops at {self.stop.max_time:g} s does not reach the end of the window ({end:g} s)"

@@ -42,14 +42,14 @@ Swept = TypedDict("Swept", {
 
 
 Changed = TypedDict("Changed", {
-    "name": object, "about": object, "replicates": object, "accuracy.flow_rate": object,
-    "accuracy.max_replicates": object, "accuracy.calibration": object, "accuracy.numerics": object,
-    "accuracy.count_suspect": object, "measure": object, "fit": object, "window.start": object,
-    "window.end": object, "window.after": object, "window.until": object, "window.gap": object,
-    "window.moment": object, "window.interval": object, "window.layer": object, "stop.discharged": object,
-    "stop.max_time": object, "stop.stall": object, "stop.fill_height": object, "record.every": object,
-    "record.replicates": object, "grains.shape": object, "grains.diameter": object, "grains.density": object,
-    "grains.count": object, "grains.sizes.kind": object, "grains.sizes.smallest": object,
+    "name": object, "about": object, "replicates": object, "discharges_per_bed": object,
+    "accuracy.flow_rate": object, "accuracy.max_replicates": object, "accuracy.calibration": object,
+    "accuracy.numerics": object, "accuracy.count_suspect": object, "measure": object, "fit": object,
+    "window.start": object, "window.end": object, "window.after": object, "window.until": object,
+    "window.gap": object, "window.moment": object, "window.interval": object, "window.layer": object,
+    "stop.discharged": object, "stop.max_time": object, "stop.stall": object, "stop.fill_height": object,
+    "record.every": object, "record.replicates": object, "grains.shape": object, "grains.diameter": object,
+    "grains.density": object, "grains.count": object, "grains.sizes.kind": object, "grains.sizes.smallest": object,
     "grains.sizes.mean": object, "grains.sizes.deviation": object, "grains.length": object, "contact.law": object,
     "contact.friction": object, "contact.rolling_friction": object, "contact.restitution": object,
     "contact.damping": object, "contact.rolling": object, "contact.rolling_model": object,
@@ -180,7 +180,7 @@ class RecordKeys(TypedDict, total=False):
     """Time between two recorded frames, to the nearest time step. The first frame is at the opening [s]. Range:
     above 0."""
     replicates: object
-    """Number of replicates of each point that are recorded. Range: of at least 1."""
+    """Number of replicates of each point that are recorded; of each bed the first discharge. Range: of at least 1."""
 
 
 class GrainsSizesKeys(TypedDict, total=False):
@@ -511,7 +511,11 @@ class StudyKeys(TypedDict, total=False):
     about: object
     """What the study is for, in a sentence."""
     replicates: object
-    """Minimum number of runs per point; their seeds are 1, 2, 3 ... Range: of at least 1."""
+    """Minimum number of beds per point; their seeds are 1, 2, 3 ... Range: of at least 1."""
+    discharges_per_bed: object
+    """Number of discharges of each bed: the second and further ones start with small random velocities. `auto`: the
+    number that is cheapest for `accuracy.flow_rate`, from how much of the scatter beds and flow have each. Range:
+    in [1, 100] or auto."""
     accuracy: AccuracyKeys | object
     measure: Sequence[Literal["flow_rate", "outlet_profiles", "packing", "orifice", "contact_stress", "ledger", "outlets"] | object] | object
     """Names of the measurements to take."""
@@ -540,7 +544,7 @@ LawName: TypeAlias = Literal["beverloo", "janda", "beverloo_3d", "janda_3d", "po
 
 
 KEYS = """\
-    name, about, replicates, measure, fit, gravity [m/s^2]
+    name, about, replicates, discharges_per_bed, measure, fit, gravity [m/s^2]
     accuracy: flow_rate, max_replicates, calibration, numerics, count_suspect
     window: start, end, after [s], until [s], gap [s], moment [s], interval [s], layer [m]
     stop: discharged, max_time [s], stall [s], fill_height [m]

@@ -16,7 +16,7 @@ from labbook.lab.folder import LabFolder, stamp
 from labbook.lab.provenance import now
 from labbook.lab.records import Observe
 from labbook.measure import MEASURES
-from labbook.plan.demand import PointDemand
+from labbook.plan.demand import PointDemand, discharges
 from labbook.plan.plan import Planner, PointPlan
 from labbook.run.runner import Runner
 from labbook.run.summary import Summary
@@ -160,8 +160,10 @@ def _run_keys(
     both: Sequence[tuple[Side, PointDemand]], replicates: int, scenes: tuple[str, str] | None = None
 ) -> tuple[tuple[str, ...], ...]:
     """Keys of the runs of a point on both sides; `scenes`: see `Demand.keys`."""
-    seeds = range(1, replicates + 1)
-    return tuple(tuple(shared.run(seed).keys(one.can, scenes).run for seed in seeds) for one, shared in both)
+    return tuple(
+        tuple(run.keys(one.can, scenes).run for run in shared.runs(replicates, discharges(shared.study)[0]))
+        for one, shared in both
+    )
 
 
 def _run(study: Study, lab: LabFolder, pair: Pair, watcher: Watcher) -> list[Summary]:
@@ -187,7 +189,7 @@ def _finished(lab: LabFolder, one: Side, plans: Sequence[PointPlan]) -> list[Fin
     for key, item in done.items():
         folder = lab.run(key)
         entry = Entry.of(RunRecord.read(folder), stamp(folder))
-        found.append(FinishedRun(item.demand.point, item.demand.seed, folder, entry))
+        found.append(FinishedRun(item.demand.point, item.demand.seed, folder, entry, discharge=item.demand.discharge))
     return found
 
 

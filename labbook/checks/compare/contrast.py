@@ -12,6 +12,7 @@ from labbook.measure import MEASURES
 from labbook.plan.plan import PointPlan
 from labbook.stats import Measured
 from labbook.stats.equivalence import replicates_needed, tost
+from labbook.stats.nested import by_bed, of_beds
 
 ALPHA = 0.05
 COMPARED = {"flow_rate": ("flow_rate",), "outlet_profiles": ("outlet_area_fraction", "outlet_velocity")}
@@ -23,17 +24,21 @@ Found = Mapping[int, float | str]
 
 
 def of_runs(point: PointPlan, numbers: Numbers, measure: str, quantity: str) -> Found:
-    """A quantity of the runs of a point; one that clogged, does not count or is not there has none."""
-    given, found = {one.name for one in MEASURES[measure].declared}, {}
+    """A quantity of the beds of a point, the mean over the discharges of each. A run that clogged, does not count or is
+    not there has no number."""
+    given, runs = {one.name for one in MEASURES[measure].declared}, dict[int, list[float | str]]()
     for item in point.items:
-        key, seed = item.keys.run, item.demand.seed
+        key = item.keys.run
         if item.state != "done" or not item.counts:
-            found[seed] = f"suspect: {item.suspect}" if item.suspect else item.reason
+            number = f"suspect: {item.suspect}" if item.suspect else item.reason
         else:
             measured = [one for one in numbers.measured.get(key, {}).values() if one.quantity in given]
             why = numbers.problems.get(key) or numbers.failed.get(key, {}).get(measure, "")
-            found[seed] = _number(measured, quantity, why)
-    return found
+            number = _number(measured, quantity, why)
+        runs.setdefault(item.demand.seed, []).append(number)
+    beds = by_bed((seed, one) for seed, each in runs.items() for one in each if not isinstance(one, str))
+    means = dict(zip(beds, of_beds(beds), strict=True))
+    return {seed: means.get(seed, each[0]) for seed, each in runs.items()}
 
 
 def of_packings(point: PointPlan, catalogue: Catalogue) -> Found:

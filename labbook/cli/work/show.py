@@ -68,7 +68,7 @@ def _show(record, folder, picture, measured) -> None:
     coverage, provenance = record.coverage, record.provenance
     lines = {
         "run": record.run_key,
-        "study": f"{record.study}, {record.label}, seed {record.seed}",
+        "study": f"{record.study}, {record.label}, {record.repeat}",
         "outcome": record.outcome + (f": {record.failure.message}" if record.failure else ""),
         "ledger": _ledger(record.ledger),
         "covered": f"{coverage.duration:.4g} s, {coverage.crossed} of {coverage.grains} grains discharged "

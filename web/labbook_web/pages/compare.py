@@ -113,7 +113,7 @@ def _item(shelf: Shelf, text: str, lacking: list[str]) -> ComparedItem:
         return ComparedItem(text, name, f"study/{name}", None, None, found, (), None, False, found.backend)
     number = int(said["number"])
     result = point_of(found, number)
-    curves = [one for run in result.runs if (one := curve_of(run, f"seed {run.seed}", lacking)) is not None]
+    curves = [one for run in result.runs if (one := curve_of(run, run.repeat, lacking)) is not None]
     label, address = f"{name}, {result.label or 'the only point'}", f"study/{name}/point/{number}"
     filmed = next((run for run in result.runs if run.recorded), result.runs[0])
     shown = filmed.run_key, filmed.recorded, found.backend
@@ -129,7 +129,7 @@ def _run(shelf: Shelf, text: str, prefix: str, lacking: list[str]) -> ComparedIt
         raise NotThere(f"the run {key[:10]} cannot be read: {problem}") from problem
     curves, why = curve(folder, entry, record)
     lacking += why
-    label = f"{record.study}, {record.label}, seed {record.seed}"
+    label = f"{record.study}, {record.label}, {record.repeat}"
     shown = key, record.coverage.recording is not None, record.backend
     return ComparedItem(text, label, f"run/{key[:16]}", point_of_run(record), None, None, curves, *shown)
 

@@ -21,7 +21,7 @@ def point_page(shelf: Shelf, name: str, number: int, query: Mapping[str, str]) -
     result = point_of(found, number)
     last = len(found.study.points)
     lacking: list[str] = []
-    curves = [one for run in result.runs if (one := curve_of(run, f"seed {run.seed}", lacking)) is not None]
+    curves = [one for run in result.runs if (one := curve_of(run, run.repeat, lacking)) is not None]
 
     def table() -> pd.DataFrame:
         rows = frames(found.results, ("runs",)).get("runs", pd.DataFrame())
@@ -65,7 +65,7 @@ def quantities(result: PointResult) -> list[tuple[str, str, str, int]]:
 
 
 def run_rows(result: PointResult) -> list[dict[str, Any]]:
-    """Every run: seed, key, outcome, flow rate with error, and notes."""
+    """Every run: seed, discharge, key, outcome, flow rate with error, and notes."""
     rows = []
     for run in result.runs:
         flow = run.measured.get("flow_rate") or run.measured.get("flow_rate_flowing")

@@ -72,7 +72,7 @@ def run_page(shelf: Shelf, prefix: str, query: Mapping[str, str]) -> Page:
     return Page(
         "run.html.j2",
         path,
-        f"{record.study}, {record.label}, seed {record.seed}",
+        f"{record.study}, {record.label}, {record.repeat}",
         lambda: {"run": record.model_dump(mode="json"), "measurements": measured.to_dict(orient="records")},
         lambda: measured,
         shown,
@@ -138,7 +138,7 @@ def curve(folder: Path, entry: Entry, record: RunRecord) -> tuple[list[dict[str,
         return [], ["No grain left."]
     numbers = {one.quantity: one for one in found.numbers}
     flowing = numbers.get("flow_rate_flowing")
-    label = f"seed {record.seed}"
+    label = record.repeat
     return [curves.curve(trace, numbers.get("flow_rate"), label, flowing.note if flowing else "")], []
 
 

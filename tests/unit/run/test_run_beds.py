@@ -1,0 +1,103 @@
+"""Several discharges of each bed: their keys, their folders, and what a killed run leaves of one."""
+
+import json
+
+import numpy as np
+import pytest
+from toy_lab import arrays, carry_out, content, labbook, study, study_file
+
+from labbook.lab import LabFolder, RunRecord
+from labbook.lab.catalogue import Catalogue
+from labbook.plan.coverage import finished
+from labbook.run.discharge import DischargeJob
+from labbook.run.stopping import Request
+
+THREE = "discharges_per_bed: 3"
+
+
+def runs_of(asked, lab) -> dict[tuple[int, int, int], str]:
+    """Keys of all runs by point, seed and discharge."""
+    with_index = Catalogue(lab)
+    try:
+        found = finished(with_index, asked, "toy")
+        return {(run.point.index, run.seed, run.discharge): run.entry.run_key for run in found}
+    finally:
+        with_index.close()
+
+
+def test_beds_are_filled_once_and_their_first_discharge_is_that_of_a_study_without(tmp_path):
+    plain, several = study(tmp_path), study(tmp_path, THREE)
+    alone, lab = tmp_path / "alone", tmp_path / "lab"
+    carry_out(plain, alone)
+    done = carry_out(several, lab)
+    assert (done.done, done.asked, done.tally.packings) == (12, 12, len([*(alone / "packings").iterdir()]))
+    keys = runs_of(several, lab)
+    assert sorted(keys) == [(p, s, k) for p in (0, 1) for s in (1, 2) for k in (1, 2, 3)]
+    had, now = content(alone), content(lab)
+    assert had == {key: now[key] for key in had}
+    first = {key for number, key in keys.items() if number[2] == 1}
+    assert first == {*runs_of(plain, alone).values()}
+    times = [arrays(lab / "runs" / keys[0, 1, k])["crossing.npz/time"] for k in (1, 2, 3)]
+    assert len(set(times)) == 3, "each goes another way"
+
+
+def test_records_tell_the_kick_and_old_ones_none(tmp_path):
+    asked = study(tmp_path, THREE, orifices="[18]", replicates=1)
+    carry_out(asked, tmp_path / "lab")
+    folders = {number: tmp_path / "lab" / "runs" / key for number, key in runs_of(asked, tmp_path / "lab").items()}
+    stored = {k: json.loads((folders[0, 1, k] / "run.json").read_text()).get("kick") for k in (1, 2, 3)}
+    assert stored == {1: None, 2: {"discharge": 2, "version": 1}, 3: {"discharge": 3, "version": 1}}
+    said = [RunRecord.read(folders[0, 1, k]).repeat for k in (1, 2)]
+    assert said == ["seed 1", "seed 1, discharge 2"]
+
+
+def test_a_run_that_was_stopped_goes_on_with_the_same_bits(tmp_path, monkeypatch):
+    asked = study(tmp_path, "discharges_per_bed: 2", orifices="[18]", replicates=1)
+    carry_out(asked, tmp_path / "whole")
+    request, verdict = Request(), DischargeJob.verdict
+
+    def stopped_half_way(self, events):
+        if self.demand.discharge == 2 and self.progress() > 0.4:
+            request.made = True
+        return verdict(self, events)
+
+    monkeypatch.setattr(DischargeJob, "verdict", stopped_half_way)
+    carry_out(asked, tmp_path / "lab", request=request, lanes=1)
+    monkeypatch.undo()
+    again = carry_out(asked, tmp_path / "lab")
+    assert again.tally.resumed == 1
+    assert again.done == again.asked == 2
+    assert content(tmp_path / "lab") == content(tmp_path / "whole")
+
+
+def test_only_first_discharges_are_recorded(tmp_path):
+    asked = study(tmp_path, THREE, "record: {replicates: 2}", orifices="[18]")
+    carry_out(asked, tmp_path / "lab")
+    lab = LabFolder(tmp_path / "lab")
+    recorded = [n for n, key in runs_of(asked, lab).items() if (lab.run(key) / "recording.npz").exists()]
+    assert recorded == [(0, 1, 1), (0, 2, 1)]
+
+
+def test_listings_number_the_discharges(tmp_path):
+    path, lab = study_file(tmp_path, "discharges_per_bed: 2", orifices="[18]", replicates=1), tmp_path / "lab"
+    labbook("run", path, "--lab", lab, "--backend", "toy")
+    listed = json.loads(labbook("runs", "--lab", lab, "--json").stdout)
+    assert sorted((row["seed"], row["discharge"]) for row in listed) == [(1, 1), (1, 2)]
+    assert "discharge" in labbook("runs", "--lab", lab).stdout
+    second = next(row["run_key"] for row in listed if row["discharge"] == 2)
+    assert "seed 1, discharge 2" in labbook("show", second, "--lab", lab).stdout
+
+
+def test_means_are_of_beds(tmp_path):
+    """The pooled mean and its error are those of the means of beds, with as many degrees of freedom."""
+    from labbook import Lab
+
+    asked = study(tmp_path, THREE, orifices="[18]", replicates=3)
+    carry_out(asked, tmp_path / "lab")
+    (point,) = Lab(tmp_path / "lab", "toy").results(asked).points
+    rates = np.array([run.measured["flow_rate"].value for run in point.runs]).reshape(3, 3)
+    assert [(run.seed, run.discharge) for run in point.runs] == [(s, k) for s in (1, 2, 3) for k in (1, 2, 3)]
+    pooled = point.pooled["flow_rate"]
+    assert pooled.n == 3
+    assert pooled.value == pytest.approx(rates.mean())
+    assert pooled.error == pytest.approx(rates.mean(axis=1).std(ddof=1) / np.sqrt(3))
