@@ -172,8 +172,8 @@ class Results(StudyResults):
             if (run.point.index + 1, run.seed, run.discharge) == (number, seed, discharge):
                 return run
         several = any(run.discharge > 1 for run in self.runs)
-        known = [(run.point.index + 1, run.seed, *([run.discharge] if several else [])) for run in self.runs]
-        there = ", ".join(listed([f"({', '.join(map(str, one))})" for one in known])) or "none"
+        numbers = [(run.point.index + 1, run.seed, *([run.discharge] if several else [])) for run in self.runs]
+        there = ", ".join(listed([f"({', '.join(map(str, one))})" for one in numbers])) or "none"
         lacking = f"no finished run of point {number} with {repeat(seed, discharge)}"
         names = "point, seed, discharge" if several else "point, seed"
         raise LookupError(f"{lacking}; there are, as ({names}): {there}")

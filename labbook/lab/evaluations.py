@@ -174,7 +174,7 @@ class FinishedRun:
 
     @property
     def repeat(self) -> str:
-        """Which repeat of its point it is, for people: `seed 3, discharge 2`."""
+        """The number of a run among those of its point, for people: `seed 3, discharge 2`."""
         return repeat(self.seed, self.discharge)
 
     @cached_property

@@ -434,7 +434,7 @@ class RunRecord(FolderRecord):
 
     @property
     def repeat(self) -> str:
-        """Which repeat of its point it is, for people: `seed 3, discharge 2`."""
+        """The number of a run among those of its point, for people: `seed 3, discharge 2`."""
         return repeat(self.seed, self.discharge)
 
     @property

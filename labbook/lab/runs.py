@@ -181,8 +181,8 @@ def _check_start(folder: Path, record: RunRecord, packed: PackingRecord) -> None
         raise Unreadable(f"{path}: packing_key: the packing {packed.packing_key} has other grains")
     scene = identity.lineage_scene(record.scene, record.versions, record.scene_key)
     closed = identity.lineage_scene(packed.scene, packed.versions, packed.closed_key)
-    made = packed.filling, packed.numerics, packed.backend
-    lineage = identity.lineage_from(scene, closed, *made, record.numerics, record.backend, record.kick)
+    filling = packed.filling, packed.numerics, packed.backend
+    lineage = identity.lineage_from(scene, closed, *filling, record.numerics, record.backend, record.kick)
     if record.lineage_key != lineage:
         raise Unreadable(f"{path}: lineage_key: it does not match the record ({lineage})")
 

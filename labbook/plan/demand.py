@@ -19,7 +19,7 @@ from labbook.scene.model import once
 from labbook.scene.quantities import span
 from labbook.scene.timescales import gravity_time
 from labbook.stats import StoppingRule
-from labbook.stats.nested import MOST, START
+from labbook.stats.nested import LARGEST, START
 from labbook.study import Point, Study
 from labbook.study.applicable import flat_area
 from labbook.study.schema import AUTO, EVERY, LONGEST, STALL, Stop
@@ -289,7 +289,7 @@ class Demand:
 
     @property
     def repeat(self) -> str:
-        """Which repeat of its point it is, for people: `seed 3, discharge 2`."""
+        """The number of a run among those of its point, for people: `seed 3, discharge 2`."""
         return repeat(self.seed, self.discharge)
 
     @property
@@ -329,8 +329,8 @@ class Demand:
         s = self.shared
         opened, closed = scenes or (s.scene_key, s.closed_key)
         lineage = scenes or s.lineage_scenes
-        made = s.maker(backend)
-        return identity.run_keys(opened, closed, self.filling, s.numerics, backend, made, lineage, self.kick)
+        maker = s.maker(backend)
+        return identity.run_keys(opened, closed, self.filling, s.numerics, backend, maker, lineage, self.kick)
 
     def run_key(self, backend: str, version: int) -> str:
         """Key of this run on one version of the backend called `backend`."""
@@ -366,9 +366,9 @@ def demands(study: Study, seeds: int, packings_of: PackingsOf | None = None) -> 
 
 
 def discharges(study: Study) -> tuple[int, int]:
-    """How many discharges each bed of the study has at first, and at most."""
-    stated = study.discharges_per_bed
-    return (START, MOST) if stated == AUTO else (stated, stated)
+    """Numbers of discharges that each bed of the study has at first, and at most."""
+    number = study.discharges_per_bed
+    return (START, LARGEST) if number == AUTO else (number, number)
 
 
 def fewest_runs(study: Study, point: Point | None = None) -> int:

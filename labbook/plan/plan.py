@@ -409,7 +409,7 @@ class Planner:
         return replace(base, points=points)
 
     def these(self, repeats: Mapping[int, Iterable[tuple[int, int]]]) -> Plan:
-        """These runs alone, by index of their point, each by its seed and discharge, and none that follow from them."""
+        """Plan these runs alone, by index of their point, seed and discharge, and none that follow from them."""
         self._extends = False
         asked = {
             shared: self._keyed(shared.run(*repeat) for repeat in repeats.get(shared.point.index, ()))
@@ -456,9 +456,9 @@ class Planner:
             if proposal.state == "end":
                 return PointPlan(shared, tuple(items), proposal)
             (assigned,) = proposal.assignments
-            known = {item.demand.number for item in items}
-            wanted = shared.runs(assigned.replicates, assigned.discharges)
-            added = self._keyed(run for run in wanted if run.number not in known)
+            numbers = {item.demand.number for item in items}
+            assigned_runs = shared.runs(assigned.replicates, assigned.discharges)
+            added = self._keyed(run for run in assigned_runs if run.number not in numbers)
             listed = self._look_up(added)
             items = sorted([*items, *(self._item(*pair, listed) for pair in added)], key=place_in_order)
         return PointPlan(shared, tuple(items), None)
@@ -472,8 +472,8 @@ class Planner:
         rates = flow_rates(self.study, self.catalogue, keys)
         numbers = [{QUANTITY: rates[key]} if key in rates else {} for key in keys]
         trials = tuple(
-            Trial(point.at, item.demand.seed, item.keys.run, item.outcome or "", found, item.demand.discharge)
-            for item, found in zip(items, numbers, strict=True)
+            Trial(point.at, item.demand.seed, item.keys.run, item.outcome or "", measured, item.demand.discharge)
+            for item, measured in zip(items, numbers, strict=True)
         )
         done = Generation(0, (Assignment(point.at, *items[-1].demand.number),), "", trials)
         scatter = None if point.choice is None else point.choice.scatter

@@ -64,7 +64,7 @@ class RunResult:
 
     @property
     def repeat(self) -> str:
-        """Which repeat of its point it is, for people: `seed 3, discharge 2`."""
+        """The number of a run among those of its point, for people: `seed 3, discharge 2`."""
         return self.run.repeat
 
     @property

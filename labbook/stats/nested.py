@@ -3,7 +3,7 @@ bed are not, so that beds are the units of all statistics."""
 
 from collections.abc import Iterable, Mapping, Sequence
 
-START, MOST = 2, 8
+START, LARGEST = 2, 8
 """Discharges of a bed at first and at most, where their number is looked for: one alone does not tell what the flow and
 what the bed does, and beyond eight the beds decide how well a mean is known."""
 

@@ -293,13 +293,13 @@ def _calibration(source: StudyText, path: Path | None, problems: list[Problem]) 
 
 def _too_many_runs(source: StudyText, settings: Settings, points: int) -> Iterator[Problem]:
     """More runs than a plan can hold."""
-    each = 1 if settings.discharges_per_bed == AUTO else settings.discharges_per_bed
-    runs = points * settings.replicates * each
+    discharges = 1 if settings.discharges_per_bed == AUTO else settings.discharges_per_bed
+    runs = points * settings.replicates * discharges
     if runs > MAX_RUNS:
         memory = f"a plan of them takes about {runs * BYTES / 1e9:.3g} GB of memory"
-        of = f"{settings.replicates} replicates" + (f" with {each} discharges each" if each > 1 else "")
+        of = f"{settings.replicates} replicates" + (f" with {discharges} discharges each" if discharges > 1 else "")
         message = f"{points} points of {of} are {runs} runs, more than {MAX_RUNS}; {memory}"
-        remedy = f"use at most {MAX_RUNS // (points * each)} replicates, or split the study"
+        remedy = f"use at most {MAX_RUNS // (points * discharges)} replicates, or split the study"
         yield Problem(source.path, source.line(("replicates",)), "replicates", message, remedy)
 
 

@@ -194,8 +194,8 @@ Names = Annotated[tuple[str, ...], BeforeValidator(lambda names: [names] if isin
 
 
 AUTO: Literal["auto"] = "auto"
-"""As `discharges_per_bed`: the cheapest number is looked for."""
-PerBed = Annotated[int | Literal["auto"], OrWord(Annotated[Whole, Field(ge=1, le=100)], AUTO)]
+"""Value of `discharges_per_bed` for which the cheapest number is looked for."""
+PerBed = Annotated[int | Literal["auto"], OrWord(Annotated[Whole, Field(ge=1, le=10_000)], AUTO)]
 
 
 class Settings(Model):

@@ -515,7 +515,7 @@ class StudyKeys(TypedDict, total=False):
     discharges_per_bed: object
     """Number of discharges of each bed: the second and further ones start with small random velocities. `auto`: the
     number that is cheapest for `accuracy.flow_rate`, from how much of the scatter beds and flow have each. Range:
-    in [1, 100] or auto."""
+    of at least 1 or auto."""
     accuracy: AccuracyKeys | object
     measure: Sequence[Literal["flow_rate", "outlet_profiles", "packing", "orifice", "contact_stress", "ledger", "outlets"] | object] | object
     """Names of the measurements to take."""

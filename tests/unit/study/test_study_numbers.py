@@ -118,6 +118,7 @@ def test_numbers_with_few_digits_and_large_ones_stay():
 def test_all_whole_numbers_are_known_here():
     assert {*COUNTS} == {
         "replicates",
+        "discharges_per_bed",
         "accuracy.max_replicates",
         "record.replicates",
         "grains.count",
@@ -135,6 +136,7 @@ def test_whole_numbers_in_every_spelling(tmp_path, key, text):
     study = load(file)
     of_study = {
         "replicates": study.replicates,
+        "discharges_per_bed": study.discharges_per_bed,
         "accuracy.max_replicates": study.accuracy.max_replicates,
         "record.replicates": study.record and study.record.replicates,
     }
