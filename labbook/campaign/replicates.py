@@ -1,10 +1,12 @@
 """The strategy behind `accuracy.flow_rate`: replicates of a point until its flow rate is known well enough."""
 
+import math
 from typing import ClassVar
 
 from labbook.campaign.strategy import Assignment, History, Proposal, Strategy
 from labbook.scene.quantities import percent
 from labbook.stats import Decision, StoppingRule
+from labbook.stats.nested import TYPICAL, Beds, Design, Shares, cheapest, of_beds, shares
 
 QUANTITY = "flow_rate"
 _WRONG = 1.5
@@ -13,6 +15,9 @@ _WRONG = 1.5
 
 class Replicates(Strategy):
     """Adds replicates to one point by the stopping rule of `labbook.stats.stopping`.
+
+    Replicates are beds, and all have as many discharges. Where `filling` is known, their number is the cheapest one: it
+    only rises, by further discharges of the beds that there are.
 
     It waits for all runs so far, since replicates that end first may flow fast: no fair sample.
     """
@@ -24,33 +29,82 @@ class Replicates(Strategy):
     """When to stop, and how many to add."""
     scatter: float | None = None
     """Standard deviation between runs, relative to the mean, by which their number was foreseen."""
+    filling: float | None = None
+    """Cost of a filling, in discharges; None where the number of discharges of each bed is stated."""
 
     def propose(self, history: History) -> Proposal:
         """Propose more seeds of the point of `history`, or end with the precision that was reached."""
+        ((at, beds),) = history.beds(QUANTITY)
         trials = list(history.trials)
-        values = [value for _, seeds in history.values(QUANTITY) for value in seeds]
-        decision = self.rule.decide(values, len(trials) - len(values))
-        if decision.more:
-            pooled = decision.pooled
-            known = "no flow rate yet" if pooled is None else f"W to {percent(pooled.relative, '.2f')}"
-            reason = f"{known} with {len(trials)} replicates: {decision.more} more"
-            return Proposal((Assignment(trials[0].at, len(trials) + decision.more),), reason, decision=decision)
-        return Proposal((), self._reason(decision, len(trials)), "end", decision)
+        there = Design(len({trial.seed for trial in trials}), max(trial.discharge for trial in trials))
+        decision = self.rule.decide(of_beds(beds), there.beds - len(beds))
+        design, pooled = self._design(decision, beds, there), decision.pooled
+        if design != there:
+            precision = "no flow rate yet" if pooled is None else f"W to {percent(pooled.relative, '.2f')}"
+            reason = f"{precision} with {_counted(there)}: {_counted(design)} in all{self._in_words(decision, beds)}"
+            return Proposal((Assignment(at, design.beds, design.discharges),), reason, decision=decision)
+        return Proposal((), self._reason(decision, beds, there), "end", decision)
 
-    def _reason(self, decision: Decision, runs: int) -> str:
+    def _design(self, decision: Decision, beds: Beds, there: Design) -> Design:
+        """Choose beds and discharges for the next look; at the end those that are there."""
+        extended = Design(there.beds + decision.more, there.discharges)
+        if self.filling is None or decision.pooled is None or decision.ended not in (None, "cap"):
+            return extended
+        pooled, of, n = decision.pooled, shares(beds), len(beds)
+        design, reached = cheapest(self.rule, pooled.value, of, self.filling, Design(n, there.discharges))
+        if design.discharges == there.discharges or n < self.rule.first:
+            return extended
+        if decision.ended == "cap" and not (reached and design.beds == n):
+            return there
+        number = there.discharges + 1  # not more at a time: shares known from few beds may be wrong
+        narrower = math.sqrt(of.of_means(number) / of.of_means(there.discharges))
+        added = min(self.rule.following(n, narrower * pooled.relative), self.rule.cap - there.beds)
+        return Design(there.beds + added, number)
+
+    def _reason(self, decision: Decision, beds: Beds, there: Design) -> str:
         if decision.ended is None:
             return ""
         if decision.pooled is None:
+            runs = there.beds * there.discharges
             return f"none of {runs} runs has a flow rate, so no more are made: labbook report tells why"
         short = ": the requested error is not reached, and accuracy.max_replicates allows no more runs"
         short = "" if decision.ended == "tolerance" else short
-        known = percent(decision.pooled.relative, ".2f")
-        return f"flow rate to {known} with {decision.pooled.n} replicates{self._foreseen(decision.pooled.n)}{short}"
+        known, n = percent(decision.pooled.relative, ".2f"), decision.pooled.n
+        why = self._in_words(decision, beds)
+        with_these = _counted(Design(n, there.discharges))
+        return f"flow rate to {known} with {with_these}{self._foreseen(n, there)}{short}{why}"
 
-    def _foreseen(self, needed: int) -> str:
+    def _in_words(self, decision: Decision, beds: Beds) -> str:
+        if self.filling is None or decision.pooled is None or len(beds) < 2:
+            return ""
+        return f"; {in_words(self.rule, decision.pooled.value, shares(beds), self.filling)}"
+
+    def _foreseen(self, needed: int, there: Design) -> str:
         """Report a forecast that was wrong."""
         if self.scatter is None:
             return ""
-        foreseen = self.rule.forecast(self.scatter)
+        foreseen = self.rule.forecast(scatter_of_beds(self.scatter, there.discharges))
         wrong = max(needed, foreseen) > _WRONG * min(needed, foreseen)
         return f" ({foreseen} were expected, from a scatter of {percent(self.scatter, '.2f')})" if wrong else ""
+
+
+def scatter_of_beds(scatter: float, discharges: int) -> float:
+    """Standard deviation between means over so many discharges of a bed, if single runs have the standard deviation
+    `scatter`, and nothing is known of the scene."""
+    return scatter * TYPICAL.of_means(discharges) ** 0.5
+
+
+def in_words(rule: StoppingRule, mean: float, of: Shares, filling: float) -> str:
+    """Both shares of the variance of W, the cheapest number of discharges and what it rests on, in a sentence."""
+    flow, bed = (percent(part, ".0f") for part in (of.flow, of.bed))
+    where = f"{flow} of the variance of W is made in the flow, {bed} in the bed"
+    where += "" if of.measured else " (as in other scenes)"
+    number = cheapest(rule, mean, of, filling)[0].discharges
+    cheap = f"{number} discharge{' a bed is' if number == 1 else 's a bed are'} cheapest"
+    return f"{where}; {cheap}, as a filling takes {float(f'{filling:.2g}'):g} times a discharge"
+
+
+def _counted(design: Design) -> str:
+    """`7 replicates`, `7 replicates of 3 discharges`."""
+    beds = f"{design.beds} replicate{'' if design.beds == 1 else 's'}"
+    return beds if design.discharges == 1 else f"{beds} of {design.discharges} discharges"

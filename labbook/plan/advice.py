@@ -22,7 +22,7 @@ from labbook.measure.packing import PackingStructure
 from labbook.measure.steady import FEWEST
 from labbook.plan.demand import PointDemand
 from labbook.plan.devices import named, slots, speeds
-from labbook.plan.forecast import Outline, film_bytes, forecast, outline
+from labbook.plan.forecast import Outline, discharge_work, fill_work, film_bytes, forecast, outline
 from labbook.plan.plan import QUANTITY, Item, Plan, Planner, check
 from labbook.plan.possible import leak_of
 from labbook.scene import ContactLaw, Scene
@@ -32,6 +32,7 @@ from labbook.study import Point, Study
 from labbook.study.applicable import undamped
 from labbook.study.pilot import first_needed
 from labbook.study.problems import and_others
+from labbook.study.schema import AUTO
 from labbook.study.window import HIGH, high_until
 
 NARROW = {"sphere": 5.0, "spherocylinder": 3.0}
@@ -87,7 +88,16 @@ def _foreseen(study: Study, catalogue: Catalogue, backend: Backend, device: str)
     reason = unready(backend) if plan.todo else ""
     unable = (f"{reason}; until then labbook run refuses",) if reason else ()
     warnings = (*unable, *cut_short(plan, catalogue.lab), *advice(plan, ahead.seconds))
-    return replace(plan, forecast=ahead, warnings=warnings)
+    return replace(plan, forecast=ahead, warnings=warnings, shares=_shares(plan, planner))
+
+
+def _shares(plan: Plan, planner: Planner) -> dict[str, tuple[str, ...]]:
+    """Labels of points by the cheapest number of discharges of their beds and why; none where the study states it."""
+    lines: dict[str, tuple[str, ...]] = {}
+    for point in plan.points if plan.study.discharges_per_bed == AUTO else ():
+        line = planner.shares_in_words(point, fill_work(point.items[0].demand) / discharge_work(point.shared))
+        lines[line] = (*lines.get(line, ()), point.shared.point.label)
+    return lines
 
 
 def advice(plan: Plan, seconds: float = math.inf) -> Iterator[str]:

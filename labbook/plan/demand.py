@@ -19,7 +19,7 @@ from labbook.scene.model import once
 from labbook.scene.quantities import span
 from labbook.scene.timescales import gravity_time
 from labbook.stats import StoppingRule
-from labbook.stats.nested import LARGEST, START
+from labbook.stats.nested import LARGEST
 from labbook.study import Point, Study
 from labbook.study.applicable import flat_area
 from labbook.study.schema import AUTO, EVERY, LONGEST, STALL, Stop
@@ -368,7 +368,7 @@ def demands(study: Study, seeds: int, packings_of: PackingsOf | None = None) -> 
 def discharges(study: Study) -> tuple[int, int]:
     """Numbers of discharges that each bed of the study has at first, and at most."""
     number = study.discharges_per_bed
-    return (START, LARGEST) if number == AUTO else (number, number)
+    return (1, LARGEST) if number == AUTO else (number, number)
 
 
 def fewest_runs(study: Study, point: Point | None = None) -> int:

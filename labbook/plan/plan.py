@@ -1,8 +1,9 @@
 """What is done of a study, what is missing, partial or stale, and why; and whether a backend can do what is planned."""
 
+import math
 from collections import Counter
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property, lru_cache
 from html import escape
 from pathlib import Path
@@ -11,7 +12,7 @@ from typing import TYPE_CHECKING, Any, Literal
 from labbook.accuracy.groups import has_groups
 from labbook.backend import Backend, Capabilities, Spec, Unsupported, absent
 from labbook.campaign import Assignment, Generation, History, Proposal, Replicates, Trial, place
-from labbook.campaign.replicates import QUANTITY
+from labbook.campaign.replicates import QUANTITY, in_words, scatter_of_beds
 from labbook.commands import command
 from labbook.lab import identity
 from labbook.lab.campaigns import campaign_of
@@ -24,14 +25,17 @@ from labbook.lab.runs import open_run
 from labbook.lab.suspect import counts
 from labbook.measure import MEASURES
 from labbook.measure.measure import window_in_words
+from labbook.plan.beds import filling_cost
 from labbook.plan.coverage import made_by, shortfall
 from labbook.plan.demand import Demand, PackingsOf, PointDemand, discharges, recorded_in_words, stopping_rule
 from labbook.plan.possible import check_container
 from labbook.scene.quantities import duration, percent, size, value_range
 from labbook.stats import Decision, StoppingRule
+from labbook.stats.nested import TYPICAL, by_bed, of_beds, shares
 from labbook.study import Point, Study
 from labbook.study.problems import grouped
 from labbook.study.proposed import with_points
+from labbook.study.schema import AUTO
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -117,6 +121,9 @@ class Plan:
     """Folder of the lab that was looked at."""
     campaign: tuple[str, ...] = ()
     """What its strategy has proposed and why, line by line; empty if it names none."""
+    shares: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
+    """By which number of discharges of a bed is cheapest, and why: the labels of the points that it is so at. Empty if
+    that was not foreseen, or the study states the number."""
 
     @cached_property
     def items(self) -> list[Item]:
@@ -185,6 +192,7 @@ class Plan:
             known = percent(self.rule.tolerance or 0.0)
             lines.append(f"Up to {self.rule.cap} replicates per point, until the flow rate is known to {known}")
             lines += self._chosen()
+            lines += [f"Discharges: {line}" for line in _at_points(self.shares)]
         if "flow_rate" in self.study.measure:
             lines.append(f"Flow rates from {window_in_words(self.study.window)}")
         lines += filter(None, [recorded_in_words(point.shared for point in self.points)])
@@ -225,11 +233,13 @@ class Plan:
 
     def _chosen(self) -> list[str]:
         """The numerics that were chosen for the requested error, one line for all points that share them."""
-        groups: dict[str, list[str]] = {}
+        groups: dict[str, tuple[str, ...]] = {}
         for point in (one.shared.point for one in self.points):
             choice = point.choice
             if choice is not None:
-                needed = stopping_rule(self.study, point).forecast(choice.scatter)
+                scatter = scatter_of_beds(choice.scatter, discharges(self.study)[0])
+                needed = stopping_rule(self.study, point).forecast(scatter)
+                alone = " of one discharge" if self.study.discharges_per_bed == AUTO else ""
                 cap = f" (accuracy.max_replicates is {self.rule.cap})" if needed == self.rule.cap else ""
                 bias = f"{percent(choice.bias.value, '+.2f')} +- {percent(choice.bias.half_width, '.2f')}"
                 said = (
@@ -238,14 +248,13 @@ class Plan:
                 )
                 said += (
                     f"rate by {bias}, which leaves {percent(choice.left, '.2f')} for the scatter; "
-                    f"{needed} replicates expected{cap}"
+                    f"{needed} replicates{alone} expected{cap}"
                 )
                 if choice.usual is not None:
                     part = percent(choice.over_usual, ".0f")
                     said += f"; {part} of the steps that {choice.usual * 1e6:.3g} us would take if it had no bias"
-                groups.setdefault(f"Chosen for {percent(choice.tolerance)}: {said} ({choice.source})", []).append(
-                    point.label
-                )
+                line = f"Chosen for {percent(choice.tolerance)}: {said} ({choice.source})"
+                groups[line] = (*groups.get(line, ()), point.label)
             elif point.unchosen:
                 step = f"dt = {point.numerics.dt * 1e6:.3g} us, whose bias is not known"
                 if self.study.source:
@@ -259,10 +268,15 @@ class Plan:
                     why = f"Not calibrated: {point.unchosen}; {step} ({verb})"
                 else:
                     why = f"Cannot be calibrated: {point.unchosen}; {step}"
-                groups.setdefault(why, []).append(point.label)
-        if len(groups) == 1:
-            return list(groups)
-        return [f"{said}; at {'; '.join(at[:3])}{' ...' * (len(at) > 3)}" for said, at in groups.items()]
+                groups[why] = (*groups.get(why, ()), point.label)
+        return _at_points(groups)
+
+
+def _at_points(groups: Mapping[str, Sequence[str]]) -> list[str]:
+    """Lines with the labels of the points that each is for; without labels, if all points share one line."""
+    if len(groups) == 1:
+        return list(groups)
+    return [f"{line}; at {'; '.join(at[:3])}{' ...' * (len(at) > 3)}" for line, at in groups.items()]
 
 
 _FAILED = "its packing failed: "
@@ -477,7 +491,33 @@ class Planner:
         )
         done = Generation(0, (Assignment(point.at, *items[-1].demand.number),), "", trials)
         scatter = None if point.choice is None else point.choice.scatter
-        return Replicates.of(rule=rule, scatter=scatter).propose(History(self.study, (done,), (), 1))
+        filling = self._filling_cost(items) if self.study.discharges_per_bed == AUTO else None
+        strategy = Replicates.of(rule=rule, scatter=scatter, filling=filling)
+        return strategy.propose(History(self.study, (done,), (), 1))
+
+    def _filling_cost(self, items: Sequence[Item]) -> float:
+        """Cost of a filling of a point, in discharges, by its runs that are done."""
+        first = [(item.keys.run, item.keys.packing) for item in items if item.demand.discharge == 1]
+        return filling_cost(self.catalogue.lab, first, self._sharing[items[0].keys.packing])
+
+    @cached_property
+    def _sharing(self) -> Counter[str]:
+        """Points that start from a packing, by its key; of the first bed of each point."""
+        return Counter(shared.run(1).keys(self.backend).packing for shared in self.points)
+
+    def shares_in_words(self, point: PointPlan, expected: float) -> str:
+        """Say what bed and flow have of the variance of a point's flow rate, and which number of discharges of a bed is
+        cheapest. `expected`: cost of a filling, in discharges, until any is made."""
+        shared, rule = point.shared, stopping_rule(self.study, point.shared.point)
+        items = [item for item in point.items if item.state == "done"]
+        rates = flow_rates(self.study, self.catalogue, [item.keys.run for item in items])
+        values = [(item.demand.seed, rates[item.keys.run]) for item in items if item.keys.run in rates]
+        if len(beds := by_bed(values)) < 2:
+            choice, sharing = shared.point.choice, self._sharing[point.items[0].keys.packing]
+            scatter = math.nan if choice is None else choice.scatter
+            return in_words(rule, 1.0, replace(TYPICAL, scatter=scatter), expected / sharing)
+        means = of_beds(beds)
+        return in_words(rule, sum(means) / len(means), shares(beds), self._filling_cost(items))
 
     def _keyed(self, demands: Iterable[Demand]) -> list[tuple[Demand, Keys]]:
         return [(demand, demand.keys(self.backend)) for demand in demands]

@@ -9,11 +9,13 @@ from typing import Any
 from labbook.measure.measure import window_in_words
 from labbook.report.blocks import Facts
 from labbook.results import display
+from labbook.results.beds import shares_in_words
 from labbook.results.display import Shown
 from labbook.results.study import StudyResults
 from labbook.scene.quantities import span
 from labbook.study import Point
 from labbook.study.keys import find
+from labbook.study.schema import AUTO
 
 _UNITS = {
     "m": Shown("", "mm", 1e3),
@@ -36,6 +38,7 @@ def setting(results: StudyResults, today: date) -> Facts:
     rows += [("Swept", text) for text in _swept(points)]
     rows += [("Points chosen", text) for text in results.campaign]
     rows += [("Measured", _measured(results)), ("Replicates", _replicates(results))]
+    rows += [("Discharges", text) for text in _discharges(results)]
     rows.append(("Recorded", _recorded(results)))
     rows += [("Backend", text) for text in _backend(results)]
     rows.append(("Dates", _dates(results, today)))
@@ -188,7 +191,17 @@ def _replicates(results: StudyResults) -> str:
         return ""
     each = " to ".join(dict.fromkeys(str(n) for n in (min(runs), max(runs))))
     total, points = (f"{n} {what}{'' if n == 1 else 's'}" for n, what in ((sum(runs), "run"), (len(runs), "point")))
-    return f"{total} of {points}, {each} at each; asked: {results.study.replicates}"
+    number = results.study.discharges_per_bed
+    beds = "" if number == 1 else f", each a bed with {number} discharges"
+    beds = ", each a bed with as many discharges as are cheapest" if number == AUTO else beds
+    return f"{total} of {points}, {each} at each; asked: {results.study.replicates}{beds}"
+
+
+def _discharges(results: StudyResults) -> Iterator[str]:
+    """Shares of bed and flow of the variance of W, and the cheapest number of discharges, by point where they
+    differ."""
+    for line, labels in shares_in_words(results).items():
+        yield line if len(labels) == len(results.points) else f"{line} (at {'; '.join(labels)})"
 
 
 def _recorded(results: StudyResults) -> str:

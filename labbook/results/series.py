@@ -212,7 +212,7 @@ def _lacking(points: Sequence[PointResult]) -> tuple[str, ...]:
         notes.append(f"fitted with missing runs: {', '.join(partial)}; runs that finish first are biased to fast flow")
     if clogged := sum(r.outcomes["clogged"] for r in points):
         alone = sum(r.flow_rate is not None and r.flow_rate.n == 1 for r in points)
-        of_one = f"{alone} of {len(points)} points from one replicate; " if alone else ""
+        of_one = f"{alone} of {len(points)} points from one run; " if alone else ""
         runs = f"{clogged} clogged run{'' if clogged == 1 else 's'}"
         notes.append(f"{of_one}{runs} left out: survivors are biased to fast flow")
     return tuple(notes)

@@ -48,13 +48,17 @@ def student(confidence: float, degrees_of_freedom: float) -> float:
     """Two-sided Student quantile t: |T| < t with probability `confidence`; infinite without degrees of
     freedom.
     """
+    return float(students(confidence, np.asarray(degrees_of_freedom, float)))
+
+
+def students(confidence: float, degrees_of_freedom: np.ndarray) -> np.ndarray:
+    """Quantiles as `student` gives them, of the same shape."""
     from scipy.special import stdtrit
 
     if not 0 < confidence < 1:
         raise ValueError(f"a confidence lies between 0 and 1, not at {confidence}")
-    if degrees_of_freedom < 1:
-        return math.inf
-    return float(stdtrit(min(degrees_of_freedom, 1e8), 0.5 + confidence / 2))
+    t = stdtrit(np.clip(degrees_of_freedom, 1, 1e8), 0.5 + confidence / 2)
+    return np.where(degrees_of_freedom < 1, math.inf, t)
 
 
 def pool(values: Sequence[float] | np.ndarray, confidence: float = 0.95) -> Pooled:

@@ -12,12 +12,12 @@ standard deviations and caps from 6 to 30, its nominal 95 % intervals cover betw
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from math import ceil, inf, isfinite, log, sqrt
+from math import ceil, inf, isfinite, log
 from typing import Literal
 
 import numpy as np
 
-from labbook.stats.pooling import Pooled, pool, student
+from labbook.stats.pooling import Pooled, pool, students
 from labbook.stats.tolerance import Tolerance
 
 FEWEST = 3
@@ -82,9 +82,7 @@ class StoppingRule:
     def pool(self, values: Sequence[float] | np.ndarray) -> Pooled:
         """Pooled mean with the interval of this rule: Student's, times 1 + 1.25/n if sequential."""
         pooled = pool(values, self.confidence)
-        if not self.sequential:
-            return pooled
-        return replace(pooled, half_width=pooled.half_width * (1 + _WIDENING / pooled.n))
+        return replace(pooled, half_width=pooled.half_width * float(self._widening(pooled.n)))
 
     def decide(self, values: Sequence[float] | np.ndarray, without: int = 0) -> Decision:
         """Whether `values`, one a replicate in the order of their seeds, suffice; if not, how many to add. without:
@@ -102,26 +100,33 @@ class StoppingRule:
             return Decision(None, 0, "nothing")
         if n < self.first or pooled is None:
             return Decision(pooled, min(self.first - n, self.cap - made), None)
-        # At most a third at a time: a scatter known from few replicates is no ground for ordering many.
-        return Decision(pooled, min(self._missing(pooled), max(1, n // 3), self.cap - made), None)
+        return Decision(pooled, min(self.following(n, pooled.relative), self.cap - made), None)
 
     def forecast(self, scatter: float) -> int:
         """Replicates that will be needed if they scatter by `scatter`, a standard deviation relative to the mean; at
         most the cap."""
         if self.tolerance is None:
             return self.first
-        for n in range(self.first, self.cap):
-            widened = 1 + _WIDENING / n if self.sequential else 1.0
-            if Tolerance(self.tolerance).kept(student(self.confidence, n - 1) * scatter / sqrt(n) * widened):
-                return n
-        return self.cap
+        numbers = np.arange(self.first, self.cap)
+        enough = Tolerance(self.tolerance).within(self.widths(numbers) * scatter)
+        return int(numbers[np.argmax(enough)]) if enough.any() else self.cap
 
-    def _missing(self, pooled: Pooled) -> int:
-        """Replicates that would be missing if the scatter stayed as it is."""
+    def widths(self, replicates: np.ndarray) -> np.ndarray:
+        """Half widths of the interval of this rule from so many replicates, over their standard deviation."""
+        return students(self.confidence, replicates - 1) / np.sqrt(replicates) * self._widening(replicates)
+
+    def _widening(self, replicates: int | np.ndarray) -> float | np.ndarray:
+        return 1 + _WIDENING / replicates if self.sequential else 1.0
+
+    def following(self, n: int, relative: float) -> int:
+        """Replicates to add to n whose mean has this relative half width: those that would be missing if the scatter
+        stayed as it is, at most a third at a time. A scatter known from few replicates is no ground for ordering many.
+        0 if none are missing."""
         assert self.tolerance is not None
-        if pooled.relative == inf:
-            return self.cap
-        return max(1, ceil(pooled.n * ((pooled.relative / self.tolerance) ** 2 - 1)))
+        if Tolerance(self.tolerance).kept(relative):
+            return 0
+        missing = self.cap if relative == inf else max(1, ceil(n * ((relative / self.tolerance) ** 2 - 1)))
+        return min(missing, max(1, n // 3))
 
 
 def looks(samples: int) -> int:

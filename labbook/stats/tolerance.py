@@ -2,6 +2,8 @@
 
 from dataclasses import dataclass
 
+import numpy as np
+
 
 @dataclass(frozen=True)
 class Tolerance:
@@ -22,4 +24,8 @@ class Tolerance:
 
     def kept(self, half_width: float) -> bool:
         """Decide whether a number whose interval has this half width, relative to it, is as good as was asked."""
-        return half_width <= self.left
+        return bool(self.within(np.asarray(half_width)))
+
+    def within(self, half_widths: np.ndarray) -> np.ndarray:
+        """Decide it of several half widths, shape [...]."""
+        return half_widths <= self.left

@@ -12,7 +12,7 @@ from pathlib import Path
 from labbook.study.keys import Key, all_keys
 from labbook.study.schema import Fill
 
-_MARKED = re.compile(r"(<!-- keys ([a-z ]+) -->\n).*?(<!-- end -->)", re.DOTALL)
+_MARKED = re.compile(r"(<!-- keys ([a-z_ ]+) -->\n).*?(<!-- end -->)", re.DOTALL)
 
 
 def written(text: str) -> str:

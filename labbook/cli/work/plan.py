@@ -64,6 +64,7 @@ def plain(plan: Plan, ahead: Forecast) -> dict[str, Any]:
                 "point": item.demand.point.index + 1,
                 "label": item.demand.point.label,
                 "seed": item.demand.seed,
+                "discharge": item.demand.discharge,
                 "run_key": item.keys.run,
                 "state": item.state,
                 "reason": item.reason,
@@ -81,6 +82,8 @@ def plain(plan: Plan, ahead: Forecast) -> dict[str, Any]:
             "replicates": record.replicates,
         },
         "replicates": {"first": plan.rule.first, "cap": plan.rule.cap, "tolerance": plan.rule.tolerance},
+        "discharges_per_bed": plan.study.discharges_per_bed,
+        "shares": {line: list(labels) for line, labels in plan.shares.items()},
         "forecast": {
             "seconds": ahead.seconds,
             "disk_bytes": ahead.disk,
@@ -123,7 +126,8 @@ def _show(plan: Plan) -> None:
         if number == _MOST:
             table.add_row(f"and {len(groups) - _MOST} more (--json lists all)", "", "", "")
             break
-        table.add_row(escape(label), spans(seeds), f"[{colours[state]}]{state}[/]", escape(reason))
+        several = f" ({len(seeds)} runs)" if len(seeds) > len({*seeds}) else ""
+        table.add_row(escape(label), spans({*seeds}) + several, f"[{colours[state]}]{state}[/]", escape(reason))
     console.print(table)
     console.print(_physics(plan))
     for line in plan.lines():

@@ -1,6 +1,7 @@
 """Campaigns: on which results a proposal rests, whatever the timing; what is kept; the three built-in strategies."""
 
 import math
+from collections.abc import Sequence
 from typing import ClassVar
 
 import pytest
@@ -213,3 +214,56 @@ def test_a_fed_run_goes_on_until_it_is_precise(half_width, state):
     numbers = {} if math.isnan(half_width) else {HALF_WIDTH: half_width}
     look = Generation(0, (Assignment({}),), "", (Trial({}, 1, "key", "going on", numbers),))
     assert PreciseRun(error=0.01).propose(History(None, (look,), (), 1)).state == state
+
+
+def nested_point(beds: Sequence[Sequence[float | None]]) -> History:
+    """A point with the flow rates of the discharges of each bed."""
+    trials = tuple(
+        Trial({"x": 1.0}, seed, f"{seed} {k}", "clogged", {} if value is None else {"flow_rate": value}, k)
+        for seed, bed in enumerate(beds, 1)
+        for k, value in enumerate(bed, 1)
+    )
+    return History(None, (Generation(0, (Assignment({"x": 1.0}, len(beds), len(beds[0])),), "", trials),), (), 1)
+
+
+def test_the_values_of_a_point_are_means_of_beds():
+    history = nested_point([[1.0, 3.0], [None, 4.0], [None, None]])
+    assert history.values("flow_rate") == [({"x": 1.0}, [2.0, 4.0])]
+    assert history.beds("flow_rate") == [({"x": 1.0}, {1: [1.0, 3.0], 2: [4.0]})]
+
+
+def test_a_stated_number_of_discharges_stays():
+    proposal = Replicates(rule=StoppingRule(0.02, 3, 20)).propose(nested_point([[0.9, 1.0], [1.0, 1.1], [1.0, 0.9]]))
+    assert proposal.assignments == (Assignment({"x": 1.0}, 4, 2),)
+    assert "3 replicates of 2 discharges: 4 replicates of 2 discharges in all" in proposal.reason
+
+
+def test_dear_fillings_are_discharged_again_and_cheap_ones_are_not():
+    scattered = nested_point([[0.95], [1.0], [1.05]])
+    rule = StoppingRule(0.02, 3, 50)
+    dear = Replicates(rule=rule, filling=10.0).propose(scattered)
+    assert dear.assignments == (Assignment({"x": 1.0}, 4, 2),), "one discharge more at a time, of all beds"
+    assert "82 % of the variance of W is made in the flow, 18 % in the bed (as in other scenes)" in dear.reason
+    assert "as a filling takes 10 times a discharge" in dear.reason
+    cheap = Replicates(rule=rule, filling=0.05).propose(scattered)
+    assert cheap.assignments == (Assignment({"x": 1.0}, 4, 1),)
+    assert "1 discharge a bed is cheapest" in cheap.reason
+
+
+def test_discharges_are_added_to_as_many_beds_as_the_cap_allows():
+    """At the cap the error may still be reached by further discharges; where it cannot, nothing more is made."""
+    beds = [[1.0 + 0.01 * (-1) ** seed] for seed in range(6)]
+    # half width of 6 beds 1.4 %; with two discharges of each 0.77 of that, with three 0.67
+    for error, wanted in ((0.012, 2), (0.0105, 2), (0.0001, None)):
+        proposal = Replicates(rule=StoppingRule(error, 3, 6), filling=2.0).propose(nested_point(beds))
+        assert [one.discharges for one in proposal.assignments] == ([] if wanted is None else [wanted])
+    assert "accuracy.max_replicates allows no more" in proposal.reason
+
+
+def test_a_proposal_always_adds_runs_or_ends():
+    """Also where the scatter of runs tells less than that of the means of beds does."""
+    rule = StoppingRule(0.02, 3, 50)
+    beds = [[0.97, 0.97, 0.97], [1.0, 1.0, 1.0], [1.03, 1.03, 1.03]]
+    proposal = Replicates(rule=rule, filling=2.0).propose(nested_point(beds))
+    (assigned,) = proposal.assignments
+    assert (assigned.replicates, assigned.discharges) > (3, 3)

@@ -101,3 +101,45 @@ def test_means_are_of_beds(tmp_path):
     assert pooled.n == 3
     assert pooled.value == pytest.approx(rates.mean())
     assert pooled.error == pytest.approx(rates.mean(axis=1).std(ddof=1) / np.sqrt(3))
+
+
+def test_the_cheapest_number_is_looked_for_and_found_again(tmp_path, monkeypatch):
+    """What is proposed follows from the results: a study that was run before asks for nothing more."""
+    import labbook.plan.plan as module
+    from labbook import Lab
+
+    monkeypatch.setattr(module, "filling_cost", lambda *_: 20.0)
+    more = "accuracy: {flow_rate: 2 %, max_replicates: 30}", "discharges_per_bed: auto"
+    asked = study(tmp_path, *more, orifices="[18]", replicates=3)
+    done = carry_out(asked, tmp_path / "lab")
+    numbers = sorted(number[1:] for number in runs_of(asked, tmp_path / "lab"))
+    beds, discharges = numbers[-1]
+    assert discharges > 1, "fillings are dear"
+    assert numbers == [(s, k) for s in range(1, beds + 1) for k in range(1, discharges + 1)], "all have as many"
+    assert done.tally.packings == beds
+    again = carry_out(asked, tmp_path / "lab")
+    assert (again.done, again.asked, again.tally.ran) == (len(numbers), len(numbers), {})
+    (said,) = (line for line in again.lines() if "flow rate to" in line)
+    assert f"{beds} replicates of {discharges} discharges" in said
+    assert "of the variance of W is made in the flow" in said
+    plan = Lab(tmp_path / "lab", "toy").plan(asked)
+    assert not plan.todo
+    ((line, labels),) = plan.shares.items()
+    assert (labels, "as in other scenes" in line) == (("orifice 18 mm",), False)
+    assert f"Discharges: {line}" in plan.lines()
+
+
+def test_the_cost_of_a_filling_is_that_of_its_steps(tmp_path):
+    from labbook.lab.packings import PackingRecord
+    from labbook.plan.beds import filling_cost
+
+    asked = study(tmp_path, orifices="[18]", replicates=1)
+    carry_out(asked, tmp_path / "lab")
+    lab, (key,) = LabFolder(tmp_path / "lab"), runs_of(asked, tmp_path / "lab").values()
+    run = RunRecord.read(lab.run(key))
+    packing = PackingRecord.read(lab.packing(run.packing_key))
+    steps = packing.sessions[-1].to_step / run.coverage.steps
+    inside = 1 - run.coverage.crossed / run.coverage.grains / 2
+    cost = filling_cost(lab, [(key, run.packing_key)])
+    assert cost == pytest.approx(steps / inside)
+    assert filling_cost(lab, [(key, run.packing_key)], points=4) == pytest.approx(cost / 4)
