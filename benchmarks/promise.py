@@ -1,7 +1,7 @@
 """Does the promise hold? A study asks for an error many times over, each time with seeds of its own.
 
     python benchmarks/promise.py STUDY --lab LAB [--repeats 300] [--finest 300] [--backend warp --device cuda:0]
-    [--shard I/N] [--out FILE]
+    [--discharges-per-bed N | auto] [--shard I/N] [--out FILE]
 
 Every repeat follows the study's stopping rule with the numerics that were chosen, and reports W with the half width
 that labbook prints: that of the interval, and the bound of the bias. Held against it is the finest answer: the mean
@@ -10,13 +10,19 @@ repeats. So they are held as well against W without any step: W + b dt^2 is fitt
 that was not calibrated gets its pilot first. Runs that are there are not run again; with --shard only a part of them
 is made, so that several processes may share them. What the same error costs with the usual numerics is worked out from
 runs with these. Seeds are taken in their order, so that no run enters two repeats.
+
+With --discharges-per-bed every repeat has as many discharges of each of its beds, or the cheapest number. Its seeds are
+a block of their own, all repeats are looked at in turns, and only the runs that they propose are made. The first
+discharges of all these beds are also taken as repeats of the rule with a bed for every run, for the cost of both.
 """
 
 import argparse
 import json
 import math
-from collections.abc import Sequence
-from dataclasses import asdict, dataclass
+import sys
+from collections.abc import Iterable, Mapping, Sequence
+from contextlib import closing
+from dataclasses import asdict, dataclass, field
 from datetime import UTC, datetime
 from pathlib import Path
 
@@ -24,12 +30,19 @@ import numpy as np
 
 from labbook import Lab, Study
 from labbook.accuracy import Choice
+from labbook.backend import load as load_backend
 from labbook.backend.machine import hardware
+from labbook.campaign import Assignment, Generation, History, Replicates, Trial
+from labbook.lab.catalogue import Catalogue
 from labbook.lab.packings import PackingRecord
 from labbook.lab.records import RunRecord
-from labbook.plan.demand import stopping_rule
+from labbook.plan.beds import filling_cost
+from labbook.plan.demand import PointDemand, stopping_rule
+from labbook.plan.plan import flow_rates
 from labbook.results.points import by_seed
-from labbook.stats import StoppingRule, pool
+from labbook.run.runner import Runner
+from labbook.stats import Decision, StoppingRule, pool
+from labbook.stats.nested import Design, by_bed, shares
 from labbook.study import load
 
 FINER = 0.25
@@ -42,11 +55,12 @@ SAVED = 600.0
 
 @dataclass(frozen=True)
 class Reported:
-    """What one repeat says: W with the half width of its interval, from `runs` runs."""
+    """What one repeat says: W with the half width of its interval, from `runs` beds, with `discharges` of each."""
 
     value: float
     half_width: float
     runs: int
+    discharges: int = 1
 
 
 @dataclass(frozen=True)
@@ -73,6 +87,109 @@ def repeats(rates: Sequence[float], rule: StoppingRule) -> list[Reported]:
     return found
 
 
+Number = tuple[int, int]
+"""Seed of a bed, and number of the discharge of that."""
+
+
+@dataclass
+class Repeat:
+    """One repeat as it stands. `before`: the seed before its first bed; `rates`: W [kg/s] of its runs that have one."""
+
+    before: int
+    design: Design
+    rates: dict[Number, float] = field(default_factory=dict)
+    decision: Decision | None = None
+
+    @property
+    def numbers(self) -> list[Number]:
+        """All its runs."""
+        beds, discharges = range(1, self.design.beds + 1), range(1, self.design.discharges + 1)
+        return [(self.before + bed, number) for bed in beds for number in discharges]
+
+    def look(self, rule: StoppingRule, scatter: float, filling: float | None) -> None:
+        """Take a look at its runs, all of which are there: its next design, or the decision at its end."""
+        trials = tuple(
+            Trial({}, seed, f"{seed} {number}", "", self._numbers((seed, number)), number)
+            for seed, number in self.numbers
+        )
+        done = Generation(0, (Assignment({}, self.design.beds, self.design.discharges),), "", trials)
+        strategy = Replicates.of(rule=rule, scatter=scatter, filling=filling)
+        proposal = strategy.propose(History(None, (done,), (), 1))
+        if proposal.state == "end":
+            self.decision = proposal.decision
+        for assigned in proposal.assignments:
+            self.design = Design(assigned.replicates, assigned.discharges)
+
+    def _numbers(self, number: Number) -> dict[str, float]:
+        return {"flow_rate": self.rates[number]} if number in self.rates else {}
+
+
+class Nested:
+    """Repeats with several discharges of each bed, all of one scene and one lab."""
+
+    def __init__(self, study: Study, lab: Lab, rule: StoppingRule, scatter: float, count: int, discharges: str):
+        self.study, self.lab, self.rule, self.scatter = study, lab, rule, scatter
+        self.auto = discharges == "auto"
+        self._demand = PointDemand(study, study.points[0])
+        self._backend = load_backend(lab.backend)
+        first = Design(rule.first, 1 if self.auto else int(discharges))
+        self.repeats = [Repeat(n * rule.cap, first) for n in range(count)]
+
+    def run(self) -> None:
+        """Make all runs of all repeats, look by look."""
+        done = set[Number]()
+        while going := [one for one in self.repeats if one.decision is None]:
+            new = [number for one in going for number in one.numbers if number not in done]
+            print(f"{len(going)} repeats go on; {len(new)} runs", file=sys.stderr, flush=True)
+            rates = self._made(new)
+            done |= {*new}
+            for one in going:
+                one.rates |= {number: rates[number] for number in one.numbers if number in rates}
+                one.look(self.rule, self.scatter, self._filling(one) if self.auto else None)
+
+    def _made(self, numbers: Sequence[Number]) -> dict[Number, float]:
+        """W of these runs, made now where they are missing."""
+        runner = Runner(self.study, self.lab.place, self._backend, self.lab.device, SAVED, repeats={0: numbers})
+        if runner.run().stopped:
+            raise SystemExit("stopped: the same command goes on from here")
+        keys = {number: self._keys(number)[0] for number in numbers}
+        with closing(Catalogue(self.lab.place)) as catalogue:
+            rates = flow_rates(self.study, catalogue, list(keys.values()))
+        return {number: rates[key] for number, key in keys.items() if key in rates}
+
+    def _keys(self, number: Number) -> tuple[str, str]:
+        """Keys of a run and of its packing."""
+        keys = self._demand.run(*number).keys(self._backend.capabilities)
+        return keys.run, keys.packing
+
+    def _filling(self, repeat: Repeat) -> float:
+        return filling_cost(self.lab.place, (self._keys(number) for number in repeat.numbers if number[1] == 1))
+
+    @property
+    def reported(self) -> list[Reported]:
+        """What the repeats say; without those none of whose runs flowed."""
+        ended = [(one.decision.pooled, one.design) for one in self.repeats if one.decision is not None]
+        return [
+            Reported(pooled.value, pooled.half_width, design.beds, design.discharges)
+            for pooled, design in ended
+            if pooled is not None
+        ]
+
+    @property
+    def rates(self) -> dict[Number, float]:
+        """W of all runs."""
+        return {number: rate for one in self.repeats for number, rate in one.rates.items()}
+
+    def cost(self) -> Cost:
+        """What the runs took, by those of the first repeats."""
+        keys = [self._keys(number) for one in self.repeats[:_SAMPLE] for number in one.numbers]
+        return cost_of(self.lab, (key for key, _ in keys), (key for _, key in keys))
+
+
+_SAMPLE = 20
+"""Repeats whose records are read for the cost."""
+
+
 def rates_of(study: Study, lab: Lab) -> list[float]:
     """W [kg/s] of every run of the only point of a study, run now where it is missing."""
     if lab.run(study, checkpoint_every=SAVED).stopped:
@@ -85,8 +202,13 @@ def rates_of(study: Study, lab: Lab) -> list[float]:
 def cost(study: Study, lab: Lab) -> Cost:
     """What the runs of a study took."""
     (point,) = lab.results(study, False).points
-    runs = [RunRecord.read(lab.place.run(run.run_key)) for run in point.runs]
-    beds = [PackingRecord.read(lab.place.packing(key)) for key in {run.packing_key for run in point.runs}]
+    return cost_of(lab, (run.run_key for run in point.runs), (run.packing_key for run in point.runs))
+
+
+def cost_of(lab: Lab, run_keys: Iterable[str], packing_keys: Iterable[str]) -> Cost:
+    """What runs and packings with these keys took."""
+    runs = [RunRecord.read(lab.place.run(key)) for key in run_keys]
+    beds = [PackingRecord.read(lab.place.packing(key)) for key in dict.fromkeys(packing_keys)]
     mean = [np.mean([sum(one.grain_steps for one in record.sessions) for record in kind]) for kind in (runs, beds)]
     return Cost(float(mean[0]), float(mean[1]), float(np.mean([one.wall_time for one in (*runs, *beds)])))
 
@@ -103,7 +225,8 @@ def steps(choice: Choice) -> dict[str, dict[str, str]]:
 
 def with_seeds(study: Study, seeds: int, numerics: dict[str, str]) -> Study:
     """The study with that many runs by these numerics, and no requested error."""
-    return study.change({"accuracy": None, "replicates": seeds, **{f"numerics.{k}": v for k, v in numerics.items()}})
+    alone = {"accuracy": None, "discharges_per_bed": 1, "replicates": seeds}
+    return study.change({**alone, **{f"numerics.{k}": v for k, v in numerics.items()}})
 
 
 def without_step(rates: dict[float, list[float]]) -> tuple[float, float]:
@@ -124,6 +247,7 @@ def main() -> None:
     parser.add_argument("--usual", type=int, default=50)
     parser.add_argument("--backend", default="numba")
     parser.add_argument("--device", default="cpu")
+    parser.add_argument("--discharges-per-bed", metavar="N", help="several discharges of each bed: a number, or auto")
     parser.add_argument("--shard", metavar="I/N", help="only make this part of the runs")
     parser.add_argument("--out", type=Path)
     given = parser.parse_args()
@@ -137,15 +261,25 @@ def main() -> None:
     by = steps(choice)
     foreseen = rule.forecast(choice.scatter)
     asked, seeds = given.repeats, min(MOST, math.ceil(1.2 * given.repeats * foreseen))
+    nested = None
+    if given.discharges_per_bed:
+        if given.shard:
+            raise SystemExit("--discharges-per-bed: all runs are made by one process; leave out --shard")
+        one_bed = with_seeds(study, 1, by["chosen"])
+        nested = Nested(one_bed, lab, rule, choice.scatter, asked, given.discharges_per_bed)
+        nested.run()
     if given.shard:
         for name, many in (("chosen", seeds), ("finest", given.finest), ("usual", given.usual)):
             lab.run(with_seeds(study, many, by[name]), checkpoint_every=SAVED, shard=given.shard)
         return
-    while True:
+    while nested is None:
         rates = {choice.dt: rates_of(with_seeds(study, seeds, by["chosen"]), lab)}
         if len(found := repeats(rates[choice.dt], rule)) >= asked or seeds >= MOST:
             break
         seeds = min(MOST, math.ceil(seeds * max(1.1, 1.1 * asked / max(len(found), 1))))
+    if nested is not None:
+        first = [rate for (_, number), rate in sorted(nested.rates.items()) if number == 1]
+        rates, found = {choice.dt: first}, nested.reported
     found = found[:asked]
     finest = with_seeds(study, given.finest, by["finest"])
     usual = with_seeds(study, given.usual, by["usual"])
@@ -176,20 +310,47 @@ def main() -> None:
         "finest": asdict(truth),
         "without_step": {"value": limit, "error": limit_error},
         "bias_found": float(np.mean([one.value for one in found])) / truth.value - 1,
-        "cost": asdict(cost(with_seeds(study, seeds, by["chosen"]), lab)),
+        "cost": asdict(cost(with_seeds(study, seeds, by["chosen"]), lab) if nested is None else nested.cost()),
         "usual_cost": asdict(cost(usual, lab)),
         "usual_runs": needed,
     }
-    told["cost_ratio"] = _work(told["cost"], mean_runs) / _work(told["usual_cost"], needed)
+    work = float(np.mean([_work(told["cost"], one.runs, one.discharges) for one in found]))
+    told["cost_ratio"] = work / _work(told["usual_cost"], needed)
+    if nested is not None:
+        told["nested"] = _nested(nested, told["cost"], work, choice, truth.value)
     print(json.dumps(told, indent=2))
     if given.out:
         given.out.parent.mkdir(parents=True, exist_ok=True)
         given.out.write_text(json.dumps(told, indent=2) + "\n", encoding="utf-8")
 
 
-def _work(cost: dict, runs: float) -> float:
-    """Grain-steps of as many runs, each with a filling of its own."""
-    return runs * (cost["discharge"] + cost["filling"])
+def _work(cost: Mapping[str, float], beds: float, discharges: float = 1) -> float:
+    """Grain-steps of as many beds, each with its filling and as many discharges."""
+    return beds * (discharges * cost["discharge"] + cost["filling"])
+
+
+def _nested(nested: Nested, cost: Mapping[str, float], work: float, choice: Choice, truth: float) -> dict:
+    """Designs of the repeats, the share of the bed in the variance of W over all of them, and what the same rule takes
+    with a bed for every run, by the first discharges of the same beds."""
+    beds = by_bed((seed, rate) for (seed, _), rate in sorted(nested.rates.items()))
+    first = [values[0] for values in beds.values()]
+    plain = repeats(first, nested.rule)
+    inside = sum(abs(one.value - truth) <= one.half_width + choice.bias.bound * one.value for one in plain)
+    alone = float(np.mean([_work(cost, one.runs) for one in plain])) if plain else math.nan
+    several = {seed: values for seed, values in beds.items() if len(values) > 1 and (seed, 1) in nested.rates}
+    kicked = [math.fsum(values[1:]) / (len(values) - 1) / values[0] - 1 for values in several.values()]
+    return {
+        "discharges": "auto" if nested.auto else nested.repeats[0].design.discharges,
+        "mean_discharges": float(np.mean([one.design.discharges for one in nested.repeats])),
+        "ended": {how: sum(one.decision is not None and one.decision.ended == how for one in nested.repeats)
+                  for how in ("tolerance", "cap", "nothing")},
+        "share_of_the_bed": asdict(shares(several)) if several else None,
+        "kicked_over_first": asdict(pool(kicked)) if kicked else None,
+        "grain_steps": work,
+        "a_bed_for_every_run": {"repeats": len(plain), "inside": inside, "grain_steps": alone,
+                                "mean_runs": float(np.mean([one.runs for one in plain])) if plain else math.nan},
+        "over_a_bed_for_every_run": work / alone,
+    }  # fmt: skip
 
 
 if __name__ == "__main__":
