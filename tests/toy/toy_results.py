@@ -29,8 +29,9 @@ class RunDouble(FinishedRun):
         outdated: str = "",
         suspect: str = "",
         ended: str = "2026-01-02T03:04:05+00:00",
+        discharge: int = 1,
     ):
-        key = f"{point.index:04x}{seed:04x}" * 4
+        key = f"{point.index:04x}{seed:04x}" * 3 + f"{discharge:08x}"
         entry = Entry(
             run_key=key,
             lineage_key="",
@@ -43,7 +44,7 @@ class RunDouble(FinishedRun):
             finished=ended,
             suspect=suspect,
         )
-        super().__init__(point, seed, Path("no-such-lab", "runs", key), entry, outdated)
+        super().__init__(point, seed, Path("no-such-lab", "runs", key), entry, outdated, discharge)
 
     @property
     def provenance(self) -> dict[str, Any]:
@@ -83,4 +84,4 @@ def analyse(
 
 
 def _said(run: FinishedRun, problem: str) -> str:
-    return f"run {run.entry.run_key} of {run.point.label}, seed {run.seed}: {problem}"
+    return f"run {run.entry.run_key} of {run.point.label}, {run.repeat}: {problem}"

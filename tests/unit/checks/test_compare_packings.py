@@ -1,5 +1,6 @@
 """Two backends on one study: shared packings and own ones, each in its precision, and nothing run twice."""
 
+from contextlib import closing
 from dataclasses import replace
 
 import numpy as np
@@ -8,13 +9,15 @@ from labbook_toy import Backend, Twin
 from toy_lab import carry_out
 from toy_pair import compared, records, stamps, stamps_of_packings, study
 
-from labbook.checks.compare.compare import compare, narrowed
+from labbook.checks.compare.compare import compare, narrowed, stale
 from labbook.checks.compare.sides import Side
 from labbook.checks.compare.verdict import Verdict, path_of
 from labbook.lab import Catalogue, LabFolder
 from labbook.plan.coverage import finished
 from labbook.plan.demand import PackingsOf
+from labbook.plan.plan import flow_rates
 from labbook.run.runner import Runner
+from labbook.stats.nested import by_bed, of_beds
 
 # shared packings
 
@@ -128,3 +131,19 @@ def test_more_replicates_add_only_those(tmp_path):
     assert before.items() <= after.items()
     assert len(after) - len(before) == 2 + 2, "a run and a packing of each backend"
     assert [(point.index, len(point.runs[0])) for point in verdict.points] == [(1, 3)]
+
+
+def test_beds_that_are_discharged_several_times_count_by_their_means(tmp_path):
+    asked, lab = study(tmp_path, "discharges_per_bed: 2", orifices="[24]"), tmp_path / "lab"
+    verdict = compared(asked, lab)
+    (point,) = verdict.points
+    assert [len(runs) for runs in point.runs] == [4, 4]
+    flow = next(one for one in point.contrasts if one.quantity == "flow_rate")
+    assert flow.seeds == (1, 2)
+    with closing(Catalogue(lab)) as catalogue:
+        runs = {run.entry.run_key: (run.seed, run.discharge) for run in finished(catalogue, asked, "toy")}
+        rates = flow_rates(asked, catalogue, list(runs))
+    beds = by_bed((seed, rates[key]) for key, (seed, _) in runs.items())
+    assert [len(each) for each in beds.values()] == [2, 2]
+    assert flow.first == pytest.approx(of_beds(beds))
+    assert not stale(verdict, asked)

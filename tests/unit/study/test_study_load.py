@@ -5,7 +5,7 @@ from pathlib import Path
 
 import pytest
 
-from labbook.study import Study, load
+from labbook.study import Study, StudyError, load
 
 BASE = """
 name: base
@@ -154,6 +154,21 @@ def test_anchors_share_values(tmp_path):
     text = "walls: {front: &slippery {friction: 0.01}, back: *slippery}\n"
     walls = study(tmp_path, text).points[0].scene.walls
     assert walls["front"] == walls["back"]
+
+
+@pytest.mark.parametrize(
+    ("stated", "number"), [("", 1), ("discharges_per_bed: 3", 3), ("discharges_per_bed: auto", "auto")]
+)
+def test_discharges_of_each_bed(tmp_path, stated, number):
+    one = study(tmp_path, f"accuracy: {{flow_rate: 1 %}}\n{stated}\n")
+    assert one.discharges_per_bed == number
+
+
+def test_a_bed_without_outlet_has_one_run(tmp_path):
+    box = BASE.replace("{kind: wedge-hopper, width: 100 mm, height: 400 mm, thickness: 1.01 d, orifice: 30 mm}",
+                       "{kind: box, width: 50 mm, depth: 50 mm, height: 300 mm}")  # fmt: skip
+    with pytest.raises(StudyError, match="discharges_per_bed: the container has no outlet(.|\n)*use replicates"):
+        study(tmp_path, "measure: [packing]\ndischarges_per_bed: 2\n", base=box)
 
 
 def test_a_container_without_outlet(tmp_path):
