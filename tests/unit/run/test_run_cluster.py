@@ -31,10 +31,10 @@ def files(lab):
 
 def task(asked, **given) -> Task:
     """All runs of a study."""
-    seeds = {point.index: tuple(range(1, asked.replicates + 1)) for point in asked.points}
+    repeats = {point.index: tuple((seed, 1) for seed in range(1, asked.replicates + 1)) for point in asked.points}
     stated = expected(asked, Backend().capabilities)
     fixed = {"packings": {}, "runs": {}, "works": {}, "slice": 300.0, "stop": "never"}
-    return Task(asked, "toy", "cpu", **{"expected": stated, "seeds": seeds, **fixed, **given})
+    return Task(asked, "toy", "cpu", **{"expected": stated, "repeats": repeats, **fixed, **given})
 
 
 def coordinator(asked, lab):

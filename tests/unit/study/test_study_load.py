@@ -167,7 +167,7 @@ def test_discharges_of_each_bed(tmp_path, stated, number):
 def test_a_bed_without_outlet_has_one_run(tmp_path):
     box = BASE.replace("{kind: wedge-hopper, width: 100 mm, height: 400 mm, thickness: 1.01 d, orifice: 30 mm}",
                        "{kind: box, width: 50 mm, depth: 50 mm, height: 300 mm}")  # fmt: skip
-    with pytest.raises(StudyError, match="discharges_per_bed: the container has no outlet(.|\n)*use replicates"):
+    with pytest.raises(StudyError, match=r"discharges_per_bed: the container has no outlet(.|\n)*use replicates"):
         study(tmp_path, "measure: [packing]\ndischarges_per_bed: 2\n", base=box)
 
 
