@@ -115,12 +115,17 @@ def _range(known: Sequence[PointResult], quantity: str) -> str:
         told = [f"{told[0].partition(' (')[0]} at all points"]
     sure = [result.pooled[quantity].relative for result in known]
     finite = sorted(one for one in sure if math.isfinite(one))
+    single = "bed" if any(len(result.runs) > len(result.beds) for result in known) else "run"
     if not finite:
-        wide = "one run per point: no errors"
+        wide = f"one {single} per point: no errors"
     else:
         widths = dict.fromkeys(display.percentage(one) for one in (finite[0], finite[-1]))
         wide = f"95 % intervals of {' to '.join(widths)}"
-        wide += "" if len(finite) == len(sure) else f"; none at {_count(len(sure) - len(finite), 'point')} with one run"
+        wide += (
+            ""
+            if len(finite) == len(sure)
+            else f"; none at {_count(len(sure) - len(finite), 'point')} with one {single}"
+        )
     return f"{shown.name} = {' to '.join(told)}; {wide}."
 
 

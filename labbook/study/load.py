@@ -162,7 +162,7 @@ class Study:
         return f"<Study {self.name}: {points}{over}; replicates: {self.replicates}>"
 
     def _repr_html_(self) -> str:
-        return study_html(self.name, self.about, self.stated, self.points, self.replicates)
+        return study_html(self.name, self.about, self.stated, self.points, self.replicates, self.discharges_per_bed)
 
 
 def load(path: Path | str, calibration: Path | None = None) -> Study:

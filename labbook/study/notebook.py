@@ -11,10 +11,19 @@ _MOST = 120
 """Characters of a value that are shown."""
 
 
-def study_html(name: str, about: str, stated: Mapping[str, Any], points: Sequence[Point], replicates: int) -> str:
+def study_html(
+    name: str,
+    about: str,
+    stated: Mapping[str, Any],
+    points: Sequence[Point],
+    replicates: int,
+    discharges: int | str = 1,
+) -> str:
     """The study as HTML: name, sentence, sweep and sections as they were written; the scene of the first point."""
-    runs = len(points) * replicates
-    counted = f"{_count(len(points), 'point')} × {_count(replicates, 'replicate')} = {_count(runs, 'run')}"
+    counted = f"{_count(len(points), 'point')} × {_count(replicates, 'replicate')}"
+    if isinstance(discharges, int):
+        counted += f" × {_count(discharges, 'discharge')}" if discharges > 1 else ""
+        counted += f" = {_count(len(points) * replicates * discharges, 'run')}"
     rows = [("points", counted), *_swept(stated)]
     rows += [(key, _spelled(value)) for key, value in stated.items() if key not in _LEFT_OUT]
     lines = "".join(

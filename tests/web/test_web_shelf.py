@@ -245,3 +245,18 @@ def test_readers_neither_hold_up_nor_break_a_study_that_runs(tmp_path):
     assert [len(one.runs) for one in found.points] == [replicates] * 3
     assert found.unreadable == ()
     assert {client(lab).get(address).status_code for address in everything(lab, STUDY, 3)} == {200}
+
+
+def test_pages_name_the_discharge_of_a_bed(tmp_path):
+    make(tmp_path, "discharges_per_bed: 2", orifices="[24]", replicates=2)
+    lab = tmp_path / "lab"
+    asker = client(lab)
+    catalogue = Catalogue(lab)
+    rows = catalogue.runs()
+    catalogue.close()
+    key = rows.loc[(rows["seed"] == 2) & (rows["discharge"] == 2), "run_key"].item()
+    for page in (f"/run/{key[:16]}", f"/study/{STUDY}/point/1", "/runs", f"/compare?item=run:{key[:16]}"):
+        answer = asker.get(page)
+        assert answer.status_code == 200
+        assert "2, discharge 2" in answer.text
+    assert {asker.get(page).status_code for page in everything(lab, STUDY, 1)} == {200}
