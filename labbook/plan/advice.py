@@ -117,8 +117,10 @@ def advice(plan: Plan, seconds: float = math.inf) -> Iterator[str]:
     alone = plan.rule.cap < 2 and not (plan.study.fed and plan.study.accuracy.flow_rate is not None)
     if alone:
         remedy = "use replicates: 3 or more, or accuracy.flow_rate"
-        single = "run" if plan.study.discharges_per_bed == 1 else "bed"
-        yield _told(file, "replicates", f"with one {single} per point no number has an error from replicates", remedy)
+        why = "with one run per point no number has an error from replicates"
+        if plan.study.discharges_per_bed != 1:
+            why = "with one bed per point no number has an error from replicates"
+        yield _told(file, "replicates", why, remedy)
     if seconds > _LONG:
         yield from _stiff(plan.study, points)
 

@@ -31,7 +31,8 @@ class RunDouble(FinishedRun):
         ended: str = "2026-01-02T03:04:05+00:00",
         discharge: int = 1,
     ):
-        key = f"{point.index:04x}{seed:04x}" * 3 + f"{discharge:08x}"
+        bed = f"{point.index:04x}{seed:04x}"
+        key = bed * 3 + (bed if discharge == 1 else f"{discharge:08x}")
         entry = Entry(
             run_key=key,
             lineage_key="",
