@@ -1,7 +1,8 @@
 """The arrays of an ensemble on a device: copied in and out slot by slot, and backed up."""
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Collection, Iterator, Mapping
 from contextlib import AbstractContextManager, contextmanager, nullcontext
+from itertools import pairwise
 from types import ModuleType
 from typing import Any
 
@@ -15,6 +16,8 @@ from labbook_warp.shapes import SHAPES
 
 ALONE = 18_000
 """The fixed cost of copying an array of one slot (27 us on an H200), in rows of 16 bytes copied in that time."""
+PART = 0.5
+"""Part of all slots from which on arrays are read as a whole, instead of the parts of these slots."""
 MIRRORED = 4_000_000_000  # bytes of arrays of which the host may have copies
 
 
@@ -66,6 +69,10 @@ class Arrays:
         """Copies on the host, by pointer, within `together`."""
         self._written: dict[int, Any] = {}
         """Arrays whose copies were written to."""
+        self._places: dict[int, int] = {}
+        """Place of each slot that is read within `gathered`."""
+        self._gathered: dict[int, np.ndarray] = {}
+        """Parts of arrays that belong to these slots, on the host, by pointer."""
         self._rows: np.ndarray | None = np.zeros(sizes.slots, np.int32)
         """What `system.rows` holds; None if kernels may have changed it."""
 
@@ -113,6 +120,34 @@ class Arrays:
         finally:
             self._whole, self._written = None, {}
 
+    def reading(self, slots: Collection[int]) -> AbstractContextManager[None]:
+        """Return a context for reading these slots, in which each array is copied to the host once."""
+        if len(slots) < 2:
+            return nullcontext()
+        most = len(slots) > PART * self.sizes.slots and self.bytes <= MIRRORED
+        return self.together() if most else self.gathered(slots)
+
+    @contextmanager
+    def gathered(self, slots: Collection[int]) -> Iterator[None]:
+        """Within this context, what is read of these slots is first put together on the device, array by array, and
+        copied to the host at once. Nothing may change it meanwhile."""
+        self._places = {slot: place for place, slot in enumerate(sorted(slots))}
+        try:
+            yield
+        finally:
+            self._places, self._gathered = {}, {}
+
+    def _gather(self, array: Any, size: int) -> np.ndarray:
+        """Return the entries of an array that belong to the slots of `gathered`, `size` of each."""
+        if array.ptr not in self._gathered:
+            found = wp.empty(len(self._places) * size, dtype=array.dtype, device=self.device)
+            slots = list(self._places)
+            ends = [k for k in range(1, len(slots)) if slots[k] != slots[k - 1] + 1]
+            for first, end in pairwise((0, *ends, len(slots))):  # slots beside each other in one copy
+                wp.copy(found, array, first * size, slots[first] * size, (end - first) * size)
+            self._gathered[array.ptr] = fetch(found)
+        return self._gathered[array.ptr]
+
     def _copy(self, array: Any) -> np.ndarray:
         assert self._whole is not None
         if array.ptr not in self._whole:
@@ -129,6 +164,9 @@ class Arrays:
     def part(self, array: Any, slot: int, size: int, count: int) -> np.ndarray:
         """The first `count` of the `size` entries that `array` has for a slot, on the host. Read only."""
         first = slot * size
+        if self._whole is None and slot in self._places:
+            first = self._places[slot] * size
+            return self._gather(array, size)[first : first + count]
         if self._whole is None:
             return fetch(array, first, count)
         return self._copy(array)[first : first + count]

@@ -349,11 +349,12 @@ class Stage:
 
     def stored(self, run: Run) -> Checkpoint:
         """The exact state of a member that has a slot."""
-        run.rebuilds = int(fetch(self.arrays.system.rebuilds, run.slot, 1)[0])
+        arrays, system = self.arrays, self.arrays.system
+        run.rebuilds = int(arrays.part(system.rebuilds, run.slot, 1, 1)[0])
         numbers = {"step": np.array(run.step), "rebuilds": np.array(run.rebuilds)}
-        most = [fetch(getattr(self.arrays.system, name), run.slot, 1)[0] for name in EXTREMES]
+        most = [arrays.part(getattr(system, name), run.slot, 1, 1)[0] for name in EXTREMES]
         numbers["most"] = np.array(most, np.float64)
-        state = transfer.checkpoint(self.arrays, run.slot, run.rows, run.past_work)
+        state = transfer.checkpoint(arrays, run.slot, run.rows, run.past_work)
         return Checkpoint(self._can.name, self._can.cache_version, state | numbers)
 
 

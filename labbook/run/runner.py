@@ -26,8 +26,8 @@ from labbook.run.summary import Summary
 from labbook.run.watch import Unwatched, Watcher
 from labbook.study import Study
 
-_CLOSING = 8
-"""Threads, at most, that write and measure what members of one ensemble leave."""
+_CLOSING = 12
+"""Threads, at most, that place grains, and write and measure what members of one ensemble leave."""
 
 
 @dataclass(eq=False)
@@ -82,10 +82,12 @@ class Runner:
                 self.watcher.tell(f"Part {self.shard} has no runs: the study has fewer packings than parts")
             self.backend.precompile(board.expected(), self.device)
             publisher = Publisher(self.lab, self.study.name, self.backend.capabilities.name, self.device, self.watcher)
+            # on a CPU lanes want all cores, and end their jobs one by one
+            closing = Closing(board, 1 if self.device == "cpu" else min(_CLOSING, cores()))
+            board.placing = closing.place
             execution = Execution(
                 board,
-                # on a CPU lanes want all cores, and end their jobs one by one
-                Closing(board, 1 if self.device == "cpu" else min(_CLOSING, cores())),
+                closing,
                 self.backend,
                 self.device,
                 self.lanes or (cores() if self.device == "cpu" else 1),
@@ -112,6 +114,7 @@ class Runner:
             left_behind=execution.left_behind,
             holds=holds,
             preparing=execution.meter.preparing,
+            stepping=execution.meter.stepping,
             study=planner.study,
             campaign=() if planner.campaign is None else tuple(planner.campaign.lines),
         )
