@@ -124,8 +124,8 @@ class Arrays:
         """Return a context for reading these slots, in which each array is copied to the host once."""
         if len(slots) < 2:
             return nullcontext()
-        most = len(slots) > PART * self.sizes.slots and self.bytes <= MIRRORED
-        return self.together() if most else self.gathered(slots)
+        whole = len(slots) > PART * self.sizes.slots and self.bytes <= MIRRORED
+        return self.together() if whole else self.gathered(slots)
 
     @contextmanager
     def gathered(self, slots: Collection[int]) -> Iterator[None]:
@@ -140,12 +140,12 @@ class Arrays:
     def _gather(self, array: Any, size: int) -> np.ndarray:
         """Return the entries of an array that belong to the slots of `gathered`, `size` of each."""
         if array.ptr not in self._gathered:
-            found = wp.empty(len(self._places) * size, dtype=array.dtype, device=self.device)
+            joined = wp.empty(len(self._places) * size, dtype=array.dtype, device=self.device)
             slots = list(self._places)
             ends = [k for k in range(1, len(slots)) if slots[k] != slots[k - 1] + 1]
             for first, end in pairwise((0, *ends, len(slots))):  # slots beside each other in one copy
-                wp.copy(found, array, first * size, slots[first] * size, (end - first) * size)
-            self._gathered[array.ptr] = fetch(found)
+                wp.copy(joined, array, first * size, slots[first] * size, (end - first) * size)
+            self._gathered[array.ptr] = fetch(joined)
         return self._gathered[array.ptr]
 
     def _copy(self, array: Any) -> np.ndarray:

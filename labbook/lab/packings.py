@@ -122,8 +122,8 @@ def just_made(folder: Path, record: PackingRecord, packing: Packing) -> None:
 def _remember(asked: tuple[Path, str | None, int], found: tuple[PackingRecord, Packing]) -> None:
     with _reading:
         recent[asked] = found
-        most = max(1, MOST_GRAINS // max(1, len(found[1])))  # adding up the grains of thousands would take long
-        while len(recent) > most:
+        capacity = max(1, MOST_GRAINS // max(1, len(found[1])))  # adding up the grains of thousands would take long
+        while len(recent) > capacity:
             recent.popitem(last=False)
 
 

@@ -232,7 +232,7 @@ class DischargeJob(Job):
 
     @property
     def looks(self) -> bool:
-        """Whether the bed is in the middle of the window, and to be drawn."""
+        """True if the bed is in the middle of the window, and to be drawn."""
         if self._seen is not None or self._unseen or self._plane is None or self.demand.seed > PICTURED:
             return False
         middle = (self.observe.start + self.observe.end) / 2

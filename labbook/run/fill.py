@@ -175,7 +175,7 @@ class FillJob(Job):
 
     @property
     def looks(self) -> bool:
-        """Whether grains have left, or it is time to look: at every _LOOK_EVERY beats where some grains may move, which
+        """True if grains have left, or it is time to look: at every _LOOK_EVERY beats where some grains may move, which
         decides when the bed is at rest; else so often as half a filling is expected to take, too."""
         if self.status.grains < self.scene.grains.count:
             return True

@@ -146,7 +146,7 @@ class Job(ABC):
 
     @property
     def looks(self) -> bool:
-        """Whether `look` reads the state after this beat: the verdict, or a picture, needs more than `status` has."""
+        """True if `look` reads the state after this beat: the verdict, or a picture, needs more than `status` has."""
         return False
 
     def look(self, ensemble: Ensemble, member: Member) -> None:
