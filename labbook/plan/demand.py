@@ -66,9 +66,9 @@ class PointDemand:
 
     @property
     def closed(self) -> Scene:
-        """The scene of its filling; made when it is asked for, since keeping it takes more memory than all the rest."""
-        fill = self.point.fill
-        return self.scene.close(fill.friction, fill.contact, fill.surface_motion)
+        """The scene of its filling. Those of a few points are remembered: to keep all takes more memory than the rest
+        of a study."""
+        return _closed(self)
 
     @property
     def numerics(self) -> Numerics:
@@ -234,6 +234,12 @@ class PointDemand:
         """The run with this seed."""
         record = self.study.record
         return Demand(self, seed, recorded=record is not None and seed <= record.replicates)
+
+
+@lru_cache(maxsize=256)
+def _closed(shared: PointDemand) -> Scene:
+    fill = shared.point.fill
+    return shared.scene.close(fill.friction, fill.contact, fill.surface_motion)
 
 
 @lru_cache(maxsize=1024)

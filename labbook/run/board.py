@@ -29,7 +29,9 @@ from labbook.study.problems import and_others
 _BETWEEN = 1.0  # s, at least, between two looks at what other processes have done
 _LOOKING = 0.05  # of the main thread's time may go into that
 _AHEAD = 1000  # points, at most, whose kernels are compiled before they begin
-_TOGETHER = 50_000  # grains of fillings that begin at once: about a second to place, and to start processes
+TOGETHER = 50_000
+"""Grains of fillings that begin at once from which on other processes place them: it takes about a second, as it takes
+to start these."""
 _SAID = 10_000  # characters, at most, of a reason that is kept
 _SOME_WAY = 0.05  # progress from which a discharge is extrapolated
 
@@ -234,7 +236,7 @@ class Board:
             if len(ahead) == most:
                 break
         grains = sum(item.demand.point.scene.grains.count for item in ahead.values())
-        if len(ahead) < 2 or grains < _TOGETHER:
+        if len(ahead) < 2 or grains < TOGETHER:
             return
         for key, item in ahead.items():
             kind, seed = item.demand.filling.kind, item.demand.seed

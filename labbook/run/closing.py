@@ -7,7 +7,9 @@ together. So there several threads share what they leave, and each hands it to a
 import logging
 import sys
 import threading
+from collections.abc import Sequence
 from concurrent.futures import Future, wait
+from contextlib import suppress
 from itertools import cycle
 from queue import SimpleQueue
 
@@ -34,6 +36,14 @@ class Closer:
         self._hand, self._alone = Hand("labbook-closing"), alone
         self._closed = 0
         self._aside: Aside | None = None
+
+    def begin(self) -> None:
+        """Start the process now, before there is anything to do."""
+        self._hand.do(self._start)
+
+    def _start(self) -> None:
+        with suppress(Gone):  # whoever needs it tries again
+            self._aside = self._aside or Aside()
 
     def close(self, job: Job, verdict: str, left: Left) -> "Future[RunRows]":
         """Put what a job `left` into the lab, and measure it."""
@@ -80,9 +90,8 @@ class Closer:
 class Closing:
     """Jobs that are being closed. The board hears of each from the thread that asks for it by `settle` or `close`."""
 
-    def __init__(self, board: Board, threads: int):
-        self._board = board
-        self._closers = [Closer(alone=threads == 1) for _ in range(threads)]
+    def __init__(self, board: Board, closers: Sequence[Closer]):
+        self._board, self._closers = board, closers
         self._next = cycle(self._closers)
         self._jobs: dict[Future[RunRows], tuple[Job, str]] = {}
         self._ended: SimpleQueue[Future[RunRows]] = SimpleQueue()
@@ -91,7 +100,7 @@ class Closing:
         self.wake = threading.Event()
         """Set when jobs that were closed are to be settled at once."""
         self._turn = sys.getswitchinterval()
-        if threads > 1:
+        if len(closers) > 1:
             sys.setswitchinterval(_TURN)
 
     @property
@@ -143,8 +152,6 @@ class Closing:
             self.settle(wait_for_one=True)
 
     def end(self) -> None:
-        """Wait for all, tell nobody, and end the threads."""
+        """Wait for all, and tell nobody."""
         wait(self._jobs)
-        for closer in self._closers:
-            closer.end()
         sys.setswitchinterval(self._turn)

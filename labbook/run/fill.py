@@ -176,13 +176,12 @@ class FillJob(Job):
     @property
     def looks(self) -> bool:
         """True if grains have left, or it is time to look: at every _LOOK_EVERY beats where some grains may move, which
-        decides when the bed is at rest; else so often as half a filling is expected to take, too."""
+        decides when the bed is at rest; else only once the filling takes longer than expected."""
         if self.status.grains < self.scene.grains.count:
             return True
         if self.status.step % (_LOOK_EVERY * self.numerics.steps_per_beat):
             return False
-        since = self._levels[1][0] if self._levels else 0.0
-        return self.demand.filling.moving > 0 or self.status.time - since >= self._usual / 2
+        return self.demand.filling.moving > 0 or self.status.time > self._usual
 
     def look(self, ensemble: Ensemble, member: Member) -> None:
         """Look at each grain: whether it is still in the container, how high the bed stands, and where some grains may

@@ -8,15 +8,15 @@ from labbook.backend import Backend
 from labbook.backend.machine import cores
 from labbook.lab import studies
 from labbook.lab.catalogue import Catalogue
-from labbook.lab.folder import LabFolder, is_full, room
+from labbook.lab.folder import LabFolder, folders, is_full, room
 from labbook.lab.index import Index
 from labbook.lab.merge import bring
 from labbook.lab.records import Observe
 from labbook.plan.demand import Conflict, Demand, PackingsOf, PointDemand
 from labbook.plan.devices import slots
 from labbook.plan.plan import Plan, Planner, check
-from labbook.run.board import Board
-from labbook.run.closing import Closing
+from labbook.run.board import TOGETHER, Board
+from labbook.run.closing import Closer, Closing
 from labbook.run.execution import CHECKPOINT_EVERY, Execution
 from labbook.run.job import Bench
 from labbook.run.live import Publisher
@@ -69,6 +69,7 @@ class Runner:
 
     def _run(self) -> Summary:
         begun = time.perf_counter()
+        closers = self._closers()
         observe = Observe.of(self.study.measure, self.study.window)
         index = Index(self.lab)
         catalogue = Catalogue(self.lab)
@@ -82,8 +83,7 @@ class Runner:
                 self.watcher.tell(f"Part {self.shard} has no runs: the study has fewer packings than parts")
             self.backend.precompile(board.expected(), self.device)
             publisher = Publisher(self.lab, self.study.name, self.backend.capabilities.name, self.device, self.watcher)
-            # on a CPU lanes want all cores, and end their jobs one by one
-            closing = Closing(board, 1 if self.device == "cpu" else min(_CLOSING, cores()))
+            closing = Closing(board, closers)
             board.placing = closing.place
             execution = Execution(
                 board,
@@ -102,6 +102,8 @@ class Runner:
                 execution.carry_out()
             execution.report()
         finally:
+            for closer in closers:
+                closer.end()
             catalogue.close()
             index.close()
         return Summary(
@@ -118,6 +120,20 @@ class Runner:
             study=planner.study,
             campaign=() if planner.campaign is None else tuple(planner.campaign.lines),
         )
+
+    def _closers(self) -> list[Closer]:
+        """Threads that place grains and close jobs: one on a CPU, where lanes want all cores, and end their jobs one by
+        one. Where much seems to be lacking, their processes start while it is planned."""
+        threads = 1 if self.device == "cpu" else min(_CLOSING, cores())
+        closers = [Closer(alone=threads == 1) for _ in range(threads)]
+        points = self.study.points
+        runs = self.study.replicates * len(points) if self.seeds is None else sum(map(len, self.seeds.values()))
+        lacking = runs - len(folders(self.lab.runs))
+        grains = max((point.scene.grains.count for point in points), default=0)
+        if threads > 1 and lacking > 1 and lacking * grains >= TOGETHER:
+            for closer in closers:
+                closer.begin()
+        return closers
 
     def _plan(self, index: Index, catalogue: Catalogue, observe: Observe) -> tuple[Plan, Planner]:
         """What is to be run, with the planner that says what follows from results. Raises what `run` raises."""

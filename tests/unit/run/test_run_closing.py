@@ -28,8 +28,7 @@ from labbook.run.watch import Unwatched
 def together(monkeypatch):
     """One ensemble takes all jobs, and several threads write what they leave, as on a GPU."""
     monkeypatch.setattr(runner, "slots", lambda *_: 100)
-    made = closing.Closing
-    monkeypatch.setattr(runner, "Closing", lambda board, threads: made(board, 3))
+    monkeypatch.setattr(runner.Runner, "_closers", lambda _: [closing.Closer(alone=False) for _ in range(3)])
 
 
 def test_what_is_written_by_other_threads_is_the_same_in_every_bit(tmp_path, together):
@@ -37,7 +36,7 @@ def test_what_is_written_by_other_threads_is_the_same_in_every_bit(tmp_path, tog
     carry_out(asked, tmp_path / "many", lanes=1)
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(runner, "slots", lambda *_: 1)
-        patch.setattr(runner, "Closing", lambda board, threads: closing.Closing(board, 1))
+        patch.setattr(runner.Runner, "_closers", lambda _: [closing.Closer(alone=True)])
         carry_out(asked, tmp_path / "one", lanes=1)
     for folder in ("runs", "packings"):
         keys = {path.name for path in (tmp_path / "one" / folder).iterdir()}
@@ -221,7 +220,7 @@ def test_a_run_that_is_written_is_told(tmp_path, together, monkeypatch):
 def test_grains_that_other_processes_place_are_those_placed_here(tmp_path, together, monkeypatch):
     asked = study(tmp_path, replicates=4)
     carry_out(asked, tmp_path / "here", lanes=1)
-    monkeypatch.setattr(board, "_TOGETHER", 1)
+    monkeypatch.setattr(board, "TOGETHER", 1)
     placed, call = [], Aside.call
 
     def noted(self, function, *given):
@@ -236,7 +235,7 @@ def test_grains_that_other_processes_place_are_those_placed_here(tmp_path, toget
 
 
 def test_a_process_killed_while_it_places_loses_no_filling(tmp_path, together, monkeypatch, caplog):
-    monkeypatch.setattr(board, "_TOGETHER", 1)
+    monkeypatch.setattr(board, "TOGETHER", 1)
     killed, call = [], Aside.call
 
     def kill(self, function, *given):
