@@ -2,6 +2,7 @@
 
 import math
 from collections.abc import Mapping
+from functools import lru_cache
 
 import numpy as np
 
@@ -17,7 +18,7 @@ def describe(scene: Scene, numerics: Numerics) -> Mapping[str, float]:
     law, grains = LAWS[scene.contact.law], scene.grains
     c = law.coefficients(scene.law_between(0, 0), scene.surface_of_grains, numerics.stiffness_scale)
     speed = math.sqrt(scene.gravity * grains.diameter) or 1.0
-    e = realised(law.normal, c, grains.radius / 2, grains.mass / 2, numerics.dt, speed)
+    e = realised(law.normal, tuple(c), grains.radius / 2, grains.mass / 2, numerics.dt, speed)
     return {
         "restitution_asked": scene.contact.restitution,
         "restitution_realised": float(e.mean()),
@@ -26,14 +27,18 @@ def describe(scene: Scene, numerics: Numerics) -> Mapping[str, float]:
     }
 
 
+@lru_cache(maxsize=256)
 def realised(normal, c, rs: float, ms: float, dt: float, speed: float) -> np.ndarray:
     """Restitution that a time step gives back: head-on collisions at ten positions of the touch within a step.
 
     None is at a whole step, where rounding would decide whether the grains touch yet.
 
-    normal: a law's `normal` in plain Python. rs, ms: effective radius [m] and mass [kg]. speed [m/s] of approach.
+    normal: a law's `normal` in plain Python. c: its coefficients. rs, ms: effective radius [m] and mass [kg]. speed
+    [m/s] of approach. Replicates have the same collisions, so that the array is remembered, and cannot be written to.
     """
-    return np.array([_collide(normal, c, rs, ms, dt, speed, (phase + 0.5) / 10) for phase in range(10)])
+    e = np.array([_collide(normal, c, rs, ms, dt, speed, (phase + 0.5) / 10) for phase in range(10)])
+    e.flags.writeable = False
+    return e
 
 
 _STUCK = 1e-6

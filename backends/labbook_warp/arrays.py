@@ -1,7 +1,8 @@
 """The arrays of an ensemble on a device: copied in and out slot by slot, and backed up."""
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from contextlib import AbstractContextManager, contextmanager, nullcontext
+from itertools import pairwise
 from types import ModuleType
 from typing import Any
 
@@ -15,6 +16,8 @@ from labbook_warp.shapes import SHAPES
 
 ALONE = 18_000
 """The fixed cost of copying an array of one slot (27 us on an H200), in rows of 16 bytes copied in that time."""
+PART = 0.5
+"""Part of all slots from which on arrays are read as a whole, instead of the parts of these slots."""
 MIRRORED = 4_000_000_000  # bytes of arrays of which the host may have copies
 
 
@@ -66,6 +69,12 @@ class Arrays:
         """Copies on the host, by pointer, within `together`."""
         self._written: dict[int, Any] = {}
         """Arrays whose copies were written to."""
+        self._places: dict[int, int] = {}
+        """Place of each slot that is read within `gathered`."""
+        self._gathered: dict[int, np.ndarray] = {}
+        """Parts of arrays that belong to these slots, on the host, by pointer."""
+        self._used = set[int]()
+        """Slots that a member has had: the others are zero."""
         self._rows: np.ndarray | None = np.zeros(sizes.slots, np.int32)
         """What `system.rows` holds; None if kernels may have changed it."""
 
@@ -113,6 +122,32 @@ class Arrays:
         finally:
             self._whole, self._written = None, {}
 
+    def reading(self, slots: Collection[int]) -> AbstractContextManager[None]:
+        """Return a context for reading these slots, in which each array is copied to the host once."""
+        if len(slots) < 2:
+            return nullcontext()
+        whole = len(slots) > PART * self.sizes.slots and self.bytes <= MIRRORED
+        return self.together() if whole else self.gathered(slots)
+
+    @contextmanager
+    def gathered(self, slots: Collection[int]) -> Iterator[None]:
+        """Within this context, what is read of these slots is first put together on the device, array by array, and
+        copied to the host at once. Nothing may change it meanwhile."""
+        self._places = {slot: place for place, slot in enumerate(sorted(slots))}
+        try:
+            yield
+        finally:
+            self._places, self._gathered = {}, {}
+
+    def _gather(self, array: Any, size: int) -> np.ndarray:
+        """Return the entries of an array that belong to the slots of `gathered`, `size` of each."""
+        if array.ptr not in self._gathered:
+            joined = wp.empty(len(self._places) * size, dtype=array.dtype, device=self.device)
+            for first, count, place in _runs(list(self._places)):
+                wp.copy(joined, array, place * size, first * size, count * size)
+            self._gathered[array.ptr] = fetch(joined)
+        return self._gathered[array.ptr]
+
     def _copy(self, array: Any) -> np.ndarray:
         assert self._whole is not None
         if array.ptr not in self._whole:
@@ -129,6 +164,9 @@ class Arrays:
     def part(self, array: Any, slot: int, size: int, count: int) -> np.ndarray:
         """The first `count` of the `size` entries that `array` has for a slot, on the host. Read only."""
         first = slot * size
+        if self._whole is None and slot in self._places:
+            first = self._places[slot] * size
+            return self._gather(array, size)[first : first + count]
         if self._whole is None:
             return fetch(array, first, count)
         return self._copy(array)[first : first + count]
@@ -145,7 +183,9 @@ class Arrays:
         return block[0] if self.state[name] == "one" else block
 
     def clear(self, slot: int) -> None:
-        """Set the state of a slot to zero on the device, except `p`."""
+        """Set the state of a slot to zero on the device, except `p`, if anything was written to it."""
+        if slot not in self._used:
+            return
         for name, kind in self.state.items():
             per, array = self.sizes.cap * self.sizes.entries[kind], getattr(self.system, name)
             if self._whole is None:
@@ -155,6 +195,7 @@ class Arrays:
 
     def write(self, name: str, slot: int, values: np.ndarray) -> None:
         """Put what `read` gave, of any number of rows and entries that fit, into a slot; the rest becomes zero."""
+        self._used.add(slot)
         if name == "p":
             per, array = self.sizes.cap * self.codec.words, self.p
             self._set(array, slot * per, values.reshape(-1, array.dtype._length_))
@@ -166,16 +207,41 @@ class Arrays:
         per = self.sizes.cap * entries
         self._set(array, slot * per, block.reshape(-1, *values.shape[2:]))
 
+    def state_of_all(self) -> dict[str, np.ndarray]:
+        """Return copies of the state arrays of all slots, each of shape [slots, entries, cap, ...]."""
+        slots, cap = self.sizes.slots, self.sizes.cap
+        words = fetch(self.p).reshape(slots, 1, cap, -1)
+        blocks = {name: fetch(getattr(self.system, name)) for name in self.state}
+        entries = {name: self.sizes.entries[kind] for name, kind in self.state.items()}
+        return {"p": words} | {
+            name: block.reshape(slots, entries[name], cap, *block.shape[1:]) for name, block in blocks.items()
+        }
+
+    def take_up(self, state: Mapping[str, np.ndarray]) -> None:
+        """Write what `state_of_all` gave of arrays that had room for no more; the rest becomes zero."""
+        slots, cap = self.sizes.slots, self.sizes.cap
+        for name, block in state.items():
+            entries = 1 if name == "p" else self.sizes.entries[self.state[name]]
+            wider = np.zeros((slots, entries, cap, *block.shape[3:]), block.dtype)
+            wider[: len(block), : block.shape[1], : block.shape[2]] = block
+            array = self.p if name == "p" else getattr(self.system, name)
+            numbers = getattr(array.dtype, "_length_", 0)  # of an entry, if it is a vector
+            send(wider.reshape(-1, numbers) if numbers else wider.ravel(), array, 0)
+        self._used.update(range(slots))
+
     def put(self, name: str, slot: int, values: np.ndarray) -> None:
         """Write the entries of a slot in an array of slots or of walls."""
         array = getattr(self.system, name)
         per = array.shape[0] // self.sizes.slots
         self._set(array, slot * per, values)
 
-    def put_record(self, name: str, slot: int, record: Any) -> None:
-        """Write the record of a slot in an array of records."""
-        array = getattr(self.system, name)
-        wp.copy(array, wp.array([record], dtype=array.dtype, device=self.device), slot, 0, 1)
+    def put_records(self, name: str, records: Mapping[int, Any]) -> None:
+        """Write the records of slots in an array of records."""
+        if records:
+            array = getattr(self.system, name)
+            together = wp.array([records[slot] for slot in sorted(records)], dtype=array.dtype, device=self.device)
+            for first, count, place in _runs(sorted(records)):
+                wp.copy(array, together, first, place, count)
 
     def states(self, slot: int, rows: int) -> States:
         """States of the first `rows` rows of a slot."""
@@ -184,3 +250,10 @@ class Arrays:
             return States(x, v, m)
         m = self.read("momentum", slot, rows)[:, :3].astype(np.float64)
         return States(x, v, m, self.read("turned", slot, rows))
+
+
+def _runs(slots: Sequence[int]) -> Iterator[tuple[int, int, int]]:
+    """First slot, number of slots, and place of the first among `slots`, which ascend, of those beside each other."""
+    ends = [k for k in range(1, len(slots)) if slots[k] != slots[k - 1] + 1]
+    for first, end in pairwise((0, *ends, len(slots))):
+        yield slots[first], end - first, first

@@ -138,6 +138,11 @@ class Ensemble(ensemble.Ensemble[ReadableRun]):
         self._stage.leave(self._runs[member])
         super().retire(member)
 
+    def reading(self, members: Collection[Member]) -> AbstractContextManager[None]:
+        """Return a context in which these members are read together; see `labbook.backend.Ensemble`."""
+        self._stage.seat()
+        return self._stage.arrays.reading([self._runs[member].slot for member in members])
+
     def load(self) -> Load:
         """What a grain-step comes to now; see `labbook.backend.Load`."""
         return weigh(self._stage)

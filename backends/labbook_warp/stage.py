@@ -2,8 +2,9 @@
 
 import math
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from contextlib import contextmanager, nullcontext
+from contextlib import contextmanager
 from types import MappingProxyType
+from typing import Any
 
 import numpy as np
 import warp as wp
@@ -111,9 +112,8 @@ class Stage:
             run.slot = next(free)
             self._seated[run.slot] = run
         with self.arrays.at_once(len(new), copies=2):
+            self._parameters(new)
             for run in new:
-                self._parameters(run)
-                self._put_extremes(run)
                 self._put(run)
         self._counters()
         fresh = {run: run.begin for run in new if isinstance(run.begin, Packing)}
@@ -151,24 +151,38 @@ class Stage:
             assert run.begin is not None
             transfer.restore(self.arrays, run.slot, run.begin)
 
-    def _parameters(self, run: Run) -> None:
-        arrays = self.arrays
-        record = material(arrays.module, run.scene, run.numerics)
-        arrays.system.common = record
-        arrays.put_record("material", run.slot, record)
-        arrays.put_record("place", run.slot, place(arrays.module, run.scene, run.numerics, run.probes, run.lattice))
-        if run.scene.grains.varied:
-            arrays.put("pair_c", run.slot, features.pair_table(run.scene, run.numerics))
-        if run.names:
-            walls, width = features.wall_tables(run.scene, run.numerics), arrays.module.WALL_NUMBERS
-            numbers = np.pad(walls.numbers, ((0, 0), (0, width - walls.numbers.shape[1])))
-            tables = {"wall_c": walls.c, "wall_numbers": numbers.ravel(), "wall_kind": walls.kind}
-            for name, table in {**tables, "wall_motion": walls.motion}.items():
+    def _parameters(self, runs: Sequence[Run]) -> None:
+        """Put what kernels know of the scenes of members into their slots. Replicates have a scene in common, and what
+        follows from it."""
+        arrays, module = self.arrays, self.arrays.module
+        of_scenes: dict[tuple[int, int], tuple[Any, dict[str, np.ndarray]]] = {}
+        materials, places = dict[int, Any](), dict[int, Any]()
+        for run in runs:
+            same = id(run.scene), id(run.numerics)
+            if same not in of_scenes:
+                of_scenes[same] = material(module, run.scene, run.numerics), self._tables(run)
+            materials[run.slot], tables = of_scenes[same]
+            places[run.slot] = place(module, run.scene, run.numerics, run.probes, run.lattice)
+            for name, table in tables.items():
                 arrays.put(name, run.slot, table)
+            for name, value in zip(EXTREMES, run.most, strict=True):
+                arrays.put(name, run.slot, np.array([value]))
+        arrays.put_records("material", materials)
+        arrays.put_records("place", places)
+        if runs:
+            arrays.system.common = materials[runs[-1].slot]
 
-    def _put_extremes(self, run: Run) -> None:
-        for name, value in zip(EXTREMES, run.most, strict=True):
-            self.arrays.put(name, run.slot, np.array([value]))
+    def _tables(self, run: Run) -> dict[str, np.ndarray]:
+        """Coefficients of pairs of kinds, and of walls, by the names of their arrays."""
+        tables: dict[str, np.ndarray] = {}
+        if run.scene.grains.varied:
+            tables["pair_c"] = features.pair_table(run.scene, run.numerics)
+        if run.names:
+            walls, width = features.wall_tables(run.scene, run.numerics), self.arrays.module.WALL_NUMBERS
+            numbers = np.pad(walls.numbers, ((0, 0), (0, width - walls.numbers.shape[1])))
+            tables |= {"wall_c": walls.c, "wall_numbers": numbers.ravel(), "wall_kind": walls.kind}
+            tables["wall_motion"] = walls.motion
+        return tables
 
     def _counters(self) -> None:
         """Bring the arrays of slots in line with what is known of the members."""
@@ -205,8 +219,12 @@ class Stage:
 
     def _resize(self, sizes: Sizes, known: Mapping[Run, Checkpoint] = MappingProxyType({})) -> None:
         """Move all members to new arrays, in the states that are `known`, else as they are. Raises MemoryError."""
-        with self.arrays.at_once(len(self.runs)) if self.runs else nullcontext():
-            stored = {run: known.get(run) or self.stored(run) for run in self.runs}
+        whole, stored = dict[str, np.ndarray](), dict[Run, Checkpoint]()
+        if self.runs and not known and sizes.holds(self._sizes):
+            whole = self._taken_up_as_a_whole()
+        elif self.runs:
+            with self.arrays.at_once(len(self.runs)):
+                stored = {run: known.get(run) or self.stored(run) for run in self.runs}
         for run, checkpoint in stored.items():
             run.takes_up(checkpoint)
         spec = self._spec
@@ -216,13 +234,22 @@ class Stage:
         self._sizes = sizes
         self._arrays = Arrays(module, sizes, self.device, room.records_crossings(spec))
         self._beats = Beat(self._arrays, spec.steps_per_beat)
-        with self._arrays.at_once(len(stored), copies=2):
+        with self._arrays.at_once(len(self.runs), copies=2):
+            self._parameters(self.runs)
             for run, checkpoint in stored.items():
-                self._parameters(run)
-                self._put_extremes(run)
                 transfer.restore(self._arrays, run.slot, checkpoint)
+        if whole:
+            self._arrays.take_up(whole)
         self._counters()
         self._has_changed()
+
+    def _taken_up_as_a_whole(self) -> dict[str, np.ndarray]:
+        """Return the state of all slots, and let members stand where it was taken: rows without a grain stay."""
+        rebuilds, extremes = fetch(self.arrays.system.rebuilds), self.extremes()
+        for run in self.runs:
+            run.rebuilds = int(rebuilds[run.slot])
+            run.most = float(extremes[run.slot, 0]), float(extremes[run.slot, 1])
+        return self.arrays.state_of_all()
 
     @contextmanager
     def within_memory(self) -> Iterator[None]:
@@ -349,11 +376,12 @@ class Stage:
 
     def stored(self, run: Run) -> Checkpoint:
         """The exact state of a member that has a slot."""
-        run.rebuilds = int(fetch(self.arrays.system.rebuilds, run.slot, 1)[0])
+        arrays, system = self.arrays, self.arrays.system
+        run.rebuilds = int(arrays.part(system.rebuilds, run.slot, 1, 1)[0])
         numbers = {"step": np.array(run.step), "rebuilds": np.array(run.rebuilds)}
-        most = [fetch(getattr(self.arrays.system, name), run.slot, 1)[0] for name in EXTREMES]
+        most = [arrays.part(getattr(system, name), run.slot, 1, 1)[0] for name in EXTREMES]
         numbers["most"] = np.array(most, np.float64)
-        state = transfer.checkpoint(self.arrays, run.slot, run.rows, run.past_work)
+        state = transfer.checkpoint(arrays, run.slot, run.rows, run.past_work)
         return Checkpoint(self._can.name, self._can.cache_version, state | numbers)
 
 

@@ -4,7 +4,6 @@ from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
-from labbook_dem.ensemble import places
 from labbook_dem.features import is_oriented
 from labbook_dem.reading import Inside
 from labbook_dem.rotation import momenta, spins
@@ -90,17 +89,15 @@ def set_springs(arrays: Arrays, slot: int, packing: Packing, names: Sequence[str
     held, spring = arrays.read("held", slot, n), arrays.read("spring", slot, n)
     rolling = arrays.read("rolling", slot, n) if "rolling" in arrays.state else None
     of_pairs, of_walls = packing.rolling
-    k, r = np.nonzero(np.arange(len(nbr))[:, None] < count)
-    keys = r * n + nbr[k, r]
-    by_key = np.argsort(keys)
     i, j = rows[packing.pairs[:, 0]], rows[packing.pairs[:, 1]]
+    entries = np.arange(len(nbr))[:, None]
     for a, b, sign in ((i, j, 1.0), (j, i, -1.0)):
-        at = places(keys[by_key], a * n + b)
-        there = by_key[at[at >= 0]]
-        spring[k[there], r[there]] = sign * packing.pair_spring[at >= 0]
+        k, pair = np.nonzero((nbr[:, a] == b) & (entries < count[a]))
+        row = a[pair]
+        spring[k, row] = sign * packing.pair_spring[pair]
         if rolling is not None:
-            rolling[k[there], r[there]] = sign * of_pairs[at >= 0]
-        np.bitwise_or.at(held, r[there], np.uint32(1) << k[there].astype(np.uint32))
+            rolling[k, row] = sign * of_pairs[pair]
+        np.bitwise_or.at(held, row, np.uint32(1) << k.astype(np.uint32))
     arrays.write("spring", slot, spring)
     arrays.write("held", slot, held)
     if rolling is not None:

@@ -7,7 +7,8 @@ members, its slot, or how `advance` is split.
 """
 
 from abc import ABC, abstractmethod
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
+from contextlib import AbstractContextManager, nullcontext
 from dataclasses import dataclass, field
 from importlib.util import find_spec
 from typing import Any, ClassVar
@@ -190,6 +191,13 @@ class Ensemble(ABC):
     @abstractmethod
     def packing(self, member: Member) -> Packing:
         """The portable state, in double precision."""
+
+    def reading(self, members: Collection[Member]) -> AbstractContextManager[None]:
+        """Return a context for reading checkpoints and packings of these members, of which none changes within it.
+
+        A backend may copy what it needs of all of them at once. Others may be read too.
+        """
+        return nullcontext()
 
     @abstractmethod
     def put_back(self, member: Member, grains: Packing) -> None:

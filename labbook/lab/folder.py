@@ -253,22 +253,25 @@ class LabFolder:
     def put(self, made: Path, place: Path) -> None:
         """Put the complete folder `made` in `place`; an older one there is replaced.
 
-        `made` lies in the work folder of its key, whose claim is held. A kill between moving the old folder
-        out and the new one in is mended by `mend`. Both have their names on the disk before either moves, so that a
-        power failure leaves one of them at least.
+        `made` lies in the work folder of its key, whose claim is held; its files are synchronised here. A kill between
+        moving the old folder out and the new one in is mended by `mend`. Both have their names on the disk before
+        either moves, so that a power failure leaves one of them at least.
         """
         work = made.parent
         _sync_tree(made)
-        sync_folder(work)
         make_folder(place.parent)
-        if os.path.lexists(place):
+        replaces = os.path.lexists(place)
+        if replaces:
             replaced = work / "replaced"
             remove(replaced)  # left by a process that was killed after it had put its own folder in place
+            sync_folder(work.parent)
+            sync_folder(work)
             os.rename(place, replaced)
             sync_folder(work)
         os.rename(made, place)
         sync_folder(place.parent)
-        sync_folder(work)
+        if replaces:
+            sync_folder(work)
 
     def replaced(self, key: str) -> Path:
         """Where the older run or packing `key` is while another one is put in its place."""

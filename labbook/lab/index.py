@@ -1,13 +1,13 @@
 """Writing the index: short transactions by the one process that coordinates; and making it again from the folders."""
 
 import os
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from contextlib import AbstractContextManager, suppress
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-from sqlalchemy import Connection, delete, select
+from sqlalchemy import Connection, bindparam, delete, select
 from sqlalchemy.exc import DatabaseError
 
 from labbook.lab.database import (
@@ -37,6 +37,7 @@ from labbook.lab.packings import PackingRecord, is_sealed, read_packing, seal
 from labbook.lab.records import UNREADABLE, Observe, RunRecord, Unreadable
 from labbook.lab.runs import open_run, run_data
 from labbook.lab.suspect import suspicion
+from labbook.measure import RunData
 
 Tick = Callable[[int, int], None]
 """Told how many folders of how many are done."""
@@ -159,49 +160,74 @@ class Index:
         own. Why it cannot be read, or None."""
         return self.put_run(folder, run_rows(folder, observe))
 
-    def put_run(self, folder: Path, found: RunRows) -> str | None:
-        """The same with what `run_rows` found in the folder."""
-        row, rows = found
-        problem = row["problem"]
+    def put_run(self, folder: Path, rows: RunRows) -> str | None:
+        """Index one run folder by what `run_rows` gives of it. Returns why it cannot be read, or None."""
+        return self.put_runs({folder: rows})[folder]
+
+    def put_runs(self, ended: Mapping[Path, RunRows]) -> dict[Path, str | None]:
+        """Index run folders in one transaction.
+
+        Args:
+            ended: What `run_rows` gives of each folder.
+
+        Returns:
+            Why each folder cannot be read; None for one that can.
+        """
+        problems: dict[Path, str | None] = {folder: row["problem"] for folder, (row, _) in ended.items()}
         try:
             with self._transaction() as connection, storing():
-                _replace_run(connection, row, rows)
+                _replace_runs(connection, ended.values())
         except NotStored as why:
-            problem = f"{folder / RunRecord.FILE}: it cannot be indexed: {why}"
-            with suppress(NotStored), self._transaction() as connection, storing():  # not even its name can be kept
-                _replace_run(connection, _blank_row(folder, row["stamp"], problem), [])
-        self._tell(folder, problem)
-        return problem
+            if len(ended) > 1:  # only those that are not stored have a problem
+                return {folder: self.put_run(folder, rows) for folder, rows in ended.items()}
+            for folder, (row, _) in ended.items():
+                problems[folder] = problem = f"{folder / RunRecord.FILE}: it cannot be indexed: {why}"
+                with suppress(NotStored), self._transaction() as connection, storing():  # not even its name is stored
+                    _replace_runs(connection, [(_blank_row(folder, row["stamp"], problem), [])])
+        for folder, problem in problems.items():
+            self._tell(folder, problem)
+        return problems
 
     def add_packing(self, folder: Path) -> str | None:
         """Index one packing folder, and the runs that could not be read for want of it. Why it cannot be read, or
         None."""
-        return self.put_packing(folder, packing_row(folder))
+        return self.put_packings({folder: packing_row(folder)})[folder]
 
-    def put_packing(self, folder: Path, row: dict[str, Any]) -> str | None:
-        """The same with what `packing_row` found in the folder."""
-        problem = self._store_packing(folder, row)
-        self._tell(folder, problem)
-        if not problem:
-            of_it = select(runs.c.run_key).where(runs.c.packing_key == folder.name, runs.c.problem.is_not(None))
-            with self._asking() as connection:
-                waiting = list(connection.scalars(of_it))
-            for key in waiting:
-                self.add_run(self.lab.run(key))
-        return problem
+    def put_packings(self, ended: Mapping[Path, dict[str, Any]]) -> dict[Path, str | None]:
+        """Index packing folders in one transaction, and the runs that could not be read for want of them.
 
-    def _store_packing(self, folder: Path, row: dict[str, Any]) -> str | None:
-        """Take the row of a packing into the index, or in its place one that says why it cannot be kept. Its problem,
-        or None."""
+        Args:
+            ended: What `packing_row` gives of each folder.
+
+        Returns:
+            Why each folder cannot be read; None for one that can.
+        """
+        problems = self._store_packings(ended)
+        for folder, problem in problems.items():
+            self._tell(folder, problem)
+        query = select(runs.c.run_key).where(runs.c.problem.is_not(None))
+        with self._asking() as connection:
+            whole = [folder.name for folder, problem in problems.items() if not problem]
+            waiting = [row.run_key for row in among(connection, query, runs.c.packing_key, whole)]
+        for key in waiting:
+            self.add_run(self.lab.run(key))
+        return problems
+
+    def _store_packings(self, ended: Mapping[Path, dict[str, Any]]) -> dict[Path, str | None]:
+        """Take the rows of packings into the index, or in the place of one that cannot be stored a row that says why.
+        Returns the problem of each, or None."""
+        problems: dict[Path, str | None] = {folder: row["problem"] for folder, row in ended.items()}
         try:
             with self._transaction() as connection, storing():
-                upsert(connection, packings, [row])
+                upsert(connection, packings, list(ended.values()))
         except NotStored as why:
-            problem = f"{folder / PackingRecord.FILE}: it cannot be indexed: {why}"
-            with suppress(NotStored), self._transaction() as connection, storing():
-                upsert(connection, packings, [_blank_packing(folder, row["stamp"]) | {"problem": _kept(problem)}])
-            return problem
-        return row["problem"]
+            if len(ended) > 1:
+                return {folder: self._store_packings({folder: row})[folder] for folder, row in ended.items()}
+            for folder, row in ended.items():
+                problems[folder] = problem = f"{folder / PackingRecord.FILE}: it cannot be indexed: {why}"
+                with suppress(NotStored), self._transaction() as connection, storing():
+                    upsert(connection, packings, [_blank_packing(folder, row["stamp"]) | {"problem": _kept(problem)}])
+        return problems
 
     def problem(self, folder: Path) -> str | None:
         """Why a run or packing folder cannot be read, as far as it was looked at; None if it can be."""
@@ -270,8 +296,7 @@ class Index:
                 tick(at, len(new))
         gone = [key for key in known if key not in there]
         with self._transaction() as connection:
-            for key in gone:
-                _forget(connection, key)
+            _forget(connection, gone)
         found.gone, found.runs = len(gone), len(self._indexed)
 
     def _sync_packings(self) -> set[str]:
@@ -290,8 +315,7 @@ class Index:
             if problem:
                 self.note(self.lab.packing(key), problem)
         gone = known.keys() - there.keys()
-        for row in rows:
-            self._store_packing(self.lab.packing(row["packing_key"]), row)
+        self._store_packings({self.lab.packing(row["packing_key"]): row for row in rows})
         with self._transaction() as connection:
             for key in gone:
                 connection.execute(delete(packings).where(packings.c.packing_key == key))
@@ -304,15 +328,18 @@ class Index:
         return writing(self._engine, self.lab)
 
 
-def _replace_run(connection: Connection, row: dict[str, Any], rows: list[dict[str, Any]]) -> None:
-    _forget(connection, row["run_key"])
-    upsert(connection, runs, [row])
-    upsert(connection, measurements, rows)
+def _replace_runs(connection: Connection, ended: Iterable[RunRows]) -> None:
+    ended = list(ended)
+    _forget(connection, [row["run_key"] for row, _ in ended])
+    upsert(connection, runs, [row for row, _ in ended])
+    upsert(connection, measurements, [measured for _, rows in ended for measured in rows])
 
 
-def _forget(connection: Connection, key: str) -> None:
-    connection.execute(delete(measurements).where(measurements.c.run_key == key))
-    connection.execute(delete(runs).where(runs.c.run_key == key))
+def _forget(connection: Connection, keys: Sequence[str]) -> None:
+    for table in (measurements, runs):
+        of_key = delete(table).where(table.c.run_key == bindparam("key"))
+        if keys:
+            connection.execute(of_key, [{"key": key} for key in keys])
 
 
 _KNOWN = ("study", "label", "seed", "discharge", "backend", "cache_version", "packing_key", "lineage_key")
@@ -339,7 +366,20 @@ def run_rows(folder: Path, observe: Observe | None) -> RunRows:
         record, data = open_run(folder)
     except Unreadable as problem:
         return unreadable_row(folder, seen, problem), []
-    rows = derive(folder, observe or record.observe, lambda: data)
+    return rows_of_run(folder, seen, record, data, observe or record.observe)
+
+
+def rows_of_run(folder: Path, seen: int, record: RunRecord, data: RunData, observe: Observe) -> RunRows:
+    """Row of a run whose content is known, and of its measurements, taken now.
+
+    Args:
+        folder: Folder of the run in the lab.
+        seen: Stamp of the folder with this content.
+        record: Record of the run.
+        data: Start and tables of the run.
+        observe: What is measured.
+    """
+    rows = derive(folder, observe, lambda: data)
     coverage = record.coverage
     row = {
         **{name: getattr(record, name) for name in _OF_RECORD},
@@ -374,11 +414,12 @@ def _kept(text: str) -> str:
     return text.encode("utf-8", "backslashreplace").decode().replace("\0", "\\0")
 
 
-def packing_row(folder: Path) -> dict[str, Any]:
-    """Row of a packing folder."""
+def packing_row(folder: Path, record: PackingRecord | None = None) -> dict[str, Any]:
+    """Row of a packing folder. `record`: that of the packing, where this process has just written it; None reads and
+    checks the folder."""
     row = _blank_packing(folder, stamp(folder))
     try:
-        record, _ = read_packing(folder)
+        record = record or read_packing(folder)[0]
     except Unreadable as problem:
         return {**row, "problem": _kept(str(problem))}
     known = ("closed_key", "backend", "grains", "duration", "wall_time", "machine")

@@ -57,10 +57,10 @@ class PackingRecord(FolderRecord):
 
 
 def write_packing(folder: Path, record: PackingRecord, packing: Packing) -> None:
-    """Write a packing and its record, with seals, into `folder`."""
+    """Write a packing and its record, with seals, into a `folder` that `LabFolder.put` will make durable."""
     arrays = packing.arrays()
-    write_table(folder / ARRAYS, arrays)
-    record.model_copy(update={"arrays": _hash(arrays)}).write(folder)
+    write_table(folder / ARRAYS, arrays, durable=False)
+    record.model_copy(update={"arrays": _hash(arrays)}).write(folder, durable=False)
 
 
 def is_sealed(folder: Path) -> bool:
@@ -122,7 +122,8 @@ def just_made(folder: Path, record: PackingRecord, packing: Packing) -> None:
 def _remember(asked: tuple[Path, str | None, int], found: tuple[PackingRecord, Packing]) -> None:
     with _reading:
         recent[asked] = found
-        while sum(len(packing) for _, packing in recent.values()) > MOST_GRAINS:
+        capacity = max(1, MOST_GRAINS // max(1, len(found[1])))  # adding up the grains of thousands would take long
+        while len(recent) > capacity:
             recent.popitem(last=False)
 
 
@@ -166,14 +167,14 @@ def read_checked(folder: Path, key: str | None) -> tuple[PackingRecord, Packing]
         raise Unreadable(f"{path}: not a packing: {why}") from error
     if record.arrays not in (None, _hash(arrays)):
         raise Unreadable(f"{path}: it was changed after it was written (wrong checksum)")
-    if fault := _fault(record, packing):
+    if fault := fault_of(record, packing):
         raise Unreadable(f"{path}: {fault}")
     _protect(packing)
     return record, packing
 
 
-def _fault(record: PackingRecord, packing: Packing) -> str | None:
-    """Why these cannot be the grains of the packing."""
+def fault_of(record: PackingRecord, packing: Packing) -> str | None:
+    """Return why these cannot be the grains of the packing; None if they can."""
     grains, count = record.scene.grains, record.scene.grains.count
     ids = packing.ids
     assert ids is not None

@@ -161,10 +161,11 @@ class FolderRecord(Part):
         """Processor, and device, of the last session."""
         return self.sessions[-1].provenance.get("machine")
 
-    def write(self, folder: Path) -> None:
-        """Write into `folder`, with a seal."""
+    def write(self, folder: Path, *, durable: bool = True) -> None:
+        """Write into `folder`, with a seal; `durable`: it is there after a crash."""
         text = self.model_copy(update={"seal": _UNSEALED}).as_stored()
-        write_bytes(folder / self.FILE, text.replace(_UNSEALED.encode(), _seal(text).encode(), 1))
+        sealed = text.replace(_UNSEALED.encode(), _seal(text).encode(), 1)
+        write_bytes(folder / self.FILE, sealed, durable=durable)
 
     @classmethod
     def read(cls, folder: Path, key: str | None = None) -> Self:

@@ -68,6 +68,20 @@ def read_tables(folder: Path, record: RunRecord) -> dict[str, dict[str, np.ndarr
     return tables
 
 
+def check_tables(folder: Path, record: RunRecord, tables: Mapping[str, Mapping[str, np.ndarray]]) -> None:
+    """Check the rows of all probes of a run, with those of its recording, before they are read from its folder.
+
+    Raises:
+        Unreadable: A table is missing, or holds what it cannot.
+    """
+    film = film_of(record)
+    probes = {table_name(probe): probe for probe in map(parse_probe, record.coverage.probes)}
+    for name, probe in (probes | ({} if film is None else {Path(RECORDING).stem: film})).items():
+        if name not in tables:
+            raise Unreadable(f"{folder / f'{name}.npz'} is missing")
+        _check_rows(folder / f"{name}.npz", tables[name], probe, record)
+
+
 def read_recording(folder: Path, record: RunRecord) -> dict[str, np.ndarray] | None:
     """Recorded frames of the run, or None if it was not recorded. Raises Unreadable."""
     film = film_of(record)

@@ -153,10 +153,11 @@ def join(tables: Sequence[Table]) -> dict[str, np.ndarray]:
     return {name: np.concatenate([table[name] for table in tables]) for name in tables[0]}
 
 
-def write_checkpoint(path: Path, checkpoint: Checkpoint, *, compress: bool = False) -> None:
-    """Write a backend's exact state; while work goes on it is written often, so not compressed."""
+def write_checkpoint(path: Path, checkpoint: Checkpoint, *, compress: bool = False, durable: bool = True) -> None:
+    """Write a backend's exact state; while work goes on it is written often, so not compressed. `durable`: as in
+    `write_table`."""
     meta = json.dumps({"engine": checkpoint.backend, "cache_version": checkpoint.cache_version})
-    _write(path, {**checkpoint.arrays, _META: np.array(meta)}, compress)
+    _write(path, {**checkpoint.arrays, _META: np.array(meta)}, compress, durable)
 
 
 def read_checkpoint(path: Path, most: float = MOST) -> Checkpoint:

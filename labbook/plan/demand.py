@@ -67,9 +67,9 @@ class PointDemand:
 
     @property
     def closed(self) -> Scene:
-        """The scene of its filling; made when it is asked for, since keeping it takes more memory than all the rest."""
-        fill = self.point.fill
-        return self.scene.close(fill.friction, fill.contact, fill.surface_motion)
+        """The scene of its filling. Those of a few points are remembered: to keep all takes more memory than the rest
+        of a study."""
+        return _closed(self)
 
     @property
     def numerics(self) -> Numerics:
@@ -240,6 +240,12 @@ class PointDemand:
     def runs(self, beds: int, discharges: int) -> "Iterator[Demand]":
         """The runs of so many beds with so many discharges each, by seed."""
         return (self.run(seed, number) for seed in range(1, beds + 1) for number in range(1, discharges + 1))
+
+
+@lru_cache(maxsize=256)
+def _closed(shared: PointDemand) -> Scene:
+    fill = shared.point.fill
+    return shared.scene.close(fill.friction, fill.contact, fill.surface_motion)
 
 
 @lru_cache(maxsize=1024)

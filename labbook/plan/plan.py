@@ -2,7 +2,7 @@
 
 import math
 from collections import Counter
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property, lru_cache
 from html import escape
@@ -71,7 +71,7 @@ def place_in_order(item: Item) -> tuple[int, int, int]:
     return *item.demand.number, item.demand.point.index
 
 
-@dataclass(frozen=True, eq=False, slots=True)
+@dataclass(frozen=True, eq=False)
 class PointPlan:
     """The runs of one point that are asked for so far. `ended`: why no more replicates are added, with the statistics
     that it rests on; None until all runs are done."""
@@ -79,6 +79,27 @@ class PointPlan:
     shared: PointDemand
     items: tuple[Item, ...]
     ended: Proposal | None
+
+    @cached_property
+    def places(self) -> dict[str, int]:
+        """Place of each run among `items`, by its key."""
+        return {item.keys.run: place for place, item in enumerate(self.items)}
+
+    @cached_property
+    def lacking(self) -> int:
+        """Number of runs that are not done."""
+        return sum(item.state != "done" for item in self.items)
+
+    def with_items(self, now: Mapping[str, Item]) -> "PointPlan":
+        """Return this plan with some of its runs as they are now, by key; the time that it takes is theirs."""
+        items, lacking = list(self.items), self.lacking
+        for key, item in now.items():
+            place = self.places[key]
+            lacking += (item.state != "done") - (items[place].state != "done")
+            items[place] = item
+        changed = PointPlan(self.shared, tuple(items), None)
+        changed.__dict__.update(places=self.places, lacking=lacking)  # as the cached properties would give
+        return changed
 
     @property
     def decision(self) -> Decision | None:
@@ -404,7 +425,8 @@ class Planner:
         first = {shared: self._keyed(self._first(shared)) for shared in points}
         listed = self._look_up(pair for pairs in first.values() for pair in pairs)
         return [
-            self._extended(shared, [self._item(*pair, listed) for pair in pairs]) for shared, pairs in first.items()
+            self._extended(PointPlan(shared, tuple(self._item(*pair, listed) for pair in pairs), None))
+            for shared, pairs in first.items()
         ]
 
     def _plan_of(self, points: tuple[PointPlan, ...]) -> Plan:
@@ -436,19 +458,31 @@ class Planner:
         )
         return self._plan_of(tuple(planned))
 
-    def point(self, before: PointPlan, done: str | None = None) -> PointPlan:
-        """One point anew, after the run with the key `done` was done; None: after any may have been, elsewhere.
+    def after(self, points: Mapping[int, PointPlan], done: Mapping[int, Collection[str]]) -> list[PointPlan]:
+        """Look again at runs that have been done.
 
-        What was done before is not looked at again: looking at all replicates after each of them would take as long as
-        the square of their number.
+        Args:
+            points: Points by their index, as they stood.
+            done: Keys of these runs by index of their point.
+
+        Returns:
+            The points of these runs as they stand now. Only these runs are looked at: looking at all replicates after
+            each of them would take as long as the square of their number.
         """
-        asked = [item for item in before.items if (item.state != "done" if done is None else item.keys.run == done)]
-        return self._anew(before, asked, self._look_up((item.demand, item.keys) for item in asked))
+        again = {at: [points[at].items[points[at].places[key]] for key in keys] for at, keys in done.items()}
+        listed = self._look_up((item.demand, item.keys) for items in again.values() for item in items)
+        return [self._anew(points[at], items, listed) for at, items in again.items()]
 
-    def _anew(self, before: PointPlan, asked: Iterable[Item], listed: LabListing | None) -> PointPlan:
-        """A point with the runs that are `asked` for as they are now."""
-        now = {item.keys.run: self._item(item.demand, item.keys, listed) for item in asked}
-        return self._extended(before.shared, [now.get(item.keys.run, item) for item in before.items])
+    def point(self, before: PointPlan) -> PointPlan:
+        """Return one point as it stands after other processes may have done any of its runs."""
+        waiting = [item for item in before.items if item.state != "done"]
+        return self._anew(before, waiting, self._look_up((item.demand, item.keys) for item in waiting))
+
+    def _anew(self, before: PointPlan, again: Iterable[Item], listed: LabListing | None) -> PointPlan:
+        """Return a point with the runs `again` as they are now, and those that follow from them."""
+        return self._extended(
+            before.with_items({item.keys.run: self._item(item.demand, item.keys, listed) for item in again})
+        )
 
     @cached_property
     def points(self) -> list[PointDemand]:
@@ -463,19 +497,20 @@ class Planner:
     def _first(self, shared: PointDemand) -> list[Demand]:
         return list(shared.runs(stopping_rule(self.study, shared.point).first, discharges(self.study)[0]))
 
-    def _extended(self, shared: PointDemand, items: list[Item]) -> PointPlan:
-        """With the replicates that are proposed once all so far are done."""
-        while self._extends and all(item.state == "done" for item in items):
+    def _extended(self, plan: PointPlan) -> PointPlan:
+        """Return the plan with the replicates that are proposed once all so far are done."""
+        while self._extends and not plan.lacking:
+            shared, items = plan.shared, plan.items
             proposal = self._replicates(shared.point, items)
             if proposal.state == "end":
-                return PointPlan(shared, tuple(items), proposal)
+                return PointPlan(shared, items, proposal)
             (assigned,) = proposal.assignments
             numbers = {item.demand.number for item in items}
             assigned_runs = shared.runs(assigned.replicates, assigned.discharges)
             added = self._keyed(run for run in assigned_runs if run.number not in numbers)
             listed = self._look_up(added)
-            items = sorted([*items, *(self._item(*pair, listed) for pair in added)], key=place_in_order)
-        return PointPlan(shared, tuple(items), None)
+            plan = PointPlan(shared, (*items, *(self._item(*pair, listed) for pair in added)), None)
+        return plan
 
     def _replicates(self, point: Point, items: Sequence[Item]) -> Proposal:
         """Propose replicates of a point all runs of which are done."""
@@ -489,7 +524,7 @@ class Planner:
             Trial(point.at, item.demand.seed, item.keys.run, item.outcome or "", measured, item.demand.discharge)
             for item, measured in zip(items, numbers, strict=True)
         )
-        done = Generation(0, (Assignment(point.at, *items[-1].demand.number),), "", trials)
+        done = Generation(0, (), "", trials)
         scatter = None if point.choice is None else point.choice.scatter
         filling = self._filling_cost(items) if self.study.discharges_per_bed == AUTO else None
         strategy = Replicates.of(rule=rule, scatter=scatter, filling=filling)

@@ -1,4 +1,4 @@
-"""A process that puts what jobs keep into the lab, and measures it, while the one that steps them goes on.
+"""A process that places grains, puts what jobs keep into the lab, and measures it, while another steps them.
 
 Threads would do, were it not for Python's interpreter, which only one of them has at a time: where hundreds of small
 beds end together, the threads that write and measure them would keep the GPU waiting. The process is one of its own
@@ -14,11 +14,12 @@ import subprocess
 import sys
 from collections.abc import Callable
 from contextlib import suppress
-from typing import IO, Any
+from typing import IO, Any, TypeVar
 
 from labbook.lab.index import RunRows
 from labbook.run.job import Kept
 
+T = TypeVar("T")
 _LOG = logging.getLogger("labbook")
 
 
@@ -47,14 +48,22 @@ class Aside:
 
     def put(self, kept: Kept) -> None:
         """Put `kept` into the lab. Raises what `Kept.put` does, and Gone."""
+        self._send(kept)
+        self._answer()
+
+    def _send(self, message: object) -> None:
         assert self._process.stdin is not None
         try:
-            pickle.dump(kept, self._process.stdin)
+            pickle.dump(message, self._process.stdin)
             self._process.stdin.flush()
         except _BROKEN as problem:
             self.end()
             raise Gone(f"{type(problem).__name__}: {problem}") from problem
-        self._answer()
+
+    def call(self, function: Callable[..., T], *args: Any) -> T:
+        """Return what a function of a module gives there. Raises what it raises, and Gone."""
+        self._send((function, args))
+        return self._answer()
 
     def rows(self) -> RunRows:
         """Rows for the index of what was put last, which are made now. Raises what `Kept.rows` does, and Gone."""
@@ -84,21 +93,26 @@ class Aside:
 
 
 def serve() -> None:
-    """Put what comes by standard input into labs until there is no more. Ctrl-C is for the parent alone."""
+    """Call functions, and put what else comes by standard input into labs, until there is no more. Ctrl-C is for the
+    parent alone."""
     for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
         signal.signal(number, signal.SIG_IGN)
     answers = os.fdopen(os.dup(sys.stdout.fileno()), "wb")
     os.dup2(sys.stderr.fileno(), sys.stdout.fileno())  # what anything prints is no answer
     while True:
         try:
-            kept = pickle.load(sys.stdin.buffer)
+            message = pickle.load(sys.stdin.buffer)
         except EOFError:
             return
         except Exception as problem:  # a class from a package that this process cannot import
             _tell(answers, Gone(f"{type(problem).__name__}: {problem}"))
         else:
-            if _tell(answers, _done(kept.put)):
-                _tell(answers, _done(kept.rows))
+            if isinstance(message, Kept):
+                if _tell(answers, _done(message.put)):
+                    _tell(answers, _done(message.rows))
+            else:
+                function, args = message
+                _tell(answers, _done(lambda function=function, args=args: function(*args)))
 
 
 def _done(what: Callable[[], Any]) -> Any:

@@ -3,15 +3,17 @@
 import time
 from collections import Counter, defaultdict
 from collections.abc import Callable, Iterator, Mapping, Sequence
+from concurrent.futures import Future
 from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from itertools import islice
+from typing import Any
 
 from labbook.backend import Checkpoint, Expected, Spec
 from labbook.lab.folder import Claim
 from labbook.lab.index import Index, RunRows, run_rows
-from labbook.lab.journal import FillingFailure
+from labbook.lab.journal import PROGRESS, FillingFailure
 from labbook.lab.packings import just_made
 from labbook.lab.records import Observe
 from labbook.plan.demand import Demand
@@ -21,12 +23,15 @@ from labbook.run.discharge import DischargeJob
 from labbook.run.fill import FillJob
 from labbook.run.job import Bench, Job, JobFailed
 from labbook.run.shard import everything
-from labbook.scene.packing import Packing
+from labbook.scene import Packing, Scene
 from labbook.study.problems import and_others
 
 _BETWEEN = 1.0  # s, at least, between two looks at what other processes have done
 _LOOKING = 0.05  # of the main thread's time may go into that
 _AHEAD = 1000  # points, at most, whose kernels are compiled before they begin
+TOGETHER = 50_000
+"""Grains of fillings that begin at once from which on other processes place them: it takes about a second, as it takes
+to start these."""
 _SAID = 10_000  # characters, at most, of a reason that is kept
 _SOME_WAY = 0.05  # progress from which a discharge is extrapolated
 
@@ -51,6 +56,12 @@ class Tally:
     failed: list[str] = field(default_factory=list)
     lost: set[str] = field(default_factory=set)
     """Keys of the runs and packings that failed, and of runs that waited for these."""
+
+
+Placing = Callable[[Scene, str, int], "Future[Packing]"]
+"""Lets the grains of a closed scene be placed by a kind of start and a seed, beside what else goes on."""
+Ended = tuple[Job, str, RunRows]
+"""A job whose content is in the lab, how it ended, and its rows for the index."""
 
 
 @contextmanager
@@ -84,6 +95,8 @@ class Board:
         self.todo: dict[str, Item] = {}
         """By run key, in the order in which runs are begun."""
         self._ordered = True
+        self._starting: dict[str, set[str]] = defaultdict(set)
+        """Keys of runs, once to do, by the key of the packing that they start from."""
         self.going: dict[str, Job] = {}
         self._unfit: set[tuple[str, Spec]] = set()
         """Keys of jobs that need another Spec than one that was asked for: beginning a job to learn that is dear."""
@@ -95,6 +108,10 @@ class Board:
         self.elsewhere = 0
         """Jobs that another process was found to hold at the last look."""
         self._next_look = 0.0
+        self.placing: Placing | None = None
+        """Places the grains of many fillings; None: each when it is begun."""
+        self._placed: dict[str, Future[Packing]] = {}
+        """Grains that are being placed, by packing key."""
         self.beginning: Callable[[Job], None] = lambda job: None
         """Called before a job is begun: placing many grains takes a while."""
 
@@ -116,20 +133,24 @@ class Board:
             for point in new:
                 self._take(point)
 
-    def _take(self, point: PointPlan, *, anew: bool = True) -> None:
-        """Take up a point. `anew`: all its runs were looked at just now; else what is known of those that wait stands,
-        for their packings may have been made since."""
+    def _take(self, point: PointPlan) -> None:
+        """Take up a point all runs of which that wait were looked at just now."""
         self.points[point.shared.point.index] = point
         for item in point.items:
-            key = item.keys.run
-            self._sharing[key].add(point.shared.point.index)
-            self._standing[item.keys.packing].add(point.shared.point.index)
-            # what ended here is not begun again: points with other guards could hand it to and fro
-            known = key in self.going or key in self.tally.lost or key in self.tally.ran
-            had = self.todo.get(key)
-            if self._lacks(item) and not known and (anew or had is None):
-                self._ordered &= had is not None and place_in_order(had) == place_in_order(item)
-                self.todo[key] = item
+            self._take_run(item)
+
+    def _take_run(self, item: Item) -> None:
+        """Take up a run that was looked at just now."""
+        key, index = item.keys.run, item.demand.point.index
+        self._sharing[key].add(index)
+        self._standing[item.keys.packing].add(index)
+        # what ended here is not begun again: points with other guards could hand it to and fro
+        known = key in self.going or key in self.tally.lost or key in self.tally.ran
+        had = self.todo.get(key)
+        if self._lacks(item) and not known:
+            self._ordered &= had is not None and place_in_order(had) == place_in_order(item)
+            self.todo[key] = item
+            self._starting[item.keys.packing].add(key)
 
     def _lacks(self, item: Item) -> bool:
         lacks = not item.packed if self._packings_only else item.state != "done"
@@ -170,22 +191,51 @@ class Board:
             found.append(Expected(discharge, of.scene, of.numerics, count))
         return found
 
-    def next(self, spec: Spec | None = None) -> Started | None:
-        """A job to begin (of `spec`, if one is given), or None if there is none that this process can have
-        now."""
+    def jobs(self, spec: Spec | None = None, most: int = 1) -> Iterator[Started]:
+        """Begin one job after another: all that this process can have now, fillings first.
+
+        Args:
+            spec: The set of features that they need; None: that of the first one.
+            most: Jobs, at most, that are wanted.
+        """
         if self.elsewhere:
             self._look_around()
         self.elsewhere = 0
         if not self._ordered:
             self.todo = dict(sorted(self.todo.items(), key=lambda one: place_in_order(one[1])))
             self._ordered = True
+        self._place_ahead(spec, most)
         for begin, packed in ((self._fill, False), (self._discharge, True)):
-            for item in list(self.todo.values()):  # `begin` may take some away
-                if item.packed != packed or (not packed and item.keys.packing in self.going):
+            for key in list(self.todo):  # `begin` may take some away, or find that they are packed
+                item = self.todo.get(key)
+                if item is None or item.packed != packed or (not packed and item.keys.packing in self.going):
                     continue
-                if item.keys.run in self.todo and (started := begin(item, spec)):
-                    return started
-        return None
+                if started := begin(item, spec):
+                    spec = spec or started.spec
+                    yield started
+
+    def _place_ahead(self, spec: Spec | None, most: int) -> None:
+        """Let the grains of the next fillings be placed, if that takes long enough to start processes for it."""
+        if self.placing is None or most < 2:
+            return
+        ahead: dict[str, Item] = {}
+        for item in self.todo.values():
+            key = item.keys.packing
+            if item.packed or key in ahead or key in self._placed or key in self.going or (key, spec) in self._unfit:
+                continue
+            spec = spec or specified(self._bench.backend, item.demand.shared)[0]
+            guest = item.demand.shared.packings_of is not None
+            begun = guest or (self._bench.lab.work(key) / PROGRESS).exists()
+            if not begun and specified(self._bench.backend, item.demand.shared)[0] == spec and not self._there(key):
+                ahead[key] = item
+            if len(ahead) == most:
+                break
+        grains = sum(item.demand.point.scene.grains.count for item in ahead.values())
+        if len(ahead) < 2 or grains < TOGETHER:
+            return
+        for key, item in ahead.items():
+            kind, seed = item.demand.filling.kind, item.demand.seed
+            self._placed[key] = self.placing(item.demand.shared.closed, kind, seed)
 
     def _look_around(self) -> None:
         """Take up what other processes have done, now and then: to find out run by run, by claiming each, is dear."""
@@ -221,7 +271,8 @@ class Board:
             claim.release()
             self._packed(key)
             return None
-        return self._begin(FillJob(self._bench, item.demand, item.keys, claim, self._served(key)), spec)
+        placed = self._placed.pop(key, None)
+        return self._begin(FillJob(self._bench, item.demand, item.keys, claim, self._served(key), placed), spec)
 
     def _served(self, packing: str) -> str:
         """The points whose runs start from a packing, in words; empty if those are all points."""
@@ -235,8 +286,11 @@ class Board:
         return self._planner.catalogue.packing_problem(packing) is None
 
     def _discharge(self, item: Item, spec: Spec | None) -> Started | None:
-        key, lab = item.keys.run, self._bench.lab
+        key, lab, backend = item.keys.run, self._bench.lab, self._bench.backend
         if (key, spec) in self._unfit:
+            return None
+        fresh = item.state in ("missing", "stale")  # one that goes on may observe more
+        if fresh and spec is not None and specified(backend, item.demand.shared)[1] != spec:
             return None
         if (claim := lab.claim(key)) is None:
             self.elsewhere += 1
@@ -246,7 +300,7 @@ class Board:
             now = self._planner.refresh(item.demand)
         if now.state == "done":  # by another process, or when its packing was made again
             claim.release()
-            self._done(item.demand)
+            self._done({key: run_rows(lab.run(key), self._observe)})
             if key in self.todo:
                 self._lose(key, f"{self.todo[key].reason}, though its folder is complete: {lab.run(key)}")
             return None
@@ -274,37 +328,65 @@ class Board:
             self.todo.pop(job.key, None)
         return Started(job, start, needed)
 
-    def finished(self, job: Job, verdict: str, found: RunRows) -> None:
-        """What is kept of a job is in the lab, and the index is to say this of it."""
-        job.release()
-        self.going.pop(job.key, None)
-        if isinstance(job, FillJob):
-            if problem := self._index.put_packing(job.place, found[0]):
+    def finished(self, ended: Sequence[Ended]) -> None:
+        """Take up jobs whose content has been put into the lab, in one transaction of the index."""
+        for job, _, _ in ended:
+            job.release()
+            self.going.pop(job.key, None)
+        fillings = [(job, rows[0]) for job, _, rows in ended if isinstance(job, FillJob)]
+        if fillings:
+            self._filled(fillings)
+        runs = [(job, verdict, rows) for job, verdict, rows in ended if not isinstance(job, FillJob)]
+        if runs:
+            self._discharged(runs)
+
+    def _filled(self, ended: Sequence[tuple[FillJob, dict[str, Any]]]) -> None:
+        problems = self._index.put_packings({job.place: row for job, row in ended})
+        for job, _ in ended:
+            if problem := problems[job.place]:
                 self._lose(job.key, f"{job.label}: {problem}")  # to make it once more would give the same
-                return
+                continue
             if job.made is not None:
                 just_made(job.place, job.made.record, job.made.packing)
             self.tally.packings += 1
             self._packed(job.key)
-            return
-        self._took += job.work
-        self._foreseen += job.progress() * self._estimate(job.key, job.demand, filling=False)
-        self.tally.ran[job.key] = verdict
-        self.tally.resumed += job.resumed
-        if problem := self._done(job.demand, found):
-            self.tally.failed.append(f"{job.label}: {problem}")
 
-    def _done(self, demand: Demand, found: RunRows | None = None) -> str | None:
-        """Index a run that is in its folder, and see what its points ask for now. Why it cannot be read, or None.
-        found: what was read there, if it was read already."""
-        key = demand.keys(self._bench.backend.capabilities).run
-        self.todo.pop(key, None)
-        folder = self._bench.lab.run(key)
-        problem = self._index.put_run(folder, found or run_rows(folder, self._observe))
-        for index in sorted(self._sharing[key]):
-            self._take(self._planner.point(self.points[index], key), anew=False)
+    def _discharged(self, ended: Sequence[Ended]) -> None:
+        for job, verdict, _ in ended:
+            self._took += job.work
+            self._foreseen += job.progress() * self._estimate(job.key, job.demand, filling=False)
+            self.tally.ran[job.key] = verdict
+            self.tally.resumed += job.resumed
+        problems = self._done({job.key: rows for job, _, rows in ended})
+        self.tally.failed += [f"{job.label}: {problem}" for job, _, _ in ended if (problem := problems[job.key])]
+
+    def _done(self, ended: Mapping[str, RunRows]) -> dict[str, str | None]:
+        """Index runs that are in their folders, and see what their points ask for now.
+
+        Args:
+            ended: What `run_rows` gives of each, by its key.
+
+        Returns:
+            Why each cannot be read; None for one that can.
+        """
+        lab = self._bench.lab
+        problems = self._index.put_runs({lab.run(key): rows for key, rows in ended.items()})
+        done: dict[int, list[str]] = defaultdict(list)
+        for key in ended:
+            self.todo.pop(key, None)
+            for index in self._sharing[key]:
+                done[index].append(key)
+        before = {index: len(self.points[index].items) for index in done}
+        for point in self._planner.after(self.points, {index: done[index] for index in sorted(done)}):
+            index = point.shared.point.index
+            self.points[index] = point
+            # what is known of others that wait stands: their packings may have been made since they were looked at
+            looked_at = (point.items[point.places[key]] for key in done[index])
+            for item in (*looked_at, *point.items[before[index] :]):
+                if item.keys.run not in self.todo:
+                    self._take_run(item)
         self._take_proposed()
-        return problem
+        return {key: problems[lab.run(key)] for key in ended}
 
     def failed(self, job: Job, why: str) -> None:
         """A job came to nothing; runs that wait for its packing are given up."""
@@ -331,12 +413,11 @@ class Board:
         self.going.pop(job.key, None)
 
     def _packed(self, key: str) -> None:
-        waiting = [item for item in self.todo.values() if item.keys.packing == key]
-        for item in waiting:
+        for run in self._starting[key] & self.todo.keys():
             if self._packings_only:
-                del self.todo[item.keys.run]
+                del self.todo[run]
             else:
-                self.todo[item.keys.run] = replace(item, packed=True)
+                self.todo[run] = replace(self.todo[run], packed=True)
 
     # for progress
 

@@ -1,4 +1,4 @@
-"""Jobs whose last beat was taken: they are drawn, written and measured while others go on.
+"""Work beside the ensembles: jobs whose last beat was taken are drawn, written and measured, and grains are placed.
 
 On a GPU, where all jobs share one ensemble, it would stand still meanwhile; and members that began together end
 together. So there several threads share what they leave, and each hands it to a process of its own after its first.
@@ -6,15 +6,20 @@ together. So there several threads share what they leave, and each hands it to a
 
 import logging
 import sys
-from collections.abc import Iterable
-from concurrent.futures import FIRST_COMPLETED, Future, wait
+import threading
+from collections.abc import Sequence
+from concurrent.futures import Future, wait
+from contextlib import suppress
 from itertools import cycle
+from queue import SimpleQueue
 
+from labbook.filling import place
 from labbook.lab.index import RunRows
 from labbook.run.aside import Aside, Gone
-from labbook.run.board import Board
+from labbook.run.board import Board, Ended, Placing
 from labbook.run.job import Job, JobFailed, Kept, Left
 from labbook.run.lane import Hand
+from labbook.scene import Packing, Scene
 
 _LOG = logging.getLogger("labbook")
 MOST_GRAINS = 4_000_000  # grains of jobs that wait to be written: some gigabytes
@@ -24,32 +29,57 @@ lane gives it away at every call to the device, and would else wait for several 
 
 
 class Closer:
-    """A thread that closes one job after another: itself, or by the process that it begins at its second."""
+    """A thread that closes one job after another: itself, or by the process that it begins at its second, or as soon as
+    grains are to be placed."""
 
     def __init__(self, *, alone: bool):
         self._hand, self._alone = Hand("labbook-closing"), alone
         self._closed = 0
         self._aside: Aside | None = None
 
+    def begin(self) -> None:
+        """Start the process now, before there is anything to do."""
+        self._hand.do(self._start)
+
+    def _start(self) -> None:
+        with suppress(Gone):  # whoever needs it tries again
+            self._aside = self._aside or Aside()
+
     def close(self, job: Job, verdict: str, left: Left) -> "Future[RunRows]":
         """Put what a job `left` into the lab, and measure it."""
         return self._hand.do(lambda: self.put_in_place(job.kept(verdict, left)))
 
+    def place(self, closed: Scene, kind: str, seed: int) -> "Future[Packing]":
+        """Place the grains of a filling, as `labbook.filling.place` does."""
+        return self._hand.do(lambda: self._placed(closed, kind, seed))
+
+    def _placed(self, closed: Scene, kind: str, seed: int) -> Packing:
+        if not self._alone:
+            try:
+                self._aside = self._aside or Aside()
+                return self._aside.call(place, closed, kind, seed)
+            except Gone as problem:
+                self._lose(f"seed {seed}: placed", problem)
+        return place(closed, kind, seed)
+
+    def _lose(self, done: str, problem: Gone) -> None:
+        self._aside, self._alone = None, True
+        _LOG.warning("%s by this process, as the process beside it ended: %s", done, problem)
+
     def put_in_place(self, kept: Kept) -> RunRows:
         self._closed += 1
         put = False
-        if self._closed > 1 and not self._alone:
+        if (self._closed > 1 or self._aside is not None) and not self._alone:
             try:
                 self._aside = self._aside or Aside()
                 self._aside.put(kept)
                 put = True
                 return self._aside.rows()
             except Gone as problem:
-                self._aside, self._alone = None, True
-                done = "measured" if put else "written"
-                _LOG.warning("%s: %s by this process, as the writing process ended: %s", kept.label, done, problem)
-        if not put:
-            kept.put()
+                self._lose(f"{kept.label}: {'measured' if put else 'written'}", problem)
+        if put:
+            return kept.reread()
+        kept.put()
         return kept.rows()
 
     def end(self) -> None:
@@ -60,13 +90,17 @@ class Closer:
 class Closing:
     """Jobs that are being closed. The board hears of each from the thread that asks for it by `settle` or `close`."""
 
-    def __init__(self, board: Board, threads: int):
-        self._board = board
-        self._closers = [Closer(alone=threads == 1) for _ in range(threads)]
+    def __init__(self, board: Board, closers: Sequence[Closer]):
+        self._board, self._closers = board, closers
         self._next = cycle(self._closers)
         self._jobs: dict[Future[RunRows], tuple[Job, str]] = {}
+        self._ended: SimpleQueue[Future[RunRows]] = SimpleQueue()
+        self._grains = 0
+        """Of the jobs that are being closed."""
+        self.wake = threading.Event()
+        """Set when jobs that were closed are to be settled at once."""
         self._turn = sys.getswitchinterval()
-        if threads > 1:
+        if len(closers) > 1:
             sys.setswitchinterval(_TURN)
 
     @property
@@ -75,37 +109,49 @@ class Closing:
         return [job for job, _ in self._jobs.values()]
 
     @property
-    def futures(self) -> Iterable[Future[RunRows]]:
-        """To wait for."""
-        return self._jobs.keys()
+    def place(self) -> Placing | None:
+        """Function that lets grains be placed beside the ensembles; None where one thread does all."""
+        if len(self._closers) == 1:
+            return None
+        return lambda closed, kind, seed: next(self._next).place(closed, kind, seed)
 
     def close(self, job: Job, verdict: str, left: Left) -> None:
         """Put what a job `left` into the lab, and measure it. Waits for others while too many grains are held. Raises
         what `settle` does."""
-        while self._jobs and sum(one.scene.grains.count for one in (job, *self.jobs)) > MOST_GRAINS:
-            wait(self._jobs, return_when=FIRST_COMPLETED)
-            self.settle()
-        self._jobs[next(self._next).close(job, verdict, left)] = job, verdict
+        self._grains += job.demand.point.scene.grains.count
+        while self._jobs and self._grains > MOST_GRAINS:
+            self.settle(wait_for_one=True)
+        future = next(self._next).close(job, verdict, left)
+        self._jobs[future] = job, verdict
+        future.add_done_callback(self._has_ended)
 
-    def settle(self) -> None:
-        """Tell the board of all that are closed. Raises DiskFull."""
-        for future in [future for future in self._jobs if future.done()]:
-            job, verdict = self._jobs.pop(future)
-            try:
-                found = future.result()
-            except JobFailed as problem:
-                self._board.failed(job, str(problem))
-            else:
-                self._board.finished(job, verdict, found)
+    def _has_ended(self, future: "Future[RunRows]") -> None:
+        self._ended.put(future)
+        if len(self._closers) == 1 or self._ended.qsize() >= len(self._jobs):  # others are settled together
+            self.wake.set()
+
+    def settle(self, *, wait_for_one: bool = False) -> None:
+        """Tell the board of all that are closed, at once; of one at least, if that is waited for. Raises DiskFull."""
+        ended: list[Ended] = []
+        try:
+            while wait_for_one or not self._ended.empty():
+                future, wait_for_one = self._ended.get(), False
+                job, verdict = self._jobs.pop(future)
+                self._grains -= job.demand.point.scene.grains.count
+                try:
+                    ended.append((job, verdict, future.result()))
+                except JobFailed as problem:
+                    self._board.failed(job, str(problem))
+        finally:  # a full disk ends the process, but not what was put into the lab before
+            if ended:
+                self._board.finished(ended)
 
     def settle_all(self) -> None:
         """Wait for all, and tell the board. Raises DiskFull."""
-        wait(self._jobs)
-        self.settle()
+        while self._jobs:
+            self.settle(wait_for_one=True)
 
     def end(self) -> None:
-        """Wait for all, tell nobody, and end the threads."""
+        """Wait for all, and tell nobody."""
         wait(self._jobs)
-        for closer in self._closers:
-            closer.end()
         sys.setswitchinterval(self._turn)

@@ -29,15 +29,16 @@ from labbook.campaign.precise import HALF_WIDTH
 from labbook.filling import Feeder, PlacingError, kicked, opened
 from labbook.filling.bed import bed_height, parts_of_mass
 from labbook.lab import identity
-from labbook.lab.folder import PICTURE, Claim
+from labbook.lab.folder import PICTURE, Claim, stamp
 from labbook.lab.identity import Keys
-from labbook.lab.index import RunRows, run_rows
+from labbook.lab.index import RunRows, rows_of_run, run_rows, unreadable_row
 from labbook.lab.journal import PROGRESS, Journal, Saved, at_its_end
 from labbook.lab.packings import load_packing
 from labbook.lab.provenance import now
 from labbook.lab.records import Coverage, Observe, Outcome, Precise, RunFailure, RunRecord, Unreadable
-from labbook.lab.runs import CHECKPOINT, RECORDING, fault_of_crossings, film_of
+from labbook.lab.runs import CHECKPOINT, RECORDING, check_tables, fault_of_crossings, film_of
 from labbook.lab.tables import fault_of_rows, write_checkpoint, write_table
+from labbook.measure import RunData
 from labbook.measure.series import passages
 from labbook.measure.steady import steady_flow
 from labbook.picture import bed
@@ -230,21 +231,25 @@ class DischargeJob(Job):
         if probe in self._measured:
             self.keep(table_name(probe), frame_rows(table) if isinstance(probe, Sample | Zone | Contacts) else table)
 
-    def look(self, ensemble: Ensemble, member: Member) -> None:
-        """Put grains back that left; keep the bed as it is in the middle of the window, for a picture of it."""
-        self._feed(ensemble, member)
+    @property
+    def looks(self) -> bool:
+        """True if the bed is in the middle of the window, and to be drawn."""
+        if self._seen is not None or self._unseen or self._plane is None or self.demand.seed > PICTURED:
+            return False
         middle = (self.observe.start + self.observe.end) / 2
         reached = self.status.time if self.observe.timed else self._discharged
-        if self._seen is not None or self._unseen or self._plane is None or reached < middle:
-            return
+        return reached >= middle
+
+    def look(self, ensemble: Ensemble, member: Member) -> None:
+        """Keep the bed as it is, for a picture of it."""
         try:
             self._seen = ensemble.packing(member)
         except Exception as problem:
             self._unseen = True
             _no_picture(self.label, problem)
 
-    def _feed(self, ensemble: Ensemble, member: Member) -> None:
-        """Put grains back that left, after every beat: a state that is saved has those of its beat."""
+    def feed(self, ensemble: Ensemble, member: Member) -> None:
+        """Put grains back that have left, after every beat: a state that is saved has those of its beat."""
         beat = self.status.step // self.numerics.steps_per_beat
         if self._feeder is None or self.status.step <= self._fed:  # a guard has put it back to the last good beat
             return
@@ -331,6 +336,7 @@ class DischargeJob(Job):
     def kept(self, verdict: str, left: Left) -> "KeptRun":
         """All of it."""
         seen = left.packing if self._seen is None else self._seen
+        drawn = self.demand.seed <= PICTURED or verdict in ("clogged", "diverged")
         return KeptRun(
             self.bench.lab,
             self.key,
@@ -342,7 +348,7 @@ class DischargeJob(Job):
             unsaved=self._rows,
             left=left,
             start=self._packed,
-            seen=None if self._unseen else seen,
+            seen=seen if drawn and not self._unseen else None,
         )
 
     def _record(self, verdict: str) -> RunRecord:
@@ -408,15 +414,23 @@ class KeptRun(Kept):
 
     def fill_folder(self, folder: Path) -> None:
         """Tables, the exact last state, the recording, the picture, and the record."""
-        scene = self.record.scene
-        tables = self.journal.tables(self.unsaved)
-        for name, table in tables.items():
-            write_table(folder / f"{name}.npz", table)
-        write_checkpoint(folder / CHECKPOINT, self.left.checkpoint, compress=True)
+        for name, table in self._tables.items():
+            write_table(folder / f"{name}.npz", table, durable=False)
+        write_checkpoint(folder / CHECKPOINT, self.left.checkpoint, compress=True, durable=False)
         if picture := self._drawn():
             (folder / PICTURE).write_bytes(picture)
-        kept = ledger(scene, self.status, self.left.packing, self.start, tables.get("crossing"))
-        self.record.model_copy(update={"ledger": kept}).write(folder)
+        self._complete.write(folder, durable=False)
+
+    @cached_property
+    def _tables(self) -> dict[str, dict[str, np.ndarray]]:
+        """Rows of every probe, by table name, as they are written; read before the work folder is cleared."""
+        return self.journal.tables(self.unsaved)
+
+    @cached_property
+    def _complete(self) -> RunRecord:
+        """The record with its ledger."""
+        counts = ledger(self.record.scene, self.status, self.left.packing, self.start, self._tables.get("crossing"))
+        return self.record.model_copy(update={"ledger": counts})
 
     def _drawn(self) -> bytes:
         """A picture of its bed. No run is lost for its picture: it then has none, and the log says why."""
@@ -429,7 +443,27 @@ class KeptRun(Kept):
             return b""
 
     def rows(self) -> RunRows:
-        """The rows of the run and of its measurements, taken now."""
+        """Return the rows of the run and of its measurements, taken now."""
+        seen, record, tables = stamp(self.place), self._complete, dict(self._tables)
+        recorded = tables.pop(FILM_TABLE, None)
+        try:
+            check_tables(self.place, record, self._tables)
+        except Unreadable as problem:
+            return unreadable_row(self.place, seen, problem), []
+        data = RunData(
+            scene=record.scene,
+            numerics=record.numerics,
+            seed=record.seed,
+            start=self.start,
+            outcome=record.outcome,
+            duration=record.coverage.duration,
+            tables=tables,
+            recorded=lambda: recorded,
+        )
+        return rows_of_run(self.place, seen, record, data, record.observe)
+
+    def reread(self) -> RunRows:
+        """Return the rows of the run and of its measurements, by its folder."""
         return run_rows(self.place, self.record.observe)
 
 
@@ -438,6 +472,9 @@ def _no_picture(label: str, problem: Exception) -> None:
     _LOG.debug("where that was", exc_info=True)
 
 
+PICTURED = 10
+"""Seeds from 1 on of which the bed is drawn, beside those that clogged or diverged: a picture takes as long as all else
+that is written of a small bed."""
 FILM_TABLE = Path(RECORDING).stem
 _STILL = 0.3
 """Part of the stall time without a grain leaving that is worth a word."""

@@ -1,15 +1,15 @@
 """The loop of a run: lanes take jobs from the board, step them by beats, save them, and end them by the stop rule."""
 
 import time
-from collections.abc import Callable, Sequence
+from collections import defaultdict
+from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import FIRST_COMPLETED, Future, wait
-from typing import Any
 
-from labbook.backend import Backend, Member, Overflow
+from labbook.backend import Backend, Event, Member, Overflow
 from labbook.run.board import Board, Started
 from labbook.run.closing import Closing
 from labbook.run.fill import FillJob
-from labbook.run.job import Job
+from labbook.run.job import Job, Left
 from labbook.run.lane import Lane, Turn
 from labbook.run.live import Publisher
 from labbook.run.stopping import Request
@@ -19,6 +19,7 @@ CHECKPOINT_EVERY = 20.0
 """Wall time between two saves of a job [s], which is what a kill loses at most; longer where saving would take more
 than its part of the time."""
 _LOOK = 0.2  # s: how often a wait looks whether it was asked to stop
+_TOGETHER = 0.05  # s: jobs of one ensemble that are closed within it enter the index together
 _TELLING = 0.05  # of the main thread's time may go into telling how it goes
 _SAVING = 0.05  # part of the time since the start, at most, that goes into saving the members of an ensemble
 _LONG = 1.0  # s of saving that are allowed from the start
@@ -98,10 +99,10 @@ class Execution:
                     self.report()
                     time.sleep(_POLL)  # others hold what is left
                     continue
-                awaited: list[Future[Any]] = [*turns, *self._closing.futures]
-                for done in wait(awaited, timeout=_LOOK, return_when=FIRST_COMPLETED).done:
-                    if done in turns:
-                        self._visit(*turns.pop(done), done)
+                self._closing.wake.wait(_TOGETHER if self._closing.jobs else _LOOK)
+                self._closing.wake.clear()
+                for turn in [turn for turn in turns if turn.done()]:
+                    self._visit(*turns.pop(turn), turn)
                 self.report()
             self._leave(turns, lanes)
             self._closing.settle_all()
@@ -122,16 +123,18 @@ class Execution:
         if lane.slots > 1 and not lane.jobs and self._closing.jobs:
             return {}  # what they let begin comes into one ensemble, which is laid out once
         new: list[Started] = []
+        jobs = self._board.jobs(lane.spec if lane.jobs else None, lane.slots - len(lane.jobs))
         while len(lane.jobs) + len(new) < lane.slots and not self._request.made:
-            spec = lane.spec if lane.jobs else new[0].spec if new else None
-            started = self._board.next(spec)
+            started = next(jobs, None)
             if started is None:
                 break
             new.append(started)
             self._saved[started.job] = time.perf_counter()
         if self._request.made or not (lane.jobs or new):
             return {}
-        return {lane.start(new): (lane, new)}
+        turn = lane.start(new)
+        turn.add_done_callback(lambda _: self._closing.wake.set())
+        return {turn: (lane, new)}
 
     def _visit(self, lane: Lane, new: list[Started], turn: "Future[Turn]") -> None:
         """Account for a turn; end, save or leave going each of its jobs."""
@@ -150,20 +153,30 @@ class Execution:
             return
         ensemble = lane.ensemble
         assert ensemble is not None
+        self.meter.stepping += took.wall
         share = max(1, len(self._board.going))
         # of all before anything is done with one: a backend reads them together
         now = {member: ensemble.status(member) for member in lane.jobs}
-        for member, job in list(lane.jobs.items()):
+        events: dict[Member, list[Event]] = defaultdict(list)
+        for event in took.events:
+            events[event.member].append(event)
+        for member, job in lane.jobs.items():
             status, before = now[member], job.status
             work = (status.step - before.step) * (status.grains + before.grains) / 2
             self.meter.add(work)
             job.after(status, rows[member], took.wall, took.process / share, work)
-            job.look(ensemble, member)
+            job.feed(ensemble, member)
+        looking = {member: job for member, job in lane.jobs.items() if job.looks}
+        with ensemble.reading(looking):
+            for member, job in looking.items():
+                job.look(ensemble, member)
+        ended: dict[Member, tuple[Job, str]] = {}
+        for member, job in lane.jobs.items():
             if warning := job.warning():
                 self._say(warning)
-            verdict = job.verdict([event for event in took.events if event.member == member])
-            if verdict:
-                self._end(lane, member, job, verdict)
+            if verdict := job.verdict(events[member]):
+                ended[member] = job, verdict
+        self._end(lane, ended)
         self._save(lane)
 
     def _fewer_at_once(self, lane: Lane, jobs: Sequence[Job], problem: MemoryError) -> None:
@@ -192,14 +205,19 @@ class Execution:
             self._saved[job] = time.perf_counter()
             lane.saving += self._saved[job] - begun
 
-    def _end(self, lane: Lane, member: Member, job: Job, verdict: str) -> None:
+    def _end(self, lane: Lane, ended: Mapping[Member, tuple[Job, str]]) -> None:
+        """End members with their verdicts: what they leave is read together, and their slots are free then."""
         assert lane.ensemble is not None
+        left: list[Left] = []
         try:
-            left = job.leave(lane.ensemble, member)
+            with lane.ensemble.reading(ended):
+                left += (job.leave(lane.ensemble, member) for member, (job, _) in ended.items())
         finally:
-            self._saved.pop(job, None)
-            lane.retire(member)
-        self._closing.close(job, verdict, left)
+            for member, (job, _) in ended.items():
+                self._saved.pop(job, None)
+                lane.retire(member)
+        for (job, verdict), state in zip(ended.values(), left, strict=True):
+            self._closing.close(job, verdict, state)
 
     def _leave(self, turns: "Turns", lanes: list[Lane]) -> None:
         """Let the turns end, and save what is not finished by then. Lanes that prepare have nothing to save."""

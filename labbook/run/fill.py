@@ -2,7 +2,9 @@
 
 import math
 from collections.abc import Mapping, Sequence
+from concurrent.futures import Future
 from dataclasses import dataclass
+from functools import cached_property
 from pathlib import Path
 from typing import Any
 
@@ -44,9 +46,13 @@ class FillJob(Job):
 
     kind = "packing"
 
-    def __init__(self, bench: Bench, demand: Demand, keys: Keys, claim: Claim, serves: str = ""):
-        """serves: the points whose runs start from it, in words; empty if those are all points."""
-        self._serves = serves
+    def __init__(
+        self, bench: Bench, demand: Demand, keys: Keys, claim: Claim, serves: str = "",
+        placed: "Future[Packing] | None" = None,
+    ):  # fmt: skip
+        """serves: the points whose runs start from it, in words; empty if those are all points. placed: where its
+        grains begin, if another process places them."""
+        self._serves, self._placed = serves, placed
         self._failure: Failed | None = None
         self.max_time: float | None = None
         """Longest time [s] after which it was given up, if it was for that."""
@@ -79,6 +85,8 @@ class FillJob(Job):
     def fresh(self) -> Packing:
         """Grains in the air."""
         try:
+            if self._placed is not None:
+                return self._placed.result()
             return place(self.scene, self.demand.filling.kind, self.demand.seed)
         except PlacingError as error:
             raise JobFailed(f"{self.label}: {error}") from error
@@ -109,14 +117,14 @@ class FillJob(Job):
     @property
     def stalled(self) -> bool:
         """Whether the kinetic energy has not halved for as long as a whole filling is expected to take."""
-        usual = fill_time(self.demand)
+        usual = self._usual
         return self.status.time > 2 * usual and self.status.time - self._fell > usual
 
     @property
     def hovers(self) -> bool:
         """Whether the bed stands still, but for a jitter slightly above the energy at rest that does not decay."""
         grains = self.scene.grains
-        least = max(_HOVERS * fill_time(self.demand), _LEAST * math.sqrt(grains.diameter / self.scene.gravity))
+        least = max(_HOVERS * self._usual, _LEAST * math.sqrt(grains.diameter / self.scene.gravity))
         if self._most >= HOVERING or self.status.time - self._fell < least or not self._levels:
             return False
         (_, before), (_, now) = self._levels
@@ -165,12 +173,19 @@ class FillJob(Job):
         assert self.settled_below is not None
         return self.status.kinetic >= self.settled_below
 
+    @property
+    def looks(self) -> bool:
+        """True if grains have left, or it is time to look: at every _LOOK_EVERY beats where some grains may move, which
+        decides when the bed is at rest; else only once the filling takes longer than expected."""
+        if self.status.grains < self.scene.grains.count:
+            return True
+        if self.status.step % (_LOOK_EVERY * self.numerics.steps_per_beat):
+            return False
+        return self.demand.filling.moving > 0 or self.status.time > self._usual
+
     def look(self, ensemble: Ensemble, member: Member) -> None:
-        """Look now and then at each grain: whether it is still in the container, how high the bed stands, and where
-        some grains may move, at their speeds."""
-        lost = self.status.grains < self.scene.grains.count
-        if not lost and self.status.step % (_LOOK_EVERY * self.numerics.steps_per_beat):
-            return
+        """Look at each grain: whether it is still in the container, how high the bed stands, and where some grains may
+        move, at their speeds."""
         packing = ensemble.packing(member)
         self._lost = self._lost or self._losses(packing)
         self._seen = self.status.time, packing
@@ -272,12 +287,17 @@ class FillJob(Job):
 
     def progress(self) -> float:
         """By the time that a filling is expected to take; settling has no end that can be seen coming."""
-        return min(0.95, self.status.time / fill_time(self.demand))
+        return min(0.95, self.status.time / self._usual)
 
     @property
     def open_ended(self) -> bool:
         """Whether it takes longer to settle than expected."""
-        return self.status.time > fill_time(self.demand)
+        return self.status.time > self._usual
+
+    @cached_property
+    def _usual(self) -> float:
+        """Time [s] that a filling like this one is expected to take."""
+        return fill_time(self.demand)
 
     def doing(self) -> tuple[str, ...]:
         """The kinetic energy against that at rest, and the simulated time against the longest."""
@@ -303,7 +323,11 @@ class KeptPacking(Kept):
         write_packing(folder, self.record, self.packing)
 
     def rows(self) -> RunRows:
-        """The row of the packing."""
+        """Return the row of the packing."""
+        return packing_row(self.place, self.record), []
+
+    def reread(self) -> RunRows:
+        """Return the row of the packing, by its folder."""
         return packing_row(self.place), []
 
 

@@ -10,7 +10,7 @@ from typing import Any, ClassVar
 from labbook.backend import Backend, Checkpoint, Ensemble, Event, Failed, Member, Status
 from labbook.backend.numerics import Numerics
 from labbook.backend.probes import Probe, Table
-from labbook.lab.folder import Claim, LabFolder, make_folder, room
+from labbook.lab.folder import Claim, LabFolder, room
 from labbook.lab.identity import Keys
 from labbook.lab.index import RunRows
 from labbook.lab.journal import Journal, Saved
@@ -50,18 +50,23 @@ class Kept(ABC):
 
     @abstractmethod
     def fill_folder(self, folder: Path) -> None:
-        """Write it into the new `folder`. Raises Unreadable for rows that were saved and cannot be read."""
+        """Write it into the new `folder`, which is synchronised later. Raises Unreadable for rows that were saved and
+        cannot be read."""
 
     @abstractmethod
     def rows(self) -> RunRows:
-        """What the index is to say of it, once it is in the lab."""
+        """Return its rows for the index, once this object has put it into the lab; nothing is read again."""
+
+    @abstractmethod
+    def reread(self) -> RunRows:
+        """Return its rows for the index by what lies in the lab, where another process has put it."""
 
     def put(self) -> None:
         """Put it into the lab, by one rename. Raises DiskFull, or JobFailed with the last state saved."""
         made = self.lab.work(self.key) / "done"
         with room(made):
             shutil.rmtree(made, ignore_errors=True)
-            make_folder(made)
+            made.mkdir(parents=True)  # `put` makes it durable
             try:
                 self.fill_folder(made)
             except Unreadable as problem:
@@ -139,8 +144,17 @@ class Job(ABC):
     def progress(self) -> float:
         """Part of the work that is done, from 0 to 1, as far as can be told."""
 
+    @property
+    def looks(self) -> bool:
+        """True if `look` reads the state after this beat: the verdict, or a picture, needs more than `status` has."""
+        return False
+
     def look(self, ensemble: Ensemble, member: Member) -> None:
-        """Take a look at the state after a beat, where the verdict needs more of it than `status` tells."""
+        """Read the state after a beat."""
+        return
+
+    def feed(self, ensemble: Ensemble, member: Member) -> None:
+        """Put grains back that have left in a beat, if the scene is fed."""
         return
 
     @abstractmethod

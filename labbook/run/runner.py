@@ -8,15 +8,15 @@ from labbook.backend import Backend
 from labbook.backend.machine import cores
 from labbook.lab import studies
 from labbook.lab.catalogue import Catalogue
-from labbook.lab.folder import LabFolder, is_full, room
+from labbook.lab.folder import LabFolder, folders, is_full, room
 from labbook.lab.index import Index
 from labbook.lab.merge import bring
 from labbook.lab.records import Observe
-from labbook.plan.demand import Conflict, Demand, PackingsOf, PointDemand
+from labbook.plan.demand import Conflict, Demand, PackingsOf, PointDemand, fewest_runs
 from labbook.plan.devices import slots
 from labbook.plan.plan import Plan, Planner, check
-from labbook.run.board import Board
-from labbook.run.closing import Closing
+from labbook.run.board import TOGETHER, Board
+from labbook.run.closing import Closer, Closing
 from labbook.run.execution import CHECKPOINT_EVERY, Execution
 from labbook.run.job import Bench
 from labbook.run.live import Publisher
@@ -26,8 +26,8 @@ from labbook.run.summary import Summary
 from labbook.run.watch import Unwatched, Watcher
 from labbook.study import Study
 
-_CLOSING = 8
-"""Threads, at most, that write and measure what members of one ensemble leave."""
+_CLOSING = 12
+"""Threads, at most, that place grains, and write and measure what members of one ensemble leave."""
 
 
 @dataclass(eq=False)
@@ -69,6 +69,7 @@ class Runner:
 
     def _run(self) -> Summary:
         begun = time.perf_counter()
+        closers = self._closers()
         observe = Observe.of(self.study.measure, self.study.window)
         index = Index(self.lab)
         catalogue = Catalogue(self.lab)
@@ -82,10 +83,11 @@ class Runner:
                 self.watcher.tell(f"Part {self.shard} has no runs: the study has fewer packings than parts")
             self.backend.precompile(board.expected(), self.device)
             publisher = Publisher(self.lab, self.study.name, self.backend.capabilities.name, self.device, self.watcher)
+            closing = Closing(board, closers)
+            board.placing = closing.place
             execution = Execution(
                 board,
-                # on a CPU lanes want all cores, and end their jobs one by one
-                Closing(board, 1 if self.device == "cpu" else min(_CLOSING, cores())),
+                closing,
                 self.backend,
                 self.device,
                 self.lanes or (cores() if self.device == "cpu" else 1),
@@ -100,6 +102,8 @@ class Runner:
                 execution.carry_out()
             execution.report()
         finally:
+            for closer in closers:
+                closer.end()
             catalogue.close()
             index.close()
         return Summary(
@@ -112,9 +116,24 @@ class Runner:
             left_behind=execution.left_behind,
             holds=holds,
             preparing=execution.meter.preparing,
+            stepping=execution.meter.stepping,
             study=planner.study,
             campaign=() if planner.campaign is None else tuple(planner.campaign.lines),
         )
+
+    def _closers(self) -> list[Closer]:
+        """Threads that place grains and close jobs: one on a CPU, where lanes want all cores, and end their jobs one by
+        one. Where much seems to be lacking, their processes start while it is planned."""
+        threads = 1 if self.device == "cpu" else min(_CLOSING, cores())
+        closers = [Closer(alone=threads == 1) for _ in range(threads)]
+        points = self.study.points
+        runs = fewest_runs(self.study) * len(points) if self.repeats is None else sum(map(len, self.repeats.values()))
+        lacking = runs - len(folders(self.lab.runs))
+        grains = max((point.scene.grains.count for point in points), default=0)
+        if threads > 1 and lacking > 1 and lacking * grains >= TOGETHER:
+            for closer in closers:
+                closer.begin()
+        return closers
 
     def _plan(self, index: Index, catalogue: Catalogue, observe: Observe) -> tuple[Plan, Planner]:
         """What is to be run, with the planner that says what follows from results. Raises what `run` raises."""

@@ -44,6 +44,9 @@ class Summary:
     preparing: float = 0.0
     """Wall time [s] in which no job took steps, since all waited for kernels or for grains to be placed."""
 
+    stepping: float = 0.0
+    """Wall time [s] of all beats, those of several lanes added up."""
+
     @property
     def done(self) -> int:
         """Runs of the study that are there."""

@@ -72,10 +72,11 @@ class Unwatched:
 
 
 class Meter:
-    """Grain-steps done, their rate, and the time [s] that went by before any could be done."""
+    """Grain-steps done, their rate, the wall time [s] of beats, and that which went by before any could be done."""
 
     def __init__(self):
         self.work = 0.0
+        self.stepping = 0.0
         self.preparing = 0.0
         self._idle_since: float | None = None
         self._history: deque[tuple[float, float]] = deque()

@@ -10,10 +10,14 @@ from labbook_toy import Backend, Ensemble
 from toy_lab import arrays, carry_out, study
 from toy_records import outcomes
 
+from labbook.filling import PlacingError, place
 from labbook.lab import Catalogue
 from labbook.lab.folder import DiskFull, LabFolder
-from labbook.lab.records import Unreadable
-from labbook.run import closing, execution, runner
+from labbook.lab.index import Index, run_rows
+from labbook.lab.records import RunRecord, Unreadable
+from labbook.lab.runs import picture
+from labbook.plan.plan import Planner
+from labbook.run import board, closing, discharge, execution, runner
 from labbook.run.aside import Aside, Gone
 from labbook.run.discharge import DischargeJob, KeptRun
 from labbook.run.job import JobFailed, Kept
@@ -24,8 +28,7 @@ from labbook.run.watch import Unwatched
 def together(monkeypatch):
     """One ensemble takes all jobs, and several threads write what they leave, as on a GPU."""
     monkeypatch.setattr(runner, "slots", lambda *_: 100)
-    made = closing.Closing
-    monkeypatch.setattr(runner, "Closing", lambda board, threads: made(board, 3))
+    monkeypatch.setattr(runner.Runner, "_closers", lambda _: [closing.Closer(alone=False) for _ in range(3)])
 
 
 def test_what_is_written_by_other_threads_is_the_same_in_every_bit(tmp_path, together):
@@ -33,7 +36,7 @@ def test_what_is_written_by_other_threads_is_the_same_in_every_bit(tmp_path, tog
     carry_out(asked, tmp_path / "many", lanes=1)
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(runner, "slots", lambda *_: 1)
-        patch.setattr(runner, "Closing", lambda board, threads: closing.Closing(board, 1))
+        patch.setattr(runner.Runner, "_closers", lambda _: [closing.Closer(alone=True)])
         carry_out(asked, tmp_path / "one", lanes=1)
     for folder in ("runs", "packings"):
         keys = {path.name for path in (tmp_path / "one" / folder).iterdir()}
@@ -71,7 +74,7 @@ def test_what_a_process_that_is_killed_was_given_is_written_here(tmp_path, toget
     asked = study(tmp_path, replicates=4)
     assert carry_out(asked, tmp_path / "lab", lanes=1).complete
     assert len(killed) == 1
-    assert "the writing process ended" in caplog.text
+    assert "written by this process, as the process beside it ended" in caplog.text
     assert carry_out(asked, tmp_path / "lab", lanes=1).tally.ran == {}, "nothing was left to do"
 
 
@@ -95,7 +98,7 @@ def test_a_process_killed_while_it_measures_loses_no_run(tmp_path, together, mon
     asked = study(tmp_path, replicates=4)
     assert carry_out(asked, tmp_path / "lab", lanes=1, checkpoint_every=0.0).complete
     assert len(killed) == 1
-    assert "measured by this process, as the writing process ended" in caplog.text
+    assert "measured by this process, as the process beside it ended" in caplog.text
     assert carry_out(asked, tmp_path / "lab", lanes=1).tally.ran == {}, "nothing was left to do"
 
 
@@ -108,6 +111,9 @@ def test_an_error_of_another_process_comes_back_as_it_was(tmp_path):
         assert str(full.value) == str(DiskFull(tmp_path))
         with pytest.raises(JobFailed, match="starts from step 0"):
             process.put(Failing(lab, "key", lab.run("key"), "run", "unreadable"))
+        weightless = study(tmp_path).points[0].scene.model_copy(update={"gravity": 0.0}).close()
+        with pytest.raises(PlacingError, match="a filling needs gravity"):
+            process.call(place, weightless, "rain", 1)
         with pytest.raises(Gone, match="cannot pickle"):
             process.put(Failing(lab, "key", lab.run("key"), "run", threading.Lock()))
     finally:
@@ -127,6 +133,8 @@ class Failing(Kept):
 
     def rows(self):
         return {}, []
+
+    reread = rows
 
 
 def test_an_ensemble_goes_on_while_a_run_is_written(tmp_path, together, monkeypatch):
@@ -207,3 +215,80 @@ def test_a_run_that_is_written_is_told(tmp_path, together, monkeypatch):
 
     carry_out(study(tmp_path), tmp_path / "lab", watcher=Watch(), lanes=1, backend=Backend())
     assert ("writing", ("writing and measuring",)) in seen
+
+
+def test_grains_that_other_processes_place_are_those_placed_here(tmp_path, together, monkeypatch):
+    asked = study(tmp_path, replicates=4)
+    carry_out(asked, tmp_path / "here", lanes=1)
+    monkeypatch.setattr(board, "TOGETHER", 1)
+    placed, call = [], Aside.call
+
+    def noted(self, function, *given):
+        placed.append(given[2])
+        return call(self, function, *given)
+
+    monkeypatch.setattr(Aside, "call", noted)
+    carry_out(asked, tmp_path / "there", lanes=1)
+    assert len(placed) == len(list((tmp_path / "there/packings").iterdir())) > 1
+    for folder in (tmp_path / "here/packings").iterdir():
+        assert arrays(folder) == arrays(tmp_path / "there/packings" / folder.name)
+
+
+def test_a_process_killed_while_it_places_loses_no_filling(tmp_path, together, monkeypatch, caplog):
+    monkeypatch.setattr(board, "TOGETHER", 1)
+    killed, call = [], Aside.call
+
+    def kill(self, function, *given):
+        if not killed:
+            killed.append(given)
+            self._process.kill()
+        return call(self, function, *given)
+
+    monkeypatch.setattr(Aside, "call", kill)
+    assert carry_out(study(tmp_path, replicates=4), tmp_path / "lab", lanes=1).complete
+    assert "placed by this process, as the process beside it ended" in caplog.text
+
+
+def test_looks_at_runs_do_not_grow_with_the_square_of_the_replicates(tmp_path, monkeypatch):
+    looks, look = [], Planner._item
+    monkeypatch.setattr(Planner, "_item", lambda self, *given: looks.append(1) or look(self, *given))
+    cost = {}
+    monkeypatch.setattr(runner, "slots", lambda *_: 100)
+    for replicates in (4, 16):
+        looks.clear()
+        asked = study(tmp_path, replicates=replicates, orifices="[24]", count=50)
+        carry_out(asked, tmp_path / f"lab-{replicates}", lanes=1)
+        cost[replicates] = len(looks)
+    assert cost[16] <= 4 * cost[4]
+
+
+def test_runs_that_end_together_enter_the_index_in_one_transaction(tmp_path):
+    lab = LabFolder(tmp_path / "lab")
+    carry_out(study(tmp_path, replicates=3, orifices="[24, 30]", count=50), lab.folder)
+    rows = {lab.run(path.name): run_rows(lab.run(path.name), None) for path in lab.runs.iterdir()}
+    index, written = Index(lab), []
+    began = index._transaction
+    index._transaction = lambda: written.append(1) or began()
+    before = Catalogue(lab).measurements()
+    assert index.put_runs(rows) == dict.fromkeys(rows)
+    assert len(written) == 1
+    odd = next(iter(rows))
+    rows[odd][0]["label"] = "\ud800"  # which no database takes
+    problems = index.put_runs(rows)
+    assert [folder for folder, problem in problems.items() if problem] == [odd], "the others are stored"
+    index.close()
+    assert set(before["run_key"]) - set(Catalogue(lab).measurements()["run_key"]) == {odd.name}
+
+
+def test_beds_of_the_first_seeds_are_drawn_and_of_those_that_clog(tmp_path, monkeypatch):
+    monkeypatch.setattr(discharge, "PICTURED", 2)
+    lab = LabFolder(tmp_path / "lab")
+    carry_out(study(tmp_path, replicates=3, orifices="[6, 24]", count=50), lab.folder)
+    drawn = {}
+    for folder in lab.runs.iterdir():
+        record = RunRecord.read(folder)
+        drawn[record.outcome, record.seed] = picture(folder) is not None
+    assert drawn == {
+        **{("clogged", seed): True for seed in (1, 2, 3)},
+        **{("finished", seed): seed <= 2 for seed in (1, 2, 3)},
+    }

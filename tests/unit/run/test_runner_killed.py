@@ -197,7 +197,7 @@ def test_a_claim_is_free_as_soon_as_its_process_is_killed(tmp_path):
     claim.release()
 
 
-@pytest.mark.parametrize(("room", "every"), [(0, 0.0), (41, 0.0), (3, 1e9), (10, 1e9), (20, 1e9), (27, 1e9)])
+@pytest.mark.parametrize(("room", "every"), [(0, 0.0), (25, 0.0), (2, 1e9), (6, 1e9), (11, 1e9), (15, 1e9)])
 def test_a_full_disk_loses_no_finished_run(tmp_path, monkeypatch, room, every):
     lab, asked = tmp_path / "lab", study(tmp_path)
     carry_out(study(tmp_path, orifices="[24, 30]", replicates=1), lab)

@@ -118,6 +118,36 @@ def test_members_that_are_seated_together_are_as_those_seated_one_by_one(scene, 
     assert all(identical(*both) for both in zip(*ends, strict=True))
 
 
+@pytest.mark.parametrize("scene", [silo(20), of_spheres(60)], ids=SHAPES)
+def test_members_that_end_together_are_read_in_one_copy_of_each_array(scene, monkeypatch):
+    how, copies = numerics("mixed"), []
+    start = falling(scene, how, "cpu")
+    backend = Backend()
+    ensemble = backend.open(backend.specialise(scene, how, [Crossing()]), 6, "cpu")
+    members = [ensemble.admit(scene, how, start) for _ in range(6)]
+    ensemble.advance(1)
+
+    def read(chosen: list) -> list:
+        return [(ensemble.packing(member), ensemble.checkpoint(member)) for member in chosen]
+
+    alone = read(members)
+    fetch = arrays.fetch
+    monkeypatch.setattr(arrays, "fetch", lambda *given: copies.append(given) or fetch(*given))
+    counts = []
+    for chosen in ([0, 1, 4], [0, 1, 2, 4, 5]):  # some slots are put together on the device, most are copied as a whole
+        copies.clear()
+        with ensemble.reading([members[k] for k in chosen]):
+            together = read([members[k] for k in chosen])
+        counts.append(len(copies))
+        for k, (packing, checkpoint) in zip(chosen, together, strict=True):
+            assert identical(packing, alone[k][0])
+            assert {name: np.asarray(array).tobytes() for name, array in checkpoint.arrays.items()} == {
+                name: np.asarray(array).tobytes() for name, array in alone[k][1].arrays.items()
+            }
+    assert counts[0] == counts[1] < 30, "as many copies for five as for three"
+    ensemble.close()
+
+
 def test_one_of_many_members_is_seated_alone(monkeypatch):
     scene, how = of_spheres(5), numerics("mixed")
     copied, often = Arrays.together, []
