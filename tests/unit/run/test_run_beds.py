@@ -4,10 +4,11 @@ import json
 
 import numpy as np
 import pytest
-from toy_lab import arrays, carry_out, content, labbook, study, study_file
+from toy_lab import arrays, carry_out, content, labbook, study, study_file, unsealed
 
-from labbook.lab import LabFolder, RunRecord
+from labbook.lab import LabFolder, RunRecord, Unreadable
 from labbook.lab.catalogue import Catalogue
+from labbook.lab.runs import open_run
 from labbook.plan.coverage import finished
 from labbook.run.discharge import DischargeJob
 from labbook.run.stopping import Request
@@ -143,3 +144,26 @@ def test_the_cost_of_a_filling_is_that_of_its_steps(tmp_path):
     cost = filling_cost(lab, [(key, run.packing_key)])
     assert cost == pytest.approx(steps / inside)
     assert filling_cost(lab, [(key, run.packing_key)], points=4) == pytest.approx(cost / 4)
+
+
+def test_runs_with_kicks_are_imported_and_indexed_again(tmp_path):
+    path, lab, other = study_file(tmp_path, THREE, orifices="[18]"), tmp_path / "lab", tmp_path / "other"
+    labbook("run", path, "--lab", lab, "--backend", "toy")
+    labbook("import", lab, "--lab", other)
+    labbook("reindex", "--lab", other)
+    assert content(other) == content(lab)
+    listed = json.loads(labbook("runs", "--lab", other, "--json").stdout)
+    assert sorted((row["seed"], row["discharge"]) for row in listed) == [(s, k) for s in (1, 2) for k in (1, 2, 3)]
+
+
+def test_a_record_with_the_kick_of_another_discharge_is_damaged(tmp_path):
+    asked = study(tmp_path, "discharges_per_bed: 2", orifices="[18]", replicates=1)
+    carry_out(asked, tmp_path / "lab")
+    folder = tmp_path / "lab" / "runs" / runs_of(asked, tmp_path / "lab")[0, 1, 2]
+    record = folder / "run.json"
+    record.write_text(unsealed(record.read_text()).replace('"discharge": 2', '"discharge": 3'))
+    with pytest.raises(Unreadable, match="experiment_key: it does not match the record"):
+        open_run(folder)
+    labbook("reindex", "--lab", tmp_path / "lab", check=False)
+    again = carry_out(asked, tmp_path / "lab")
+    assert len(again.tally.ran) == 1, "the damaged run is made again, and no other"
