@@ -13,6 +13,7 @@ from labbook.backend.numerics import Numerics
 from labbook.backend.probes import Probe, Table
 from labbook.filling import PlacingError, place
 from labbook.filling.bed import astray, at_rest
+from labbook.filling.placing import STARTS
 from labbook.lab import identity
 from labbook.lab.folder import Claim
 from labbook.lab.identity import Keys
@@ -55,6 +56,10 @@ class FillJob(Job):
         super().__init__(bench, demand, keys, keys.packing, bench.lab.packing(keys.packing), claim)
         self.scene = demand.shared.closed
         self.settled_below = demand.filling.settled_below
+        quiet = STARTS[demand.filling.kind].quiet
+        if quiet is not None and self.scene.gravity > 0:
+            span = quiet * math.sqrt(self.scene.grains.diameter / self.scene.gravity)
+            self.settled_beats = 1 + math.ceil(span / self.numerics.beat)
         self._longest = demand.shared.longest_filling
         self._quiet = 0
         self._lowest, self._fell, self._most, self._warned = math.inf, 0.0, 0.0, False
