@@ -99,7 +99,7 @@ def coordination(grains: Grains, packing: Packing) -> float:
 
 
 def solid_fraction(scene: Scene, packing: Packing) -> float:
-    """Volume of grains over that of the container, between the levels below which MIDDLE of the mass has its centres."""
+    """Volume of grains over that of the container between two levels, below which lie the parts MIDDLE of the mass."""
     z = packing.x[:, 2]
     order = np.argsort(z)
     mass = np.broadcast_to(Bodies.of(scene.grains, packing).mass, len(z))[order]

@@ -26,6 +26,8 @@ from labbook.scene.packing import Packing
 APART = 1 + 1e-6
 """Part of their sizes at which grains are placed apart: nothing touches at the start."""
 _ROUNDS = 2000
+_ROOM = 0.1
+"""Room for centres below the lid of a dense start, in volumes of the grains, at least."""
 
 
 class Start(ABC):
@@ -174,7 +176,7 @@ class Dense(Start):
     moving: ClassVar[float] = 0.0
     drop: ClassVar[float] = 0.15
 
-    density: ClassVar[float] = 0.545
+    density: ClassVar[float] = 0.548
     """Solid fraction far from walls."""
     beside: ClassVar[float] = 0.12
     """Diameters at each wall that are left out of the volume: grains are less dense there."""
@@ -197,13 +199,15 @@ class Dense(Start):
         diameter, sort = None, None
         if isinstance(grains, Spheres) and grains.varied:
             diameter, sort = assort(grains, self.version, seed)
-        level = room.level_for(self.volume(closed), self.beside * grains.diameter)
-        if level is None or level == math.inf:
+        beside = self.beside * grains.diameter
+        level = room.level_for(self.volume(closed), beside)
+        lowest = room.level_for(_ROOM * grains.count * grains.volume)  # where few grains find a place, as in a tip
+        if level is None or lowest is None or math.isinf(level + lowest):
             raise no_room(closed, 0, room.bottom)
         rng = np.random.default_rng([self.version, seed])
         reach = (np.full(grains.count, grains.diameter) if diameter is None else diameter) / 2 * APART
-        crowd = Crowd(room, reach, grains.half_length, isinstance(grains, Spherocylinders))
-        lid = level + grains.radius  # the uppermost grains are no closed layer
+        crowd = Crowd(room, reach, grains.half_length, isinstance(grains, Spherocylinders), beside)
+        lid = max(level, lowest + grains.half_length) + grains.radius  # the uppermost grains are no closed layer
         if (placed := crowd.scatter(rng, lid)) < grains.count or not crowd.separate(rng, lid):
             raise no_room(closed, placed, lid)
         rest = np.zeros_like(crowd.x)

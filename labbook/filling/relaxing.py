@@ -18,6 +18,8 @@ _PART, _INERTIA = 0.5, 0.85  # of an overlap by which a step moves each grain; o
 _LONGEST = 0.25  # step, in radii
 _SKIN = 0.25  # of the lists, in largest diameters
 _STEPS, _RISES, _RISE = 60, 60, 0.01  # steps before the lid rises, how often it does, by which part of its height
+_PATIENCE = 10  # rises, after which grains that still overlap are put elsewhere
+_GROWTH = 30  # steps
 _KICK = 0.02  # radii
 _TRIES = 2000  # places of a grain
 _CLEAR = 1e-6  # radii beyond what walls need
@@ -27,32 +29,51 @@ _CLASS = 0.6  # grains of this part of the largest radius that is left, and abov
 class Crowd:
     """Grains of a room: centres `x` [m], shape [n, 3], and of rods the axes `a`, shape [n, 3].
 
-    reach: what each keeps free around its centre or segment [m], shape [n]; half: half the length of segments [m].
+    reach: what each keeps free around its centre or segment [m], shape [n]; half: half the length of segments [m];
+    beside: distance from walls that centres keep at first [m].
     """
 
-    def __init__(self, room: Room, reach: np.ndarray, half: float = 0.0, rods: bool = False):
+    def __init__(self, room: Room, reach: np.ndarray, half: float, rods: bool, beside: float):
         n = len(reach)
         self.x, self.a = np.zeros((n, 3)), np.zeros((n, 3)) if rods else None
         self._room, self._reach, self._half = room, reach, half
+        self._beside = float(reach.max()) if rods else beside
         self._skin = 2 * _SKIN * float(reach.max())
         self._gyration = half**2 / 3 + 0.4 * float(np.mean(reach)) ** 2  # squared radius [m^2]
         self._step = np.zeros((n, 3)), np.zeros((n, 3))
 
-    def scatter(self, rng: np.random.Generator, lid: float) -> int:
-        """Put the grains at random places up to z = `lid` [m], whether they overlap or not; how many found one."""
-        left = np.arange(len(self.x))
+    def scatter(self, rng: np.random.Generator, lid: float, rows: np.ndarray | None = None) -> int:
+        """Put the grains (of `rows`; none: all) at random places below z = `lid` [m], whether they overlap or not; how
+        many found one.
+
+        Spheres may overlap walls too, up to `beside` from their centres: else there were too few in narrow places.
+        """
+        reach, left = self._reach, np.arange(len(self.x)) if rows is None else rows
+        self._reach = np.minimum(reach, self._beside)
         for _ in range(_TRIES):
             if not len(left):
                 break
-            self.x[left] = self._room.draw_each(rng, self._reach[left], max(lid - float(self._reach.min()), 0))
+            self.x[left] = self._room.draw_each(rng, self._reach[left], lid - float(self._reach.min()))
             if self.a is not None:
                 self.a[left] = axes(random_turns(rng, len(left)))
             left = left[~self._held(left)]
+        self._reach = reach
         return len(self.x) - len(left)
 
     def separate(self, rng: np.random.Generator, lid: float) -> bool:
-        """Push the grains apart, below a lid at z = `lid` [m] that rises if need be; whether no overlap is left."""
-        for _ in range(_RISES):
+        """Push the grains apart, below a lid at z = `lid` [m] that rises if need be; whether no overlap is left.
+
+        Rods grow out of their centres meanwhile: two that crossed each other could not part in a narrow container.
+        """
+        whole = self._half
+        for step in range(_GROWTH if whole else 0):
+            self._half = whole * step / _GROWTH
+            self._list(lid)
+            self._push()
+        self._half = whole
+        for rise in range(_RISES):
+            if rise % _PATIENCE == _PATIENCE - 1:
+                self.scatter(rng, lid, self._stuck())
             self._list(lid)
             for _ in range(_STEPS):
                 if self._strayed():
@@ -60,12 +81,23 @@ class Crowd:
                 if self._push():
                     continue
                 self._list(lid)  # lists tell only roughly how far curved walls are
-                if not self._push():
-                    return bool(self._held().all())
+                if self._push():
+                    continue
+                lost = np.flatnonzero(~self._held())
+                if not len(lost):
+                    return True
+                self.scatter(rng, lid, lost)
+                self._list(lid)
             lid += _RISE * (lid - self._room.bottom)
             # a row of grains that just fits between two walls stays straight unless it is disturbed
             self._step = _KICK * self._reach[:, None] * rng.normal(size=self.x.shape), self._step[1]
         return False
+
+    def _stuck(self) -> np.ndarray:
+        """Grains that overlap a wall, or one before them."""
+        overlaps = self._branches(self._i, self._j)[1] < self._least
+        later = np.maximum(self._i, self._j)[overlaps]
+        return np.unique(np.concatenate([later, self._end[self._gaps() < 0] % len(self.x)]))
 
     def _held(self, rows: np.ndarray | slice = slice(None)) -> np.ndarray:
         """Which of the grains in `rows` are in the room and clear of its walls."""
@@ -207,4 +239,4 @@ def _unit(x: np.ndarray) -> np.ndarray:
 
 def _summed(rows: np.ndarray, values: np.ndarray, n: int) -> np.ndarray:
     """Sums of `values`, shape [m, 3], by row, shape [n, 3]."""
-    return np.stack([np.bincount(rows, values[:, axis], n) for axis in range(3)], axis=1)
+    return np.stack([np.bincount(rows, values[:, axis], n) for axis in range(3)], axis=1).astype(float, copy=False)

@@ -52,7 +52,7 @@ def _apart(c: np.ndarray, a: np.ndarray, b: np.ndarray, s: np.ndarray, t: np.nda
 
 
 def turned_to(a: np.ndarray) -> np.ndarray:
-    """Unit quaternions [n, 4] of the shortest rotations that take the z axis to the line along the unit vectors a [n, 3],
+    """Unit quaternions [n, 4] of the shortest rotations that take the z axis to the lines along unit vectors a [n, 3],
     in either sense."""
     a = np.where(a[:, 2:] < 0, -a, a)
     q = np.stack([1 + a[:, 2], -a[:, 1], a[:, 0], np.zeros(len(a))], axis=1)
