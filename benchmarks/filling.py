@@ -180,7 +180,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
 
 def _add(path: Path, scene: str, figures: dict[str, Any], stated: argparse.Namespace) -> None:
     """Add the figures of a scene to the file at `path`."""
-    known = json.loads(path.read_text(encoding="utf-8")) if path.exists() else {"scenes": {}}
+    known: dict[str, Any] = json.loads(path.read_text(encoding="utf-8")) if path.exists() else {"scenes": {}}
     known |= {
         "date": f"{datetime.now(UTC):%Y-%m-%d}",
         "hardware": hardware(),

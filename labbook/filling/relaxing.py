@@ -56,7 +56,7 @@ class Crowd:
             self.x[left] = self._room.draw_each(rng, self._reach[left], lid - float(self._reach.min()))
             if self.a is not None:
                 self.a[left] = axes(random_turns(rng, len(left)))
-            left = left[~self._held(left)]
+            left = left[~self._inside(left)]
         self._reach = reach
         return len(self.x) - len(left)
 
@@ -83,7 +83,7 @@ class Crowd:
                 self._list(lid)  # lists tell only roughly how far curved walls are
                 if self._push():
                     continue
-                lost = np.flatnonzero(~self._held())
+                lost = np.flatnonzero(~self._inside())
                 if not len(lost):
                     return True
                 self.scatter(rng, lid, lost)
@@ -99,10 +99,10 @@ class Crowd:
         later = np.maximum(self._i, self._j)[overlaps]
         return np.unique(np.concatenate([later, self._end[self._gaps() < 0] % len(self.x)]))
 
-    def _held(self, rows: np.ndarray | slice = slice(None)) -> np.ndarray:
-        """Which of the grains in `rows` are in the room and clear of its walls."""
+    def _inside(self, rows: np.ndarray | slice = slice(None)) -> np.ndarray:
+        """Mark the grains in `rows` that are in the room and clear of its walls."""
         ends, reach = self._ends(rows), self._reach[rows]
-        return self._room.holds(ends, np.resize(reach, len(ends))).reshape(-1, len(reach)).all(axis=0)
+        return np.all(self._room.holds(ends, np.resize(reach, len(ends))).reshape(-1, len(reach)), axis=0)
 
     def _ends(self, rows: np.ndarray | slice = slice(None)) -> np.ndarray:
         """Centres of spheres, or one end and then the other of rods' segments [m]; shape [n or 2 n, 3]."""
@@ -110,7 +110,7 @@ class Crowd:
         return x if self.a is None else np.concatenate([x + s * self.a[rows] for s in (self._half, -self._half)])
 
     def _strayed(self) -> bool:
-        """Whether an end has moved too far for the lists."""
+        """Tell if an end has moved too far for the lists."""
         away = self._ends() - self._at
         return 4 * float(np.einsum("ij,ij->i", away, away).max()) > self._skin**2
 
@@ -205,14 +205,14 @@ def _near(x: np.ndarray, reach: np.ndarray, skin: float) -> tuple[np.ndarray, np
         first = int(np.searchsorted(-reach[left], -_CLASS * reach[left[0]], "right"))
         classes.append((left[:first], KDTree(x[left[:first]])))
         left = left[first:]
-    found = []
+    pairs = []
     for k, (some, tree) in enumerate(classes):
-        most = reach[some[0]]
-        found.append(some[tree.query_pairs(2 * most + skin, output_type="ndarray")])
-        for others, other in classes[k + 1 :]:
-            near = tree.sparse_distance_matrix(other, most + reach[others[0]] + skin, output_type="ndarray")
-            found.append(np.column_stack([some[near["i"]], others[near["j"]]]))
-    i, j = np.concatenate(found).T
+        largest = reach[some[0]]
+        pairs.append(some[tree.query_pairs(2 * largest + skin, output_type="ndarray")])
+        for smaller, second in classes[k + 1 :]:
+            near = tree.sparse_distance_matrix(second, largest + reach[smaller[0]] + skin, output_type="ndarray")
+            pairs.append(np.column_stack([some[near["i"]], smaller[near["j"]]]))
+    i, j = np.concatenate(pairs).T
     if reach[i].min(initial=np.inf) < reach.max():
         close = _length(x[i] - x[j]) < reach[i] + reach[j] + skin
         i, j = i[close], j[close]
@@ -220,8 +220,10 @@ def _near(x: np.ndarray, reach: np.ndarray, skin: float) -> tuple[np.ndarray, np
 
 
 def _beside(shape: WallShape, x: np.ndarray, within: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Which of the points x [m], shape [n, 3], are nearer to a wall than `within` [m], shape [n]; their distances [m]
-    from it, and the unit vectors along which these grow."""
+    """Select the points x [m], shape [n, 3], that are nearer to a wall than `within` [m], shape [n].
+
+    Returns their numbers, their distances [m] from it, and the unit vectors along which these grow.
+    """
     distance = shape.distance(x)
     near = np.flatnonzero(distance < within)
     shifted = x[near] + 1e-5 * float(within.max()) * np.eye(3)[:, None]
