@@ -42,7 +42,7 @@ class Start(ABC):
     settled_below: ClassVar[float] = 1e-6
     """Kinetic energy per grain [m g d] below which a bed is at rest, unless `fill.settled_below` is stated."""
     quiet: ClassVar[float | None] = None
-    """Time [sqrt(d/g)] for which it has to stay below; None: three beats."""
+    """Time [sqrt(d/g)] for which it has to stay below; None: three beats, however long they are."""
     moving: ClassVar[float] = 0.01
     """Fraction of the grains that may go on moving where grains roll for ever, unless `fill.moving` is stated."""
     drop: ClassVar[float] = 1.0
@@ -51,6 +51,12 @@ class Start(ABC):
     def obstacles(self, scene: Scene) -> Iterator[Fault]:
         """Why grains of a scene, closed or open, cannot start so; nothing where they can."""
         yield from ()
+
+    def quiet_beats(self, closed: Scene, beat: float) -> int:
+        """Beats of the length `beat` [s] on end after which the kinetic energy has to be low."""
+        if self.quiet is None:
+            return 3
+        return 1 + math.ceil(self.quiet * math.sqrt(closed.grains.diameter / closed.gravity) / beat)
 
     @abstractmethod
     def volume(self, closed: Scene) -> float:

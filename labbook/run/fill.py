@@ -56,10 +56,8 @@ class FillJob(Job):
         super().__init__(bench, demand, keys, keys.packing, bench.lab.packing(keys.packing), claim)
         self.scene = demand.shared.closed
         self.settled_below = demand.filling.settled_below
-        quiet = STARTS[demand.filling.kind].quiet
-        if quiet is not None and self.scene.gravity > 0:
-            span = quiet * math.sqrt(self.scene.grains.diameter / self.scene.gravity)
-            self.settled_beats = 1 + math.ceil(span / self.numerics.beat)
+        if self.scene.gravity > 0:
+            self.settled_beats = STARTS[demand.filling.kind].quiet_beats(self.scene, self.numerics.beat)
         self._longest = demand.shared.longest_filling
         self._quiet = 0
         self._lowest, self._fell, self._most, self._warned = math.inf, 0.0, 0.0, False
