@@ -2,9 +2,9 @@
 
 Each thing that is left out is put back, one after another: features of the compiled kernels, lists of neighbours that
 are kept while no grain has moved far, and frames that nobody asked for. Both ways go on from one bed of Fan's hopper;
-they are timed in turns, and their states after a while are compared. What a dense start saves of a filling, the fall of
-the grains, is counted in steps; its beds are others (benchmarks/filling.py compares them). On a processor one scene is timed, by processor
-time; on a GPU, which one small scene does not fill, 64 of them side by side, by the clock.
+they are timed in turns, and their states after a while are compared. On a processor one scene is timed, by processor
+time; on a GPU, which one small scene does not fill, 64 of them side by side, by the clock. What a dense start saves of
+a filling, the fall of the grains, is counted in steps; its beds are others (benchmarks/filling.py compares them).
 """
 
 import statistics
