@@ -15,6 +15,7 @@ from labbook.backend.numerics import Numerics
 from labbook.backend.probes import Probe, Table
 from labbook.filling import PlacingError, place
 from labbook.filling.bed import astray, at_rest
+from labbook.filling.placing import STARTS
 from labbook.lab import identity
 from labbook.lab.folder import Claim
 from labbook.lab.identity import Keys
@@ -61,6 +62,8 @@ class FillJob(Job):
         super().__init__(bench, demand, keys, keys.packing, bench.lab.packing(keys.packing), claim)
         self.scene = demand.shared.closed
         self.settled_below = demand.filling.settled_below
+        if self.scene.gravity > 0:
+            self.settled_beats = STARTS[demand.filling.kind].quiet_beats(self.scene, self.numerics.beat)
         self._longest = demand.shared.longest_filling
         self._quiet = 0
         self._lowest, self._fell, self._most, self._warned = math.inf, 0.0, 0.0, False

@@ -80,6 +80,7 @@ class Job(ABC):
     scene: Scene
     probes: tuple[Probe, ...] = ()
     settled_below: float | None = None
+    settled_beats: int = 3
 
     def __init__(self, bench: Bench, demand: Demand, keys: Keys, key: str, place: Path, claim: Claim):
         self.bench, self.demand, self.keys, self.key, self.place = bench, demand, keys, key, place
