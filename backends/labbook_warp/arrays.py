@@ -1,7 +1,9 @@
 """The arrays of an ensemble on a device: copied in and out slot by slot, and backed up."""
 
-from collections.abc import Collection, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from contextlib import AbstractContextManager, contextmanager, nullcontext
+from dataclasses import dataclass, replace
+from functools import partial
 from itertools import pairwise
 from types import ModuleType
 from typing import Any
@@ -243,13 +245,42 @@ class Arrays:
             for first, count, place in _runs(sorted(records)):
                 wp.copy(array, together, first, place, count)
 
-    def states(self, slot: int, rows: int) -> States:
-        """States of the first `rows` rows of a slot."""
-        x, v, m = self.codec.decode(self.read("p", slot, rows))
-        if not self.module.ORIENTED:
+    def of_slot(self, slot: int, rows: int) -> "SlotState":
+        """Return the state of the first `rows` rows of a slot; each array is read when it is asked for."""
+        read = partial(self.read, slot=slot, rows=rows)
+        return SlotState(self.sizes, self.state, self.codec, bool(self.module.ORIENTED), read)
+
+
+@dataclass(frozen=True, eq=False)
+class SlotState:
+    """State arrays of the rows of one slot.
+
+    Attributes:
+        sizes: What the arrays are made for.
+        kinds: Which of `Sizes.entries` each array has.
+        codec: Reads the words of grains.
+        oriented: Whether grains have an orientation.
+        read: Gives an array by its name, as `Arrays.read` does.
+    """
+
+    sizes: Sizes
+    kinds: Mapping[str, str]
+    codec: Codec
+    oriented: bool
+    read: Callable[[str], np.ndarray]
+
+    def stored(self) -> "SlotState":
+        """Return the same with all arrays read now; it can be pickled."""
+        blocks = {name: self.read(name) for name in ("p", *self.kinds)}
+        return replace(self, read=blocks.__getitem__)
+
+    def states(self) -> States:
+        """States of all rows."""
+        x, v, m = self.codec.decode(self.read("p"))
+        if not self.oriented:
             return States(x, v, m)
-        m = self.read("momentum", slot, rows)[:, :3].astype(np.float64)
-        return States(x, v, m, self.read("turned", slot, rows))
+        m = self.read("momentum")[:, :3].astype(np.float64)
+        return States(x, v, m, self.read("turned"))
 
 
 def _runs(slots: Sequence[int]) -> Iterator[tuple[int, int, int]]:

@@ -9,7 +9,7 @@ from labbook_dem import ensemble
 from labbook_dem.ensemble import explain
 from labbook_dem.reading import looking
 
-from labbook.backend import Capabilities, Checkpoint, Event, Load, Member, Spec
+from labbook.backend import Capabilities, Checkpoint, EndState, Event, Load, Member, Spec
 from labbook.backend.numerics import Numerics
 from labbook.scene import Scene
 from labbook.scene.packing import Packing
@@ -137,6 +137,10 @@ class Ensemble(ensemble.Ensemble[ReadableRun]):
         """Drop a member; its slot is free."""
         self._stage.leave(self._runs[member])
         super().retire(member)
+
+    def end_state(self, member: Member) -> EndState:
+        """Return the state of a member that ends here; see `labbook.backend.Ensemble`."""
+        return self._runs[member].end_state()
 
     def reading(self, members: Collection[Member]) -> AbstractContextManager[None]:
         """Return a context in which these members are read together; see `labbook.backend.Ensemble`."""

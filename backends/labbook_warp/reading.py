@@ -9,7 +9,7 @@ from labbook_dem.ensemble import Standing
 from labbook_dem.reading import Grains, Inside, SlabGrains
 from labbook_dem.rotation import spins
 
-from labbook.backend import Checkpoint
+from labbook.backend import Checkpoint, EndState
 from labbook.backend.probes import Slab
 from labbook.scene.packing import Packing
 from labbook_warp import transfer
@@ -40,6 +40,10 @@ class ReadableRun(Run, Standing):
         """The portable state."""
         return self.view.packing(self)
 
+    def end_state(self) -> EndState:
+        """The state in which it ends."""
+        return self.view.end_state(self)
+
     def present(self) -> np.ndarray:
         """Ids of the grains that have not left."""
         return self.view.present(self)
@@ -55,12 +59,13 @@ class ReadableRun(Run, Standing):
     def look(self, moving: bool = True, inside: Inside | None = None) -> Grains:
         """Its grains; v, w and m are half a step old unless `moving`."""
         arrays, slot, n = self.view.stage.arrays, self.slot, self.rows
-        x, v_half, m_half, q = arrays.states(slot, n)
+        state = arrays.of_slot(slot, n)
+        x, v_half, m_half, q = state.states()
         v, m = self.view.whole_step(self) if moving else (v_half, m_half)
         ids = arrays.read("ids", slot, n).astype(np.int64)
         order = transfer.here(x, ids, inside)
         m, now = m[order], None if q is None else q[order]
-        bodies = transfer.bodies(arrays, slot, n, self.scene, order)
+        bodies = transfer.bodies(state, self.scene, order)
         w = spins(self.scene.grains, m, now)
         return Grains(ids[order], x[order], v[order], w, m, v_half[order], m_half[order], now, bodies)
 

@@ -15,7 +15,7 @@ from labbook.backend.numerics import Numerics
 from labbook.scene import Scene
 from labbook.scene.packing import Packing
 from labbook_warp import room, transfer
-from labbook_warp.arrays import Arrays, fetch
+from labbook_warp.arrays import Arrays, SlotState, fetch
 from labbook_warp.beat import Beat
 from labbook_warp.layout import EXTREMES, Sizes
 from labbook_warp.parameters import cell_size, material, place, same_material
@@ -376,13 +376,22 @@ class Stage:
 
     def stored(self, run: Run) -> Checkpoint:
         """The exact state of a member that has a slot."""
+        state, numbers = self.state_of(run)
+        return Checkpoint(*self.maker, transfer.checkpoint(state, run.past_work) | numbers)
+
+    @property
+    def maker(self) -> tuple[str, int]:
+        """Name and version of the backend, as checkpoints have them."""
+        return self._can.name, self._can.cache_version
+
+    def state_of(self, run: Run) -> tuple[SlotState, dict[str, np.ndarray]]:
+        """Return the arrays of a member that has a slot, and the numbers that belong to its checkpoint."""
         arrays, system = self.arrays, self.arrays.system
         run.rebuilds = int(arrays.part(system.rebuilds, run.slot, 1, 1)[0])
         numbers = {"step": np.array(run.step), "rebuilds": np.array(run.rebuilds)}
         most = [arrays.part(getattr(system, name), run.slot, 1, 1)[0] for name in EXTREMES]
         numbers["most"] = np.array(most, np.float64)
-        state = transfer.checkpoint(arrays, run.slot, run.rows, run.past_work)
-        return Checkpoint(self._can.name, self._can.cache_version, state | numbers)
+        return arrays.of_slot(run.slot, run.rows), numbers
 
 
 def usual_check(runs: Sequence[Run]) -> int:

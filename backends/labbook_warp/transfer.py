@@ -11,7 +11,7 @@ from labbook_dem.rotation import momenta, spins
 from labbook.backend import Checkpoint
 from labbook.scene import Bodies, Packing, Scene
 from labbook.scene.orientation import axes
-from labbook_warp.arrays import Arrays
+from labbook_warp.arrays import Arrays, SlotState
 from labbook_warp.kernels.words import PARKED
 
 _BLOCK = 5
@@ -137,34 +137,34 @@ def _seat_of(wall: int, seat: np.ndarray, near: np.ndarray, parts: int) -> np.nd
     return np.where(mine.any(axis=0), mine.argmax(axis=0), -1)
 
 
-def packing(arrays: Arrays, slot: int, rows: int, scene: Scene, v: np.ndarray, m: np.ndarray) -> Packing:
+def packing(state: SlotState, scene: Scene, v: np.ndarray, m: np.ndarray) -> Packing:
     """The grains of a slot that have not left, by id. v, m: velocities and reduced angular momenta at the whole step,
     by row."""
-    x, _, _, turned = arrays.states(slot, rows)
-    ids, held = arrays.read("ids", slot, rows).astype(np.int64), arrays.read("held", slot, rows)
+    x, _, _, turned = state.states()
+    ids, held = state.read("ids").astype(np.int64), state.read("held")
     order = here(x, ids)
-    place = np.full(rows, -1)
+    place = np.full(len(ids), -1)
     place[order] = np.arange(len(order))
-    nbr, spring = arrays.read("nbr", slot, rows), arrays.read("spring", slot, rows)
+    nbr, spring = state.read("nbr"), state.read("spring")
     k, r = np.nonzero(held[None, :] >> np.arange(len(nbr), dtype=np.uint32)[:, None] & 1)
     i, j = place[r], place[nbr[k, r]]
     kept = (i >= 0) & (j > i)
     by_pair = np.lexsort((j[kept], i[kept]))
-    walls = arrays.read("wall_held", slot, rows)
-    names, parts = [wall.name for wall in scene.container.walls()], arrays.sizes.parts
-    most = min(len(names), arrays.sizes.seats) * parts
+    walls = state.read("wall_held")
+    names, parts = [wall.name for wall in scene.container.walls()], state.sizes.parts
+    most = min(len(names), state.sizes.seats) * parts
     k_wall, g = np.nonzero(walls[None, :] >> np.arange(most, dtype=np.uint32)[:, None] & 1)
-    of = arrays.read("wall_seat", slot, rows)[k_wall // parts, g] if arrays.sizes.listed else k_wall // parts
+    of = state.read("wall_seat")[k_wall // parts, g] if state.sizes.listed else k_wall // parts
     by_wall = np.lexsort((place[g], k_wall % parts, of))
     by_wall = by_wall[place[g[by_wall]] >= 0]
     k_wall, g, of = k_wall[by_wall], g[by_wall], of[by_wall]
     q = None if turned is None else turned[order]
     more: dict[str, np.ndarray | None] = {}
-    if "rolling" in arrays.state:
-        rolling, at_walls = arrays.read("rolling", slot, rows), arrays.read("wall_rolling", slot, rows)
+    if "rolling" in state.kinds:
+        rolling, at_walls = state.read("rolling"), state.read("wall_rolling")
         more["pair_rolling"] = rolling[k, r][kept][by_pair].astype(np.float64)
         more["wall_rolling"] = at_walls[k_wall, g].astype(np.float64)
-    own = bodies(arrays, slot, rows, scene, order)
+    own = bodies(state, scene, order)
     return Packing(
         x=x[order],
         v=v[order],
@@ -175,18 +175,18 @@ def packing(arrays: Arrays, slot: int, rows: int, scene: Scene, v: np.ndarray, m
         pair_spring=spring[k, r][kept][by_pair].astype(np.float64),
         wall_grain=place[g],
         wall_name=np.array([*names, ""], "U40")[of],
-        wall_spring=arrays.read("wall_spring", slot, rows)[k_wall, g].astype(np.float64),
+        wall_spring=state.read("wall_spring")[k_wall, g].astype(np.float64),
         wall_part=k_wall % parts,
         **more,
         **(own.carried(scene.grains) if own else {}),
     )
 
 
-def bodies(arrays: Arrays, slot: int, rows: int, scene: Scene, order: np.ndarray) -> Bodies | None:
+def bodies(state: SlotState, scene: Scene, order: np.ndarray) -> Bodies | None:
     """What the grains of a slot in the rows `order` are; None where all are alike."""
     if not scene.grains.varied:
         return None
-    radius, mass, inertia, kind = arrays.read("body", slot, rows)[order].T
+    radius, mass, inertia, kind = state.read("body")[order].T
     return Bodies(radius, mass, inertia, kind.astype(np.int64))
 
 
@@ -197,17 +197,15 @@ def here(x: np.ndarray, ids: np.ndarray, inside: Inside | None = None) -> np.nda
     return rows[np.argsort(ids[rows])]
 
 
-def checkpoint(
-    arrays: Arrays, slot: int, rows: int, past_work: np.ndarray
-) -> dict[str, np.ndarray]:  # fmt: skip
+def checkpoint(state: SlotState, past_work: np.ndarray) -> dict[str, np.ndarray]:
     """The exact state of a slot, without the grains that have left: of these, only the work done on them is kept.
 
     past_work: that of grains that were left out earlier [J].
     """
-    state = {name: arrays.read(name, slot, rows) for name in ("p", *arrays.state)}
-    here = arrays.codec.decode(state["p"])[0][:, 2] > 0.5 * PARKED
-    past = np.concatenate([past_work, state["work"][~here]])
-    return _closed_up(state, here, arrays.state) | {"past_work": past}
+    arrays = {name: state.read(name) for name in ("p", *state.kinds)}
+    here = state.codec.decode(arrays["p"])[0][:, 2] > 0.5 * PARKED
+    past = np.concatenate([past_work, arrays["work"][~here]])
+    return _closed_up(arrays, here, state.kinds) | {"past_work": past}
 
 
 def _closed_up(state: dict[str, np.ndarray], here: np.ndarray, entries: Mapping[str, str]) -> dict[str, np.ndarray]:

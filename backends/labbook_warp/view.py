@@ -9,6 +9,7 @@ from labbook.backend import Checkpoint
 from labbook.backend.probes import Slab
 from labbook.scene.packing import Packing
 from labbook_warp import transfer
+from labbook_warp.ended import SlotEnd
 from labbook_warp.run import Run
 from labbook_warp.stage import Stage
 
@@ -95,7 +96,13 @@ class DeviceView:
     def packing(self, run: Run) -> Packing:
         """The portable state of a member."""
         v, m = self.whole_step(run)
-        return transfer.packing(self.stage.arrays, run.slot, run.rows, run.scene, v, m)
+        return transfer.packing(self.stage.arrays.of_slot(run.slot, run.rows), run.scene, v, m)
+
+    def end_state(self, run: Run) -> SlotEnd:
+        """The state of a member that ends here; packing and checkpoint follow from it when they are asked for."""
+        v, m = self.whole_step(run)
+        state, numbers = self.stage.state_of(run)
+        return SlotEnd(self.stage.maker, state.stored(), numbers, run.past_work, run.scene, v, m)
 
     def checkpoint(self, run: Run) -> Checkpoint:
         """The exact state of a member."""
@@ -107,7 +114,7 @@ class DeviceView:
         self.stage.seat()
         arrays = self.stage.arrays
         ids = arrays.read("ids", run.slot, run.rows).astype(np.int64)
-        return ids[transfer.here(arrays.states(run.slot, run.rows).x, ids)]
+        return ids[transfer.here(arrays.of_slot(run.slot, run.rows).states().x, ids)]
 
     def put_back(self, run: Run, grains: Packing, half_v: np.ndarray) -> None:
         """Give a member grains that left again."""

@@ -11,7 +11,7 @@ from collections.abc import Collection, Mapping, Sequence
 from contextlib import AbstractContextManager, nullcontext
 from dataclasses import dataclass, field
 from importlib.util import find_spec
-from typing import Any, ClassVar
+from typing import Any, ClassVar, Protocol
 
 import numpy as np
 
@@ -105,6 +105,29 @@ class Checkpoint:
     arrays: Mapping[str, np.ndarray] = field(repr=False)
 
 
+class EndState(Protocol):
+    """The state of a member, which no later beat changes. It may be worked out when it is first asked for, also in
+    another process: it can be pickled."""
+
+    @property
+    def checkpoint(self) -> Checkpoint:
+        """The exact state."""
+        ...
+
+    @property
+    def packing(self) -> Packing:
+        """The portable state, in double precision."""
+        ...
+
+
+@dataclass(frozen=True)
+class StoredState:
+    """An end state that is worked out already."""
+
+    checkpoint: Checkpoint
+    packing: Packing
+
+
 @dataclass(frozen=True)
 class Spec:
     """Features of the compiled kernels. Members with equal Specs share an ensemble."""
@@ -191,6 +214,10 @@ class Ensemble(ABC):
     @abstractmethod
     def packing(self, member: Member) -> Packing:
         """The portable state, in double precision."""
+
+    def end_state(self, member: Member) -> EndState:
+        """Return the state of a member that ends here, copied from the device."""
+        return StoredState(self.checkpoint(member), self.packing(member))
 
     def reading(self, members: Collection[Member]) -> AbstractContextManager[None]:
         """Return a context for reading checkpoints and packings of these members, of which none changes within it.

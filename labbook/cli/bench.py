@@ -113,6 +113,7 @@ def _show_skips(result) -> None:
     for one in result.saved:
         state = "bitwise equal" if one.same else f"within {one.difference:.0e} d"
         table.add_row(one.name, f"{one.times:.2f}", f"{one.low:.2f}-{one.high:.2f}", state)
+    table.add_row("fall of a rain, not of a dense start", f"{result.fall:.2f}", "", "other beds; in steps of a filling")
     console = screen()
     console.print(
         f"backend {result.backend}, {result.precision}, {result.device} on {result.hardware['processor']}; "

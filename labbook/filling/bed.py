@@ -9,8 +9,6 @@ from labbook.scene import ContactLaw, Grains, Scene, Spherocylinders
 from labbook.scene.bodies import Bodies
 from labbook.scene.packing import Packing
 
-ROLLING = 0.01
-"""Fraction of rods, or of spheres without rolling friction, that may go on moving."""
 PACKED = 0.55
 """Packing fraction that is assumed of a bed before there is one."""
 

@@ -1,7 +1,7 @@
 """Where grains are before they fall: a seeded random start in the column above a closed container's bottom.
 
 Random sequential addition: uniformly drawn positions are taken one after another wherever they overlap
-neither a wall nor a grain already there, so no lattice is left for the packing to remember. Both starts lie
+neither a wall nor a grain already there, so no lattice is left for the packing to remember. Loose starts lie
 well below the density at which random addition jams (solid fraction 0.38 in 3D, area fraction 0.547 in 2D:
 Torquato & Stillinger, Rev. Mod. Phys. 82 (2010) 2633), and are low enough that the fall is short. Where grains
 differ, the seed also draws which is of what size and kind; the largest are placed first.
@@ -15,16 +15,19 @@ from typing import ClassVar
 import numpy as np
 
 from labbook.filling.placed import Placed
+from labbook.filling.relaxing import Crowd
 from labbook.filling.room import DENSEST, JAMMED, Full, PlacingError, Room, first_come
 from labbook.plugins import Registry
 from labbook.scene import Scene, Spheres, Spherocylinders
-from labbook.scene.model import Fault
-from labbook.scene.orientation import axes, distances, random_turns
+from labbook.scene.model import Fault, once
+from labbook.scene.orientation import axes, distances, random_turns, turned_to
 from labbook.scene.packing import Packing
 
 APART = 1 + 1e-6
 """Part of their sizes at which grains are placed apart: nothing touches at the start."""
 _ROUNDS = 2000
+_ROOM = 0.1
+"""Room for centres below the lid of a dense start, in volumes of the grains, at least."""
 
 
 class Start(ABC):
@@ -36,10 +39,24 @@ class Start(ABC):
     """Part of the key of every packing made so; it rises whenever a seed gives other positions than before."""
     flat: ClassVar[bool] = False
     """Whether all grains start in the plane y = 0, and move in it."""
+    settled_below: ClassVar[float] = 1e-6
+    """Kinetic energy per grain [m g d] below which a bed is at rest, unless `fill.settled_below` is stated."""
+    quiet: ClassVar[float | None] = None
+    """Time [sqrt(d/g)] for which it has to stay below; None: three beats, however long they are."""
+    moving: ClassVar[float] = 0.01
+    """Fraction of the grains that may go on moving where grains roll for ever, unless `fill.moving` is stated."""
+    drop: ClassVar[float] = 1.0
+    """Length of the fall by which the time of a filling is foreseen, in heights of the column."""
 
     def obstacles(self, scene: Scene) -> Iterator[Fault]:
         """Why grains of a scene, closed or open, cannot start so; nothing where they can."""
         yield from ()
+
+    def quiet_beats(self, closed: Scene, beat: float) -> int:
+        """Beats of the length `beat` [s] on end after which the kinetic energy has to be low."""
+        if self.quiet is None:
+            return 3
+        return 1 + math.ceil(self.quiet * math.sqrt(closed.grains.diameter / closed.gravity) / beat)
 
     @abstractmethod
     def volume(self, closed: Scene) -> float:
@@ -77,12 +94,7 @@ class Column(Start):
 
         Raises PlacingError where the container has no sides, no room or no gravity.
         """
-        grains = closed.grains
-        if closed.gravity == 0:
-            raise PlacingError("a filling needs gravity: grains would never come to rest (gravity is 0)")
-        for fault in self.obstacles(closed):
-            raise PlacingError(f"{fault.key}: {fault.reason}; {fault.remedy}")
-        room = Room(closed.container, grains.radius * APART, self.flat)
+        room, grains = _room(closed, self), closed.grains
         diameter, sort = None, None
         if isinstance(grains, Spheres) and grains.varied:
             diameter, sort = assort(grains, self.version, seed)
@@ -155,11 +167,67 @@ class Planar(Rain):
             )
 
 
+class Dense(Start):
+    """Grains at rest, almost as dense as the bed that they settle to: at random places, pushed apart until none touches
+    another one.
+
+    Beds that grains of friction 0.5 settle to are as dense as after a rain within some percent. Less friction makes
+    both denser, and a dense start with more of it stays denser.
+    """
+
+    name: ClassVar[str] = "dense"
+    version: ClassVar[int] = 1
+    settled_below: ClassVar[float] = 1e-3
+    quiet: ClassVar[float | None] = 0.5
+    moving: ClassVar[float] = 0.0
+    drop: ClassVar[float] = 0.15
+
+    density: ClassVar[float] = 0.548
+    """Solid fraction far from walls."""
+    beside: ClassVar[float] = 0.12
+    """Diameters at each wall that are left out of the volume: grains are less dense there."""
+    layer: ClassVar[float] = 0.54
+    """Solid fraction of a layer of grains in a container as thick as they are."""
+
+    def volume(self, closed: Scene) -> float:
+        """Volume [m^3] of the grains at the density, wall effects of the front and back walls included."""
+        grains = closed.grains
+        thin = grains.diameter / closed.container.front_to_back
+        density = max(self.density * (1 - 2 * self.beside * thin), self.layer * thin)
+        if isinstance(grains, Spheres) and grains.graded:
+            density *= _denser(grains)
+        return grains.count * grains.volume / density
+
+    def place(self, closed: Scene, seed: int) -> Packing:
+        """The seed decides positions and orientations, and where grains differ which is of what size and kind.
+
+        Raises PlacingError where the container has no sides, no room or no gravity.
+        """
+        room, grains = _room(closed, self), closed.grains
+        diameter, sort = None, None
+        if isinstance(grains, Spheres) and grains.varied:
+            diameter, sort = assort(grains, self.version, seed)
+        beside = self.beside * grains.diameter
+        level = room.level_for(self.volume(closed), beside)
+        lowest = room.level_for(_ROOM * grains.count * grains.volume)  # where few grains find a place, as in a tip
+        if level is None or lowest is None or math.isinf(level + lowest):
+            raise no_room(closed, 0, room.bottom)
+        rng = np.random.default_rng([self.version, seed])
+        reach = (np.full(grains.count, grains.diameter) if diameter is None else diameter) / 2 * APART
+        crowd = Crowd(room, reach, grains.half_length, isinstance(grains, Spherocylinders), beside)
+        lid = max(level, lowest + grains.half_length) + grains.radius  # the uppermost grains are no closed layer
+        if (placed := crowd.scatter(rng, lid)) < grains.count or not crowd.separate(rng, lid):
+            raise no_room(closed, placed, lid)
+        rest = np.zeros_like(crowd.x)
+        q = None if crowd.a is None else turned_to(crowd.a)
+        return Packing(x=crowd.x, v=rest, omega=rest, q=q, diameter=diameter, kind=sort)
+
+
 LAYER = 2.0
 """Diameters from front to back below which grains cannot pass one another, and are one layer."""
 
 
-STARTS: Registry[Start] = Registry[Start]("labbook.starts", Start, (Rain(), Gas(), Planar()))
+STARTS: Registry[Start] = Registry[Start]("labbook.starts", Start, (Rain(), Gas(), Planar(), Dense()))
 """What `fill.kind` can name."""
 
 
@@ -190,6 +258,34 @@ def no_room(closed: Scene, placed: int, top: float) -> PlacingError:
         remedy = f"use a smaller grains.diameter ({grains.diameter * 1e3:.4g} mm), or widen {' or '.join(widths)}"
     found = f"{placed} of {grains.count} grains found a place up to z = {top * 1e3:.4g} mm"
     return PlacingError(f"grains.count: only {found}; {remedy}")
+
+
+_SAMPLE = 10_000
+
+
+@once(64)
+def _denser(grains: Spheres) -> float:
+    """Random close packing of spheres of several sizes over that of equal ones.
+
+    0.634 + 0.0658 delta + 0.0857 S delta^2, with the standard deviation delta of the diameters over their mean and
+    their skewness S (Desmond & Weeks, Phys. Rev. E 90 (2014) 022204).
+    """
+    rng = np.random.default_rng(0)
+    sizes = np.array([one.sizes.draw(rng, _SAMPLE, grains.diameter) for one in grains.species])
+    weights = np.repeat([[one.share / _SAMPLE] for one in grains.species], _SAMPLE, axis=1)
+    mean, deviation = np.sum(weights * sizes), sizes - np.sum(weights * sizes)
+    spread = math.sqrt(np.sum(weights * deviation**2))
+    skewness = np.sum(weights * deviation**3) / spread**3
+    return float(1 + (0.0658 * spread / mean + 0.0857 * skewness * (spread / mean) ** 2) / 0.634)
+
+
+def _room(closed: Scene, start: Start) -> Room:
+    """The room in which grains start. Raises PlacingError where they cannot."""
+    if closed.gravity == 0:
+        raise PlacingError("a filling needs gravity: grains would never come to rest (gravity is 0)")
+    for fault in start.obstacles(closed):
+        raise PlacingError(f"{fault.key}: {fault.reason}; {fault.remedy}")
+    return Room(closed.container, closed.grains.radius * APART, start.flat)
 
 
 def _place_equal(

@@ -2,6 +2,7 @@
 
 import math
 from collections.abc import Callable, Iterator
+from typing import Any, TypeVar
 
 import numpy as np
 
@@ -9,7 +10,8 @@ from labbook.scene import Container
 from labbook.scene.geometry import Bounds
 from labbook.scene.walls import Symmetry
 
-_COUNTED: dict[tuple[str, float, bool, str, float], float] = {}
+_N = TypeVar("_N")
+_COUNTED: dict[tuple[str, float, bool, str, float], Any] = {}
 """Heights and volumes that a `Room` counted, by walls, clearance, flatness, which of the two, and its argument:
 counting takes longer than placing a thousand grains, and every seed of a scene asks for it."""
 
@@ -162,7 +164,7 @@ class Room:
         """
         return self._once("height", volume, self._counted_height)
 
-    def _once(self, name: str, of: float, count: Callable[[float], float]) -> float:
+    def _once(self, name: str, of: float, count: Callable[[float], _N]) -> _N:
         key = repr(self.shapes), self.clearance, self.flat, name, of
         if key not in _COUNTED:
             _COUNTED[key] = count(of)
@@ -193,14 +195,18 @@ class Room:
         points = np.column_stack([np.tile(u, len(z)), np.tile(y, len(z)), np.repeat(z, len(u))])
         return self.holds(points, clearance).reshape(len(z), -1), across if self.round else None
 
-    def level_for(self, volume: float) -> float | None:
-        """z [m] below which there is room of `volume` [m^3] for the centres of grains; None if there never is, infinite
-        if there is none for any."""
+    def level_for(self, volume: float, clearance: float | None = None) -> float | None:
+        """z [m] below which there is room of `volume` [m^3] that keeps `clearance` [m] (none: that of the centres of
+        grains) from walls; None if there never is, infinite if there is none for any."""
+        clearance = self.clearance if clearance is None else clearance
+        return self._once(f"level {clearance}", volume, lambda volume: self._counted_level(volume, clearance))
+
+    def _counted_level(self, volume: float, clearance: float) -> float | None:
         high = volume / self._area
         some = False
         for _ in range(_DOUBLINGS):
             z = np.linspace(self.bottom, self.bottom + high, _LEVELS)
-            below = self._filled(z, self.clearance)
+            below = self._filled(z, clearance)
             if below[-1] >= volume:
                 return float(np.interp(volume, below, z))
             high *= 2

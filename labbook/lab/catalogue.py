@@ -298,6 +298,11 @@ class Catalogue:
             self._packings[key, seen] = _problem(folder)
         return self._packings[key, seen]
 
+    def note_packing(self, key: str, stamp: int) -> None:
+        """Take note of a packing that this process has just put into the lab, so that it is not read for this."""
+        if self._packings is not None:
+            self._packings[key, stamp] = None
+
     def measurements(self, run_key: str | None = None) -> "pd.DataFrame":
         """Measured numbers of a run, or of all runs, with run, measure, version and window: of every measure and window
         those by its newest version."""

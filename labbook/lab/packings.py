@@ -11,6 +11,7 @@ from typing import Annotated, Literal
 import numpy as np
 from pydantic import Field
 
+from labbook.backend.machine import memory
 from labbook.backend.numerics import Numerics
 from labbook.lab import identity
 from labbook.lab.folder import stamp
@@ -22,7 +23,8 @@ from labbook.scene.packing import Packing
 
 ARRAYS = "packing.npz"
 _BYTES = 4096  # of a grain, at most: state, and springs of 20 contacts
-MOST_GRAINS = 500_000  # grains of packings that a process keeps in memory: some 150 MB
+MOST_GRAINS = max(500_000, int(0.05 * min(memory(), 2.0**40) / 300))
+"""Grains of packings that a process keeps in memory, each with some 300 bytes: a twentieth of it, or 150 MB."""
 _SETTLED = 0.1  # s: the clocks of file systems tick more often
 
 
@@ -112,11 +114,11 @@ def read_packing(folder: Path, key: str | None = None) -> tuple[PackingRecord, P
     return found
 
 
-def just_made(folder: Path, record: PackingRecord, packing: Packing) -> None:
-    """This process has just put a packing into its folder, and need not read it to start runs from it."""
+def just_made(folder: Path, seen: int, record: PackingRecord, packing: Packing) -> None:
+    """Remember a packing that this process has just put into its folder, which then had the stamp `seen`: it need not
+    be read to start runs from it."""
     _protect(packing)
-    if folder.exists():
-        _remember((folder, None, stamp(folder)), (record, packing))
+    _remember((folder, None, seen), (record, packing))
 
 
 def _remember(asked: tuple[Path, str | None, int], found: tuple[PackingRecord, Packing]) -> None:

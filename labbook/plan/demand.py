@@ -307,13 +307,13 @@ class Demand:
     def filling(self) -> Filling:
         """How its packing is made."""
         fill, scene = self.point.fill, self.shared.scene
-        moving = fill.moving
+        start, moving = placing.STARTS[fill.kind], fill.moving
         if moving is None:
             rolls = "settled_below" not in fill.model_fields_set and bed.unbraked(
                 scene.grains, fill.contact or scene.contact
             )
-            moving = bed.ROLLING if rolls else 0.0
-        return Filling(fill.kind, self.seed, fill.settled_below, placing.STARTS[fill.kind].version, moving)
+            moving = start.moving if rolls else 0.0
+        return Filling(fill.kind, self.seed, fill.settled_below, start.version, moving)
 
     @property
     def film(self) -> Film | None:

@@ -283,7 +283,8 @@ def fill_work(demand: Demand, settled: Mapping[str, float] = _NEVER) -> float:
 def fill_time(demand: Demand) -> float:
     """Expected simulated time [s] of a filling: a few falls from the height of its start."""
     scene = demand.shared.scene
-    top = placing.column(scene, demand.point.fill.kind)
+    kind = demand.point.fill.kind
+    top = placing.STARTS[kind].drop * placing.column(scene, kind)
     fall = math.sqrt(2 * top / scene.gravity) if scene.gravity > 0 else math.inf
     return min(demand.shared.longest_filling, SETTLING * fall)
 

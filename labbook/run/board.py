@@ -342,12 +342,13 @@ class Board:
 
     def _filled(self, ended: Sequence[tuple[FillJob, dict[str, Any]]]) -> None:
         problems = self._index.put_packings({job.place: row for job, row in ended})
-        for job, _ in ended:
+        for job, row in ended:
             if problem := problems[job.place]:
                 self._lose(job.key, f"{job.label}: {problem}")  # to make it once more would give the same
                 continue
             if job.made is not None:
-                just_made(job.place, job.made.record, job.made.packing)
+                just_made(job.place, row["stamp"], job.made.record, job.made.packing)
+                self._planner.catalogue.note_packing(job.key, row["stamp"])
             self.tally.packings += 1
             self._packed(job.key)
 

@@ -13,11 +13,12 @@ from contextlib import suppress
 from itertools import cycle
 from queue import SimpleQueue
 
+from labbook.backend import EndState
 from labbook.filling import place
 from labbook.lab.index import RunRows
 from labbook.run.aside import Aside, Gone
 from labbook.run.board import Board, Ended, Placing
-from labbook.run.job import Job, JobFailed, Kept, Left
+from labbook.run.job import Job, JobFailed, Kept
 from labbook.run.lane import Hand
 from labbook.scene import Packing, Scene
 
@@ -45,7 +46,7 @@ class Closer:
         with suppress(Gone):  # whoever needs it tries again
             self._aside = self._aside or Aside()
 
-    def close(self, job: Job, verdict: str, left: Left) -> "Future[RunRows]":
+    def close(self, job: Job, verdict: str, left: EndState) -> "Future[RunRows]":
         """Put what a job `left` into the lab, and measure it."""
         return self._hand.do(lambda: self.put_in_place(job.kept(verdict, left)))
 
@@ -115,7 +116,7 @@ class Closing:
             return None
         return lambda closed, kind, seed: next(self._next).place(closed, kind, seed)
 
-    def close(self, job: Job, verdict: str, left: Left) -> None:
+    def close(self, job: Job, verdict: str, left: EndState) -> None:
         """Put what a job `left` into the lab, and measure it. Waits for others while too many grains are held. Raises
         what `settle` does."""
         self._grains += job.demand.point.scene.grains.count

@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from labbook.backend import Emptied, Ensemble, Event, Member, Status
+from labbook.backend import Emptied, EndState, Ensemble, Event, Member, Status
 from labbook.backend.numerics import Numerics
 from labbook.backend.probes import (
     Contacts,
@@ -44,7 +44,7 @@ from labbook.measure.steady import steady_flow
 from labbook.picture import bed
 from labbook.plan.coverage import unobserved
 from labbook.plan.demand import Demand
-from labbook.run.job import Bench, Job, JobFailed, Kept, Left, failure
+from labbook.run.job import Bench, Job, JobFailed, Kept, failure
 from labbook.run.ledger import ledger
 from labbook.scene import Packing
 from labbook.scene.quantities import percent
@@ -333,10 +333,9 @@ class DischargeJob(Job):
 
     # end
 
-    def kept(self, verdict: str, left: Left) -> "KeptRun":
+    def kept(self, verdict: str, left: EndState) -> "KeptRun":
         """All of it."""
-        seen = left.packing if self._seen is None else self._seen
-        drawn = self.demand.seed <= PICTURED or verdict in ("clogged", "diverged")
+        drawn = not self._unseen and (self.demand.seed <= PICTURED or verdict in ("clogged", "diverged"))
         return KeptRun(
             self.bench.lab,
             self.key,
@@ -348,7 +347,8 @@ class DischargeJob(Job):
             unsaved=self._rows,
             left=left,
             start=self._packed,
-            seen=seen if drawn and not self._unseen else None,
+            drawn=drawn,
+            seen=self._seen,
         )
 
     def _record(self, verdict: str) -> RunRecord:
@@ -401,15 +401,16 @@ class DischargeJob(Job):
 
 @dataclass(frozen=True)
 class KeptRun(Kept):
-    """A run that has ended. record: without its ledger. unsaved: rows since the last save. start: its packing. seen:
-    the bed that is drawn; None of a run without a picture."""
+    """A run that has ended. record: without its ledger. unsaved: rows since the last save. start: its packing. drawn:
+    whether there is to be a picture. seen: the bed that it shows; None: that at the end."""
 
     record: RunRecord
     status: Status
     journal: Journal
     unsaved: Mapping[str, Sequence[Table]]
-    left: Left
+    left: EndState
     start: Packing
+    drawn: bool
     seen: Packing | None
 
     def fill_folder(self, folder: Path) -> None:
@@ -434,10 +435,10 @@ class KeptRun(Kept):
 
     def _drawn(self) -> bytes:
         """A picture of its bed. No run is lost for its picture: it then has none, and the log says why."""
-        if self.seen is None:
+        if not self.drawn:
             return b""
         try:
-            return bed(self.record.scene, self.start, self.seen)
+            return bed(self.record.scene, self.start, self.left.packing if self.seen is None else self.seen)
         except Exception as problem:
             _no_picture(self.label, problem)
             return b""

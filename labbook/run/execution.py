@@ -5,11 +5,11 @@ from collections import defaultdict
 from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import FIRST_COMPLETED, Future, wait
 
-from labbook.backend import Backend, Event, Member, Overflow
+from labbook.backend import Backend, EndState, Event, Member, Overflow
 from labbook.run.board import Board, Started
 from labbook.run.closing import Closing
 from labbook.run.fill import FillJob
-from labbook.run.job import Job, Left
+from labbook.run.job import Job
 from labbook.run.lane import Lane, Turn
 from labbook.run.live import Publisher
 from labbook.run.stopping import Request
@@ -208,10 +208,10 @@ class Execution:
     def _end(self, lane: Lane, ended: Mapping[Member, tuple[Job, str]]) -> None:
         """End members with their verdicts: what they leave is read together, and their slots are free then."""
         assert lane.ensemble is not None
-        left: list[Left] = []
+        left: list[EndState] = []
         try:
             with lane.ensemble.reading(ended):
-                left += (job.leave(lane.ensemble, member) for member, (job, _) in ended.items())
+                left += map(lane.ensemble.end_state, ended)
         finally:
             for member, (job, _) in ended.items():
                 self._saved.pop(job, None)

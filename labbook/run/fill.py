@@ -10,11 +10,12 @@ from typing import Any
 
 import numpy as np
 
-from labbook.backend import Checkpoint, Ensemble, Event, Failed, Member, Settled, Status
+from labbook.backend import Checkpoint, EndState, Ensemble, Event, Failed, Member, Settled, Status
 from labbook.backend.numerics import Numerics
 from labbook.backend.probes import Probe, Table
 from labbook.filling import PlacingError, place
 from labbook.filling.bed import astray, at_rest
+from labbook.filling.placing import STARTS
 from labbook.lab import identity
 from labbook.lab.folder import Claim
 from labbook.lab.identity import Keys
@@ -24,7 +25,7 @@ from labbook.lab.packings import PackingRecord, write_packing
 from labbook.lab.records import Unreadable
 from labbook.plan.demand import Demand, PackingsOf
 from labbook.plan.forecast import fill_time
-from labbook.run.job import Bench, Job, JobFailed, Kept, Left, failure
+from labbook.run.job import Bench, Job, JobFailed, Kept, failure
 from labbook.run.ledger import ledger
 from labbook.scene import Packing, Spheres
 from labbook.scene.timescales import collision
@@ -61,6 +62,8 @@ class FillJob(Job):
         super().__init__(bench, demand, keys, keys.packing, bench.lab.packing(keys.packing), claim)
         self.scene = demand.shared.closed
         self.settled_below = demand.filling.settled_below
+        if self.scene.gravity > 0:
+            self.settled_beats = STARTS[demand.filling.kind].quiet_beats(self.scene, self.numerics.beat)
         self._longest = demand.shared.longest_filling
         self._quiet = 0
         self._lowest, self._fell, self._most, self._warned = math.inf, 0.0, 0.0, False
@@ -176,12 +179,12 @@ class FillJob(Job):
     @property
     def looks(self) -> bool:
         """True if grains have left, or it is time to look: at every _LOOK_EVERY beats where some grains may move, which
-        decides when the bed is at rest; else only once the filling takes longer than expected."""
+        decides when the bed is at rest; else only once the filling takes much longer than expected."""
         if self.status.grains < self.scene.grains.count:
             return True
         if self.status.step % (_LOOK_EVERY * self.numerics.steps_per_beat):
             return False
-        return self.demand.filling.moving > 0 or self.status.time > self._usual
+        return self.demand.filling.moving > 0 or self.status.time > 2 * self._usual
 
     def look(self, ensemble: Ensemble, member: Member) -> None:
         """Look at each grain: whether it is still in the container, how high the bed stands, and where some grains may
@@ -236,7 +239,7 @@ class FillJob(Job):
             return "late"
         return "hovering" if self.hovers else None
 
-    def kept(self, verdict: str, left: Left) -> "KeptPacking":
+    def kept(self, verdict: str, left: EndState) -> "KeptPacking":
         """The packing; of a filling that came to nothing, the last state. Raises JobFailed for that."""
         lost = self._lost or (self._losses(left.packing) if verdict == "settled" else "")
         if lost:
@@ -266,7 +269,7 @@ class FillJob(Job):
             return "close its outlet while it is filled by a part with opens: start, or add a wall where they leave"
         return "use a smaller numerics.dt or stiffer grains, so that none is pressed through a wall"
 
-    def _record(self, left: Left) -> PackingRecord:
+    def _record(self, left: EndState) -> PackingRecord:
         """How it was made."""
         capabilities = self.bench.backend.capabilities
         return PackingRecord(

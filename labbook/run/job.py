@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, ClassVar
 
-from labbook.backend import Backend, Checkpoint, Ensemble, Event, Failed, Member, Status
+from labbook.backend import Backend, Checkpoint, EndState, Ensemble, Event, Failed, Member, Status
 from labbook.backend.numerics import Numerics
 from labbook.backend.probes import Probe, Table
 from labbook.lab.folder import Claim, LabFolder, room
@@ -29,14 +29,6 @@ class Bench:
     lab: LabFolder
     backend: Backend
     device: str
-
-
-@dataclass(frozen=True)
-class Left:
-    """What a member leaves when it ends: its exact state and the portable one, which no later beat changes."""
-
-    checkpoint: Checkpoint
-    packing: Packing
 
 
 @dataclass(frozen=True)
@@ -88,6 +80,7 @@ class Job(ABC):
     scene: Scene
     probes: tuple[Probe, ...] = ()
     settled_below: float | None = None
+    settled_beats: int = 3
 
     def __init__(self, bench: Bench, demand: Demand, keys: Keys, key: str, place: Path, claim: Claim):
         self.bench, self.demand, self.keys, self.key, self.place = bench, demand, keys, key, place
@@ -137,7 +130,7 @@ class Job(ABC):
         """How it ended, or None while it goes on."""
 
     @abstractmethod
-    def kept(self, verdict: str, left: Left) -> Kept:
+    def kept(self, verdict: str, left: EndState) -> Kept:
         """What is kept of it. Raises DiskFull, or JobFailed if that is nothing, with the last state saved."""
 
     @abstractmethod
@@ -240,10 +233,6 @@ class Job(ABC):
     def _write(self, checkpoint: Checkpoint) -> None:
         self.journal.save(checkpoint, self._rows, {"step": self.status.step, **self.state()}, self.sessions())
         self._rows, self.unsaved = {}, 0
-
-    def leave(self, ensemble: Ensemble, member: Member) -> Left:
-        """What `kept` needs of a member that has ended; its slot may be used again then."""
-        return Left(ensemble.checkpoint(member), ensemble.packing(member))
 
     def release(self) -> None:
         """Let others claim the key."""

@@ -115,7 +115,12 @@ class Lane:
             self.spec = started.spec
         job = started.job
         member = self.ensemble.admit(
-            job.scene, job.numerics, started.start, settled_below=job.settled_below, probes=job.probes
+            job.scene,
+            job.numerics,
+            started.start,
+            settled_below=job.settled_below,
+            settled_beats=job.settled_beats,
+            probes=job.probes,
         )
         job.status = self.ensemble.status(member)
         self.jobs[member] = job

@@ -1,5 +1,7 @@
 """Orientations and distances of rods that are about to be placed."""
 
+from collections.abc import Iterator
+
 import numpy as np
 
 
@@ -21,16 +23,37 @@ def distances(c: np.ndarray, a: np.ndarray, b: np.ndarray, half: float) -> np.nd
     c: branch from the centre of the second to that of the first [m]. A pair of points in the inside of both, or one of
     the four ends and the point nearest to it: the smallest of these is exact, parallel or not.
     """
+    return np.min([_apart(c, a, b, s, t) for s, t in _candidates(c, a, b, half)], axis=0)
+
+
+def nearest(c: np.ndarray, a: np.ndarray, b: np.ndarray, half: float) -> tuple[np.ndarray, np.ndarray]:
+    """Places [m] of the nearest points of segments, from their centres along a and b, each of shape [n]; arguments as
+    of `distances`."""
+    tries = np.array(list(_candidates(c, a, b, half)))
+    least = np.argmin([_apart(c, a, b, s, t) for s, t in tries], axis=0)
+    s, t = tries[least, :, np.arange(len(c))].T
+    return s, t
+
+
+def _candidates(c: np.ndarray, a: np.ndarray, b: np.ndarray, half: float) -> Iterator[tuple[np.ndarray, np.ndarray]]:
+    """Places s and t [m] along both segments where they may be nearest."""
     ca, cb, ab = (np.sum(u * v, axis=1) for u, v in ((c, a), (c, b), (a, b)))
     across = np.maximum(1 - ab**2, 1e-12)
     s, t = (ab * cb - ca) / across, (cb - ab * ca) / across
     inside = (np.abs(s) <= half) & (np.abs(t) <= half)
-    tries = [np.where(inside, _apart(c, a, b, s, t), np.inf)]
     for end in (-half, half):
-        tries.append(_apart(c, a, b, np.full(len(c), end), np.clip(cb + end * ab, -half, half)))
-        tries.append(_apart(c, a, b, np.clip(end * ab - ca, -half, half), np.full(len(c), end)))
-    return np.min(tries, axis=0)
+        yield np.full(len(c), end), np.clip(cb + end * ab, -half, half)
+        yield np.clip(end * ab - ca, -half, half), np.full(len(c), end)
+    yield np.where(inside, s, -half), np.where(inside, t, np.clip(cb - half * ab, -half, half))
 
 
 def _apart(c: np.ndarray, a: np.ndarray, b: np.ndarray, s: np.ndarray, t: np.ndarray) -> np.ndarray:
     return np.linalg.norm(c + s[:, None] * a - t[:, None] * b, axis=1)
+
+
+def turned_to(a: np.ndarray) -> np.ndarray:
+    """Unit quaternions [n, 4] of the shortest rotations that take the z axis to the lines along unit vectors a [n, 3],
+    in either sense."""
+    a = np.where(a[:, 2:] < 0, -a, a)
+    q = np.stack([1 + a[:, 2], -a[:, 1], a[:, 0], np.zeros(len(a))], axis=1)
+    return q / np.linalg.norm(q, axis=1)[:, None]

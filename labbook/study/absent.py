@@ -136,7 +136,7 @@ TABLE = (
         "fill fill.kind",
         "stream rate insertrate insertionrate fillrate massrate pour pouring batch batches velocity source nozzle",
         "a bed is not filled by a stream",
-        "use fill: {kind: rain}, or gas or planar; the outlet opens when the bed is at rest, whatever its filling",
+        "use fill: {kind: rain}, or gas, planar or dense; the outlet opens when the bed is at rest, after any filling",
     ),
     Absent(
         "fill fill.kind",

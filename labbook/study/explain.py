@@ -56,6 +56,8 @@ def complaints(error: ValidationError, raw: Any, prefix: Location = ()) -> Itera
     """
     found: list[Complaint] = []
     for detail in error.errors(include_url=False)[:_LOOKED_AT]:
+        if detail["type"] == "default_factory_not_called":  # a default that follows from a key that is wrong
+            continue
         location, discriminators = _location(detail["loc"], raw)
         beside: Any = raw
         for part in location[:-1]:

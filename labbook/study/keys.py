@@ -255,6 +255,7 @@ def all_keys() -> tuple[Key, ...]:
     defaults = {"numerics.dt": steps}
     defaults |= {name: f"{multiple:g} √(d*/g)" for name, multiple in _OF_GRAVITY.items()}
     defaults |= {"window.layer": f"{scales.LAYER:g} d*", "numerics.speed_limit": f"{FALLS:g} √(2 g H)"}
+    defaults["fill.settled_below"] = "by fill.kind"
     defaults |= {key.name: "as in numerics" for key in keys if key.name.startswith("fill.numerics.")}
     return tuple(replace(key, default=defaults.get(key.name, key.default)) for key in keys)
 

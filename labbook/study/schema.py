@@ -3,7 +3,7 @@
 import math
 from collections.abc import Iterator
 from dataclasses import dataclass
-from typing import Annotated, Literal
+from typing import Annotated, Any, Literal
 
 from pydantic import (
     BeforeValidator,
@@ -50,12 +50,17 @@ FALLS = 30.0
 """Largest speed of a grain, over that of free fall through the scene, unless `numerics.speed_limit` is stated."""
 
 
+def _settled_below(fill: dict[str, Any]) -> float:
+    """By the kind of start."""
+    return STARTS[fill.get("kind", "rain")].settled_below
+
+
 class Fill(Model):
     """How the closed container is filled, once for all runs that share the packing."""
 
     kind: Annotated[str, Among(STARTS)] = "rain"
     """Start of the grains: `rain`, a loose column of slow grains; `gas`, a denser one of fast grains; `planar`, a rain
-    in the middle plane between front and back walls."""
+    in the middle plane between front and back walls; `dense`, a bed pushed together that has little left to fall."""
     friction: Coefficient | None = None
     """Friction coefficient of grains and walls during filling; none: as in the study."""
     # where it is not stated it is left out of what is stored
@@ -65,12 +70,13 @@ class Fill(Model):
     numerics: Annotated[Numerics | None, Field(exclude_if=lambda numerics: numerics is None)] = None
     """Numerics during filling; keys that are left out are as in `numerics`. So runs with other numerics can start
     from the same beds, and beds can be filled with a longer step."""
-    settled_below: Annotated[Ratio, Field(gt=0, le=1)] = 1e-6
-    """Kinetic energy per grain, in units of m g d, below which the bed is at rest."""
+    settled_below: Annotated[Ratio, Field(gt=0, le=1)] = Field(default_factory=_settled_below)
+    """Kinetic energy per grain, in units of m g d, below which the bed is at rest. If left out: 1e-6, and 1e-3 after a
+    `dense` start."""
     moving: Fraction | None = None
     """Fraction of the grains that may still move in a bed at rest: each slow grain has less than `settled_below`.
     None: 1 % for rods and for spheres without rolling friction, which may roll for ever; else 0, and 0
-    if `settled_below` is stated."""
+    if `settled_below` is stated or after a `dense` start."""
     # by default it is left out of what is stored
     surface_motion: Annotated[StrictBool, Field(exclude_if=lambda moves: not moves)] = False
     """Whether surfaces of walls (`container.rotation`, `container.parts[].motion`) move already during filling."""

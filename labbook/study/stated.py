@@ -459,20 +459,22 @@ class FillNumericsKeys(TypedDict, total=False):
 class FillKeys(TypedDict, total=False):
     """Section `fill`."""
 
-    kind: Literal["rain", "gas", "planar"] | object
+    kind: Literal["rain", "gas", "planar", "dense"] | object
     """Start of the grains: `rain`, a loose column of slow grains; `gas`, a denser one of fast grains; `planar`, a
-    rain in the middle plane between front and back walls."""
+    rain in the middle plane between front and back walls; `dense`, a bed pushed together that has little left to
+    fall."""
     friction: object
     """Friction coefficient of grains and walls during filling; none: as in the study. Range: of at least 0."""
     contact: ContactKeys | object
     """Contact law during filling, with the keys of `contact`; none: as in the study. So studies of several laws can
     start from the same beds."""
     settled_below: object
-    """Kinetic energy per grain, in units of m g d, below which the bed is at rest. Range: in (0, 1]."""
+    """Kinetic energy per grain, in units of m g d, below which the bed is at rest. If left out: 1e-6, and 1e-3
+    after a `dense` start. Range: in (0, 1]."""
     moving: object
     """Fraction of the grains that may still move in a bed at rest: each slow grain has less than `settled_below`.
     None: 1 % for rods and for spheres without rolling friction, which may roll for ever; else 0, and 0 if
-    `settled_below` is stated. Range: in [0, 1]."""
+    `settled_below` is stated or after a `dense` start. Range: in [0, 1]."""
     surface_motion: object
     """Whether surfaces of walls (`container.rotation`, `container.parts[].motion`) move already during filling."""
     max_time: object

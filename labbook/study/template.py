@@ -16,7 +16,7 @@ class NotWritten(Exception):
 
 @dataclass(frozen=True)
 class Parts:
-    """What the template of a container has of its own. `wall`: one of its walls."""
+    """What the template of a container has of its own. `wall`: one of its walls; `start`: `fill.kind`."""
 
     about: str
     count: int
@@ -25,6 +25,7 @@ class Parts:
     sweep: str
     window: str
     reference: str
+    start: str = "dense"
 
 
 def _outlets(widths: str, narrow: str, example: str) -> str:
@@ -117,6 +118,7 @@ container: {kind: box, width: 36 mm, depth: 36 mm, height: 120 mm, lid: false}
         sweep=_FRICTIONS,
         window=_bed("packing"),
         reference="packing_fraction: {value: 0.6, error: 0.01}",
+        start="rain",
     ),
     "primitives": Parts(
         about="Largest overlap in a bed round an insert against the friction while it is filled",
@@ -139,6 +141,7 @@ container:
         sweep=_FRICTIONS,
         window=_bed("ledger"),
         reference="max_overlap: {value: 0.01}",
+        start="rain",
     ),
 }
 """By container."""

@@ -3,7 +3,8 @@
 Each thing that is left out is put back, one after another: features of the compiled kernels, lists of neighbours that
 are kept while no grain has moved far, and frames that nobody asked for. Both ways go on from one bed of Fan's hopper;
 they are timed in turns, and their states after a while are compared. On a processor one scene is timed, by processor
-time; on a GPU, which one small scene does not fill, 64 of them side by side, by the clock.
+time; on a GPU, which one small scene does not fill, 64 of them side by side, by the clock. What a dense start saves of
+a filling, the fall of the grains, is counted in steps; its beds are others (benchmarks/filling.py compares them).
 """
 
 import statistics
@@ -14,12 +15,12 @@ from typing import Any
 
 import numpy as np
 
-from labbook.backend import Backend, Ensemble, Failed, Spec, load
+from labbook.backend import Backend, Ensemble, Failed, Settled, Spec, load
 from labbook.backend.machine import hardware
 from labbook.backend.numerics import Numerics
 from labbook.backend.probes import Probe, Sample
 from labbook.checks.bench.speed import FAN_STEP, SETTLED, fan, on_one_thread, settled
-from labbook.filling.placing import place
+from labbook.filling.placing import STARTS, place
 from labbook.scene import Scene
 from labbook.scene.packing import Packing
 
@@ -106,6 +107,8 @@ class SkipsBench:
     scenes: int
     grains: int
     saved: tuple[SkipSaving, ...]
+    fall: float
+    """Steps of a filling from a rain over those from a dense start, until each rests by its own rule."""
 
     def as_dict(self) -> dict[str, object]:
         """For JSON."""
@@ -128,12 +131,16 @@ def run(
     say(f"settling {grains} grains (compiles)")
     bed = settled(load("numba"), closed, FAN_STEP, SETTLED)
     numerics = FAN_STEP.model_copy(update={"steps_per_beat": STEPS_PER_BEAT, "precision": precision})
+    say("filling from a rain and from a dense start")
+    falls = [steps_to_rest(backend, device, closed, numerics, kind) for kind in ("rain", "dense")]
     saved = []
     for skip in skips:
         say(f"putting back {skip.name} (compiles)")
         start = place(closed, "gas", 1) if skip.falling else bed
         saved.append(measured(skip, backend, device, skip.scene(closed), numerics, start, repeats))
-    return SkipsBench(name, device, precision, hardware(), side_by_side(device), grains, tuple(saved))
+    return SkipsBench(
+        name, device, precision, hardware(), side_by_side(device), grains, tuple(saved), falls[0] / falls[1]
+    )
 
 
 def measured(
@@ -163,6 +170,26 @@ def measured(
     same = all(np.array_equal(getattr(one, key), getattr(other, key)) for key in ("x", "v", "omega"))
     difference = float(np.abs(one.x - other.x).max()) / scene.grains.diameter
     return SkipSaving(skip.name, statistics.median(ratios), min(ratios), max(ratios), same, difference)
+
+
+def steps_to_rest(backend: Backend, device: str, closed: Scene, numerics: Numerics, kind: str) -> int:
+    """Steps of a filling from the start called `kind`, until it rests."""
+    start = STARTS[kind]
+    ensemble = backend.open(backend.specialise(closed, numerics), 1, device)
+    member = ensemble.admit(
+        closed,
+        numerics,
+        place(closed, kind, 1),
+        settled_below=start.settled_below,
+        settled_beats=start.quiet_beats(closed, numerics.beat),
+    )
+    while not (events := ensemble.advance(1)):
+        pass
+    steps = ensemble.status(member).step
+    ensemble.close()
+    if not isinstance(events[0], Settled):
+        raise RuntimeError(f"a bed from a {kind} does not come to rest: {events[0]}")
+    return steps
 
 
 def side_by_side(device: str) -> int:

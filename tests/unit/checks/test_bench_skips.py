@@ -20,6 +20,7 @@ def test_what_is_put_back_costs_time_and_changes_no_bit():
     assert all(one.same and one.difference == 0 for one in result.saved)
     assert all(0 < one.low <= one.times <= one.high for one in result.saved)
     assert result.as_dict()["backend"] == "numba"
+    assert result.fall > 2
 
 
 @pytest.mark.parametrize("skip", SKIPS, ids=[skip.name for skip in SKIPS])

@@ -52,7 +52,7 @@ def distance(x, start, end):
     return np.linalg.norm(x - start - t[:, None] * along, axis=1)
 
 
-@pytest.mark.parametrize("kind", ["gas", "rain"])
+@pytest.mark.parametrize("kind", ["gas", "rain", pytest.param("dense", marks=pytest.mark.slow)])
 @pytest.mark.parametrize(("angle", "gap"), [(90, None), (90, 0.0), (55, None), (55, 0.0), (15, None)])
 def test_grains_start_inside_and_touch_nothing(kind, angle, gap):
     closed = hopper(angle, gap=gap).close()

@@ -40,7 +40,7 @@ def turned(packing: Packing) -> np.ndarray:
     return packing.q
 
 
-@pytest.mark.parametrize("kind", ["gas", "rain"])
+@pytest.mark.parametrize("kind", ["gas", "rain", pytest.param("dense", marks=pytest.mark.slow)])
 @pytest.mark.parametrize("silo", SILOS)
 @pytest.mark.parametrize("rods", [True, False])
 def test_grains_start_inside_and_touch_nothing(kind, silo, rods):

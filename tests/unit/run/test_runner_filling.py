@@ -73,6 +73,42 @@ def test_more_grains_or_one_that_should_come_to_rest_do(tmp_path, monkeypatch, g
     assert "not at rest after 0.4 s" in said
 
 
+@pytest.mark.parametrize("steps", [1000, 5])
+def test_a_dense_start_has_to_stay_calm_for_a_time(tmp_path, monkeypatch, steps):
+    """From rest a bed that falls freely passes 1e-3 m g d within 0.045 sqrt(d/g): a start at rest is not at rest."""
+    admitted = []
+    admit = labbook_toy.Ensemble.admit
+
+    def watched(ensemble, scene, numerics, start, **how):
+        if scene.container.closed:
+            admitted.append((scene, numerics, how["settled_below"], how["settled_beats"]))
+        return admit(ensemble, scene, numerics, start, **how)
+
+    monkeypatch.setattr(labbook_toy.Ensemble, "admit", watched)
+    asked = asked_of(tmp_path, "fill: {kind: dense}").change({"numerics.steps_per_beat": steps})
+    assert not carry_out(asked, tmp_path / "lab").tally.failed
+    ((scene, numerics, below, beats),) = admitted
+    unit = math.sqrt(scene.grains.diameter / scene.gravity)
+    fallen = scene.gravity * (beats - 1) * numerics.beat
+    assert below == 1e-3 < fallen**2 / 2 / (scene.gravity * scene.grains.diameter)
+    assert beats == 2 or (beats - 2) * numerics.beat < 0.5 * unit, "and no longer than needed"
+
+
+@pytest.mark.parametrize(
+    ("fill", "below", "moving"),
+    [
+        ("{kind: dense}", 1e-3, 0.0),
+        ("{kind: dense, settled_below: 1e-2}", 1e-2, 0.0),
+        ("{kind: dense, moving: 5 %}", 1e-3, 0.05),
+        ("{kind: gas}", 1e-6, 0.01),
+    ],
+)
+def test_a_kind_of_start_brings_its_own_rest(tmp_path, fill, below, moving):
+    """These spheres roll for ever, which a gas allows 1 % of them, and a dense start has no need to."""
+    (demand,) = demands(asked_of(tmp_path, f"fill: {fill}"), 1)
+    assert (demand.filling.settled_below, demand.filling.moving) == (below, moving)
+
+
 def test_a_stated_fraction_may_move(tmp_path, monkeypatch):
     monkeypatch.setattr(labbook_toy.Glass, "beat", rolls_on(10, 0.3))
     asked = asked_of(tmp_path, "fill: {moving: 5 %, settled_below: 1e-6}")
