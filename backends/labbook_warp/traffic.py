@@ -1,9 +1,12 @@
 """How many bytes a grain-step must move, and how many a second the device can."""
 
+from functools import lru_cache
+
 import numpy as np
 import warp as wp
 
 from labbook.backend import Load
+from labbook_warp import devices
 from labbook_warp.arrays import Arrays, fetch
 from labbook_warp.stage import Stage
 
@@ -43,6 +46,13 @@ def _bytes(arrays: Arrays, listed: float, touching: float, walls: bool) -> float
     if arrays.module.ORIENTED:
         what += 2 * (2 * _WORD + (_WORD if arrays.codec.mixed else 2 * _WORD))  # orientation, momentum
     return what + 2 * arrays.codec.words * _WORD + listed * _INTS + 2 * touching * spring + masks
+
+
+@lru_cache(maxsize=16)
+def present_bandwidth(name: str) -> float | None:
+    """Measure the bandwidth of the device `name`, once in a process; None on a CPU, or if too little memory is free."""
+    device = devices.find(name)
+    return _bandwidth(device) if (devices.free(device) or 0) > 4 * _COPIED else None
 
 
 def _bandwidth(device: wp.Device) -> float:
