@@ -79,8 +79,8 @@ def _foreseen(study: Study, catalogue: Catalogue, backend: Backend, device: str,
     plan = planner.plan()
     lanes = cores() if device == "cpu" else 1
     machine = provenance(device)["machine"]
-    held = slots(backend, device, plan.points)
-    ahead = forecast(plan, catalogue, machine, device, lanes, backend, held, measured)
+    members = slots(backend, device, plan.points)
+    ahead = forecast(plan, catalogue, machine, device, lanes, backend, members, measured)
     if others:
         first, *more = speeds((device, *others), backend, [point.shared for point in plan.points])
         shared = (ahead.seconds - ahead.compiling) * first / (first + sum(more)) + ahead.compiling

@@ -219,13 +219,13 @@ class _Speeds:
         self._catalogue, self._name, self._machine, self._device = catalogue, name, machine, device
         self._threads, self._backend, self._measured = threads, backend, measured
         self._rates: dict[tuple[str, str], StepCost] = {}
-        self._told: dict[str, None] = {}
+        self._bases: dict[str, None] = {}
         self._by_shape: dict[str, list[float]] | None = None
 
     @property
     def basis(self) -> str:
-        """What the speeds rest on, in words."""
-        return "; ".join(self._told) or "nothing to do"
+        """Basis of the speeds, in words."""
+        return "; ".join(self._bases) or "nothing to do"
 
     def of(self, shared: PointDemand) -> StepCost:
         shape, precision = shared.scene.grains.shape, shared.numerics.precision
@@ -239,13 +239,13 @@ class _Speeds:
         alone = self._device.partition(":")[0] == "cpu"
         recorded = self._recorded().get(shape, []) if alone else []
         if recorded:
-            self._told[f"median of {len(recorded)} runs on this machine"] = None
+            self._bases[f"median of {len(recorded)} runs on this machine"] = None
             return StepCost(0, 1 / median(recorded), rate.compiling, "")
         if rate.source:
             rate, basis = self._scaled(rate, alone)
         else:
             basis = f"{DEFAULT_SPEED:.0e} grain-steps/s per lane assumed"
-        self._told[f"{basis}, as this lab has no such run of this machine yet" if alone else basis] = None
+        self._bases[f"{basis}, as this lab has no such run of this machine yet" if alone else basis] = None
         return rate
 
     def _scaled(self, rate: StepCost, on_cpu: bool) -> tuple[StepCost, str]:
@@ -253,8 +253,8 @@ class _Speeds:
         basis = f"speed of {rate.source}"
         if on_cpu and self._measured:
             now = pace(self._threads)
-            each = f"each of {self._threads} lanes" if self._threads > 1 else "the lane"
-            shares = f"a core is {now.core:.2g} times as fast, and {each} gets {100 * now.share:.0f} % of one"
+            lane = f"each of {self._threads} lanes" if self._threads > 1 else "the lane"
+            shares = f"a core is {now.core:.2g} times as fast, and {lane} gets {100 * now.share:.0f} % of one"
             return rate.at(now.core * now.share), f"{basis} times {now.core * now.share:.2g}, measured now: {shares}"
         copies = self._backend.bandwidth(self._device) if self._measured and self._backend is not None else None
         if copies is None:
