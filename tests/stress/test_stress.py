@@ -35,8 +35,8 @@ def checks():
             if not (stand.second and case.name in IN_ONE):
                 name = stand.backend.capabilities.name if stand.device == "cpu" else ""
                 long = case.slow or case.name in OF_ITS_OWN or (name == "warp" and case.name in LONG_ON_WARP)
-                # kernels of a second precision compile for a minute: the GPU backend, whose first it is, has the cases
-                long |= name == "numba" and stand.second
+                # kernels of a second precision compile for a minute: the other backend has the cases in it
+                long |= stand.device == "cpu" and stand.second
                 marks = [*here.marks, pytest.mark.ring if long else pytest.mark.slow]
                 yield pytest.param(case, stand, id=f"{case.name}-{here.id}", marks=marks)
 
