@@ -21,7 +21,7 @@ IN_ONE = {"pyramid", "edges", "time-step", "stiffness", "incline", "units", "siz
 OF_ITS_OWN = {"pyramid"}
 """Cases whose kernels, which no other case shares, take twenty seconds to compile: in the ring. The contract and
 `labbook verify` have rolling springs too."""
-LONG_ON_WARP = {"impact-extremes", "time-step", "stiffness", "edges", "incline", "rods-stacked"}
+LONG_ON_WARP = {"impact-extremes", "time-step", "stiffness", "edges", "incline", "rods-stacked", "size-ratio"}
 """Cases that take more than ten seconds on the GPU backend's processor, where every step is a launch or more."""
 
 
