@@ -213,15 +213,21 @@ def main() -> None:
     parser.add_argument("--python", default=sys.executable, help="Interpreter that has the peers.")
     parser.add_argument("--backend", default="warp")
     parser.add_argument("--device", default="cuda:0", help="Device of labbook; the peers take the first GPU.")
-    parser.add_argument("--out", type=Path, help="Also write the figures to this JSON file, after each run.")
+    parser.add_argument("--out", type=Path, help="Also write the figures to this JSON file, after those in it.")
     options = parser.parse_args()
-    backend, machine, rows = load(options.backend), hardware(), []
+    backend, machine = load(options.backend), hardware()
+    rows: list[dict[str, Any]] = []
+    if options.out and options.out.exists():
+        earlier = json.loads(options.out.read_text())
+        if earlier["hardware"] != machine:
+            raise SystemExit(f"{options.out} is of another machine or other versions; name another file")
+        rows = earlier["rows"]
     print(f"settling {FIRST_BED} grains", flush=True)
     bed = first_bed(backend, options.device)
 
     def add(row: dict[str, Any]) -> None:
         rows.append(row)
-        print(table([row]).to_string(index=False, header=len(rows) == 1), flush=True)
+        print(table([row]).to_string(index=False), flush=True)
         if options.out:
             result = {"date": f"{datetime.now(UTC):%Y-%m-%d}", "hardware": machine, "steps": STEPS, "rows": rows}
             options.out.write_text(json.dumps(result, indent=1) + "\n")
