@@ -68,7 +68,7 @@ class Backend(backend.Backend):
         """See `labbook.backend.Backend`. None also where Warp is not installed, or too little memory is free."""
         if self.missing():
             return None
-        from labbook_warp.traffic import present_bandwidth
+        from labbook_warp.copies import present_bandwidth
 
         return present_bandwidth(device)
 

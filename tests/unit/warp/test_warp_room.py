@@ -8,7 +8,7 @@ from stands import identical
 pytest.importorskip("warp")
 
 import warp as wp
-from labbook_warp import Backend, devices, room, stage, traffic
+from labbook_warp import Backend, copies, devices, room, stage
 from labbook_warp.arrays import Arrays
 from labbook_warp.layout import memory
 from rods_in_silo import DENSITY, D, numerics, silo
@@ -177,12 +177,12 @@ def test_the_copy_bandwidth_of_a_gpu_is_measured_once(monkeypatch):
     """It lies between those of a small card and of stacked memory to come; not where little memory is free."""
     if not wp.is_cuda_available():
         pytest.skip("no CUDA device was found")
-    traffic.present_bandwidth.cache_clear()
+    copies.present_bandwidth.cache_clear()
     measured = Backend().bandwidth("cuda:0")
     assert measured is not None
     assert 1e11 < measured < 4e13
     assert Backend().bandwidth("cuda:0") == measured
-    traffic.present_bandwidth.cache_clear()
+    copies.present_bandwidth.cache_clear()
     monkeypatch.setattr(devices, "free", lambda _device: GIB)
     assert Backend().bandwidth("cuda:0") is None
-    traffic.present_bandwidth.cache_clear()
+    copies.present_bandwidth.cache_clear()
