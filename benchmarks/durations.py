@@ -87,7 +87,8 @@ def measure(arguments: list[str]) -> list[tuple[str, float]]:
     """Run the tests with an empty cache of kernels; the CPU time of each [s], by its name."""
     with TemporaryDirectory() as folder, TemporaryDirectory() as cache:
         paths = os.pathsep.join([str(Path(__file__).parent), os.environ.get("PYTHONPATH", "")])
-        environment = {**os.environ, FOLDER: folder, "LABBOOK_CACHE": cache, "PYTHONPATH": paths}
+        caches = {"LABBOOK_CACHE": cache, "WARP_CACHE_PATH": f"{cache}/warp"}
+        environment = {**os.environ, FOLDER: folder, **caches, "PYTHONPATH": paths}
         subprocess.run([sys.executable, "-m", "pytest", "-p", "durations", *arguments], cwd=ROOT, env=environment)
         lines = [line for path in Path(folder).iterdir() for line in path.read_text(encoding="utf-8").splitlines()]
     return [(entry["test"], entry["cpu"]) for entry in map(json.loads, lines)]

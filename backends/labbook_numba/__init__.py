@@ -2,6 +2,7 @@
 
 from collections.abc import Mapping, Sequence
 
+from labbook_dem import generated
 from labbook_dem.features import capabilities
 
 from labbook import backend
@@ -62,6 +63,14 @@ class Backend(backend.Backend):
         from labbook_numba.build import module_text
 
         return module_text(spec)
+
+    def compiled(self, spec: Spec) -> bool:
+        """See `labbook.backend.Backend`. Numba is loaded only if anything is cached."""
+        if self.missing() or not generated.cache_folder("numba").is_dir():
+            return False
+        from labbook_numba.build import compiled
+
+        return compiled(spec)
 
     def compiling(self) -> bool:
         """Whether Numba is compiling a kernel now."""

@@ -124,3 +124,9 @@ def kernels(spec: Spec) -> ModuleType:
     text = module_text(spec)
     key = digest(text)
     return generated.load(f"labbook_numba_{key}", text, generated.cache_folder("numba") / key)
+
+
+def compiled(spec: Spec) -> bool:
+    """Tell if compiled code of a specialisation is cached."""
+    key = digest(module_text(spec))
+    return next((generated.cache_folder("numba") / key).glob("__pycache__/*.nbi"), None) is not None

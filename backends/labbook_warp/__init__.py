@@ -64,6 +64,14 @@ class Backend(backend.Backend):
 
         return capacity(spec, scene, find(device))
 
+    def bandwidth(self, device: str) -> float | None:
+        """See `labbook.backend.Backend`. None also where Warp is not installed, or too little memory is free."""
+        if self.missing():
+            return None
+        from labbook_warp.copies import present_bandwidth
+
+        return present_bandwidth(device)
+
     def precompile(self, members: Sequence[Expected], device: str) -> None:
         """See `labbook.backend.Backend`. For a GPU only."""
         from labbook_warp.compiling import precompile

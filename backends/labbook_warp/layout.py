@@ -41,14 +41,14 @@ class Sizes:
         """How many entries a grain the kinds of arrays below have."""
         return {"one": 1, "near": self.near, "walls": self.seats * self.parts, "seats": self.seats}
 
-    def holds(self, other: "Sizes") -> bool:
-        """Return whether each slot has room for all that a slot of these `other` sizes has."""
-        same = (self.parts, self.shape, self.listed) == (other.parts, other.shape, other.listed)
+    def holds(self, sizes: "Sizes") -> bool:
+        """Return whether each slot has room for all that a slot of `sizes` has."""
+        alike = (self.parts, self.shape, self.listed) == (sizes.parts, sizes.shape, sizes.listed)
         return (
-            same
-            and self.slots >= other.slots
-            and self.cap >= other.cap
-            and all(self.entries[kind] >= other.entries[kind] for kind in other.entries)
+            alike
+            and self.slots >= sizes.slots
+            and self.cap >= sizes.cap
+            and all(self.entries[kind] >= sizes.entries[kind] for kind in sizes.entries)
         )
 
     @property

@@ -158,10 +158,10 @@ class Stage:
         of_scenes: dict[tuple[int, int], tuple[Any, dict[str, np.ndarray]]] = {}
         materials, places = dict[int, Any](), dict[int, Any]()
         for run in runs:
-            same = id(run.scene), id(run.numerics)
-            if same not in of_scenes:
-                of_scenes[same] = material(module, run.scene, run.numerics), self._tables(run)
-            materials[run.slot], tables = of_scenes[same]
+            scene = id(run.scene), id(run.numerics)
+            if scene not in of_scenes:
+                of_scenes[scene] = material(module, run.scene, run.numerics), self._tables(run)
+            materials[run.slot], tables = of_scenes[scene]
             places[run.slot] = place(module, run.scene, run.numerics, run.probes, run.lattice)
             for name, table in tables.items():
                 arrays.put(name, run.slot, table)
@@ -389,8 +389,8 @@ class Stage:
         arrays, system = self.arrays, self.arrays.system
         run.rebuilds = int(arrays.part(system.rebuilds, run.slot, 1, 1)[0])
         numbers = {"step": np.array(run.step), "rebuilds": np.array(run.rebuilds)}
-        most = [arrays.part(getattr(system, name), run.slot, 1, 1)[0] for name in EXTREMES]
-        numbers["most"] = np.array(most, np.float64)
+        extremes = [arrays.part(getattr(system, name), run.slot, 1, 1)[0] for name in EXTREMES]
+        numbers["most"] = np.array(extremes, np.float64)
         return arrays.of_slot(run.slot, run.rows), numbers
 
 

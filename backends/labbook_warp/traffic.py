@@ -1,16 +1,14 @@
-"""How many bytes a grain-step must move, and how many a second the device can."""
+"""Bytes that a grain-step must move, and those that the device can move in a second."""
 
 import numpy as np
-import warp as wp
 
 from labbook.backend import Load
 from labbook_warp.arrays import Arrays, fetch
+from labbook_warp.copies import bandwidth
 from labbook_warp.stage import Stage
 
 _WORD = 16
 _INTS = 4
-_COPIED = 1 << 28  # bytes; far beyond any cache
-_COPIES = 20
 
 
 def weigh(stage: Stage) -> Load:
@@ -29,7 +27,7 @@ def weigh(stage: Stage) -> Load:
         listed=listed / grains,
         touching=(touching + walls) / grains,
         bytes=_bytes(arrays, listed / grains, (touching + walls) / grains, bool(walls)),
-        bandwidth=_bandwidth(arrays.device),
+        bandwidth=bandwidth(arrays.device),
         lanes=arrays.module.LANES,
         rebuilds=rebuilds / max(len(runs), 1),
     )
@@ -43,24 +41,3 @@ def _bytes(arrays: Arrays, listed: float, touching: float, walls: bool) -> float
     if arrays.module.ORIENTED:
         what += 2 * (2 * _WORD + (_WORD if arrays.codec.mixed else 2 * _WORD))  # orientation, momentum
     return what + 2 * arrays.codec.words * _WORD + listed * _INTS + 2 * touching * spring + masks
-
-
-def _bandwidth(device: wp.Device) -> float:
-    """Bytes read and written per second by a plain copy of words of 16 bytes; 0 on a CPU, which it does not limit."""
-    if not device.is_cuda:
-        return 0.0
-    count = _COPIED // _WORD
-    a, b = (wp.zeros(count, dtype=wp.vec4f, device=device) for _ in range(2))
-    wp.launch(_copy, count, [a, b], device=device)
-    start, end = (wp.Event(device, enable_timing=True) for _ in range(2))
-    wp.record_event(start)
-    for _ in range(_COPIES):
-        wp.launch(_copy, count, [a, b], device=device)
-    wp.record_event(end)
-    return 2 * _COPIED * _COPIES / (wp.get_event_elapsed_time(start, end) * 1e-3)
-
-
-@wp.kernel(enable_backward=False)
-def _copy(a: wp.array(dtype=wp.vec4f), b: wp.array(dtype=wp.vec4f)):  # pyright: ignore[reportInvalidTypeForm]
-    k = wp.tid()
-    b[k] = a[k]

@@ -314,6 +314,14 @@ class Backend(ABC):
         """Source of the module of kernels of a Spec, for reading (docs/kernels.md); None: there is none."""
         return None
 
+    def compiled(self, spec: Spec) -> bool:
+        """Tell if compiled kernels of a Spec are cached on this machine; False where a backend cannot tell."""
+        return False
+
+    def bandwidth(self, device: str) -> float | None:
+        """Measure the copy bandwidth of a device at present, read and written [bytes/s]; None: memory is no limit."""
+        return None
+
     def capacity(self, spec: Spec, scene: Scene, device: str) -> int | None:
         """How many members of `scene` fit into the memory that is free now, at least one; None: any number."""
         return None

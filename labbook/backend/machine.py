@@ -4,10 +4,49 @@ import math
 import os
 import platform
 import subprocess
+import time
 from collections.abc import Iterable
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass
 from functools import lru_cache
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
+
+_NUMBERS = 1 << 17
+"""Square roots of one pass of `pace`: enough that threads seldom wait for the interpreter between passes."""
+_PASS = 205e-6
+"""Processor time [s] of a pass on the reference core, an AMD EPYC (Zen 3). In cycles a square root costs much the same
+on all processors, so passes compare clocks. Vectors of 512 bits do not change that; speeds that gain from them have a
+reference of their own (`labbook.plan.forecast`)."""
+
+
+@dataclass(frozen=True)
+class Pace:
+    """Speed of this machine's cores at present. `core`: speed of a core over that of the reference, by processor time;
+    `share`: part of a core that each of some threads gets when all work."""
+
+    core: float
+    share: float
+
+
+@lru_cache(maxsize=8)
+def pace(threads: int, seconds: float = 0.5) -> Pace:
+    """Measure the cores with `threads` threads that work for `seconds` side by side; once in a process."""
+    import numpy as np
+
+    def work(_: int) -> tuple[int, float, float]:
+        numbers = np.linspace(1.0, 2.0, _NUMBERS)
+        roots = np.empty_like(numbers)
+        passes, began, used = 0, time.perf_counter(), time.thread_time()
+        now = began
+        while passes == 0 or now < began + seconds:
+            np.sqrt(numbers, out=roots)
+            passes, now = passes + 1, time.perf_counter()
+        return passes, time.thread_time() - used, now - began
+
+    with ThreadPoolExecutor(threads) as pool:
+        passes, used, wall = map(sum, zip(*pool.map(work, range(threads)), strict=True))
+    return Pace(core=_PASS * passes / used, share=min(1.0, used / wall))
 
 
 def cores() -> int:

@@ -114,11 +114,11 @@ def read_packing(folder: Path, key: str | None = None) -> tuple[PackingRecord, P
     return found
 
 
-def just_made(folder: Path, seen: int, record: PackingRecord, packing: Packing) -> None:
-    """Remember a packing that this process has just put into its folder, which then had the stamp `seen`: it need not
-    be read to start runs from it."""
+def just_made(folder: Path, folder_stamp: int, record: PackingRecord, packing: Packing) -> None:
+    """Remember a packing that this process has just put into its folder, which then had the stamp
+    `folder_stamp`: it need not be read to start runs from it."""
     _protect(packing)
-    _remember((folder, None, seen), (record, packing))
+    _remember((folder, None, folder_stamp), (record, packing))
 
 
 def _remember(asked: tuple[Path, str | None, int], found: tuple[PackingRecord, Packing]) -> None:

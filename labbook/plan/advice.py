@@ -57,7 +57,7 @@ def foresee(study: Study, catalogue: Catalogue, backend: Backend, device: str) -
     A backend whose packages are not installed can plan, with a warning. Raises Unsupported, Conflict or MeasureError
     for what cannot be done, TooLarge.
     """
-    plan = _foreseen(study, catalogue, backend, device)
+    plan = _foreseen(study, catalogue, backend, device, measured=True)
     if device == "cpu" and (told := too_large(plan, cores(), memory())):
         raise TooLarge(told)
     needed = first_needed(study)
@@ -65,13 +65,13 @@ def foresee(study: Study, catalogue: Catalogue, backend: Backend, device: str) -
 
 
 def forewarn(study: Study, catalogue: Catalogue, backend: Backend, device: str) -> tuple[str, ...]:
-    """The warnings of `foresee`, also of runs that do not fit into memory; none where nothing is left to run. Raises
-    what it does, except TooLarge."""
-    plan = _foreseen(study, catalogue, backend, device)
+    """The warnings of `foresee`, also of runs that do not fit into memory; none where nothing is left to run. The speed
+    of this machine is not measured for them. Raises what `foresee` does, except TooLarge."""
+    plan = _foreseen(study, catalogue, backend, device, measured=False)
     return plan.warnings if plan.todo else ()
 
 
-def _foreseen(study: Study, catalogue: Catalogue, backend: Backend, device: str) -> Plan:
+def _foreseen(study: Study, catalogue: Catalogue, backend: Backend, device: str, measured: bool) -> Plan:
     planner = Planner(study, catalogue, backend.capabilities)
     device, *others = named(device, backend)
     for one in others:
@@ -80,7 +80,8 @@ def _foreseen(study: Study, catalogue: Catalogue, backend: Backend, device: str)
     plan = planner.plan()
     lanes = cores() if device == "cpu" else 1
     machine = provenance(device)["machine"]
-    ahead = forecast(plan, catalogue, machine, device, lanes, backend, slots(backend, device, plan.points))
+    members = slots(backend, device, plan.points)
+    ahead = forecast(plan, catalogue, machine, device, lanes, backend, members, measured)
     if others:
         first, *more = speeds((device, *others), backend, [point.shared for point in plan.points])
         shared = (ahead.seconds - ahead.compiling) * first / (first + sum(more)) + ahead.compiling

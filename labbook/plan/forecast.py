@@ -3,11 +3,11 @@
 import math
 from collections import defaultdict
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from statistics import median
 
 from labbook.backend import Backend, Spec
-from labbook.backend.machine import wide_vectors
+from labbook.backend.machine import pace, wide_vectors
 from labbook.backend.probes import Contacts, Probe, Sample, Zone
 from labbook.filling import placing
 from labbook.filling.bed import PACKED, bed_height_ahead
@@ -43,6 +43,10 @@ class StepCost:
         """Cost of a grain-step [s] in a scene of so many grains."""
         return self.grain * (beyond_caches(grains) if self.step == 0 else 1.0)
 
+    def at(self, speed: float) -> "StepCost":
+        """The same on a processor of `speed` times that of the reference."""
+        return replace(self, grain=self.grain / speed, compiling=self.compiling / speed)
+
 
 def beyond_caches(grains: float) -> float:
     """How many times dearer a grain-step is on a processor in a scene of so many grains than in a small one."""
@@ -52,6 +56,8 @@ def beyond_caches(grains: float) -> float:
 _ZEN4 = "one core of an AMD EPYC with AVX-512"
 _ZEN3 = "one core of an AMD EPYC without AVX-512"
 _H200 = "an NVIDIA H200"
+_H200_COPIES = 4.0e12
+"""Copy bandwidth of that device, read and written [bytes/s] (docs/gpu-backend.md)."""
 _HOST = 1.5e-3  # 1 ms a beat with one probe (beside an H200) to 6 ms with three (beside an H100): docs/gpu-backend.md
 MEASURED = {
     ("numba", "cpu", "sphere", "double", True): StepCost(0, 1 / 24e6, 9, _ZEN4),
@@ -113,16 +119,24 @@ def forecast(
     lanes: int,
     backend: Backend | None = None,
     members: float = math.inf,
+    measured: bool = True,
 ) -> Forecast:
     """Time and disk for what `plan` still has to do, on `lanes` lanes.
+
+    Speeds are those of runs in this lab on this machine. Where there are none, they are those of a reference machine,
+    scaled by what this machine gives at present, if `measured`: cores by `labbook.backend.machine.pace`, a GPU by the
+    bandwidth that the backend measures.
 
     On a processor each lane computes one run. On other devices the runs of one set of features (of one Spec, if
     `backend` tells) go on side by side, `members` of them at once, and a step costs what starting it does beside what
     grains do. Compiling comes first, one set after another.
     """
-    speeds, settled = _Speeds(catalogue, plan.backend.name, machine, device), catalogue.settling()
+    on_cpu = device.partition(":")[0] == "cpu"
+    busy = max(1, min(lanes, len(plan.todo))) if on_cpu else 1
+    speeds = _Speeds(catalogue, plan.backend.name, machine, device, busy, backend, measured)
+    settled = catalogue.settling()
     specs = _Specs(backend)
-    batches: dict[object, _SpecCost] = defaultdict(_SpecCost)
+    batches: dict[Spec | str, _SpecCost] = defaultdict(_SpecCost)
     chains: dict[str, float] = {}
     for item in plan.fillings.values():
         shared = item.demand.shared
@@ -139,19 +153,17 @@ def forecast(
     work = sum(batch.grain_steps for batch in batches.values())
     cost = sum(batch.cost for batch in batches.values())
     known = specs.known(plan) if backend is not None else set(batches)
-    new = {key: batch for key, batch in batches.items() if key not in known}
+    new = {key: batch for key, batch in batches.items() if key not in known and not specs.compiled(key, batch.rate)}
     compiling = sum(batch.rate.compiling for batch in new.values())
-    if device.partition(":")[0] == "cpu":
-        busy = max(1, min(lanes, len(plan.todo)))
+    if on_cpu:
         seconds = max(cost / busy, longest)
     else:
-        busy = 1
         waves = (math.ceil(batch.members / members) if members < math.inf else 1 for batch in batches.values())
         starts = sum(n * b.longest * b.rate.step for n, b in zip(waves, batches.values(), strict=True))
         seconds = cost + starts
     disk = sum(disk_of(item.demand) for item in plan.todo)
     disk += sum(100.0 * item.demand.point.scene.grains.count for item in plan.fillings.values())
-    speed = work / cost if device.partition(":")[0] == "cpu" and cost else work / seconds if seconds else 0.0
+    speed = work / cost if on_cpu and cost else work / seconds if seconds else 0.0
     return Forecast(seconds + compiling, disk, work, speed or DEFAULT_SPEED, busy, speeds.basis, compiling, len(new))
 
 
@@ -178,6 +190,12 @@ class _Specs:
     def discharge(self, shared: PointDemand) -> Spec | str:
         return "discharge" if self._backend is None else specified(self._backend, shared)[1]
 
+    def compiled(self, spec: Spec | str, rate: StepCost) -> bool:
+        """Tell if code is cached, of a lab without runs: there the backend is asked, which may take it a second."""
+        return (
+            bool(rate.source) and self._backend is not None and isinstance(spec, Spec) and self._backend.compiled(spec)
+        )
+
     def known(self, plan: Plan) -> set[Spec | str]:
         """Those that runs which are done were computed with: their code is cached, if they ran here."""
         done = {item.demand.shared for item in plan.items if item.state == "done"}
@@ -185,18 +203,29 @@ class _Specs:
 
 
 class _Speeds:
-    """What a step costs: by runs of the same shape in this lab, else as measured when backends were made."""
+    """Cost of a step: by runs of the same shape in this lab, else as measured when backends were made, scaled by the
+    present speed of this machine."""
 
-    def __init__(self, catalogue: Catalogue, backend: str, machine: str, device: str):
-        self._catalogue, self._backend, self._machine, self._device = catalogue, backend, machine, device
+    def __init__(
+        self,
+        catalogue: Catalogue,
+        name: str,
+        machine: str,
+        device: str,
+        threads: int,
+        backend: Backend | None,
+        measured: bool,
+    ):
+        self._catalogue, self._name, self._machine, self._device = catalogue, name, machine, device
+        self._threads, self._backend, self._measured = threads, backend, measured
         self._rates: dict[tuple[str, str], StepCost] = {}
-        self._told: dict[str, None] = {}
+        self._bases: dict[str, None] = {}
         self._by_shape: dict[str, list[float]] | None = None
 
     @property
     def basis(self) -> str:
-        """What the speeds rest on, in words."""
-        return "; ".join(self._told) or "nothing to do"
+        """Basis of the speeds, in words."""
+        return "; ".join(self._bases) or "nothing to do"
 
     def of(self, shared: PointDemand) -> StepCost:
         shape, precision = shared.scene.grains.shape, shared.numerics.precision
@@ -205,23 +234,40 @@ class _Speeds:
         return self._rates[shape, precision]
 
     def _find(self, shape: str, precision: str) -> StepCost:
-        rate = rate_of(self._backend, self._device, shape, precision)
+        rate = rate_of(self._name, self._device, shape, precision)
         # on a GPU the speed of one run says little: others shared the device with it
         alone = self._device.partition(":")[0] == "cpu"
         recorded = self._recorded().get(shape, []) if alone else []
         if recorded:
-            self._told[f"median of {len(recorded)} runs on this machine"] = None
+            self._bases[f"median of {len(recorded)} runs on this machine"] = None
             return StepCost(0, 1 / median(recorded), rate.compiling, "")
-        assumed = f"speed of {rate.source}" if rate.source else f"{DEFAULT_SPEED:.0e} grain-steps/s per lane assumed"
-        self._told[f"{assumed}, as this lab has no such run of this machine yet" if alone else assumed] = None
+        if rate.source:
+            rate, basis = self._scaled(rate, alone)
+        else:
+            basis = f"{DEFAULT_SPEED:.0e} grain-steps/s per lane assumed"
+        self._bases[f"{basis}, as this lab has no such run of this machine yet" if alone else basis] = None
         return rate
+
+    def _scaled(self, rate: StepCost, on_cpu: bool) -> tuple[StepCost, str]:
+        """The cost of a step of the reference machine on this one, and its basis in words."""
+        basis = f"speed of {rate.source}"
+        if on_cpu and self._measured:
+            now = pace(self._threads)
+            lane = f"each of {self._threads} lanes" if self._threads > 1 else "the lane"
+            shares = f"a core is {now.core:.2g} times as fast, and {lane} gets {100 * now.share:.0f} % of one"
+            return rate.at(now.core * now.share), f"{basis} times {now.core * now.share:.2g}, measured now: {shares}"
+        copies = self._backend.bandwidth(self._device) if self._measured and self._backend is not None else None
+        if copies is None:
+            return rate, basis
+        speed = copies / _H200_COPIES
+        return replace(rate, grain=rate.grain / speed), f"{basis} times {speed:.2g}, measured now: its copy bandwidth"
 
     def _recorded(self) -> dict[str, list[float]]:
         """Grain-steps per second of the latest runs on this machine, by shape; of large scenes, what they would be in
         the processor's caches."""
         if self._by_shape is None:
             self._by_shape = defaultdict(list)
-            for key, grains, rate in self._catalogue.speeds(self._backend, self._machine, self._device):
+            for key, grains, rate in self._catalogue.speeds(self._name, self._machine, self._device):
                 shape = self._shape(key)
                 if shape is not None and len(self._by_shape[shape]) < _RECENT:
                     self._by_shape[shape].append(rate * beyond_caches(grains))

@@ -377,13 +377,15 @@ class Board:
             self.todo.pop(key, None)
             for index in self._sharing[key]:
                 done[index].append(key)
-        before = {index: len(self.points[index].items) for index in done}
+        before = {index: self.points[index] for index in done}
         for point in self._planner.after(self.points, {index: done[index] for index in sorted(done)}):
             index = point.shared.point.index
             self.points[index] = point
             # what is known of others that wait stands: their packings may have been made since they were looked at
-            looked_at = (point.items[point.places[key]] for key in done[index])
-            for item in (*looked_at, *point.items[before[index] :]):
+            looked_at = [point.items[point.places[key]] for key in done[index]]
+            if len(point.items) > len(before[index].items):
+                looked_at += (item for item in point.items if item.keys.run not in before[index].places)
+            for item in looked_at:
                 if item.keys.run not in self.todo:
                     self._take_run(item)
         self._take_proposed()

@@ -21,7 +21,7 @@ IN_ONE = {"pyramid", "edges", "time-step", "stiffness", "incline", "units", "siz
 OF_ITS_OWN = {"pyramid"}
 """Cases whose kernels, which no other case shares, take twenty seconds to compile: in the ring. The contract and
 `labbook verify` have rolling springs too."""
-LONG_ON_WARP = {"impact-extremes", "time-step", "stiffness", "edges", "incline", "rods-stacked"}
+LONG_ON_WARP = {"impact-extremes", "time-step", "stiffness", "edges", "incline", "rods-stacked", "size-ratio"}
 """Cases that take more than ten seconds on the GPU backend's processor, where every step is a launch or more."""
 
 
@@ -35,8 +35,8 @@ def checks():
             if not (stand.second and case.name in IN_ONE):
                 name = stand.backend.capabilities.name if stand.device == "cpu" else ""
                 long = case.slow or case.name in OF_ITS_OWN or (name == "warp" and case.name in LONG_ON_WARP)
-                # kernels of a second precision compile for a minute: the GPU backend, whose first it is, has the cases
-                long |= name == "numba" and stand.second
+                # kernels of a second precision compile for a minute: the other backend has the cases in it
+                long |= stand.device == "cpu" and stand.second
                 marks = [*here.marks, pytest.mark.ring if long else pytest.mark.slow]
                 yield pytest.param(case, stand, id=f"{case.name}-{here.id}", marks=marks)
 

@@ -69,6 +69,11 @@ LONG_ON = {
         *("rest-on-incline", "incline-slip", "rolling-round-a-cylinder", "gas-energy-linear", "energy-cycle-linear"),
         *("edge-roll-off", "edge-without-slip", "rim-roll-off", "rim-without-slip"),
         *("rod-landing", "rod-over-rim", "rod-on-turntable", "rod-on-turning-rim"),
+        # kernels of their own; rod-rocks-on-rim, the rolling springs of the contract, restitution-at-study-step and
+        # other cases of unlike grains stay
+        *("turning-rim-impact", "rod-without-length", "rolling-spring-mobilised", "restitution-hertz-mindlin"),
+        *("restitution-linear", "unlike-restitution-hertz-mindlin", "unlike-momenta-linear"),
+        "unlike-momenta-hertz-mindlin",
         *(f"{case}-{law}" for law in EVERY_LAW for case in ("impacts", "sliding")),
     },
     "reference": {
@@ -76,7 +81,7 @@ LONG_ON = {
         *("unlike-stack-hertz-mindlin", "unlike-stack-linear"),
     },
 }
-"""Cases that take seven seconds to a minute on a processor, by backend: in the ring, and on a GPU. Of each kind of
+"""Cases that take five seconds to a minute on a processor, by backend: in the ring, and on a GPU. Of each kind of
 wall, force and shape shorter cases stay, and the CPU backend takes all."""
 LONG = {"resting-bed-round", "resting-mixture", "flow-friction", "rolling-spring-pyramid"}
 """Cases that take twenty seconds and more anywhere on a processor, with kernels of their own or many steps."""

@@ -27,6 +27,8 @@ def test_what_a_backend_need_not_define_does_nothing(tmp_path):
     assert backend.missing() == ()
     assert backend.compiling() is False
     assert backend.generated(spec) is None
+    assert backend.compiled(spec) is False
+    assert backend.bandwidth("cpu") is None
     assert backend.capacity(spec, point.scene, "cpu") is None
     assert [(device.alias, device.memory) for device in backend.survey().devices] == [("cpu", None)]
     backend.precompile((), "cpu")

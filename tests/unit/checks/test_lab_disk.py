@@ -51,9 +51,13 @@ def test_a_lock_that_two_processes_get_is_found(tmp_path, monkeypatch):
 
 @pytest.mark.slow
 def test_a_lock_that_is_not_seen_or_never_freed_is_found(tmp_path, monkeypatch):
+    def is_locked(seen: bool) -> bool:
+        monkeypatch.setattr(disk, "STARTS", 0.2)  # the other process has started; what follows need not wait long
+        return seen
+
     for seen, said in ((False, "is not seen"), (True, "never released")):
-        monkeypatch.setattr(disk, "is_locked", lambda _, seen=seen: seen)
-        monkeypatch.setattr(disk, "STARTS", 10.0)
+        monkeypatch.setattr(disk, "is_locked", lambda _, seen=seen: is_locked(seen))
+        monkeypatch.setattr(disk, "STARTS", 20.0)
         (tmp_path / said).mkdir()
         with pytest.raises(Unfit, match=said):
             disk.locks(tmp_path / said)

@@ -103,16 +103,17 @@ def test_true_parameters_are_within_the_joint_region_as_often_as_it_says():
 @pytest.mark.parametrize(
     ("name", "draws"),
     [
-        ("beverloo", 2000),
-        ("power", 2000),
-        ("exponential", 2000),
+        ("beverloo", 1000),
+        ("power", 1000),
+        ("exponential", 1000),
         ("janda", 600),
         pytest.param("beverloo_3d", 2000, marks=pytest.mark.ring),
         pytest.param("janda_3d", 600, marks=pytest.mark.ring),
     ],
 )
 def test_intervals_cover(name, draws):
-    """Three replicates with 1 % scatter at eight orifices: every parameter's 95 % interval covers 92 to 98 %."""
+    """Three replicates with 1 % scatter at eight orifices: every parameter's 95 % interval covers 92 to 98 %, of 1000
+    draws with a standard error of 0.7 %."""
     rng = np.random.default_rng(1)
     hits = {key: 0 for key in truth(name)}
     for _ in range(draws):

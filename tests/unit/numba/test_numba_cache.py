@@ -31,12 +31,15 @@ x = np.array([[0, 0, 0], [3.001e-3, 0, 0]])
 v = np.array([[0.1, 0, 0], [-0.1, 0, 0]])
 backend, numerics = Backend(), Numerics(dt=1e-5)
 spec = backend.specialise(scene, numerics)
+cached = backend.compiled(spec)
 ensemble = backend.open(spec)
 member = ensemble.admit(scene, numerics, Packing(x=x, v=v, omega=np.zeros((2, 3))))
 ensemble.advance(1)
+assert backend.compiled(spec)
 module = build.kernels(spec)
 stats = module.advance.stats
 print(json.dumps({
+    "cached": cached,
     "hits": sum(stats.cache_hits.values()),
     "misses": sum(stats.cache_misses.values()),
     "module": module.__name__,
@@ -69,11 +72,13 @@ def test_a_second_process_hits_and_an_edited_law_misses(sources, tmp_path):
     cache = tmp_path / "cache"
     first = collide(sources, cache)
     assert first["misses"] > 0
+    assert not first["cached"]
     assert Path(first["file"]).is_relative_to(cache)
     assert first["v"] == pytest.approx(0.5 * 0.1, rel=0.02), "a seventieth of a collision is a long step"
 
     second = collide(sources, cache)
     assert second["hits"] > 0
+    assert second["cached"]
     assert second["misses"] == 0
     assert second["module"] == first["module"]
     assert second["v"] == first["v"]
@@ -85,6 +90,7 @@ def test_a_second_process_hits_and_an_edited_law_misses(sources, tmp_path):
     law.write_text(edited, encoding="utf-8")
     third = collide(sources, cache)
     assert third["misses"] > 0
+    assert not third["cached"]
     assert third["module"] != first["module"]
     assert third["v"] != first["v"]
 

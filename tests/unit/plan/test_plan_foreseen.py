@@ -11,12 +11,13 @@ import pytest
 from toy_lab import STUDY, labbook, study_file
 
 from labbook.backend import Device, Survey, Unsupported
+from labbook.backend.machine import Pace
 from labbook.filling.bed import PACKED, bed_height_ahead
 from labbook.lab import Catalogue
 from labbook.measure import MEASURES
 from labbook.measure.region import bulk, bulk_below
 from labbook.plan import forecast
-from labbook.plan.advice import SOFT, advice, softer, too_large
+from labbook.plan.advice import SOFT, advice, foresee, forewarn, softer, too_large
 from labbook.plan.demand import PointDemand
 from labbook.plan.forecast import DEFAULT_SPEED, MEASURED, outline, rate_of
 from labbook.plan.plan import Planner, check
@@ -38,6 +39,20 @@ from labbook.study import load
 
 RESULTS = Path(__file__).parents[3] / "benchmarks/results"
 LAW = HertzMindlin(shear_modulus=1e8, poisson_ratio=0.25)
+
+
+@pytest.fixture(autouse=True)
+def pace(monkeypatch):
+    """Cores as fast as those of the reference, and idle: no test measures the machine. Returns a setter of another
+    pace, which also keeps the numbers of threads that were measured."""
+    threads: list[int] = []
+
+    def set_pace(core: float, share: float) -> list[int]:
+        monkeypatch.setattr(forecast, "pace", lambda lanes: threads.append(lanes) or Pace(core, share))
+        return threads
+
+    set_pace(1.0, 1.0)
+    return set_pace
 
 
 def backend_of(name: str, **more):
@@ -123,6 +138,60 @@ def test_compiling_counts_once_for_every_set_of_features(tmp_path, monkeypatch):
     assert (ahead.sets, ahead.compiling) == (filling_and_discharge, 2 * 9)
     assert ahead.seconds > ahead.compiling
     assert forecast.forecast(made, lab, "none", "cpu", 2).compiling == 0
+
+
+def test_a_forecast_without_runs_is_at_the_present_speed_of_the_cores(tmp_path, pace):
+    """Half as fast as the reference, and a fifth of a core for each lane: everything takes ten times as long."""
+    made, lab, backend = planned(tmp_path, "numba")
+    reference = forecast.forecast(made, lab, "none", "cpu", 2, backend)
+    threads = pace(0.5, 0.2)
+    ahead = forecast.forecast(made, lab, "none", "cpu", 2, backend)
+    assert ahead.seconds == pytest.approx(10 * reference.seconds)
+    assert ahead.compiling == pytest.approx(10 * reference.compiling)
+    assert ahead.speed == pytest.approx(reference.speed / 10)
+    wanted = "times 0.1, measured now: a core is 0.5 times as fast, and each of 2 lanes gets 20 % of one"
+    assert wanted in ahead.basis
+    alone = forecast.forecast(made, lab, "none", "cpu", 1, backend)
+    assert "the lane gets 20 %" in alone.basis
+    assert set(threads) == {1, 2}
+
+
+def test_the_cores_are_not_measured_without_need(tmp_path, pace, monkeypatch):
+    """Neither where runs of the lab tell the speed, nor for warnings, nor of a backend of unknown speed."""
+    threads = pace(0.5, 0.2)
+    made, lab, backend = planned(tmp_path, "numba", count=1000)
+    forewarn(made.study, lab, backend, "cpu")
+    forecast.forecast(*planned(tmp_path)[:2], "none", "cpu", 2)
+    monkeypatch.setattr(lab, "speeds", lambda *_: [("any", 1000, 1e7)])
+    monkeypatch.setattr(forecast._Speeds, "_shape", lambda *_: "sphere")
+    assert forecast.forecast(made, lab, "here", "cpu", 1, backend).speed == pytest.approx(1e7)
+    assert threads == []
+    monkeypatch.undo()
+    pace(0.5, 0.2)
+    ahead = foresee(made.study, lab, backend, "cpu").forecast
+    assert ahead is not None
+    assert "measured now" in ahead.basis
+
+
+def test_a_forecast_on_a_gpu_is_at_its_present_bandwidth(tmp_path):
+    """At half the copy bandwidth of the reference the grains of a large scene take twice as long; starts do not."""
+    timed = []
+    for copies in (None, 2.0e12):
+        made, lab, _ = planned(tmp_path, "warp", beat=50_000, count=1_000_000, replicates=1)
+        backend = backend_of("warp", bandwidth=lambda self, device, copies=copies: copies)
+        timed.append(forecast.forecast(made, lab, "none", "cuda:0", 1, backend))
+    known, slow = timed
+    starts = 0.05  # 5 us a step of 135 us
+    assert (slow.seconds - slow.compiling) / (known.seconds - known.compiling) == pytest.approx(2, rel=starts)
+    assert "times 0.5, measured now" in slow.basis
+    assert "measured" not in known.basis
+
+
+def test_code_that_is_cached_is_not_foreseen_to_be_compiled(tmp_path):
+    made, lab, _ = planned(tmp_path, "numba")
+    backend = backend_of("numba", compiled=lambda self, spec: True)
+    ahead = forecast.forecast(made, lab, "none", "cpu", 2, backend)
+    assert (ahead.sets, ahead.compiling) == (0, 0)
 
 
 def test_no_more_lanes_help_than_the_longest_run_lets(tmp_path):

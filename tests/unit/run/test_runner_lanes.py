@@ -128,7 +128,7 @@ class Compiling(Backend):
 
     def __init__(self):
         super().__init__()
-        self.compiled, self.at_it, self.clashes = set(), 0, 0
+        self.ready, self.at_it, self.clashes = set(), 0, 0
 
     def open(self, spec, slots=None, device="cpu"):
         return CompilingEnsemble(self, spec, slots)
@@ -137,12 +137,12 @@ class Compiling(Backend):
 class CompilingEnsemble(Ensemble):
     def advance(self, beats=1):
         backend = self._backend
-        if self._spec not in backend.compiled:
+        if self._spec not in backend.ready:
             backend.clashes += backend.at_it > 0
             backend.at_it += 1
             time.sleep(0.1)
             backend.at_it -= 1
-            backend.compiled.add(self._spec)
+            backend.ready.add(self._spec)
         return super().advance(beats)
 
 
@@ -153,5 +153,5 @@ def test_lanes_leave_compiling_at_the_first_beat_to_one_of_them(tmp_path):
     asked.write_text(asked.read_text().replace("steps_per_beat: 200", "steps_per_beat: 187"))
     summary = carry_out(load(asked), tmp_path / "lab", backend=backend, lanes=4)
     assert outcomes(summary) == ["finished"] * 8
-    assert len(backend.compiled) == 2
+    assert len(backend.ready) == 2
     assert backend.clashes == 0

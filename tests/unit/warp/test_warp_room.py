@@ -8,7 +8,7 @@ from stands import identical
 pytest.importorskip("warp")
 
 import warp as wp
-from labbook_warp import Backend, devices, room, stage
+from labbook_warp import Backend, copies, devices, room, stage
 from labbook_warp.arrays import Arrays
 from labbook_warp.layout import memory
 from rods_in_silo import DENSITY, D, numerics, silo
@@ -104,7 +104,8 @@ def test_memory_that_is_not_there_is_an_error_that_says_so(monkeypatch, seated):
         ensemble.advance(1)
 
 
-@pytest.mark.parametrize("rods", [False, True], ids=["spheres", "rods"])
+# kernels of its own; the host's code is the same for both shapes
+@pytest.mark.parametrize("rods", [False, pytest.param(True, marks=pytest.mark.ring)], ids=["spheres", "rods"])
 def test_a_member_brings_along_how_long_its_lists_had_to_be(monkeypatch, rods):
     """Lists that have grown are taken up by an ensemble that has not met a crowd yet; also beside another member."""
     scene = cylinder(rods=rods, grains=40)
@@ -137,7 +138,11 @@ def wide(**changes):
 SPHERES = Spheres(diameter=D, density=DENSITY, count=150)
 
 
-@pytest.mark.parametrize(("precision", "scene"), [("double", wide(grains=SPHERES)), ("mixed", wide())])
+@pytest.mark.parametrize(
+    ("precision", "scene"),
+    # 15 s to compile kernels of their own; rods in mixed precision, which share theirs, have the same rows
+    [pytest.param("double", wide(grains=SPHERES), marks=pytest.mark.ring), ("mixed", wide())],
+)
 def test_rows_of_grains_that_have_left_are_closed_up_and_leave_no_trace(precision, scene, monkeypatch):
     how = numerics(precision)
     closed = scene.close()
@@ -161,3 +166,23 @@ def test_rows_of_grains_that_have_left_are_closed_up_and_leave_no_trace(precisio
     assert identical(one[0], other[0])
     for probe in probes:
         assert all((one[1][probe][name] == other[1][probe][name]).all() for name in one[1][probe]), probe
+
+
+def test_a_processor_has_no_copy_bandwidth_that_would_limit_it():
+    assert Backend().bandwidth("cpu") is None
+
+
+@pytest.mark.gpu
+def test_the_copy_bandwidth_of_a_gpu_is_measured_once(monkeypatch):
+    """It lies between those of a small card and of stacked memory to come; not where little memory is free."""
+    if not wp.is_cuda_available():
+        pytest.skip("no CUDA device was found")
+    copies.present_bandwidth.cache_clear()
+    measured = Backend().bandwidth("cuda:0")
+    assert measured is not None
+    assert 1e11 < measured < 4e13
+    assert Backend().bandwidth("cuda:0") == measured
+    copies.present_bandwidth.cache_clear()
+    monkeypatch.setattr(devices, "free", lambda _device: GIB)
+    assert Backend().bandwidth("cuda:0") is None
+    copies.present_bandwidth.cache_clear()
