@@ -26,7 +26,7 @@ from labbook.run.summary import Summary
 from labbook.run.watch import Unwatched, Watcher
 from labbook.study import Study
 
-_CLOSING = 12
+_CLOSING = 15
 """Threads, at most, that place grains, and write and measure what members of one ensemble leave."""
 
 
