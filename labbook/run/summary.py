@@ -1,7 +1,7 @@
 """The outcome of `labbook run`: which runs are done, failed, diverged or suspect, and what it cost."""
 
 from collections import Counter
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 from labbook.plan.demand import Demand, recorded_in_words
@@ -63,24 +63,35 @@ class Summary:
         return tuple(self.tally.failed)
 
     @property
-    def diverged(self) -> dict[str, list[str]]:
-        """Seed and discharge of the runs that diverged, now or earlier, by the label of their point."""
-        found: dict[str, list[str]] = {}
-        for point in self.points:
-            for item in point.items:
-                if item.state == "done" and item.outcome == "diverged":
-                    found.setdefault(item.demand.point.label, []).append(item.demand.repeat)
-        return found
+    def diverged(self) -> dict[str, list[int]]:
+        """Seeds of the runs that diverged, now or earlier, by the label of their point."""
+        return {label: list(dict.fromkeys(run.seed for run in runs)) for label, runs in self._diverged.items()}
 
     @property
-    def suspect(self) -> dict[str, dict[str, str]]:
-        """Why runs are suspect and left out of every mean, by the label of their point, and their seed and
-        discharge."""
-        found: dict[str, dict[str, str]] = {}
+    def _diverged(self) -> dict[str, list[Demand]]:
+        runs: dict[str, list[Demand]] = {}
+        for item in (item for point in self.points for item in point.items):
+            if item.state == "done" and item.outcome == "diverged":
+                runs.setdefault(item.demand.point.label, []).append(item.demand)
+        return runs
+
+    @property
+    def suspect(self) -> dict[str, dict[int, str]]:
+        """Why runs are suspect and left out of every mean, by the label of their point and their seed; of several
+        discharges of a bed the first reason."""
+        reasons: dict[str, dict[int, str]] = {}
+        for label, runs in self._suspect.items():
+            for run, why in runs:
+                reasons.setdefault(label, {}).setdefault(run.seed, why)
+        return reasons
+
+    @property
+    def _suspect(self) -> dict[str, list[tuple[Demand, str]]]:
+        runs: dict[str, list[tuple[Demand, str]]] = {}
         for item in (item for point in self.points for item in point.items):
             if item.state == "done" and item.suspect and not item.counts:
-                found.setdefault(item.demand.point.label, {})[item.demand.repeat] = item.suspect
-        return found
+                runs.setdefault(item.demand.point.label, []).append((item.demand, item.suspect))
+        return runs
 
     @property
     def complete(self) -> bool:
@@ -108,11 +119,10 @@ class Summary:
             if point.ended is not None and point.ended.reason:
                 lines.append(f"{point.shared.point.label}: {point.ended.reason}")
         lines += self.campaign
-        for label, repeats in self.diverged.items():
-            lines.append(f"Diverged: {label}, {'; '.join(repeats)}: stopped by a guard, and left out of every mean")
-        for label, reasons in self.suspect.items():
-            for repeat, why in reasons.items():
-                lines.append(f"Suspect: {label}, {repeat}: {why}; left out of every mean")
+        for label, diverged in self._diverged.items():
+            lines.append(f"Diverged: {label}, {_numbered(diverged)}: stopped by a guard, and left out of every mean")
+        for label, suspects in self._suspect.items():
+            lines += [f"Suspect: {label}, {run.repeat}: {why}; left out of every mean" for run, why in suspects]
         lines += [f"Failed: {why}" for why in grouped(tally.failed)]
         lines += [f"Unreadable: {problem}" for problem in self.problems]
         return lines + ([f"No point of the study has a flow rate: {self.no_flow}"] if self.no_flow else [])
@@ -120,3 +130,10 @@ class Summary:
     def __repr__(self) -> str:
         stopped = ["Stopped early; everything is saved: run the study again to go on"] if self.stopped else []
         return "\n".join(self.lines() + stopped)
+
+
+def _numbered(runs: Sequence[Demand]) -> str:
+    """`seed 3`, `seeds 1, 2`, `seed 1, discharge 2; seed 4`."""
+    if len(runs) == 1 or any(run.discharge > 1 for run in runs):
+        return "; ".join(run.repeat for run in runs)
+    return f"seeds {', '.join(str(run.seed) for run in runs)}"

@@ -150,7 +150,7 @@ def test_the_source_texts_of_fits_name_publications_that_are_known():
 
 
 def test_every_source_is_used_and_is_named_after_its_author_and_year():
-    tables = (SOURCES_OF_LAWS, SOURCES_OF_MEASURES, PAPER_FITS, ROLLING_MODELS, METHODS)
+    tables = (SOURCES_OF_LAWS, SOURCES_OF_MEASURES, SOURCES_OF_STARTS, PAPER_FITS, ROLLING_MODELS, METHODS)
     used = {key for table in tables for keys in table.values() for key in keys}
     used |= {one.key for law in LAWS.values() for one in named_in(law.source)}
     used |= {one.key for path in STUDIES if (told := load(path).reference) for one in named_in(told.source)}

@@ -195,7 +195,7 @@ def _facts(record: RunRecord) -> Facts:
         ("Backend", f"{record.backend} (version {record.cache_version}), {record.numerics.precision}, {record.device}"),
         ("Speed", f"{record.rate / 1e6:.2f} M grain-steps/s, {record.wall_time:.3g} s"
          if math.isfinite(record.rate) else "–"),
-        ("Ended", record.finished.replace("T", " ").partition("+")[0] + " UTC"),
+        ("Ended", record.finished[:19].replace("T", " ") + " UTC"),
     ]  # fmt: skip
     return Facts(tuple(rows))
 
