@@ -68,8 +68,15 @@ class Runner:
             return self._run()
 
     def _run(self) -> Summary:
-        begun = time.perf_counter()
         closers = self._closers()
+        try:
+            return self._carried_out(closers)
+        finally:
+            for closer in closers:
+                closer.end()
+
+    def _carried_out(self, closers: Sequence[Closer]) -> Summary:
+        begun = time.perf_counter()
         observe = Observe.of(self.study.measure, self.study.window)
         index = Index(self.lab)
         catalogue = Catalogue(self.lab)
@@ -102,8 +109,6 @@ class Runner:
                 execution.carry_out()
             execution.report()
         finally:
-            for closer in closers:
-                closer.end()
             catalogue.close()
             index.close()
         return Summary(
