@@ -235,6 +235,13 @@ class LabFolder:
         finally:
             claim.release()
 
+    def sweep(self, key: str) -> None:
+        """Remove the lock file of `alone` for `key`, if nobody holds it: it could not be removed when it was left."""
+        path = self.works / f"{key}.look"
+        with suppress(OSError):
+            if path.exists() and (claim := lock(path, fcntl.LOCK_EX | fcntl.LOCK_NB)):
+                claim.release()
+
     def held(self, key: str) -> bool:
         """Whether some process is working on `key`; looking does not disturb it."""
         return is_locked(self.works / f"{key}.lock")

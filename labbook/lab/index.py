@@ -93,6 +93,7 @@ class Index:
     def _mend(self) -> None:
         """Put back what a process that was killed, or a power failure, left between two names."""
         lab = self.lab
+        lab.sweep("index")
         for key in lab.working():
             for kind, place in ((RunRecord, lab.run(key)), (PackingRecord, lab.packing(key))):
                 if lab.is_torn(key, place) and (lab.replaced(key) / kind.FILE).exists() and (claim := lab.claim(key)):

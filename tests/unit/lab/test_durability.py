@@ -57,16 +57,17 @@ def way(request, other, tmp_path_factory) -> tuple[Callable[[Path], None], dict,
     do, folder = WAYS[request.param], tmp_path_factory.mktemp("way")
     shutil.copytree(other, folder / "other")
     platter = Platter(folder)
-    put = Index.put_run
+    put = Index.put_runs
 
-    def reported(index, place, found):
-        problem = put(index, place, found)
-        if problem is None:
-            platter.reported[place.name] = max(found[0]["duration"], platter.reported.get(place.name, 0.0))
-        return problem
+    def reported(index, ended):
+        problems = put(index, ended)
+        for place, (row, _) in ended.items():
+            if problems[place] is None:
+                platter.reported[place.name] = max(row["duration"], platter.reported.get(place.name, 0.0))
+        return problems
 
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(Index, "put_run", reported)
+        patch.setattr(Index, "put_runs", reported)
         with Disk(folder, after=platter.after):
             do(folder / "lab")
     assert platter.reported
