@@ -121,7 +121,7 @@ def measured(study: Study, lab: Lab) -> dict[str, np.ndarray]:
             continue
         record, packing = read_packing(lab.place.packing(run.packing_key))
         steps = [
-            sum(one.grain_steps for one in sessions)
+            sum(session.grain_steps for session in sessions)
             for sessions in (record.sessions, RunRecord.read(lab.place.run(run.run_key)).sessions)
         ]
         scene = point.point.scene
@@ -132,64 +132,66 @@ def measured(study: Study, lab: Lab) -> dict[str, np.ndarray]:
 
 def compared(first: dict[str, np.ndarray], second: dict[str, np.ndarray], margin: float) -> dict[str, Any]:
     """Differences of the second start from the first, relative to the first, and what a filling costs."""
-    told: dict[str, Any] = {"beds": len(second["flow_rate"])}
+    figures: dict[str, Any] = {"beds": len(second["flow_rate"])}
     for name in ("flow_rate", "solid_fraction", "coordination"):
         mean = float(first[name].mean())
         test = tost(first[name], second[name], margin * mean).over(mean)
-        told[name] = {
+        figures[name] = {
             "first": mean,
             "second": float(second[name].mean()),
-            "scatter": [float(one[name].std(ddof=1) / one[name].mean()) for one in (first, second)],
+            "scatter": [float(start[name].std(ddof=1) / start[name].mean()) for start in (first, second)],
             "difference": test.difference,
             "interval_90": [test.low, test.high],
             "margin": margin,
             "finding": test.finding,
         }
-    told["filling_over_discharge"] = [float(one["filling"].mean() / one["discharge"].mean()) for one in (first, second)]
-    told["filling_over_that_of_first"] = float(second["filling"].mean() / first["filling"].mean())
-    return told
+    figures["filling_over_discharge"] = [
+        float(start["filling"].mean() / start["discharge"].mean()) for start in (first, second)
+    ]
+    figures["filling_over_that_of_first"] = float(second["filling"].mean() / first["filling"].mean())
+    return figures
 
 
 def main(arguments: Sequence[str] | None = None) -> None:
     """Make the runs, compare the starts, print and write."""
-    words = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    words.add_argument("--lab", type=Path, required=True, help="Folder of the runs.")
-    words.add_argument("--beds", type=int, default=8, help="Beds of each scene and start.")
-    words.add_argument("--scene", action="append", choices=tuple(SCENES), help="Only these scenes.")
-    words.add_argument("--start", action="append", help="Only these starts (default: rain and dense).")
-    words.add_argument("--backend", default="numba")
-    words.add_argument("--device", default="cpu")
-    words.add_argument("--out", type=Path, help="File to which the figures of each scene are added.")
-    stated = words.parse_args(arguments)
-    starts, lab = stated.start or ["rain", "dense"], Lab(stated.lab, stated.backend, stated.device)
-    stated.lab.mkdir(parents=True, exist_ok=True)
-    for scene in stated.scene or SCENES:
-        studies = [study(scene, start, stated.beds, stated.lab) for start in starts]
-        for one in studies:
-            if lab.run(one, checkpoint_every=SAVED).stopped:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--lab", type=Path, required=True, help="Folder of the runs.")
+    parser.add_argument("--beds", type=int, default=8, help="Beds of each scene and start.")
+    parser.add_argument("--scene", action="append", choices=tuple(SCENES), help="Only these scenes.")
+    parser.add_argument("--start", action="append", help="Only these starts (default: rain and dense).")
+    parser.add_argument("--backend", default="numba")
+    parser.add_argument("--device", default="cpu")
+    parser.add_argument("--out", type=Path, help="File to which the figures of each scene are added.")
+    args = parser.parse_args(arguments)
+    starts, lab = args.start or ["rain", "dense"], Lab(args.lab, args.backend, args.device)
+    args.lab.mkdir(parents=True, exist_ok=True)
+    for scene in args.scene or SCENES:
+        studies = [study(scene, start, args.beds, args.lab) for start in starts]
+        for each in studies:
+            if lab.run(each, checkpoint_every=SAVED).stopped:
                 raise SystemExit("stopped: the same command goes on from here")
-        beds = [measured(one, lab) for one in studies]
+        beds = [measured(each, lab) for each in studies]
         margin = OF_RODS if scene == "rods" else MARGIN
-        told = {start: compared(beds[0], bed, margin) for start, bed in zip(starts[1:], beds[1:], strict=True)}
-        if not told:
+        figures = {start: compared(beds[0], bed, margin) for start, bed in zip(starts[1:], beds[1:], strict=True)}
+        if not figures:
             continue
-        print(json.dumps({scene: told}, indent=2), flush=True)
-        if stated.out:
-            _add(stated.out, scene, {"first": starts[0], "starts": told, "study": STUDY}, stated)
+        print(json.dumps({scene: figures}, indent=2), flush=True)
+        if args.out:
+            _add(args.out, scene, {"first": starts[0], "starts": figures, "study": STUDY}, args)
 
 
-def _add(path: Path, scene: str, figures: dict[str, Any], stated: argparse.Namespace) -> None:
+def _add(path: Path, scene: str, figures: dict[str, Any], args: argparse.Namespace) -> None:
     """Add the figures of a scene to the file at `path`."""
-    known: dict[str, Any] = json.loads(path.read_text(encoding="utf-8")) if path.exists() else {"scenes": {}}
-    known |= {
+    results: dict[str, Any] = json.loads(path.read_text(encoding="utf-8")) if path.exists() else {"scenes": {}}
+    results |= {
         "date": f"{datetime.now(UTC):%Y-%m-%d}",
         "hardware": hardware(),
-        "backend": stated.backend,
-        "device": stated.device,
+        "backend": args.backend,
+        "device": args.device,
     }
-    known["scenes"][scene] = figures
+    results["scenes"][scene] = figures
     path.parent.mkdir(parents=True, exist_ok=True)
-    path.write_text(json.dumps(known, indent=2) + "\n", encoding="utf-8")
+    path.write_text(json.dumps(results, indent=2) + "\n", encoding="utf-8")
 
 
 if __name__ == "__main__":

@@ -17,7 +17,6 @@ from labbook.backend.contract import (
     Settled,
     Spec,
     Status,
-    StoredState,
     Survey,
     Unsupported,
 )
@@ -42,7 +41,6 @@ __all__ = [
     "Settled",
     "Spec",
     "Status",
-    "StoredState",
     "Survey",
     "Unsupported",
     "absent",

@@ -23,8 +23,8 @@ from labbook.measure.steady import FEWEST
 from labbook.plan.demand import PointDemand
 from labbook.plan.devices import named, slots, speeds
 from labbook.plan.forecast import Outline, discharge_work, fill_work, film_bytes, forecast, outline
-from labbook.plan.plan import QUANTITY, Item, Plan, Planner, check
-from labbook.plan.possible import leak_of
+from labbook.plan.plan import QUANTITY, Item, Plan, Planner
+from labbook.plan.possible import check, leak_of
 from labbook.scene import ContactLaw, Scene
 from labbook.scene.contact import Softer
 from labbook.scene.quantities import percent, size, span, told_apart

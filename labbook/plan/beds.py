@@ -27,6 +27,12 @@ def filling_cost(lab: LabFolder, runs: Iterable[tuple[str, str]], points: int = 
     for run_key, packing_key in list(runs)[:_BEDS]:
         run, packing = RunRecord.read(lab.run(run_key)), PackingRecord.read(lab.packing(packing_key))
         fillings += packing.grains * packing.duration / packing.numerics.dt
-        inside = 1 - min(run.coverage.discharged, 1.0) / 2  # on average: grains that left cost nothing
+        inside = mean_inside(min(run.coverage.discharged, 1.0))
         discharges += run.coverage.grains * inside * run.coverage.steps
     return fillings / discharges / points
+
+
+def mean_inside(discharged: float) -> float:
+    """Return the fraction of the grains that are inside on average over a run which ends at the fraction `discharged`:
+    they leave at a steady rate, and grains that left cost nothing."""
+    return 1 - discharged / 2

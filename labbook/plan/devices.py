@@ -8,7 +8,8 @@ from labbook.backend import Backend, Unsupported, absent
 from labbook.backend.machine import cores
 from labbook.plan.demand import PointDemand
 from labbook.plan.forecast import rate_of
-from labbook.plan.plan import PointPlan, specified
+from labbook.plan.plan import PointPlan
+from labbook.plan.possible import specified
 
 
 def named(devices: str, backend: Backend) -> tuple[str, ...]:

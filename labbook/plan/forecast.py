@@ -14,8 +14,10 @@ from labbook.filling.bed import PACKED, bed_height_ahead
 from labbook.lab.catalogue import Catalogue
 from labbook.lab.records import RunRecord, Unreadable
 from labbook.measure.expected import mass_flow
+from labbook.plan.beds import mean_inside
 from labbook.plan.demand import Demand, PointDemand
-from labbook.plan.plan import Forecast, Plan, specified
+from labbook.plan.plan import Forecast, Plan
+from labbook.plan.possible import specified
 from labbook.scene import Scene
 from labbook.scene.timescales import largest_stable_step
 
@@ -311,7 +313,7 @@ def _left(shared: PointDemand) -> float:
 
 def _inside(shared: PointDemand) -> float:
     """Grains inside, on average over a run."""
-    return shared.scene.grains.count * (1.0 if shared.stop.fed else 1 - shared.reach() / 2)
+    return shared.scene.grains.count * (1.0 if shared.stop.fed else mean_inside(shared.reach()))
 
 
 def discharge_work(shared: PointDemand) -> float:

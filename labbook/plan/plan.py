@@ -4,13 +4,13 @@ import math
 from collections import Counter
 from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from functools import cached_property, lru_cache
+from functools import cached_property
 from html import escape
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Literal
+from typing import TYPE_CHECKING, Literal
 
 from labbook.accuracy.groups import has_groups
-from labbook.backend import Backend, Capabilities, Spec, Unsupported, absent
+from labbook.backend import Capabilities
 from labbook.campaign import Assignment, Generation, History, Proposal, Replicates, Trial, place
 from labbook.campaign.replicates import QUANTITY, in_words, scatter_of_beds
 from labbook.commands import command
@@ -28,7 +28,6 @@ from labbook.measure.measure import window_in_words
 from labbook.plan.beds import filling_cost
 from labbook.plan.coverage import made_by, shortfall
 from labbook.plan.demand import Demand, PackingsOf, PointDemand, discharges, recorded_in_words, stopping_rule
-from labbook.plan.possible import check_container
 from labbook.scene.quantities import duration, percent, size, value_range
 from labbook.stats import Decision, StoppingRule
 from labbook.stats.nested import TYPICAL, by_bed, of_beds, shares
@@ -674,38 +673,3 @@ def flow_rates(study: Study, catalogue: Catalogue, run_keys: Sequence[str]) -> d
 
 _AS_STATED = Proposal.end("")
 """Of points that have all the replicates that the study states."""
-
-
-def check(backend: Backend, device: str, points: Iterable[PointDemand]) -> None:
-    """Whether `backend` can do all that is asked, on `device`. Raises Unsupported, Conflict or MeasureError.
-
-    It costs least before a plan: it makes keys, too, while the walls of a point are at hand.
-    """
-    can = backend.capabilities
-    if device.split(":")[0] not in {known.split(":")[0] for known in can.devices}:
-        raise absent(backend, device)
-    if device not in {found.alias for found in backend.survey().devices}:
-        raise absent(backend, device)
-    for shared in points:
-        if shared.scene.feed is not None and not can.feeds:
-            raise Unsupported("feed", f"the backend {can.name} cannot feed grains back; leave feed out")
-        specified(backend, shared)
-        check_container(shared)
-
-
-def specified(backend: Backend, shared: PointDemand) -> tuple[Spec, Spec]:
-    """The sets of features of the filling and the discharge of a point. Raises Unsupported."""
-    found = shared.specs
-    if found is None or found[0] is not backend:
-        closed = shared.closed
-        shared.identify(closed)  # while the walls of both scenes are at hand
-        filling = backend.specialise(closed, shared.filled_by, ())
-        discharge = backend.specialise(shared.scene, shared.numerics, shared.declared)
-        found = shared.specs = _same(backend, filling, discharge)
-    return found[1], found[2]
-
-
-@lru_cache(maxsize=1024)
-def _same(*specs: Any) -> tuple[Any, ...]:
-    """The same object for all that are equal: 100 000 points need few."""
-    return specs

@@ -1,8 +1,12 @@
-"""What a plan refuses of a container: that grains leave it while it is filled, and surfaces faster than any grain may
-be."""
+"""Refusals before anything runs: of what a backend or a device cannot do, of containers from which grains leave while
+they are filled, and of surfaces faster than any grain may be."""
 
 import math
+from collections.abc import Iterable
+from functools import lru_cache
+from typing import Any
 
+from labbook.backend import Backend, Spec, Unsupported, absent
 from labbook.filling.leaks import Leak, leak
 from labbook.filling.placing import STARTS
 from labbook.filling.room import PlacingError, Room
@@ -10,6 +14,41 @@ from labbook.plan.demand import Conflict, PointDemand
 from labbook.scene import Scene, Wall
 from labbook.scene.quantities import told_apart
 from labbook.scene.walls import AT_REST
+
+
+def check(backend: Backend, device: str, points: Iterable[PointDemand]) -> None:
+    """Check that `backend` can do all that is asked, on `device`. Raises Unsupported, Conflict or MeasureError.
+
+    It costs least before a plan: it makes keys, too, while the walls of a point are at hand.
+    """
+    can = backend.capabilities
+    if device.split(":")[0] not in {known.split(":")[0] for known in can.devices}:
+        raise absent(backend, device)
+    if device not in {found.alias for found in backend.survey().devices}:
+        raise absent(backend, device)
+    for shared in points:
+        if shared.scene.feed is not None and not can.feeds:
+            raise Unsupported("feed", f"the backend {can.name} cannot feed grains back; leave feed out")
+        specified(backend, shared)
+        check_container(shared)
+
+
+def specified(backend: Backend, shared: PointDemand) -> tuple[Spec, Spec]:
+    """Return the sets of features of the filling and the discharge of a point. Raises Unsupported."""
+    found = shared.specs
+    if found is None or found[0] is not backend:
+        closed = shared.closed
+        shared.identify(closed)  # while the walls of both scenes are at hand
+        filling = backend.specialise(closed, shared.filled_by, ())
+        discharge = backend.specialise(shared.scene, shared.numerics, shared.declared)
+        found = shared.specs = _same(backend, filling, discharge)
+    return found[1], found[2]
+
+
+@lru_cache(maxsize=1024)
+def _same(*specs: Any) -> tuple[Any, ...]:
+    """The same object for all that are equal: 100 000 points need few."""
+    return specs
 
 
 def check_container(shared: PointDemand) -> None:

@@ -18,7 +18,8 @@ from labbook.lab.packings import just_made
 from labbook.lab.records import Observe
 from labbook.plan.demand import Demand
 from labbook.plan.forecast import discharge_work, fill_work
-from labbook.plan.plan import Item, Plan, Planner, PointPlan, counted, place_in_order, specified
+from labbook.plan.plan import Item, Plan, Planner, PointPlan, counted, place_in_order
+from labbook.plan.possible import specified
 from labbook.run.discharge import DischargeJob
 from labbook.run.fill import FillJob
 from labbook.run.job import Bench, Job, JobFailed

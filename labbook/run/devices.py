@@ -24,7 +24,8 @@ from labbook.lab.folder import DiskFull, LabError, LabFolder
 from labbook.lab.index import Index
 from labbook.plan.demand import PointDemand
 from labbook.plan.devices import speeds
-from labbook.plan.plan import Planner, check
+from labbook.plan.plan import Planner
+from labbook.plan.possible import check
 from labbook.run.board import Tally
 from labbook.run.execution import CHECKPOINT_EVERY
 from labbook.run.live import running

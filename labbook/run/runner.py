@@ -14,7 +14,8 @@ from labbook.lab.merge import bring
 from labbook.lab.records import Observe
 from labbook.plan.demand import Conflict, Demand, PackingsOf, PointDemand, fewest_runs
 from labbook.plan.devices import slots
-from labbook.plan.plan import Plan, Planner, check
+from labbook.plan.plan import Plan, Planner
+from labbook.plan.possible import check
 from labbook.run.board import TOGETHER, Board
 from labbook.run.closing import Closer, Closing
 from labbook.run.execution import CHECKPOINT_EVERY, Execution

@@ -20,7 +20,8 @@ from labbook.plan import forecast
 from labbook.plan.advice import SOFT, advice, foresee, forewarn, softer, too_large
 from labbook.plan.demand import PointDemand
 from labbook.plan.forecast import DEFAULT_SPEED, MEASURED, outline, rate_of
-from labbook.plan.plan import Planner, check
+from labbook.plan.plan import Planner
+from labbook.plan.possible import check
 from labbook.scene import (
     Box,
     ConicalSilo,

@@ -16,7 +16,8 @@ from labbook.lab import Catalogue, LabFolder, identity
 from labbook.plan import plan as planning
 from labbook.plan.advice import foresee
 from labbook.plan.demand import PointDemand
-from labbook.plan.plan import Planner, check
+from labbook.plan.plan import Planner
+from labbook.plan.possible import check
 from labbook.scene import (
     Box,
     ConicalSilo,

@@ -12,7 +12,8 @@ from labbook.filling import opened
 from labbook.lab import Catalogue
 from labbook.lab.identity import scene_key
 from labbook.plan.demand import Conflict, demands
-from labbook.plan.plan import Planner, check
+from labbook.plan.plan import Planner
+from labbook.plan.possible import check
 from labbook.scene import Packing, Scene, SurfaceMotion
 from labbook.scene.walls import Frustum, Plane, Strip
 from labbook.study import StudyError, load
