@@ -14,6 +14,8 @@ runs with these. Seeds are taken in their order, so that no run enters two repea
 With --discharges-per-bed every repeat has as many discharges of each of its beds, or the cheapest number. Its seeds are
 a block of their own, all repeats are looked at in turns, and only the runs that they propose are made. The first
 discharges of all these beds are also taken as repeats of the rule with a bed for every run, for the cost of both.
+Beside it stands the papers' way: a bed of a rain for every run, the usual step, double precision. Of both, what one
+number takes of the device is the wall time of all beats over the numbers that came of them.
 """
 
 import argparse
@@ -41,7 +43,7 @@ from labbook.plan.demand import PointDemand, stopping_rule
 from labbook.plan.plan import flow_rates
 from labbook.results.points import by_seed
 from labbook.run.runner import Runner
-from labbook.stats import Decision, StoppingRule, pool
+from labbook.stats import Decision, Pooled, StoppingRule, pool
 from labbook.stats.nested import Design, by_bed, shares
 from labbook.study import load
 
@@ -134,6 +136,7 @@ class Nested:
         self._backend = load_backend(lab.backend)
         first = Design(rule.first, 1 if self.auto else int(discharges))
         self.repeats = [Repeat(n * rule.cap, first) for n in range(count)]
+        self._made_here, self._stepping = 0, 0.0
 
     def run(self) -> None:
         """Make all runs of all repeats, look by look."""
@@ -150,7 +153,10 @@ class Nested:
     def _made(self, numbers: Sequence[Number]) -> dict[Number, float]:
         """W of these runs, made now where they are missing."""
         runner = Runner(self.study, self.lab.place, self._backend, self.lab.device, SAVED, repeats={0: numbers})
-        if runner.run().stopped:
+        summary = runner.run()
+        self._made_here += len(summary.tally.ran)
+        self._stepping += summary.stepping
+        if summary.stopped:
             raise SystemExit("stopped: the same command goes on from here")
         keys = {number: self._keys(number)[0] for number in numbers}
         with closing(Catalogue(self.lab.place)) as catalogue:
@@ -174,6 +180,12 @@ class Nested:
             for pooled, design in ended
             if pooled is not None
         ]
+
+    @property
+    def seconds(self) -> float | None:
+        """Wall time of all beats [s] over the repeats; None if the lab had some of the runs before."""
+        made = sum(len(one.numbers) for one in self.repeats)
+        return self._stepping / len(self.repeats) if self._made_here == made else None
 
     @property
     def rates(self) -> dict[Number, float]:
@@ -213,6 +225,25 @@ def cost_of(lab: Lab, run_keys: Iterable[str], packing_keys: Iterable[str]) -> C
     return Cost(float(mean[0]), float(mean[1]), float(np.mean([one.wall_time for one in (*runs, *beds)])))
 
 
+@dataclass(frozen=True)
+class Plainly:
+    """What the papers' way takes: grain-steps and wall time of beats [s] of one run with its filling; W [kg/s]."""
+
+    grain_steps: float
+    seconds: float
+    flow_rate: Pooled
+
+
+def as_in_papers(study: Study, lab: Lab, usual: float, beds: int) -> Plainly:
+    """Make as many runs, each from its own bed of a rain, by the usual step and in double precision."""
+    numerics = {"dt": f"{usual!r} s", "stiffness_scale": "1", "precision": "double"}
+    plain = with_seeds(study.change({"fill.kind": "rain"}), beds, numerics)
+    summary = Runner(plain, lab.place, load_backend(lab.backend), lab.device, SAVED).run()
+    if summary.stopped:
+        raise SystemExit("stopped: the same command goes on from here")
+    return Plainly(summary.work_done / beds, summary.stepping / beds, pool(rates_of(plain, lab)))
+
+
 def steps(choice: Choice) -> dict[str, dict[str, str]]:
     """Numerics as they were chosen, the finest, and the usual."""
     assert choice.usual is not None
@@ -245,6 +276,7 @@ def main() -> None:
     parser.add_argument("--repeats", type=int, default=300)
     parser.add_argument("--finest", type=int, default=300)
     parser.add_argument("--usual", type=int, default=50)
+    parser.add_argument("--plain", type=int, default=300, help="runs by the papers' way, beside --discharges-per-bed")
     parser.add_argument("--backend", default="numba")
     parser.add_argument("--device", default="cpu")
     parser.add_argument("--discharges-per-bed", metavar="N", help="several discharges of each bed: a number, or auto")
@@ -318,6 +350,8 @@ def main() -> None:
     told["cost_ratio"] = work / _work(told["usual_cost"], needed)
     if nested is not None:
         told["nested"] = _nested(nested, told["cost"], work, choice, truth.value)
+        plainly = as_in_papers(study, lab, choice.usual, given.plain)
+        told["papers_way"] = _beside(plainly, plain, work, nested.seconds)
     print(json.dumps(told, indent=2))
     if given.out:
         given.out.parent.mkdir(parents=True, exist_ok=True)
@@ -327,6 +361,21 @@ def main() -> None:
 def _work(cost: Mapping[str, float], beds: float, discharges: float = 1) -> float:
     """Grain-steps of as many beds, each with its filling and as many discharges."""
     return beds * (discharges * cost["discharge"] + cost["filling"])
+
+
+def _beside(plainly: Plainly, rule: StoppingRule, work: float, seconds: float | None) -> dict:
+    """Cost of a number by the papers' way, of as many runs as the rule takes by their scatter, and of ours over it."""
+    rate = plainly.flow_rate
+    runs = rule.forecast(rate.error * math.sqrt(rate.n) / rate.value)
+    return {
+        "a_run": asdict(plainly),
+        "runs": runs,
+        "grain_steps": runs * plainly.grain_steps,
+        "device_seconds": runs * plainly.seconds,
+        "ours": {"grain_steps": work, "device_seconds": seconds},
+        "grain_steps_over_it": work / (runs * plainly.grain_steps),
+        "device_seconds_over_it": None if seconds is None else seconds / (runs * plainly.seconds),
+    }
 
 
 def _nested(nested: Nested, cost: Mapping[str, float], work: float, choice: Choice, truth: float) -> dict:
