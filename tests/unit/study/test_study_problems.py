@@ -286,6 +286,7 @@ def test_each_problem_is_told(tmp_path, old, new, line, key, message, remedy):
         ("rotation.grain_rate: {to: 1, says: it}", "rotation.grain_rate", "no rotation", "cylinder-silo"),
         ("rotation.grain_rate: {value: 2}", "rotation.grain_rate", "not given as a number", "`says`"),
         ("rotation.grain_rate.fall: {to: 2, says: it}", "rotation.grain_rate.fall", "a curve has no fall", "drop"),
+        ("rotation.power.m: {to: 2, says: it}", "rotation.power.m", "neither measured nor fitted", "rotation.power.n"),
         ("rotatio.grain_rate: {to: 2, says: it}", "rotatio.grain_rate", "no law", "rotation?"),
     ],
 )
