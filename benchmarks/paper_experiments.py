@@ -1,13 +1,13 @@
 """One experiment for each disagreement with a paper (Fan 2023, Pongó 2022, Dosta 2024) whose cause is not tested.
 
     python benchmarks/paper_experiments.py list
-    python benchmarks/paper_experiments.py walls gap planar bins --lab LAB --backend warp --device cuda:0 --out FOLDER
+    python benchmarks/paper_experiments.py gap bins planar walls --lab LAB --backend warp --device cuda:0 --out FOLDER
     python benchmarks/paper_experiments.py core --lab LAB --backend warp --device cuda:0 --out FOLDER
     python benchmarks/paper_experiments.py fall --lab LAB --backend warp --device cuda:0 --out FOLDER
     python benchmarks/paper_experiments.py stress --lab LAB --backend warp --device cuda:0 --out FOLDER
     python benchmarks/paper_experiments.py dosta --lab LAB --backend warp --device cuda:0 --out FOLDER
 
-In this order they decide most for their cost: some 45, 60, 45 and 60 s on one H100 for the first four, then 190, 240,
+In this order they decide most for their cost: some 60, 60, 45 and 45 s on one H100 for the first four, then 190, 240,
 170 and 600 s. They were tried with `--small` only.
 
 An experiment runs what is missing in the lab, evaluates it and writes FOLDER/NAME.json. It may be interrupted and
