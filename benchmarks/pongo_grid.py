@@ -16,10 +16,12 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
+from scipy.stats import f as fisher
 from scipy.stats import linregress
 
 from labbook.report.style import COLOURS, MARKERS, MILLIMETRE, PAGE, for_a_screen, house
 from labbook.stats import Pooled, pool
+from labbook.stats.linear import slopes
 from labbook.stats.pooling import student
 from labbook.stats.ratio import independent_ratio
 
@@ -103,6 +105,73 @@ def slope(runs: Sequence[Run], shape: str, f: float, least: float, most: float, 
     line: Any = linregress(np.log(d) if power else d, np.log([run.rate for run in some]))
     half = student(0.95, len(some) - 2) * line.stderr
     return f"{shape} {least} to {most} mm {line.slope:.{2 if power else 3}f} +- {half:.{2 if power else 3}f}"
+
+
+RODS = {"rod-2.5": (2.5, 66.0), "rod-3.3": (10 / 3, 60.0), "rod-4": (4.0, 66.0)}
+"""Rods: L/d, and the largest orifice [mm] of the lines through ln Q, which begin at 48 mm."""
+_TURNING = FREQUENCIES[1:]
+
+
+def _on_lines(runs: Sequence[Run], shape: str) -> list[Run]:
+    most = RODS[shape][1]
+    return [run for run in runs if run.shape == shape and run.f > 0 and run.flowed and 48 <= run.d <= most]
+
+
+def common_slope(runs: Sequence[Run], shape: str) -> str:
+    """kappa [1/mm] of parallel lines through ln Q over turning bottoms, a level for each f, at 95 %; p of parallel
+    lines against lines with a slope each (F), and the slope of kappa by f [1/mm/Hz] with its standard error."""
+    some = _on_lines(runs, shape)
+    y, levels = np.log([run.rate for run in some]), np.array([[run.f == f for f in _TURNING] for run in some], float)
+    d, f = np.array([run.d for run in some]), np.array([run.f for run in some])
+    columns = (d[:, None], np.column_stack([d, d * f]), levels * d[:, None])
+    (one, error, left, _), (two, errors, _, _), (_, _, least, freedom) = (_fit(levels, more, y) for more in columns)
+    test = (left - least) / (len(_TURNING) - 1) / (least / freedom)
+    p = fisher.sf(test, len(_TURNING) - 1, freedom)
+    half = student(0.95, len(y) - len(_TURNING) - 1) * error[0]
+    return (
+        f"{shape}: kappa {one[0]:.4f} +- {half:.4f}, equal at all f: p = {p:.2g}, by f {two[1]:.4f} +- {errors[1]:.4f}"
+    )
+
+
+def _fit(levels: np.ndarray, more: np.ndarray, y: np.ndarray) -> tuple[np.ndarray, np.ndarray, float, int]:
+    """Coefficients of `more` beside the levels, their standard errors, sum of squares and degrees of freedom."""
+    x = np.hstack([levels, more])
+    inverse = np.linalg.inv(x.T @ x)
+    every = inverse @ x.T @ y
+    left, freedom, k = float(np.sum((y - x @ every) ** 2)), len(y) - x.shape[1], levels.shape[1]
+    return every[k:], np.sqrt(left / freedom * np.diag(inverse)[k:]), left, freedom
+
+
+def bent(runs: Sequence[Run], shape: str, f: float) -> float:
+    """p of a straight line through ln Q against a mean for each orifice (F)."""
+    some = [run for run in _on_lines(runs, shape) if run.f == f]
+    d, y = np.array([run.d for run in some]), np.log([run.rate for run in some])
+    line: Any = linregress(d, y)
+    left = float(np.sum((y - line.intercept - line.slope * d) ** 2))
+    within = float(sum(np.sum((y[d == one] - y[d == one].mean()) ** 2) for one in set(d)))
+    several, freedom = len(set(d)), len(y) - len(set(d))
+    return float(fisher.sf((left - within) / (several - 2) / (within / freedom), several - 2, freedom))
+
+
+def trends(runs: Sequence[Run], least: float) -> Iterator[str]:
+    """Slopes of one plane by L/d and D [mm] at 95 %, through all rods and orifices from `least` [mm] on: of the rise
+    ln(Q(1.28 Hz)/Q_min), of the same over the mean of 0.16 and 0.32 Hz, and of the drop ln(Q(0)/Q_min)."""
+    rise, drop, fixed = [], [], []
+    for shape, (length, _) in RODS.items():
+        for d in (one for one in orifices(runs, shape) if one >= least):
+            rest, *turning = (one.rate and one.rate.value for one in (mean(runs, shape, f, d) for f in FREQUENCIES))
+            known = [one for one in turning if one is not None]
+            if len(known) == len(turning):
+                rise.append((length, d, math.log(known[-1] / min(known[:-1]))))
+                fixed.append((length, d, math.log(known[-1] / (known[0] + known[1]) * 2)))
+            if rest is not None and known:
+                drop.append((length, d, math.log(rest / min(known))))
+    for name, rows in (("rise over the smallest", rise), ("rise over 0.16 and 0.32 Hz", fixed), ("drop", drop)):
+        by_length, by_width = slopes([row[:2] for row in rows], [row[2] for row in rows])
+        said = (
+            f"{one.value:.4f} +- {one.error:.4f} ({one.low:.4f} to {one.high:.4f})" for one in (by_length, by_width)
+        )
+        yield f"ln {name}, {len(rows)} cells from {least:g} mm: by L/d, by mm: {', '.join(said)}"
 
 
 def table(runs: Sequence[Run], shape: str) -> Iterator[str]:
@@ -212,6 +281,12 @@ def main() -> None:
             found, errors = ratios(runs, shape, d)
             said = [f"{r:.3f} +- {e:.3f}" for r, e in zip(found, errors, strict=True)]
             print(f"Q(f)/Q(0) of {shape} through {d:g} mm: {', '.join(said)}")
+    for shape in RODS:
+        print(common_slope(runs, shape))
+        print(f"  straight: p = {', '.join(f'{bent(runs, shape, f):.2g}' for f in _TURNING)}")
+        print("  at rest, no bed clogged:", slope(runs, shape, 0.0, 54 if shape == "rod-4" else 60, 72))
+    for least in (48.0, 54.0, 60.0):
+        print(*trends(runs, least), sep="\n")
     if given.picture:
         with house():
             given.picture.write_bytes(for_a_screen(drawn(runs))[0])

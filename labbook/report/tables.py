@@ -207,14 +207,15 @@ def comparison_table(comparisons: Iterable[Comparison]) -> Table:
     for place, c in enumerate(comparisons):
         shown = display.quantity(c.quantity, c.unit)
         reference = display.with_error(c.reference, c.reference_error or math.nan, shown.scale)
+        name = f"{shown.heading}, {c.says}" if c.says else shown.heading
         if c.ours is None:
-            rows.append((shown.heading, c.label, reference, "–", "–", "–", "–"))
+            rows.append((name, c.label, reference, "–", "–", "–", "–"))
             reasons.append(f"{shown.name}{f' at {c.label}' if c.label else ''}: {c.why}.")
             continue
         interval = f"{display.number(c.low, c.error, shown.scale)} to {display.number(c.high, c.error, shown.scale)}"
         ours = display.with_error(c.ours, c.error, shown.scale)
         part = "–" if math.isnan(c.relative) else percent(c.relative, "+.1f").replace("-", "−")
-        rows.append((shown.heading, c.label, reference, ours, interval, part, inside(c)))
+        rows.append((name, c.label, reference, ours, interval, part, inside(c)))
         if c.inside is False:
             marked.add(place)
     headings = ("quantity", "at", "reference", "ours", "95 % interval", "difference", INSIDE)

@@ -326,7 +326,7 @@ def _along(outlets: Sequence[ProfileAcross]) -> Iterator[Row]:
 
 def _reference(results: StudyResults) -> Iterator[Row]:
     for one in results.comparisons:
-        theirs = {"reference": one.reference, "reference_error": one.reference_error}
+        theirs = {"reference": one.reference, "reference_error": one.reference_error, "says": one.says}
         ours = {"ours": one.ours, "error": one.error, "low": one.low, "high": one.high, "unit": one.unit}
         apart = {"difference_in_errors": one.in_errors, "why": one.why}
         yield {"quantity": one.quantity, **one.at, **theirs, **ours, **apart, **_resting(results, one.points)}

@@ -20,7 +20,7 @@ NEAR = 0.1
 @dataclass(frozen=True)
 class Comparison:
     """A number of the reference and ours, in SI. `ours` is None where we have none; `why` then says so. `points`: those
-    that ours rests on."""
+    that ours rests on; `says`: the place of the number in the paper."""
 
     quantity: str
     at: Mapping[str, float | str]
@@ -34,6 +34,7 @@ class Comparison:
     unit: str = ""
     why: str = ""
     points: tuple[PointResult, ...] = ()
+    says: str = ""
 
     @property
     def relative(self) -> float:
@@ -78,15 +79,16 @@ def compare(
     if reference is None:
         return ()
     return tuple(
-        replace(found, reference=entry.value, reference_error=entry.error)
+        replace(found, reference=entry.value, reference_error=entry.error, says=entry.says)
         for entry in reference.entries
         for found in entry_of(entry.quantity, entry.at, points, series, own)
     )
 
 
 def at_series(comparisons: Sequence[Comparison], law: str, series: Series) -> dict[str, Comparison]:
-    """The comparisons of parameters of `law` (or a further fit) at a series, by the name of the parameter."""
-    mine = (c for c in comparisons if c.quantity.startswith(f"{law}."))
+    """The comparisons of parameters of `law` (or a further fit) at a series, by the name of the parameter; of several
+    numbers for one parameter, the first."""
+    mine = [c for c in comparisons if c.quantity.startswith(f"{law}.")][::-1]
     return {c.quantity.partition(".")[2]: c for c in mine if not series.at or dict(c.at) == dict(series.at)}
 
 

@@ -103,7 +103,11 @@ class ReferenceReader:
             return None
         if stated:
             return self._statement(name, at, numbers, unit or "", raw, place)
-        return ReferenceEntry(name, at, numbers["value"] or 0.0, numbers.get("error"))
+        says = raw.get("says", "")
+        if not isinstance(says, str):
+            self._problem((*place, "says"), "text is needed", "write its place in the paper, for example eq 14")
+            return None
+        return ReferenceEntry(name, at, numbers["value"] or 0.0, numbers.get("error"), says.strip())
 
     def _check_keys(self, raw: Mapping[str, Any], place: Location, stated: bool) -> None:
         """Note keys that are unknown, missing or, in a statement (`stated`), without a meaning."""

@@ -273,12 +273,16 @@ class Settings(Model):
 
 @dataclass(frozen=True)
 class ReferenceEntry:
-    """A published number [SI]: `quantity` as `law.parameter` or `measure.quantity`, `at` the points it is for."""
+    """A published number [SI]: `quantity` as `law.parameter` or `measure.quantity`, `at` the points it is for.
+
+    `says`: its place in the paper, such as an equation; empty if it is not stated.
+    """
 
     quantity: str
     at: dict[str, float | str]
     value: float
     error: float | None = None
+    says: str = ""
 
 
 @dataclass(frozen=True)

@@ -5,9 +5,11 @@ from functools import partial
 from pathlib import Path
 from typing import ClassVar
 
+from labbook.fit import LAWS
+from labbook.measure import Quantity
 from labbook.papers import Draw, Paper
 from labbook.papers.pongo2022 import figures, pages
-from labbook.papers.pongo2022.rotation import rotations_of
+from labbook.papers.pongo2022.rotation import TRENDS, rotations_of
 from labbook.papers.pongo2022.statements import FEATURES, TURNING, judged
 from labbook.report.blocks import Section
 from labbook.results.paper import Row
@@ -24,6 +26,11 @@ class Pongo2022(Paper):
 
     name = "pongo2022"
     heads = (TURNING,)
+    declared = tuple(
+        Quantity(f"{TURNING}.grain_rate.{name}", name.replace("_", " "), "1/m", "", "1/mm", 1e-3)
+        for name, trend in TRENDS.items()
+        if trend.by == "orifice"
+    )
     columns: ClassVar = {"rotation": dict.fromkeys(("ratio", "error", "low", "high"), "")}
 
     def unit(self, quantity: str, asked: Asked) -> str | Wrong | None:
@@ -34,18 +41,21 @@ class Pongo2022(Paper):
             return None
         if not asked.stated:
             return Wrong("what turning does is stated, not given as a number", "write `from` and `to` and `says`")
+        if name in LAWS:
+            names = [f"{TURNING}.{name}.{parameter}" for parameter in LAWS[name].parameters]
+            return "" if quantity in names else none_such(quantity, names)
         if feature and feature not in FEATURES:
             return Wrong(f"a curve has no {shown(feature)}", instead(feature, FEATURES))
         if all(scene.container.spin_key is None for scene in asked.scenes):
             return Wrong("this container has no rotation", "leave it out, or use a cylinder-silo")
         if name not in asked.units:
             return none_such(quantity, [f"{TURNING}.{one}" for one in asked.units])
-        return "Hz" if feature == "minimum" else ""
+        return _UNITS.get(feature, "")
 
     def judged(self, results: StudyResults, statement: Statement) -> Sequence[Judged] | None:
         if statement.quantity.partition(".")[0] != TURNING:
             return None
-        return judged(statement, rotations_of(results))
+        return judged(statement, rotations_of(results), results.series)
 
     def frames(self, results: StudyResults) -> Mapping[str, Iterable[Row]]:
         """`rotation`: a row a point and quantity, the ratio to the bottom at rest."""
@@ -64,6 +74,9 @@ class Pongo2022(Paper):
 
     def shows_beds_of(self, results: StudyResults) -> Collection[PointResult]:
         return [one for curve in rotations_of(results) for one in curve.points]
+
+
+_UNITS = {"minimum": "Hz"} | {name: "1/m" for name, trend in TRENDS.items() if trend.by == "orifice"}
 
 
 def _rows(results: StudyResults) -> Iterator[Row]:

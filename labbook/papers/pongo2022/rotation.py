@@ -1,8 +1,8 @@
 """What a turning bottom does (Pongo et al. 2022): points that differ in nothing else, over the one at rest; and how
-much more the flow of longer grains drops when the bottom begins to turn, and rises as it turns faster (Fig. 3)."""
+drop and rise of the flow depend on the length of the grains and on the outlet (Fig. 3)."""
 
 import math
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -12,7 +12,7 @@ from labbook.results import display
 from labbook.results.points import PointResult, by_seed, redundant, swept
 from labbook.results.study import StudyResults
 from labbook.stats import Pooled
-from labbook.stats.pooling import student, welch
+from labbook.stats.linear import slopes
 from labbook.stats.ratio import paired_ratio
 
 ROTATION = "container.rotation"
@@ -199,42 +199,56 @@ def rise_of(curve: Rotation, quantity: str) -> Pooled | None:
     return None if slowest is None else curve.ratio(quantity, len(curve.points) - 1, slowest)
 
 
-WITH_LENGTH: dict[str, Callable[[Rotation, str], Pooled | None]] = {
-    "drop_with_length": drop_of,
-    "rise_with_length": rise_of,
+@dataclass(frozen=True)
+class Trend:
+    """Dependence of a drop or a rise on the curve: the logarithm `of` each, and the slope `by` one of FACTORS."""
+
+    of: Callable[[Rotation, str], Pooled | None]
+    sign: float
+    by: str
+
+    def value(self, curve: Rotation, quantity: str) -> float | None:
+        """ln(Q(0)/Q_min) of a drop, ln(Q_max f/Q_min) of a rise; None where a curve has none."""
+        size = self.of(curve, quantity)
+        if size is None:
+            return None
+        ratio = size.value if self.sign > 0 else 1 - size.value
+        return self.sign * math.log(ratio) if ratio > 0 else None
+
+
+FACTORS: Mapping[str, Callable[[Rotation], float]] = {
+    "length": lambda curve: aspect_ratio(curve.points[0]),
+    "orifice": lambda curve: curve.orifice,
 }
-"""What a curve has that may grow with the length of its grains, by the name of the feature in a statement."""
+"""Factors of drops and rises: L/d, and D [m]."""
+TRENDS: Mapping[str, Trend] = {
+    f"{name}_with_{factor}": Trend(of, sign, factor)
+    for name, of, sign in (("drop", drop_of, -1.0), ("rise", rise_of, 1.0))
+    for factor in FACTORS
+}
+"""By the name of the feature in a statement."""
 
 
-def neighbours(curves: Sequence[Rotation]) -> Iterator[tuple[Rotation, Rotation, str]]:
-    """Each shape with the next longer one, by L/d, at equal D, and again at equal D/d* where that is another pair; and
-    at which."""
-    for longer in curves:
-        shape, wide = aspect_ratio(longer.points[0]), relative_orifice(longer.points[0])
-        shorter = [one for one in curves if aspect_ratio(one.points[0]) < shape]
-        alike = (
-            (f"D = {longer.orifice * 1e3:.4g} mm", [one for one in shorter if one.orifice == longer.orifice]),
-            (
-                f"D/d* = {wide:.3g}",
-                [one for one in shorter if abs(relative_orifice(one.points[0]) / wide - 1) < CLOSE],
-            ),
-        )
-        found: list[Rotation] = []
-        for where, group in alike:
-            nearest = max(group, key=lambda one: aspect_ratio(one.points[0]), default=None)
-            if nearest is not None and not any(nearest is one for one in found):
-                found.append(nearest)
-                yield nearest, longer, where
+def trend(curves: Sequence[Rotation], quantity: str, feature: str) -> tuple[Pooled, tuple[Rotation, ...]]:
+    """A slope of TRENDS, of a plane by those of FACTORS that vary, through all curves that have the number; and these.
+
+    Raises ValueError, which says what is lacking.
+    """
+    by, numbers = TRENDS[feature].by, [TRENDS[feature].value(curve, quantity) for curve in curves]
+    used = tuple(curve for curve, number in zip(curves, numbers, strict=True) if number is not None)
+    table = {name: [of(curve) for curve in used] for name, of in FACTORS.items()}
+    varied = [name for name, values in table.items() if len(set(values)) > 1]
+    if by not in varied:
+        raise ValueError(f"grains or outlets of several sizes are needed, and {by} does not vary")
+    rows = list(zip(*(table[name] for name in varied), strict=True))
+    plane = slopes(rows, [number for number in numbers if number is not None], CONFIDENCE)
+    return plane[varied.index(by)], used
 
 
-def gained(shorter: Rotation, longer: Rotation, quantity: str, feature: str) -> Pooled | None:
-    """A feature of `WITH_LENGTH` of the longer grains less that of the shorter, with Welch's interval: their packings
-    are no pairs."""
-    a, b = (WITH_LENGTH[feature](one, quantity) for one in (shorter, longer))
-    if a is None or b is None:
-        return None
-    n, value, error = min(a.n, b.n), b.value - a.value, math.hypot(a.error, b.error)
-    if n < 2:
-        return Pooled(value, math.nan, math.inf, n, CONFIDENCE)
-    freedom = welch(a.error**2, a.n, b.error**2, b.n)
-    return Pooled(value, error, student(CONFIDENCE, freedom) * error, n, CONFIDENCE)
+def along_rotation(frequencies: Sequence[float], values: Sequence[float]) -> tuple[float, float, float, float]:
+    """A positive number over the fastest turning bottom over that over the slowest, along a straight line of its
+    logarithm against f, with its standard error and the ends of its interval. Raises ValueError for too few places."""
+    (slope,) = slopes([[f] for f in frequencies], np.log(values).tolist(), CONFIDENCE)
+    span = max(frequencies) - min(frequencies)
+    ratio, low, high = (math.exp(span * one) for one in (slope.value, slope.low, slope.high))
+    return ratio, ratio * span * slope.error, low, high

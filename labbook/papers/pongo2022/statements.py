@@ -3,20 +3,22 @@
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
 
+from labbook.fit import LAWS
 from labbook.papers.pongo2022.rotation import (
     CONFIDENCE,
     FLOW,
     ROTATION,
-    WITH_LENGTH,
+    TRENDS,
     Rotation,
+    along_rotation,
     drop_of,
-    gained,
-    neighbours,
     rise_of,
+    trend,
 )
 from labbook.results import display
 from labbook.results.points import PointResult, by_seed
 from labbook.results.reference import matches
+from labbook.results.series import Series
 from labbook.results.statements import LACKING, Judged
 from labbook.stats import Pooled
 from labbook.stats.ratio import paired_ratio
@@ -24,7 +26,7 @@ from labbook.study import Statement
 
 TURNING = "rotation"
 """Statements on `rotation.QUANTITY` speak of the quantity over that with the bottom at rest."""
-FEATURES = ("drop", "minimum", "rise", "for_O_zz", "drop_with_length", "rise_with_length")
+FEATURES = ("drop", "minimum", "rise", "for_O_zz", *TRENDS)
 """What `rotation.QUANTITY.FEATURE` may be.
 
 | feature            | number                                                                        |
@@ -33,8 +35,11 @@ FEATURES = ("drop", "minimum", "rise", "for_O_zz", "drop_with_length", "rise_wit
 | `minimum`          | the frequency at which the quantity is smallest in size [Hz]                   |
 | `rise`             | at the fastest rotation over the smallest at slower ones                      |
 | `for_O_zz`         | of O_rr: what it gains over what O_zz loses                                   |
-| `drop_with_length` | drop less that of the next shorter grains, by L/d, at the same D or D/d*      |
-| `rise_with_length` | the same of the rise                                                          |
+| `drop_with_length`, `drop_with_orifice` | slope of ln(at rest / smallest) by L/d, by D [1/m] |
+| `rise_with_length`, `rise_with_orifice` | slope of ln(fastest / smallest) by L/d, by D [1/m] |
+
+`rotation.LAW.PARAMETER`, of a law that the study fits, is the parameter at the fastest over that at the slowest turning
+bottom, along a straight line of its logarithm against f.
 """
 _HOW = (
     "Ratios to the bottom at rest are of means over the seeds that both have, with 90 % intervals; so is the frequency "
@@ -43,17 +48,28 @@ _HOW = (
 )
 
 
-def judged(statement: Statement, curves: Sequence[Rotation]) -> list[Judged]:
-    """A statement on `rotation.QUANTITY` or one of its FEATURES, at each curve that it speaks of."""
+_NONE = "run points with the bottom at rest and turning"
+_TREND = (
+    "Trends with length and orifice are slopes of one plane through ln of the drop or the rise of all curves, with "
+    "90 % intervals from their scatter about it. Where beds clog at rest the ratios are those of the beds that flow."
+)
+_ALONG = "Parameters against the rotation: along a line of their logarithm, with 90 % intervals from the scatter."
+
+
+def judged(statement: Statement, curves: Sequence[Rotation], series: Sequence[Series] = ()) -> list[Judged]:
+    """A statement on `rotation.QUANTITY` or one of its FEATURES, at each curve that it speaks of; on a trend, of all
+    these curves at once; on a parameter of a law, of each group of series that differ in the rotation only."""
     quantity = statement.quantity.partition(".")[2]
     name, _, feature = quantity.partition(".")
-    if feature in WITH_LENGTH:
-        found = list(_with_length(statement, name, feature, curves))
-    else:
-        found = [one for curve in curves for one in _turning(statement, quantity or FLOW, curve)]
+    if feature in TRENDS:
+        return [replace(_trend(statement, name, feature, curves), how=_TREND)]
+    if name in LAWS:
+        ratios = [replace(ratio, how=_ALONG) for ratio in _along(statement, name, feature, series)]
+        why = f"fit {name} to outlets over turning bottoms"
+        return ratios or [Judged(statement, display.label(statement.at), None, why=why)]
+    found = [one for curve in curves for one in _turning(statement, quantity or FLOW, curve)]
     if not found:
-        why = "run points with the bottom at rest and turning"
-        return [Judged(statement, display.label(statement.at), None, why=why)]
+        return [Judged(statement, display.label(statement.at), None, why=_NONE)]
     return [replace(one, how=_HOW) for one in found]
 
 
@@ -100,21 +116,38 @@ def _turning(statement: Statement, name: str, curve: Rotation) -> Iterator[Judge
         yield _of_ratio(statement, where, drop_of(curve, quantity), curve.points)
 
 
-def _with_length(statement: Statement, quantity: str, feature: str, turning: Sequence[Rotation]) -> Iterator[Judged]:
-    """Each shape against the next shorter one; those of which the longer is at what the statement asks for."""
-    for shorter, longer, alike in neighbours(turning):
-        if not matches(statement.at, longer.points[0].point):
-            continue
-        where = f"{longer.shape} less {shorter.shape}, {alike}"
-        if not (shorter.has(quantity) and longer.has(quantity)):
-            yield Judged(statement, where, None, why=f"{quantity} was not measured at two frequencies")
-        elif shorter.unfinished or longer.unfinished:
+def _trend(statement: Statement, quantity: str, feature: str, curves: Sequence[Rotation]) -> Judged:
+    """One slope through all curves that the statement speaks of and that have all their runs."""
+    matching = [curve for curve in curves if matches(statement.at, curve.points[0].point)]
+    whole = [curve for curve in matching if not curve.unfinished]
+    where = display.label(statement.at)
+    if not whole:
+        return Judged(statement, where, None, why=LACKING if matching else _NONE)
+    try:
+        slope, used = trend(whole, quantity, feature)
+    except ValueError as problem:
+        return Judged(statement, where, None, why=str(problem))
+    points = tuple(point for curve in used for point in curve.points)
+    where = f"{len(used)} of {len(matching)} curves"
+    return Judged(statement, where, slope.value, slope.error, slope.low, slope.high, points=points)
+
+
+def _along(statement: Statement, law: str, parameter: str, series: Sequence[Series]) -> Iterator[Judged]:
+    groups: dict[tuple, list[Series]] = {}
+    for line in series:
+        if ROTATION in line.at and float(line.at[ROTATION]) != 0 and matches(statement.at, line.points[0].point):
+            groups.setdefault(tuple((name, v) for name, v in line.at.items() if name != ROTATION), []).append(line)
+    for at, group in groups.items():
+        fitted = [(line, number) for line in group if (number := line.parameters(law).get(parameter)) is not None]
+        where, points = display.label(dict(at)), tuple(point for line, _ in fitted for point in line.points)
+        if any(point.partial for point in points):
             yield Judged(statement, where, None, why=LACKING)
-        elif min(len(shorter.points), len(longer.points)) < 3:
-            yield Judged(statement, where, None, why="a minimum needs three frequencies")
+        elif len(fitted) < 3 or any(number.value <= 0 for _, number in fitted):
+            yield Judged(statement, where, None, why=f"a trend needs {law}.{parameter} above 0 at three frequencies")
         else:
-            points = (*shorter.points, *longer.points)
-            yield _of_ratio(statement, where, gained(shorter, longer, quantity, feature), points)
+            places = [abs(float(line.at[ROTATION])) for line, _ in fitted]
+            comparison = along_rotation(places, [number.value for _, number in fitted])
+            yield Judged(statement, where, *comparison, points=points)
 
 
 def _exchange(curve: Rotation, k: int) -> Pooled | None:

@@ -2,6 +2,7 @@
 
 import math
 from collections.abc import Sequence
+from itertools import cycle
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -163,11 +164,12 @@ def _reference(ax: "Axes", series: Series, comparisons: Sequence[Comparison], so
     """Flow rates of the reference at the points of the series."""
     ours = [result.at for result in series.points]
     theirs = [c for c in comparisons if c.quantity == "flow_rate" and ORIFICE in c.at and c.at in ours]
-    if theirs:
-        places = [float(c.at[ORIFICE]) * 1e3 for c in theirs]
-        values = _scaled(np.array([c.reference for c in theirs]), power)
-        look = {"marker": "D", "markersize": 6, "markerfacecolor": "none", "linestyle": "none", "zorder": 4}
-        ax.plot(places, values, color=INK, label=verbatim(source), **look)
+    for marker, says in zip(cycle("Ds^v"), dict.fromkeys(c.says for c in theirs), strict=False):
+        some = [c for c in theirs if c.says == says]
+        places = [float(c.at[ORIFICE]) * 1e3 for c in some]
+        values = _scaled(np.array([c.reference for c in some]), power)
+        look = {"marker": marker, "markersize": 6, "markerfacecolor": "none", "linestyle": "none", "zorder": 4}
+        ax.plot(places, values, color=INK, label=verbatim(f"{source}, {says}" if says else source), **look)
 
 
 def _their_law(

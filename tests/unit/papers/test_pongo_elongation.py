@@ -1,82 +1,97 @@
-"""That longer grains drop more: made-up runs with known drops, at the same orifice and at the same D/d*."""
+"""Drop and rise of the flow against length and outlet, and kappa against the rotation: made-up runs, known trends."""
 
 import math
 from dataclasses import replace
 from itertools import product
 
+import numpy as np
 import pytest
 from toy_results import analyse
-from turning_runs import ROD, SPHERE, F, Run, point, state
+from turning_runs import LENGTH, ROD, ROUND, SPHERE, F, Run, point, state
 
-from labbook.papers.pongo2022.rotation import WITH_LENGTH, aspect_ratio, gained, neighbours, rotations_of
+from labbook.papers.pongo2022.rotation import along_rotation
 from labbook.study.schema import Reference
 
-WIDE = (8e-3, 20e-3)
-LIMITS = ((0.3, math.inf), (0, 0.3), (-0.2, 0.2))
+WIDE, THIN = (8e-3, 20e-3), (5e-3, 20e-3)
+SEEDS = (1, 2, 3)
+OUTLETS = (0.05, 0.06, 0.07)
+DROP, RISE = 0.3, -20.0
+"""Slopes of ln(Q(0)/Q_min) by L/d, and of ln(Q(1.28 Hz)/Q_min) by D [1/m]."""
 
 
-@pytest.fixture(scope="module")
-def analysis(synthetic):
-    places = [*product((SPHERE, WIDE, ROD), (0.06,), F), *((WIDE, 0.07178, f) for f in F)]
+class Trending(Run):
+    """A run whose flow is slower while turning, the longer its rods, and rises less, the wider its outlet."""
+
+    def data(self):
+        made, scene = super().data(), self.point.scene
+        length, f = scene.grains.aspect_ratio, float(self.point.at["container.rotation"])
+        faster = -DROP * (length - 2.5) * (f > 0) + RISE * (scene.container.outlets[0].width - 0.06) * (f == F[-1])
+        left = made.tables["crossing"]
+        return replace(made, tables={"crossing": {**left, "time": left["time"] / math.exp(faster)}})
+
+
+PLACES = [*product((WIDE, ROD, THIN), OUTLETS, F)]
+
+
+def found(synthetic, *statements, of: type[Run] = Trending, places=PLACES, fit=(), leave_out=()):
     points = [point(k, f, size, D) for k, (size, D, f) in enumerate(places)]
-    stated = tuple(state("rotation.grain_rate.drop_with_length", low, high) for low, high in LIMITS)
-    stated = (
-        *stated,
-        replace(stated[0], at={"grains.length": 9.9e-3}),
-        state("rotation.grain_rate.rise_with_length", 0.2),
-    )
-    study = synthetic.study_of(points, fit=(), reference=Reference("someone", (), stated), replicates=8)
-    return analyse(study, [Run(p, seed) for p in points for seed in range(1, 9)])
+    study = synthetic.study_of(points, fit=fit, reference=Reference("someone", (), statements), replicates=SEEDS[-1])
+    runs = [of(p, seed) for p in points for seed in SEEDS if (p.index, seed) not in leave_out]
+    return [[one for one in analyse(study, runs).judged if one.statement is stated] for stated in statements]
 
 
-def test_each_shape_is_held_against_the_next_shorter_one(analysis):
-    found = [
-        (round(aspect_ratio(short.points[0]), 2), round(aspect_ratio(long.points[0]), 2), short.orifice, where)
-        for short, long, where in neighbours(rotations_of(analysis))
-    ]
-    assert found == [
-        (1.0, 2.5, 0.06, "D = 60 mm"),
-        (1.0, 2.5, 0.06, "D/d* = 6.06"),
-        (2.5, 3.33, 0.06, "D = 60 mm"),
-        (2.5, 3.33, 0.07178, "D/d* = 6.06"),
-    ]
+def test_one_plane_gives_the_trends_with_length_and_outlet(synthetic):
+    known = {"drop_with_length": DROP, "drop_with_orifice": 0.0, "rise_with_length": 0.0, "rise_with_orifice": RISE}
+    near = [0.05 if name.endswith("length") else 2.0 for name in known]
+    ends = [(truth - one, truth + one) for truth, one in zip(known.values(), near, strict=True)]
+    stated = [state(f"rotation.grain_rate.{name}", *two) for name, two in zip(known, ends, strict=True)]
+    beyond = [state(one.quantity, one.high) for one in stated]
+    judged = found(synthetic, *stated, *beyond)
+    for (there,), truth, one in zip(judged[:4], known.values(), near, strict=True):
+        assert (there.label, there.verdict) == ("9 of 9 curves", "holds"), there.statement.quantity
+        assert there.ours == pytest.approx(truth, abs=min(one / 2, 4 * there.error))
+    assert [one.verdict for (one,) in judged[4:]] == ["does not hold"] * 4
 
 
-@pytest.mark.parametrize(("feature", "of_rods"), [("drop_with_length", 0.51), ("rise_with_length", 0.28)])
-def test_the_gain_is_the_difference_of_both_with_an_error_of_both(analysis, feature, of_rods):
-    """Rods of both lengths drop by a half and rise by 30 %, spheres rise at once by 1 % and then by 2 % more."""
-    pairs = list(neighbours(rotations_of(analysis)))
-    for short, long, _ in pairs:
-        gain = gained(short, long, "grain_rate", feature)
-        below, above = (WITH_LENGTH[feature](one, "grain_rate") for one in (short, long))
-        assert gain is not None
-        assert below is not None
-        assert above is not None
-        assert gain.value == pytest.approx(above.value - below.value)
-        assert gain.error == pytest.approx(math.hypot(below.error, above.error))
-        expected = of_rods if short.shape == "spheres" else 0.0
-        assert abs(gain.value - expected) < 4 * gain.error
-        assert max((below, above), key=lambda one: one.error).half_width < gain.half_width < 3 * gain.error
+def test_a_trend_needs_several_sizes_and_whole_curves(synthetic):
+    stated = state("rotation.grain_rate.drop_with_length", 0)
+    one_length = [place for place in PLACES if place[0] == ROD]
+    ((alone,),) = found(synthetic, stated, places=one_length)
+    assert (alone.verdict, alone.ours) == ("undecided", None)
+    assert "length does not vary" in alone.why
+    ((lacking,),) = found(synthetic, stated, leave_out={(0, 3)})
+    assert (lacking.label, lacking.verdict) == ("8 of 9 curves", "holds")
+    ((others,),) = found(synthetic, replace(stated, at=ROUND))
+    assert others.ours is None
 
 
-def test_statements_are_judged_by_each_pair_of_which_the_longer_is_there(analysis):
-    above, within, none, of_spheres, rising = (
-        [one for one in analysis.judged if one.statement is stated] for stated in analysis.study.reference.statements
-    )
-    assert [one.verdict for one in above] == ["holds", "holds", "does not hold", "does not hold"]
-    assert [one.verdict for one in within] == ["does not hold", "does not hold", "undecided", "undecided"]
-    assert [one.verdict for one in none] == ["does not hold", "does not hold", "holds", "holds"]
-    assert [one.verdict for one in rising] == ["holds", "holds", "does not hold", "does not hold"]
-    assert above[0].label == "rods, L/d = 2.5 less spheres, D = 60 mm"
-    (alone,) = of_spheres
-    assert (alone.ours, alone.verdict) == (None, "undecided"), "nothing is shorter than a sphere"
+def test_spheres_count_where_the_statement_speaks_of_them(synthetic):
+    """Rods drop by a half, spheres by nothing: a plane through both rises with length, one through rods does not."""
+    places = [*product((SPHERE, WIDE, ROD), OUTLETS, F)]
+    stated = state("rotation.grain_rate.drop_with_length", 0.1)
+    ((all_shapes,), (rods,)) = found(synthetic, stated, replace(stated, at=LENGTH), of=Run, places=places)
+    assert (all_shapes.verdict, rods.verdict) == ("holds", "does not hold")
+    assert rods.ours == pytest.approx(0.0, abs=0.05)
 
 
-def test_runs_that_are_lacking_decide_nothing(synthetic, analysis):
-    points = analysis.study.points
-    stated = (state("rotation.grain_rate.drop_with_length", 0.3),)
-    study = synthetic.study_of(points, fit=(), reference=Reference("someone", (), stated), replicates=8)
-    ended = [Run(p, seed) for p in points for seed in range(1, 9) if p.index or seed < 8]
-    found = analyse(study, ended).judged
-    assert [one.ours is None for one in found] == [True, True, False, False]
-    assert "runs are missing" in found[0].why
+def test_a_parameter_of_a_law_is_compared_along_the_rotation(synthetic):
+    """ln Q rises with D by some 50/m, and by 20/m less at the fastest rotation."""
+    falls, grows = state("rotation.exponential.kappa", high=1), state("rotation.exponential.kappa", 1)
+    (low, high) = found(synthetic, falls, grows, fit=("exponential",))
+    assert [one.ours for one in low] == [pytest.approx(0.6, abs=0.05)] * 3
+    assert [one.verdict for one in low] == ["holds"] * 3
+    assert [one.verdict for one in high] == ["does not hold"] * 3
+    assert "d = 8 mm" in low[2].label
+
+
+def test_the_line_along_the_rotation_gives_the_ratio_with_honest_intervals():
+    f, truth, rng = [0.16, 0.32, 0.64, 0.96, 1.28], 0.8, np.random.default_rng(1)
+    rate = math.log(truth) / (f[-1] - f[0])
+    inside = 0
+    for _ in range(2000):
+        kappa = 0.09 * np.exp(rate * np.array(f) + 0.05 * rng.standard_normal(5))
+        ratio, error, low, high = along_rotation(f, kappa.tolist())
+        inside += low <= truth <= high
+        assert low < ratio < high
+        assert error > 0
+    assert inside / 2000 == pytest.approx(0.9, abs=0.02)

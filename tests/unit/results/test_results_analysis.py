@@ -10,9 +10,10 @@ from scipy import stats
 from toy_results import analyse
 
 from labbook.lab import Unreadable
+from labbook.report.tables import comparison_table
 from labbook.results.frames import to_json
 from labbook.results.points import pooled_point, redundant
-from labbook.results.reference import Comparison, agreement
+from labbook.results.reference import Comparison, agreement, of_reference
 from labbook.stats import Measured
 from labbook.study.schema import Accuracy, Reference, ReferenceEntry
 
@@ -102,6 +103,18 @@ def test_a_difference_is_told_in_standard_errors_of_both(analysis):
     fitted = analysis.series[0].fits["beverloo"].parameters["k"]
     assert k.in_errors == pytest.approx((fitted.value - 1.55) / fitted.error)
     assert k.relative == pytest.approx(fitted.value / 1.55 - 1)
+
+
+def test_of_several_numbers_for_one_quantity_each_has_its_place_and_the_first_is_drawn(synthetic):
+    points = [synthetic.point(k, D) for k, D in enumerate(synthetic.DIAMETERS)]
+    entries = tuple(
+        ReferenceEntry("beverloo.k", {}, value, says=says) for value, says in ((1.5, "eq 1"), (0.0, "eq 14"))
+    )
+    study = synthetic.study_of(points, reference=Reference("a paper", entries), fit=("beverloo",))
+    found = analyse(study, [synthetic.FinishedDouble(point, seed) for point in points for seed in (1, 2)])
+    assert [(c.reference, c.says) for c in found.comparisons] == [(1.5, "eq 1"), (0.0, "eq 14")]
+    assert of_reference(found.comparisons, "beverloo", found.series[0]) == {"k": 1.5}
+    assert [row[0] for row in comparison_table(found.comparisons).rows] == ["k, eq 1", "k, eq 14"]
 
 
 def test_a_reference_that_nothing_answers_is_shown_with_the_reason(synthetic):

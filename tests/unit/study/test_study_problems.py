@@ -275,6 +275,7 @@ def test_each_problem_is_told(tmp_path, old, new, line, key, message, remedy):
             "kg/s",
         ),
         ("grain_rate: {value: 3 Hz, error: 1 kg}", "grain_rate.error", "not one in kg", "1 s^-1"),
+        ("beverloo.k: {value: 1, says: 14}", "beverloo.k.says", "text is needed", "eq 14"),
         ("beverloo.k: {value: 1 m}", "beverloo.k.value", "without unit is needed", "without unit"),
         ("beverloo.q: {value: 1}", "beverloo.q", "beverloo.q is neither", "beverloo.C, beverloo.C_particle"),
         ("foo.bar: {value: 3}", "foo.bar", "foo.bar is neither measured nor fitted", "flow_rate"),
@@ -286,6 +287,7 @@ def test_each_problem_is_told(tmp_path, old, new, line, key, message, remedy):
         ("rotation.grain_rate: {to: 1, says: it}", "rotation.grain_rate", "no rotation", "cylinder-silo"),
         ("rotation.grain_rate: {value: 2}", "rotation.grain_rate", "not given as a number", "`says`"),
         ("rotation.grain_rate.fall: {to: 2, says: it}", "rotation.grain_rate.fall", "a curve has no fall", "drop"),
+        ("rotation.power.m: {to: 2, says: it}", "rotation.power.m", "neither measured nor fitted", "rotation.power.n"),
         ("rotatio.grain_rate: {to: 2, says: it}", "rotatio.grain_rate", "no law", "rotation?"),
     ],
 )
