@@ -21,7 +21,7 @@ from labbook.plan.coverage import finished
 from labbook.run.runner import Runner
 from labbook.stats import Measured
 
-pytestmark = [pytest.mark.compiles, pytest.mark.slow]
+pytestmark = [pytest.mark.compiles, pytest.mark.slow, pytest.mark.ring]
 MEASURES = ["flow_rate", "packing", "outlet_profiles", "ledger"]
 
 

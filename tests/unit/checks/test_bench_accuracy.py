@@ -105,6 +105,7 @@ def test_a_contact_that_lammps_law_lets_slide_at_once_keeps_a_spring_against_its
     assert spring < 0
 
 
+@pytest.mark.ring
 @pytest.mark.compiles
 @pytest.mark.parametrize("situation", [one for one in SITUATIONS if one.rods], ids=lambda one: one.name)
 def test_impacts_of_rods_come_nearer_to_the_integration(situation):

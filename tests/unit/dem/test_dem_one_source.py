@@ -50,7 +50,7 @@ def numba_module(module: ModuleType, given: dict, precision: str, folder) -> Mod
     return generated.load(f"numba_{precision}_{module.__name__.replace('.', '_')}", text, folder)
 
 
-@pytest.mark.parametrize("precision", ["double", "mixed"])
+@pytest.mark.parametrize("precision", ["double", pytest.param("mixed", marks=pytest.mark.ring)])
 @pytest.mark.parametrize("module", MODULES, ids=lambda m: m.__name__)
 def test_numba_agrees_with_python(module, precision, tmp_path):
     pytest.importorskip("numba")
@@ -139,7 +139,7 @@ def warp_module(module: ModuleType, given: dict, precision: str, folder) -> Modu
     return generated.load(f"warp_{precision}_{module.__name__.replace('.', '_')}", text, folder)
 
 
-@pytest.mark.parametrize("precision", ["double", "mixed"])
+@pytest.mark.parametrize("precision", [pytest.param("double", marks=pytest.mark.ring), "mixed"])
 @pytest.mark.parametrize("module", MODULES, ids=lambda m: m.__name__)
 def test_warp_agrees_with_python(module, precision, tmp_path):
     wp = pytest.importorskip("warp", reason="Warp is not installed: pip install 'labbook[warp]'")

@@ -67,6 +67,7 @@ def sources(tmp_path) -> Path:
     return folder
 
 
+@pytest.mark.ring
 @pytest.mark.slow
 def test_a_second_process_hits_and_an_edited_law_misses(sources, tmp_path):
     cache = tmp_path / "cache"
