@@ -31,6 +31,8 @@ from labbook.scene.orientation import random_turns
 from labbook.scene.packing import Packing
 
 pytestmark = pytest.mark.compiles
+DOUBLE_IN_THE_RING = [pytest.param("double", marks=pytest.mark.ring), "mixed"]
+"""Of tests whose kernels no other test needs, and whose host does the same in both precisions."""
 
 
 @pytest.fixture(scope="module")
@@ -93,7 +95,7 @@ def test_energy_balances(precision, bed):
     assert np.ptp(total) < rounding * np.abs(total).max()
 
 
-@pytest.mark.parametrize("precision", PRECISIONS)
+@pytest.mark.parametrize("precision", DOUBLE_IN_THE_RING)
 def test_bits_do_not_depend_on_the_company(precision, bed):
     """Neither on neighbours, nor on the slot, on a checkpoint, or on when lists are built."""
     scene, how, probes = silo(40), numerics(precision), [Crossing(), Ledger()]
@@ -125,7 +127,7 @@ def test_bits_do_not_depend_on_the_company(precision, bed):
     ensemble.close()
 
 
-@pytest.mark.parametrize("precision", PRECISIONS)
+@pytest.mark.parametrize("precision", DOUBLE_IN_THE_RING)
 def test_a_kernel_of_their_own_for_walls_decides_no_bit(precision, bed, monkeypatch):
     """Walls are met in the step itself, or before it, in a bed that flows over a turning edge."""
     scene, how = silo(40), numerics(precision)
@@ -137,7 +139,7 @@ def test_a_kernel_of_their_own_for_walls_decides_no_bit(precision, bed, monkeypa
     assert (ends[0].wall_part > 1).any(), "none lies across the edge"
 
 
-@pytest.mark.parametrize("precision", PRECISIONS)
+@pytest.mark.parametrize("precision", DOUBLE_IN_THE_RING)
 @pytest.mark.parametrize("spin", [1e12, 1e25])
 def test_forces_too_large_to_be_counted_are_caught(spin, precision, bed):
     """Rods that spin without bound are damped without bound where they touch; such forces may cancel as integers."""
@@ -154,7 +156,7 @@ def test_forces_too_large_to_be_counted_are_caught(spin, precision, bed):
 
 
 @pytest.mark.gpu
-@pytest.mark.parametrize("precision", PRECISIONS)
+@pytest.mark.parametrize("precision", DOUBLE_IN_THE_RING)
 @pytest.mark.parametrize("scene", [silo(40), trough(), planes()], ids=["frustums", "strips and planes", "planes"])
 def test_threads_that_share_a_grain_decide_no_bit(scene, precision, bed, monkeypatch):
     """On a GPU, where one thread a grain leaves walls to a kernel of their own, and several meet them in the step; and
@@ -175,8 +177,7 @@ def test_a_number_of_threads_that_masks_cannot_name_is_refused(lanes):
         Backend(lanes=lanes)
 
 
-# 16 s to compile; the host puts beats back alike in both precisions
-@pytest.mark.parametrize("precision", [pytest.param("double", marks=pytest.mark.ring), "mixed"])
+@pytest.mark.parametrize("precision", DOUBLE_IN_THE_RING)
 def test_a_beat_that_is_put_back_leaves_no_trace(precision, bed, monkeypatch):
     """Of some members and not of others, with lists that grow, and beside one that fails within a beat."""
     scene, small, how = silo(40), silo(23), numerics(precision)
