@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from labbook.measure.flow import WINDOW_START
 from labbook.measure.outlet import DEFINITIONS, ProfileAcross
 from labbook.measure.series import discharged, mean_mass
 from labbook.results.against import against
@@ -196,7 +197,7 @@ def _points(results: StudyResults) -> Iterator[Row]:
                 "unit": measured[0].unit,
                 "replicates": pooled.n,
                 "n_effective": math.fsum(one.n_effective for one in measured if math.isfinite(one.n_effective)),
-                "window_start": results.study.window.start,
+                "window_start": _window_start(results, result),
                 "window_end": results.study.window.end,
                 **({"window_unit": "s"} if results.study.window.timed else {}),
                 **outcomes,
@@ -205,6 +206,14 @@ def _points(results: StudyResults) -> Iterator[Row]:
                 "remark": result.remark,
                 "stale": any(map(results.stale_because, result.runs)),
             }
+
+
+def _window_start(results: StudyResults, result: PointResult) -> float:
+    """Start of the window of a point; of windows that open at the end of the start-up the mean over its runs."""
+    if not results.study.window.auto:
+        return results.study.window.start
+    start = result.pooled.get(WINDOW_START)
+    return math.nan if start is None else start.value
 
 
 def _against(results: StudyResults) -> Iterator[Row]:
