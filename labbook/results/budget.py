@@ -88,8 +88,13 @@ class Budget:
 def budgets(results: StudyResults) -> tuple[Budget, ...]:
     """The budget of W and of the packing fraction of every point that has them, and of every parameter that was fitted
     to a series."""
-    found = [*_of_points(results, FLOW_RATE), *_of_points(results, PACKING_FRACTION), *_of_series(results)]
-    return tuple(found)
+    return (*point_budgets(results), *_of_series(results))
+
+
+def point_budgets(results: StudyResults) -> tuple[Budget, ...]:
+    """The budget of W and of the packing fraction of every point that has them. No other start of the window is
+    evaluated for these."""
+    return (*_of_points(results, FLOW_RATE), *_of_points(results, PACKING_FRACTION))
 
 
 def _of_points(results: StudyResults, quantity: str) -> Iterator[Budget]:

@@ -93,8 +93,10 @@ def test_nothing_is_evaluated_where_nothing_is_fitted_or_the_window_is_one_in_ti
 def test_starts_are_evaluated_once_and_kept_beside_the_run(tmp_path, monkeypatch):
     path = study_file(tmp_path, "fit: [power]", orifices="[18, 21, 24]", count=400)
     labbook("run", path, "--lab", tmp_path / "lab", "--backend", "toy")
-    labbook("fit", path, "--lab", tmp_path / "lab", "--backend", "toy")
     runs = list((tmp_path / "lab" / "runs").iterdir())
+    labbook("fit", path, "--lab", tmp_path / "lab", "--backend", "toy")
+    assert not any(list(run.glob("measured-window_starts-*.npz")) for run in runs)  # what fits print needs none
+    labbook("export", path, "--lab", tmp_path / "lab", "--backend", "toy", "--out", tmp_path / "first")
     assert all(len(list(run.glob("measured-window_starts-*.npz"))) == 1 for run in runs)
     monkeypatch.setattr(WindowStarts, "evaluate", lambda *_: pytest.fail("evaluated again"))
     told = labbook("export", path, "--lab", tmp_path / "lab", "--backend", "toy", "--out", tmp_path / "tables").output
