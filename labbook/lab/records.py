@@ -26,6 +26,7 @@ from labbook.backend.probes import parse_probe
 from labbook.filling import Kick
 from labbook.lab.folder import open_file, write_bytes
 from labbook.measure import Window, scales
+from labbook.measure.measure import after_start_up
 from labbook.scene import Scene
 from labbook.study.schema import names_a_study
 
@@ -361,14 +362,15 @@ def repeat(seed: int, discharge: int = 1) -> str:
 
 
 class Observe(Part):
-    """What is measured, over which fractions of the initial mass discharged; `timed`: over which times [s]. The others:
-    what the window states of `labbook.measure.scales`."""
+    """What is measured, over which fractions of the initial mass discharged; `timed`: over which times [s]; `auto`:
+    from the end of the start-up. The others: what the window states of `labbook.measure.scales`."""
 
     measure: tuple[str, ...]
     start: float
     end: float
     # where there is none it is left out of what is stored
     timed: Annotated[bool, Field(exclude_if=lambda timed: not timed)] = False
+    auto: Annotated[bool, Field(exclude_if=lambda auto: not auto)] = False
     gap: Stated = None
     moment: Stated = None
     interval: Stated = None
@@ -378,7 +380,8 @@ class Observe(Part):
     def of(cls, measure: Iterable[str], window: Window) -> "Observe":
         """These measures, within a window."""
         stated = {key: getattr(window, key, None) for key in scales.KEYS}
-        return cls(measure=tuple(measure), start=window.start, end=window.end, timed=window.timed, **stated)
+        auto = after_start_up(window)
+        return cls(measure=tuple(measure), start=window.start, end=window.end, timed=window.timed, auto=auto, **stated)
 
 
 class RunRecord(FolderRecord):

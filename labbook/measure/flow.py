@@ -16,6 +16,7 @@ from labbook.measure.measure import (
     MeasureError,
     Quantity,
     Window,
+    after_start_up,
     apart,
     while_flowing,
     window_in_words,
@@ -31,10 +32,15 @@ CUT_SHORT = ENDED.format("finished")
 WIDER = "use more grains or a wider window"
 """What helps against too few grains in the window."""
 _GRAINS_PER_BIN, _BINS = 25, 80  # of W(t): as fine as counting allows, and no finer than a figure shows
+NO_PLATEAU = "no steady part: the start-up takes more than half of the outflow up to the end of the window"
+"""Note on a run whose window was to open at the end of its start-up."""
+WINDOW_START = "window_start"
+"""Quantity: discharged fraction at which the window of a run opens."""
 _RATES = (
     Quantity("flow_rate", "W", "kg/s", "mass flow rate in the window", "g/s", 1e3),
     Quantity("grain_rate", "Q", "1/s", "grains per second in the window"),
     Quantity("flow_rate_drift", "drift of W", "", "relative change of W across the window", "%", 100),
+    Quantity(WINDOW_START, "end of the start-up", "", "mass discharged as the window opens (`auto`)", "%", 100),
 )
 
 
@@ -43,7 +49,8 @@ class FlowRate(Measure):
 
     Quantities: `flow_rate` [kg/s], `grain_rate` [1/s], `flow_rate_drift` (relative change across the window,
     from a straight line through 12 blocks) and, with gaps, `gap_time` [s]. The note `trending` says that
-    there is no plateau. A run that clogged gives `flow_rate_flowing` and `grain_rate_flowing` instead, the
+    there is no plateau. With `window.start: auto` there is `window_start`, the discharged fraction at
+    which the window opens. A run that clogged gives `flow_rate_flowing` and `grain_rate_flowing` instead, the
     rates while it flowed, and `waiting_time` [s] since the last grain, which is censored: the true one is
     longer. A window with too few grains gives a rate of NaN and says so. Arrays: those of `Trace`, W(t) in bins of
     25 grains and more, 80 of them at most.
@@ -179,6 +186,9 @@ def _rates(
             note,
         ),
     ]
+    if after_start_up(window):
+        how = "exponential start-up fitted to the crossings"
+        numbers.append(Measured(WINDOW_START + suffix, flow.fraction[0], math.nan, 1, where, how, "", note))
     if flow.gaps:
         how = f"times between grains longer than {flow.longest:.4g} s"
         numbers.append(Measured("gap_time", flow.gap_time, math.nan, flow.gaps, where, how, "s", note))
@@ -187,8 +197,10 @@ def _rates(
 
 def _notes(flow: SteadyFlow, run: RunData, window: Window) -> list[str]:
     notes = []
-    if flow.trend.trending:
+    if flow.trend.trending or not flow.plateau:
         notes.append("trending")
+    if not flow.plateau:
+        notes.append(NO_PLATEAU)
     if flow.gaps:
         plural = "gap" if flow.gaps == 1 else "gaps"
         notes.append(f"{flow.gaps} {plural} without flow left out, {flow.gap_time:.3g} s together")

@@ -29,7 +29,9 @@ class Window(Protocol):
     """Part of a discharge: from the fraction `start` to the fraction `end` of the initial mass discharged; if it is
     `timed`, from the time `start` to the time `end` after the opening [s]. Of a fed bed `end` is infinite.
 
-    It may also have any of `labbook.measure.scales.KEYS`: times and lengths by which the outflow is measured.
+    It may also have any of `labbook.measure.scales.KEYS`: times and lengths by which the outflow is measured. If it has
+    `auto`, and that is true, it opens where the start-up of each run ends (`labbook.measure.startup`), not before
+    `start`.
     """
 
     @property
@@ -42,8 +44,16 @@ class Window(Protocol):
     def timed(self) -> bool: ...
 
 
+def after_start_up(window: Window) -> bool:
+    """True for a window that opens where the start-up of each run ends."""
+    return bool(getattr(window, "auto", False))
+
+
 def window_in_words(window: Window, what: str = "mass") -> str:
-    """`0.15 to 0.6 of the mass discharged`, or `0.5 s to 3.5 s`; `what` is discharged."""
+    """`0.15 to 0.6 of the mass discharged`, `the end of the start-up to 0.6 of the mass discharged`, or `0.5 s to
+    3.5 s`; `what` is discharged."""
+    if after_start_up(window):
+        return f"the end of the start-up to {window.end:.3g} of the {what} discharged"
     if window.timed:
         return f"{window.start:.4g} s to {window.end:.4g} s"
     if math.isinf(window.end):

@@ -6,7 +6,7 @@ The multiples are close to what Pongo et al. (2022) use for grains with d* = 9.9
 
 import math
 
-from labbook.measure.measure import Window
+from labbook.measure.measure import Window, after_start_up
 from labbook.scene import Scene
 from labbook.scene.timescales import gravity_time
 
@@ -44,9 +44,11 @@ def layer(scene: Scene, window: Window | None = None) -> float:
 
 
 def in_text(window: Window) -> str:
-    """What a window states of these, such as `gap=1.0 layer=0.01`; empty for nothing. It tells evaluations apart."""
+    """What a window states of these, such as `gap=1.0 layer=0.01`, and `start=auto`; empty for nothing. It tells
+    evaluations apart."""
     stated = ((key, _stated(window, key)) for key in KEYS)
-    return " ".join(f"{key}={value!r}" for key, value in stated if value is not None)
+    start = ["start=auto"] if after_start_up(window) else []
+    return " ".join([*start, *(f"{key}={value!r}" for key, value in stated if value is not None)])
 
 
 def _stated(window: Window | None, key: str) -> float | None:

@@ -7,9 +7,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from labbook.measure.data import RunData
-from labbook.measure.measure import Window
+from labbook.measure.measure import Window, after_start_up
 from labbook.measure.scales import gap as gap_of
 from labbook.measure.series import crossings
+from labbook.measure.startup import LONGEST, end_of_start_up
 from labbook.stats.correlation import block_mean, correlated_mean
 from labbook.stats.pooling import student
 from labbook.stats.trend import Trend, trend
@@ -52,6 +53,9 @@ class SteadyFlow:
     gaps: int
     gap_time: float
     longest: float
+    plateau: bool = True
+    """False if the window was to open at the end of the start-up, and the start-up takes more than half of the
+    outflow. The window is then the other half."""
 
     @property
     def larger_error(self) -> float:
@@ -101,6 +105,11 @@ def steady_flow(
         last = int(np.searchsorted(passed, window.end * total + 1e-9, side="right")) - 1
     if last - first < FEWEST:
         return None
+    plateau = True
+    if after_start_up(window):
+        opening = end_of_start_up(times[: last + 1], passed[: last + 1], gap)
+        plateau = opening is not None
+        first = max(first, math.ceil(LONGEST * last) if opening is None else opening)
     waits = np.diff(times[first : last + 1])
     flowing = waits <= gap
     kept, carried = waits[flowing], mass[first + 1 : last + 1][flowing]
@@ -130,6 +139,7 @@ def steady_flow(
         gaps=int((~flowing).sum()),
         gap_time=float(waits[~flowing].sum()),
         longest=gap,
+        plateau=plateau,
     )
 
 

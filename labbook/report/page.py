@@ -22,6 +22,7 @@ from labbook.report.paper import sections_of_all
 from labbook.report.result_box import concerns, result_box, summary
 from labbook.report.sections import marks, series_sections
 from labbook.report.setting import setting
+from labbook.report.starts import start_sections
 from labbook.report.statement_tables import statement_digest, statement_table
 from labbook.results import display
 from labbook.results.study import StudyResults
@@ -163,6 +164,7 @@ PARTS: tuple[Part, ...] = (
     _statements,
     sections_of_all,
     _flow_rates,
+    start_sections,
     _budget,
     _numerics,
     _further,

@@ -11,7 +11,7 @@ from labbook.report.against import changes, found_against
 from labbook.report.blocks import Facts
 from labbook.report.fitted_tables import NOT_DETERMINED, parameter_row
 from labbook.results import display
-from labbook.results.budget import budgets
+from labbook.results.budget import point_budgets
 from labbook.results.budget import summed_up as budget_summed_up
 from labbook.results.numerical import NUMERICS
 from labbook.results.numerical import summed_up as numerics_summed_up
@@ -75,7 +75,7 @@ def _found(results: StudyResults) -> list[Row]:
         rows.append((results.source, summed_up(results.judged, results.source)))
     if tested:
         rows.append(("Numerics", tested))
-    known = budgets(results)
+    known = point_budgets(results)
     sentences = [budget_summed_up(known, quantity) for quantity in (FLOW_RATE, PACKING_FRACTION)]
     if any(sentences):
         rows.append(("Error budget", " ".join(filter(None, sentences))))

@@ -165,7 +165,8 @@ def _parts(part: float) -> str:
 _BUDGET = (
     "Relative to the value. Seeds: half width of the 95 % interval. Numerics: the largest difference in this study, or "
     "for W, if there is none, the calibrated bound of the bias. Window: half of the drift of W across the window, by "
-    "which W at either end differs from its mean. Filling, bed: the largest difference in this study."
+    "which W at either end differs from its mean; for fitted parameters the largest difference to windows that open at "
+    "0.1, 0.15, 0.2 and at the end of the start-up. Filling, bed: the largest difference in this study."
 )
 
 

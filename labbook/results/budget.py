@@ -10,6 +10,7 @@ from labbook.fit import Parameter
 from labbook.results import display
 from labbook.results.points import BED, DRIFT, FILLING, FLOW_RATE, NUMERICS, PointResult
 from labbook.results.series import PACKING_FRACTION, Series
+from labbook.results.starts import window_share
 from labbook.results.study import StudyResults
 from labbook.scene.quantities import percent
 from labbook.stats import Pooled
@@ -87,8 +88,13 @@ class Budget:
 def budgets(results: StudyResults) -> tuple[Budget, ...]:
     """The budget of W and of the packing fraction of every point that has them, and of every parameter that was fitted
     to a series."""
-    found = [*_of_points(results, FLOW_RATE), *_of_points(results, PACKING_FRACTION), *_of_series(results)]
-    return tuple(found)
+    return (*point_budgets(results), *_of_series(results))
+
+
+def point_budgets(results: StudyResults) -> tuple[Budget, ...]:
+    """The budget of W and of the packing fraction of every point that has them. No other start of the window is
+    evaluated for these."""
+    return (*_of_points(results, FLOW_RATE), *_of_points(results, PACKING_FRACTION))
 
 
 def _of_points(results: StudyResults, quantity: str) -> Iterator[Budget]:
@@ -114,7 +120,7 @@ def _of_series(results: StudyResults) -> Iterator[Budget]:
             for series, (at, value) in zip(known, values, strict=True):
                 swept = {source: _swept(source, at, value, values) for source in _SWEPT}
                 shares = [_fitted(series.parameters(law)[name]), swept["numerics"]]
-                shares += [Share("window", None, NOT_MEASURED), swept["filling"], swept["bed"]]
+                shares += [_opening(results, series, law, name), swept["filling"], swept["bed"]]
                 yield Budget(f"{law}.{name}", series, value, tuple(shares))
 
 
@@ -159,6 +165,12 @@ def _window(result: PointResult) -> Share:
         return Share("window", None, NOT_MEASURED)
     error = f" ± {percent(drift.half_width, '.1f')}" if math.isfinite(drift.half_width) else ""
     return Share("window", abs(drift.value) / 2, f"half of the drift, {percent(drift.value, '+.2f')}{error}")
+
+
+def _opening(results: StudyResults, series: Series, law: str, name: str) -> Share:
+    """By as much as a parameter moves between sensible starts of the window."""
+    change = window_share(results, series, law, name)
+    return Share("window", None, NOT_MEASURED) if change is None else Share("window", *change)
 
 
 def _swept(source: Source, at: Mapping[str, float | str], value: float, values: Values) -> Share:

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from labbook.measure.flow import WINDOW_START
 from labbook.measure.outlet import DEFINITIONS, ProfileAcross
 from labbook.measure.series import discharged, mean_mass
 from labbook.results.against import against
@@ -17,6 +18,7 @@ from labbook.results.paper import frames as frames_of_papers
 from labbook.results.points import PointResult, RunResult
 from labbook.results.recorded import acceleration
 from labbook.results.series import Series
+from labbook.results.starts import at_starts
 from labbook.results.study import StudyResults
 
 if TYPE_CHECKING:
@@ -56,6 +58,7 @@ def frames(
     | `against`       | point and swept key: W, and its ratio to that at the first value, paired where runs can be   |
     | `series`        | series of points that differ in their orifice: the laws that the data prefer              |
     | `fits`          | series, law and parameter: value, error, interval; goodness, version and formula          |
+    | `starts`        | series, start of the window, law and parameter: value and error                           |
     | `bands`         | series, law and orifice: W, its 95 % band, and that of one more point of as many seeds     |
     | `problems`      | what is lacking: points without runs, runs that cannot be read or measured, laws not fitted |
     | `reference`     | number of the reference: theirs, ours, and how far they lie apart                         |
@@ -82,6 +85,7 @@ def frames(
         "against": _against(results),
         "series": _series(results),
         "fits": _fits(results),
+        "starts": _starts(results),
         "bands": _bands(results),
         "problems": (),
         "reference": _reference(results),
@@ -196,7 +200,7 @@ def _points(results: StudyResults) -> Iterator[Row]:
                 "unit": measured[0].unit,
                 "replicates": pooled.n,
                 "n_effective": math.fsum(one.n_effective for one in measured if math.isfinite(one.n_effective)),
-                "window_start": results.study.window.start,
+                "window_start": _window_start(results, result),
                 "window_end": results.study.window.end,
                 **({"window_unit": "s"} if results.study.window.timed else {}),
                 **outcomes,
@@ -205,6 +209,14 @@ def _points(results: StudyResults) -> Iterator[Row]:
                 "remark": result.remark,
                 "stale": any(map(results.stale_because, result.runs)),
             }
+
+
+def _window_start(results: StudyResults, result: PointResult) -> float:
+    """Start of the window of a point; of windows that open at the end of the start-up the mean over its runs."""
+    if not results.study.window.auto:
+        return results.study.window.start
+    start = result.pooled.get(WINDOW_START)
+    return math.nan if start is None else start.value
 
 
 def _against(results: StudyResults) -> Iterator[Row]:
@@ -259,6 +271,16 @@ def _fits(results: StudyResults) -> Iterator[Row]:
             for name, parameter in series.parameters(law).items():
                 head = {**_of_series(series), "law": law, "parameter": name}
                 yield {**head, **vars(parameter), **_goodness(series, law), **_resting(results, _fitted(series, law))}
+
+
+def _starts(results: StudyResults) -> Iterator[Row]:
+    for series in results.series:
+        for at, moved in ((at, at.of(series)) for at in at_starts(results)):
+            start = {"start": "auto" if at.window.auto else f"{at.window.start:g}", "opens": at.opens}
+            for law, fit in moved.fits.items() if moved is not None else ():
+                for name, parameter in fit.parameters.items():
+                    value = {"value": parameter.value, "error": parameter.error, "unit": parameter.unit}
+                    yield {**_of_series(series), **start, "law": law, "parameter": name, **value}
 
 
 def _fitted(series: Series, law: str) -> Sequence[PointResult]:

@@ -92,6 +92,9 @@ def unfed(source: StudyText, settings: Settings, points: Sequence[Point], window
     for key in sorted(stop & {"discharged", "fill_height"}):
         remedy = "leave it out: runs end when accuracy.flow_rate is reached, or at stop.max_time"
         yield Problem(source.path, source.line(("stop", key)), f"stop.{key}", never, remedy)
+    if window.auto:
+        reason = "auto finds the start-up of a discharge, and the flow of a fed bed changes until half of it has left"
+        yield Problem(source.path, source.line(("window", "start")), "window.start", reason, "state it, such as 0.5")
     for key in sorted(stated & {"end", "after", "until"}):
         reason = f"{never}: the window opens after the start-up, by mass, and closes when the run ends"
         remedy = "leave it out, or state window.start alone"

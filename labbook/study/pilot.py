@@ -69,7 +69,7 @@ def _pilot(study: Study, ends: list[Point], seeds: int, settings: Sequence[tuple
     points = [{**_at(point), **numerics} for numerics in _numerics(ends, settings) for point in ends]
     stated = {key: study.stated[key] for key in _KEPT if key in study.stated}
     if not (study.window.timed or study.fed):  # with its points alone the window could be another one
-        stated["window"] = {"start": study.window.start, "end": study.window.end}
+        stated["window"] = {"start": study.window.opening, "end": study.window.end}
     fill = {key: value for key, value in study.stated.get("fill", {}).items() if key != "numerics"}
     defined = define(
         {

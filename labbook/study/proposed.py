@@ -41,7 +41,8 @@ def _read(study: Study, assignments: Sequence[Assignment]) -> tuple[Point, ...]:
     changes: dict[str, Any] = {"points": [written_at(one.at) for one in assignments], "adapt": None}
     changes |= {"sweep": None} if "sweep" in study.stated else {}
     if not (study.window.timed or study.fed):  # with these points alone the window could be another one
-        changes["window"] = {**study.stated.get("window", {}), "start": study.window.start, "end": study.window.end}
+        ends = {"start": study.window.opening, "end": study.window.end}
+        changes["window"] = {**study.stated.get("window", {}), **ends}
     return study.change(changes).points
 
 

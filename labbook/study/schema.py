@@ -8,6 +8,7 @@ from typing import Annotated, Any, Literal
 from pydantic import (
     BeforeValidator,
     Field,
+    PrivateAttr,
     StrictBool,
     TypeAdapter,
     ValidationError,
@@ -24,6 +25,9 @@ from labbook.scene.model import Among, Fault, Model, OrWord, refuse
 from labbook.scene.quantities import Coefficient, Duration, Instant, Length, Ratio, Whole
 from labbook.scene.scene import Scene
 
+AUTO: Literal["auto"] = "auto"
+"""Value of `discharges_per_bed` for which the cheapest number is chosen, and of `window.start` for the end of the
+start-up."""
 Fraction = Annotated[Ratio, Field(ge=0, le=1)]
 Name = Annotated[str, Field(pattern=r"^[A-Za-z][A-Za-z0-9_-]*$", max_length=80)]
 
@@ -98,11 +102,13 @@ MARGIN = 0.05
 class Window(Model):
     """The part of a discharge in which its flow is taken to be steady, by discharged fraction of the mass, or by time.
 
-    Of a window by time, `start` and `end` are the times [s] once it is made.
+    Of a window by time, `start` and `end` are the times [s] once it is made. Of one that opens at the end of the
+    start-up, `auto` is true and `start` is 0.
     """
 
-    start: Fraction = 0.15
-    """Discharged mass fraction at which the window opens."""
+    start: Annotated[float, OrWord(Fraction, AUTO)] = 0.15
+    """Discharged mass fraction at which the window opens. `auto`: in each run at the end of its start-up, where the
+    flow rate has come within 1 % of its plateau."""
     end: Fraction = LATEST
     """Discharged mass fraction at which the window closes. If left out: where the lowest bed of the study is still
     1.2 container widths high, between 0.3 and 0.6; 0.6 where that height is unknown."""
@@ -119,6 +125,17 @@ class Window(Model):
     """Time between the two velocities whose difference is the acceleration above the outlet."""
     layer: Length | None = None
     """Height of the layer above the outlet over which fields are averaged."""
+    _auto: bool = PrivateAttr(default=False)
+
+    @property
+    def auto(self) -> bool:
+        """True if it opens at the end of the start-up of each run."""
+        return self._auto
+
+    @property
+    def opening(self) -> float | Literal["auto"]:
+        """Value of `start` as a study states it."""
+        return AUTO if self.auto else self.start
 
     @property
     def timed(self) -> bool:
@@ -132,6 +149,9 @@ class Window(Model):
 
     @model_validator(mode="after")
     def _has_a_length(self):
+        if self.start == AUTO:
+            self._auto = True
+            object.__setattr__(self, "start", 0.0)
         refuse(self._faults())
         if self.after is not None and self.until is not None:
             for end, time in (("start", self.after), ("end", self.until)):
@@ -199,8 +219,6 @@ Names = Annotated[tuple[str, ...], BeforeValidator(lambda names: [names] if isin
 """A list of names; one alone need not stand in brackets."""
 
 
-AUTO: Literal["auto"] = "auto"
-"""Value of `discharges_per_bed` for which the cheapest number is looked for."""
 PerBed = Annotated[int | Literal["auto"], OrWord(Annotated[Whole, Field(ge=1, le=10_000)], AUTO)]
 
 

@@ -139,7 +139,8 @@ class WindowKeys(TypedDict, total=False):
     """Section `window`."""
 
     start: object
-    """Discharged mass fraction at which the window opens. Range: in [0, 1]."""
+    """Discharged mass fraction at which the window opens. `auto`: in each run at the end of its start-up, where the
+    flow rate has come within 1 % of its plateau. Range: in [0, 1] or auto."""
     end: object
     """Discharged mass fraction at which the window closes. If left out: where the lowest bed of the study is still
     1.2 container widths high, between 0.3 and 0.6; 0.6 where that height is unknown. Range: in [0, 1]."""

@@ -76,7 +76,7 @@ class Fan2023(Paper):
     def sections(self, results: StudyResults, folder: Path) -> Sequence[Section]:
         outlets = pages.outlet_pictures(results, folder)
         first = [Section("Outlets of all series", tuple(outlets))] if outlets else []
-        return [*first, *pages.ratio_sections(results, folder)]
+        return [*first, *pages.ratio_sections(results, folder), *pages.start_sections(results)]
 
     def of_series(
         self, results: StudyResults, series: Series, folder: Path, suffix: str, where: str

@@ -7,14 +7,16 @@ import numpy as np
 
 from labbook.measure.outlet import CROSSINGS, DEFINITIONS
 from labbook.papers.fan2023 import figures
-from labbook.papers.fan2023.profiles import ProfileFit, approaches, profile_fit
-from labbook.papers.fan2023.ratios import Ratio, angle_factors, authors, by_angle, by_position
+from labbook.papers.fan2023.profiles import ProfileFit, approaches, profile_fit, shared_parameters
+from labbook.papers.fan2023.ratios import RATIOS, Ratio, angle_factors, authors, by_angle, by_position
 from labbook.report.blocks import Block, Folded, Formula, Picture, Section, picture
 from labbook.report.fitted_tables import parameter_table
+from labbook.report.starts import NOTE, start_label
 from labbook.report.tables import INSIDE, Table
 from labbook.results import display
-from labbook.results.reference import Comparison, at_series
+from labbook.results.reference import Comparison, at_series, of_reference
 from labbook.results.series import Series
+from labbook.results.starts import AtStart, at_starts
 from labbook.results.study import StudyResults
 from labbook.scene.quantities import percent
 
@@ -81,6 +83,43 @@ def ratio_sections(results: StudyResults, folder: Path) -> list[Section]:
         blocks.append(Folded("The numbers", (position_table(positions),)))
         sections.append(Section("Beside a plain hopper", tuple(blocks)))
     return sections
+
+
+def start_sections(results: StudyResults) -> list[Section]:
+    """Shape of the profiles and flow rates over a plain hopper's, against the start of the window."""
+    starts, blocks = at_starts(results), list[Block]()
+    if not starts:
+        return []
+    for definition in (name for name in DEFINITIONS if any(name in series.further for series in results.series)):
+        table = _shape_against_start(results, starts, definition)
+        blocks.append(Folded(f"Profiles ({DEFINITIONS[definition]})", (table,)))
+    for name, ratios in RATIOS.items():
+        by_start = [{ratio.result.label: ratio for ratio in ratios(at.points)} for at in starts]
+        labels = dict.fromkeys(label for by_label in by_start for label, ratio in by_label.items() if ratio.error > 0)
+        rows = [(label, *(_numbers(by_label[label])[0] if label in by_label else "–" for by_label in by_start))
+                for label in labels]  # fmt: skip
+        if rows:
+            table = Table(("point", *(at.label for at in starts)), tuple(rows), notes=(NOTE,))
+            blocks.append(
+                Folded(f"W/W {'of the flat bottom' if name.endswith('angle') else 'in the middle'}", (table,))
+            )
+    return [Section("Profiles and ratios against the start of the window", tuple(blocks))] if blocks else []
+
+
+def _shape_against_start(results: StudyResults, starts: Sequence[AtStart], definition: str) -> Table:
+    """a, gamma and b of each series and start, with those of the reference."""
+    symbols = {name: display.quantity(f"{definition}.{name}") for name in ("a", "gamma", "b")}
+    rows: list[tuple[str, ...]] = []
+    for series in (series for series in results.series if definition in series.further):
+        values = {start_label(at, series): shared_parameters(definition, moved.points)
+                  for at in starts if (moved := at.of(series)) is not None}  # fmt: skip
+        if reference := of_reference(results.comparisons, definition, series):
+            values[results.source] = reference
+        for label, parameters in values.items():
+            cells = (f"{parameters[name]:.3f}" if name in parameters else "–" for name in symbols)
+            rows.append((series.label, label, *cells))
+    headings = ("series", "start", *(symbol.heading for symbol in symbols.values()))
+    return Table(headings, tuple(rows), frozenset({0, 1}), notes=(NOTE,))
 
 
 def farthest(ratios: list[Ratio]) -> str:

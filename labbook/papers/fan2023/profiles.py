@@ -111,6 +111,20 @@ def fit_along(definition: str, points: Sequence[PointResult]) -> ProfileFit:
     return replace(found, points=profiled)
 
 
+def shared_parameters(definition: str, points: Sequence[PointResult]) -> dict[str, float]:
+    """Fit the profiles of a series as `fit_along` does, for the parameters alone: without bootstrap and intervals.
+
+    Returns:
+        Parameters by name, empty without profiles.
+    """
+    seeds = [outlets for result in points if (outlets := result.outlets(definition))]
+    if not seeds or any(not outlet.seen for outlets in seeds for outlet in outlets):
+        return {}
+    saturates = len({outlets[0].R for outlets in seeds}) >= FEWEST
+    names = _SHARED + (_SATURATION if saturates else ())
+    return dict(zip(names, _numbers(list(map(mean_of, seeds)), context(points), saturates), strict=False))
+
+
 def profile_fit(series: Series, definition: str) -> ProfileFit:
     """The fit to the profiles of a series. Raises KeyError where there is none."""
     found = series.further[definition]

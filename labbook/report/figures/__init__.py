@@ -6,6 +6,7 @@ from labbook.report.figures.flow import flow_against_time
 from labbook.report.figures.orifice import flow_against_orifice, overview
 from labbook.report.figures.parameters import parameters_against
 from labbook.report.figures.pattern import flow_patterns
+from labbook.report.figures.starts import parameters_against_start
 
 __all__ = [
     "acceleration_against_height",
@@ -16,5 +17,6 @@ __all__ = [
     "has_cuts",
     "overview",
     "parameters_against",
+    "parameters_against_start",
     "ratio_heading",
 ]

@@ -60,7 +60,7 @@ def read_vtk(path):
 
 def test_tables_hold_every_number(analysis):
     found = frames(analysis)
-    assert set(found) == {"runs", "points", "series", "fits", "bands", "budget", "flow", "reference"}
+    assert set(found) == {"runs", "points", "series", "fits", "starts", "bands", "budget", "flow", "reference"}
     runs = found["runs"]
     for result in analysis.points:
         for run in result.runs:

@@ -11,6 +11,7 @@ from labbook.backend.numerics import Numerics
 from labbook.backend.probes import Crossing, Slab
 from labbook.measure import MEASURES, MeasureError, RunData
 from labbook.measure.outlet import BINS, outlet_profile
+from labbook.measure.starts import STARTS, WindowStarts
 from labbook.measure.steady import outflow
 from labbook.scene import Box, HertzMindlin, Scene, Spheres, WedgeHopper
 from labbook.scene.packing import Packing
@@ -210,6 +211,24 @@ def test_numbers_of_a_run_that_clogged_are_kept_apart():
     assert found <= {one.name for one in MEASURE.declared}
     few = replace(run_of(*passing(100, 8)), outcome="clogged")
     assert [m.quantity for m in MEASURE.evaluate(few, Window()).numbers] == ["outlet_closure_flowing"]
+
+
+def test_profiles_for_several_starts_are_those_of_windows_that_state_them():
+    """Grains speed up with time, so that windows differ; each is stored with all of its arrays."""
+    times, x, speed = passing(900, 5)
+    run = run_of(times, x, speed * (1 + times / times.max()))
+    evaluation = WindowStarts().evaluate(run, Window())
+    starts = list(WindowStarts.of(evaluation, Window()))
+    assert [one.window.start for one in starts] == [*STARTS, 0.0]
+    speeds = []
+    for one in starts:
+        expected = outlet_profile(run, one.window)
+        assert one.profile is not None
+        assert expected is not None
+        assert np.array_equal(one.profile.flux, expected.flux)
+        assert np.array_equal(one.profile.crossing_velocity, expected.crossing_velocity, equal_nan=True)
+        speeds.append(one.profile.flux.sum() / one.profile.area_fraction.sum())
+    assert np.all(np.diff(speeds[:-1]) > 0)
 
 
 def test_too_few_grains_give_no_profile():

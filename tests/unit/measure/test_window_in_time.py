@@ -1,4 +1,5 @@
-"""A window by time, from the study to tables, beside one by mass of the same runs; and N(t)."""
+"""Windows by time and from the end of the start-up, from the study to tables, beside one by mass of the same runs; and
+N(t)."""
 
 import json
 
@@ -34,6 +35,29 @@ def test_both_windows_of_the_same_runs_are_kept_apart(lab):
     assert len(runs) == 2
     study_file(folder, stop, orifices="[24]")
     assert _points(folder)["value"] == plain["value"] != timed["value"]
+
+
+def test_a_window_from_the_end_of_the_start_up_needs_no_new_run(lab):
+    """Each run has its own start, which tables name; the start that a study states is kept apart from it."""
+    folder, stop = lab
+    auto = "window: {start: auto, end: 0.6}"
+    asked = study_file(folder, stop, auto, orifices="[24]")
+    assert "2 of 2 runs done" in labbook("run", asked, "--lab", folder / "lab", "--backend", "toy").output
+    out = folder / "auto"
+    labbook("export", asked, "--lab", folder / "lab", "--backend", "toy", "--out", out)
+    runs = pd.read_csv(out / "runs.csv")
+    starts = runs[runs["quantity"] == "window_start"]
+    assert len(starts) == 2
+    assert starts["value"].between(0, 0.3).all()
+    rates = runs[runs["quantity"] == "flow_rate"]
+    for start, window in zip(starts["value"], rates["window"], strict=True):
+        assert window.startswith(f"{start:.3g} to 0.6 of the ")
+    point = pd.read_csv(out / "points.csv").query("quantity == 'flow_rate'").iloc[0]
+    assert point["window_start"] == pytest.approx(starts["value"].mean())
+    said = " ".join(labbook("plan", asked, "--lab", folder / "lab", "--backend", "toy").output.split())
+    assert "Flow rates from the end of the start-up to 0.6 of the mass discharged" in said
+    study_file(folder, stop, "window: {start: 0, end: 0.6}", orifices="[24]")
+    assert _points(folder)["window_start"] == 0
 
 
 def test_the_rate_within_a_window_by_time_is_that_of_n_of_t(lab):

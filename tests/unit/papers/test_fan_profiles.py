@@ -13,11 +13,14 @@ from labbook.backend.numerics import Numerics
 from labbook.lab.evaluations import evaluate
 from labbook.measure.outlet import COVERAGE, CROSSINGS
 from labbook.papers.fan2023 import figures, pages
-from labbook.papers.fan2023.profiles import profile_fit
+from labbook.papers.fan2023.profiles import profile_fit, shared_parameters
+from labbook.report.blocks import Folded
 from labbook.report.page import write
+from labbook.report.tables import Table
 from labbook.results.frames import to_json
 from labbook.results.paper import further_fits
 from labbook.results.series import series_of
+from labbook.results.starts import at_starts
 from labbook.results.study import StudyResults
 from labbook.study.schema import Reference, ReferenceEntry
 
@@ -106,6 +109,26 @@ def test_the_flow_of_the_profiles_closes(profiled):
         assert result.pooled["outlet_closure"].value == pytest.approx(1, abs=0.01)
         assert one.direct.value == pytest.approx(result.pooled["outlet_closure"].value, rel=5e-3)
         assert one.centred.value == pytest.approx(1, abs=0.05)
+
+
+def test_at_the_start_of_the_study_shapes_are_those_of_its_own_fit(profiled):
+    """To the last bit, without bootstrap; and other starts have shapes of their own, all of the same motion."""
+    (series,) = profiled.series
+    starts = at_starts(profiled)
+    for definition in (COVERAGE, CROSSINGS):
+        expected = {name: one.value for name, one in series.further[definition].parameters.items()}
+        (own,) = [at for at in starts if at.of_study]
+        assert shared_parameters(definition, own.points) == expected
+        gammas = [shared_parameters(definition, at.points)["gamma"] for at in starts]
+        assert len(set(gammas)) > 4
+        assert gammas == pytest.approx([GAMMA] * len(starts), rel=0.03)
+    (section,) = pages.start_sections(profiled)
+    folded = section.blocks[0]
+    assert isinstance(folded, Folded)
+    (table,) = folded.blocks
+    assert isinstance(table, Table)
+    assert [row[1] for row in table.rows] == [*(at.label for at in starts), "Fan et al. 2023"]
+    assert table.rows[-1][2] == f"{A:.3f}"
 
 
 def test_fitted_parameters_and_measured_numbers_are_both_compared(profiled):

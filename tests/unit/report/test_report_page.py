@@ -74,14 +74,15 @@ def written(analysis, tmp_path_factory) -> Path:
 
 def test_the_page_is_one_file_that_fetches_nothing(written):
     page = read(written)
-    assert len(page.fetched) == 2
+    assert len(page.fetched) == 4
     assert all(source.startswith("data:image/svg+xml;base64,") for source in page.fetched)
     assert "url(" not in written.read_text(encoding="utf-8")
 
 
 def test_every_figure_lies_beside_it_in_three_formats(written):
     made = {path.name for path in written.parent.iterdir()}
-    assert made == {"report.html", *(f"{stem}.{kind}" for stem in ("fit", "flow") for kind in ("png", "svg", "pdf"))}
+    stems = ("fit", "flow", "start-beverloo", "start-janda")
+    assert made == {"report.html", *(f"{stem}.{kind}" for stem in stems for kind in ("png", "svg", "pdf"))}
 
 
 def test_warnings_of_the_plan_that_limit_numbers_reach_the_results(synthetic):

@@ -151,7 +151,7 @@ def test_parameters_move_with_numerics_as_the_flow_rates_do(synthetic):
     assert shares(of_other)["numerics"].part == pytest.approx(abs(first["k"].value / other["k"].value - 1), rel=1e-9)
     half = (first["k"].high - first["k"].low) / 2
     assert shares(of_first)["seeds"].part == pytest.approx(half / first["k"].value, rel=1e-9)
-    assert of_first.unknown == ("window", "filling", "bed")
+    assert of_first.unknown == ("filling", "bed")
     assert of_first.name == "k, beverloo"
     named = [row[0] for row in budget_table(results).rows]
     assert named.count("W") == 16
@@ -180,7 +180,7 @@ def test_series_may_differ_in_the_parameters_that_they_have(synthetic, monkeypat
 def test_without_another_setting_numerics_of_a_parameter_are_not_measured(analysis):
     of_fits = [one for one in budgets(analysis) if "." in one.quantity]
     assert of_fits
-    assert all(one.unknown == ("numerics", "window", "filling", "bed") for one in of_fits)
+    assert all(one.unknown == ("numerics", "filling", "bed") for one in of_fits)
 
 
 def test_what_is_the_same_at_all_points_has_one_row_and_nothing_known_is_no_error_of_nothing(synthetic, analysis):

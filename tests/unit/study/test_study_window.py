@@ -52,6 +52,7 @@ def test_all_points_have_that_of_the_lowest_bed(tmp_path):
     [
         ("window: {end: 0.7}", (0.15, 0.7, 0.75)),
         ("window: {start: 0.2}", (0.2, 0.45, 0.5)),
+        ("window: {start: auto}", (0.0, 0.45, 0.5)),
         ("stop: {discharged: 0.4}", (0.15, 0.4, 0.4)),
         ("stop: {discharged: 1}", (0.15, 0.45, 1.0)),
         ("window: {end: 1}", (0.15, 1.0, 1.0)),
@@ -67,9 +68,25 @@ def test_a_start_that_comes_after_it_is_named(tmp_path):
         asked(tmp_path, "window: {start: 0.5}")
 
 
-def test_a_pilot_has_the_window_of_its_study(tmp_path):
-    made = asked(tmp_path, orifices="[18, 21, 24]")
-    assert pilot(made).window.end == made.window.end
+@pytest.mark.parametrize("more", [(), ("window: {start: auto}",)])
+def test_a_pilot_has_the_window_of_its_study(tmp_path, more):
+    made = asked(tmp_path, *more, orifices="[18, 21, 24]")
+    assert pilot(made).window == made.window
+
+
+def test_a_start_may_be_left_to_the_flow(tmp_path):
+    made = asked(tmp_path, "window: {start: auto}")
+    assert made.window.auto
+    assert made.change({"window.start": 0}).window != made.window
+    with pytest.raises(StudyError, match=r"window.after: the window is stated by mass and by time"):
+        made.change({"window.after": "1 s", "window.until": "2 s"})
+    with pytest.raises(StudyError, match=r"write a number in \[0, 1\] or auto"):
+        made.change({"window.start": "early"})
+
+
+def test_a_fed_bed_has_no_start_up_to_be_found(tmp_path):
+    with pytest.raises(StudyError, match=r"window.start: auto finds the start-up of a discharge.*\n.*such as 0.5"):
+        asked(tmp_path, "feed: {kind: reinject}", "window: {start: auto}")
 
 
 def test_a_low_bed_is_warned_of_unless_the_window_is_stated(tmp_path):

@@ -1,0 +1,96 @@
+"""W and profiles along the outlet of one run, for several starts of the window.
+
+A window is an evaluation: no run is needed for another start. All starts are evaluated together, when a result first
+needs them, and are stored in one file beside the run.
+"""
+
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+from labbook.backend.numerics import Numerics
+from labbook.backend.probes import Probe
+from labbook.measure.data import RunData
+from labbook.measure.flow import FlowRate
+from labbook.measure.measure import Evaluation, Measure, Window, after_start_up, packed, unpacked
+from labbook.measure.outlet import OutletProfile, OutletProfiles, outlet_profile
+from labbook.measure.series import mean_mass
+from labbook.measure.steady import outflow
+from labbook.scene import Scene
+
+STARTS = (0.0, 0.02, 0.05, 0.1, 0.15, 0.2)
+"""Discharged fractions at which windows open, beside that of the study and the end of the start-up."""
+
+
+@dataclass(frozen=True)
+class Opened:
+    """A window of a study with another start: `start` is a discharged fraction; `auto`: the end of the start-up."""
+
+    start: float
+    end: float
+    gap: float | None = None
+    auto: bool = False
+    timed: bool = False
+
+
+def opened(window: Window) -> tuple[Opened, ...]:
+    """The windows to evaluate beside `window`: of STARTS, of its own start, and from the end of the start-up."""
+    own = () if after_start_up(window) else (window.start,)
+    gap = getattr(window, "gap", None)
+    starts = sorted({start for start in (*STARTS, *own) if start < window.end})
+    return (*(Opened(start, window.end, gap) for start in starts), Opened(0.0, window.end, gap, auto=True))
+
+
+@dataclass(frozen=True, eq=False)
+class FromStart:
+    """One run with another start of the window. `flow_rate` [kg/s], NaN for too few grains; `fraction`: part of the
+    mass discharged when the window opens; `plateau`: False if a start-up takes too long to be left out; `profile`:
+    profiles along the outlet, where they were recorded."""
+
+    window: Opened
+    flow_rate: float
+    fraction: float
+    plateau: bool
+    profile: OutletProfile | None
+
+
+class WindowStarts(Measure):
+    """W, and profiles along the outlet where they were recorded, for the windows of `opened`. Arrays: those that `of`
+    reads."""
+
+    name = "window_starts"
+    version = FlowRate.version + OutletProfiles.version  # it rises with either
+    declared = ()
+
+    def check(self, scene: Scene) -> None:
+        FlowRate().check(scene)
+
+    def probes(self, scene: Scene, numerics: Numerics) -> tuple[Probe, ...]:
+        return ()
+
+    def evaluate(self, run: RunData, window: Window) -> Evaluation:
+        windows = opened(window)
+        flows = [outflow(run, opening)[0] for opening in windows]
+        arrays: dict[str, np.ndarray] = {
+            "flow_rate": np.array([np.nan if flow is None else mean_mass(run) * flow.rate for flow in flows]),
+            "fraction": np.array([np.nan if flow is None else flow.fraction[0] for flow in flows]),
+            "plateau": np.array([flow is not None and flow.plateau for flow in flows]),
+        }
+        for place, opening in enumerate(windows if "slab" in run.tables else ()):
+            if (profile := outlet_profile(run, opening)) is not None:
+                arrays |= {f"{place}.{name}": values for name, values in packed(profile).items()}
+        return Evaluation(arrays=arrays)
+
+    @staticmethod
+    def of(evaluation: Evaluation, window: Window) -> Iterator[FromStart]:
+        """Read what `evaluate` gave within `window`."""
+        arrays = evaluation.arrays
+        for place, opening in enumerate(opened(window)):
+            profile = unpacked(OutletProfile, _starting(f"{place}.", arrays))
+            rate, fraction = float(arrays["flow_rate"][place]), float(arrays["fraction"][place])
+            yield FromStart(opening, rate, fraction, bool(arrays["plateau"][place]), profile)
+
+
+def _starting(prefix: str, arrays: Mapping[str, np.ndarray]) -> dict[str, np.ndarray]:
+    return {name.removeprefix(prefix): values for name, values in arrays.items() if name.startswith(prefix)}
