@@ -7,7 +7,7 @@ import numpy as np
 
 from labbook.fit.law import Context, Law
 from labbook.fit.profile import LowerMinimum, Minimum, interval, minimise
-from labbook.fit.result import FitError, FitResult, Parameter, freedom
+from labbook.fit.result import FitError, FitResult, Parameter, widened
 from labbook.fit.weights import Weights, pooled_weights
 from labbook.scene.quantities import told_apart
 from labbook.stats.choice import aicc, deviance, unbeaten
@@ -37,10 +37,9 @@ def fit(
 
     `error`: standard errors of W from `replicates` seeds a point (NaN where there is one). They are pooled
     (see `labbook.fit.weights`); left out, the errors count as exactly known. Residuals are those of ln W, in
-    which the relative scatter of flow rates has one size. Intervals come from the profile likelihood with
-    Student's t on the degrees of freedom of the errors; without any replicates, from the scatter about the
-    law. Raises FitError for unusable data, data that do not determine the parameters, and a fit that does not
-    converge.
+    which the relative scatter of flow rates has one size. Intervals come from the profile likelihood, with
+    errors and Student's t of `labbook.fit.result.widened`. Raises FitError for unusable data, data that do not
+    determine the parameters, and a fit that does not converge.
     """
     D, W, error = (np.asarray(a, float) for a in (D, W, error))
     _check(law, D, W, error, replicates, context)
@@ -53,9 +52,8 @@ def fit(
         return (log_W - law.log_flow(D, free, context)) / weights.relative
 
     dof = len(D) - len(law.free)
-    t = student(confidence, freedom(weights.degrees_of_freedom, dof))
     replicated = weights.degrees_of_freedom > 0
-    allowed = _allowed(t, dof, replicated)
+    allowed = _allowed(confidence, dof, weights.degrees_of_freedom)
     if why := law.without_minimum(D, W, weights.relative, context, allowed):
         raise FitError(f"{law.name}: {why}; use outlets over a wider range or more replicates")
     start = law.start(D, W, context)
@@ -68,9 +66,8 @@ def fit(
             if not replicated and misfit < _EXACT:
                 no_scatter = "the points lie on the law, so that their scatter gives no errors; give more replicates"
                 raise FitError(f"{law.name}: {no_scatter}")
-            rise = allowed(minimum.chi2)
-            widening = math.sqrt(rise) / t
-            parameters = _parameters(law, context, residuals, minimum, rise, widening)
+            widening, _ = widened(minimum.chi2, dof, weights.degrees_of_freedom)
+            parameters = _parameters(law, context, residuals, minimum, allowed(minimum.chi2), widening)
             break
         except LowerMinimum as lower:
             start = lower.found
@@ -93,20 +90,19 @@ def fit(
         dof=dof,
         p_value=p_value,
         error_dof=weights.degrees_of_freedom,
-        widening=widening,
         aicc=aicc(minimum.chi2, len(D), len(law.free)),
         confidence=confidence,
-        notes=_notes(law, D, outside, weights, p_value, context),
+        notes=_notes(law, D, outside, weights, p_value, dof, context),
         _minimum=minimum,
     )
 
 
-def _allowed(t: float, dof: int, replicated: bool) -> Callable[[float], float]:
+def _allowed(confidence: float, dof: int, error_dof: float) -> Callable[[float], float]:
     """The rise of chi2 over its least value that bounds the intervals: t^2, widened by the misfit."""
 
     def allowed(least: float) -> float:
-        misfit = least / dof
-        return t**2 * (max(1.0, misfit) if replicated else misfit)
+        factor, freedom = widened(least, dof, error_dof)
+        return (student(confidence, freedom) * factor) ** 2
 
     return allowed
 
@@ -151,7 +147,7 @@ def _p_value(chi2: float, dof: int, weights: Weights) -> float:
     return float(fdtrc(dof, weights.degrees_of_freedom, chi2 / dof))
 
 
-def _notes(law: Law, D, outside, weights: Weights, p_value: float, context: Context) -> tuple[str, ...]:
+def _notes(law: Law, D, outside, weights: Weights, p_value: float, dof: int, context: Context) -> tuple[str, ...]:
     notes = []
     if outside.any():
         worst = ", ".join(told_apart(ratio, law.least_ratio)[0] for ratio in D[outside] / context.d)
@@ -161,7 +157,10 @@ def _notes(law: Law, D, outside, weights: Weights, p_value: float, context: Cont
     if weights.uneven:
         notes.append("the relative scatter between replicates differs between points (Bartlett, p < 0.01)")
     if p_value < 0.05:
-        notes.append("the law misses the points by more than their errors; intervals are widened by sqrt(chi2/dof)")
+        notes.append(
+            "the law misses the points by more than their errors; intervals are widened by sqrt(chi2/dof), with "
+            f"Student's t of {dof} degree{'' if dof == 1 else 's'} of freedom"
+        )
     return tuple(notes)
 
 

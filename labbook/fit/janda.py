@@ -21,7 +21,7 @@ class Janda(Law):
 
     power: ClassVar[float]
     """Of D in the limit of wide outlets."""
-    version = 2
+    version = 3
     source = "Janda, Zuriguel & Maza, Phys. Rev. Lett. 108 (2012) 248001"
     free = ("ln C' d^n sqrt(d/g)", "alpha_1", "ln alpha_2/d")
     least_ratio = 6.0

@@ -46,9 +46,7 @@ class FitResult:
     `D` [m], `W` [kg/s], `relative_error` (of W, as used for the weights), `residuals` (ln W - ln W_law, about
     the relative deviation), `outside` (points outside the law's range: used all the same, and flagged): shape
     [n]. `chi2` with `dof` = n - p; `p_value`: probability of a larger chi2 if the law holds (F distribution,
-    since the errors are estimates with `error_dof` degrees of freedom; NaN without replicates). `widening`:
-    factor max(1, sqrt(chi2/dof)) on all intervals, so that a law that misses the data does not claim their
-    precision.
+    since the errors are estimates with `error_dof` degrees of freedom; NaN without replicates).
     """
 
     law: Law
@@ -63,7 +61,6 @@ class FitResult:
     dof: int
     p_value: float
     error_dof: float
-    widening: float
     aicc: float
     confidence: float
     notes: tuple[str, ...]
@@ -73,6 +70,16 @@ class FitResult:
     def chi2_reduced(self) -> float:
         """chi2 per degree of freedom."""
         return self.chi2 / self.dof
+
+    @property
+    def widening(self) -> float:
+        """Factor on all standard errors, so that a law that misses the data does not claim their precision."""
+        return widened(self.chi2, self.dof, self.error_dof)[0]
+
+    @property
+    def freedom(self) -> float:
+        """Degrees of freedom of all intervals and joint regions."""
+        return widened(self.chi2, self.dof, self.error_dof)[1]
 
     def frame(self) -> "pd.DataFrame":
         """The parameters: a row each, with value, error, ends of the interval and unit."""
@@ -142,9 +149,7 @@ class FitResult:
         with np.errstate(over="ignore", invalid="ignore", divide="ignore"):
             slopes = derivative(lambda free: self.law.log_flow(at, free, self.context), best)
             error = law_error(slopes, self._minimum.covariance) * self.widening
-            reach = half_width(
-                error, self.confidence, freedom(self.error_dof, self.dof), self._scatter if new_point else 0.0
-            )
+            reach = half_width(error, self.confidence, self.freedom, self._scatter if new_point else 0.0)
             value = self.law.flow(at, best, self.context)
             return value, value * np.exp(-reach), value * np.exp(reach)
 
@@ -168,8 +173,9 @@ class FitResult:
         misfit = np.log(self.W) - self.law.log_flow(self.D, free, self.context)
         own = self.relative_error if self.error_dof else self.relative_error / self.widening
         rise = (float(np.sum((misfit / own) ** 2)) - self.chi2) / self.widening**2
-        of = freedom(self.error_dof, self.dof)
-        return float(chdtrc(len(free), rise) if np.isinf(of) else fdtrc(len(free), of, max(rise, 0.0) / len(free)))
+        if np.isinf(self.freedom):
+            return float(chdtrc(len(free), rise))
+        return float(fdtrc(len(free), self.freedom, max(rise, 0.0) / len(free)))
 
     @property
     def _scatter(self) -> float:
@@ -178,6 +184,22 @@ class FitResult:
         return own * self.widening if self.error_dof else own  # without replicates it is that of the scatter already
 
 
-def freedom(error_dof: float, dof: int) -> float:
-    """Degrees of freedom of the intervals: of the replicates, else of the scatter about the law."""
-    return error_dof if error_dof else dof
+def widened(chi2: float, dof: int, error_dof: float) -> tuple[float, float]:
+    """Compute the factor on the standard errors of a fit, and the degrees of freedom of Student's t and F for them.
+
+    Where the law holds, the errors are those of the replicates, with their degrees of freedom. Where it misses the
+    points by more, or without replicates, the errors are taken from the scatter about the law: that is an estimate
+    from `dof` degrees of freedom, however many replicates there are.
+
+    Args:
+        chi2: Sum of squares about the law, in units of the errors.
+        dof: Points less parameters.
+        error_dof: Degrees of freedom of the errors; 0 without replicates, infinite if they are known exactly.
+
+    Returns:
+        The factor, 1 or sqrt(chi2/dof), and the degrees of freedom.
+    """
+    factor = math.sqrt(chi2 / dof)
+    if error_dof and factor <= 1:
+        return 1.0, error_dof
+    return factor, dof
