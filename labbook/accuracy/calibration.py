@@ -18,7 +18,7 @@ from typing import Any
 import numpy as np
 
 from labbook.accuracy.groups import Groups
-from labbook.stats.effects import one_more
+from labbook.stats.effects import FEWEST, one_more
 from labbook.stats.pooling import student
 
 PATH = Path(__file__).with_name("calibration.json")
@@ -41,7 +41,7 @@ class OutOfRange(ValueError):
 
 
 class NotMeasured(OutOfRange):
-    """No scene of this kind and range was measured: a pilot of it would tell."""
+    """Neither this scene was measured, nor enough scenes of its kind and range: a pilot of it would tell."""
 
 
 @dataclass(frozen=True)
@@ -165,16 +165,23 @@ class Alike:
         if wrong:
             raise OutOfRange("; ".join(wrong))
         x = (flow.overlap - stated.overlap, flow.step**2, filled.overlap - stated.overlap)
-        for one in self.effects:
-            if all(math.isclose(getattr(one.here, name), getattr(flow, name), rel_tol=1e-6) for name in RANGES):
-                value, variance = one.of(np.array(x))
-                return Bias(value, student(CONFIDENCE, one.freedom) * math.sqrt(variance))
+        for effects in self.measured(flow):
+            value, variance = effects.of(np.array(x))
+            return Bias(value, student(CONFIDENCE, effects.freedom) * math.sqrt(variance))
         return _one_more(self, x)
+
+    def measured(self, here: Groups) -> list[Effects]:
+        """List the effects of this very scene: none where it is not among those that were measured."""
+
+        def equal(effects: Effects) -> bool:
+            return all(math.isclose(getattr(effects.here, n), getattr(here, n), rel_tol=1e-6) for n in RANGES)
+
+        return list(filter(equal, self.effects))
 
     @property
     def mixed(self) -> Bias | None:
-        """Bias of W computed in mixed precision; None where nothing is known of it."""
-        return _rounding(self.rounded) if self.rounded else None
+        """Bias of W computed in mixed precision; None where it was measured in fewer than FEWEST scenes."""
+        return _rounding(self.rounded) if len(self.rounded) >= FEWEST else None
 
 
 @lru_cache(maxsize=64)
@@ -187,8 +194,8 @@ def _rounding(rounded: tuple[tuple[float, float], ...]) -> Bias:
 def _one_more(alike: Alike, x: tuple[float, float, float]) -> Bias:
     found = [one.of(np.array(x)) for one in alike.effects]
     known = [(value, variance) for value, variance in found if math.isfinite(variance)]
-    if not known:
-        return Bias(float(np.mean([value for value, _ in found])), math.inf)
+    if len(known) < FEWEST:
+        return Bias(float(np.mean([value for value, _ in known or found])), math.inf)
     values, variances = zip(*known, strict=True)
     return Bias(*one_more(values, variances, CONFIDENCE))
 
@@ -204,6 +211,9 @@ class Calibration:
         wrong = []
         for one in self.known:
             found = list(one.misfits(here, RANGES))
+            if not found and len(one.effects) < FEWEST and not one.measured(here):
+                ratios = ", ".join(f"{effects.here.ratio:.3g}" for effects in one.effects)
+                found = [f"only D/d = {ratios} calibrated, and an interval needs {FEWEST} scenes"]
             if not found:
                 return replace(one, rounded=self._rounded(here.shape))
             wrong.append(found)
@@ -280,11 +290,14 @@ def shipped() -> Calibration:
 def load(path: Path) -> Calibration:
     """The calibration in a file, and after it the one that ships. Raises OSError, or ValueError for a file of another
     kind."""
+    return Calibration((*_read(path).known, *shipped().known))
+
+
+def _read(path: Path) -> Calibration:
     try:
-        own = read(json.loads(path.read_text(encoding="utf-8")))
+        return read(json.loads(path.read_text(encoding="utf-8")))
     except (KeyError, TypeError, AttributeError) as error:
         raise ValueError(f"not a calibration file: {error!r}") from error
-    return Calibration((*own.known, *shipped().known))
 
 
 def read(stored: Mapping[str, Any]) -> Calibration:
@@ -301,6 +314,15 @@ def read(stored: Mapping[str, Any]) -> Calibration:
         )
         for one in stored["effects"]
     )
+
+
+def extend(path: Path, effects: Sequence[Effects]) -> None:
+    """Write effects into a calibration file, which keeps those of other scenes. Raises OSError, and ValueError for a
+    file of another kind."""
+    scenes = {one.scene for one in effects}
+    before = _read(path).known if path.is_file() else ()
+    remaining = [one for alike in before for one in alike.effects if one.scene not in scenes]
+    write(path, [*remaining, *effects])
 
 
 def write(path: Path, effects: Iterable[Effects]) -> None:
