@@ -125,7 +125,7 @@ def _check(law: Law, D: np.ndarray, W: np.ndarray, error: np.ndarray, replicates
 
 def _parameters(law, context, residuals, minimum: Minimum, rise: float, widening: float) -> dict[str, Parameter]:
     reported = law.reported(context)
-    ends = {i: interval(residuals, minimum, i, rise) for i in {entry.free for entry in reported}}
+    ends = {i: interval(residuals, minimum, i, rise, law.endless) for i in {entry.free for entry in reported}}
     errors = np.sqrt(np.diag(minimum.covariance)) * widening
     parameters = {}
     for entry in reported:

@@ -18,6 +18,8 @@ if TYPE_CHECKING:
     import pandas as pd
 
 
+NOT_DETERMINED = "not determined"
+"""In place of a parameter that the data do not determine."""
 _WIDE = 10.0
 """Width of an interval, in values, from which on a parameter is not determined."""
 _FAR = 2.0
@@ -37,6 +39,14 @@ class Parameter:
     high: float
     error: float
     unit: str
+
+    def determined(self, about_zero: bool = False) -> bool:
+        """Decide whether the data determine the parameter: its interval has both ends and is at most ten values wide.
+
+        `about_zero`: a value that cannot be told from zero is a finding too, whatever its width.
+        """
+        width = self.high - self.low
+        return math.isfinite(width) and (about_zero or width <= _WIDE * abs(self.value))
 
 
 @dataclass(frozen=True, eq=False)
@@ -82,10 +92,13 @@ class FitResult:
         return widened(self.chi2, self.dof, self.error_dof)[1]
 
     def frame(self) -> "pd.DataFrame":
-        """The parameters: a row each, with value, error, ends of the interval and unit."""
+        """The parameters: a row each, with value, error, ends of the interval, unit, and if the data determine it."""
         import pandas as pd
 
-        rows = [{"parameter": name, **vars(found)} for name, found in self.parameters.items()]
+        rows = [
+            {"parameter": name, **vars(found), "determined": found.determined()}
+            for name, found in self.parameters.items()
+        ]
         return pd.DataFrame([{**row, "symbol": self.symbols[row["parameter"]]} for row in rows])
 
     @property
@@ -98,8 +111,7 @@ class FitResult:
         for one in self.law.reported(self.context):
             found = self.parameters[one.name]
             value, error, low, high = (one.scale * x for x in (found.value, found.error, found.low, found.high))
-            known = math.isfinite(high - low) and high - low <= _WIDE * abs(value)
-            shown = f"{value:.4g} ± {error:.2g}" if known else "not determined"
+            shown = f"{value:.4g} ± {error:.2g}" if found.determined() else NOT_DETERMINED
             rows.append((one.symbol or one.name, one.name, shown, f"{low:.4g} to {high:.4g}", one.shown or one.unit))
         goodness = f"χ² = {self.chi2:.3g} with {self.dof} degrees of freedom, p = {self.p_value:.2g}"
         notes = (goodness, *(f"note: {note}" for note in self.notes))
@@ -112,7 +124,8 @@ class FitResult:
             within = f"{percent(self.confidence)}: {one.low:.4g} to {one.high:.4g}"
             symbol = self.symbols[name]
             called = name if symbol == name else f"{name}, shown as {symbol},"
-            lines.append(f"  {called} = {one.value:.4g} ± {one.error:.2g} {one.unit}".rstrip() + f"  ({within})")
+            value = f"= {one.value:.4g} ± {one.error:.2g} {one.unit}".rstrip() if one.determined() else NOT_DETERMINED
+            lines.append(f"  {called} {value}  ({within})")
         lines.append(f"  χ² = {self.chi2:.3g} with {self.dof} degrees of freedom, p = {self.p_value:.2g}")
         return "\n".join(lines + [f"  note: {note}" for note in self.notes])
 

@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from labbook.fit import LAWS, Context, FitError, contenders, fit
+from labbook.fit import LAWS, NOT_DETERMINED, Context, FitError, contenders, fit
 from labbook.fit.weights import pooled_weights
 from labbook.stats.bootstrap import bootstrap_all
 from labbook.stats.choice import unbeaten
@@ -252,6 +252,20 @@ def test_wide_orifices_leave_alpha2_without_an_end():
     alpha = found.parameters["alpha2"]
     assert alpha.low == 0 or alpha.high == math.inf
     assert found.parameters["C_prime"].low < truth("janda")["C_prime"] < found.parameters["C_prime"].high
+
+
+def test_parameters_at_a_bound_are_not_determined():
+    """W = D^(3/2) (A + B D) is what Janda's law tends to for large alpha_2, with C' alpha_1 / alpha_2 = B: all three
+    hang on where alpha_2 is stopped. Where alpha_2 is 6 d, they do not."""
+    rng = np.random.default_rng(21)
+    straight = (D / FAN.d) ** 1.5 * (1 + 0.3 * D / FAN.d) * 1e-2 * (1 + 0.01 * rng.standard_normal((3, 8)))
+    found = fit_replicates("janda", straight)
+    assert [found.parameters[name].determined() for name in truth("janda")] == [False] * 4
+    assert found.frame()["determined"].tolist() == [False] * 4
+    assert found._repr_html_().count(NOT_DETERMINED) == repr(found).count(NOT_DETERMINED) == 4
+    found = fit_replicates("janda", replicates_of("janda", rng, 0.001))
+    assert found.frame()["determined"].tolist() == [True] * 4
+    assert NOT_DETERMINED not in repr(found)
 
 
 def test_small_orifices_are_used_and_flagged():
