@@ -18,6 +18,10 @@ _SAME = 1e-3
 """Orifices that differ by less, in diameters of a grain, count as one."""
 _EXACT = 1e-6
 """Relative scatter about a law below which it is that of numerics: flow rates are counts of grains."""
+OUTLETS = 6
+"""Outlets that decide k where Beverloo's law misses them: Student's t of four degrees of freedom is 2.8."""
+_UNDECIDED = 1.0
+"""Width of the interval of k [d] from which on it is not decided: it then excludes little."""
 _DIVERGES = (
     "the fit did not converge: these flow rates do not determine its parameters; use outlets over a wider range or "
     "more replicates, or leave the law out of `fit`"
@@ -77,6 +81,9 @@ def fit(
         raise FitError(f"{law.name}: the fit keeps finding lower minima; the data do not determine its parameters")
     outside = law.outside(D, context)
     p_value = _p_value(minimum.chi2, dof, weights)
+    notes = _notes(law, D, outside, weights, p_value, dof, context)
+    if more := _more_outlets(D, context, widening, parameters):
+        notes = (*notes, more)
     return FitResult(
         law=law,
         context=context,
@@ -92,7 +99,7 @@ def fit(
         error_dof=weights.degrees_of_freedom,
         aicc=aicc(minimum.chi2, len(D), len(law.free)),
         confidence=confidence,
-        notes=_notes(law, D, outside, weights, p_value, dof, context),
+        notes=notes,
         _minimum=minimum,
     )
 
@@ -110,10 +117,9 @@ def _allowed(confidence: float, dof: int, error_dof: float) -> Callable[[float],
 def _check(law: Law, D: np.ndarray, W: np.ndarray, error: np.ndarray, replicates, context: Context) -> None:
     if not D.shape == W.shape == error.shape or D.ndim != 1:
         raise FitError(f"{law.name}: orifices, flow rates and errors must be lists of equal length")
-    given, least = np.unique(D), len(law.free) + 1
-    orifices = min(len(given), 1) + int(np.sum(np.diff(given) >= _SAME * context.d))
+    orifices, least = _distinct(D, context), len(law.free) + 1
     if orifices < least:
-        same = f" (those that differ by less than {_SAME:g} d count as one)" if orifices < len(given) else ""
+        same = f" (those that differ by less than {_SAME:g} d count as one)" if orifices < len(np.unique(D)) else ""
         few = "orifice is too few" if orifices == 1 else "orifices are too few"
         raise FitError(f"{law.name}: {orifices} {few}{same}; its {least - 1} parameters need {least}")
     if not (np.isfinite(W).all() and (W > 0).all() and np.isfinite(D).all() and (D > 0).all()):
@@ -121,6 +127,11 @@ def _check(law: Law, D: np.ndarray, W: np.ndarray, error: np.ndarray, replicates
     known = np.ones(len(D), bool) if replicates is None else np.asarray(replicates) > 1
     if not (np.isfinite(error[known]).all() and (error[known] >= 0).all()):
         raise FitError(f"{law.name}: the error of a point with several replicates must be finite and not negative")
+
+
+def _distinct(D: np.ndarray, context: Context) -> int:
+    """Number of orifices that differ."""
+    return min(len(D), 1) + int(np.sum(np.diff(np.unique(D)) >= _SAME * context.d))
 
 
 def _parameters(law, context, residuals, minimum: Minimum, rise: float, widening: float) -> dict[str, Parameter]:
@@ -162,6 +173,18 @@ def _notes(law: Law, D, outside, weights: Weights, p_value: float, dof: int, con
             f"Student's t of {dof} degree{'' if dof == 1 else 's'} of freedom"
         )
     return tuple(notes)
+
+
+def _more_outlets(D: np.ndarray, context: Context, widening: float, parameters: dict[str, Parameter]) -> str:
+    """Recommend OUTLETS where fewer leave k with an interval wider than _UNDECIDED, and the points miss the law."""
+    outlets = _distinct(D, context)
+    if "k" not in parameters or outlets >= OUTLETS or widening <= 1:
+        return ""
+    width = parameters["k"].high - parameters["k"].low
+    if width <= _UNDECIDED:
+        return ""
+    size = f"an interval {width:.2g} d wide" if math.isfinite(width) else "an interval without end"
+    return f"{outlets} outlets do not decide k, which has {size}; use {OUTLETS} outlets or more"
 
 
 def contenders(results: Sequence[FitResult]) -> tuple[str, ...]:

@@ -207,6 +207,27 @@ def test_a_law_that_misses_says_so_and_claims_less():
     assert any("misses the points" in note for note in found.notes)
 
 
+@pytest.mark.parametrize(
+    ("outlets", "off", "recommended"), [(4, 0.05, True), (4, 0.001, False), (6, 0.05, False), (5, 0.004, False)]
+)
+def test_six_outlets_are_recommended_where_fewer_do_not_decide_k(outlets, off, recommended):
+    """Points that lie alternately above and below the law by `off`, with errors of 0.2 %: k is decided if its interval
+    is at most 1 d wide, or if the points lie on the law within their errors."""
+    places = np.linspace(18, 60, outlets) * 1e-3
+    W = LAWS["beverloo"].flow(places, TRUE["beverloo"], FAN) * (1 + off * (-1.0) ** np.arange(outlets))
+    found = fit(LAWS["beverloo"], places, W, 0.002 * W, FAN, [3] * outlets)
+    k = found.parameters["k"]
+    notes = [note for note in found.notes if "do not decide k" in note]
+    assert bool(notes) == recommended
+    if recommended:
+        assert k.high - k.low > 1
+        assert notes == [
+            f"4 outlets do not decide k, which has an interval {k.high - k.low:.2g} d wide; use 6 outlets or more"
+        ]
+    elif outlets < 6:
+        assert k.high - k.low < 1
+
+
 def test_the_data_choose_the_law_that_made_them():
     rng = np.random.default_rng(5)
     wide = np.linspace(18, 90, 14) * 1e-3
