@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 import pytest
+from scipy import stats
 from scipy.optimize import root_scalar
 
 from labbook.accuracy import (
@@ -22,8 +23,9 @@ from labbook.accuracy import (
     groups,
     shipped,
 )
+from labbook.accuracy.calibration import PATH as SHIPS
 from labbook.accuracy.calibration import extend, load, write
-from labbook.accuracy.regression import Observed, regress
+from labbook.accuracy.regression import Observed, curved, regress
 from labbook.backend.numerics import Numerics
 from labbook.filling.bed import PACKED
 from labbook.plan.demand import stopping_rule
@@ -40,6 +42,10 @@ SCENE = Scene(
 )
 LARGEST = Groups(0.02, 0.06, "sphere", "slot", "hertz-mindlin", 0.5, 0.2, 0.01, 10.0, version=LAW.version)
 EXACT = ((0.0,) * 3,) * 3
+
+
+RUNS = Path(__file__).parents[3] / "benchmarks/results/2026-11-25-accuracy-precision-runs-h100.csv"
+SHIPPED = json.loads(SHIPS.read_text())["effects"]
 
 
 def scene(slopes=(0.5, 0.0, 0.0), covariance=EXACT, **here) -> Effects:
@@ -113,6 +119,86 @@ def test_regression_finds_slopes_within_its_errors_as_often_as_it_says():
     assert np.all(inside / repeats > 0.91)
     assert np.all(inside / repeats < 0.985)
     assert np.mean(spread, axis=0) == pytest.approx([0.01, 0.02], rel=0.05)
+
+
+def bent(rng, slope, curvature, seeds=30):
+    """Runs from shared beds whose ln W is slope * overlap + curvature * overlap^2."""
+    found = []
+    for seed in range(seeds):
+        bed = rng.normal(0, 0.017)
+        for overlap, step in ((0.001, 0.02), (0.001, 0.06), (0.003, 0.04), (0.006, 0.06), (0.013, 0.04), (0.013, 0.06)):
+            rate = math.exp(bed + slope * overlap + curvature * overlap**2 + rng.normal(0, 0.01))
+            found.append(Observed(str(seed), 0.001, overlap, step, rate))
+    return found
+
+
+def test_a_curved_effect_is_extrapolated_to_stiff_grains_within_its_error():
+    """The slope of ln W at no overlap, by which firm grains are told: with the quadratic term within its interval as
+    often as it says; a straight line through the same runs is far off it."""
+    rng, repeats = np.random.default_rng(8), 200
+    inside, straight = 0, []
+    for _ in range(repeats):
+        runs = bent(rng, 6.0, -400.0)
+        found = regress(runs, curved=True)
+        assert found.curvature is not None
+        assert found.curvature_p < 1e-3
+        inside += abs(found.values[0] - 6.0) < 1.98 * math.sqrt(found.covariance[0, 0])
+        straight.append(regress(runs).values[0])
+    assert 0.91 < inside / repeats < 0.99
+    assert np.mean(straight) < 3
+
+
+@pytest.mark.slow
+def test_straight_effects_get_no_curvature_however_many_scenes_are_looked_at():
+    """Twelve scenes that are straight: one or more of them are told to be curved in 5 % of repeats."""
+    rng, repeats = np.random.default_rng(9), 60
+    wrong = sum(any(curved([regress(bent(rng, 2.0, 0.0, 12)).curvature_p for _ in range(12)])) for _ in range(repeats))
+    assert wrong <= 10, "3 in the mean, with a standard deviation of 1.7"
+    assert curved([0.001, 0.03, math.nan, 0.02]) == [True, True, False, True], "0.001, 0.02, 0.03 times 3, 2, 1"
+    assert curved([0.03, 0.03]) == [False, False]
+    two = [one for one in bent(rng, 2.0, -400.0) if one.overlap in (0.001, 0.013)]
+    assert math.isnan(regress(two).curvature_p), "two overlaps tell of no curvature"
+    assert regress(two, curved=True).curvature is None
+
+
+def test_a_curvature_is_in_the_bias_and_survives_its_file(tmp_path):
+    """Values, errors and correlation by hand; and together with another measurement of the scene, of the step alone."""
+    covariance = ((0.09, 0.0, 0.0), (0.0, 0.01, 0.0), (0.0, 0.0, 1e-12))
+    one = replace(scene((6.0, 0.0, 0.0), covariance), curvature=(-400.0, (-20.0, 0.0, 0.0, 6400.0)))
+    write(tmp_path / "own.json", [one])
+    soft = Numerics(dt=1e-9, stiffness_scale=0.1)
+    low, high = (grouped(SCENE, 1e-9, scale).overlap for scale in (1.0, 0.1))
+    x = np.array([high - low, high**2 - low**2])
+    error = math.sqrt(x @ np.array([[0.09, -20.0], [-20.0, 6400.0]]) @ x)
+    only = ((math.inf, 0.0, 0.0), (0.0, 0.01, 0.0), (0.0, 0.0, math.inf))
+    both = calibration([one, scene((0.0, 0.0, 0.0), only)])
+    for known_effects, freedom in ((load(tmp_path / "own.json"), 100), (both, 200)):
+        bias = bias_of(SCENE, soft, soft, known_effects)
+        assert bias.value == pytest.approx(6 * x[0] - 400 * x[1], rel=1e-6)
+        assert bias.half_width == pytest.approx(stats.t.ppf(0.975, freedom) * error, rel=1e-6)
+
+
+def test_what_ships_of_softness_is_what_its_runs_give():
+    """By least squares with a column for each bed. Four of twelve scenes are curved."""
+    runs = pd.read_csv(RUNS.with_name("2026-11-23-accuracy-runs-h200.csv"))
+    runs["bed"] = runs[["filled_stiffness_scale", "filled_dt_us", "seed"]].astype(str).agg(" ".join, axis=1)
+    effects = [one for one in SHIPPED if one["source"].startswith("accuracy-ho")]
+    signs = ["outlet", "law", "orifice_mm", "friction", "restitution", "rolling_friction"]
+    found = {key: part for key, part in runs.groupby(signs)}
+    assert len(found) == len(effects) == 12
+    for one in effects:
+        here = one["scene"]
+        sign = (here["outlet"], here["law"], round(3 * here["ratio"], 6), here["friction"], here["restitution"])
+        part = found[*sign, here["rolling"]]
+        delta = here["overlap"] * (100 * part["stiffness_scale"].to_numpy()) ** (-2 / 3)
+        step = 0.02 * part["dt_us"] / part["dt_us"].min() * part["stiffness_scale"] ** 0.4
+        columns = [delta, step**2, *([delta**2] if "curvature" in one else [])]
+        design = np.column_stack([*columns, pd.get_dummies(part["bed"])]).astype(float)
+        fitted = np.linalg.lstsq(design, np.log(part["W_g_per_s"]), rcond=None)[0]
+        assert one["slopes"][:2] == pytest.approx(fitted[:2], rel=2e-3, abs=2e-3)
+        if "curvature" in one:
+            assert one["curvature"][0] == pytest.approx(fitted[2], rel=2e-3)
+    assert sum("curvature" in one for one in effects) == 4
 
 
 def test_regression_without_other_fillings_says_that_it_knows_nothing_of_them():
@@ -412,7 +498,6 @@ def test_the_scatter_of_one_run_does_not_depend_on_how_many_runs_beds_have():
 
 
 PRECISIONS = ["numerics.precision", "fill.numerics.precision"]
-RUNS = Path(__file__).parents[3] / "benchmarks/results/2026-11-25-accuracy-precision-runs-h100.csv"
 
 
 def test_what_ships_of_mixed_precision_is_what_its_runs_give():
