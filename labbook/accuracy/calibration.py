@@ -18,7 +18,7 @@ from typing import Any
 import numpy as np
 
 from labbook.accuracy.groups import Groups
-from labbook.stats.effects import one_more
+from labbook.stats.effects import FEWEST, one_more
 from labbook.stats.pooling import student
 
 PATH = Path(__file__).with_name("calibration.json")
@@ -41,7 +41,7 @@ class OutOfRange(ValueError):
 
 
 class NotMeasured(OutOfRange):
-    """No scene of this kind and range was measured: a pilot of it would tell."""
+    """Neither this scene was measured, nor enough scenes of its kind and range: a pilot of it would tell."""
 
 
 @dataclass(frozen=True)
@@ -68,7 +68,8 @@ class Effects:
     `here`: its groups, with the largest overlap and step that were measured. `slopes` and `covariance`: see
     `labbook.accuracy.regression.Slopes`, with `freedom` degrees of freedom. `scatter`: standard deviation of ln W from
     seed to seed. `source`: study, backend and date, in words. `mixed`: what flow and filling in mixed precision do to
-    ln W, with the variance of that; None where it was not measured.
+    ln W, with the variance of that; None where it was not measured. `curvature`: by squared overlap of the flow, as in
+    `Slopes`; None where ln W is linear.
     """
 
     here: Groups
@@ -78,6 +79,7 @@ class Effects:
     scatter: float
     source: str
     mixed: tuple[float, float] | None = None
+    curvature: tuple[float, tuple[float, float, float, float]] | None = None
 
     @property
     def kinds(self) -> tuple[str | int, ...]:
@@ -104,11 +106,21 @@ class Effects:
         return math.isfinite(self.covariance[1][1])
 
     def of(self, x: np.ndarray) -> tuple[float, float]:
-        """What a change `x` of overlap, squared step and overlap while filling, shape [3], does to ln W, and the
-        variance of that; infinite where it was not measured."""
+        """What a change `x` of overlap, squared step, overlap while filling and squared overlap, shape [4], does to
+        ln W, and the variance of that; infinite where it was not measured."""
         moved = x != 0  # an effect that was never measured has an infinite variance, and matters only where it acts
-        covariance = np.asarray(self.covariance)[np.ix_(moved, moved)]
-        return float(x @ self.slopes), float(x[moved] @ covariance @ x[moved])
+        slopes, covariance = self.extended
+        return float(x @ slopes), float(x[moved] @ covariance[np.ix_(moved, moved)] @ x[moved])
+
+    @property
+    def extended(self) -> tuple[np.ndarray, np.ndarray]:
+        """Slopes with the curvature as the fourth, shape [4], and their covariance, shape [4, 4]; 0 where ln W is
+        linear."""
+        curvature, row = self.curvature or (0.0, (0.0,) * 4)
+        covariance = np.zeros((4, 4))
+        covariance[:3, :3] = self.covariance
+        covariance[3] = covariance[:, 3] = row
+        return np.array([*self.slopes, curvature]), covariance
 
 
 @dataclass(frozen=True)
@@ -164,17 +176,25 @@ class Alike:
         wrong = dict.fromkeys((*self.misfits(flow, (*RANGES, *NUMERICS)), *self.misfits(filled, NUMERICS)))
         if wrong:
             raise OutOfRange("; ".join(wrong))
-        x = (flow.overlap - stated.overlap, flow.step**2, filled.overlap - stated.overlap)
-        for one in self.effects:
-            if all(math.isclose(getattr(one.here, name), getattr(flow, name), rel_tol=1e-6) for name in RANGES):
-                value, variance = one.of(np.array(x))
-                return Bias(value, student(CONFIDENCE, one.freedom) * math.sqrt(variance))
+        bent = flow.overlap**2 - stated.overlap**2
+        x = (flow.overlap - stated.overlap, flow.step**2, filled.overlap - stated.overlap, bent)
+        for effects in self.measured(flow):
+            value, variance = effects.of(np.array(x))
+            return Bias(value, student(CONFIDENCE, effects.freedom) * math.sqrt(variance))
         return _one_more(self, x)
+
+    def measured(self, here: Groups) -> list[Effects]:
+        """List the effects of this very scene: none where it is not among those that were measured."""
+
+        def equal(effects: Effects) -> bool:
+            return all(math.isclose(getattr(effects.here, n), getattr(here, n), rel_tol=1e-6) for n in RANGES)
+
+        return list(filter(equal, self.effects))
 
     @property
     def mixed(self) -> Bias | None:
-        """Bias of W computed in mixed precision; None where nothing is known of it."""
-        return _rounding(self.rounded) if self.rounded else None
+        """Bias of W computed in mixed precision; None where it was measured in fewer than FEWEST scenes."""
+        return _rounding(self.rounded) if len(self.rounded) >= FEWEST else None
 
 
 @lru_cache(maxsize=64)
@@ -184,11 +204,11 @@ def _rounding(rounded: tuple[tuple[float, float], ...]) -> Bias:
 
 
 @lru_cache(maxsize=4096)  # the points of a study have the same numerics to choose from
-def _one_more(alike: Alike, x: tuple[float, float, float]) -> Bias:
+def _one_more(alike: Alike, x: tuple[float, float, float, float]) -> Bias:
     found = [one.of(np.array(x)) for one in alike.effects]
     known = [(value, variance) for value, variance in found if math.isfinite(variance)]
-    if not known:
-        return Bias(float(np.mean([value for value, _ in found])), math.inf)
+    if len(known) < FEWEST:
+        return Bias(float(np.mean([value for value, _ in known or found])), math.inf)
     values, variances = zip(*known, strict=True)
     return Bias(*one_more(values, variances, CONFIDENCE))
 
@@ -204,6 +224,9 @@ class Calibration:
         wrong = []
         for one in self.known:
             found = list(one.misfits(here, RANGES))
+            if not found and len(one.effects) < FEWEST and not one.measured(here):
+                ratios = ", ".join(f"{effects.here.ratio:.3g}" for effects in one.effects)
+                found = [f"only D/d = {ratios} calibrated, and an interval needs {FEWEST} scenes"]
             if not found:
                 return replace(one, rounded=self._rounded(here.shape))
             wrong.append(found)
@@ -227,15 +250,17 @@ def calibration(effects: Iterable[Effects]) -> Calibration:
 
 def together(one: Effects, other: Effects) -> Effects:
     """What two measurements of one scene say together: slopes weighted by the inverse of their covariances. They hold
-    up to the smaller of their largest steps, and up to the overlap of the one that varied it."""
+    up to the smaller of their largest steps, and up to the overlap of the one that varied it. Where one of them has a
+    curvature, it is theirs."""
     inverses = [_information(each) for each in (one, other)]
     total = np.sum(inverses, axis=0)
     known = np.diag(total) > 0
     covariance = np.diag(np.where(known, 0.0, math.inf))
     covariance[np.ix_(known, known)] = np.linalg.inv(total[np.ix_(known, known)])
-    slopes = np.zeros(3)
-    weighted = np.sum([weight @ each.slopes for weight, each in zip(inverses, (one, other), strict=True)], axis=0)
+    slopes = np.zeros(4)
+    weighted = np.sum([weight @ each.extended[0] for weight, each in zip(inverses, (one, other), strict=True)], axis=0)
     slopes[known] = covariance[np.ix_(known, known)] @ weighted[known]
+    row = covariance[3].tolist()
     freedoms = one.freedom, other.freedom
     rounded = [each.mixed for each in (one, other) if each.mixed is not None]
     stepped = [each.here.step for each in (one, other) if each.stepped]
@@ -244,11 +269,12 @@ def together(one: Effects, other: Effects) -> Effects:
     return Effects(
         here=replace(one.here, overlap=overlap, step=min(stepped or [one.here.step, other.here.step])),
         slopes=(float(slopes[0]), float(slopes[1]), float(slopes[2])),
-        covariance=tuple(map(tuple, covariance.tolist())),
+        covariance=tuple(map(tuple, covariance[:3, :3].tolist())),
         freedom=sum(freedoms),
         scatter=math.sqrt(float(np.average([one.scatter**2, other.scatter**2], weights=freedoms))),
         source=_sources((one, other)),
         mixed=_weighted(rounded) if rounded else None,
+        curvature=(float(slopes[3]), (row[0], row[1], row[2], row[3])) if known[3] else None,
     )
 
 
@@ -264,9 +290,9 @@ def _sources(effects: Iterable[Effects]) -> str:
 
 
 def _information(one: Effects) -> np.ndarray:
-    """Inverse of the covariance, shape [3, 3]; 0 for what was not measured."""
-    covariance, found = np.asarray(one.covariance), np.zeros((3, 3))
-    known = np.isfinite(np.diag(covariance))
+    """Inverse of the covariance, shape [4, 4]; 0 for what was not measured."""
+    covariance, found = one.extended[1], np.zeros((4, 4))
+    known = np.isfinite(np.diag(covariance)) & np.array([True, True, True, one.curvature is not None])
     found[np.ix_(known, known)] = np.linalg.inv(covariance[np.ix_(known, known)])
     return found
 
@@ -280,11 +306,14 @@ def shipped() -> Calibration:
 def load(path: Path) -> Calibration:
     """The calibration in a file, and after it the one that ships. Raises OSError, or ValueError for a file of another
     kind."""
+    return Calibration((*_read(path).known, *shipped().known))
+
+
+def _read(path: Path) -> Calibration:
     try:
-        own = read(json.loads(path.read_text(encoding="utf-8")))
+        return read(json.loads(path.read_text(encoding="utf-8")))
     except (KeyError, TypeError, AttributeError) as error:
         raise ValueError(f"not a calibration file: {error!r}") from error
-    return Calibration((*own.known, *shipped().known))
 
 
 def read(stored: Mapping[str, Any]) -> Calibration:
@@ -298,9 +327,19 @@ def read(stored: Mapping[str, Any]) -> Calibration:
             scatter=one["scatter"],
             source=one["source"],
             mixed=tuple(one["mixed"]) if "mixed" in one else None,
+            curvature=(one["curvature"][0], tuple(one["curvature"][1])) if "curvature" in one else None,
         )
         for one in stored["effects"]
     )
+
+
+def extend(path: Path, effects: Sequence[Effects]) -> None:
+    """Write effects into a calibration file, which keeps those of other scenes. Raises OSError, and ValueError for a
+    file of another kind."""
+    scenes = {one.scene for one in effects}
+    before = _read(path).known if path.is_file() else ()
+    remaining = [one for alike in before for one in alike.effects if one.scene not in scenes]
+    write(path, [*remaining, *effects])
 
 
 def write(path: Path, effects: Iterable[Effects]) -> None:
@@ -314,6 +353,7 @@ def write(path: Path, effects: Iterable[Effects]) -> None:
             "scatter": one.scatter,
             "source": one.source,
             **({} if one.mixed is None else {"mixed": one.mixed}),
+            **({} if one.curvature is None else {"curvature": one.curvature}),
         }
         for one in effects
     ]

@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from labbook import html
-from labbook.accuracy import BESIDE, write
+from labbook.accuracy import BESIDE, extend, write
 from labbook.api.progress import counted, watching
 from labbook.api.results import Results
 from labbook.backend import Backend, Unsupported, load_to_plan
@@ -208,8 +208,8 @@ class Lab:
 
         seeds: None for the pilot that the requested error needs, which has two time steps; a study whose scenes are
         calibrated, or that requests no error, needs none and is returned as it is. With a number a whole pilot is
-        run, needed or not: seven settings of time step and stiffness with `seeds` runs each, at the first and last
-        point. A study that sweeps numerics is its own pilot.
+        run, needed or not: seven settings of time step and stiffness with `seeds` runs each, at the first, middle
+        and last point. A study that sweeps numerics is its own pilot.
 
         The calibration is written beside the study file, where `load` finds it, or into the lab for a study made
         in Python. Raises what `run` raises; NotCalibrated where too few runs flowed or scenes of this kind cannot be
@@ -222,7 +222,8 @@ class Lab:
         file = self._calibration_file(study)
         if study.source and not os.access(file.parent, os.W_OK):
             raise PermissionError(errno.EACCES, "the calibration of its pilot cannot be written there", str(file))
-        write(file, [one.effects for one in effects_of_numerics(self, runs, progress)])
+        effects = [one.effects for one in effects_of_numerics(self, runs, progress)]
+        extend(file, effects) if seeds is None else write(file, effects)
         return study.calibrated(file)
 
     def results(self, study: Study, progress: bool | Callable[[int], None] = True) -> Results:

@@ -30,7 +30,7 @@ def register(app: typer.Typer) -> None:
     ) -> None:
         """Measure the effect of time step and stiffness on the flow rate of studies.
 
-        Runs a pilot of each study: seven settings of numerics at its first and last point, from shared packings.
+        Runs a pilot of each study: seven settings of numerics at its first, middle and last point, with shared beds.
         Writes one calibration file for all. From it labbook chooses the numerics for accuracy.flow_rate. A study
         uses the file with its own name, or the one named as accuracy.calibration. A study that sweeps numerics is
         run as it is. After Ctrl-C the same command goes on.

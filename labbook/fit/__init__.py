@@ -6,7 +6,7 @@ from labbook.fit.fitting import contenders, fit
 from labbook.fit.janda import Janda2D, Janda3D
 from labbook.fit.law import Context, Law
 from labbook.fit.power import Power
-from labbook.fit.result import FitError, FitResult, Parameter
+from labbook.fit.result import NOT_DETERMINED, FitError, FitResult, Parameter
 from labbook.plugins import Registry
 
 LAWS: Registry[Law] = Registry[Law](
@@ -25,6 +25,7 @@ def named(law: str) -> str:
 
 __all__ = [
     "LAWS",
+    "NOT_DETERMINED",
     "Context",
     "FitError",
     "FitResult",

@@ -22,7 +22,7 @@ class Beverloo(Law):
 
     power: ClassVar[float]
     """Of D in the limit of wide outlets."""
-    version = 1
+    version = 2
     free = ("ln C_particle", "k")
     least_ratio = 6.0
 

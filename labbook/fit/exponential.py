@@ -15,7 +15,7 @@ class Exponential(Law):
     """
 
     name = "exponential"
-    version = 1
+    version = 2
     formula = "W = W_0 exp(kappa D)"
     source = "Pongo et al. 2022; kappa = 0.084/mm, experiment 0.13/mm"
     free = ("ln W_0 / m sqrt(g/d)", "kappa d")

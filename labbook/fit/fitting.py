@@ -7,7 +7,7 @@ import numpy as np
 
 from labbook.fit.law import Context, Law
 from labbook.fit.profile import LowerMinimum, Minimum, interval, minimise
-from labbook.fit.result import FitError, FitResult, Parameter, freedom
+from labbook.fit.result import FitError, FitResult, Parameter, widened
 from labbook.fit.weights import Weights, pooled_weights
 from labbook.scene.quantities import told_apart
 from labbook.stats.choice import aicc, deviance, unbeaten
@@ -18,6 +18,10 @@ _SAME = 1e-3
 """Orifices that differ by less, in diameters of a grain, count as one."""
 _EXACT = 1e-6
 """Relative scatter about a law below which it is that of numerics: flow rates are counts of grains."""
+OUTLETS = 6
+"""Outlets that decide k where Beverloo's law misses them: Student's t of four degrees of freedom is 2.8."""
+_UNDECIDED = 1.0
+"""Width of the interval of k [d] from which on it is not decided: it then excludes little."""
 _DIVERGES = (
     "the fit did not converge: these flow rates do not determine its parameters; use outlets over a wider range or "
     "more replicates, or leave the law out of `fit`"
@@ -37,10 +41,9 @@ def fit(
 
     `error`: standard errors of W from `replicates` seeds a point (NaN where there is one). They are pooled
     (see `labbook.fit.weights`); left out, the errors count as exactly known. Residuals are those of ln W, in
-    which the relative scatter of flow rates has one size. Intervals come from the profile likelihood with
-    Student's t on the degrees of freedom of the errors; without any replicates, from the scatter about the
-    law. Raises FitError for unusable data, data that do not determine the parameters, and a fit that does not
-    converge.
+    which the relative scatter of flow rates has one size. Intervals come from the profile likelihood, with
+    errors and Student's t of `labbook.fit.result.widened`. Raises FitError for unusable data, data that do not
+    determine the parameters, and a fit that does not converge.
     """
     D, W, error = (np.asarray(a, float) for a in (D, W, error))
     _check(law, D, W, error, replicates, context)
@@ -53,9 +56,8 @@ def fit(
         return (log_W - law.log_flow(D, free, context)) / weights.relative
 
     dof = len(D) - len(law.free)
-    t = student(confidence, freedom(weights.degrees_of_freedom, dof))
     replicated = weights.degrees_of_freedom > 0
-    allowed = _allowed(t, dof, replicated)
+    allowed = _allowed(confidence, dof, weights.degrees_of_freedom)
     if why := law.without_minimum(D, W, weights.relative, context, allowed):
         raise FitError(f"{law.name}: {why}; use outlets over a wider range or more replicates")
     start = law.start(D, W, context)
@@ -68,9 +70,8 @@ def fit(
             if not replicated and misfit < _EXACT:
                 no_scatter = "the points lie on the law, so that their scatter gives no errors; give more replicates"
                 raise FitError(f"{law.name}: {no_scatter}")
-            rise = allowed(minimum.chi2)
-            widening = math.sqrt(rise) / t
-            parameters = _parameters(law, context, residuals, minimum, rise, widening)
+            widening, _ = widened(minimum.chi2, dof, weights.degrees_of_freedom)
+            parameters = _parameters(law, context, residuals, minimum, allowed(minimum.chi2), widening)
             break
         except LowerMinimum as lower:
             start = lower.found
@@ -80,6 +81,9 @@ def fit(
         raise FitError(f"{law.name}: the fit keeps finding lower minima; the data do not determine its parameters")
     outside = law.outside(D, context)
     p_value = _p_value(minimum.chi2, dof, weights)
+    notes = _notes(law, D, outside, weights, p_value, dof, context)
+    if more := _more_outlets(D, context, widening, parameters):
+        notes = (*notes, more)
     return FitResult(
         law=law,
         context=context,
@@ -93,20 +97,19 @@ def fit(
         dof=dof,
         p_value=p_value,
         error_dof=weights.degrees_of_freedom,
-        widening=widening,
         aicc=aicc(minimum.chi2, len(D), len(law.free)),
         confidence=confidence,
-        notes=_notes(law, D, outside, weights, p_value, context),
+        notes=notes,
         _minimum=minimum,
     )
 
 
-def _allowed(t: float, dof: int, replicated: bool) -> Callable[[float], float]:
+def _allowed(confidence: float, dof: int, error_dof: float) -> Callable[[float], float]:
     """The rise of chi2 over its least value that bounds the intervals: t^2, widened by the misfit."""
 
     def allowed(least: float) -> float:
-        misfit = least / dof
-        return t**2 * (max(1.0, misfit) if replicated else misfit)
+        factor, freedom = widened(least, dof, error_dof)
+        return (student(confidence, freedom) * factor) ** 2
 
     return allowed
 
@@ -114,10 +117,9 @@ def _allowed(t: float, dof: int, replicated: bool) -> Callable[[float], float]:
 def _check(law: Law, D: np.ndarray, W: np.ndarray, error: np.ndarray, replicates, context: Context) -> None:
     if not D.shape == W.shape == error.shape or D.ndim != 1:
         raise FitError(f"{law.name}: orifices, flow rates and errors must be lists of equal length")
-    given, least = np.unique(D), len(law.free) + 1
-    orifices = min(len(given), 1) + int(np.sum(np.diff(given) >= _SAME * context.d))
+    orifices, least = _distinct(D, context), len(law.free) + 1
     if orifices < least:
-        same = f" (those that differ by less than {_SAME:g} d count as one)" if orifices < len(given) else ""
+        same = f" (those that differ by less than {_SAME:g} d count as one)" if orifices < len(np.unique(D)) else ""
         few = "orifice is too few" if orifices == 1 else "orifices are too few"
         raise FitError(f"{law.name}: {orifices} {few}{same}; its {least - 1} parameters need {least}")
     if not (np.isfinite(W).all() and (W > 0).all() and np.isfinite(D).all() and (D > 0).all()):
@@ -127,9 +129,14 @@ def _check(law: Law, D: np.ndarray, W: np.ndarray, error: np.ndarray, replicates
         raise FitError(f"{law.name}: the error of a point with several replicates must be finite and not negative")
 
 
+def _distinct(D: np.ndarray, context: Context) -> int:
+    """Number of orifices that differ."""
+    return min(len(D), 1) + int(np.sum(np.diff(np.unique(D)) >= _SAME * context.d))
+
+
 def _parameters(law, context, residuals, minimum: Minimum, rise: float, widening: float) -> dict[str, Parameter]:
     reported = law.reported(context)
-    ends = {i: interval(residuals, minimum, i, rise) for i in {entry.free for entry in reported}}
+    ends = {i: interval(residuals, minimum, i, rise, law.endless) for i in {entry.free for entry in reported}}
     errors = np.sqrt(np.diag(minimum.covariance)) * widening
     parameters = {}
     for entry in reported:
@@ -151,7 +158,7 @@ def _p_value(chi2: float, dof: int, weights: Weights) -> float:
     return float(fdtrc(dof, weights.degrees_of_freedom, chi2 / dof))
 
 
-def _notes(law: Law, D, outside, weights: Weights, p_value: float, context: Context) -> tuple[str, ...]:
+def _notes(law: Law, D, outside, weights: Weights, p_value: float, dof: int, context: Context) -> tuple[str, ...]:
     notes = []
     if outside.any():
         worst = ", ".join(told_apart(ratio, law.least_ratio)[0] for ratio in D[outside] / context.d)
@@ -161,8 +168,23 @@ def _notes(law: Law, D, outside, weights: Weights, p_value: float, context: Cont
     if weights.uneven:
         notes.append("the relative scatter between replicates differs between points (Bartlett, p < 0.01)")
     if p_value < 0.05:
-        notes.append("the law misses the points by more than their errors; intervals are widened by sqrt(chi2/dof)")
+        notes.append(
+            "the law misses the points by more than their errors; intervals are widened by sqrt(chi2/dof), with "
+            f"Student's t of {dof} degree{'' if dof == 1 else 's'} of freedom"
+        )
     return tuple(notes)
+
+
+def _more_outlets(D: np.ndarray, context: Context, widening: float, parameters: dict[str, Parameter]) -> str:
+    """Recommend OUTLETS where fewer leave k with an interval wider than _UNDECIDED, and the points miss the law."""
+    outlets = _distinct(D, context)
+    if "k" not in parameters or outlets >= OUTLETS or widening <= 1:
+        return ""
+    width = parameters["k"].high - parameters["k"].low
+    if width <= _UNDECIDED:
+        return ""
+    size = f"an interval {width:.2g} d wide" if math.isfinite(width) else "an interval without end"
+    return f"{outlets} outlets do not decide k, which has {size}; use {OUTLETS} outlets or more"
 
 
 def contenders(results: Sequence[FitResult]) -> tuple[str, ...]:

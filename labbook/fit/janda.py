@@ -1,6 +1,7 @@
 """Janda's law, for a slot and for a circular hole."""
 
 import math
+from collections.abc import Collection
 from typing import ClassVar
 
 import numpy as np
@@ -9,6 +10,8 @@ from labbook.fit.law import Context, Law, Reported, exponential, extended_log
 
 # Bounds of ln alpha_2/d beyond which the law no longer changes: a constant bracket, or one linear in D.
 _NARROWEST, _WIDEST = math.log(0.05), math.log(1e3)
+_NEAR = 0.01
+"""Distance of ln alpha_2/d from a bound at which it lies there."""
 
 
 class Janda(Law):
@@ -21,7 +24,7 @@ class Janda(Law):
 
     power: ClassVar[float]
     """Of D in the limit of wide outlets."""
-    version = 2
+    version = 3
     source = "Janda, Zuriguel & Maza, Phys. Rev. Lett. 108 (2012) 248001"
     free = ("ln C' d^n sqrt(d/g)", "alpha_1", "ln alpha_2/d")
     least_ratio = 6.0
@@ -33,6 +36,11 @@ class Janda(Law):
         # Over d/alpha_2, its growth along one diameter: where alpha_2 is large the bracket is small at all orifices.
         log_bracket = extended_log(bracket / decay) + math.log(decay)
         return math.log(context.unit_flow) + free[0] + self.power * np.log(ratio) + log_bracket
+
+    def endless(self, free: np.ndarray) -> Collection[int]:
+        """All at the upper bound of alpha_2: the bracket is linear in D there, C' grows with alpha_2, and alpha_1 tends
+        to 1. At the lower bound C' is that of wide orifices, which the data set."""
+        return (0, 1, 2) if free[2] >= _WIDEST - _NEAR else ()
 
     def start(self, D: np.ndarray, W: np.ndarray, context: Context) -> np.ndarray:
         # Given alpha_2 the law is linear in C' and C' alpha_1: the best of a coarse scan is near enough.

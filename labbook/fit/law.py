@@ -2,7 +2,7 @@
 
 import math
 from abc import ABC, abstractmethod
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Collection, Mapping
 from dataclasses import dataclass, replace
 from typing import ClassVar, Literal
 
@@ -114,6 +114,11 @@ class Law(ABC):
             allowed: Rise of chi2 over a least value that bounds the intervals.
         """
         return ""
+
+    def endless(self, free: np.ndarray) -> Collection[int]:
+        """Free parameters, shape [p], that only a bound of the law keeps from growing at these values: by their
+        indices. An end of their intervals there is that of the bound, and not of the data."""
+        return ()
 
     @property
     def parameters(self) -> Mapping[str, Reported]:

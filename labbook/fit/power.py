@@ -14,7 +14,7 @@ class Power(Law):
     """
 
     name = "power"
-    version = 1
+    version = 2
     formula = "W = W_d (D/d)^n"
     source = "Pongo et al. 2022"
     free = ("ln W_d / m sqrt(g/d)", "n")

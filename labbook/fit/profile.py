@@ -7,7 +7,7 @@ it says so where the data set no limit.
 """
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Collection
 from dataclasses import dataclass
 from functools import cache
 
@@ -74,18 +74,32 @@ def derivative(function: Residuals, at: np.ndarray) -> np.ndarray:
     return np.column_stack(columns)
 
 
-def interval(residuals: Residuals, minimum: Minimum, index: int, rise: float) -> tuple[float, float]:
+def interval(
+    residuals: Residuals,
+    minimum: Minimum,
+    index: int,
+    rise: float,
+    endless: Callable[[np.ndarray], Collection[int]] = lambda free: (),
+) -> tuple[float, float]:
     """Ends of the interval of free parameter `index` in which the profile rises by less than `rise`.
 
-    An end that the data do not set is infinite. Raises LowerMinimum if `minimum` turns out to be a local one.
+    An end that the data do not set is infinite; so is one at whose free parameters, shape [p], the parameter is among
+    those that `endless` gives. Raises LowerMinimum if `minimum` turns out to be a local one.
     """
     error = math.sqrt(minimum.covariance[index, index])
     unit = error if math.isfinite(error) else 1.0
-    low, high = (_end(residuals, minimum, index, rise, sign * unit) for sign in (-1, 1))
+    low, high = (_end(residuals, minimum, index, rise, sign * unit, endless) for sign in (-1, 1))
     return low, high
 
 
-def _end(residuals: Residuals, minimum: Minimum, index: int, rise: float, unit: float) -> float:
+def _end(
+    residuals: Residuals,
+    minimum: Minimum,
+    index: int,
+    rise: float,
+    unit: float,
+    endless: Callable[[np.ndarray], Collection[int]],
+) -> float:
     from scipy.optimize import brentq
 
     centre = minimum.best[index]
@@ -121,4 +135,8 @@ def _end(residuals: Residuals, minimum: Minimum, index: int, rise: float, unit: 
         inner, outer = outer, 1.6 * outer
         if outer > _FARTHEST:
             return math.copysign(math.inf, unit)
-    return float(centre + unit * brentq(excess, inner, outer, xtol=1e-9, rtol=1e-6))  # type: ignore[arg-type]
+    steps: float = brentq(excess, inner, outer, xtol=1e-9, rtol=1e-6)  # type: ignore[assignment]
+    nearest = min(guess, key=lambda known: abs(known - steps))
+    if index in endless(np.insert(guess[nearest], index, centre + steps * unit)):
+        return math.copysign(math.inf, unit)
+    return float(centre + unit * steps)

@@ -18,6 +18,8 @@ if TYPE_CHECKING:
     import pandas as pd
 
 
+NOT_DETERMINED = "not determined"
+"""In place of a parameter that the data do not determine."""
 _WIDE = 10.0
 """Width of an interval, in values, from which on a parameter is not determined."""
 _FAR = 2.0
@@ -38,6 +40,14 @@ class Parameter:
     error: float
     unit: str
 
+    def determined(self, about_zero: bool = False) -> bool:
+        """Decide whether the data determine the parameter: its interval has both ends and is at most ten values wide.
+
+        `about_zero`: a value that cannot be told from zero is a finding too, whatever its width.
+        """
+        width = self.high - self.low
+        return math.isfinite(width) and (about_zero or width <= _WIDE * abs(self.value))
+
 
 @dataclass(frozen=True, eq=False)
 class FitResult:
@@ -46,9 +56,7 @@ class FitResult:
     `D` [m], `W` [kg/s], `relative_error` (of W, as used for the weights), `residuals` (ln W - ln W_law, about
     the relative deviation), `outside` (points outside the law's range: used all the same, and flagged): shape
     [n]. `chi2` with `dof` = n - p; `p_value`: probability of a larger chi2 if the law holds (F distribution,
-    since the errors are estimates with `error_dof` degrees of freedom; NaN without replicates). `widening`:
-    factor max(1, sqrt(chi2/dof)) on all intervals, so that a law that misses the data does not claim their
-    precision.
+    since the errors are estimates with `error_dof` degrees of freedom; NaN without replicates).
     """
 
     law: Law
@@ -63,7 +71,6 @@ class FitResult:
     dof: int
     p_value: float
     error_dof: float
-    widening: float
     aicc: float
     confidence: float
     notes: tuple[str, ...]
@@ -74,11 +81,24 @@ class FitResult:
         """chi2 per degree of freedom."""
         return self.chi2 / self.dof
 
+    @property
+    def widening(self) -> float:
+        """Factor on all standard errors, so that a law that misses the data does not claim their precision."""
+        return widened(self.chi2, self.dof, self.error_dof)[0]
+
+    @property
+    def freedom(self) -> float:
+        """Degrees of freedom of all intervals and joint regions."""
+        return widened(self.chi2, self.dof, self.error_dof)[1]
+
     def frame(self) -> "pd.DataFrame":
-        """The parameters: a row each, with value, error, ends of the interval and unit."""
+        """The parameters: a row each, with value, error, ends of the interval, unit, and if the data determine it."""
         import pandas as pd
 
-        rows = [{"parameter": name, **vars(found)} for name, found in self.parameters.items()]
+        rows = [
+            {"parameter": name, **vars(found), "determined": found.determined()}
+            for name, found in self.parameters.items()
+        ]
         return pd.DataFrame([{**row, "symbol": self.symbols[row["parameter"]]} for row in rows])
 
     @property
@@ -91,8 +111,7 @@ class FitResult:
         for one in self.law.reported(self.context):
             found = self.parameters[one.name]
             value, error, low, high = (one.scale * x for x in (found.value, found.error, found.low, found.high))
-            known = math.isfinite(high - low) and high - low <= _WIDE * abs(value)
-            shown = f"{value:.4g} ± {error:.2g}" if known else "not determined"
+            shown = f"{value:.4g} ± {error:.2g}" if found.determined() else NOT_DETERMINED
             rows.append((one.symbol or one.name, one.name, shown, f"{low:.4g} to {high:.4g}", one.shown or one.unit))
         goodness = f"χ² = {self.chi2:.3g} with {self.dof} degrees of freedom, p = {self.p_value:.2g}"
         notes = (goodness, *(f"note: {note}" for note in self.notes))
@@ -105,7 +124,8 @@ class FitResult:
             within = f"{percent(self.confidence)}: {one.low:.4g} to {one.high:.4g}"
             symbol = self.symbols[name]
             called = name if symbol == name else f"{name}, shown as {symbol},"
-            lines.append(f"  {called} = {one.value:.4g} ± {one.error:.2g} {one.unit}".rstrip() + f"  ({within})")
+            value = f"= {one.value:.4g} ± {one.error:.2g} {one.unit}".rstrip() if one.determined() else NOT_DETERMINED
+            lines.append(f"  {called} {value}  ({within})")
         lines.append(f"  χ² = {self.chi2:.3g} with {self.dof} degrees of freedom, p = {self.p_value:.2g}")
         return "\n".join(lines + [f"  note: {note}" for note in self.notes])
 
@@ -142,9 +162,7 @@ class FitResult:
         with np.errstate(over="ignore", invalid="ignore", divide="ignore"):
             slopes = derivative(lambda free: self.law.log_flow(at, free, self.context), best)
             error = law_error(slopes, self._minimum.covariance) * self.widening
-            reach = half_width(
-                error, self.confidence, freedom(self.error_dof, self.dof), self._scatter if new_point else 0.0
-            )
+            reach = half_width(error, self.confidence, self.freedom, self._scatter if new_point else 0.0)
             value = self.law.flow(at, best, self.context)
             return value, value * np.exp(-reach), value * np.exp(reach)
 
@@ -168,8 +186,9 @@ class FitResult:
         misfit = np.log(self.W) - self.law.log_flow(self.D, free, self.context)
         own = self.relative_error if self.error_dof else self.relative_error / self.widening
         rise = (float(np.sum((misfit / own) ** 2)) - self.chi2) / self.widening**2
-        of = freedom(self.error_dof, self.dof)
-        return float(chdtrc(len(free), rise) if np.isinf(of) else fdtrc(len(free), of, max(rise, 0.0) / len(free)))
+        if np.isinf(self.freedom):
+            return float(chdtrc(len(free), rise))
+        return float(fdtrc(len(free), self.freedom, max(rise, 0.0) / len(free)))
 
     @property
     def _scatter(self) -> float:
@@ -178,6 +197,22 @@ class FitResult:
         return own * self.widening if self.error_dof else own  # without replicates it is that of the scatter already
 
 
-def freedom(error_dof: float, dof: int) -> float:
-    """Degrees of freedom of the intervals: of the replicates, else of the scatter about the law."""
-    return error_dof if error_dof else dof
+def widened(chi2: float, dof: int, error_dof: float) -> tuple[float, float]:
+    """Compute the factor on the standard errors of a fit, and the degrees of freedom of Student's t and F for them.
+
+    Where the law holds, the errors are those of the replicates, with their degrees of freedom. Where it misses the
+    points by more, or without replicates, the errors are taken from the scatter about the law: that is an estimate
+    from `dof` degrees of freedom, however many replicates there are.
+
+    Args:
+        chi2: Sum of squares about the law, in units of the errors.
+        dof: Points less parameters.
+        error_dof: Degrees of freedom of the errors; 0 without replicates, infinite if they are known exactly.
+
+    Returns:
+        The factor, 1 or sqrt(chi2/dof), and the degrees of freedom.
+    """
+    factor = math.sqrt(chi2 / dof)
+    if error_dof and factor <= 1:
+        return 1.0, error_dof
+    return factor, dof

@@ -208,9 +208,10 @@ class Plan:
         """How the runs stand, what is foreseen, and the warnings, line by line."""
         counts = self.counts()
         ahead, lines = self.forecast, [", ".join(f"{counts[state]} {state}" for state in _STATES if counts[state])]
-        if self.rule.sequential:
-            known = percent(self.rule.tolerance or 0.0)
-            lines.append(f"Up to {self.rule.cap} replicates per point, until the flow rate is known to {known}")
+        if self.rule.tolerance is not None:
+            if self.rule.sequential:
+                known = percent(self.rule.tolerance)
+                lines.append(f"Up to {self.rule.cap} replicates per point, until the flow rate is known to {known}")
             lines += self._chosen()
             lines += [f"Discharges: {line}" for line in _at_points(self.shares)]
         if "flow_rate" in self.study.measure:

@@ -5,14 +5,11 @@ import math
 from collections.abc import Iterator, Mapping
 from types import MappingProxyType
 
-from labbook.fit import FitResult, Parameter
+from labbook.fit import NOT_DETERMINED, FitResult, Parameter
 from labbook.report.tables import INSIDE, Table, inside
 from labbook.results import display
 from labbook.results.reference import Comparison
 from labbook.scene.quantities import percent
-
-NOT_DETERMINED = "not determined"
-"""What is shown of a parameter that the data do not determine."""
 
 
 def fit_table(
@@ -80,7 +77,7 @@ def parameter_row(quantity: str, parameter: Parameter) -> tuple[str, str, str]:
     width = parameter.high - parameter.low
     digits = width / 4  # about a standard error, also where the linearised one means nothing
     ends = (display.number(end, digits, shown.scale) for end in (parameter.low, parameter.high))
-    if not math.isfinite(width) or (width > 10 * abs(parameter.value) and not shown.about_zero):
+    if not parameter.determined(shown.about_zero):
         value = NOT_DETERMINED
     elif parameter.error > width:
         value = display.number(parameter.value, digits, shown.scale)

@@ -4,12 +4,12 @@ import math
 from collections.abc import Callable, Sequence
 
 from labbook.commands import command
-from labbook.fit import FitResult
+from labbook.fit import NOT_DETERMINED, FitResult
 from labbook.measure.flow import CUT_SHORT
 from labbook.plan.advice import limits
 from labbook.report.against import changes, found_against
 from labbook.report.blocks import Facts
-from labbook.report.fitted_tables import NOT_DETERMINED, parameter_row
+from labbook.report.fitted_tables import parameter_row
 from labbook.results import display
 from labbook.results.budget import point_budgets
 from labbook.results.budget import summed_up as budget_summed_up

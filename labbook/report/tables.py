@@ -10,7 +10,7 @@ from typing import ClassVar
 from labbook.measure.flow import FlowRate
 from labbook.measure.measure import FLOWING
 from labbook.results import display
-from labbook.results.budget import NOT_MEASURED, SOURCES, budgets
+from labbook.results.budget import NOT_MEASURED, SOURCES, Share, budgets
 from labbook.results.numerical import Numerical
 from labbook.results.points import FLOW_RATE, PointResult
 from labbook.results.reference import Comparison
@@ -136,12 +136,11 @@ def budget_table(results: StudyResults) -> Table:
     swept, rows = _swept(results), []
     reasons: dict[str, None] = {}
     for budget in budgets(results):
-        parts = {share.source: share.part for share in budget.shares}
-        total = None if len(budget.unknown) == len(budget.shares) else budget.total
-        cells = ["–" if part is None else _parts(part) for part in (*map(parts.get, SOURCES), total)]
+        cells = {share.source: _share(share) for share in budget.shares}
+        total = "–" if len(budget.unknown) == len(budget.shares) else _parts(budget.total)
         if budget.quantity == FLOW_RATE:
             reasons |= dict.fromkeys(f"{share.source}: {share.basis}" for share in budget.shares)
-        rows.append((budget.name, _at(budget.of, swept), tuple(cells)))
+        rows.append((budget.name, _at(budget.of, swept), (*(cells.get(source, "–") for source in SOURCES), total)))
     rows = [(name, *at, *cells) for name, at, cells in _once(rows)]
     headings = ("of", *_headings(swept, ()), *SOURCES, "sum of known parts")
     unmeasured = [reason for reason in reasons if NOT_MEASURED in reason]
@@ -158,15 +157,22 @@ def _once(rows: Sequence[tuple[str, tuple[str, ...], tuple[str, ...]]]) -> Itera
             yield from mine
 
 
+def _share(share: Share) -> str:
+    if share.part is None:
+        return "–"
+    return f"{_parts(share.part)} ({share.beside})" if share.beside else _parts(share.part)
+
+
 def _parts(part: float) -> str:
     return percent(part, ".2f")
 
 
 _BUDGET = (
     "Relative to the value. Seeds: half width of the 95 % interval. Numerics: the largest difference in this study, or "
-    "for W, if there is none, the calibrated bound of the bias. Window: half of the drift of W across the window, by "
-    "which W at either end differs from its mean; for fitted parameters the largest difference to windows that open at "
-    "0.1, 0.15, 0.2 and at the end of the start-up. Filling, bed: the largest difference in this study."
+    "for W, if there is none, the calibrated bound of the bias. Window: half of the drift of W across the window "
+    "beyond its 95 % interval, by which W at either end differs from its mean; for fitted parameters the largest "
+    "difference to windows that open at 0.1, 0.15, 0.2 and at the end of the start-up. Filling, bed: the largest "
+    "difference in this study."
 )
 
 

@@ -10,7 +10,7 @@ import numpy as np
 
 from labbook.accuracy.calibration import Effects
 from labbook.accuracy.groups import Groups, groups
-from labbook.accuracy.regression import Observed, Slopes, regress
+from labbook.accuracy.regression import Observed, Slopes, curved, regress
 from labbook.results.points import FLOW_RATE, PointResult, by_seed, counted
 from labbook.scene.quantities import percent
 from labbook.study import Point
@@ -67,6 +67,7 @@ class Calibrated:
             for w, v, e in zip(words, self.slopes.values, errors, strict=True)
             if math.isfinite(e)
         )
+        bend = () if self.slopes.curvature is None else (_in_words(self.slopes),)
         precisions = (("flow", self.slopes.mixed_flow), ("flow and filling", self.slopes.mixed))
         rounded = (
             f"{what} in mixed precision: W {percent(one[0], '+.2f')} +- {percent(math.sqrt(one[1]), '.2f')}"
@@ -78,15 +79,25 @@ class Calibrated:
             f"rolling friction {here.rolling:g}: {self.slopes.runs} runs from {self.slopes.beds} beds",
             *(one.line() for one in self.changes),
             *found,
+            *bend,
             *rounded,
             f"scatter between seeds {percent(self.slopes.between, '.2f')}, "
             f"between settings in one bed {percent(self.slopes.within, '.2f')}",
         ]
 
 
+def _in_words(slopes: Slopes) -> str:
+    """The quadratic term of a scene."""
+    assert slopes.curvature is not None
+    value, (*_, variance) = slopes.curvature
+    why = f"ln W is not linear in the overlap (p = {slopes.curvature_p:.2g})"
+    return f"d ln W/d overlap^2 = {value:.3g} +- {math.sqrt(variance):.2g}: {why}"
+
+
 def calibrate(name: str, points: Sequence[PointResult]) -> tuple[Calibrated, ...]:
-    """The calibration that the points of the study `name` give, for every scene that has enough runs. Raises
-    NotCalibrated where none has."""
+    """The calibration that the points of the study `name` give, for every scene that has enough runs. Where ln W is not
+    linear in the overlap, by a test that all scenes share, it has a quadratic term. Raises NotCalibrated where no scene
+    has enough runs."""
     if not points:
         raise NotCalibrated("no run is finished")
     scenes: dict[str, list[PointResult]] = defaultdict(list)
@@ -98,20 +109,21 @@ def calibrate(name: str, points: Sequence[PointResult]) -> tuple[Calibrated, ...
     found, reasons = [], []
     for some in scenes.values():
         try:
-            found.append(_scene(some, source))
+            found.append((some, _scene(some, source)))
         except ValueError as reason:
             reasons.append(f"{some[0].label}: {reason}")
     if not found:
         raise NotCalibrated(reasons[0])
-    return tuple(found)
+    bends = curved([one.slopes.curvature_p for _, one in found])
+    return tuple(_scene(some, source, bend) if bend else one for (some, one), bend in zip(found, bends, strict=True))
 
 
-def _scene(points: Sequence[PointResult], source: str) -> Calibrated:
+def _scene(points: Sequence[PointResult], source: str, bend: bool = False) -> Calibrated:
     """Of one scene with several numerics. Raises ValueError for too few runs, or for those by an older law."""
     if outdated := next((run.outdated for one in points for run in one.runs if run.outdated), ""):
         raise ValueError(f"its runs are stale ({outdated}); labbook run makes them again")
     numerics = {one.point.index: flow_and_filling(one.point) for one in points}
-    slopes = regress([run for one in points for run in _observed(one, *numerics[one.point.index])])
+    slopes = regress([run for one in points for run in _observed(one, *numerics[one.point.index])], bend)
     known = [group for pair in numerics.values() for group in pair]
     overlap, step = max(group.overlap for group in known), max(flow.step for flow, _ in numerics.values())
     effects = Effects(
@@ -122,6 +134,7 @@ def _scene(points: Sequence[PointResult], source: str) -> Calibrated:
         scatter=slopes.between,
         source=source,
         mixed=slopes.mixed,
+        curvature=slopes.curvature,
     )
     return Calibrated(slopes, tuple(_changes(points, numerics, slopes)), effects)
 
@@ -162,10 +175,14 @@ def _changes(points: Sequence[PointResult], numerics: dict[int, tuple[Groups, Gr
         (flow, filled), b = numerics[point.point.index], by_seed(point, FLOW_RATE)
         change = np.array([math.log(b[seed] / a[seed]) for seed in sorted(a.keys() & b.keys())])
         x = [flow.overlap - reference.overlap, flow.step**2 - reference.step**2, filled.overlap - bed.overlap]
+        bend = slopes.curvature[0] * (flow.overlap**2 - reference.overlap**2) if slopes.curvature else 0.0
         error = float(change.std(ddof=1)) / math.sqrt(len(change)) if len(change) > 1 else math.nan
         mean = float(change.mean()) if len(change) else math.nan
         fitted = (
-            float(slopes.values @ x) + _rounding(slopes, *_are_mixed(point)) - _rounding(slopes, *_are_mixed(first))
+            float(slopes.values @ x)
+            + bend
+            + _rounding(slopes, *_are_mixed(point))
+            - _rounding(slopes, *_are_mixed(first))
         )
         found.append(Change(point.label, flow, filled, mean, error, len(change), fitted))
     return found

@@ -10,6 +10,7 @@ import numpy as np
 from labbook.measure.flow import WINDOW_START
 from labbook.measure.outlet import DEFINITIONS, ProfileAcross
 from labbook.measure.series import discharged, mean_mass
+from labbook.results import display
 from labbook.results.against import against
 from labbook.results.against import rows as against_rows
 from labbook.results.budget import budgets
@@ -270,7 +271,9 @@ def _fits(results: StudyResults) -> Iterator[Row]:
         for law in (*series.fits, *series.further):
             for name, parameter in series.parameters(law).items():
                 head = {**_of_series(series), "law": law, "parameter": name}
-                yield {**head, **vars(parameter), **_goodness(series, law), **_resting(results, _fitted(series, law))}
+                about_zero = display.quantity(f"{law}.{name}", parameter.unit).about_zero
+                head |= {**vars(parameter), "determined": parameter.determined(about_zero)}
+                yield {**head, **_goodness(series, law), **_resting(results, _fitted(series, law))}
 
 
 def _starts(results: StudyResults) -> Iterator[Row]:

@@ -32,6 +32,11 @@ class Pooled:
         return self.value + self.half_width
 
     @property
+    def significant(self) -> float:
+        """Size of the mean beyond its interval about zero: max(0, |mean| - half width)."""
+        return max(0.0, abs(self.value) - self.half_width)
+
+    @property
     def relative(self) -> float:
         """Half width relative to the size of the mean; infinite for a mean of zero."""
         return self.half_width / abs(self.value) if self.value else math.inf

@@ -1,4 +1,8 @@
-"""The pilot of a study: a few settings of its numerics at its first and last point, to see what they do to W."""
+"""The pilot of a study: a few settings of its numerics at three of its points, to see what they do to W.
+
+Three points, the first, the one in the middle and the last, since fewer tell nothing of the points between them
+(`labbook.stats.effects.FEWEST`).
+"""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
@@ -43,9 +47,9 @@ def is_pilot(study: Study) -> bool:
 
 
 def pilot(study: Study, seeds: int = SEEDS) -> Study:
-    """The pilot of `study`: SETTINGS at its first and last point, `seeds` runs each; beds are shared by all settings
-    that fill them alike. Raises StudyError."""
-    return _pilot(study, [study.points[place] for place in sorted({0, len(study.points) - 1})], seeds, SETTINGS)
+    """The pilot of `study`: SETTINGS at its first, middle and last point, `seeds` runs each; beds are shared by all
+    settings that fill them alike. Raises StudyError."""
+    return _pilot(study, _spread(study.points), seeds, SETTINGS)
 
 
 def whole(study: Study, seeds: int = SEEDS) -> Study:
@@ -55,18 +59,23 @@ def whole(study: Study, seeds: int = SEEDS) -> Study:
 
 def first_needed(study: Study) -> Study | None:
     """The pilot that is needed before the numerics of `study` can be chosen for the requested error: STEPS at
-    the first and the last of its points of each kind where nothing was measured. None if there are no such points.
+    the first, middle and last of its points of each kind where too little was measured. None if there are none.
     Raises StudyError."""
     kinds: dict[tuple[str, ...], list[Point]] = {}
     for point in study.points:
         if point.wants_pilot and (here := groups(point.scene, 1.0, 1.0)) is not None:
             kinds.setdefault((here.shape, here.outlet, here.law), []).append(point)
-    ends = {end.index: end for points in kinds.values() for end in (points[0], points[-1])}
-    return _pilot(study, list(ends.values()), STEPS_SEEDS, STEPS) if ends else None
+    places = [point for points in kinds.values() for point in _spread(points)]
+    return _pilot(study, places, STEPS_SEEDS, STEPS) if places else None
 
 
-def _pilot(study: Study, ends: list[Point], seeds: int, settings: Sequence[tuple[float, float, float]]) -> Study:
-    points = [{**_at(point), **numerics} for numerics in _numerics(ends, settings) for point in ends]
+def _spread(points: Sequence[Point]) -> list[Point]:
+    """The first, the middle and the last of several points; all of three or fewer."""
+    return [points[place] for place in sorted({0, len(points) // 2, len(points) - 1})]
+
+
+def _pilot(study: Study, places: list[Point], seeds: int, settings: Sequence[tuple[float, float, float]]) -> Study:
+    points = [{**_at(point), **numerics} for numerics in _numerics(places, settings) for point in places]
     stated = {key: study.stated[key] for key in _KEPT if key in study.stated}
     if not (study.window.timed or study.fed):  # with its points alone the window could be another one
         stated["window"] = {"start": study.window.opening, "end": study.window.end}

@@ -41,12 +41,12 @@ def few(monkeypatch):
     monkeypatch.setattr("labbook.study.pilot.STEPS_SEEDS", 13)
 
 
-def test_it_has_two_steps_at_the_first_and_last_point_that_need_them(tmp_path, measured):
-    made = first_needed(load(asked_file(tmp_path, orifices="[15, 16, 17, 30]")))
+def test_it_has_two_steps_at_three_of_the_points_that_need_them(tmp_path, measured):
+    made = first_needed(load(asked_file(tmp_path, orifices="[14.5, 15, 16, 16.5, 17, 30]")))
     assert made is not None
-    assert {point.at["container.orifice"] for point in made.points} == {0.015, 0.017}, "30 mm was measured"
-    assert made.points[0].label.startswith("orifice 15 mm, ")
-    assert len(made.points) == 2 * len(STEPS)
+    assert {point.at["container.orifice"] for point in made.points} == {0.0145, 0.016, 0.017}, "30 mm was measured"
+    assert made.points[0].label.startswith("orifice 14.5 mm, ")
+    assert len(made.points) == 3 * len(STEPS)
     assert made.replicates == STEPS_SEEDS
     assert {point.numerics.stiffness_scale for point in made.points} == {1.0}
     assert len({repr(point.fill.numerics) for point in made.points}) == 1, "so that the steps share beds"
@@ -55,7 +55,7 @@ def test_it_has_two_steps_at_the_first_and_last_point_that_need_them(tmp_path, m
 def test_a_plan_has_its_runs_and_its_time_too(tmp_path, measured):
     path = asked_file(tmp_path, orifices="[15, 16, 17, 30]")
     told = labbook("plan", path, "--lab", tmp_path / "lab", "--backend", "toy").output
-    runs = 2 * len(STEPS) * STEPS_SEEDS
+    runs = 3 * len(STEPS) * STEPS_SEEDS
     assert re.search(rf"Before that, the pilot: {runs} runs, {STEPS_SEEDS} packings to make; about \d", told)
     asked = json.loads(labbook("plan", path, "--lab", tmp_path / "lab", "--backend", "toy", "--json").output)
     assert asked["pilot"]["counts"] == {"missing": runs}

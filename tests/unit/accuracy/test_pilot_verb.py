@@ -20,16 +20,16 @@ from labbook.study.pilot import SETTINGS, is_pilot, pilot
 from labbook.study.schema import Fill
 
 
-def test_the_pilot_has_the_first_and_the_last_point_in_every_setting(tmp_path):
-    study = load(study_file(tmp_path, "accuracy: {flow_rate: 1 %}", orifices="[18, 21, 24]"))
+def test_the_pilot_has_the_first_the_middle_and_the_last_point_in_every_setting(tmp_path):
+    study = load(study_file(tmp_path, "accuracy: {flow_rate: 1 %}", orifices="[18, 19, 20, 22, 24]"))
     made = pilot(study, 5)
-    assert len(made.points) == 2 * len(SETTINGS)
-    assert {point.at["container.orifice"] for point in made.points} == {0.018, 0.024}
+    assert len(made.points) == 3 * len(SETTINGS)
+    assert {point.at["container.orifice"] for point in made.points} == {0.018, 0.020, 0.024}
     assert (made.replicates, made.accuracy.flow_rate, made.measure) == (5, None, ("flow_rate",))
     assert is_pilot(made)
     assert not is_pilot(study)
     scales = [(p.numerics.stiffness_scale, p.fill.numerics.stiffness_scale) for p in made.points if p.fill.numerics]
-    assert scales == [(scale, filled) for scale, _, filled in SETTINGS for _ in range(2)]
+    assert scales == [(scale, filled) for scale, _, filled in SETTINGS for _ in range(3)]
 
 
 def test_settings_that_fill_alike_share_their_beds(tmp_path):

@@ -179,7 +179,7 @@ def test_the_sum_of_bias_and_half_width_is_what_is_tolerated(half_width, bias, i
     assert Tolerance(0.01, bias).kept(half_width) is is_kept
 
 
-def one_point(values: list[float | None]) -> History:
+def one_point(values: Sequence[float | None]) -> History:
     trials = tuple(
         Trial({"x": 1.0}, seed, f"key {-seed}", "finished", {} if value is None else {"flow_rate": value})
         for seed, value in enumerate(values, 1)
@@ -187,15 +187,20 @@ def one_point(values: list[float | None]) -> History:
     return History(None, (Generation(0, (Assignment({"x": 1.0}, len(values)),), "", trials),), (), 1)
 
 
+CLOSE = [1.0, 1.0001, 0.9999, 1.0, 1.0001]
+
+
 def test_replicates_are_added_until_the_flow_rate_is_known():
     rule = StoppingRule(0.02, 3, 20)
-    few = Replicates(rule=rule).propose(one_point([0.9, 1.0, 1.1]))
+    first = Replicates(rule=rule).propose(one_point([1.0, 1.0001, 0.9999]))
+    assert first.assignments[0].replicates == 5, "no look at fewer, however close they are"
+    few = Replicates(rule=rule).propose(one_point([0.9, 1.0, 1.1, 0.9, 1.0, 1.1]))
     assert few.state == "go"
-    assert few.assignments[0].replicates == 4, "at most a third at a time"
+    assert few.assignments[0].replicates == 8, "at most a third at a time"
     assert few.decision is not None
-    enough = Replicates(rule=rule).propose(one_point([1.0, 1.0001, 0.9999]))
+    enough = Replicates(rule=rule).propose(one_point(CLOSE))
     assert enough.state == "end"
-    assert "with 3 replicates" in enough.reason
+    assert "with 5 replicates" in enough.reason
     hopeless = Replicates(rule=rule).propose(one_point([None] * 6))
     assert hopeless.reason.startswith("none of 6 runs has a flow rate")
     capped = Replicates(rule=StoppingRule(0.02, 3, 3)).propose(one_point([0.9, 1.0, 1.1]))
@@ -204,9 +209,9 @@ def test_replicates_are_added_until_the_flow_rate_is_known():
 
 def test_a_forecast_of_replicates_that_was_wrong_is_reported():
     rule = StoppingRule(0.02, 3, 50)
-    proposal = Replicates(rule=rule, scatter=0.1).propose(one_point([1.0, 1.0001, 0.9999]))
+    proposal = Replicates(rule=rule, scatter=0.1).propose(one_point(CLOSE))
     assert f"({rule.forecast(0.1)} were expected" in proposal.reason
-    assert "expected" not in Replicates(rule=rule).propose(one_point([1.0, 1.0001, 0.9999])).reason
+    assert "expected" not in Replicates(rule=rule).propose(one_point(CLOSE)).reason
 
 
 @pytest.mark.parametrize(("half_width", "state"), [(math.nan, "go"), (0.02, "go"), (0.01, "end")])
@@ -233,20 +238,21 @@ def test_the_values_of_a_point_are_means_of_beds():
 
 
 def test_a_stated_number_of_discharges_stays():
-    proposal = Replicates(rule=StoppingRule(0.02, 3, 20)).propose(nested_point([[0.9, 1.0], [1.0, 1.1], [1.0, 0.9]]))
-    assert proposal.assignments == (Assignment({"x": 1.0}, 4, 2),)
-    assert "3 replicates of 2 discharges: 4 replicates of 2 discharges in all" in proposal.reason
+    beds = [[0.9, 1.0], [1.0, 1.1], [1.0, 0.9], [0.9, 1.1], [1.0, 1.0]]
+    proposal = Replicates(rule=StoppingRule(0.02, 3, 20)).propose(nested_point(beds))
+    assert proposal.assignments == (Assignment({"x": 1.0}, 6, 2),)
+    assert "5 replicates of 2 discharges: 6 replicates of 2 discharges in all" in proposal.reason
 
 
 def test_dear_fillings_are_discharged_again_and_cheap_ones_are_not():
-    scattered = nested_point([[0.95], [1.0], [1.05]])
+    scattered = nested_point([[0.95], [1.0], [1.05], [0.95], [1.05]])
     rule = StoppingRule(0.02, 3, 50)
     dear = Replicates(rule=rule, filling=10.0).propose(scattered)
-    assert dear.assignments == (Assignment({"x": 1.0}, 4, 2),), "one discharge more at a time, of all beds"
+    assert dear.assignments == (Assignment({"x": 1.0}, 6, 2),), "one discharge more at a time, of all beds"
     assert "82 % of the variance of W is made in the flow, 18 % in the bed (as in other scenes)" in dear.reason
     assert "as a filling takes 10 times a discharge" in dear.reason
     cheap = Replicates(rule=rule, filling=0.05).propose(scattered)
-    assert cheap.assignments == (Assignment({"x": 1.0}, 4, 1),)
+    assert cheap.assignments == (Assignment({"x": 1.0}, 6, 1),)
     assert "1 discharge a bed is cheapest" in cheap.reason
 
 
@@ -263,7 +269,7 @@ def test_discharges_are_added_to_as_many_beds_as_the_cap_allows():
 def test_a_proposal_always_adds_runs_or_ends():
     """Also where the scatter of runs tells less than that of the means of beds does."""
     rule = StoppingRule(0.02, 3, 50)
-    beds = [[0.97, 0.97, 0.97], [1.0, 1.0, 1.0], [1.03, 1.03, 1.03]]
+    beds = [[one] * 3 for one in (0.97, 1.0, 1.03, 0.97, 1.03)]
     proposal = Replicates(rule=rule, filling=2.0).propose(nested_point(beds))
     (assigned,) = proposal.assignments
-    assert (assigned.replicates, assigned.discharges) > (3, 3)
+    assert (assigned.replicates, assigned.discharges) > (5, 3)

@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from labbook.fit import LAWS, Context, FitError, contenders, fit
+from labbook.fit import LAWS, NOT_DETERMINED, Context, FitError, contenders, fit
 from labbook.fit.weights import pooled_weights
 from labbook.stats.bootstrap import bootstrap_all
 from labbook.stats.choice import unbeaten
@@ -21,6 +21,8 @@ TRUE = {
     "exponential": np.array([-1.0, 0.2]),
 }
 OF_A_SLOT = ("beverloo", "janda")
+FREE = {"beverloo": ("C_particle", "k"), "power": ("W_d", "n"), "exponential": ("W_0", "kappa")}
+"""Parameters of laws with two free ones that leave nothing free."""
 
 
 def truth(name):
@@ -112,8 +114,9 @@ def test_true_parameters_are_within_the_joint_region_as_often_as_it_says():
     ],
 )
 def test_intervals_cover(name, draws):
-    """Three replicates with 1 % scatter at eight orifices: every parameter's 95 % interval covers 92 to 98 %, of 1000
-    draws with a standard error of 0.7 %."""
+    """Three replicates with 1 % scatter at eight orifices: every parameter's 95 % interval covers 93 to 99 %, of 1000
+    draws with a standard error of 0.5 %. By theory it covers more than 95 %: where chance makes the points scatter
+    more about the law than between replicates, the wider of two honest intervals is taken."""
     rng = np.random.default_rng(1)
     hits = {key: 0 for key in truth(name)}
     for _ in range(draws):
@@ -121,7 +124,43 @@ def test_intervals_cover(name, draws):
         for key, value in truth(name).items():
             hits[key] += found.parameters[key].low <= value <= found.parameters[key].high
     for key, count in hits.items():
-        assert 0.92 <= count / draws <= 0.98, key
+        assert 0.93 <= count / draws <= 0.99, key
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("misfit", [2, 8])
+@pytest.mark.parametrize(
+    "name", ["power", *(pytest.param(name, marks=pytest.mark.ring) for name in ("exponential", "beverloo"))]
+)
+def test_intervals_cover_where_the_law_misses_the_points(name, misfit):
+    """Four and eight points that lie off the law by `misfit` times the error of their three replicates: intervals hold
+    the true parameters in 91 to 99 % of 400 draws with a standard error of 1.1 %, and joint regions in 88 to 99 %
+    (benchmarks/coverage.py has 92 to 97 % of more draws). With the degrees of freedom of the replicates, intervals from
+    four points would hold them in 85 % (P(|t_2| < t_8) at large misfit), and joint regions in fewer."""
+    rng, draws = np.random.default_rng([20, misfit]), 400
+    for places in (D[[0, 3, 5, 7]], D):
+        first, second = FREE[name]
+        hits = {first: 0, second: 0, "together": 0}
+        for _ in range(draws):
+            off = np.exp(misfit * 0.01 / math.sqrt(3) * rng.standard_normal(len(places)))
+            found = fit_replicates(name, replicates_of(name, rng, 0.01, D=places) * off, D=places)
+            for key in (first, second):
+                hits[key] += found.parameters[key].low <= truth(name)[key] <= found.parameters[key].high
+            hits["together"] += found.together({key: truth(name)[key] for key in (first, second)}) > 0.05
+        assert 0.88 <= hits.pop("together") / draws <= 0.99
+        assert all(0.91 <= count / draws <= 0.99 for count in hits.values()), (len(places), hits)
+
+
+def test_errors_have_the_degrees_of_freedom_of_the_larger_scatter():
+    """Of the replicates where the points scatter by less about the law, else of the points less the parameters."""
+    flow = LAWS["power"].flow(D, TRUE["power"], FAN)
+    zigzag = 1 + 0.01 * np.array([1, -1, -1, 1, 1, -1, -1, 1])
+    for size, widens, freedom in ((0.02, False, 16), (0.005, True, 6)):
+        found = fit(LAWS["power"], D, flow * zigzag, size * flow, FAN, [3] * 8)
+        n = found.parameters["n"]
+        assert (found.widening > 1) == widens
+        assert found.freedom == freedom
+        assert (n.high - n.low) / 2 / n.error == pytest.approx(stats.t.ppf(0.975, freedom), rel=1e-3)
 
 
 @pytest.mark.slow
@@ -139,7 +178,7 @@ def test_prediction_bands_cover_at_every_orifice():
 
 @pytest.mark.slow
 def test_the_band_of_a_new_point_covers_what_as_many_seeds_would_give():
-    """Means of three new seeds at three orifices: t sqrt(law^2 + point^2) holds 92 to 98.5 % of them."""
+    """Means of three new seeds at three orifices: t sqrt(law^2 + point^2) holds 92 to 99.5 % of them."""
     rng = np.random.default_rng(5)
     at = np.array([20, 33, 60]) * 1e-3
     true = LAWS["beverloo"].flow(at, TRUE["beverloo"], FAN)
@@ -149,7 +188,7 @@ def test_the_band_of_a_new_point_covers_what_as_many_seeds_would_give():
         _, low, high = found.predict(at, new_point=True)
         fresh = (true * np.exp(0.01 * rng.standard_normal((3, 3)))).mean(axis=0)
         hits += (low <= fresh) & (fresh <= high)
-    assert ((hits / 600 >= 0.92) & (hits / 600 <= 0.985)).all(), hits / 600
+    assert ((hits / 600 >= 0.92) & (hits / 600 <= 0.995)).all(), hits / 600
 
 
 @pytest.mark.slow
@@ -166,6 +205,27 @@ def test_a_law_that_misses_says_so_and_claims_less():
     assert found.p_value < 1e-3
     assert found.widening == pytest.approx(math.sqrt(found.chi2_reduced))
     assert any("misses the points" in note for note in found.notes)
+
+
+@pytest.mark.parametrize(
+    ("outlets", "off", "recommended"), [(4, 0.05, True), (4, 0.001, False), (6, 0.05, False), (5, 0.004, False)]
+)
+def test_six_outlets_are_recommended_where_fewer_do_not_decide_k(outlets, off, recommended):
+    """Points that lie alternately above and below the law by `off`, with errors of 0.2 %: k is decided if its interval
+    is at most 1 d wide, or if the points lie on the law within their errors."""
+    places = np.linspace(18, 60, outlets) * 1e-3
+    W = LAWS["beverloo"].flow(places, TRUE["beverloo"], FAN) * (1 + off * (-1.0) ** np.arange(outlets))
+    found = fit(LAWS["beverloo"], places, W, 0.002 * W, FAN, [3] * outlets)
+    k = found.parameters["k"]
+    notes = [note for note in found.notes if "do not decide k" in note]
+    assert bool(notes) == recommended
+    if recommended:
+        assert k.high - k.low > 1
+        assert notes == [
+            f"4 outlets do not decide k, which has an interval {k.high - k.low:.2g} d wide; use 6 outlets or more"
+        ]
+    elif outlets < 6:
+        assert k.high - k.low < 1
 
 
 def test_the_data_choose_the_law_that_made_them():
@@ -213,6 +273,20 @@ def test_wide_orifices_leave_alpha2_without_an_end():
     alpha = found.parameters["alpha2"]
     assert alpha.low == 0 or alpha.high == math.inf
     assert found.parameters["C_prime"].low < truth("janda")["C_prime"] < found.parameters["C_prime"].high
+
+
+def test_parameters_at_a_bound_are_not_determined():
+    """W = D^(3/2) (A + B D) is what Janda's law tends to for large alpha_2, with C' alpha_1 / alpha_2 = B: all three
+    hang on where alpha_2 is stopped. Where alpha_2 is 6 d, they do not."""
+    rng = np.random.default_rng(21)
+    straight = (D / FAN.d) ** 1.5 * (1 + 0.3 * D / FAN.d) * 1e-2 * (1 + 0.01 * rng.standard_normal((3, 8)))
+    found = fit_replicates("janda", straight)
+    assert [found.parameters[name].determined() for name in truth("janda")] == [False] * 4
+    assert found.frame()["determined"].tolist() == [False] * 4
+    assert found._repr_html_().count(NOT_DETERMINED) == repr(found).count(NOT_DETERMINED) == 4
+    found = fit_replicates("janda", replicates_of("janda", rng, 0.001))
+    assert found.frame()["determined"].tolist() == [True] * 4
+    assert NOT_DETERMINED not in repr(found)
 
 
 def test_small_orifices_are_used_and_flagged():
@@ -301,8 +375,8 @@ SIX = np.array([18, 21, 24, 27, 30, 33]) * 1e-3
 
 
 def scanned_limit(law, W, relative):
-    """k at which chi2, least over C, has risen by t^2 (18 degrees of freedom) over that of a constant W, widened by the
-    misfit of the constant: by a scan in steps of 0.1 %, and C by an average."""
+    """k at which chi2, least over C, has risen by t^2 over that of a constant W: t of the 18 degrees of freedom of four
+    replicates, or widened by the misfit of the constant, with its four. By a scan in steps of 0.1 %."""
     weights = np.full(len(W), relative**-2)
 
     def chi2(shape):
@@ -310,7 +384,8 @@ def scanned_limit(law, W, relative):
         return np.sum(weights * (off - np.average(off, weights=weights)) ** 2)
 
     constant = chi2(np.ones(len(W)))
-    allowed = stats.t.ppf(0.975, 18) ** 2 * max(1, constant / (len(W) - 2))
+    misfit = constant / (len(W) - 2)
+    allowed = stats.t.ppf(0.975, 18) ** 2 if misfit < 1 else stats.t.ppf(0.975, len(W) - 2) ** 2 * misfit
     gaps = np.geomspace(1e-3, 1e5, 20_000)
     ks = SIX.min() / FAN.d - gaps
     rises = np.array([chi2((SIX / FAN.d - k) ** law.power) - constant for k in ks])

@@ -1,6 +1,8 @@
 """Tables say no more than the numbers allow."""
 
+import json
 import math
+from dataclasses import replace
 
 import pytest
 from toy_results import analyse
@@ -9,6 +11,7 @@ from labbook.fit import Parameter
 from labbook.measure import flow
 from labbook.report import tables
 from labbook.report.fitted_tables import parameter_row
+from labbook.results.frames import to_json
 from labbook.results.reference import Comparison
 
 
@@ -23,6 +26,23 @@ from labbook.results.reference import Comparison
 )
 def test_a_parameter_that_the_data_do_not_set_is_not_quoted(parameter, row):
     assert parameter_row("beverloo.k", parameter) == row
+
+
+def test_tables_and_exports_agree_on_what_is_not_determined(analysis):
+    (series,) = analysis.series
+    open_ended = replace(series.fits["beverloo"].parameters["k"], high=math.inf)
+    parameters = {**series.fits["beverloo"].parameters, "k": open_ended}
+    fit = replace(series.fits["beverloo"], parameters=parameters)
+    changed = replace(analysis, series=(replace(series, fits={**series.fits, "beverloo": fit}),))
+    exported = {(row["law"], row["parameter"]): row["determined"] for row in json.loads(to_json(changed))["fits"]}
+    shown = {
+        (law, name): parameter_row(f"{law}.{name}", parameter)[1] != "not determined"
+        for law, fit in changed.series[0].fits.items()
+        for name, parameter in fit.parameters.items()
+    }
+    assert exported == shown
+    assert not exported["beverloo", "k"]
+    assert exported["beverloo", "C_particle"]
 
 
 def test_rows_far_from_the_reference_are_marked():

@@ -14,10 +14,11 @@ from labbook.accuracy import Effects, calibration, groups
 from labbook.backend.numerics import Numerics
 from labbook.report.page import summary
 from labbook.report.tables import budget_table
-from labbook.results.budget import SOURCES, Budget, Share, budgets, summed_up
+from labbook.results.budget import SOURCES, Budget, Share, _window, budgets, summed_up
 from labbook.results.frames import to_json
 from labbook.results.points import PointResult
 from labbook.results.series import Series
+from labbook.stats import pool
 from labbook.study.schema import Fill
 
 
@@ -37,8 +38,30 @@ def test_seeds_and_window_come_from_the_replicates(synthetic):
     drifts = np.array([run.measured["flow_rate_drift"].value for run in results.points[0].runs])
     half = stats.t.ppf(0.975, len(rates) - 1) * stats.sem(rates)
     assert shares(budget)["seeds"].part == pytest.approx(half / rates.mean(), rel=1e-9)
-    assert shares(budget)["window"].part == pytest.approx(abs(drifts.mean()) / 2, rel=1e-9)
+    reach = stats.t.ppf(0.975, len(drifts) - 1) * stats.sem(drifts)
+    assert shares(budget)["window"].part == pytest.approx(max(0, abs(drifts.mean()) - reach) / 2, abs=1e-12)
+    assert f"{100 * drifts.mean():+.1f} % ± {100 * reach:.1f} %" in shares(budget)["window"].beside
+    assert shares(budget)["window"].beside in " ".join(budget_table(results).rows[0])
     assert budget.total == pytest.approx(sum(s.part for s in budget.shares if s.part is not None), rel=1e-12)
+
+
+@pytest.mark.parametrize("replicates", [3, 5])
+def test_the_windows_part_is_no_noise_and_finds_a_drift(synthetic, replicates):
+    """Drifts that scatter by 15 % about zero: half of their mean size is 3.5 % with 3 replicates (0.15/sqrt(3)
+    sqrt(2/pi)/2) and 2.7 % with 5. Their significant part is less than a tenth of that. A drift of 30 % with a scatter
+    of 5 % is found."""
+    (result,) = found(synthetic, [synthetic.point(0, 0.03)]).points
+    rng = np.random.default_rng(replicates)
+
+    def part(mean: float, scatter: float) -> float:
+        drift = pool(mean + scatter * rng.standard_normal(replicates))
+        return _window(replace(result, pooled={**result.pooled, "flow_rate_drift": drift})).part or 0.0
+
+    noise = np.mean([part(0.0, 0.15) for _ in range(1000)])
+    assert noise < 0.1 * 0.15 / np.sqrt(replicates) * np.sqrt(2 / np.pi) / 2
+    real = np.array([part(0.3, 0.05) for _ in range(300)])
+    assert np.mean(real > 0) > 0.97
+    assert 0.04 < np.mean(real) < 0.15
 
 
 def test_what_was_not_measured_is_said(synthetic):

@@ -18,8 +18,8 @@ def run_to_the_end(rule, values):
 
 
 def test_runs_the_minimum_and_stops_when_precise():
-    n, decision = run_to_the_end(StoppingRule(0.1, 3, 10), [1.0, 1.001, 0.999] + [5.0] * 7)
-    assert (n, decision.ended) == (3, "tolerance")
+    n, decision = run_to_the_end(StoppingRule(0.1, 3, 10), [1.0, 1.001, 0.999, 1.0, 1.001] + [5.0] * 5)
+    assert (n, decision.ended) == (5, "tolerance")
     assert decision.pooled is not None
     assert decision.pooled.relative <= 0.1
 
@@ -39,19 +39,23 @@ def test_without_a_tolerance_the_minimum_is_run():
 
 def test_replicates_without_any_value_are_given_up():
     rule = StoppingRule(0.05, 2, 100)
-    assert rule.decide([], without=3) == Decision(None, 3, None)
+    assert rule.decide([]) == Decision(None, 5, None)
+    assert rule.decide([], without=5) == Decision(None, 1, None)
     assert rule.decide([], without=6) == Decision(None, 0, "nothing")
-    assert rule.decide([1.0], without=9).more == 2
+    assert rule.decide([1.0], without=9).more == 4
     assert StoppingRule(0.05, 2, 4).decide([], without=4) == Decision(None, 0, "cap")
     assert StoppingRule(0.05, 2, 10).decide([1.0, 2.0], without=8).ended == "cap"
 
 
-def test_two_replicates_are_too_few_to_judge_by():
-    assert StoppingRule(0.5, 2, 10).decide([1.0, 1.0]).more == 1
+def test_fewer_than_five_replicates_are_too_few_to_judge_by():
+    assert StoppingRule(0.5, 2, 10).decide([1.0, 1.0]).more == 3
+    assert StoppingRule(0.5, 4, 10).decide([1.0, 1.0, 1.0, 1.0]).more == 1
+    assert StoppingRule(0.5, 2, 4).decide([1.0, 1.0]).more == 2, "as many as the cap allows"
     assert StoppingRule(0.5, 2, 2).decide([1.0, 1.0]).ended == "tolerance"
 
 
 def test_a_cap_at_the_minimum_leaves_nothing_to_decide():
+    assert not StoppingRule(0.01, 3, 5).sequential
     rule = StoppingRule(0.01, 3, 3)
     assert not rule.sequential
     assert rule.pool([1.0, 1.1, 1.3]) == pool([1.0, 1.1, 1.3])
@@ -65,7 +69,7 @@ def test_the_interval_is_wider_than_a_fixed_samples():
 def test_few_replicates_are_ordered_at_a_time():
     rng = np.random.default_rng(0)
     rule = StoppingRule(1e-4, 3, 50)
-    for n in range(3, 50):
+    for n in range(5, 50):
         assert 1 <= rule.decide(rng.normal(1, 0.5, n)).more <= max(1, n // 3)
 
 
