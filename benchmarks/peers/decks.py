@@ -11,12 +11,11 @@ import itertools
 import math
 from collections.abc import Iterator, Sequence
 
-import numpy as np
 from forces import wall_stiffness
 from impact import tsuji
 from scipy.optimize import root_scalar
 
-from labbook.export.packing import data_file
+from labbook.export.packing import around, data_file, stl
 from labbook.scene import (
     ConicalSilo,
     ContactLaw,
@@ -27,7 +26,7 @@ from labbook.scene import (
     Surface,
     WedgeHopper,
 )
-from labbook.scene.geometry import Bounds, Mesh
+from labbook.scene.geometry import Bounds
 from labbook.scene.packing import Packing
 from labbook.scene.walls import AT_REST, Frustum, Plane, Point2, Strip, Wall, WallShape
 
@@ -37,9 +36,6 @@ LEAST_MODULUS = 5e6
 """Young's modulus [Pa] below which LIGGGHTS refuses a material in SI units."""
 THIN = 1e-8
 """Thickness [m] of plates in LAMMPS."""
-ABOVE = 2.0
-"""Largest grain diameters from the highest grain to the upper end of walls in a deck."""
-
 HEAD = """
 units si
 atom_style {style}
@@ -167,28 +163,6 @@ def check(code: str, scene: Scene) -> None:
         raise Unsupported(f"contact.youngs_modulus: LIGGGHTS refuses {_young(law):g} Pa; use at least 5 MPa")
     if min(restitution(ratio) for ratio in ratios) < LEAST_RESTITUTION:
         raise Unsupported(f"contact.restitution: LIGGGHTS needs at least {LEAST_RESTITUTION}; use a larger restitution")
-
-
-def around(scene: Scene, packing: Packing) -> Bounds:
-    """The box in which walls are meshed: the container, cut a little above the grains and beside them [m]."""
-    far = ABOVE * scene.grains.diameter
-    low, high = packing.x.min(axis=0) - far, packing.x.max(axis=0) + far
-    (left, front, _), (right, back, top) = low.tolist(), high.tolist()
-    return Bounds((left, front, -math.inf), (right, back, top))
-
-
-def stl(mesh: Mesh, name: str) -> str:
-    """A mesh as an ASCII STL file, in metres."""
-    lines = [f"solid {name}"]
-    for corners in mesh.vertices[mesh.triangles]:
-        normal = np.cross(corners[1] - corners[0], corners[2] - corners[0])
-        size = np.linalg.norm(normal)
-        if size == 0:  # of a cone's tip
-            continue
-        lines += [f"facet normal {_numbers(normal / size)}", "outer loop"]
-        lines += [f"vertex {_numbers(corner)}" for corner in corners]
-        lines += ["endloop", "endfacet"]
-    return "\n".join([*lines, f"endsolid {name}", ""])
 
 
 def restitution(c_n: float) -> float:

@@ -61,7 +61,7 @@ def line(text: str, start: str) -> list[str]:
 def test_the_plates_of_an_off_centre_wedge_are_meshes_of_their_size():
     text, files = decks.deck("liggghts", scene("liggghts", WEDGE), BED, 1e-6)
     assert set(files) == {"bed.data", "bottom-left.stl", "bottom-right.stl"}
-    depth = np.ptp(BED.x[:, 1]) + 2 * decks.ABOVE * D
+    depth = np.ptp(BED.x[:, 1]) + 4 * D  # two diameters beside the grains
     for name, run in (("bottom-left", 0.005), ("bottom-right", 0.013)):  # horizontal extents: gap, and the rest
         corners = triangles(files[f"{name}.stl"])
         assert area(corners) == pytest.approx(depth * run / math.sin(math.radians(65)), rel=1e-9)
