@@ -19,19 +19,17 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from datetime import UTC, datetime
 from pathlib import Path
-from typing import Any
 
-from silo import model
+from decks import deck, law_of
+from silo import PROGRAMS
 
 from labbook.backend import Backend, load
 from labbook.backend.machine import hardware
 from labbook.checks.bench.speed import FAN_STEP, OUTFLOW, SETTLED, advanced, fan, on_one_thread, settled, timed
-from labbook.export.packing import data_file
 from labbook.filling.opening import opened
-from labbook.scene import ContactLaw, HertzLammps, HertzLiggghts, Scene
+from labbook.scene import Scene
 from labbook.scene.packing import Packing
 
-PROGRAMS = {"liggghts": "liggghts", "lammps": "lmp"}
 STEPS = 4000  # of theirs: some seconds
 
 
@@ -53,32 +51,22 @@ def beds(backend: Backend, grains: int) -> list[Bed]:
     return [Bed("settled", closed, packing), Bed("flowing", scene, flowing)]
 
 
-def law_of(code: str, law: ContactLaw) -> ContactLaw:
-    """The law of the other code with the same parameters."""
-    shared: dict[str, Any] = {
-        key: getattr(law, key)
-        for key in ("shear_modulus", "poisson_ratio", "friction", "rolling_friction", "restitution")
-    }
-    if code == "liggghts":
-        return HertzLiggghts(**shared)
-    return HertzLammps(**{**shared, "rolling_friction": 0.0})
-
-
 def theirs(code: str, bed: Bed) -> float:
     """Million grain-steps per second of processor time of another code."""
-    scene = bed.scene.model_copy(update={"contact": law_of(code, bed.scene.contact)})
-    text, files = model(code, scene, FAN_STEP.dt)
+    own = bed.scene.contact.model_copy(update={"rolling_friction": 0.0}) if code == "lammps" else bed.scene.contact
+    scene = bed.scene.model_copy(update={"contact": law_of(code, own)})
+    text, files = deck(code, scene, bed.packing, FAN_STEP.dt)
     end = "thermo_modify lost ignore\n"
     spent = []
     for steps in (0, STEPS):
         with tempfile.TemporaryDirectory() as folder:
             here = Path(folder)
-            files |= {"in.speed": f"{text}{end}run {steps}\n", "bed.data": data_file(bed.packing, scene, bed.name)}
+            files["in.speed"] = f"{text}{end}run {steps}\n"
             for name, content in files.items():
                 (here / name).write_text(content)
             before = resource.getrusage(resource.RUSAGE_CHILDREN)
             command = [PROGRAMS[code], "-in", "in.speed", "-log", "none"]
-            told = subprocess.run(command, cwd=here, capture_output=True, text=True, timeout=600)
+            told = subprocess.run(command, cwd=here, capture_output=True, text=True, errors="replace", timeout=600)
             if told.returncode:
                 raise SystemExit(f"{command[0]}: {(told.stdout + told.stderr)[-800:]}")
             after = resource.getrusage(resource.RUSAGE_CHILDREN)

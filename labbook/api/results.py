@@ -193,7 +193,7 @@ class Results(StudyResults):
         say: Callable[[str], None] = lambda text: None,
     ) -> list[Path]:
         """Write all tables; with `vtk` also recorded runs for ParaView, with `packings` also initial packings as data
-        files of LIGGGHTS and LAMMPS. Returns the paths.
+        files of LIGGGHTS and LAMMPS, and walls as STL. Returns the paths.
 
         folder: None for LAB/exports/NAME. every: also write the table `inside`, the number of grains inside at times
         this far apart [s]. say: called with the name of each file. Raises ValueError for another kind, NoParquet (of

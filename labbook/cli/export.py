@@ -24,7 +24,8 @@ def register(app: typer.Typer) -> None:
             bool, typer.Option("--vtk", help="Also write recorded frames and mean fields as VTK files.")
         ] = False,
         packings: Annotated[
-            bool, typer.Option("--packings", help="Also write packings as data files of LIGGGHTS and LAMMPS.")
+            bool,
+            typer.Option("--packings", help="Also write packings for LIGGGHTS and LAMMPS, and walls as STL."),
         ] = False,
         inside: Annotated[
             str | None,

@@ -1,4 +1,5 @@
-"""Packings as data files that LIGGGHTS and LAMMPS read (`read_data`, `atom_style sphere`, `units si`)."""
+"""Packings as data files that LIGGGHTS and LAMMPS read (`read_data`, `atom_style sphere`, `units si`), and the walls
+around them as STL files (`fix mesh/surface` of LIGGGHTS)."""
 
 from collections.abc import Callable, Iterable
 from pathlib import Path
@@ -10,6 +11,7 @@ from labbook.lab.packings import read_packing
 from labbook.results.study import StudyResults
 from labbook.scene import Scene, Spheres
 from labbook.scene.bodies import Bodies
+from labbook.scene.geometry import Bounds, Mesh
 from labbook.scene.packing import Packing
 from labbook.study import Study
 
@@ -44,12 +46,11 @@ def data_file(packing: Packing, scene: Scene, title: str) -> str:
     grains = _spheres(scene)
     bodies = Bodies.of(grains, packing)
     densities = np.array([one.density for one in grains.species])[bodies.kind]
-    low, high = packing.x.min(axis=0) - MARGIN * grains.diameter, packing.x.max(axis=0) + MARGIN * grains.diameter
-    low[2] = min(low[2], -BELOW * grains.diameter)
+    box = around(scene, packing)
     assert packing.ids is not None
     order = np.argsort(packing.ids)
     lines = [title, "", f"{len(packing)} atoms", f"{len(grains.species)} atom types", ""]
-    lines += [f"{_numbers((low[k], high[k]))} {axis}lo {axis}hi" for k, axis in enumerate("xyz")]
+    lines += [f"{_numbers((box.low[k], box.high[k]))} {axis}lo {axis}hi" for k, axis in enumerate("xyz")]
     lines += ["", "Atoms", ""]
     each = np.column_stack([2 * bodies.radius, densities, packing.x])
     lines += [f"{packing.ids[k] + 1} {bodies.kind[k] + 1} {_numbers(each[k])}" for k in order]
@@ -57,6 +58,37 @@ def data_file(packing: Packing, scene: Scene, title: str) -> str:
     moving = np.column_stack([packing.v, packing.omega])
     lines += [f"{packing.ids[k] + 1} {_numbers(moving[k])}" for k in order]
     return "\n".join(lines) + "\n"
+
+
+def around(scene: Scene, packing: Packing) -> Bounds:
+    """Box of a data file [m], in which walls are meshed: two diameters wider than the grains, and down to where grains
+    fall."""
+    margin = MARGIN * scene.grains.diameter
+    (left, front, low), (right, back, top) = (packing.x.min(axis=0) - margin).tolist(), packing.x.max(axis=0) + margin
+    low = min(low, -BELOW * scene.grains.diameter)
+    return Bounds((left, front, low), (float(right), float(back), float(top)))
+
+
+def wall_files(scene: Scene, packing: Packing) -> dict[str, str]:
+    """Walls of a scene as STL files in metres, by name, cut a little above the grains and beside them.
+
+    Round walls are polygons with the corners on the circle.
+    """
+    return {name: stl(mesh, name) for name, mesh in scene.container.mesh(around(scene, packing)).items()}
+
+
+def stl(mesh: Mesh, name: str) -> str:
+    """Text of an ASCII STL file [m]; `name`: of the solid. Triangles without an area are left out."""
+    lines = [f"solid {name}"]
+    for corners in mesh.vertices[mesh.triangles]:
+        normal = np.cross(corners[1] - corners[0], corners[2] - corners[0])
+        area = np.linalg.norm(normal)
+        if area == 0:
+            continue
+        lines += [f"facet normal {_numbers(normal / area)}", "outer loop"]
+        lines += [f"vertex {_numbers(corner)}" for corner in corners]
+        lines += ["endloop", "endfacet"]
+    return "\n".join([*lines, f"endsolid {name}", ""])
 
 
 def _numbers(row: Iterable[float]) -> str:
@@ -67,18 +99,28 @@ def write_packings(
     results: StudyResults, place: LabFolder, folder: Path, say: Callable[[str], None] = lambda text: None
 ) -> list[Path]:
     """Write every packing that a run of the study started from, once, as `point-P-seed-S.data`, P the first point
-    (from 1) that shares it; the paths. Raises NotSpheres, and Unreadable for a damaged packing."""
+    (from 1) that shares it, and the walls of every point as `point-P-NAME.stl`; the paths. Raises NotSpheres, and
+    Unreadable for a damaged packing."""
     paths, seen = [], set[str]()
+
+    def write(name: str, text: str) -> None:
+        folder.mkdir(parents=True, exist_ok=True)
+        write_bytes(folder / name, text.encode(), durable=False)
+        paths.append(folder / name)
+
     for result in results.points:
+        number, walled = result.point.index + 1, False
         for run in result.runs:
-            if run.packing_key in seen:
+            if walled and run.packing_key in seen:
                 continue
-            seen.add(run.packing_key)
             say(f"{result.label}, seed {run.seed}")
             record, packing = read_packing(place.packing(run.packing_key))
-            title = f"labbook packing {run.packing_key} of study {results.study.name}, seed {run.seed}"
-            path = folder / f"point-{result.point.index + 1}-seed-{run.seed}.data"
-            folder.mkdir(parents=True, exist_ok=True)
-            write_bytes(path, data_file(packing, record.scene, title).encode(), durable=False)
-            paths.append(path)
+            if not walled:
+                for name, text in wall_files(result.point.scene, packing).items():
+                    write(f"point-{number}-{name}.stl", text)
+                walled = True
+            if run.packing_key not in seen:
+                title = f"labbook packing {run.packing_key} of study {results.study.name}, seed {run.seed}"
+                write(f"point-{number}-seed-{run.seed}.data", data_file(packing, record.scene, title))
+                seen.add(run.packing_key)
     return paths

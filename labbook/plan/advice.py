@@ -25,7 +25,7 @@ from labbook.plan.devices import named, slots, speeds
 from labbook.plan.forecast import Outline, discharge_work, fill_work, film_bytes, forecast, outline
 from labbook.plan.plan import QUANTITY, Item, Plan, Planner
 from labbook.plan.possible import check, leak_of
-from labbook.scene import ContactLaw, Scene
+from labbook.scene import ContactLaw, CylinderSilo, Scene
 from labbook.scene.contact import Softer
 from labbook.scene.quantities import percent, size, span, told_apart
 from labbook.study import Point, Study
@@ -37,6 +37,9 @@ from labbook.study.window import HIGH, high_until
 
 NARROW = {"sphere": 5.0, "spherocylinder": 3.0}
 """Outlets below so many largest dimensions of a grain often clog."""
+RING = 4.0
+"""Width, in grain diameters, of the flat bottom around the hole of a cylinder below which W depends on single rows of
+grains (benchmarks/narrow_ring.py)."""
 SOFT = 3e-3
 """Overlap at the foot of the bed, in diameters, with which grains are still hard: what is softer flows otherwise."""
 _SLOWER, _LONG = 3.0, 600.0
@@ -131,7 +134,7 @@ def limits(study: Study) -> tuple[str, ...]:
     Results repeat them."""
     shared = [PointDemand(study, point) for point in study.points]
     points = [(one, outline(one)) for one in shared]
-    found = _of_fillings(study), _overfull(study.path, points), _low(study), _soft(study, points)
+    found = _of_fillings(study), _overfull(study.path, points), _ringed(study), _low(study), _soft(study, points)
     return tuple(itertools.chain(*found))
 
 
@@ -281,6 +284,27 @@ def _leaky(plan: Plan) -> Iterator[str]:
             remedy = "make gaps clearly narrower or wider than the smallest grain; a filling that loses grains fails"
             yield _told(plan.study.path, "container.outlet_plane", reason, remedy)
             return
+
+
+def _ringed(study: Study) -> Iterator[str]:
+    """Cylinders with so little bottom around the outlet that W does not follow from the outlet alone."""
+    silos = [(point, point.scene.container) for point in study.points if point.scene.grains.shape == "sphere"]
+    rings = [
+        ((silo.diameter - silo.orifice) / 2 / point.scene.grains.diameter, point, silo)
+        for point, silo in silos
+        if isinstance(silo, CylinderSilo)
+    ]
+    narrow = [ring for ring in rings if ring[0] < RING * (1 - 1e-9)]
+    if narrow and "flow_rate" in study.measure:
+        width, point, silo = min(narrow, key=lambda ring: ring[0])
+        rows, bound = told_apart(width, RING, digits=3)
+        reason = (
+            f"the bottom around the outlet of {1e3 * silo.orifice:g} mm is {rows} diameters of a grain wide: below "
+            f"{bound} W depends on rows of grains at the wall, scatters, and is not smooth in the outlet"
+        )
+        wide = silo.orifice + 2 * RING * point.scene.grains.diameter
+        remedy = f"use {math.ceil(1e3 * wide * (1 - 1e-9)):g} mm or more, or narrower outlets"
+        yield _told(study.path, "container.diameter", reason, remedy)
 
 
 def _low(study: Study) -> Iterator[str]:

@@ -184,6 +184,16 @@ def test_frames_are_those_of_the_export(found, tmp_path):
     assert frames["flow"].attrs["units"]["time"] == "s"
 
 
+def test_every_packing_is_exported_once_and_the_walls_of_every_point(found, tmp_path):
+    paths = found.export(tmp_path / "out", packings=True)
+    written = [path for path in paths if path.parent.name == "packings"]
+    assert all(path.exists() for path in written)
+    assert len([path for path in written if path.suffix == ".data"]) == len({run.packing_key for run in found.runs})
+    for number, point in enumerate(found.study.points, 1):
+        walls = {path.stem.removeprefix(f"point-{number}-") for path in written if path.match(f"point-{number}-*.stl")}
+        assert walls == {wall.name for wall in point.scene.container.walls()}
+
+
 def test_a_fit_is_that_of_the_study_or_made_now(found):
     assert found.fit("beverloo") is found.series[0].fits["beverloo"]
     assert "janda" not in found.series[0].fits

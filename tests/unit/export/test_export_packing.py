@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from labbook.export.packing import NotSpheres, data_file
+from labbook.export.packing import NotSpheres, data_file, wall_files
 from labbook.scene import Scene
 from labbook.scene.packing import Packing
 
@@ -65,3 +65,36 @@ def test_rods_are_refused_by_name():
     rods = scene(shape="spherocylinder", length=9e-3)
     with pytest.raises(NotSpheres, match="spherocylinder"):
         data_file(Packing(x=np.zeros((3, 3)), v=np.zeros((3, 3)), omega=np.zeros((3, 3))), rods, "t")
+
+
+def test_walls_are_closed_by_triangles_of_their_size():
+    """Of a cone of 45 deg from r = 10 to 20 mm: a frustum of 96 sides, and a cylinder up to two diameters above the
+    grains."""
+    silo = {"kind": "conical-silo", "diameter": 0.04, "height": 0.2, "angle": np.pi / 4, "orifice": 0.02}
+    grains = {"shape": "sphere", "diameter": 3e-3, "density": 2500.0, "count": 2}
+    cone = Scene.model_validate({"grains": grains, "contact": CONTACT, "container": silo})
+    x = np.array([[0.0, 0, 0.03], [0.01, 0, 0.044]])
+    files = wall_files(cone, Packing(x=x, v=0 * x, omega=0 * x))
+    assert set(files) == {"side", "bottom"}
+    area, top = {}, {}
+    for name, text in files.items():
+        words = [line.split() for line in text.splitlines()]
+        corners = np.array([row[1:] for row in words if row[0] == "vertex"], float).reshape(-1, 3, 3)
+        normals = np.array([row[2:] for row in words if row[0] == "facet"], float)
+        sides = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+        area[name], top[name] = np.linalg.norm(sides, axis=1).sum() / 2, corners[..., 2].max()
+        assert np.allclose(np.einsum("ni,ni->n", normals, sides), np.linalg.norm(sides, axis=1))
+    half = np.pi / 96
+    perimeter = 96 * 2 * np.sin(half)  # of a polygon on the unit circle
+    slant = np.hypot(0.01 * np.cos(half), 0.01)  # of a trapezium, down the middle of a side
+    assert area["bottom"] == pytest.approx(perimeter * 0.015 * slant, rel=1e-9)
+    assert area["side"] == pytest.approx(perimeter * 0.02 * (0.05 - 0.01), rel=1e-9)
+    assert top == pytest.approx({"side": 0.05, "bottom": 0.01})
+
+
+def test_walls_without_an_end_are_cut_at_the_box_of_the_data_file():
+    x = np.array([[0.0, 0, 0.03], [0.01, 0, 0.044], [0.0, 0.02, 0.03]])
+    for text in wall_files(scene(), Packing(x=x, v=0 * x, omega=0 * x)).values():
+        corners = np.array([line.split()[1:] for line in text.splitlines() if line.startswith("vertex")], float)
+        assert np.isfinite(corners).all()
+        assert corners[:, 2].max() <= 0.05 + 1e-12

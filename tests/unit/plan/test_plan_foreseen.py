@@ -17,7 +17,7 @@ from labbook.lab import Catalogue
 from labbook.measure import MEASURES
 from labbook.measure.region import bulk, bulk_below
 from labbook.plan import forecast
-from labbook.plan.advice import SOFT, advice, foresee, forewarn, softer, too_large
+from labbook.plan.advice import RING, SOFT, advice, foresee, forewarn, limits, softer, too_large
 from labbook.plan.demand import PointDemand
 from labbook.plan.forecast import DEFAULT_SPEED, MEASURED, outline, rate_of
 from labbook.plan.plan import Planner
@@ -387,6 +387,33 @@ def test_an_outlet_that_is_hardly_too_narrow_is_not_said_to_be_as_wide_as_it_sho
     path = study_file(tmp_path, orifices="[14.99]")
     told = labbook("plan", path, "--lab", tmp_path / "lab", "--backend", "toy").output
     assert "the outlet is 4.997 diameters of a grain wide (3 mm), and below 5 it often clogs" in told
+
+
+def test_a_ring_of_bottom_of_a_few_grains_is_warned_of(tmp_path):
+    """Cylinders of 33 mm, whose ring is 3, 2.75, 2.5 and 2.25 d wide: their W(D) has a step. The width in the remedy is
+    not warned of; neither is a cone, nor a study that does not measure W."""
+    law = "law: hertz-mindlin, shear_modulus: 5 MPa, poisson_ratio: 0.22, friction: 0.5, restitution: 0.5"
+
+    def told(kind="cylinder-silo", diameter="33", measure="flow_rate", more=""):
+        path = tmp_path / "ring.yaml"
+        path.write_text(f"""
+name: ring
+grains: {{shape: sphere, diameter: 3 mm, density: 2500 kg/m^3, count: 2000}}
+contact: {{{law}}}
+container: {{kind: {kind}, diameter: {diameter} mm, height: 140 mm, orifice: 18 mm{more}}}
+sweep: {{container.orifice: "[15, 16.5, 18, 19.5] mm"}}
+replicates: 2
+measure: [{measure}]
+""")
+        return "".join(line for line in limits(load(path)) if "container.diameter" in line)
+
+    narrow = told()
+    assert "the bottom around the outlet of 19.5 mm is 2.25 diameters of a grain wide" in narrow
+    (enough,) = re.findall(r"use (\S+) mm or more", narrow)
+    assert float(enough) == math.ceil(19.5 + 2 * RING * 3)
+    assert told(diameter=enough) == ""
+    assert told(kind="conical-silo", more=", angle: 45 deg") == ""
+    assert told(measure="packing") == ""
 
 
 def test_the_outlet_that_a_warning_names_is_wide_enough(tmp_path):
