@@ -23,7 +23,7 @@ def one_more(values: Sequence[float], variances: Sequence[float], confidence: fl
     1991, section 4.7). From five cases on the mean has a flat prior, and the standard deviation tau between cases has
     one as 1/(1 + (tau/10 a)^2), with a the error of measurement (Gelman, Bayesian Analysis 1 (2006) 515), so that noise
     is not taken for scatter. 95 % intervals hold one more effect in 93 to 100 % of simulations
-    (benchmarks/coverage.py).
+    (benchmarks/intervals.py).
 
     Args:
         values: Effects that were measured in cases of that kind, at least FEWEST.

@@ -8,7 +8,7 @@ INFORMS J. Comput. 24 (2012) 624, measure what is lost before.) Stein's two-stag
 to twice as many runs. The rule here looks after every few replicates, from 5 on, and widens both the criterion
 and the interval that it reports by 1 + 1.25/n. In simulations of normal replicates, over tolerances from 0.2 to
 3.5 standard deviations and caps from 8 to 100, its nominal 95 % intervals cover between 93.3 % and 97.7 %
-(benchmarks/coverage.py).
+(benchmarks/intervals.py).
 """
 
 from collections.abc import Sequence

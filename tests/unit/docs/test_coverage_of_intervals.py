@@ -1,4 +1,4 @@
-"""The table of coverage in docs/accuracy.md is that of benchmarks/coverage.py, and its intervals cover."""
+"""The table of coverage in docs/accuracy.md is that of benchmarks/intervals.py, and its intervals cover."""
 
 import importlib.util
 import json
@@ -13,7 +13,7 @@ RESULT = ROOT / "benchmarks/results/2026-11-27-coverage.json"
 
 @pytest.fixture(scope="module")
 def coverage():
-    spec = importlib.util.spec_from_file_location("coverage_of_intervals", ROOT / "benchmarks/coverage.py")
+    spec = importlib.util.spec_from_file_location("coverage_of_intervals", ROOT / "benchmarks/intervals.py")
     assert spec is not None
     assert spec.loader is not None
     module = importlib.util.module_from_spec(spec)

@@ -1,7 +1,7 @@
 """Coverage of the intervals that labbook prints, in simulation: a row for each interval and case.
 
-    python benchmarks/coverage.py [--scale 1] [--out benchmarks/results/2026-11-27-coverage.json]
-    python benchmarks/coverage.py --table benchmarks/results/2026-11-27-coverage.json
+    python benchmarks/intervals.py [--scale 1] [--out benchmarks/results/2026-11-27-coverage.json]
+    python benchmarks/intervals.py --table benchmarks/results/2026-11-27-coverage.json
 
 Each case draws data whose truth is known by construction, gives them to the estimator that reports use, and counts how
 often its interval holds the truth. Data are normal unless a case states otherwise: a bed adds `mean * scatter * z`.
