@@ -85,14 +85,14 @@ container: {kind: wedge-hopper, width: 60 mm, height: 200 mm, thickness: 1.01 d,
     ),
     "cylinder-silo": Parts(
         about="Flow rate of a flat-bottomed cylinder against the diameter of its outlet",
-        count=3500,
+        count=7000,
         wall="side",
         container="""\
 # `rotation`: of the bottom after the opening, such as 30 rpm or 0.5 Hz.
-container: {kind: cylinder-silo, diameter: 36 mm, height: 200 mm, orifice: 18 mm, rotation: 0 Hz}
+container: {kind: cylinder-silo, diameter: 46 mm, height: 200 mm, orifice: 18 mm, rotation: 0 Hz}
 """,
         sweep=_outlets("16, 18, 20, 22", "15", ", container.rotation: 0.5 Hz"),
-        window=_flow("50", "55", "beverloo_3d, janda_3d"),
+        window=_flow("45", "50", "beverloo_3d, janda_3d"),
         reference="beverloo_3d.k: {value: 1.5, error: 0.1}",
     ),
     "conical-silo": Parts(

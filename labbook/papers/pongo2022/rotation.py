@@ -200,7 +200,7 @@ def rise_of(curve: Rotation, quantity: str) -> Pooled | None:
 
 
 @dataclass(frozen=True)
-class Trend:
+class Dependence:
     """Dependence of a drop or a rise on the curve: the logarithm `of` each, and the slope `by` one of FACTORS."""
 
     of: Callable[[Rotation, str], Pooled | None]
@@ -221,8 +221,8 @@ FACTORS: Mapping[str, Callable[[Rotation], float]] = {
     "orifice": lambda curve: curve.orifice,
 }
 """Factors of drops and rises: L/d, and D [m]."""
-TRENDS: Mapping[str, Trend] = {
-    f"{name}_with_{factor}": Trend(of, sign, factor)
+TRENDS: Mapping[str, Dependence] = {
+    f"{name}_with_{factor}": Dependence(of, sign, factor)
     for name, of, sign in (("drop", drop_of, -1.0), ("rise", rise_of, 1.0))
     for factor in FACTORS
 }

@@ -154,7 +154,8 @@ def test_every_source_is_used_and_is_named_after_its_author_and_year():
     used = {key for table in tables for keys in table.values() for key in keys}
     used |= {one.key for law in LAWS.values() for one in named_in(law.source)}
     used |= {one.key for path in STUDIES if (told := load(path).reference) for one in named_in(told.source)}
-    assert used == set(SOURCES)
+    assert used >= set(SOURCES)
+    assert used - set(SOURCES) == {"validation-scripts-of-project-chrono-s"}  # an experiment without a publication
     for key, one in SOURCES.items():
         assert [key] == [found.key for found in named_in(f"{one.authors[0]} et al. {one.year}")]
 

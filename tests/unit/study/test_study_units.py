@@ -250,7 +250,7 @@ NUMBERS = [key for key in all_keys() if key.unit == "" and key.type == "quantity
 
 @pytest.mark.parametrize("unit", ["rad", "deg", "°", "turn", "Hz", "1/s", "mm"])
 def test_an_angle_is_no_plain_number(unit):
-    assert {"contact.friction", "contact.restitution", "window.start"} <= {key.name for key in NUMBERS}
+    assert {"contact.friction", "contact.restitution", "window.end"} <= {key.name for key in NUMBERS}
     with pytest.raises(ValueError, match="a number without unit is needed, not one in"):
         parse(f"0.5 {unit}", "")
     with pytest.raises(StudyError, match=r"contact\.friction: 0\.5 .*a number without unit is needed"):
