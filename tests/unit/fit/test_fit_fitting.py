@@ -135,8 +135,8 @@ def test_intervals_cover(name, draws):
 def test_intervals_cover_where_the_law_misses_the_points(name, misfit):
     """Four and eight points that lie off the law by `misfit` times the error of their three replicates: intervals hold
     the true parameters in 91 to 99 % of 400 draws with a standard error of 1.1 %, and joint regions in 88 to 99 %
-    (benchmarks/intervals.py has 92 to 97 % of more draws). With the degrees of freedom of the replicates, intervals from
-    four points would hold them in 85 % (P(|t_2| < t_8) at large misfit), and joint regions in fewer."""
+    (benchmarks/intervals.py has 92 to 97 % of more draws). With the degrees of freedom of the replicates, intervals
+    from four points would hold them in 85 % (P(|t_2| < t_8) at large misfit), and joint regions in fewer."""
     rng, draws = np.random.default_rng([20, misfit]), 400
     for places in (D[[0, 3, 5, 7]], D):
         first, second = FREE[name]
