@@ -205,7 +205,8 @@ def summed_up(found: Sequence[Budget], quantity: str = FLOW_RATE) -> str:
         known = [(share.part, one) for one in found for share in one.shares if share.source == source]
         largest = max(((part, one) for part, one in known if part is not None), key=lambda pair: pair[0], default=None)
         if largest is not None:
-            parts.append(f"{source} up to {percent(largest[0], '.2g')} ({largest[1].of.label})")
+            part, of = largest[0], largest[1].of.label
+            parts.append(f"{source} up to {percent(part, '.2g')} ({of})" if part else f"{source} 0 % everywhere")
     lacking = [source for source in SOURCES if any(s.source == source for one in found for s in one.shares)]
     lacking = [source for source in lacking if all(source in one.unknown for one in found)]
     told = "; ".join([*parts, *([f"{NOT_MEASURED}: {', '.join(lacking)}"] if lacking else [])])

@@ -155,7 +155,7 @@ def test_packing_fractions_have_a_budget_without_a_window(analysis):
         assert shares(one)["seeds"].part == pytest.approx(pooled.half_width / pooled.value, rel=1e-12)
         assert "window" not in shares(one)
         assert one.unknown == ("numerics", "filling", "bed")
-    assert summed_up(budgets(analysis), "packing_fraction").startswith("Of φ: seeds up to")
+    assert summed_up(budgets(analysis), "packing_fraction").startswith("Of φ: seeds 0 % everywhere")
 
 
 def test_parameters_move_with_numerics_as_the_flow_rates_do(synthetic):
