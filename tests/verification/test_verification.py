@@ -83,12 +83,17 @@ LONG_ON = {
 }
 """Cases that take five seconds to a minute on a processor, by backend: in the ring, and on a GPU. Of each kind of
 wall, force and shape shorter cases stay, and the CPU backend takes all."""
-LONG = {"resting-bed-round", "resting-mixture", "flow-friction", "rolling-spring-pyramid"}
+LONG = {
+    *("resting-bed-round", "resting-mixture", "flow-friction", "rolling-spring-pyramid"),
+    # test_dem_laws and test_dem_one_source have the functions of these laws, hertz-printed its kernels
+    *(f"{case}-{law}" for law in ("hertz-lammps", "hertz-liggghts") for case in ("impacts", "sliding")),
+}
 """Cases that take twenty seconds and more anywhere on a processor, with kernels of their own or many steps."""
 LONG_IN_ITS_SECOND = {
     "resting-bed",
     # twenty seconds to compile for a few cases: the GPU backend, whose first precision is the other, has the contract
-    # of mixtures and of rolling springs in it
+    # of rods, mixtures and rolling springs in it, and the same cases by linear springs
+    *("rod-free-top", "rod-impact", "energy-cycle-linear", "rim-without-slip"),
     *("rolling-spring", "rolling-spring-mobilised", "unlike-impact-linear", "unlike-stack-linear"),
     *("unlike-materials-oblique-linear", "unlike-materials-oblique-hertz-mindlin"),
 }

@@ -62,6 +62,7 @@ def test_a_task_gives_back_all_that_one_process_makes(tmp_path):
     assert not carry_out(asked, tmp_path / "lab").tally.ran
 
 
+@pytest.mark.ring
 def test_a_task_whose_time_is_over_gives_back_checkpoints_and_the_next_goes_on(tmp_path, monkeypatch):
     monkeypatch.setattr("labbook.run.cluster.ASKING", 0.1)
     monkeypatch.setenv("LABBOOK_TOY_DELAY", "0.05")
@@ -115,6 +116,7 @@ def test_what_was_not_asked_for_or_is_damaged_is_not_put_in_place(tmp_path):
     index.close()
 
 
+@pytest.mark.ring
 def test_an_address_where_nobody_answers_is_named(tmp_path):
     ended = labbook("run", study_file(tmp_path), "--lab", tmp_path / "lab", "--backend", "toy", "--cluster",
                     "tcp://127.0.0.1:9", check=False)  # fmt: skip
