@@ -21,8 +21,6 @@ IN_ONE = {"pyramid", "edges", "time-step", "stiffness", "incline", "units", "siz
 OF_ITS_OWN = {"pyramid"}
 """Cases whose kernels, which no other case shares, take twenty seconds to compile: in the ring. The contract and
 `labbook verify` have rolling springs too."""
-LONG_ON_WARP = {"impact-extremes", "time-step", "stiffness", "edges", "incline", "rods-stacked", "size-ratio"}
-"""Cases that take more than ten seconds on the GPU backend's processor, where every step is a launch or more."""
 
 
 def checks():
@@ -34,9 +32,9 @@ def checks():
         for case in CASES:
             if not (stand.second and case.name in IN_ONE):
                 name = stand.backend.capabilities.name if stand.device == "cpu" else ""
-                long = case.slow or case.name in OF_ITS_OWN or (name == "warp" and case.name in LONG_ON_WARP)
-                # kernels of a second precision compile for a minute: the other backend has the cases in it
-                long |= stand.device == "cpu" and stand.second
+                long = case.slow or case.name in OF_ITS_OWN
+                # kernels of a second precision compile for a minute; the GPU backend's processor takes a step a launch
+                long |= stand.device == "cpu" and (stand.second or name == "warp")
                 marks = [*here.marks, pytest.mark.ring if long else pytest.mark.slow]
                 yield pytest.param(case, stand, id=f"{case.name}-{here.id}", marks=marks)
 
@@ -51,7 +49,7 @@ def test_case(case, stand):
 def test_names_are_unique_and_chosen_by_their_beginning():
     names = [case.name for case in CASES]
     assert len(set(names)) == len(names)
-    assert set(names) > IN_ONE | LONG_ON_WARP
+    assert set(names) > IN_ONE
     assert [case.name for case in chosen(["pyr"])] == ["pyramid", "pyramid-long"]
     assert chosen([]) == list(CASES)
     with pytest.raises(KeyError):

@@ -84,7 +84,7 @@ LONG_ON = {
 """Cases that take five seconds to a minute on a processor, by backend: in the ring, and on a GPU. Of each kind of
 wall, force and shape shorter cases stay, and the CPU backend takes all."""
 LONG = {
-    *("resting-bed-round", "resting-mixture", "flow-friction", "rolling-spring-pyramid"),
+    *("resting-bed-round", "resting-mixture", "flow-friction", "rolling-spring", "rolling-spring-pyramid"),
     # test_dem_laws and test_dem_one_source have the functions of these laws, hertz-printed its kernels
     *(f"{case}-{law}" for law in ("hertz-lammps", "hertz-liggghts") for case in ("impacts", "sliding")),
 }

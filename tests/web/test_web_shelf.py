@@ -200,6 +200,7 @@ def test_many_threads_read_an_empty_lab(tmp_path):
         assert set(threads.map(ask, ["/", "/runs", "/index.json", "/runs.csv", "/compare"] * 8)) == {200}
 
 
+@pytest.mark.ring
 @pytest.mark.slow
 def test_readers_neither_hold_up_nor_break_a_study_that_runs(tmp_path):
     """Eight threads ask for all pages over and over while a process adds runs; in the end it has lost nothing."""

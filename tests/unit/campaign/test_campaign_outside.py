@@ -75,6 +75,7 @@ def test_a_plan_proposes_but_keeps_nothing(tmp_path):
     assert not (tmp_path / "lab/campaigns").exists()
 
 
+@pytest.mark.ring
 @pytest.mark.slow
 def test_killed_again_and_again_it_proposes_the_same_and_repeats_no_run(tmp_path, whole):
     path, lab = asked(tmp_path), tmp_path / "lab"

@@ -92,7 +92,9 @@ def test_replicates_that_are_added_go_to_whoever_is_free(tmp_path, monkeypatch):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("sent", [signal.SIGINT, signal.SIGTERM, signal.SIGKILL])
+@pytest.mark.parametrize(
+    "sent", [*(pytest.param(one, marks=pytest.mark.ring) for one in (signal.SIGINT, signal.SIGTERM)), signal.SIGKILL]
+)
 def test_a_signal_to_the_first_process_ends_all_and_the_same_command_goes_on(sent, tmp_path):
     path, lab = study_file(tmp_path, replicates=2), tmp_path / "lab"
     words = ("run", path, "--lab", lab, *GIVEN, "--checkpoint-every", 0)

@@ -143,6 +143,7 @@ def test_what_cannot_be_is_refused(given, problem, tmp_path):
     assert not list(tmp_path.glob("lab*"))
 
 
+@pytest.mark.ring
 @pytest.mark.slow
 def test_tasks_and_the_import_make_the_whole_and_go_on_in_a_longer_study(tmp_path):
     path, lab = study_file(tmp_path, replicates=3), tmp_path / "lab"
@@ -182,6 +183,7 @@ def test_a_cluster_says_what_is_not_installed(monkeypatch, words, lacking, said)
     assert said in ended.output
 
 
+@pytest.mark.ring
 @pytest.mark.slow
 def test_runs_that_the_lab_has_shorter_go_on_there(tmp_path):
     lab = tmp_path / "lab"
@@ -196,6 +198,7 @@ def test_runs_that_the_lab_has_shorter_go_on_there(tmp_path):
     assert not Catalogue(LabFolder(tmp_path / "other")).counts()
 
 
+@pytest.mark.ring
 @pytest.mark.slow
 def test_replicates_are_added_round_by_round(tmp_path):
     path, lab = study_file(tmp_path, "accuracy: {flow_rate: 2 %, max_replicates: 6}", replicates=2), tmp_path / "lab"
@@ -223,6 +226,7 @@ def test_a_task_refuses_another_study_or_version_than_the_script_was_written_for
     assert not (tmp_path / "part").exists()
 
 
+@pytest.mark.ring
 @pytest.mark.slow
 @pytest.mark.parametrize("all_of_it", [False, True])
 def test_a_task_that_is_asked_to_stop_saves_and_the_next_one_goes_on(all_of_it, tmp_path):
@@ -246,6 +250,7 @@ def test_a_task_that_is_asked_to_stop_saves_and_the_next_one_goes_on(all_of_it, 
     assert "1 continued from a checkpoint" in out
 
 
+@pytest.mark.ring
 @pytest.mark.slow
 def test_a_task_whose_time_is_over_goes_back_into_the_queue_and_a_cancelled_one_does_not(tmp_path):
     """With a `scontrol` that writes down what it is asked."""
@@ -371,6 +376,7 @@ def _wait(there, seconds, what):
     return found
 
 
+@pytest.mark.ring
 @pytest.mark.ring
 @pytest.mark.slow
 def test_a_real_slurm_runs_an_array_to_its_end_through_a_kill_and_a_requeue(tmp_path, slurm, monkeypatch):

@@ -97,7 +97,7 @@ def test_members_that_are_read_together_give_the_rows_that_each_gives_alone(monk
         assert all(np.array_equal(together[probe][name], alone[probe][name]) for name in alone[probe])
 
 
-@pytest.mark.parametrize("scene", [silo(20), of_spheres(60)], ids=SHAPES)
+@pytest.mark.parametrize("scene", [pytest.param(silo(20), marks=pytest.mark.ring), of_spheres(60)], ids=SHAPES)
 def test_members_that_are_seated_together_are_as_those_seated_one_by_one(scene, monkeypatch):
     """From packings with springs and from checkpoints, into slots beside others and into larger arrays."""
     how = numerics("mixed")
@@ -347,7 +347,11 @@ def check_alike(one: End, other: End) -> None:
     assert [guard for guard, _, _ in one.failures] == ["overlap"]
 
 
-@pytest.mark.parametrize(("few", "fewer"), [(silo(45), silo(23)), (of_spheres(60), of_spheres(33))], ids=SHAPES)
+@pytest.mark.parametrize(
+    ("few", "fewer"),
+    [pytest.param(silo(45), silo(23), marks=pytest.mark.ring), (of_spheres(60), of_spheres(33))],
+    ids=SHAPES,
+)
 def test_groups_of_members_take_the_steps_of_all_together(few, fewer, monkeypatch):
     how = numerics("mixed", steps_per_beat=49)
     whole = ends_in_groups(few, fewer, how, "cpu", 20)
