@@ -62,27 +62,11 @@ ON_A_GPU = {"flow-outlet", "flow-friction", "turntable", "turntable-round", "res
 beside the CPU backend, which takes all flows and beds; turntables are two million launches for one grain: there
 test_reference_rods has rods over a turning bottom beside the reference."""
 
-LONG_ON = {
-    "warp": {
-        *("flow-height", "resting-bed", "resting-mixture", "resting-pile"),
-        *("rolling-spring", "rolling-spring-pyramid", "rolling-spring-rests", "rolling-incline", "sliding-to-rolling"),
-        *("rest-on-incline", "incline-slip", "rolling-round-a-cylinder", "gas-energy-linear", "energy-cycle-linear"),
-        *("edge-roll-off", "edge-without-slip", "rim-roll-off", "rim-without-slip"),
-        *("rod-landing", "rod-over-rim", "rod-on-turntable", "rod-on-turning-rim"),
-        # kernels of their own; rod-rocks-on-rim, the rolling springs of the contract, restitution-at-study-step and
-        # other cases of unlike grains stay
-        *("turning-rim-impact", "rod-without-length", "rolling-spring-mobilised", "restitution-hertz-mindlin"),
-        *("restitution-linear", "unlike-restitution-hertz-mindlin", "unlike-momenta-linear"),
-        "unlike-momenta-hertz-mindlin",
-        *(f"{case}-{law}" for law in EVERY_LAW for case in ("impacts", "sliding")),
-    },
-    "reference": {
-        *("rod-without-length", "turning-rim-impact", "energy-cycle-hertz-mindlin", "energy-cycle-linear"),
-        *("unlike-stack-hertz-mindlin", "unlike-stack-linear"),
-    },
+LONG_BY_THE_REFERENCE = {
+    *("rod-without-length", "turning-rim-impact", "energy-cycle-hertz-mindlin", "energy-cycle-linear"),
+    *("unlike-stack-hertz-mindlin", "unlike-stack-linear"),
 }
-"""Cases that take five seconds to a minute on a processor, by backend: in the ring, and on a GPU. Of each kind of
-wall, force and shape shorter cases stay, and the CPU backend takes all."""
+"""Cases that plain Python takes more than five seconds for: in the ring."""
 LONG = {
     *("resting-bed-round", "resting-mixture", "flow-friction", "rolling-spring", "rolling-spring-pyramid"),
     # test_dem_laws and test_dem_one_source have the functions of these laws, hertz-printed its kernels
@@ -126,8 +110,9 @@ def checks(among: Sequence[Bundled]):
             if not left_out(case, stand):
                 long = case.name in LONG or (stand.second and case.name in LONG_IN_ITS_SECOND)
                 if stand.device == "cpu":
-                    long |= case.name in LONG_ON.get(stand.backend.capabilities.name, ())
-                    long |= stand.second and stand.backend.capabilities.name == "warp"  # its GPU takes both
+                    long |= stand.part < 1 and case.name in LONG_BY_THE_REFERENCE
+                    # every step is a launch or more there; its GPU takes all, and the contract is quick on both
+                    long |= stand.backend.capabilities.name == "warp"
                 marks = [*here.marks, *([pytest.mark.slow] if case.slow else []), *([pytest.mark.ring] if long else [])]
                 yield pytest.param(case, stand, id=f"{case.name}-{here.id}", marks=marks)
 
@@ -151,7 +136,7 @@ def test_case_on_the_kernels_of_users(case, stand):
 
 
 def test_what_is_left_out_is_known():
-    names = IN_ONE | ON_A_GPU | BY_THE_REFERENCE | LONG | LONG_IN_ITS_SECOND | set().union(*LONG_ON.values())
+    names = IN_ONE | ON_A_GPU | BY_THE_REFERENCE | LONG | LONG_IN_ITS_SECOND | LONG_BY_THE_REFERENCE
     assert {case.name for case in CASES} >= names
 
 
