@@ -42,7 +42,7 @@ from labbook.measure.outlet import DEFINITIONS
 from labbook.measure.series import crossings
 from labbook.measure.starts import FromStart, WindowStarts
 from labbook.papers.fan2023 import profiles
-from labbook.papers.fan2023.laws import centred_flow, eccentric_flow
+from labbook.papers.fan2023.laws import Saturation, centred_flow, eccentric_flow
 from labbook.results.series import PACKING_FRACTION, context
 
 STEPS = np.arange(66) / 100
@@ -72,17 +72,17 @@ SATURATION = {0: (3.74, 0.18), 6: (5.34, 0.19), 12: (5.34, 0.19), 18: (5.34, 0.1
 # Runs and their evaluation
 
 
-def studies(law: str, rolling: str, said: argparse.Namespace) -> Iterator[labbook.Study]:
+def studies(law: str, rolling: str, args: argparse.Namespace) -> Iterator[labbook.Study]:
     """The studies by this law, in mixed precision, without recordings, fits and references."""
     own = {"contact.law": law, "contact.rolling": rolling, "numerics.precision": "mixed", "fill.max_time": "6 s",
-           "replicates": said.replicates, "record": None, "reference": None, "fit": []}  # fmt: skip
-    for name in said.studies:
+           "replicates": args.replicates, "record": None, "reference": None, "fit": []}  # fmt: skip
+    for name in args.studies:
         study = labbook.load(STUDIES / f"{name}.yaml")
         points = [point for point in study.stated.get("points") or []
-                  if said.wide or "100" in str(point["container.width"])]  # fmt: skip
-        if said.count != 1.0:
-            points = [{**point, "grains.count": round(point["grains.count"] * said.count)} for point in points]
-        scaled = {} if points or said.count == 1.0 else {"grains.count": round(3000 * said.count)}
+                  if args.wide or "100" in str(point["container.width"])]  # fmt: skip
+        if args.count != 1.0:
+            points = [{**point, "grains.count": round(point["grains.count"] * args.count)} for point in points]
+        scaled = {} if points or args.count == 1.0 else {"grains.count": round(3000 * args.count)}
         yield study.change({**own, **scaled, **({"points": points} if points else {})})
 
 
@@ -129,26 +129,26 @@ def mapped(function: Any, tasks: Sequence[Any], processes: int) -> list[Any]:
     return [done[place] if place in done else function(task) for place, task in enumerate(tasks)]
 
 
-def candidate(law: str, rolling: str, said: argparse.Namespace) -> dict[str, Any]:
+def candidate(law: str, rolling: str, args: argparse.Namespace) -> dict[str, Any]:
     """Make the missing runs of a law, then evaluate them."""
-    lab, series, failed = labbook.Lab(said.lab, said.backend, said.device), [], []
-    for study in studies(law, rolling, said):
+    lab, series, failed = labbook.Lab(args.lab, args.backend, args.device), [], []
+    for study in studies(law, rolling, args):
         started = time.time()
-        failed += [f"{study.name}: {one}" for one in lab.run(study, progress=said.progress).failed]
+        failed += [f"{study.name}: {one}" for one in lab.run(study, progress=args.progress).failed]
         ran = time.time() - started
         found = lab.results(study, progress=False).series
         runs = [(point, run) for one in found for point in one.points for run in point.runs if run.counted]
         numbers = dict(zip(((point, run.seed) for point, run in runs),
-                           mapped(of_run, [(run.run.folder, study.window) for _, run in runs], said.processes),
+                           mapped(of_run, [(run.run.folder, study.window) for _, run in runs], args.processes),
                            strict=True))  # fmt: skip
         for one in found:
-            series.append(of_series(study.name, one, numbers, said))
+            series.append(of_series(study.name, one, numbers, args))
         print(f"{law}, {rolling}, {study.name}: {ran:.0f} s of runs, {time.time() - started - ran:.0f} s of evaluation "
               f"of {len(runs)} runs; peak memory {peak()}", flush=True)  # fmt: skip
     return {"law": law, "rolling": rolling, "hardware": hardware(), "failed": failed, "series": series}
 
 
-def of_series(study: str, one: Any, numbers: Mapping[Any, Any], said: argparse.Namespace) -> dict[str, Any]:
+def of_series(study: str, one: Any, numbers: Mapping[Any, Any], args: argparse.Namespace) -> dict[str, Any]:
     """Numbers of a series for all starts, of runs that did not clog."""
     runs = {point: [(run, *numbers[point, run.seed]) for run in point.runs
                     if (point, run.seed) in numbers and run.outcome != "clogged" and numbers[point, run.seed][0]]
@@ -169,7 +169,7 @@ def of_series(study: str, one: Any, numbers: Mapping[Any, Any], said: argparse.N
                  for each in runs.values()]  # fmt: skip
         seeds = [[outlet for outlet in outlets if outlet.seen] for outlets in seeds]
         tasks.append(([outlets for outlets in seeds if outlets], context(one.points)))
-    fits = iter(mapped(of_profiles, tasks, said.processes))
+    fits = iter(mapped(of_profiles, tasks, args.processes))
     starts = ["auto" if window.auto else window.start for window in windows]
     fitted = [{name: next(fits) for name in DEFINITIONS} for _ in windows]
     return {"study": study, "at": dict(one.at), "starts": starts, "points": points, "profiles": fitted}
@@ -183,14 +183,14 @@ def peak() -> str:
     return f"{own:.1f} GB here, {others:.1f} GB in the largest other process"
 
 
-def run(said: argparse.Namespace) -> None:
+def run(args: argparse.Namespace) -> None:
     """Run and evaluate every candidate, and write its numbers as soon as they are there."""
-    said.out.mkdir(parents=True, exist_ok=True)
-    for law, rolling in itertools.product(said.laws, said.rolling):
-        path = said.out / f"{law}-{rolling}.json.gz"
+    args.out.mkdir(parents=True, exist_ok=True)
+    for law, rolling in itertools.product(args.laws, args.rolling):
+        path = args.out / f"{law}-{rolling}.json.gz"
         if path.exists():
             continue
-        numbers = candidate(law, rolling, said)
+        numbers = candidate(law, rolling, args)
         with gzip.open(path, "wt") as file:
             json.dump(rounded(numbers), file, separators=(",", ":"))
         print(f"wrote {path}", flush=True)
@@ -363,14 +363,14 @@ def open_choices(variants: Sequence[Scores], *places: int) -> list[tuple]:
     return sorted(found, key=str)
 
 
-def tables(said: argparse.Namespace) -> None:
+def tables(args: argparse.Namespace) -> None:
     """Print all tables."""
     files = []
-    for path in sorted(said.folder.glob("*.json.gz")):
+    for path in sorted(args.folder.glob("*.json.gz")):
         with gzip.open(path, "rt") as file:
             files.append(json.load(file))
     if not files:
-        sys.exit(f"there are no files *.json.gz in {said.folder}; make them with `run`")
+        sys.exit(f"there are no files *.json.gz in {args.folder}; make them with `run`")
     for file in files:
         print(f"\n## {file['law']}, {file['rolling']}\n")
         of_candidate(file)
@@ -431,7 +431,7 @@ def printed(study: str, where: float | None, R: float) -> str:
     if study == POSITION and where is not None:
         d1, e1, s1, d2, e2, s2 = TABLE_3[int(where)]
         tau1, tau2 = SATURATION[int(where)]
-        phi = TABLE_2[90][3] * (1 - tau1 * math.exp(-2 * tau2 * 1e3 * R))
+        phi = float(Saturation(TABLE_2[90][3], tau1, 1e3 * tau2).at(R))
         W = eccentric_flow(ABOUT.d, ABOUT.rho_p, ABOUT.g, R, phi, (d1, e1, s1), (d2, e2, s2))
         return f"{1e3 * W:.1f} (eq 18)"
     a, gamma, b, phi = TABLE_2[int(where or 90)]
@@ -464,8 +464,8 @@ def main() -> None:
     verb = verbs.add_parser("tables", help="print tables and the ranking")
     verb.add_argument("folder", type=Path)
     verb.set_defaults(do=tables)
-    said = parser.parse_args()
-    said.do(said)
+    args = parser.parse_args()
+    args.do(args)
 
 
 if __name__ == "__main__":

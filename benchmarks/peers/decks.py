@@ -11,7 +11,7 @@ import itertools
 import math
 from collections.abc import Iterator, Sequence
 
-from forces import wall_stiffness
+from forces import HEAD, wall_stiffness
 from impact import tsuji
 from scipy.optimize import root_scalar
 
@@ -36,18 +36,6 @@ LEAST_MODULUS = 5e6
 """Young's modulus [Pa] below which LIGGGHTS refuses a material in SI units."""
 THIN = 1e-8
 """Thickness [m] of plates in LAMMPS."""
-HEAD = """
-units si
-atom_style {style}
-atom_modify map array
-boundary f f f
-newton off
-{velocities}
-read_data bed.data
-neighbor {skin} bin
-neigh_modify delay 0
-timestep {dt}
-"""
 LIGGGHTS = """
 fix m1 all property/global youngsModulus peratomtype {young}
 fix m2 all property/global poissonsRatio peratomtype {nu}

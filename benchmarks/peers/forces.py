@@ -43,8 +43,8 @@ atom_modify map array
 boundary f f f
 newton off
 {velocities}
-read_data states.data
-neighbor 0.001 bin
+read_data bed.data
+neighbor {skin} bin
 neigh_modify delay 0
 timestep {dt}
 """
@@ -122,12 +122,12 @@ def theirs(code: str, found: States, tension: bool) -> np.ndarray:
     """Force [N] and torque [N m] on grain i of each state, shape [n, 6]."""
     liggghts, bed = code == "liggghts", packing(found)
     words = {
-        "style": "granular" if liggghts else "sphere", "dt": DT, "young": YOUNG, "nu": NU, "e": E, "mu": MU,
-        "eta": _ETA, "steps": STEPS, "line": "" if liggghts else "line ", "limit": "" if tension else LIMIT[code],
+        "style": "granular" if liggghts else "sphere", "dt": DT, "skin": 0.001, "young": YOUNG,
+        "nu": NU, "e": E, "mu": MU, "eta": _ETA, "steps": STEPS, "line": "" if liggghts else "line ", "limit": "" if tension else LIMIT[code],
         "velocities": "communicate single vel yes" if liggghts else "comm_modify vel yes", **wall_stiffness(YOUNG, NU),
     }  # fmt: skip
     with tempfile.TemporaryDirectory() as folder:
-        (Path(folder) / "states.data").write_text(data_file(bed, scene(len(bed)), "states"))
+        (Path(folder) / "bed.data").write_text(data_file(bed, scene(len(bed)), "states"))
         (Path(folder) / "in.forces").write_text((HEAD + LAWS[code] + TAIL).format(**words))
         program = "liggghts" if liggghts else "lmp"
         done = subprocess.run([program, "-in", "in.forces"], cwd=folder, capture_output=True, text=True)
