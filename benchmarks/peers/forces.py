@@ -123,7 +123,8 @@ def theirs(code: str, found: States, tension: bool) -> np.ndarray:
     liggghts, bed = code == "liggghts", packing(found)
     words = {
         "style": "granular" if liggghts else "sphere", "dt": DT, "skin": 0.001, "young": YOUNG,
-        "nu": NU, "e": E, "mu": MU, "eta": _ETA, "steps": STEPS, "line": "" if liggghts else "line ", "limit": "" if tension else LIMIT[code],
+        "nu": NU, "e": E, "mu": MU, "eta": _ETA, "steps": STEPS,
+        "line": "" if liggghts else "line ", "limit": "" if tension else LIMIT[code],
         "velocities": "communicate single vel yes" if liggghts else "comm_modify vel yes", **wall_stiffness(YOUNG, NU),
     }  # fmt: skip
     with tempfile.TemporaryDirectory() as folder:
