@@ -181,6 +181,7 @@ UNITS = {
     **dict.fromkeys(("fx", "fy", "fz"), "N"),
     **dict.fromkeys(("kinetic", "potential", "contact_work"), "J"),
     "mass": "kg",
+    "radius": "m",
     **dict.fromkeys(("px", "py", "pz"), "kg m/s"),
     **dict.fromkeys(("lx", "ly", "lz"), "kg m^2/s"),
 }

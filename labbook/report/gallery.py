@@ -2,9 +2,11 @@
 
 from typing import TYPE_CHECKING, Literal, TypeAlias
 
+from labbook.measure.composition import Composition
 from labbook.report import figures
 from labbook.report.against import found_against
 from labbook.report.blocks import slug
+from labbook.report.composition import compositions
 from labbook.report.paper import Draw, figures_of_all
 from labbook.results.recorded import acceleration, flow_patterns
 from labbook.results.series import Series
@@ -19,7 +21,7 @@ FILES = {"fit": "flow_rate", "orifice": "flow_rate", "flow": "flow_over_time"}
 
 
 FigureName: TypeAlias = Literal[
-    "flow_rate", "flow_over_time", "patterns", "acceleration", "overview", "fit", "orifice", "flow"
+    "flow_rate", "flow_over_time", "patterns", "acceleration", "overview", "composition", "fit", "orifice", "flow"
 ]
 """Names that editors complete: figures of any study, and names of their files. Papers and swept keys add others."""
 
@@ -36,6 +38,8 @@ def of_results(results: StudyResults) -> dict[str, Draw]:
         found["overview"] = lambda: figures.overview(fitted)
     for one in found_against(results):
         found[f"against_{slug(one.key)}"] = lambda one=one: figures.against_key(one)
+    if Composition.name in results.study.measure and (points := compositions(results)):
+        found["composition"] = lambda: figures.composition_against_discharge(points)
     return found | figures_of_all(results)
 
 

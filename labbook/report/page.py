@@ -16,6 +16,7 @@ from labbook.lab.folder import write_bytes
 from labbook.report import figures, tables
 from labbook.report.against import against_sections
 from labbook.report.blocks import Block, Folded, Picture, Section, Verbatim, anchored, picture, slug
+from labbook.report.composition import composition_sections
 from labbook.report.figures.orifice import side_by_side
 from labbook.report.formulas import mathml
 from labbook.report.paper import sections_of_all
@@ -164,6 +165,7 @@ PARTS: tuple[Part, ...] = (
     _statements,
     sections_of_all,
     _flow_rates,
+    composition_sections,
     start_sections,
     _budget,
     _numerics,

@@ -14,6 +14,8 @@ from labbook.results import display
 from labbook.results.against import against
 from labbook.results.against import rows as against_rows
 from labbook.results.budget import budgets
+from labbook.results.composition import composition_of
+from labbook.results.composition import rows as composition_rows
 from labbook.results.paper import Row, analyses
 from labbook.results.paper import frames as frames_of_papers
 from labbook.results.points import PointResult, RunResult
@@ -25,7 +27,7 @@ from labbook.results.study import StudyResults
 if TYPE_CHECKING:
     import pandas as pd
 
-EVERY = ("runs", "flow", "bands", "accelerations", "profiles")
+EVERY = ("runs", "flow", "bands", "accelerations", "profiles", "composition")
 """Frames with a row for every run, instant or place."""
 _PLACES = 60
 """Orifices at which bands are given."""
@@ -68,6 +70,7 @@ def frames(
     | `budget`        | number and source: what it adds to the error, a part of it, and what that rests on         |
     | `accelerations` | point and bin of height above the outlet                                                  |
     | `profiles`      | point, definition and bin along the outlet: phi and v, mean and error over seeds          |
+    | `composition`   | point, kind and bin of the outflow: share of the mass, errors of seeds and of counting    |
 
     An interval whose both ends are unknown is NaN at both, as is an unknown error; one that is open at one end is
     infinite there. `attrs["units"]` has the SI units of columns that mean the same in every row.
@@ -95,6 +98,7 @@ def frames(
         "budget": _budget(results),
         "accelerations": _accelerations(results),
         "profiles": _profiles(results),
+        "composition": _composition(results),
     }
     of_papers, problems = frames_of_papers(results)
     made |= of_papers
@@ -374,6 +378,13 @@ def _accelerations(results: StudyResults) -> Iterator[Row]:
                 **numbers,
                 "interval": profile.interval,
             }
+
+
+def _composition(results: StudyResults) -> Iterator[Row]:
+    for result in results.points:
+        pooled = composition_of(result)
+        if pooled is not None:
+            yield from ({**of_point(result), **row} for row in composition_rows(pooled))
 
 
 def _statements(results: StudyResults) -> Iterator[Row]:

@@ -205,9 +205,9 @@ TABLE = (
     ),
     Absent(
         "measure",
-        "segregation composition mixing massbykind kinds species",
-        "the kinds of the grains that leave are not measured",
-        "use record, whose frames have the kind of every grain (`labbook export`)",
+        "segregation mixing lacey massbykind kinds species",
+        "no measure has this name",
+        "use composition, the kinds of the grains that leave and how well the bed is mixed",
     ),
     Absent(
         "measure",
