@@ -10,6 +10,7 @@ from labbook.measure.orifice import OrificeMeans
 from labbook.measure.outlet import OutletProfiles
 from labbook.measure.outlets import OutletRates
 from labbook.measure.packing import PackingStructure
+from labbook.measure.residence import Residence
 from labbook.measure.stress import ContactStress
 from labbook.plugins import Registry
 
@@ -25,6 +26,7 @@ MEASURES: Registry[Measure] = Registry[Measure](
         EnergyLedger(),
         OutletRates(),
         Composition(),
+        Residence(),
     ),
 )
 """The measures that a study can name under `measure`: those built in, and those of other packages."""

@@ -79,19 +79,22 @@ class OutflowShares:
         return unpacked(cls, evaluation.arrays)
 
 
-def bin_edges(total: int, left: int) -> np.ndarray:
+def bin_edges(total: int, left: int, least: int = BIN) -> np.ndarray:
     """Numbers of grains that have left at the edges of the complete bins, shape [b + 1].
 
     Args:
-        total: grains in the bed, which are divided into at most `BINS` bins of at least `BIN` grains.
+        total: grains in the bed, which are divided into at most `BINS` bins.
         left: grains that left; more than `total` from a fed bed.
+        least: grains in a bin, at least.
     """
-    bins = max(1, min(BINS, total // BIN))
+    bins = max(1, min(BINS, total // least))
     complete = left * bins // total
     return np.arange(complete + 1) * total // bins
 
 
-def outflow_shares(mass: np.ndarray, group: np.ndarray, rows: np.ndarray, classes: int) -> OutflowShares:
+def outflow_shares(
+    mass: np.ndarray, group: np.ndarray, rows: np.ndarray, classes: int, least: int = BIN
+) -> OutflowShares:
     """Composition of an outflow.
 
     Args:
@@ -99,8 +102,9 @@ def outflow_shares(mass: np.ndarray, group: np.ndarray, rows: np.ndarray, classe
         group: class of each grain, from 0 to `classes` - 1, shape [n].
         rows: grains in the order in which they left, shape [left].
         classes: number of classes.
+        least: grains in a bin, at least.
     """
-    edges = bin_edges(len(mass), len(rows))
+    edges = bin_edges(len(mass), len(rows), least)
     rows = rows[: edges[-1]]
     label = np.arange(classes)[:, None]
     of_classes = _sums(np.where(group[rows] == label, mass[rows], 0.0), edges)

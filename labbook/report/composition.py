@@ -41,7 +41,7 @@ def composition_table(points: Sequence[PooledShares]) -> Table:
             index = result.pooled.get(f"segregation_{name}")
             rows.append(
                 (
-                    result.label if place == 0 else "",
+                    (result.label or "the only point") if place == 0 else "",
                     name,
                     f"{100 * initial:.3g}",
                     _pooled(result, f"flow_rate_of_{name}", 1e3),
@@ -60,9 +60,11 @@ def _pooled(result: PointResult, quantity: str, scale: float = 1.0) -> str:
 
 
 def _p_values(result: PointResult) -> str:
-    """p values of the runs: smallest and largest."""
-    values = sorted({f"{value:.3f}" for _, value in counted(result, "segregation_p")})
-    return " to ".join(dict.fromkeys((values[0], values[-1]))) if values else "–"
+    """p value of all runs together, by Fisher's method."""
+    from scipy.stats import combine_pvalues
+
+    values = [value for _, value in counted(result, "segregation_p")]
+    return f"{combine_pvalues(values)[1]:.2g}" if values else "–"
 
 
 _CAPTION = (
@@ -72,6 +74,6 @@ _CAPTION = (
 )
 NOTE = (
     "SI is the standard deviation of x_i/x_i0 over the bins; its square has the counting noise subtracted and may be "
-    f"negative by chance. p: smallest and largest over runs, of {SHUFFLES} permutations of the labels; in a random bed "
-    f"p is uniform from 0 to 1. Lacey index in cells of {CELL:g} d: 1 is a random bed, 0 a separated one."
+    f"negative by chance. p: {SHUFFLES} permutations of the labels in each run, runs combined by Fisher’s method; in a "
+    f"random bed p is uniform from 0 to 1. Lacey index in cells of {CELL:g} d: 1 is a random bed, 0 a separated one."
 )

@@ -3,11 +3,13 @@
 from typing import TYPE_CHECKING, Literal, TypeAlias
 
 from labbook.measure.composition import Composition
+from labbook.measure.residence import Residence
 from labbook.report import figures
 from labbook.report.against import found_against
 from labbook.report.blocks import slug
 from labbook.report.composition import compositions
 from labbook.report.paper import Draw, figures_of_all
+from labbook.report.residence import residence_of
 from labbook.results.recorded import acceleration, flow_patterns
 from labbook.results.series import Series
 from labbook.results.study import StudyResults
@@ -16,7 +18,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 
-FILES = {"fit": "flow_rate", "orifice": "flow_rate", "flow": "flow_over_time"}
+FILES = {"fit": "flow_rate", "orifice": "flow_rate", "flow": "flow_over_time", "residence-map": "residence_map"}
 """Names of figures whose files in a report are called otherwise, by the name of the file."""
 
 
@@ -40,6 +42,12 @@ def of_results(results: StudyResults) -> dict[str, Draw]:
         found[f"against_{slug(one.key)}"] = lambda one=one: figures.against_key(one)
     if Composition.name in results.study.measure and (points := compositions(results)):
         found["composition"] = lambda: figures.composition_against_discharge(points)
+    if Residence.name in results.study.measure:
+        maps, curves = residence_of(results)
+        if maps:
+            found["residence_map"] = lambda: figures.residence_maps(maps)
+        if curves:
+            found["residence"] = lambda: figures.residence_distributions(curves)
     return found | figures_of_all(results)
 
 

@@ -20,6 +20,7 @@ from labbook.report.composition import composition_sections
 from labbook.report.figures.orifice import side_by_side
 from labbook.report.formulas import mathml
 from labbook.report.paper import sections_of_all
+from labbook.report.residence import residence_sections
 from labbook.report.result_box import concerns, result_box, summary
 from labbook.report.sections import marks, series_sections
 from labbook.report.setting import setting
@@ -166,6 +167,7 @@ PARTS: tuple[Part, ...] = (
     sections_of_all,
     _flow_rates,
     composition_sections,
+    residence_sections,
     start_sections,
     _budget,
     _numerics,

@@ -1,11 +1,12 @@
 """Composition of the outflow of each point, pooled over its beds."""
 
 import math
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 
 import numpy as np
 
+from labbook.measure import Evaluation
 from labbook.measure.composition import Composition, OutflowShares, class_names
 from labbook.results.points import PointResult
 
@@ -31,14 +32,31 @@ class PooledShares:
 
 
 def composition_of(result: PointResult) -> PooledShares | None:
-    """Pool the composition over the beds of a point; None if it was not measured, or no bin is complete.
+    """Pool the composition over the beds of a point; None if it was not measured, or no bin is complete."""
+    names = class_names(result.point.scene.grains)
+    return pooled_shares(result, names, Composition.name, OutflowShares.of)
+
+
+def pooled_shares(
+    result: PointResult, names: tuple[str, ...], measure: str, read: Callable[[Evaluation], OutflowShares | None]
+) -> PooledShares | None:
+    """Pool the composition of the outflow by any classes of grains over the beds of a point.
 
     The bins of all beds hold the same numbers of grains. Bins that are not complete in every run are left out.
+
+    Args:
+        result: the point.
+        names: of the classes.
+        measure: that has given the composition.
+        read: finds the composition in its evaluation.
+
+    Returns:
+        The mean; None if it was not measured, or no bin is complete.
     """
     by_bed: dict[int, list[OutflowShares]] = {}
     for run in result.runs:
-        if run.counted and Composition.name in run.measures:
-            shares = OutflowShares.of(run.evaluation(Composition()))
+        if run.counted and measure in run.measures:
+            shares = read(run.evaluation(measure))
             if shares is not None:
                 by_bed.setdefault(run.seed, []).append(shares)
     if not by_bed:
@@ -48,7 +66,6 @@ def composition_of(result: PointResult) -> PooledShares | None:
     whole, values = _mean(beds), np.array([bed.share for bed in beds])
     n = len(beds)
     error = values.std(axis=0, ddof=1) / math.sqrt(n) if n > 1 else np.full_like(whole.share, math.nan)
-    names = class_names(result.point.scene.grains)
     return PooledShares(result, names, whole.fraction, whole.initial, whole.share, error, whole.error, beds)
 
 

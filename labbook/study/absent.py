@@ -211,9 +211,9 @@ TABLE = (
     ),
     Absent(
         "measure",
-        "residencetime residence tracer tracers age",
-        "residence times are not measured",
-        "use record, whose frames have every grain by its number (`labbook export`)",
+        "residencetime residencetimes rtd tracer tracers age layers",
+        "no measure has this name",
+        "use residence, the residence times of a fed silo, or map and layers of a batch discharge",
     ),
     Absent(
         "measure",

@@ -7,6 +7,7 @@ from labbook.report.figures.flow import flow_against_time
 from labbook.report.figures.orifice import flow_against_orifice, overview
 from labbook.report.figures.parameters import parameters_against
 from labbook.report.figures.pattern import flow_patterns
+from labbook.report.figures.residence import residence_distributions, residence_maps
 from labbook.report.figures.starts import parameters_against_start
 
 __all__ = [
@@ -21,4 +22,6 @@ __all__ = [
     "parameters_against",
     "parameters_against_start",
     "ratio_heading",
+    "residence_distributions",
+    "residence_maps",
 ]

@@ -20,19 +20,17 @@ def recipe(title: str) -> list[list[str]]:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(
-    ("title", "count", "writes"),
-    [("Follow the kinds of a mixture", 800, ["lab/reports/mixture-cone/composition.png", "mixture/composition.csv"])],
-)
-def test_a_recipe_gives_what_it_promises(tmp_path, monkeypatch, title, count, writes):
-    commands = recipe(title)
+def test_recipes_of_mixtures_and_residence_give_what_they_promise(tmp_path, monkeypatch):
+    """The second continues the first, with the same study."""
+    commands = [*recipe("Follow the kinds of a mixture"), *recipe("See from where grains leave first")]
     (tmp_path / "studies").mkdir()
     for study in {words[1] for words in commands}:
-        text = (ROOT / study).read_text(encoding="utf-8") + NUMERICS
-        (tmp_path / study).write_text(
-            re.sub(r"count: \d+", f"count: {count}", text.replace("replicates: 3", "replicates: 1")), encoding="utf-8"
-        )
+        text = (ROOT / study).read_text(encoding="utf-8").replace("replicates: 3", "replicates: 1") + NUMERICS
+        (tmp_path / study).write_text(re.sub(r"count: \d+", "count: 800", text), encoding="utf-8")
     monkeypatch.chdir(tmp_path)
     for words in commands:
         labbook(*words, "--backend", "toy")
-    assert [path for path in writes if not (tmp_path / path).exists()] == []
+    report, tables = tmp_path / "lab/reports/mixture-cone", tmp_path / "residence"
+    promised = [report / "composition.png", report / "residence-map.png", tmp_path / "mixture/composition.csv"]
+    promised += [tables / "residence.csv", tables / "layers.csv"]
+    assert [path for path in promised if not path.exists()] == []
