@@ -3,6 +3,7 @@ started from."""
 
 from labbook.measure.composition import Composition
 from labbook.measure.data import RunData
+from labbook.measure.energy import EnergyBalance
 from labbook.measure.flow import FlowRate
 from labbook.measure.ledger import EnergyLedger
 from labbook.measure.measure import Evaluation, Measure, MeasureError, Quantity, Window
@@ -27,6 +28,7 @@ MEASURES: Registry[Measure] = Registry[Measure](
         OutletRates(),
         Composition(),
         Residence(),
+        EnergyBalance(),
     ),
 )
 """The measures that a study can name under `measure`: those built in, and those of other packages."""

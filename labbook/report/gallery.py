@@ -8,6 +8,7 @@ from labbook.report import figures
 from labbook.report.against import found_against
 from labbook.report.blocks import slug
 from labbook.report.composition import compositions
+from labbook.report.energy import balanced
 from labbook.report.paper import Draw, figures_of_all
 from labbook.report.residence import residence_of
 from labbook.results.recorded import acceleration, flow_patterns
@@ -42,6 +43,8 @@ def of_results(results: StudyResults) -> dict[str, Draw]:
         found[f"against_{slug(one.key)}"] = lambda one=one: figures.against_key(one)
     if Composition.name in results.study.measure and (points := compositions(results)):
         found["composition"] = lambda: figures.composition_against_discharge(points)
+    if energies := balanced(results):
+        found["energy"] = lambda: figures.energy_balance(energies)
     if Residence.name in results.study.measure:
         maps, curves = residence_of(results)
         if maps:

@@ -17,6 +17,7 @@ from labbook.report import figures, tables
 from labbook.report.against import against_sections
 from labbook.report.blocks import Block, Folded, Picture, Section, Verbatim, anchored, picture, slug
 from labbook.report.composition import composition_sections
+from labbook.report.energy import energy_sections
 from labbook.report.figures.orifice import side_by_side
 from labbook.report.formulas import mathml
 from labbook.report.paper import sections_of_all
@@ -168,6 +169,7 @@ PARTS: tuple[Part, ...] = (
     _flow_rates,
     composition_sections,
     residence_sections,
+    energy_sections,
     start_sections,
     _budget,
     _numerics,

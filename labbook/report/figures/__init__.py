@@ -3,6 +3,7 @@
 from labbook.report.figures.acceleration import acceleration_against_height
 from labbook.report.figures.against import against_key, has_cuts, ratio_heading
 from labbook.report.figures.composition import composition_against_discharge
+from labbook.report.figures.energy import energy_balance
 from labbook.report.figures.flow import flow_against_time
 from labbook.report.figures.orifice import flow_against_orifice, overview
 from labbook.report.figures.parameters import parameters_against
@@ -14,6 +15,7 @@ __all__ = [
     "acceleration_against_height",
     "against_key",
     "composition_against_discharge",
+    "energy_balance",
     "flow_against_orifice",
     "flow_against_time",
     "flow_patterns",
