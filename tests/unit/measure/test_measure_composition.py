@@ -17,6 +17,7 @@ from labbook.measure.composition import (
     permutation_p,
     segregation,
 )
+from labbook.measure.trajectories import Trajectories
 from labbook.scene import Bodies, ConicalSilo, HertzMindlin, Kind, Packing, Scene, Spheres
 from labbook.scene.sizes import Uniform
 from labbook.study.schema import Window
@@ -61,6 +62,18 @@ def test_a_crossing_has_kind_radius_and_mass():
     assert rows["mass"] == pytest.approx(math.pi / 6 * np.where(kind, 7800 * 2e-3**3, 2500 * D**3))
     equal = replace(run, scene=run.scene.model_copy(update={"grains": Spheres(diameter=D, density=2500, count=N)}))
     assert equal.rows("crossing").keys() == {"time", "id"}
+
+
+def test_trajectories_have_kind_and_mass():
+    run = run_of(RANDOM, np.arange(N))
+    rows = {"time": np.repeat([0.0, 0.1], N), "id": np.tile(np.arange(N), 2)}
+    rows |= dict.fromkeys(("x", "y", "z", "vx", "vy", "vz"), np.zeros(2 * N))
+    paths = Trajectories.of(replace(run, recorded=lambda: rows))
+    assert paths is not None
+    assert paths.kind is not None
+    kind = RANDOM[run.start.rows(paths.ids)]
+    assert np.array_equal(paths.kind, np.where(kind, "steel", "glass"))
+    assert paths.mass == pytest.approx(math.pi / 6 * np.where(kind, 7800 * 2e-3**3, 2500 * D**3))
 
 
 def test_rates_of_the_kinds_add_up_to_the_flow_rate():
