@@ -24,7 +24,19 @@ FILES = {"fit": "flow_rate", "orifice": "flow_rate", "flow": "flow_over_time", "
 
 
 FigureName: TypeAlias = Literal[
-    "flow_rate", "flow_over_time", "patterns", "acceleration", "overview", "composition", "fit", "orifice", "flow"
+    "flow_rate",
+    "flow_over_time",
+    "patterns",
+    "acceleration",
+    "overview",
+    "composition",
+    "energy",
+    "residence",
+    "residence_map",
+    "residence-map",
+    "fit",
+    "orifice",
+    "flow",
 ]
 """Names that editors complete: figures of any study, and names of their files. Papers and swept keys add others."""
 
