@@ -64,3 +64,47 @@ def totals(
         **dict(zip(("px", "py", "pz"), momentum.tolist(), strict=True)),
         **dict(zip(("lx", "ly", "lz"), angular.tolist(), strict=True)),
     }
+
+
+def contact_power(
+    scene: Scene, ids: np.ndarray, radius: np.ndarray, x: np.ndarray, v: np.ndarray, w: np.ndarray, contacts: np.ndarray
+) -> dict[str, float]:
+    """Powers [W] and half the sum of normal force times overlap [J] in the contacts of spheres.
+
+    `normal` and `tangential` are -f.u of both parts of the force, where u is the velocity of one surface relative to
+    the other at the contact point. The contact lies where `labbook_dem.spheres` has it, so that kinetic + potential
+    energy changes by -(normal + tangential) + walls per time, but for torques of rolling friction.
+
+    Args:
+        scene: the grains and the walls with their motion.
+        ids: of the grains, shape [n].
+        radius: of the grains [m], shape [n].
+        x: positions [m], shape [n, 3].
+        v: velocities [m/s], shape [n, 3].
+        w: angular velocities [rad/s], shape [n, 3].
+        contacts: rows of the probe `Contacts`: i, j, wall, force on i [N], branch vector [m], shape [k, 9].
+    """
+    order = np.argsort(ids)
+    wall, force, branch = contacts[:, 2].astype(np.int64), contacts[:, 3:6], contacts[:, 6:9]
+    i, j = (order[np.searchsorted(ids, contacts[:, side], sorter=order).clip(max=len(ids) - 1)] for side in (0, 1))
+    of_pair = wall < 0
+    r = np.linalg.norm(branch, axis=1)
+    towards = branch / r[:, None]
+    lever = np.where(of_pair, (r**2 + radius[i] ** 2 - radius[j] ** 2) / (2 * r), r)
+    point = towards * lever[:, None]
+    of_grain = v[j] + np.cross(w[j], point - branch)
+    moving = np.zeros_like(force)
+    for number, motion in enumerate(surface.motion for surface in scene.container.walls()):
+        here = wall == number
+        spin = np.array([0.0, 0.0, motion.spin])
+        moving[here] = np.asarray(motion.velocity) + np.cross(spin, x[i[here]] + branch[here])
+    apart = v[i] + np.cross(w[i], point) - np.where(of_pair[:, None], of_grain, moving)
+    pressing = -np.sum(force * towards, axis=1)
+    total, normal = -np.sum(force * apart, axis=1), pressing * np.sum(towards * apart, axis=1)
+    overlap = radius[i] - r + np.where(of_pair, radius[j], 0.0)
+    return {
+        "normal": math.fsum(normal),
+        "tangential": math.fsum(total - normal),
+        "walls": math.fsum(np.sum(force * moving, axis=1)),
+        "elastic": 0.5 * math.fsum(pressing * overlap),
+    }

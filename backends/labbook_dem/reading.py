@@ -7,9 +7,9 @@ from typing import NamedTuple
 import numpy as np
 
 from labbook.backend.numerics import Numerics
-from labbook.backend.probes import Contacts, Crossing, Film, Ledger, Probe, Sample, Slab, Table, Zone, due
+from labbook.backend.probes import Contacts, Crossing, Dissipation, Film, Ledger, Probe, Sample, Slab, Table, Zone, due
 from labbook.scene import Bodies, Scene
-from labbook_dem.ledger import totals
+from labbook_dem.ledger import contact_power, totals
 
 CROSSING_COLUMNS = ("id", "step", "time", "x", "y", "z", "vx", "vy", "vz", "wx", "wy", "wz")
 OF_RODS = ("qw", "qx", "qy", "qz")
@@ -122,6 +122,12 @@ class Readable(ABC):
         found = totals(self.scene, now.x, now.v, now.m, *halves, work, now.q, now.bodies)
         return {"grains": len(now.ids), **found, **counted}
 
+    def powers(self) -> Mapping[str, float]:
+        """The columns of `Dissipation`."""
+        now = self.look()
+        radius = np.full(len(now.ids), self.scene.grains.radius) if now.bodies is None else now.bodies.radius
+        return contact_power(self.scene, now.ids, radius, now.x, now.v, now.w, self.contacts())
+
     def frame_steps(self) -> list[int]:
         """Steps of the next beat, without its end, after which frames are due; of the first beat with its beginning."""
         beat, dt = self.numerics.steps_per_beat, self.numerics.dt
@@ -155,7 +161,7 @@ def read(members: Mapping[int, Readable], steps_per_beat: int) -> Mapping[Probe,
 
 def looking(members: Iterable[Readable], steps_per_beat: int) -> int:
     """How many of these members have a probe due that looks at every grain."""
-    frames = (Sample, Film, Zone, Ledger)
+    frames = (Sample, Film, Zone, Ledger, Dissipation)
     return sum(
         any(isinstance(probe, frames) and _is_due(probe, one, steps_per_beat) for probe in one.probes)
         for one in members
@@ -208,12 +214,14 @@ def _seen(member: Readable, probe: Probe) -> Mapping[str, np.ndarray]:
             fields = ("x", "v") if grains.q is None else ("x", "v", "q")
         case Ledger():
             return {name: np.array([value]) for name, value in member.totals().items()}
+        case Dissipation():
+            return {name: np.array([value]) for name, value in member.powers().items()}
     return {"id": grains.ids, **{name: getattr(grains, _FIELDS[name][1]) for name in fields}}
 
 
 def _columns(probe: Probe, seen: Mapping[str, np.ndarray]) -> Table:
     """Columns of a probe, of what `_seen` gave."""
-    if isinstance(probe, Ledger):
+    if isinstance(probe, Ledger | Dissipation):
         return seen
     if isinstance(probe, Crossing | Contacts):
         crossing = isinstance(probe, Crossing)

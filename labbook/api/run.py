@@ -58,14 +58,15 @@ class Run(RunResult):
 
     def frame(self, table: str = "crossing") -> "pd.DataFrame":
         """A recorded table: `crossing`, one row for every grain that left, or that of another probe (columns:
-        `labbook.backend.probes`). SI, units in `attrs`. Raises LookupError; LabError if it cannot be read."""
+        `labbook.backend.probes`, and those of `RunData.rows` for unlike grains). SI, units in `attrs`. Raises
+        LookupError; LabError if it cannot be read."""
         import pandas as pd
 
-        found = self.run.data().tables
-        if table not in found:
-            raise LookupError(f"this run has no table {table}; use one of: {', '.join(found) or 'none'}")
+        data = self.run.data()
+        if table not in data.tables:
+            raise LookupError(f"this run has no table {table}; use one of: {', '.join(data.tables) or 'none'}")
         columns = sorted(
-            found[table].items(), key=lambda one: _ORDER.index(one[0]) if one[0] in _ORDER else len(_ORDER)
+            data.rows(table).items(), key=lambda column: _ORDER.index(column[0]) if column[0] in _ORDER else len(_ORDER)
         )
         made = pd.DataFrame({name: column for name, column in columns if name != "member"})
         units = {name: UNITS[name] for name in made if name in UNITS}

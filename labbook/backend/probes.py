@@ -138,7 +138,20 @@ class Ledger:
     every: int = 1
 
 
-Probe = Crossing | Sample | Film | Slab | Zone | Contacts | Ledger
+@dataclass(frozen=True)
+class Dissipation:
+    """Power of the forces in the contacts of spheres, every `every` beats.
+
+    Columns: normal, tangential [W] (power that normal and tangential forces take from the relative motion of both
+    surfaces: it is dissipated or stored in springs), walls [W] (power of moving walls on the grains), elastic [J] (half
+    the sum of normal force times overlap). Forces, positions and velocities are of the end of the step. Torques of
+    rolling friction are not in it.
+    """
+
+    every: int = 1
+
+
+Probe = Crossing | Sample | Film | Slab | Zone | Contacts | Ledger | Dissipation
 
 
 def due(probe: Probe, beat: int) -> bool:
@@ -170,6 +183,8 @@ def columns(probe: Probe, rods: bool = False) -> dict[str, type]:
             names = "i j wall fx fy fz bx by bz"
         case Ledger():
             names = "grains kinetic potential contact_work mass max_overlap touching rebuilds px py pz lx ly lz"
+        case Dissipation():
+            names = "normal tangential walls elastic"
     return {name: np.int64 if name in _WHOLE else np.float64 for name in ["member", "step", "time", *names.split()]}
 
 
@@ -179,8 +194,10 @@ UNITS = {
     **dict.fromkeys(("vx", "vy", "vz"), "m/s"),
     **dict.fromkeys(("wx", "wy", "wz"), "rad/s"),
     **dict.fromkeys(("fx", "fy", "fz"), "N"),
-    **dict.fromkeys(("kinetic", "potential", "contact_work"), "J"),
+    **dict.fromkeys(("kinetic", "potential", "contact_work", "elastic"), "J"),
+    **dict.fromkeys(("normal", "tangential", "walls"), "W"),
     "mass": "kg",
+    "radius": "m",
     **dict.fromkeys(("px", "py", "pz"), "kg m/s"),
     **dict.fromkeys(("lx", "ly", "lz"), "kg m^2/s"),
 }
@@ -200,11 +217,13 @@ _KINDS: dict[str, type[Probe]] = {
     "zone": Zone,
     "contacts": Contacts,
     "ledger": Ledger,
+    "dissipation": Dissipation,
 }
 
 
 def table_name(probe: Probe) -> str:
-    """Name of a probe's table: `crossing`, `sample`, `film`, `slab`, `zone`, `contacts` or `ledger`."""
+    """Name of a probe's table: `crossing`, `sample`, `film`, `slab`, `zone`, `contacts`, `ledger` or
+    `dissipation`."""
     return type(probe).__name__.lower()
 
 

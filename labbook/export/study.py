@@ -14,7 +14,7 @@ from labbook.fields import axes
 from labbook.lab.folder import write_bytes
 from labbook.results.frames import frames, inside
 from labbook.results.points import PointResult
-from labbook.results.recorded import flow_patterns
+from labbook.results.recorded import flow_patterns, kind_patterns
 from labbook.results.study import StudyResults
 
 Format = Literal["csv", "parquet"]
@@ -69,11 +69,11 @@ def write_recordings(results: StudyResults, folder: Path, say: Callable[[str], N
                 continue
             say(f"{result.label}, {run.repeat}")
             paths += _grains(result, rows, folder / file_name(result.point.index, run.seed, run.discharge))
-        for pattern in flow_patterns(result)[:1]:
-            path = folder / f"point-{result.point.index + 1}-fields.vtk"
-            write_fields(
-                path, f"{results.study.name}, {result.label}: means over {pattern.frames} frames", pattern.fields
-            )
+        patterns = [("", pattern) for pattern in flow_patterns(result)[:1]]
+        for kind, pattern in [*patterns, *kind_patterns(result).items()]:
+            path = folder / f"point-{result.point.index + 1}-fields{kind and f'-{kind}'}.vtk"
+            title = f"{results.study.name}, {result.label}: {kind and f'{kind}, '}means over {pattern.frames} frames"
+            write_fields(path, title, pattern.fields)
             paths.append(path)
     return paths
 

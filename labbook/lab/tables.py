@@ -13,7 +13,7 @@ from numpy.lib import format as npy
 
 from labbook.backend import Checkpoint
 from labbook.backend.numerics import Numerics
-from labbook.backend.probes import Crossing, Film, Ledger, Probe, Table, columns
+from labbook.backend.probes import Crossing, Dissipation, Film, Ledger, Probe, Table, columns
 from labbook.lab.folder import open_file, write_bytes
 from labbook.scene import Scene, Spheres
 from labbook.scene.quantities import told_apart
@@ -142,7 +142,7 @@ def most_bytes(probe: Probe, scene: Scene, numerics: Numerics, steps: int) -> fl
         rows = (steps * numerics.dt / probe.every + 2) * scene.grains.count
     else:
         frames = 2 * (steps // (probe.every * numerics.steps_per_beat) + 1)
-        rows = frames * (1 if isinstance(probe, Ledger) else _CONTACTS * scene.grains.count)
+        rows = frames * (1 if isinstance(probe, Ledger | Dissipation) else _CONTACTS * scene.grains.count)
     return min(MOST, 2**16 + 8 * rows * len(columns(probe, rods=True)))
 
 

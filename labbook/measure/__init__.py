@@ -1,7 +1,9 @@
 """What is measured of a run: flow rates, profiles along the outlet, overlaps and energies, and the packing that it
 started from."""
 
+from labbook.measure.composition import Composition
 from labbook.measure.data import RunData
+from labbook.measure.energy import EnergyBalance
 from labbook.measure.flow import FlowRate
 from labbook.measure.ledger import EnergyLedger
 from labbook.measure.measure import Evaluation, Measure, MeasureError, Quantity, Window
@@ -9,13 +11,25 @@ from labbook.measure.orifice import OrificeMeans
 from labbook.measure.outlet import OutletProfiles
 from labbook.measure.outlets import OutletRates
 from labbook.measure.packing import PackingStructure
+from labbook.measure.residence import Residence
 from labbook.measure.stress import ContactStress
 from labbook.plugins import Registry
 
 MEASURES: Registry[Measure] = Registry[Measure](
     "labbook.measures",
     Measure,
-    (FlowRate(), OutletProfiles(), PackingStructure(), OrificeMeans(), ContactStress(), EnergyLedger(), OutletRates()),
+    (
+        FlowRate(),
+        OutletProfiles(),
+        PackingStructure(),
+        OrificeMeans(),
+        ContactStress(),
+        EnergyLedger(),
+        OutletRates(),
+        Composition(),
+        Residence(),
+        EnergyBalance(),
+    ),
 )
 """The measures that a study can name under `measure`: those built in, and those of other packages."""
 

@@ -7,7 +7,7 @@ import numpy as np
 
 from labbook.backend.numerics import Numerics
 from labbook.scene import Scene
-from labbook.scene.bodies import Bodies
+from labbook.scene.bodies import Bodies, kind_names
 from labbook.scene.packing import Packing
 
 
@@ -29,6 +29,16 @@ class RunData:
     duration: float
     tables: Mapping[str, Mapping[str, np.ndarray]] = field(default_factory=dict)
     recorded: Callable[[], Mapping[str, np.ndarray] | None] = lambda: None
+
+    def rows(self, table: str) -> Mapping[str, np.ndarray]:
+        """The columns of a table. Where grains differ, rows of single grains also have the `radius` [m] and `mass` [kg]
+        of the grain, and where there are kinds the name of its `kind`."""
+        columns, grains = self.tables[table], self.scene.grains
+        if "id" not in columns or not grains.varied:
+            return columns
+        bodies, grain = Bodies.of(grains, self.start), self.start.rows(np.asarray(columns["id"]))
+        kinds = {"kind": kind_names(grains)[bodies.kind[grain]]} if grains.kinds else {}
+        return {**columns, "radius": bodies.radius[grain], "mass": bodies.mass[grain], **kinds}
 
     def frames(self) -> Mapping[str, np.ndarray] | None:
         """Recorded frames, of unlike grains with their `radius` [m] and `kind`; None without any."""

@@ -74,7 +74,7 @@ class EnergyLedger(Measure):
         return self.declared[:1] if scene.container.outlet_plane is None else self.declared
 
     def probes(self, scene: Scene, numerics: Numerics) -> tuple[Probe, ...]:
-        plane, ledger = scene.container.outlet_plane, Ledger(every=_every(scene, numerics))
+        plane, ledger = scene.container.outlet_plane, Ledger(every=ledger_interval(scene, numerics))
         return (ledger,) if plane is None else (Crossing(plane), ledger)
 
     def evaluate(self, run: RunData, window: Window) -> Evaluation:
@@ -90,7 +90,7 @@ class EnergyLedger(Measure):
         return Evaluation(numbers, arrays)
 
 
-def _every(scene: Scene, numerics: Numerics) -> int:
+def ledger_interval(scene: Scene, numerics: Numerics) -> int:
     """Beats between two rows: a power of two, so that points of a sweep have few different ones and share ensembles."""
     foreseen, scale = window_time(scene), gravity_time(scene)
     interval = min(foreseen / _ROWS, _LONGEST * scale) if math.isfinite(foreseen) else _CLOSED * scale

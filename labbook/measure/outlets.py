@@ -1,7 +1,6 @@
 """Flow rates of several outlets of one container, told apart by where grains cross the outlet's plane."""
 
 import math
-from dataclasses import dataclass
 
 import numpy as np
 
@@ -20,7 +19,7 @@ from labbook.measure.measure import (
 )
 from labbook.measure.scales import gap
 from labbook.measure.series import crossings, mean_mass
-from labbook.measure.steady import BLOCKS, FEWEST, outflow, steady_flow
+from labbook.measure.steady import BLOCKS, FEWEST, TimeWindow, outflow, steady_flow
 from labbook.scene import Outlet, Scene
 from labbook.stats import Measured
 
@@ -57,7 +56,7 @@ class OutletRates(Measure):
         flow, _ = outflow(run, window)
         times, weights = crossings(run)
         outlets, through = run.scene.container.outlets, passed(run)
-        within = None if flow is None else _Times(flow.begin, flow.end)
+        within = None if flow is None else TimeWindow(flow.begin, flow.end)
         numbers = []
         for place, outlet in enumerate(outlets):
             mine, name = through == place, _rate(outlet).name + apart(run)
@@ -74,15 +73,6 @@ class OutletRates(Measure):
             value, error = mean_mass(run) * own.rate, mean_mass(run) * own.error
             numbers.append(Measured(name, value, error, own.n_effective, where, how, "kg/s", ""))
         return Evaluation(tuple(numbers), {"outlet": through})
-
-
-@dataclass(frozen=True)
-class _Times:
-    """A window between two instants [s]."""
-
-    start: float
-    end: float
-    timed: bool = True
 
 
 def passed(run: RunData) -> np.ndarray:

@@ -145,6 +145,24 @@ class FlowPattern(OfRecording):
         return Evaluation((*numbers, measured("stagnant_fraction", bed.pattern.fraction)), bed.arrays())
 
 
+class KindPatterns(OfRecording):
+    """Mean fields of each kind of grains of a recorded run over the window of its flow rate, on one grid. Arrays: those
+    of `Bed`, by the names of the kinds; none without kinds."""
+
+    name = "kind_patterns"
+    version = 1
+    declared = ()
+
+    def of(
+        self, scene: Scene, frames: Mapping[str, np.ndarray], window: Window, times: tuple[float, float]
+    ) -> Evaluation:
+        arrays = {}
+        for number, kind in enumerate(scene.grains.kinds):
+            bed = bed_between(scene, frames, times, among=np.asarray(frames["kind"]) == number)
+            arrays |= bed.arrays(kind.name) if bed is not None else {}
+        return Evaluation(arrays=arrays)
+
+
 class FlowMoments(OfRecording):
     """The bed within `window.moment` (a third of the window, if that is shorter) about three instants of the window
     (Pongo et al. 2022, Figs 6 and 7). Arrays: those of `Bed`, by `moment-1` and so on."""
@@ -203,16 +221,27 @@ class FreeFall(OfRecording):
 
 
 def bed_between(
-    scene: Scene, frames: Mapping[str, np.ndarray], window: tuple[float, float], fewest: int = FEWEST
+    scene: Scene,
+    frames: Mapping[str, np.ndarray],
+    window: tuple[float, float],
+    fewest: int = FEWEST,
+    among: np.ndarray | None = None,
 ) -> Bed | None:
     """Mean fields of the recorded frames within `window` [s]; None of fewer than `fewest`. Raises ImportError without
-    Numba."""
+    Numba.
+
+    among: rows of the grains that count (None: all). The grid is that of all grains.
+    """
     time = np.asarray(frames["time"], float)
     times = np.unique(time[(time >= window[0]) & (time <= window[1])])
     if len(times) < fewest:
         return None
     grains, omega = grains_between(scene, frames, *window), omega_of(scene)
-    fields = coarse_grain(bed_grid(scene, omega, grains.x), omega, grains)
+    grid = bed_grid(scene, omega, grains.x)
+    if among is not None:
+        frames = {name: np.asarray(column)[among] for name, column in frames.items()}
+        grains, time = grains_between(scene, frames, *window), time[among]
+    fields = coarse_grain(grid, omega, grains)
     now = (time == times[len(times) // 2]) & (np.abs(frames["y"]) <= scene.grains.equivalent_diameter / 2)
     moment = {name: np.asarray(frames[name], float)[now] for name in _OF_FRAMES}
     return Bed(fields, moment, len(times), window)

@@ -70,6 +70,15 @@ class SteadyFlow:
         return student(CONFIDENCE, BLOCKS - 1) * self.larger_error / self.rate
 
 
+@dataclass(frozen=True)
+class TimeWindow:
+    """A window between two instants [s] after the opening."""
+
+    start: float
+    end: float
+    timed: bool = True
+
+
 def gaps(times: np.ndarray, flow: SteadyFlow) -> tuple[np.ndarray, np.ndarray]:
     """When gaps without flow begin and end within the window [s], each with a grain; `times` as of `steady_flow`."""
     inside = times[(times >= flow.begin) & (times <= flow.end)]

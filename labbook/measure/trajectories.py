@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from labbook.measure.data import RunData
-from labbook.scene import Bodies
+from labbook.scene.bodies import Bodies, kind_names
 
 
 @dataclass(frozen=True, eq=False)
@@ -25,6 +25,10 @@ class Trajectories:
     """Velocities [m/s], shape [f, n, 3]."""
     radius: np.ndarray
     """[m], shape [n]."""
+    mass: np.ndarray
+    """[kg], shape [n]."""
+    kind: np.ndarray | None = None
+    """Names of the grains' kinds, shape [n]; None without kinds."""
     q: np.ndarray | None = None
     """Of rods, unit quaternions (w, x, y, z) whose rotation takes the z axis to the rod's, shape [f, n, 4]."""
 
@@ -37,7 +41,9 @@ class Trajectories:
         start = run.start
         assert start.ids is not None
         order = np.argsort(start.ids)
-        ids, radius = start.ids[order], Bodies.of(run.scene.grains, start).radius[order]
+        ids, grains = start.ids[order], run.scene.grains
+        bodies = Bodies.of(grains, start)
+        kind = kind_names(grains)[bodies.kind[order]] if grains.kinds else None
         time, frame = np.unique(rows["time"], return_inverse=True)
         grain = np.searchsorted(ids, rows["id"])
 
@@ -47,7 +53,8 @@ class Trajectories:
             return array
 
         q = filled("qw", "qx", "qy", "qz") if "qw" in rows else None
-        return cls(time, ids, filled("x", "y", "z"), filled("vx", "vy", "vz"), radius, q)
+        x, v = filled("x", "y", "z"), filled("vx", "vy", "vz")
+        return cls(time, ids, x, v, bodies.radius[order], bodies.mass[order], kind, q)
 
     def __repr__(self) -> str:
         span = f" from {self.time[0]:.4g} s to {self.time[-1]:.4g} s" if len(self.time) else ""

@@ -2,10 +2,15 @@
 
 from typing import TYPE_CHECKING, Literal, TypeAlias
 
+from labbook.measure.composition import Composition
+from labbook.measure.residence import Residence
 from labbook.report import figures
 from labbook.report.against import found_against
 from labbook.report.blocks import slug
+from labbook.report.composition import compositions
+from labbook.report.energy import balanced
 from labbook.report.paper import Draw, figures_of_all
+from labbook.report.residence import residence_of
 from labbook.results.recorded import acceleration, flow_patterns
 from labbook.results.series import Series
 from labbook.results.study import StudyResults
@@ -14,12 +19,24 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 
-FILES = {"fit": "flow_rate", "orifice": "flow_rate", "flow": "flow_over_time"}
+FILES = {"fit": "flow_rate", "orifice": "flow_rate", "flow": "flow_over_time", "residence-map": "residence_map"}
 """Names of figures whose files in a report are called otherwise, by the name of the file."""
 
 
 FigureName: TypeAlias = Literal[
-    "flow_rate", "flow_over_time", "patterns", "acceleration", "overview", "fit", "orifice", "flow"
+    "flow_rate",
+    "flow_over_time",
+    "patterns",
+    "acceleration",
+    "overview",
+    "composition",
+    "energy",
+    "residence",
+    "residence_map",
+    "residence-map",
+    "fit",
+    "orifice",
+    "flow",
 ]
 """Names that editors complete: figures of any study, and names of their files. Papers and swept keys add others."""
 
@@ -36,6 +53,16 @@ def of_results(results: StudyResults) -> dict[str, Draw]:
         found["overview"] = lambda: figures.overview(fitted)
     for one in found_against(results):
         found[f"against_{slug(one.key)}"] = lambda one=one: figures.against_key(one)
+    if Composition.name in results.study.measure and (points := compositions(results)):
+        found["composition"] = lambda: figures.composition_against_discharge(points)
+    if energies := balanced(results):
+        found["energy"] = lambda: figures.energy_balance(energies)
+    if Residence.name in results.study.measure:
+        maps, curves = residence_of(results)
+        if maps:
+            found["residence_map"] = lambda: figures.residence_maps(maps)
+        if curves:
+            found["residence"] = lambda: figures.residence_distributions(curves)
     return found | figures_of_all(results)
 
 

@@ -16,9 +16,12 @@ from labbook.lab.folder import write_bytes
 from labbook.report import figures, tables
 from labbook.report.against import against_sections
 from labbook.report.blocks import Block, Folded, Picture, Section, Verbatim, anchored, picture, slug
+from labbook.report.composition import composition_sections
+from labbook.report.energy import energy_sections
 from labbook.report.figures.orifice import side_by_side
 from labbook.report.formulas import mathml
 from labbook.report.paper import sections_of_all
+from labbook.report.residence import residence_sections
 from labbook.report.result_box import concerns, result_box, summary
 from labbook.report.sections import marks, series_sections
 from labbook.report.setting import setting
@@ -164,6 +167,9 @@ PARTS: tuple[Part, ...] = (
     _statements,
     sections_of_all,
     _flow_rates,
+    composition_sections,
+    residence_sections,
+    energy_sections,
     start_sections,
     _budget,
     _numerics,

@@ -8,6 +8,7 @@ from functools import cache
 from labbook.fit import LAWS
 from labbook.measure import MEASURES
 from labbook.measure.recorded import FlowPattern
+from labbook.measure.regime import FlowRegime
 from labbook.scene.quantities import percent
 from labbook.stats import Pooled
 from labbook.study.paper import PAPERS
@@ -67,7 +68,7 @@ def key(name: str) -> Shown:
 @cache
 def _declared() -> dict[str, Shown]:
     """How measures, laws and papers say that their numbers are shown; a superscript is written ^(...)."""
-    declaring = (*MEASURES.values(), FlowPattern(), *PAPERS.values())
+    declaring = (*MEASURES.values(), FlowPattern(), FlowRegime(), *PAPERS.values())
     declared = (one for source in declaring for one in source.declared)
     found = {one.name: Shown(one.symbol, one.shown or one.unit, one.scale, one.about_zero) for one in declared}
     for law in LAWS.values():

@@ -14,10 +14,13 @@ from labbook.results import display
 from labbook.results.against import against
 from labbook.results.against import rows as against_rows
 from labbook.results.budget import budgets
+from labbook.results.composition import composition_of
+from labbook.results.composition import rows as composition_rows
 from labbook.results.paper import Row, analyses
 from labbook.results.paper import frames as frames_of_papers
 from labbook.results.points import PointResult, RunResult
 from labbook.results.recorded import acceleration
+from labbook.results.residence import curve_rows, map_rows, residence_curve, residence_map
 from labbook.results.series import Series
 from labbook.results.starts import at_starts
 from labbook.results.study import StudyResults
@@ -25,7 +28,8 @@ from labbook.results.study import StudyResults
 if TYPE_CHECKING:
     import pandas as pd
 
-EVERY = ("runs", "flow", "bands", "accelerations", "profiles")
+_RESIDENCE = ("residence", "residence_times", "layers")
+EVERY = ("runs", "flow", "bands", "accelerations", "profiles", "composition", *_RESIDENCE)
 """Frames with a row for every run, instant or place."""
 _PLACES = 60
 """Orifices at which bands are given."""
@@ -35,6 +39,8 @@ _UNITS: dict[str, dict[str, str]] = {
     "flow": {"time": "s", "flow_rate": "kg/s"},
     "bands": {"orifice": "m"} | dict.fromkeys(("flow_rate", "low", "high", "point_low", "point_high"), "kg/s"),
     "inside": {"time": "s", "mass": "kg"},
+    "residence": dict.fromkeys(("across_from", "across_to", "z_from", "z_to"), "m") | {"median": "s"},
+    "residence_times": {"age": "s", "part": "", "error": "", "exit_age": "1/s"},
     "profiles": {"x_star": "", "x": "m", "velocity": "m/s", "velocity_error": "m/s"}
     | dict.fromkeys(("area_fraction", "area_fraction_error"), ""),
     "accelerations": dict.fromkeys(("bottom", "top"), "m")
@@ -68,6 +74,10 @@ def frames(
     | `budget`        | number and source: what it adds to the error, a part of it, and what that rests on         |
     | `accelerations` | point and bin of height above the outlet                                                  |
     | `profiles`      | point, definition and bin along the outlet: phi and v, mean and error over seeds          |
+    | `composition`   | point, kind and bin of the outflow: share of the mass, errors of seeds and of counting    |
+    | `residence`     | point and cell of the initial position: median time to leave, number of grains           |
+    | `layers`        | point, initial layer and bin of the outflow, as in `composition`                          |
+    | `residence_times` | point of a fed silo and age: part of the outflow that stayed shorter, exit-age density   |
 
     An interval whose both ends are unknown is NaN at both, as is an unknown error; one that is open at one end is
     infinite there. `attrs["units"]` has the SI units of columns that mean the same in every row.
@@ -95,6 +105,10 @@ def frames(
         "budget": _budget(results),
         "accelerations": _accelerations(results),
         "profiles": _profiles(results),
+        "composition": _composition(results),
+        "residence": _residence(results),
+        "layers": _layers(results),
+        "residence_times": _residence_times(results),
     }
     of_papers, problems = frames_of_papers(results)
     made |= of_papers
@@ -374,6 +388,34 @@ def _accelerations(results: StudyResults) -> Iterator[Row]:
                 **numbers,
                 "interval": profile.interval,
             }
+
+
+def _composition(results: StudyResults) -> Iterator[Row]:
+    for result in results.points:
+        pooled = composition_of(result)
+        if pooled is not None:
+            yield from ({**of_point(result), **row} for row in composition_rows(pooled))
+
+
+def _residence(results: StudyResults) -> Iterator[Row]:
+    for result in results.points:
+        pooled = residence_map(result)
+        if pooled is not None:
+            yield from ({**of_point(result), **row} for row in map_rows(pooled))
+
+
+def _layers(results: StudyResults) -> Iterator[Row]:
+    for result in results.points:
+        pooled = residence_map(result)
+        if pooled is not None and pooled.layers is not None:
+            yield from ({**of_point(result), **row} for row in composition_rows(pooled.layers))
+
+
+def _residence_times(results: StudyResults) -> Iterator[Row]:
+    for result in results.points:
+        pooled = residence_curve(result)
+        if pooled is not None:
+            yield from ({**of_point(result), **row} for row in curve_rows(pooled))
 
 
 def _statements(results: StudyResults) -> Iterator[Row]:

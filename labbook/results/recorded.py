@@ -9,7 +9,7 @@ import numpy as np
 
 from labbook.fields import Fields, Layer, Pattern, Ring
 from labbook.measure.acceleration import AccelerationProfile, pooled_profile
-from labbook.measure.recorded import Bed, FlowMoments, FlowPattern, FreeFall
+from labbook.measure.recorded import Bed, FlowMoments, FlowPattern, FreeFall, KindPatterns
 from labbook.results.points import PointResult, RunResult
 from labbook.stats import Pooled, pool
 
@@ -94,6 +94,17 @@ def flow_patterns(result: PointResult) -> list[Flowing]:
     Numba, unless they were evaluated before.
     """
     return [found for run in _recorded(result) if (found := _of_run(result, run)) is not None]
+
+
+def kind_patterns(result: PointResult) -> dict[str, Flowing]:
+    """Mean fields of each kind of grains in the first recorded run of a point that flowed, by name; none without
+    kinds. Raises ImportError without Numba, unless they were evaluated before."""
+    kinds = result.point.scene.grains.kinds
+    for run in _recorded(result) if kinds else ():
+        evaluation = run.evaluation(KindPatterns())
+        beds = {kind.name: Bed.of(evaluation, kind.name) for kind in kinds}
+        return {name: Flowing(result, bed, {}) for name, bed in beds.items() if bed is not None}
+    return {}
 
 
 def moments(result: PointResult) -> list[Flowing]:

@@ -56,3 +56,8 @@ class Bodies:
 def masses(grains: Grains, packing: Packing) -> float | np.ndarray:
     """Mass [kg] of every grain where they are equal, else of each, shape [n]."""
     return Bodies.of(grains, packing).mass if grains.varied else grains.mass
+
+
+def kind_names(grains: Grains) -> np.ndarray:
+    """Names of the kinds of grains, in the order in which `Bodies.kind` counts them; empty without kinds."""
+    return np.array([kind.name for kind in grains.kinds], dtype=str)

@@ -205,15 +205,15 @@ TABLE = (
     ),
     Absent(
         "measure",
-        "segregation composition mixing massbykind kinds species",
-        "the kinds of the grains that leave are not measured",
-        "use record, whose frames have the kind of every grain (`labbook export`)",
+        "segregation mixing lacey massbykind kinds species",
+        "no measure has this name",
+        "use composition, the kinds of the grains that leave and how well the bed is mixed",
     ),
     Absent(
         "measure",
-        "residencetime residence tracer tracers age",
-        "residence times are not measured",
-        "use record, whose frames have every grain by its number (`labbook export`)",
+        "residencetime residencetimes rtd tracer tracers age layers",
+        "no measure has this name",
+        "use residence, the residence times of a fed silo, or map and layers of a batch discharge",
     ),
     Absent(
         "measure",

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from stands import identical, specialised
 
-from labbook.backend.probes import Contacts, Crossing, Ledger, Sample, Slab, Zone
+from labbook.backend.probes import Contacts, Crossing, Dissipation, Ledger, Sample, Slab, Zone
 from labbook.checks.verify.stand import MemberStart, grains_at, rows_of
 from labbook.checks.verify.symmetry import DT, difference, hopper
 from labbook.scene import Primitives, Spheres
@@ -15,7 +15,7 @@ BEATS = 12
 SAMPLE, CONTACTS = Sample(fields=("x", "v", "omega")), Contacts()
 SLAB = Slab(low=-0.0015, high=0.0015)
 ZONE = Zone(radius=0.012, low=-0.002, high=0.006, core=0.006, top=0.03)
-EVERYTHING = (Crossing(), Ledger(), SAMPLE, SLAB, ZONE, CONTACTS)
+EVERYTHING = (Crossing(), Ledger(), SAMPLE, SLAB, ZONE, CONTACTS, Dissipation())
 
 
 def test_declaring_and_reading_them_changes_no_bit(silo):
@@ -77,6 +77,7 @@ COLUMNS = {
     "Slab": "id x y z vx vy vz",
     "Zone": "id x y z vx vy vz",
     "Contacts": "i j wall fx fy fz bx by bz",
+    "Dissipation": "normal tangential walls elastic",
     "Ledger": "grains kinetic potential contact_work mass max_overlap touching rebuilds px py pz lx ly lz",
 }
 

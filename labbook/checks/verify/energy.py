@@ -5,12 +5,12 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from labbook.backend.probes import Contacts, Ledger, Sample
+from labbook.backend.probes import Contacts, Dissipation, Ledger, Sample
 from labbook.checks.verify.case import Case, limited
-from labbook.checks.verify.materials import LAWS, D, G, floor, scene
+from labbook.checks.verify.materials import LAWS, D, G, floor, linear, scene
 from labbook.checks.verify.rolling import static_overlap
 from labbook.checks.verify.stand import MemberStart, Motion, Stand, grains_at
-from labbook.scene import Primitives, Scene, SurfaceChange
+from labbook.scene import Box, Primitives, Scene, SurfaceChange
 
 DURATION = 1e-3
 """Some ten periods of the vibration on the floor [s]."""
@@ -86,6 +86,59 @@ def _impact(stand: Stand) -> Mapping[str, float]:
     return errors
 
 
+POWERS = Dissipation()
+SLIDES = 0.05
+"""Initial velocity [m/s] of a sphere that slides until it rolls."""
+TUMBLES = 0.3
+"""Initial speeds [m/s] of spheres in a small box."""
+
+
+def dissipated(motion: Motion, *names: str) -> np.ndarray:
+    """Sum of the powers `names` integrated by the trapezoidal rule from the start, at each step that was read [J]."""
+    table = motion.rows(POWERS)
+    power = np.sum([table[name] for name in names], axis=0)
+    first = power[0] * table["time"][0]
+    return first + np.concatenate([[0.0], np.cumsum((power[1:] + power[:-1]) / 2 * np.diff(table["time"]))])
+
+
+def _slide(stand: Stand) -> Mapping[str, float]:
+    """A sphere slides on a floor until it rolls: friction takes 2/7 of its energy, whatever its coefficient."""
+    rests = scene(1, linear(friction=0.3, restitution=0.5), Primitives(parts=(floor(),)), G,
+                  floor=SurfaceChange(rolling_friction=0.0))  # fmt: skip
+    overlap = static_overlap(rests, rests.grains.mass * G)
+    start = grains_at([0.0, 0.0, D / 2 - overlap], [SLIDES, 0.0, 0.0])
+    dt, steps = 1e-6, 10
+    beats = round(1.3 * 2 * SLIDES / (7 * 0.3 * G) / (dt * steps))
+    motion = stand.run(MemberStart(rests, dt, start), beats, steps, (LEDGER, POWERS))
+    energy = 0.5 * rests.grains.mass * SLIDES**2
+    tangential, normal = (dissipated(motion, name)[-1] / energy for name in ("tangential", "normal"))
+    return {"friction": abs(tangential / (2 / 7) - 1), "normal part": abs(normal)}
+
+
+def tumbling(stand: Stand, dt: float) -> float:
+    """Largest gap in the balance of eight spheres in a closed box, over the energy that contacts took.
+
+    Kinetic + potential energy and the integrals of both powers add up to a constant.
+    """
+    width = 2.6 * D
+    box = Box(width=width, depth=width, height=width, lid=True)
+    law = linear(restitution=0.5, rolling_friction=0.0)
+    rng = np.random.default_rng(4)
+    corner = np.stack(np.meshgrid(*[[-1, 1]] * 3), axis=-1).reshape(-1, 3)
+    x = corner * 0.6 * D + [0, 0, width / 2]
+    start = grains_at(x, rng.normal(0, TUMBLES, (8, 3)))
+    motion = stand.run(MemberStart(scene(8, law, box, G), dt, start), round(3e-3 / dt), 1, (LEDGER, POWERS))
+    table = motion.rows(LEDGER)
+    energy = table["kinetic"] + table["potential"]
+    balance = energy + dissipated(motion, "normal", "tangential")
+    return float(np.abs(balance - balance[0]).max() / (energy[0] - energy[-1]))
+
+
+def _tumbling(stand: Stand) -> Mapping[str, float]:
+    coarse, fine = (tumbling(stand, dt) for dt in (4e-6, 2e-6))
+    return {"gap": fine, "gap over that of twice the step": fine / coarse}
+
+
 CASES = [
     *(
         Case(
@@ -108,5 +161,19 @@ CASES = [
         source="work of forces",
         measures={law: limited(1e-12, steps=100) for law in LAWS},
         run=_impact,
+    ),
+    Case(
+        name="energy-slide",
+        statement="a sphere that slides until it rolls loses 2/7 of its energy to friction, and none along the normal",
+        source="Coulomb's law: v = 5/7 v_0",
+        measures={"friction": limited(1e-3), "normal part": limited(1e-6)},
+        run=_slide,
+    ),
+    Case(
+        name="energy-parts",
+        statement="kinetic + potential energy and the powers of normal and tangential forces balance: order dt^2",
+        source="work of forces",
+        measures={"gap": limited(1e-3), "gap over that of twice the step": limited(0.3)},
+        run=_tumbling,
     ),
 ]

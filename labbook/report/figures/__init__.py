@@ -2,15 +2,20 @@
 
 from labbook.report.figures.acceleration import acceleration_against_height
 from labbook.report.figures.against import against_key, has_cuts, ratio_heading
+from labbook.report.figures.composition import composition_against_discharge
+from labbook.report.figures.energy import energy_balance
 from labbook.report.figures.flow import flow_against_time
 from labbook.report.figures.orifice import flow_against_orifice, overview
 from labbook.report.figures.parameters import parameters_against
 from labbook.report.figures.pattern import flow_patterns
+from labbook.report.figures.residence import residence_distributions, residence_maps
 from labbook.report.figures.starts import parameters_against_start
 
 __all__ = [
     "acceleration_against_height",
     "against_key",
+    "composition_against_discharge",
+    "energy_balance",
     "flow_against_orifice",
     "flow_against_time",
     "flow_patterns",
@@ -19,4 +24,6 @@ __all__ = [
     "parameters_against",
     "parameters_against_start",
     "ratio_heading",
+    "residence_distributions",
+    "residence_maps",
 ]

