@@ -1,6 +1,6 @@
-"""What is measured of a run: flow rates, profiles along the outlet, overlaps and energies, and the packing that it
-started from."""
+"""Measures of a run: flow rates, clogging, profiles along the outlet, overlaps, energies, and its packing."""
 
+from labbook.measure.clogging import Clogging
 from labbook.measure.data import RunData
 from labbook.measure.flow import FlowRate
 from labbook.measure.ledger import EnergyLedger
@@ -15,7 +15,16 @@ from labbook.plugins import Registry
 MEASURES: Registry[Measure] = Registry[Measure](
     "labbook.measures",
     Measure,
-    (FlowRate(), OutletProfiles(), PackingStructure(), OrificeMeans(), ContactStress(), EnergyLedger(), OutletRates()),
+    (
+        FlowRate(),
+        OutletProfiles(),
+        PackingStructure(),
+        OrificeMeans(),
+        ContactStress(),
+        EnergyLedger(),
+        OutletRates(),
+        Clogging(),
+    ),
 )
 """The measures that a study can name under `measure`: those built in, and those of other packages."""
 

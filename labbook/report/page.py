@@ -16,6 +16,7 @@ from labbook.lab.folder import write_bytes
 from labbook.report import figures, tables
 from labbook.report.against import against_sections
 from labbook.report.blocks import Block, Folded, Picture, Section, Verbatim, anchored, picture, slug
+from labbook.report.clogging import clogging_sections
 from labbook.report.figures.orifice import side_by_side
 from labbook.report.formulas import mathml
 from labbook.report.paper import sections_of_all
@@ -163,6 +164,7 @@ PARTS: tuple[Part, ...] = (
     _reference,
     _statements,
     sections_of_all,
+    clogging_sections,
     _flow_rates,
     start_sections,
     _budget,

@@ -17,7 +17,7 @@ _DRAWS = 2000
 
 
 @dataclass(frozen=True)
-class Rate(Pooled):
+class PooledRate(Pooled):
     """Events over exposure, of `n` independent replicates.
 
     Attributes:
@@ -48,8 +48,8 @@ class Rate(Pooled):
         return self.events == 0
 
 
-def rate(events: int, exposure: float, replicates: int = 1, confidence: float = 0.95) -> Rate:
-    """Rate of a Poisson process from its events, with the exact interval of Garwood (Biometrika 28 (1936) 437).
+def rate(events: int, exposure: float, replicates: int = 1, confidence: float = 0.95) -> PooledRate:
+    """PooledRate of a Poisson process from its events, with the exact interval of Garwood (Biometrika 28 (1936) 437).
 
     The ends are chi2_{a/2}(2k) / 2G and chi2_{1-a/2}(2k + 2) / 2G for k events in an exposure of G. Without events the
     upper end is 3.69 / G at 95 %.
@@ -74,7 +74,7 @@ def rate(events: int, exposure: float, replicates: int = 1, confidence: float = 
     low = float(chdtri(2 * events, 1 - tail)) / (2 * exposure) if events else 0.0
     high = float(chdtri(2 * events + 2, tail)) / (2 * exposure)
     value = events / exposure
-    return Rate(
+    return PooledRate(
         value, math.sqrt(events) / exposure, high - value, replicates, confidence, events, float(exposure), low, high
     )
 

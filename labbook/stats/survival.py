@@ -7,7 +7,7 @@ from typing import Literal
 
 import numpy as np
 
-from labbook.stats.rates import Rate, rate
+from labbook.stats.rates import PooledRate, rate
 
 FEWEST_TIMES = 50
 """Times above `t_min` below which no power law is fitted (Clauset, Shalizi & Newman, SIAM Rev. 51 (2009) 661)."""
@@ -59,7 +59,7 @@ def kaplan_meier(values: np.ndarray, ended: np.ndarray) -> Survival:
 
 @dataclass(frozen=True, eq=False)
 class Hazard:
-    """Rate of ends within bins of size.
+    """PooledRate of ends within bins of size.
 
     Attributes:
         edges: Of the bins, shape [n + 1].
@@ -68,7 +68,7 @@ class Hazard:
     """
 
     edges: np.ndarray
-    rates: tuple[Rate, ...]
+    rates: tuple[PooledRate, ...]
     p: float
 
 

@@ -2,6 +2,7 @@
 
 from labbook.report.figures.acceleration import acceleration_against_height
 from labbook.report.figures.against import against_key, has_cuts, ratio_heading
+from labbook.report.figures.clogging import clogging_figure
 from labbook.report.figures.flow import flow_against_time
 from labbook.report.figures.orifice import flow_against_orifice, overview
 from labbook.report.figures.parameters import parameters_against
@@ -11,6 +12,7 @@ from labbook.report.figures.starts import parameters_against_start
 __all__ = [
     "acceleration_against_height",
     "against_key",
+    "clogging_figure",
     "flow_against_orifice",
     "flow_against_time",
     "flow_patterns",
