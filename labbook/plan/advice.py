@@ -92,7 +92,7 @@ def _foreseen(study: Study, catalogue: Catalogue, backend: Backend, device: str,
     reason = unready(backend) if plan.todo else ""
     unable = (f"{reason}; until then labbook run refuses",) if reason else ()
     warnings = (*unable, *cut_short(plan, catalogue.lab), *advice(plan, ahead.seconds))
-    return replace(plan, forecast=ahead, warnings=warnings, shares=_shares(plan, planner))
+    return replace(plan, forecast=ahead, warnings=warnings, shares=_shares(plan, planner), stops=_stops(plan, planner))
 
 
 def _shares(plan: Plan, planner: Planner) -> dict[str, tuple[str, ...]]:
@@ -100,6 +100,15 @@ def _shares(plan: Plan, planner: Planner) -> dict[str, tuple[str, ...]]:
     lines: dict[str, tuple[str, ...]] = {}
     for point in plan.points if plan.study.discharges_per_bed == AUTO else ():
         line = planner.shares_in_words(point, fill_work(point.items[0].demand) / discharge_work(point.shared))
+        lines[line] = (*lines.get(line, ()), point.shared.point.label)
+    return lines
+
+
+def _stops(plan: Plan, planner: Planner) -> dict[str, tuple[str, ...]]:
+    """Labels of points by their stops so far and the replicates expected; none where no error of q is requested."""
+    lines: dict[str, tuple[str, ...]] = {}
+    for point in plan.points if plan.study.accuracy.clogging is not None else ():
+        line = planner.stops_in_words(point)
         lines[line] = (*lines.get(line, ()), point.shared.point.label)
     return lines
 

@@ -49,7 +49,7 @@ class PooledRate(Pooled):
 
 
 def rate(events: int, exposure: float, replicates: int = 1, confidence: float = 0.95) -> PooledRate:
-    """PooledRate of a Poisson process from its events, with the exact interval of Garwood (Biometrika 28 (1936) 437).
+    """Rate of a Poisson process from its events, with the exact interval of Garwood (Biometrika 28 (1936) 437).
 
     The ends are chi2_{a/2}(2k) / 2G and chi2_{1-a/2}(2k + 2) / 2G for k events in an exposure of G. Without events the
     upper end is 3.69 / G at 95 %.

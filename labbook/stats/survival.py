@@ -59,7 +59,7 @@ def kaplan_meier(values: np.ndarray, ended: np.ndarray) -> Survival:
 
 @dataclass(frozen=True, eq=False)
 class Hazard:
-    """PooledRate of ends within bins of size.
+    """Rate of ends within bins of size.
 
     Attributes:
         edges: Of the bins, shape [n + 1].

@@ -43,21 +43,21 @@ Swept = TypedDict("Swept", {
 
 Changed = TypedDict("Changed", {
     "name": object, "about": object, "replicates": object, "discharges_per_bed": object,
-    "accuracy.flow_rate": object, "accuracy.max_replicates": object, "accuracy.calibration": object,
-    "accuracy.numerics": object, "accuracy.count_suspect": object, "measure": object, "fit": object,
-    "window.start": object, "window.end": object, "window.after": object, "window.until": object,
-    "window.gap": object, "window.moment": object, "window.interval": object, "window.layer": object,
-    "stop.discharged": object, "stop.max_time": object, "stop.stall": object, "stop.fill_height": object,
-    "record.every": object, "record.replicates": object, "grains.shape": object, "grains.diameter": object,
-    "grains.density": object, "grains.count": object, "grains.sizes.kind": object, "grains.sizes.smallest": object,
-    "grains.sizes.mean": object, "grains.sizes.deviation": object, "grains.length": object, "contact.law": object,
-    "contact.friction": object, "contact.rolling_friction": object, "contact.restitution": object,
-    "contact.damping": object, "contact.rolling": object, "contact.rolling_model": object,
-    "contact.rolling_stiffness": object, "contact.rolling_damping": object, "contact.shear_modulus": object,
-    "contact.poisson_ratio": object, "contact.tangential_damping": object, "contact.normal_damping": object,
-    "contact.youngs_modulus": object, "contact.tension": object, "contact.normal_stiffness": object,
-    "contact.tangential_stiffness": object, "container.kind": object, "container.width": object,
-    "container.height": object, "container.thickness": object, "container.angle": object,
+    "accuracy.flow_rate": object, "accuracy.clogging": object, "accuracy.max_replicates": object,
+    "accuracy.calibration": object, "accuracy.numerics": object, "accuracy.count_suspect": object,
+    "measure": object, "fit": object, "window.start": object, "window.end": object, "window.after": object,
+    "window.until": object, "window.gap": object, "window.moment": object, "window.interval": object,
+    "window.layer": object, "stop.discharged": object, "stop.max_time": object, "stop.stall": object,
+    "stop.fill_height": object, "record.every": object, "record.replicates": object, "grains.shape": object,
+    "grains.diameter": object, "grains.density": object, "grains.count": object, "grains.sizes.kind": object,
+    "grains.sizes.smallest": object, "grains.sizes.mean": object, "grains.sizes.deviation": object,
+    "grains.length": object, "contact.law": object, "contact.friction": object, "contact.rolling_friction": object,
+    "contact.restitution": object, "contact.damping": object, "contact.rolling": object,
+    "contact.rolling_model": object, "contact.rolling_stiffness": object, "contact.rolling_damping": object,
+    "contact.shear_modulus": object, "contact.poisson_ratio": object, "contact.tangential_damping": object,
+    "contact.normal_damping": object, "contact.youngs_modulus": object, "contact.tension": object,
+    "contact.normal_stiffness": object, "contact.tangential_stiffness": object, "container.kind": object,
+    "container.width": object, "container.height": object, "container.thickness": object, "container.angle": object,
     "container.orifice": object, "container.gap": object, "container.diameter": object,
     "container.rotation": object, "container.depth": object, "container.lid": object,
     "container.outlet_plane": object, "walls.all.friction": object, "walls.all.rolling_friction": object,
@@ -124,6 +124,9 @@ class AccuracyKeys(TypedDict, total=False):
     """Relative error of the flow rate to reach: bias of the numerics plus half-width of the 95 % interval. labbook
     then chooses numerics that are left out, and the number of replicates; none: `replicates` runs. Range: in (0,
     1)."""
+    clogging: object
+    """Relative half-width of the 95 % interval of the probability of a stop to reach: replicates are added until
+    (1.96/error)² stops were counted, 97 for 20 %; none: `replicates` runs. Range: in (0, 1)."""
     max_replicates: object
     """Largest number of replicates per point, even if the error is not reached. Range: of at least 2."""
     calibration: object
@@ -548,7 +551,7 @@ LawName: TypeAlias = Literal["beverloo", "janda", "beverloo_3d", "janda_3d", "po
 
 KEYS = """\
     name, about, replicates, discharges_per_bed, measure, fit, gravity [m/s^2]
-    accuracy: flow_rate, max_replicates, calibration, numerics, count_suspect
+    accuracy: flow_rate, clogging, max_replicates, calibration, numerics, count_suspect
     window: start, end, after [s], until [s], gap [s], moment [s], interval [s], layer [m]
     stop: discharged, max_time [s], stall [s], fill_height [m]
     record: every [s], replicates
