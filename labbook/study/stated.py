@@ -23,9 +23,10 @@ Swept = TypedDict("Swept", {
     "container.outlet_plane": object, "walls.all.friction": object, "walls.all.rolling_friction": object,
     "walls.all.restitution": object, "walls.all.youngs_modulus": object, "walls.all.shear_modulus": object,
     "walls.all.poisson_ratio": object, "walls.all.normal_stiffness": object, "gravity": object, "feed.kind": object,
-    "fill.kind": object, "fill.friction": object, "fill.contact.law": object, "fill.contact.friction": object,
-    "fill.contact.rolling_friction": object, "fill.contact.restitution": object, "fill.contact.damping": object,
-    "fill.contact.rolling": object, "fill.contact.rolling_model": object, "fill.contact.rolling_stiffness": object,
+    "restart.kind": object, "restart.wait": object, "fill.kind": object, "fill.friction": object,
+    "fill.contact.law": object, "fill.contact.friction": object, "fill.contact.rolling_friction": object,
+    "fill.contact.restitution": object, "fill.contact.damping": object, "fill.contact.rolling": object,
+    "fill.contact.rolling_model": object, "fill.contact.rolling_stiffness": object,
     "fill.contact.rolling_damping": object, "fill.contact.shear_modulus": object,
     "fill.contact.poisson_ratio": object, "fill.contact.tangential_damping": object,
     "fill.contact.normal_damping": object, "fill.contact.youngs_modulus": object, "fill.contact.tension": object,
@@ -63,9 +64,10 @@ Changed = TypedDict("Changed", {
     "container.outlet_plane": object, "walls.all.friction": object, "walls.all.rolling_friction": object,
     "walls.all.restitution": object, "walls.all.youngs_modulus": object, "walls.all.shear_modulus": object,
     "walls.all.poisson_ratio": object, "walls.all.normal_stiffness": object, "gravity": object, "feed.kind": object,
-    "fill.kind": object, "fill.friction": object, "fill.contact.law": object, "fill.contact.friction": object,
-    "fill.contact.rolling_friction": object, "fill.contact.restitution": object, "fill.contact.damping": object,
-    "fill.contact.rolling": object, "fill.contact.rolling_model": object, "fill.contact.rolling_stiffness": object,
+    "restart.kind": object, "restart.wait": object, "fill.kind": object, "fill.friction": object,
+    "fill.contact.law": object, "fill.contact.friction": object, "fill.contact.rolling_friction": object,
+    "fill.contact.restitution": object, "fill.contact.damping": object, "fill.contact.rolling": object,
+    "fill.contact.rolling_model": object, "fill.contact.rolling_stiffness": object,
     "fill.contact.rolling_damping": object, "fill.contact.shear_modulus": object,
     "fill.contact.poisson_ratio": object, "fill.contact.tangential_damping": object,
     "fill.contact.normal_damping": object, "fill.contact.youngs_modulus": object, "fill.contact.tension": object,
@@ -95,24 +97,24 @@ Changed = TypedDict("Changed", {
     "sweep.walls.all.restitution": object, "sweep.walls.all.youngs_modulus": object,
     "sweep.walls.all.shear_modulus": object, "sweep.walls.all.poisson_ratio": object,
     "sweep.walls.all.normal_stiffness": object, "sweep.gravity": object, "sweep.feed.kind": object,
-    "sweep.fill.kind": object, "sweep.fill.friction": object, "sweep.fill.contact.law": object,
-    "sweep.fill.contact.friction": object, "sweep.fill.contact.rolling_friction": object,
-    "sweep.fill.contact.restitution": object, "sweep.fill.contact.damping": object,
-    "sweep.fill.contact.rolling": object, "sweep.fill.contact.rolling_model": object,
-    "sweep.fill.contact.rolling_stiffness": object, "sweep.fill.contact.rolling_damping": object,
-    "sweep.fill.contact.shear_modulus": object, "sweep.fill.contact.poisson_ratio": object,
-    "sweep.fill.contact.tangential_damping": object, "sweep.fill.contact.normal_damping": object,
-    "sweep.fill.contact.youngs_modulus": object, "sweep.fill.contact.tension": object,
-    "sweep.fill.contact.normal_stiffness": object, "sweep.fill.contact.tangential_stiffness": object,
-    "sweep.fill.numerics.dt": object, "sweep.fill.numerics.precision": object,
-    "sweep.fill.numerics.integrator": object, "sweep.fill.numerics.skin": object,
-    "sweep.fill.numerics.steps_per_beat": object, "sweep.fill.numerics.stiffness_scale": object,
-    "sweep.fill.numerics.speed_limit": object, "sweep.fill.numerics.overlap_limit": object,
-    "sweep.fill.settled_below": object, "sweep.fill.moving": object, "sweep.fill.surface_motion": object,
-    "sweep.fill.max_time": object, "sweep.numerics.dt": object, "sweep.numerics.precision": object,
-    "sweep.numerics.integrator": object, "sweep.numerics.skin": object, "sweep.numerics.steps_per_beat": object,
-    "sweep.numerics.stiffness_scale": object, "sweep.numerics.speed_limit": object,
-    "sweep.numerics.overlap_limit": object,
+    "sweep.restart.kind": object, "sweep.restart.wait": object, "sweep.fill.kind": object,
+    "sweep.fill.friction": object, "sweep.fill.contact.law": object, "sweep.fill.contact.friction": object,
+    "sweep.fill.contact.rolling_friction": object, "sweep.fill.contact.restitution": object,
+    "sweep.fill.contact.damping": object, "sweep.fill.contact.rolling": object,
+    "sweep.fill.contact.rolling_model": object, "sweep.fill.contact.rolling_stiffness": object,
+    "sweep.fill.contact.rolling_damping": object, "sweep.fill.contact.shear_modulus": object,
+    "sweep.fill.contact.poisson_ratio": object, "sweep.fill.contact.tangential_damping": object,
+    "sweep.fill.contact.normal_damping": object, "sweep.fill.contact.youngs_modulus": object,
+    "sweep.fill.contact.tension": object, "sweep.fill.contact.normal_stiffness": object,
+    "sweep.fill.contact.tangential_stiffness": object, "sweep.fill.numerics.dt": object,
+    "sweep.fill.numerics.precision": object, "sweep.fill.numerics.integrator": object,
+    "sweep.fill.numerics.skin": object, "sweep.fill.numerics.steps_per_beat": object,
+    "sweep.fill.numerics.stiffness_scale": object, "sweep.fill.numerics.speed_limit": object,
+    "sweep.fill.numerics.overlap_limit": object, "sweep.fill.settled_below": object, "sweep.fill.moving": object,
+    "sweep.fill.surface_motion": object, "sweep.fill.max_time": object, "sweep.numerics.dt": object,
+    "sweep.numerics.precision": object, "sweep.numerics.integrator": object, "sweep.numerics.skin": object,
+    "sweep.numerics.steps_per_beat": object, "sweep.numerics.stiffness_scale": object,
+    "sweep.numerics.speed_limit": object, "sweep.numerics.overlap_limit": object,
 }, total=False)
 """Dotted keys that `Study.change` takes."""
 
@@ -437,6 +439,16 @@ class FeedKeys(TypedDict, total=False):
     """`reinject`: grains that left fall onto the bed again, from random free places above it."""
 
 
+class RestartKeys(TypedDict, total=False):
+    """Section `restart`."""
+
+    kind: Literal["break"] | object
+    """`break`: grains within 1.5 D of the outlet get random velocities of 0.3 `√(g d*)`, until one leaves."""
+    wait: object
+    """Time without a leaving grain after which the flow counts as stopped, if no grain within 2 D of the outlet is
+    faster than 0.01 `√(g d*)` [s]. Range: above 0."""
+
+
 class FillNumericsKeys(TypedDict, total=False):
     """Section `fill.numerics`."""
 
@@ -538,6 +550,7 @@ class StudyKeys(TypedDict, total=False):
     gravity: object
     """Acceleration of gravity g, along -z [m/s^2]. Range: of at least 0."""
     feed: FeedKeys | object
+    restart: RestartKeys | object
     fill: FillKeys | object
     numerics: NumericsKeys | object
     sweep: Swept | object
@@ -571,6 +584,7 @@ KEYS = """\
     walls.*: friction, rolling_friction, restitution, youngs_modulus [Pa], shear_modulus [Pa], poisson_ratio,
         normal_stiffness [N/m]
     feed: kind
+    restart: kind, wait [s]
     fill: kind, friction, contact, settled_below, moving, surface_motion, max_time [s]
     fill.numerics: dt [s], precision, integrator, skin, steps_per_beat, stiffness_scale, speed_limit [m/s],
         overlap_limit

@@ -60,6 +60,7 @@ class Backend(contract.Backend):
             devices=tuple(env("LABBOOK_TOY_DEVICES", "cpu").split(",")),
             mixtures=True,
             feeds=True,
+            breaks=True,
         )
 
     def specialise(self, scene, numerics, probes=()):
@@ -190,6 +191,14 @@ class Ensemble(contract.Ensemble):
             if getattr(glass, name) is not None:
                 setattr(glass, name, np.concatenate([getattr(glass, name), more]))
 
+    def set_velocities(self, member, ids, v):
+        """A grain that is pushed leaves, if none did before."""
+        glass = self.glasses[member]
+        if not np.isin(ids, glass.ids).all():
+            raise ValueError("set_velocities: some of these grains are not in the scene")
+        if len(ids) and not np.isfinite(glass.next[0]):
+            glass.next[0] = glass.time + glass.interval(int(glass.count[1]))
+
     def retire(self, member):
         del self.glasses[member]
         self._settling.pop(member, None)
@@ -264,6 +273,12 @@ class Glass:
             drawn = np.random.default_rng([int(self.count[2]), k, 1]).random()
             if drawn < self.backend.clogs(orifice / d):
                 return math.inf
+        return self.interval(k)
+
+    def interval(self, k):
+        """Time between the k-th grain and the next, unless the outlet clogs."""
+        scene, hopper, d = self.scene, self.scene.container, self.scene.grains.diameter
+        orifice = getattr(hopper, "orifice", 10 * d)
         flow = 0.6 * scene.grains.density * math.sqrt(scene.gravity) * (orifice - 1.4 * d) ** 1.5
         across = getattr(hopper, "thickness", orifice - 1.4 * d)
         mean = scene.grains.mass / (flow * across) / (1 + self.backend.bias)
