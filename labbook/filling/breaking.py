@@ -6,7 +6,10 @@ from labbook.scene import Packing, Scene
 from labbook.scene.timescales import gravity_time, stop_time
 
 SPEED = 0.3
-"""Of the grains that are pushed, in sqrt(g d*)."""
+"""Of the grains that are pushed first, in sqrt(g d*), and by how much each further push is faster: contacts take the
+energy of slow grains before an arch gives way."""
+FASTEST = 3.0
+"""Of grains that are pushed, at most, in sqrt(g d*)."""
 STILL = 0.01
 """Speed below which a grain near the outlet counts as still, in sqrt(g d*)."""
 PUSHED, LOOKED_AT = 1.5, 2.0
@@ -41,16 +44,18 @@ class Breaker:
         near = self._within(there, LOOKED_AT)
         return bool((np.linalg.norm(there.v[near], axis=1) <= STILL * self._unit).all())
 
-    def due(self, beats: int) -> bool:
-        """Decide if grains are pushed so many beats after a restart, since none has left."""
-        return beats % self._every == 0
+    def push(self, beats: int) -> int | None:
+        """Number of the push that is due so many beats after a restart, from 1 on; None if none is."""
+        number, rest = divmod(beats, self._every)
+        return None if rest else number + 1
 
-    def pushed(self, there: Packing, beat: int) -> tuple[np.ndarray, np.ndarray]:
+    def pushed(self, there: Packing, beat: int, number: int) -> tuple[np.ndarray, np.ndarray]:
         """Draw velocities of the grains above the outlet; seed and beat alone decide what is drawn.
 
         Args:
             there: The bed.
             beat: Number of the beat after which they are pushed.
+            number: Number of the push since the restart, from 1 on.
 
         Returns:
             Ids of the grains, shape [m], and their velocities [m/s], shape [m, 3]: of one speed, in directions that are
@@ -61,7 +66,8 @@ class Breaker:
         v = np.random.default_rng([*self._key, beat]).normal(size=(len(ids), 3))
         if not np.ptp(there.x[:, 1]):
             v[:, 1] = 0.0
-        return ids, SPEED * self._unit * v / np.linalg.norm(v, axis=1, keepdims=True)
+        speed = min(SPEED * number, FASTEST) * self._unit
+        return ids, speed * v / np.linalg.norm(v, axis=1, keepdims=True)
 
     def _within(self, there: Packing, widths: float) -> np.ndarray:
         """Mask of the grains above the outlet, within so many of its widths."""

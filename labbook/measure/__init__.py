@@ -1,5 +1,6 @@
 """Measures of a run: flow rates, clogging, profiles along the outlet, overlaps, energies, and its packing."""
 
+from labbook.measure.arch import Arch
 from labbook.measure.clogging import Clogging
 from labbook.measure.data import RunData
 from labbook.measure.flow import FlowRate
@@ -24,6 +25,7 @@ MEASURES: Registry[Measure] = Registry[Measure](
         EnergyLedger(),
         OutletRates(),
         Clogging(),
+        Arch(),
     ),
 )
 """The measures that a study can name under `measure`: those built in, and those of other packages."""

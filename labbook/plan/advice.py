@@ -18,6 +18,7 @@ from labbook.lab.packings import load_packing
 from labbook.lab.provenance import provenance
 from labbook.lab.records import Unreadable
 from labbook.measure import MEASURES
+from labbook.measure.clogging import Clogging
 from labbook.measure.packing import PackingStructure
 from labbook.measure.steady import FEWEST
 from labbook.plan.demand import PointDemand
@@ -120,7 +121,8 @@ def advice(plan: Plan, seconds: float = math.inf) -> Iterator[str]:
     yield from _alike(plan)
     yield from limits(plan.study)
     yield from _leaky(plan)
-    yield from _narrow(file, points)
+    if Clogging.name not in plan.study.measure:
+        yield from _narrow(file, points)
     yield from _too_few_grains(plan)
     yield from _too_few_outlets(plan)
     yield from _empty(plan.study, points)

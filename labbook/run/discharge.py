@@ -269,18 +269,19 @@ class DischargeJob(Job):
         back = self._feeder.returning(ensemble.packing(member), beat)
         if back is not None:
             ensemble.put_back(member, back)
-        if self._breaker is not None and self._breaks(self._breaker, ensemble, member, beat):
-            ensemble.set_velocities(member, *self._breaker.pushed(ensemble.packing(member), beat))
+        if self._breaker is not None and (number := self._push(self._breaker, ensemble, member, beat)) is not None:
+            ensemble.set_velocities(member, *self._breaker.pushed(ensemble.packing(member), beat, number))
 
-    def _breaks(self, breaker: Breaker, ensemble: Ensemble, member: Member, beat: int) -> bool:
-        """Decide if grains are pushed after this beat: the flow has just stopped, which is noted, or is still stuck."""
+    def _push(self, breaker: Breaker, ensemble: Ensemble, member: Member, beat: int) -> int | None:
+        """Number of the push after this beat, from 1 on: the flow has just stopped, which is noted, or is still stuck.
+        None while it flows."""
         now = self.status.time
         if self._restarts and self._last <= self._restarts[-1][1]:
-            return breaker.due(beat - round(self._restarts[-1][1] / self.numerics.beat))
+            return breaker.push(beat - round(self._restarts[-1][1] / self.numerics.beat))
         if now - self._last < breaker.wait or not breaker.still(ensemble.packing(member)):
-            return False
+            return None
         self._restarts.append((self._last, now))
-        return True
+        return 1
 
     def verdict(self, events: Sequence[Event]) -> Outcome | None:
         """The stop rule."""

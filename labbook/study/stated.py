@@ -443,7 +443,8 @@ class RestartKeys(TypedDict, total=False):
     """Section `restart`."""
 
     kind: Literal["break"] | object
-    """`break`: grains within 1.5 D of the outlet get random velocities of 0.3 `√(g d*)`, until one leaves."""
+    """`break`: grains within 1.5 D of the outlet get random velocities, until one leaves: 0.3 `√(g d*)`, and every
+    `√(d*/g)` by as much more, up to 3 `√(g d*)`."""
     wait: object
     """Time without a leaving grain after which the flow counts as stopped, if no grain within 2 D of the outlet is
     faster than 0.01 `√(g d*)` [s]. Range: above 0."""
@@ -535,7 +536,7 @@ class StudyKeys(TypedDict, total=False):
     number that is cheapest for `accuracy.flow_rate`, from how much of the scatter beds and flow have each. Range:
     of at least 1 or auto."""
     accuracy: AccuracyKeys | object
-    measure: Sequence[Literal["flow_rate", "outlet_profiles", "packing", "orifice", "contact_stress", "ledger", "outlets", "clogging"] | object] | object
+    measure: Sequence[Literal["flow_rate", "outlet_profiles", "packing", "orifice", "contact_stress", "ledger", "outlets", "clogging", "arch"] | object] | object
     """Names of the measurements to take."""
     fit: Sequence[Literal["beverloo", "janda", "beverloo_3d", "janda_3d", "power", "exponential"] | object] | object
     """Names of the laws to fit."""
