@@ -24,6 +24,7 @@ def clogging_sections(results: StudyResults, folder: Path) -> list[Section]:
         stem = folder / f"clogging{suffix}"
         figure = picture(figures.clogging_figure(series), stem, "survival, hazard and mean of avalanches", _CAPTION)
         blocks: list[Block] = [clogging_table(series), figure, memory_table(series)]
+        blocks += [Prose(sentence) for sentence in series.doubts]
         blocks += [Section(fit.law.name.capitalize(), (Formula(fit.law.formula, fit.law.source), table))
                    for fit, table in zip(series.fits, law_tables(series), strict=True)]  # fmt: skip
         blocks += [Prose(series.verdict)] if series.verdict else []

@@ -26,6 +26,9 @@ from labbook.stats.survival import (
     rank_correlation,
 )
 
+ALIKE = 0.1
+"""Rank correlation within packings above which discharges of one packing are no repeats."""
+_RARE = 0.01
 FEW_BEDS = 32
 """Packings below which the interval over packings is too narrow."""
 
@@ -148,6 +151,24 @@ class SeriesClogging:
         means = [one.mean_avalanche[0] for one in self.points]
         finite = [mean for mean in means if math.isfinite(mean)]
         return math.log10(max(finite) / min(finite)) if finite else 0.0
+
+    @property
+    def doubts(self) -> list[str]:
+        """Sentences on points whose avalanches have a memory, or depend on their packing."""
+        sentences = []
+        for point in self.points:
+            label = point.result.label or "the only point"
+            p = point.hazard.p if point.hazard is not None else math.nan
+            if p < _RARE:
+                sentences.append(
+                    f"The hazard is not constant at {label} (p = {p:.1g}), so that q depends on the transient left out."
+                )
+            if point.within_beds.value > ALIKE and point.within_beds.low > 0:
+                sentences.append(
+                    f"First avalanches of one packing are alike at {label} (rank correlation "
+                    f"{point.within_beds.value:.2f}): use more replicates instead of discharges_per_bed."
+                )
+        return sentences
 
     @property
     def verdict(self) -> str:

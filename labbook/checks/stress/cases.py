@@ -1,6 +1,6 @@
 """All cases, in the order in which they are best read."""
 
-from labbook.checks.stress import counts, frames, geometry, impacts, steps
+from labbook.checks.stress import counts, frames, geometry, impacts, pushes, steps
 from labbook.checks.stress.case import StressCase
 
 CASES: tuple[StressCase, ...] = (
@@ -9,6 +9,7 @@ CASES: tuple[StressCase, ...] = (
     *geometry.CASES,
     *frames.CASES,
     *counts.CASES,
+    *pushes.CASES,
 )
 
 

@@ -54,7 +54,9 @@ def show(found: Results, as_json: bool) -> None:
         print_table(console, clogging_table(series), f"Clogging{where}")
         for fit, table in zip(series.fits, law_tables(series), strict=True):
             print_table(console, table, f"{fit.law.name.capitalize()}{where}: {fit.law.formula}")
-        for line in filter(None, (*(f"Not fitted{where}: {problem}." for problem in series.problems), series.verdict)):
+        for line in filter(
+            None, (*series.doubts, *(f"Not fitted{where}: {problem}." for problem in series.problems), series.verdict)
+        ):
             console.print(line, markup=False)
     if digest := statement_digest(found.judged):
         print_table(console, digest, f"Statements of {found.source}")

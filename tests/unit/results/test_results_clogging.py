@@ -39,11 +39,11 @@ def stops(x: float) -> float:
 class StoppedRun(RunDouble):
     """Grains leave one after another until one is the last, or 2400 of 4000 have left."""
 
-    def __init__(self, point, seed):
+    def __init__(self, point, seed, discharge=1):
         rng = np.random.default_rng([point.index, seed])
         grains = int(rng.geometric(stops(point.scene.container.orifice / 3e-3)))
         self.times = np.cumsum(rng.exponential(1 / RATE, min(grains, 2500)))
-        super().__init__(point, seed, "clogged" if grains < 2500 else "finished")
+        super().__init__(point, seed, "clogged" if grains < 2500 else "finished", discharge=discharge)
 
     def data(self) -> RunData:
         left, outcome = len(self.times), self.entry.outcome
@@ -99,6 +99,23 @@ def test_avalanches_without_memory_pass_the_tests_and_the_law_is_found(results):
     assert law.parameters["C"].low < 0.19 < law.parameters["C"].high
     assert one.verdict
     assert len(memory_table(one).rows) == 6
+
+
+def test_discharges_that_repeat_their_bed_and_a_start_that_stops_at_once_are_told(results):
+    """Three discharges of a bed give what the first gave, and half of all beds stop after the transient at once."""
+    study = results.study.change({"discharges_per_bed": 3})
+    first = study.points[0]
+    runs = []
+    for seed in range(1, 31):
+        for number in (1, 2, 3):
+            run = StoppedRun(first, seed, number)
+            run.times = run.times[: transient(first.scene) + (1 if seed % 2 else 20 + seed)]
+            runs.append(run)
+    (series,) = clogging(analyse(study, runs))
+    hazards, alike = series.doubts
+    assert "hazard is not constant at D = 9 mm" in hazards
+    assert "use more replicates instead of discharges_per_bed" in alike
+    assert clogging(results)[0].doubts == []
 
 
 @pytest.mark.slow
