@@ -27,13 +27,13 @@ def stops(rng, mean, expected=200):
     ],
 )
 def test_intervals_cover_the_parameters(law, mean, dimension, true):
-    """95 % of 60 fits, but for three standard errors."""
+    """95 % of 30 fits, but for three standard errors."""
     rng, held = np.random.default_rng(3), dict.fromkeys(true, 0)
-    for _ in range(60):
+    for _ in range(30):
         found = fit_avalanches(law, X, *stops(rng, mean), dimension)
         for name, value in true.items():
             held[name] += found.parameters[name].low <= value <= found.parameters[name].high
-    assert min(held.values()) >= 60 * 0.95 - 3 * math.sqrt(60 * 0.05 * 0.95)
+    assert min(held.values()) >= 30 * 0.95 - 3 * math.sqrt(30 * 0.05 * 0.95)
 
 
 def test_data_of_many_decades_choose_and_others_do_not():

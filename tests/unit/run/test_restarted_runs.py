@@ -37,22 +37,22 @@ def clogs(probability=Q):
 
 @pytest.mark.slow
 def test_from_a_study_to_the_report_the_probability_is_that_of_the_backend(tmp_path):
-    """Runs of 20 s with some fifty stops; the number is within its interval, and W is that while flowing."""
-    asked = restarted(tmp_path, "stop: {max_time: 20 s}", replicates=2)
+    """Runs of 10 s with some twenty stops; the number is within its interval, and W is that while flowing."""
+    asked = restarted(tmp_path, "stop: {max_time: 10 s}", replicates=2)
     summary = carry_out(asked, tmp_path / "lab", backend=clogs())
     assert outcomes(summary) == ["time-limit", "time-limit"]
     results = find(asked, Catalogue(tmp_path / "lab"), "toy")
     ((point,),) = [one.points for one in clogging(results)]
     q = point.probability
     assert isinstance(q, PooledRate)
-    assert q.events > 30
+    assert q.events > 15
     assert q.low < Q < q.high
     true = 0.6 * 2500 * np.sqrt(9.81) * (0.012 - 1.4 * 3e-3) ** 1.5 * 1.01 * 3e-3
     assert point.flowing is not None
-    assert point.flowing.value == pytest.approx(true, rel=0.05)
+    assert point.flowing.value == pytest.approx(true, rel=0.1)
     assert point.result.flow_rate is not None
-    assert point.result.flow_rate.value == pytest.approx(true, rel=0.07), "time at rest is left out"
-    assert abs(point.consecutive.value) < 0.4
+    assert point.result.flow_rate.value == pytest.approx(true, rel=0.1), "time at rest is left out"
+    assert point.consecutive.low < 0 < point.consecutive.high
     for record in records(tmp_path / "lab").values():
         waits = np.array([time - stopped for stopped, time in record.coverage.restarts])
         assert (waits > 0.34).all(), "20 sqrt(d/g) and at most a beat more"
