@@ -27,7 +27,7 @@ def recipe(title: str) -> str:
 
 @pytest.mark.slow
 def test_clogging_from_yaml_to_its_tables(tmp_path, capsys):
-    """The probability is that of the backend at each outlet, to an error that takes fewer stops than that of the recipe."""
+    """The probability is that of the backend at each outlet. Fewer stops than in the recipe are requested."""
     path = tmp_path / "my-clogging.yaml"
     path.write_text(recipe("Measure clogging"))
     quick = {"grains.count": 60, "replicates": 2, "accuracy.clogging": "50 %", "stop.max_time": "4 s"}
