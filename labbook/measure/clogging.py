@@ -13,6 +13,7 @@ from labbook.measure.data import RunData
 from labbook.measure.measure import Evaluation, Measure, MeasureError, Quantity, Window
 from labbook.measure.series import crossings, mean_mass
 from labbook.scene import Scene
+from labbook.scene.walls import AT_REST
 from labbook.stats import Measured
 
 NAME = "clogging"
@@ -62,7 +63,8 @@ class Clogging(Measure):
     `clogging_stops`; `outlet_exchange`, the grains that leave while one falls by its diameter at the outlet. A run that
     clogged is a stop, and each restart (`restart`) follows one. Runs that ended otherwise are censored: their grains
     count, and no stop. Without `feed` an avalanche is also censored at the end of the window, before the bed runs out.
-    Arrays: those of `Avalanches`.
+    Arrays: those of `Avalanches`; where walls move also `waits`, the times between grains [s], and `wait_ended`, false
+    of the last one, which is censored by the end of the run.
     """
 
     name = NAME
@@ -95,13 +97,14 @@ class Clogging(Measure):
     def evaluate(self, run: RunData, window: Window) -> Evaluation:
         self.check(run.scene)
         flows = avalanches(run, window)
+        arrays = {**vars(flows), **waits(run)}
         k, passed = flows.stops, int(flows.counted.sum())
         first = transient(run.scene)
         where = f"after the first {first} grains of each start"
         how = "stops over grains (censored); error of a Poisson count"
         if not passed:
             note = f"no avalanche is longer than the transient of {first} grains"
-            return Evaluation((Measured(PROBABILITY, math.nan, math.nan, 0, where, how, "", note),), vars(flows))
+            return Evaluation((Measured(PROBABILITY, math.nan, math.nan, 0, where, how, "", note),), arrays)
         numbers = [
             Measured(PROBABILITY, k / passed, math.sqrt(k) / passed, passed, where, how, ""),
             Measured(STOPS, k, math.nan, 1, where, "counted", ""),
@@ -112,7 +115,7 @@ class Clogging(Measure):
             exchange = passed / time * run.scene.grains.equivalent_diameter / speed
             how = "grain rate times d over the speed of the grains at the outlet"
             numbers.append(Measured(EXCHANGE, exchange, math.nan, passed, where, how, ""))
-        return Evaluation(tuple(numbers), vars(flows))
+        return Evaluation(tuple(numbers), arrays)
 
 
 def width_ratio(scene: Scene) -> float:
@@ -166,6 +169,20 @@ def avalanches(run: RunData, window: Window) -> Avalanches:
         rows.append((cut - low, ends_here and cut == high, counted, mass, time, begins[place], end))
     grains, stopped, counted, mass, time, begin, end = (np.array(column) for column in zip(*rows, strict=True))
     return Avalanches(grains, stopped, counted, mass, time, begin, end)
+
+
+def agitated(scene: Scene) -> bool:
+    """True for a container whose walls move, so that arches break by themselves."""
+    return any(wall.motion != AT_REST for wall in scene.container.walls())
+
+
+def waits(run: RunData) -> dict[str, np.ndarray]:
+    """Times between grains of an agitated silo as arrays by name; none of others, whose stops never end."""
+    if not agitated(run.scene):
+        return {}
+    times, _ = crossings(run)
+    between = np.diff(times, append=run.duration)
+    return {"waits": between, "wait_ended": np.arange(len(between)) < len(between) - 1}
 
 
 def _limit(run: RunData, window: Window, weights: np.ndarray) -> int:

@@ -24,6 +24,7 @@ def clogging_sections(results: StudyResults, folder: Path) -> list[Section]:
         stem = folder / f"clogging{suffix}"
         figure = picture(figures.clogging_figure(series), stem, "survival, hazard and mean of avalanches", _CAPTION)
         blocks: list[Block] = [clogging_table(series), figure, memory_table(series)]
+        blocks += [table] if (table := times_table(series)) is not None else []
         blocks += [Prose(sentence) for sentence in series.doubts]
         blocks += [Section(fit.law.name.capitalize(), (Formula(fit.law.formula, fit.law.source), table))
                    for fit, table in zip(series.fits, law_tables(series), strict=True)]  # fmt: skip
@@ -71,6 +72,23 @@ def memory_table(series: SeriesClogging) -> Table:
         )
     headings = ("point", "p of a constant hazard", "stops within the transient", "consecutive", "within packings")
     return Table(headings, tuple(rows), notes=(_MEMORY,))
+
+
+def times_table(series: SeriesClogging) -> Table | None:
+    """Times between grains of the points whose walls move: tail, verdict and flowing fraction; None without any."""
+    rows, reasons = [], []
+    for point in (point for point in series.points if point.times is not None):
+        label, part = point.result.label or "the only point", f"{point.flowing_fraction:.3g}"
+        if isinstance(point.tail, str):
+            rows.append((label, part, "–", "–", "–", "–", "–"))
+            reasons.append(f"{label}: {point.tail}.")
+            continue
+        tail = point.tail
+        alpha = f"{tail.alpha:.2f} ({tail.low:.2f} to {tail.high:.2f})"
+        counts = f"{tail.n} (+{tail.censored} censored)"
+        rows.append((label, part, alpha, f"{tail.t_min:.3g}", counts, f"{tail.exponential:.1f}", tail.verdict))
+    headings = ("point", "flowing fraction", "α (95 %)", "t_min [s]", "times", "ln L ratio", "verdict")
+    return Table(headings, tuple(rows), frozenset({0, 6}), notes=(_TIMES, *reasons)) if rows else None
 
 
 def law_tables(series: SeriesClogging) -> list[Table]:
@@ -122,6 +140,11 @@ _TABLE = (
     "(form as quoted from Thomas and Durian 2015), with s_m grains leaving while one falls by d at the outlet. W is "
     "the mean of replicates that did not clog. W, flowing: mass over time of flow of all replicates, clogged ones up "
     "to their stop, which is not biased to those that flow on."
+)
+_TIMES = (
+    "Times between grains where walls move: P(t >= T) = (T/t_min)^(1 - α). For α ≤ 2 the mean time diverges: “clogs” "
+    "and “flows” are P(α ≤ 2) above 0.95 and below 0.05. The ratio of likelihoods is to an exponential tail: above 0 "
+    "the power law describes it better. Flowing fraction: part of the time without gaps (window.gap)."
 )
 _MEMORY = (
     "In a flow without memory the hazard is constant. Consecutive: correlation of ln s of avalanches after each other "

@@ -9,6 +9,7 @@ import numpy as np
 
 from labbook.fit import FitError
 from labbook.fit.clogging import AVALANCHE_LAWS, DECADES, AvalancheFit, fit_avalanches, preferred
+from labbook.measure import scales
 from labbook.measure.clogging import EXCHANGE, PROBABILITY, Avalanches, Clogging, dimension, width_ratio
 from labbook.results.points import PointResult, RunResult
 from labbook.results.series import Series
@@ -19,10 +20,13 @@ from labbook.stats.ratio import paired_ratio
 from labbook.stats.survival import (
     Correlation,
     Hazard,
+    PowerTail,
     Survival,
+    flowing_fraction,
     hazard,
     kaplan_meier,
     lag_correlation,
+    power_tail,
     rank_correlation,
 )
 
@@ -112,6 +116,34 @@ class PointClogging:
         time in which they flowed, so that it is not biased to those that did not clog."""
         mass, time = self._of_beds(lambda own: (own.mass.sum(), own.time.sum()))
         return paired_ratio(mass, time) if time.sum() > 0 else None
+
+    @cached_property
+    def times(self) -> tuple[np.ndarray, np.ndarray] | None:
+        """Times between grains [s] of an agitated silo, and if a grain ended each; None of others."""
+        of_runs = [waits for run, _ in self.runs if (waits := run.waits) is not None]
+        if not of_runs:
+            return None
+        between, ended = (np.concatenate(parts) for parts in zip(*of_runs, strict=True))
+        return between, ended
+
+    @cached_property
+    def tail(self) -> PowerTail | str:
+        """Power-law tail of the times between grains of an agitated silo; else the reason for none."""
+        if self.times is None:
+            return "no wall moves, so that a stop never ends"
+        try:
+            return power_tail(*self.times)
+        except ValueError as few:
+            return str(few)
+
+    @property
+    def flowing_fraction(self) -> float:
+        """Part of the time of an agitated silo without gaps (`window.gap`); NaN of others."""
+        if self.times is None:
+            return math.nan
+        longest = scales.gap(self.result.point.scene, self.result.runs[0].window)
+        gaps = self.times[0] > longest
+        return flowing_fraction(float(self.times[0][~gaps].sum()), float(self.times[0][gaps].sum()))
 
     def _of_beds(self, pair: Callable[[Avalanches], tuple[float, float]]) -> np.ndarray:
         """Sums over the runs of each bed of two numbers of a run, shape [2, beds]."""

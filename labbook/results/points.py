@@ -168,6 +168,15 @@ class RunResult:
         return Avalanches.of(self.evaluation(Clogging()).arrays)
 
     @cached_property
+    def waits(self) -> tuple[np.ndarray, np.ndarray] | None:
+        """Times between grains [s] of an agitated silo, and if a grain ended each, where `clogging` was measured and
+        the run counts."""
+        if self.avalanches is None:
+            return None
+        arrays = self.evaluation(Clogging()).arrays
+        return (arrays["waits"], arrays["wait_ended"].astype(bool)) if "waits" in arrays else None
+
+    @cached_property
     def acceleration(self) -> AccelerationProfile | None:
         """Above the middle of the outlet, where `orifice` was measured."""
         return AccelerationProfile.of(self.evaluation(OrificeMeans())) if OrificeMeans.name in self.measures else None

@@ -41,15 +41,15 @@ def _pushed(stand: Stand) -> Iterator[Ending]:
         error = abs(float(after.x[1, 2]) / (-0.5 * G * time**2) - 1)
         yield within(stand, "its neighbour", "free fall", error, limited(1e-11, steps=steps))
 
-        def unknown() -> None:
+        def absent() -> None:
             ensemble.set_velocities(member, np.array([2]), np.zeros((1, 3)))
 
-        yield refused("a grain that is not there", unknown, "not in the scene", (ValueError,))
+        yield refused("a grain that is not there", absent, "not in the scene", (ValueError,))
     for part, speed in (("above the speed limit", 1e4), ("not a number", math.nan), ("infinite", math.inf)):
-        yield _named(stand, start, part, speed)
+        yield _guarded(stand, start, part, speed)
 
 
-def _named(stand: Stand, start: MemberStart, part: str, speed: float) -> Ending:
+def _guarded(stand: Stand, start: MemberStart, part: str, speed: float) -> Ending:
     """A guard has to name it, and to keep the state in which it was set."""
     with stand.admitted([start], STEPS, [Ledger()]) as admitted:
         ensemble, (member,) = admitted.ensemble, admitted.members
@@ -62,8 +62,8 @@ def _named(stand: Stand, start: MemberStart, part: str, speed: float) -> Ending:
         if failed.guard not in GUARDS or ensemble.status(member).step != step:
             return Ending(part, "failed", one_line(failed.message))
         ensemble.set_velocities(member, np.array([0]), np.zeros((1, 3)))
-        kept = np.array_equal(ensemble.packing(member).x, places)
-        return Ending(part, "named error" if kept else "failed", one_line(failed.message))
+        same = np.array_equal(ensemble.packing(member).x, places)
+        return Ending(part, "named error" if same else "failed", one_line(failed.message))
 
 
 CASES = [

@@ -7,15 +7,16 @@ import pytest
 from toy_results import RunDouble, analyse
 
 from labbook.backend.numerics import Numerics
-from labbook.measure import RunData
+from labbook.measure import RunData, scales
 from labbook.measure.clogging import transient
 from labbook.report.blocks import Picture, Prose, Section
-from labbook.report.clogging import clogging_sections, clogging_table, memory_table
+from labbook.report.clogging import clogging_sections, clogging_table, memory_table, times_table
 from labbook.report.page import PARTS
 from labbook.report.result_box import concerns
 from labbook.results.clogging import clogging
 from labbook.scene.packing import Packing
 from labbook.stats.rates import PooledRate
+from labbook.stats.survival import PowerTail
 from labbook.study import load
 
 STUDY = """
@@ -116,6 +117,42 @@ def test_discharges_that_repeat_their_bed_and_a_start_that_stops_at_once_are_tol
     assert "hazard is not constant at D = 9 mm" in hazards
     assert "use more replicates instead of discharges_per_bed" in alike
     assert clogging(results)[0].doubts == []
+
+
+class TurningRun(RunDouble):
+    """Times between grains of a power law above 50 ms, and the run ends within one of them."""
+
+    def data(self) -> RunData:
+        rng = np.random.default_rng(self.seed)
+        waits = np.concatenate([rng.uniform(0, 0.05, 300), 0.05 * rng.random(300) ** (-1 / 0.6)])
+        times = np.cumsum(rng.permutation(waits))
+        table = {"id": np.arange(600), "time": times, "vz": np.full(600, -0.3)}
+        start = Packing(*np.zeros((3, 4000, 3)))
+        crossing = {"crossing": table}
+        return RunData(self.point.scene, Numerics(dt=1e-5), self.seed, start, "time-limit", times[-1] + 3.0, crossing)
+
+
+def test_times_of_an_agitated_silo_have_a_tail_and_those_of_others_have_none(results, tmp_path):
+    """alpha = 1.6: the mean time diverges. The last time of each run is censored."""
+    path = tmp_path / "turns.yaml"
+    silo = "container: {kind: cylinder-silo, diameter: 60 mm, height: 300 mm, orifice: 12 mm, rotation: 0.5 Hz}"
+    lines = [silo if line.startswith("container:") else line for line in STUDY.splitlines()]
+    path.write_text("\n".join(line for line in lines if not line.startswith("sweep:")))
+    study = load(path)
+    (series,) = clogging(analyse(study, [TurningRun(study.points[0], seed) for seed in (1, 2, 3)]))
+    (point,) = series.points
+    tail = point.tail
+    assert isinstance(tail, PowerTail)
+    assert tail.low < 1.6 < tail.high
+    assert (tail.censored, tail.verdict) == (3, "clogs")
+    assert point.times is not None
+    gaps = point.times[0] > scales.gap(point.result.point.scene)
+    assert point.flowing_fraction == pytest.approx(1 - point.times[0][gaps].sum() / point.times[0].sum())
+    table = times_table(series)
+    assert table is not None
+    assert table.rows[0][-1] == "clogs"
+    assert times_table(clogging(results)[0]) is None
+    assert clogging(results)[0].points[0].tail == "no wall moves, so that a stop never ends"
 
 
 @pytest.mark.slow
