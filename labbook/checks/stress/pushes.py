@@ -62,8 +62,8 @@ def _guarded(stand: Stand, start: MemberStart, part: str, speed: float) -> Endin
         if failed.guard not in GUARDS or ensemble.status(member).step != step:
             return Ending(part, "failed", one_line(failed.message))
         ensemble.set_velocities(member, np.array([0]), np.zeros((1, 3)))
-        same = np.array_equal(ensemble.packing(member).x, places)
-        return Ending(part, "named error" if same else "failed", one_line(failed.message))
+        unmoved = np.array_equal(ensemble.packing(member).x, places)
+        return Ending(part, "named error" if unmoved else "failed", one_line(failed.message))
 
 
 CASES = [
