@@ -34,15 +34,10 @@ class Breaker:
             beat: Duration of a beat [s].
         """
         assert scene.restart is not None
-        self._outlet, self._key = scene.container.outlets[0], (scene.restart.version, seed)
+        self._scene, self._key = scene, (scene.restart.version, seed)
         self._unit = scene.gravity * gravity_time(scene)
         self._every = max(1, round(AGAIN * gravity_time(scene) / beat))
         self.wait = stop_time(scene)
-
-    def still(self, there: Packing) -> bool:
-        """Decide if no grain near the outlet moves any more."""
-        near = self._within(there, LOOKED_AT)
-        return bool((np.linalg.norm(there.v[near], axis=1) <= STILL * self._unit).all())
 
     def push(self, beats: int) -> int | None:
         """Number of the push that is due so many beats after a restart, from 1 on; None if none is."""
@@ -62,16 +57,24 @@ class Breaker:
             uniform on the sphere, or on the circle in a bed that lies in one plane y = const.
         """
         assert there.ids is not None
-        ids = np.sort(there.ids[self._within(there, PUSHED)])
+        ids = np.sort(there.ids[_within(self._scene, there, PUSHED)])
         v = np.random.default_rng([*self._key, beat]).normal(size=(len(ids), 3))
         if not np.ptp(there.x[:, 1]):
             v[:, 1] = 0.0
         speed = min(SPEED * number, FASTEST) * self._unit
         return ids, speed * v / np.linalg.norm(v, axis=1, keepdims=True)
 
-    def _within(self, there: Packing, widths: float) -> np.ndarray:
-        """Mask of the grains above the outlet, within so many of its widths."""
-        outlet = self._outlet
-        height = there.x[:, 2] - outlet.plane
-        away = height if outlet.lid is None else np.abs(outlet.lid.distance(there.x))
-        return (height > 0) & (away <= widths * outlet.width)
+
+def still(scene: Scene, there: Packing) -> bool:
+    """Decide if no grain near the only outlet of a scene moves any more."""
+    near = _within(scene, there, LOOKED_AT)
+    limit = STILL * scene.gravity * gravity_time(scene)
+    return bool((np.linalg.norm(there.v[near], axis=1) <= limit).all())
+
+
+def _within(scene: Scene, there: Packing, widths: float) -> np.ndarray:
+    """Mask of the grains above the outlet, within so many of its widths."""
+    outlet = scene.container.outlets[0]
+    height = there.x[:, 2] - outlet.plane
+    away = height if outlet.lid is None else np.abs(outlet.lid.distance(there.x))
+    return (height > 0) & (away <= widths * outlet.width)

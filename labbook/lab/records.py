@@ -262,6 +262,8 @@ class StopRule(Part):
     """Time since the opening [s]."""
     stall: float
     """Time without a grain leaving [s] after which the outlet counts as clogged."""
+    still: Annotated[bool, Field(exclude_if=lambda still: not still)] = False
+    """True if the outlet counts as clogged already once grains near it are still."""
     fill_height: float | None = None
     """Height of the bed [m] at which it has fallen far enough; None: any."""
     # where there is none it is left out of what is stored

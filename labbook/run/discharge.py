@@ -26,7 +26,7 @@ from labbook.backend.probes import (
 )
 from labbook.campaign import Assignment, Generation, History, PreciseRun, Trial
 from labbook.campaign.precise import HALF_WIDTH
-from labbook.filling import Breaker, Feeder, PlacingError, kicked, opened
+from labbook.filling import Breaker, Feeder, PlacingError, kicked, opened, still
 from labbook.filling.bed import bed_height, parts_of_mass
 from labbook.lab import identity
 from labbook.lab.folder import PICTURE, Claim, stamp
@@ -48,6 +48,7 @@ from labbook.run.job import Bench, Job, JobFailed, Kept, failure
 from labbook.run.ledger import ledger
 from labbook.scene import Packing
 from labbook.scene.quantities import percent
+from labbook.scene.timescales import stop_time
 from labbook.stats.stopping import looks
 
 _LOG = logging.getLogger("labbook")
@@ -67,6 +68,7 @@ class DischargeJob(Job):
         self._crossed, self._discharged, self._last = 0, 0.0, 0.0
         self._fed, self._looked, self._precision = 0, 0, math.inf
         self._restarts: list[tuple[float, float]] = []
+        self._rests = False
         self._failure: RunFailure | None = None
         self._seen: Packing | None = None
         """The bed in the middle of the window, which is drawn at the end."""
@@ -262,7 +264,9 @@ class DischargeJob(Job):
     def feed(self, ensemble: Ensemble, member: Member) -> None:
         """Put grains back that have left, and break an arch, after every beat: a state that is saved has those of its
         beat."""
-        beat = self.status.step // self.numerics.steps_per_beat
+        beat, now = self.status.step // self.numerics.steps_per_beat, self.status.time
+        if self.demand.shared.stop.still and now - self._last >= stop_time(self.scene):
+            self._rests = still(self.scene, ensemble.packing(member))
         if self._feeder is None or self.status.step <= self._fed:  # a guard has put it back to the last good beat
             return
         self._fed = self.status.step
@@ -278,7 +282,7 @@ class DischargeJob(Job):
         now = self.status.time
         if self._restarts and self._last <= self._restarts[-1][1]:
             return breaker.push(beat - round(self._restarts[-1][1] / self.numerics.beat))
-        if now - self._last < breaker.wait or not breaker.still(ensemble.packing(member)):
+        if now - self._last < breaker.wait or not still(self.scene, ensemble.packing(member)):
             return None
         self._restarts.append((self._last, now))
         return 1
@@ -296,7 +300,7 @@ class DischargeJob(Job):
             return "precise"
         if self.status.grains == 0 or any(isinstance(event, Emptied) for event in events):
             return "emptied"
-        if self._plane is not None and self.status.time - self._last >= stop.stall:
+        if self._plane is not None and (self._rests or self.status.time - self._last >= stop.stall):
             return "clogged"
         return "time-limit" if self.status.time >= stop.max_time else None
 

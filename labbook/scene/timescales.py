@@ -39,9 +39,9 @@ def gravity_time(scene: Scene) -> float:
 
 
 def stop_time(scene: Scene) -> float:
-    """Time without a leaving grain [s] after which the flow of a scene with `restart` may count as stopped."""
-    assert scene.restart is not None
-    return scene.restart.wait or WAIT * gravity_time(scene)
+    """Time without a leaving grain [s] after which a flow may count as stopped, if grains at the outlet are still."""
+    stated = None if scene.restart is None else scene.restart.wait
+    return stated or WAIT * gravity_time(scene)
 
 
 @_anywhere

@@ -103,8 +103,17 @@ def unfed(source: StudyText, settings: Settings, points: Sequence[Point], window
 
 
 def unbroken(source: StudyText, settings: Settings, points: Sequence[Point]) -> Iterator[Problem]:
-    """A `restart.wait` that is not shorter than `stop.stall`, which ends runs."""
+    """A `restart.wait` that is not shorter than `stop.stall`, which ends runs; and a `stop.still` beside a restart, or
+    without an outlet about which grains can be still."""
     for point in points:
+        reason = ""
+        if settings.stop.still and point.scene.restart is not None:
+            reason = "a still outlet ends the run, before its arch is broken"
+        elif settings.stop.still and [math.isfinite(one.width) for one in point.scene.container.outlets] != [True]:
+            reason = "the container has not one outlet of a known width"
+        if reason:
+            yield Problem(source.path, source.line(("stop", "still")), "stop.still", reason, "leave it out")
+            return
         if point.scene.restart is None:
             continue
         wait, stall = stop_time(point.scene), settings.stop.stall or STALL * gravity_time(point.scene)

@@ -49,17 +49,17 @@ Changed = TypedDict("Changed", {
     "measure": object, "fit": object, "window.start": object, "window.end": object, "window.after": object,
     "window.until": object, "window.gap": object, "window.moment": object, "window.interval": object,
     "window.layer": object, "stop.discharged": object, "stop.max_time": object, "stop.stall": object,
-    "stop.fill_height": object, "record.every": object, "record.replicates": object, "grains.shape": object,
-    "grains.diameter": object, "grains.density": object, "grains.count": object, "grains.sizes.kind": object,
-    "grains.sizes.smallest": object, "grains.sizes.mean": object, "grains.sizes.deviation": object,
-    "grains.length": object, "contact.law": object, "contact.friction": object, "contact.rolling_friction": object,
-    "contact.restitution": object, "contact.damping": object, "contact.rolling": object,
-    "contact.rolling_model": object, "contact.rolling_stiffness": object, "contact.rolling_damping": object,
-    "contact.shear_modulus": object, "contact.poisson_ratio": object, "contact.tangential_damping": object,
-    "contact.normal_damping": object, "contact.youngs_modulus": object, "contact.tension": object,
-    "contact.normal_stiffness": object, "contact.tangential_stiffness": object, "container.kind": object,
-    "container.width": object, "container.height": object, "container.thickness": object, "container.angle": object,
-    "container.orifice": object, "container.gap": object, "container.diameter": object,
+    "stop.still": object, "stop.fill_height": object, "record.every": object, "record.replicates": object,
+    "grains.shape": object, "grains.diameter": object, "grains.density": object, "grains.count": object,
+    "grains.sizes.kind": object, "grains.sizes.smallest": object, "grains.sizes.mean": object,
+    "grains.sizes.deviation": object, "grains.length": object, "contact.law": object, "contact.friction": object,
+    "contact.rolling_friction": object, "contact.restitution": object, "contact.damping": object,
+    "contact.rolling": object, "contact.rolling_model": object, "contact.rolling_stiffness": object,
+    "contact.rolling_damping": object, "contact.shear_modulus": object, "contact.poisson_ratio": object,
+    "contact.tangential_damping": object, "contact.normal_damping": object, "contact.youngs_modulus": object,
+    "contact.tension": object, "contact.normal_stiffness": object, "contact.tangential_stiffness": object,
+    "container.kind": object, "container.width": object, "container.height": object, "container.thickness": object,
+    "container.angle": object, "container.orifice": object, "container.gap": object, "container.diameter": object,
     "container.rotation": object, "container.depth": object, "container.lid": object,
     "container.outlet_plane": object, "walls.all.friction": object, "walls.all.rolling_friction": object,
     "walls.all.restitution": object, "walls.all.youngs_modulus": object, "walls.all.shear_modulus": object,
@@ -175,6 +175,9 @@ class StopKeys(TypedDict, total=False):
     0."""
     stall: object
     """Time without a leaving grain after which a run is clogged [s]. Range: above 0."""
+    still: object
+    """Whether a run is clogged already once no grain has left for 20 `√(d*/g)` and none within 2 D of the outlet is
+    faster than 0.01 `√(g d*)`."""
     fill_height: object
     """Stop when the bed of a flat-bottomed silo has fallen to this height; none: no such stop [m]. Range: above 0."""
 
@@ -567,7 +570,7 @@ KEYS = """\
     name, about, replicates, discharges_per_bed, measure, fit, gravity [m/s^2]
     accuracy: flow_rate, clogging, max_replicates, calibration, numerics, count_suspect
     window: start, end, after [s], until [s], gap [s], moment [s], interval [s], layer [m]
-    stop: discharged, max_time [s], stall [s], fill_height [m]
+    stop: discharged, max_time [s], stall [s], still, fill_height [m]
     record: every [s], replicates
     grains: shape, diameter [m], density [kg/m^3], count, length [m]
     grains.sizes: kind, smallest [m], mean [m], deviation [m]

@@ -108,3 +108,23 @@ def test_a_backend_that_cannot_set_velocities_is_refused(tmp_path):
     backend.capabilities = replace(backend.capabilities, breaks=False)
     with pytest.raises(Unsupported, match="cannot break arches"):
         Runner(restarted(tmp_path), LabFolder(tmp_path / "lab"), backend).run()
+
+
+def test_a_still_outlet_ends_a_run_early_where_that_is_stated(tmp_path):
+    """Grains of the toy do not move; a run that ended so covers no study that waits for the stall."""
+    early = load(study_file(tmp_path, "window: {start: 0.15, end: 0.6}", "stop: {still: true}", orifices="[12]"))
+    early = early.change({"replicates": 1, "numerics.steps_per_beat": 2000})
+    patient = early.change({"stop": {"stall": "1.5 s"}})
+    assert outcomes(carry_out(early, tmp_path / "lab", backend=clogs())) == ["clogged"]
+    (record,) = records(tmp_path / "lab").values()
+    assert 0.34 < record.coverage.waiting < 0.34 + 2 * 0.02
+    assert not carry_out(early, tmp_path / "lab", backend=clogs()).tally.ran
+    assert carry_out(patient, tmp_path / "lab", backend=clogs()).tally.resumed == 1
+    (record,) = records(tmp_path / "lab").values()
+    assert record.coverage.waiting >= 1.5
+    assert not carry_out(early, tmp_path / "lab", backend=clogs()).tally.ran, "a longer wait covers a shorter one"
+
+
+def test_still_beside_a_restart_is_refused(tmp_path):
+    path = study_file(tmp_path, FED, BREAK, "stop: {still: true}")
+    assert "before its arch is broken" in labbook("plan", path, "--lab", tmp_path / "lab", check=False).output
