@@ -40,8 +40,8 @@ def gravity_time(scene: Scene) -> float:
 
 def stop_time(scene: Scene) -> float:
     """Time without a leaving grain [s] after which a flow may count as stopped, if grains at the outlet are still."""
-    stated = None if scene.restart is None else scene.restart.wait
-    return stated or WAIT * gravity_time(scene)
+    own = None if scene.restart is None else scene.restart.wait
+    return own or WAIT * gravity_time(scene)
 
 
 @_anywhere

@@ -186,8 +186,8 @@ class Stop(Model):
     stall: Duration | None = None
     """Time without a leaving grain after which a run is clogged."""
     still: Annotated[StrictBool, Field(exclude_if=lambda still: not still)] = False
-    """Whether a run is clogged already once no grain has left for 20 `√(d*/g)` and none within 2 D of the outlet is
-    faster than 0.01 `√(g d*)`."""
+    """End a run as clogged once no grain has left for 20 `√(d*/g)`, and none within 2 D of the outlet is faster than
+    0.01 `√(g d*)`."""
     fill_height: Length | None = None
     """Stop when the bed of a flat-bottomed silo has fallen to this height; none: no such stop."""
 

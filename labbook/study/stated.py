@@ -176,8 +176,8 @@ class StopKeys(TypedDict, total=False):
     stall: object
     """Time without a leaving grain after which a run is clogged [s]. Range: above 0."""
     still: object
-    """Whether a run is clogged already once no grain has left for 20 `√(d*/g)` and none within 2 D of the outlet is
-    faster than 0.01 `√(g d*)`."""
+    """End a run as clogged once no grain has left for 20 `√(d*/g)`, and none within 2 D of the outlet is faster
+    than 0.01 `√(g d*)`."""
     fill_height: object
     """Stop when the bed of a flat-bottomed silo has fallen to this height; none: no such stop [m]. Range: above 0."""
 
