@@ -66,6 +66,10 @@ class Standing(Readable):
     def put_back(self, grains: Packing, half_v: np.ndarray) -> None:
         """Put grains that left back. half_v: their velocities [m/s] at the time of those that are kept."""
 
+    @abstractmethod
+    def set_velocities(self, ids: np.ndarray, v: np.ndarray) -> None:
+        """Give grains other velocities [m/s], half a step before and as predicted for now."""
+
     def energy(self) -> float:
         """Kinetic energy [J] at the time of positions."""
         now = self.look()
@@ -169,6 +173,13 @@ class Ensemble(backend.Ensemble, Generic[R]):
         since_half = run.numerics.dt / 2 if run.step else 0.0
         gained = np.array([0.0, 0.0, -run.scene.gravity]) * since_half
         run.put_back(grains, grains.v - gained)
+
+    def set_velocities(self, member: Member, ids: np.ndarray, v: np.ndarray) -> None:
+        """Give grains of a member other velocities. Raises ValueError for grains that are not there."""
+        run = self._runs[member]
+        if not np.isin(ids, run.present()).all():
+            raise ValueError("set_velocities: some of these grains are not in the scene")
+        run.set_velocities(ids, v)
 
     def close(self) -> None:
         """Free all arrays."""

@@ -151,7 +151,7 @@ def planes(scene: Scene, probes: Sequence[Probe]) -> tuple[float, float]:
 def capabilities(name: str, cache_version: int, precisions: frozenset[str], devices: tuple[str, ...], **more: bool):
     """What a backend can do that computes with the formulas of this package: all laws, shapes and walls there are."""
     laws, shapes, walls = frozenset(LAWS), frozenset(SHAPES), frozenset(WALLS)
-    return Capabilities(name, cache_version, shapes, laws, walls, precisions, devices, feeds=True, **more)
+    return Capabilities(name, cache_version, shapes, laws, walls, precisions, devices, feeds=True, breaks=True, **more)
 
 
 def specialise(

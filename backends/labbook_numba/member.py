@@ -276,6 +276,13 @@ class Run(Standing):
         st.count[S.GRAINS] = last
         self._rebuild()
 
+    def set_velocities(self, ids: np.ndarray, v: np.ndarray) -> None:
+        """See `Standing`."""
+        st, present = self.state, self.state.ids[: self.grains]
+        order = np.argsort(present)
+        rows = order[np.searchsorted(present, ids, sorter=order)]
+        st.v[rows], st.u[rows] = v, v
+
     def _make(self, packing: Packing, rows: slice) -> None:
         """Give the grains in `rows` their weights, bodies and orientations."""
         st = self.state

@@ -221,6 +221,12 @@ class Run(Standing):
         self.bodies = Bodies(*map(np.concatenate, both))
         self.clear = np.concatenate([self.clear, new.clear], axis=1)
 
+    def set_velocities(self, ids: np.ndarray, v: np.ndarray) -> None:
+        """See `Standing`."""
+        order = np.argsort(self.ids)
+        rows = order[np.searchsorted(self.ids, ids, sorter=order)]
+        self.v[rows], self.u[rows] = v, v
+
     # how it runs
 
     @property

@@ -57,6 +57,17 @@ class Codec:
         rest = np.zeros((len(x), self.words * self.numbers - self._used), exact[0].dtype)
         return np.hstack([*exact, *others, rest])
 
+    def with_velocities(self, numbers: np.ndarray, v: np.ndarray) -> np.ndarray:
+        """Numbers of grains with other velocities v [m/s], shape [n, 3], also as predicted, and nothing that rounding
+        has kept."""
+        changed = numbers.copy()
+        for place, name in enumerate(self.shown.others):
+            if name in ("v", "u"):
+                first = self.exact + 3 * place
+                changed[:, first : first + 3] = v
+        changed[:, self._used :] = 0
+        return changed
+
     def decode(self, numbers: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """x, v and w, in double."""
         x = np.ascontiguousarray(numbers[:, : self.exact]).view(np.float64)[:, :3].copy()

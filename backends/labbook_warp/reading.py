@@ -52,6 +52,10 @@ class ReadableRun(Run, Standing):
         """See `Standing`."""
         self.view.put_back(self, grains, half_v)
 
+    def set_velocities(self, ids: np.ndarray, v: np.ndarray) -> None:
+        """See `Standing`."""
+        self.view.set_velocities(self, ids, v)
+
     def crossings(self) -> np.ndarray:
         """First passages of the last beat."""
         return self.crossed

@@ -143,6 +143,12 @@ class Stage:
             self._resize(room.grown(self._sizes, *needed), {run: state})
         self._has_changed(run)
 
+    def set_velocities(self, run: Run, ids: np.ndarray, v: np.ndarray) -> None:
+        """Give grains of a member other velocities [m/s], half a step before and as predicted for now."""
+        self.seat()
+        transfer.set_velocities(self.arrays, run.slot, run.rows, ids, v)
+        self._has_changed(run)
+
     def _put(self, run: Run) -> None:
         if isinstance(run.begin, Packing):
             plane, _ = features.planes(run.scene, run.probes)

@@ -63,6 +63,15 @@ def joined(
     return replace(stored, arrays=state)
 
 
+def set_velocities(arrays: Arrays, slot: int, rows: int, ids: np.ndarray, v: np.ndarray) -> None:
+    """Give grains among the first `rows` rows of a slot other velocities v [m/s]."""
+    numbers, of_rows = np.array(arrays.read("p", slot, rows)), arrays.read("ids", slot, rows)
+    order = np.argsort(of_rows)
+    place = order[np.searchsorted(of_rows, ids, sorter=order)]
+    numbers[place] = arrays.codec.with_velocities(numbers[place], v)
+    arrays.write("p", slot, numbers)
+
+
 def _in_blocks(arrays: Arrays, x: np.ndarray, cell: float) -> np.ndarray:
     """The order of grains in a slot: by blocks of cells, so that threads of a block have neighbours in common.
 

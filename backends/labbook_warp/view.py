@@ -120,6 +120,10 @@ class DeviceView:
         """Give a member grains that left again."""
         self.stage.put_back(run, grains, half_v)
 
+    def set_velocities(self, run: Run, ids: np.ndarray, v: np.ndarray) -> None:
+        """Give grains of a member other velocities."""
+        self.stage.set_velocities(run, ids, v)
+
     def close(self) -> None:
         """Free the device's memory."""
         self._velocities = None

@@ -38,6 +38,8 @@ class Capabilities:
     """Whether `mixed` keeps velocities and spins in single precision too, and not the contact law only."""
     feeds: bool = False
     """Whether grains that left can be put back (`Ensemble.put_back`), which fed scenes need."""
+    breaks: bool = False
+    """True if velocities of grains can be set (`Ensemble.set_velocities`), which scenes with `restart` need."""
 
 
 @dataclass(frozen=True)
@@ -234,6 +236,23 @@ class Ensemble(ABC):
         as their first was. Nothing else changes, and the result depends on what was put back after which
         beat, but not on its neighbours, its slot, how `advance` is split, or whether it was restored meanwhile.
         Raises ValueError for grains that have not left."""
+
+    def set_velocities(self, member: Member, ids: np.ndarray, v: np.ndarray) -> None:
+        """Give grains of a member other velocities; all else stays, their spins and springs too.
+
+        A backend that defines it says so (`Capabilities.breaks`). The result depends on the beat after which velocities
+        were set, but not on its neighbours, its slot, how `advance` is split, or whether it was restored meanwhile.
+
+        Args:
+            member: The member.
+            ids: Of the grains, shape [m].
+            v: Velocities [m/s] of the half step before, shape [m, 3]; they are also what is predicted for now.
+
+        Raises:
+            NotImplementedError: The backend cannot.
+            ValueError: A grain is not there.
+        """
+        raise NotImplementedError(f"{type(self).__name__} cannot set velocities")
 
     @abstractmethod
     def retire(self, member: Member) -> None:

@@ -7,6 +7,7 @@ knows when it has ended (`campaign.py`). How runs are made is not known here.
 from labbook.campaign.campaign import Campaign
 from labbook.campaign.precise import PreciseRun
 from labbook.campaign.replicates import Replicates
+from labbook.campaign.stops import Stops
 from labbook.campaign.strategy import (
     STRATEGIES,
     Assignment,
@@ -28,6 +29,7 @@ __all__ = [
     "PreciseRun",
     "Proposal",
     "Replicates",
+    "Stops",
     "Strategies",
     "Strategy",
     "Trial",

@@ -94,8 +94,8 @@ def _changed(name: str, was: int, now: int) -> str:
 
 
 def scene_key(scene: Scene, made: Versions | None = None) -> str:
-    """Key of what is simulated: grains, law, walls, motion, gravity, feed. `made`: versions of law and walls; None: as
-    installed."""
+    """Key of what is simulated: grains, law, walls, motion, gravity, feed, restart. `made`: versions of law and walls;
+    None: as installed."""
     return digest(scene_identity(scene, made))
 
 
@@ -128,6 +128,7 @@ def scene_identity(scene: Scene, made: Versions | None = None) -> dict[str, Any]
         "outlet_plane": scene.outlet,
         "gravity": scene.gravity,
         **({"feed": {**scene.feed.model_dump(), "version": scene.feed.version}} if scene.feed else {}),
+        **({"restart": {**scene.restart.model_dump(), "version": scene.restart.version}} if scene.restart else {}),
     }
 
 

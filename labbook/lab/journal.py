@@ -238,6 +238,7 @@ def at_its_end(folder: Path, record: RunRecord) -> tuple[Saved, Mapping[str, Seq
         "last": had.last_crossing,
         "probes": list(had.probes),
         "film": describe_probe(film) if film else None,
+        "restarts": [list(restart) for restart in had.restarts],
     }
     rows: dict[str, Sequence[Table]] = {name: [table] for name, table in read_tables(folder, record).items()}
     frames = read_recording(folder, record)

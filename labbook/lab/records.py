@@ -6,6 +6,7 @@ from collections.abc import Iterable
 from pathlib import Path
 from typing import Annotated, Any, ClassVar, Literal, Self
 
+import numpy as np
 from pydantic import (
     AfterValidator,
     BaseModel,
@@ -261,6 +262,8 @@ class StopRule(Part):
     """Time since the opening [s]."""
     stall: float
     """Time without a grain leaving [s] after which the outlet counts as clogged."""
+    still: Annotated[bool, Field(exclude_if=lambda still: not still)] = False
+    """True if the outlet counts as clogged already once grains near it are still."""
     fill_height: float | None = None
     """Height of the bed [m] at which it has fallen far enough; None: any."""
     # where there is none it is left out of what is stored
@@ -304,6 +307,8 @@ class Coverage(Part):
     """Whether no frames were left out. Older runs kept every second, fourth ... so that they had THINNED_TO at most."""
     mass_left: Measure | None = None
     """Fraction of the mass that left with these grains; None where all are equal."""
+    restarts: Annotated[tuple[tuple[Measure, Measure], ...], Field(exclude_if=lambda restarts: not restarts)] = ()
+    """Of a run with `restart`: when its last grain before a stop left, and when the arch was broken first [s]."""
     bed_height: Measure | None = None
     """Height of the settled bed at the opening [m]: twice its mean height above the outlet plane."""
 
@@ -319,6 +324,14 @@ class Coverage(Part):
         if self.crossed > self.grains and not self.stop.fed:
             raise ValueError(f"{self.crossed} of {self.grains} grains have left")
         return self
+
+    @property
+    def restart_table(self) -> dict[str, dict[str, np.ndarray]]:
+        """The table `restart` of a run that has restarts, by its name: `stopped` and `time` [s] of each."""
+        if not self.restarts:
+            return {}
+        stopped, time = np.array(self.restarts).T
+        return {"restart": {"stopped": stopped, "time": time}}
 
     @property
     def frame_interval(self) -> float | None:

@@ -51,7 +51,7 @@ def run_data(folder: Path, record: RunRecord, lab: LabFolder | None = None) -> R
         start=start,
         outcome=record.outcome,
         duration=record.coverage.duration,
-        tables=read_tables(folder, record),
+        tables={**read_tables(folder, record), **record.coverage.restart_table},
         recorded=lambda: read_recording(folder, record),
     )
 

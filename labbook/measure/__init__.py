@@ -1,6 +1,7 @@
-"""What is measured of a run: flow rates, profiles along the outlet, overlaps and energies, and the packing that it
-started from."""
+"""Measures of a run: flow rates, clogging, profiles along the outlet, overlaps, energies, and its packing."""
 
+from labbook.measure.arch import Arch
+from labbook.measure.clogging import Clogging
 from labbook.measure.composition import Composition
 from labbook.measure.data import RunData
 from labbook.measure.energy import EnergyBalance
@@ -29,6 +30,8 @@ MEASURES: Registry[Measure] = Registry[Measure](
         Composition(),
         Residence(),
         EnergyBalance(),
+        Clogging(),
+        Arch(),
     ),
 )
 """The measures that a study can name under `measure`: those built in, and those of other packages."""

@@ -4,7 +4,7 @@ import math
 from abc import ABC, abstractmethod
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
-from typing import Any, ClassVar, Protocol, TypeVar
+from typing import Any, ClassVar, Literal, Protocol, TypeVar
 
 import numpy as np
 
@@ -67,8 +67,10 @@ class Quantity:
 
     `symbol` stands on axes and in headings (superscripts as ^(...)); `unit` is SI, as numbers are stored; `shown` is
     the unit that people read, if it is another, and `scale` the factor from SI to it. `pooled`: whether a mean over
-    replicates means anything; that of a censored time would not. `about_zero`: whether a value that cannot be told from
-    zero is a finding, and not a failure to determine it.
+    replicates means anything; that of a censored time would not. `estimator`: how replicates are pooled: by the `mean`
+    over beds, or as a `rate`, events over exposure of all runs together (`labbook.stats.rates`), where `n_effective` of
+    a run is its exposure. `about_zero`: whether a value that cannot be told from zero is a finding, and not a failure
+    to determine it.
     """
 
     name: str
@@ -79,6 +81,7 @@ class Quantity:
     scale: float = 1.0
     pooled: bool = True
     about_zero: bool = False
+    estimator: Literal["mean", "rate"] = "mean"
 
 
 FLOWING = "_flowing"

@@ -8,7 +8,7 @@ import math
 
 from labbook.measure.measure import Window, after_start_up
 from labbook.scene import Scene
-from labbook.scene.timescales import gravity_time
+from labbook.scene.timescales import gravity_time, stop_time
 
 GAP = 60.0
 """Longest time between two grains while the bed flows, in sqrt(d*/g)."""
@@ -23,8 +23,9 @@ KEYS = ("gap", "moment", "interval", "layer")
 
 
 def gap(scene: Scene, window: Window | None = None) -> float:
-    """Time [s] without a grain beyond which it is left out of the flow rate; infinite without gravity."""
-    return _stated(window, "gap") or GAP * gravity_time(scene)
+    """Time [s] without a grain beyond which it is left out of the flow rate; infinite without gravity. Of a scene with
+    `restart`, unless it is stated, that after which the flow counts as stopped."""
+    return _stated(window, "gap") or (GAP * gravity_time(scene) if scene.restart is None else stop_time(scene))
 
 
 def moment(scene: Scene, window: Window | None = None) -> float:

@@ -18,6 +18,7 @@ from labbook.lab.packings import load_packing
 from labbook.lab.provenance import provenance
 from labbook.lab.records import Unreadable
 from labbook.measure import MEASURES
+from labbook.measure.clogging import Clogging
 from labbook.measure.packing import PackingStructure
 from labbook.measure.steady import FEWEST
 from labbook.plan.demand import PointDemand
@@ -92,7 +93,7 @@ def _foreseen(study: Study, catalogue: Catalogue, backend: Backend, device: str,
     reason = unready(backend) if plan.todo else ""
     unable = (f"{reason}; until then labbook run refuses",) if reason else ()
     warnings = (*unable, *cut_short(plan, catalogue.lab), *advice(plan, ahead.seconds))
-    return replace(plan, forecast=ahead, warnings=warnings, shares=_shares(plan, planner))
+    return replace(plan, forecast=ahead, warnings=warnings, shares=_shares(plan, planner), stops=_stops(plan, planner))
 
 
 def _shares(plan: Plan, planner: Planner) -> dict[str, tuple[str, ...]]:
@@ -104,6 +105,15 @@ def _shares(plan: Plan, planner: Planner) -> dict[str, tuple[str, ...]]:
     return lines
 
 
+def _stops(plan: Plan, planner: Planner) -> dict[str, tuple[str, ...]]:
+    """Labels of points by their stops so far and the replicates expected; none where no error of q is requested."""
+    lines: dict[str, tuple[str, ...]] = {}
+    for point in plan.points if plan.study.accuracy.clogging is not None else ():
+        line = planner.stops_in_words(point)
+        lines[line] = (*lines.get(line, ()), point.shared.point.label)
+    return lines
+
+
 def advice(plan: Plan, seconds: float = math.inf) -> Iterator[str]:
     """Warnings about `plan`, which is forecast to take `seconds`: file, key, what, and the remedy."""
     file = plan.study.path
@@ -111,7 +121,8 @@ def advice(plan: Plan, seconds: float = math.inf) -> Iterator[str]:
     yield from _alike(plan)
     yield from limits(plan.study)
     yield from _leaky(plan)
-    yield from _narrow(file, points)
+    if Clogging.name not in plan.study.measure:
+        yield from _narrow(file, points)
     yield from _too_few_grains(plan)
     yield from _too_few_outlets(plan)
     yield from _empty(plan.study, points)

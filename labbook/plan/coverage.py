@@ -59,6 +59,8 @@ def shortfall(
         # what a wide guard stops, a narrow one stops too
         changed = [name for name, value in guards.items() if short(name, had.guards.get(name, 0.0), value)]
         return f"diverged with another {' and '.join(changed)}" if changed else ""
+    if outcome == "clogged" and stop.still and had.stop.still:
+        return ""
     if not short("stall", had.waiting, stop.stall) or not short("max_time", had.duration, stop.max_time):
         return ""
     if outcome == "precise" and had.stop.as_precise(stop):

@@ -402,12 +402,13 @@ def tolerance(study: Study, point: Point | None = None) -> float | None:
 
 def stopping_rule(study: Study, point: Point | None = None) -> StoppingRule:
     """The rule by which replicates are added to a point of `study`: until the half width of the interval is within the
-    `tolerance`. None are added where beds are fed, since there each run goes on for as long as it takes, nor where a
-    strategy has proposed how many there shall be."""
+    `tolerance`. None are added for W where beds are fed, since there each run goes on for as long as it takes, nor
+    where a strategy has proposed how many there shall be. The cap is that of `accuracy.clogging` too."""
     proposed = [one.replicates for one in (study.points if point is None else (point,)) if one.replicates is not None]
     if proposed:
         return StoppingRule(tolerance=None, minimum=max(proposed), cap=max(proposed))
     asked, least = tolerance(study, point), study.replicates
+    cap = max(least, study.accuracy.max_replicates)
     if asked is None or study.fed:
-        return StoppingRule(tolerance=None, minimum=least, cap=least)
-    return StoppingRule(tolerance=asked, minimum=least, cap=max(least, study.accuracy.max_replicates))
+        return StoppingRule(tolerance=None, minimum=least, cap=least if study.accuracy.clogging is None else cap)
+    return StoppingRule(tolerance=asked, minimum=least, cap=cap)

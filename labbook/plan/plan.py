@@ -11,8 +11,9 @@ from typing import TYPE_CHECKING, Literal
 
 from labbook.accuracy.groups import has_groups
 from labbook.backend import Capabilities
-from labbook.campaign import Assignment, Generation, History, Proposal, Replicates, Trial, place
+from labbook.campaign import Assignment, Generation, History, Proposal, Replicates, Stops, Trial, place
 from labbook.campaign.replicates import QUANTITY, in_words, scatter_of_beds
+from labbook.campaign.stops import COUNT, stops
 from labbook.commands import command
 from labbook.lab import identity
 from labbook.lab.campaigns import campaign_of
@@ -24,6 +25,7 @@ from labbook.lab.records import Unreadable
 from labbook.lab.runs import open_run
 from labbook.lab.suspect import counts
 from labbook.measure import MEASURES
+from labbook.measure.clogging import NAME
 from labbook.measure.measure import window_in_words
 from labbook.plan.beds import filling_cost
 from labbook.plan.coverage import made_by, shortfall
@@ -31,6 +33,7 @@ from labbook.plan.demand import Demand, PackingsOf, PointDemand, discharges, rec
 from labbook.scene.quantities import duration, percent, size, value_range
 from labbook.stats import Decision, StoppingRule
 from labbook.stats.nested import TYPICAL, by_bed, of_beds, shares
+from labbook.stats.rates import events_needed
 from labbook.study import Point, Study
 from labbook.study.problems import grouped
 from labbook.study.proposed import with_points
@@ -144,6 +147,8 @@ class Plan:
     shares: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
     """By which number of discharges of a bed is cheapest, and why: the labels of the points that it is so at. Empty if
     that was not foreseen, or the study states the number."""
+    stops: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
+    """Stops so far and replicates expected: the labels of the points. Empty without `accuracy.clogging`."""
 
     @cached_property
     def items(self) -> list[Item]:
@@ -214,6 +219,10 @@ class Plan:
                 lines.append(f"Up to {self.rule.cap} replicates per point, until the flow rate is known to {known}")
             lines += self._chosen()
             lines += [f"Discharges: {line}" for line in _at_points(self.shares)]
+        if (error := self.study.accuracy.clogging) is not None:
+            until = f"{events_needed(error)} stops are counted (q to {percent(error)})"
+            lines.append(f"Up to {self.rule.cap} replicates per point, until {until}")
+            lines += [f"Stops: {line}" for line in _at_points(self.stops)]
         if "flow_rate" in self.study.measure:
             lines.append(f"Flow rates from {window_in_words(self.study.window)}")
         lines += filter(None, [recorded_in_words(point.shared for point in self.points)])
@@ -513,22 +522,67 @@ class Planner:
         return plan
 
     def _replicates(self, point: Point, items: Sequence[Item]) -> Proposal:
-        """Propose replicates of a point all runs of which are done."""
-        rule = stopping_rule(self.study, point)
-        if rule.tolerance is None:
+        """Propose replicates of a point all runs of which are done: as many as any error of it needs."""
+        strategies = self._strategies(point, items)
+        if not strategies:
             return _AS_STATED
-        keys = [item.keys.run for item in items]
-        rates = flow_rates(self.study, self.catalogue, keys)
-        numbers = [{QUANTITY: rates[key]} if key in rates else {} for key in keys]
-        trials = tuple(
-            Trial(point.at, item.demand.seed, item.keys.run, item.outcome or "", measured, item.demand.discharge)
-            for item, measured in zip(items, numbers, strict=True)
+        history = History(self.study, (Generation(0, (), "", self._trials_of(point, items)),), (), 1)
+        proposals = [strategy.propose(history) for strategy in strategies]
+        reason = "; ".join(one.reason for one in proposals if one.reason)
+        decision = next((one.decision for one in proposals if one.decision is not None), None)
+        assigned = [assignment for one in proposals for assignment in one.assignments]
+        if not assigned:
+            return Proposal((), reason, "end", decision)
+        beds, times = max(one.replicates for one in assigned), max(one.discharges for one in assigned)
+        return Proposal((Assignment(point.at, beds, times),), reason, decision=decision)
+
+    def _strategies(self, point: Point, items: Sequence[Item]) -> list[Replicates | Stops]:
+        """Strategies that add replicates to a point, one for each error that is requested."""
+        rule, strategies = stopping_rule(self.study, point), list[Replicates | Stops]()
+        if rule.tolerance is not None:
+            scatter = None if point.choice is None else point.choice.scatter
+            filling = self._filling_cost(items) if self.study.discharges_per_bed == AUTO else None
+            strategies.append(Replicates.of(rule=rule, scatter=scatter, filling=filling))
+        if (error := self.study.accuracy.clogging) is not None:
+            strategies.append(Stops.of(error=error, cap=rule.cap))
+        return strategies
+
+    def _trials_of(self, point: Point, items: Sequence[Item]) -> tuple[Trial, ...]:
+        """The runs of a point with the numbers on which its replicates rest."""
+        keys, numbers = [item.keys.run for item in items], dict[str, dict[str, float]]()
+        for quantity, values in (
+            (QUANTITY, flow_rates(self.study, self.catalogue, keys)),
+            (COUNT, self._stops(keys)),
+        ):
+            for key, value in values.items():
+                numbers.setdefault(key, {})[quantity] = value
+        return tuple(
+            Trial(
+                point.at,
+                item.demand.seed,
+                item.keys.run,
+                item.outcome or "",
+                numbers.get(item.keys.run, {}),
+                item.demand.discharge,
+            )
+            for item in items
         )
-        done = Generation(0, (), "", trials)
-        scatter = None if point.choice is None else point.choice.scatter
-        filling = self._filling_cost(items) if self.study.discharges_per_bed == AUTO else None
-        strategy = Replicates.of(rule=rule, scatter=scatter, filling=filling)
-        return strategy.propose(History(self.study, (done,), (), 1))
+
+    def _stops(self, run_keys: Sequence[str]) -> dict[str, float]:
+        """Stops by run; empty unless an error of their probability is requested."""
+        if self.study.accuracy.clogging is None:
+            return {}
+        version, suspects = MEASURES[NAME].version, self.study.accuracy.count_suspect
+        return self.catalogue.values(run_keys, COUNT, version, self.study.window, suspects=suspects)
+
+    def stops_in_words(self, point: PointPlan) -> str:
+        """Say how many stops the runs of a point have, and how many replicates are expected."""
+        shared, error = point.shared, self.study.accuracy.clogging
+        assert error is not None
+        items = [item for item in point.items if item.state == "done"]
+        strategy = Stops.of(error=error, cap=stopping_rule(self.study, shared.point).cap)
+        counted = stops(self._trials_of(shared.point, items))
+        return strategy.in_words(counted, len({item.demand.seed for item in items}))
 
     def _filling_cost(self, items: Sequence[Item]) -> float:
         """Cost of a filling of a point, in discharges, by its runs that are done."""

@@ -29,6 +29,8 @@ def check(backend: Backend, device: str, points: Iterable[PointDemand]) -> None:
     for shared in points:
         if shared.scene.feed is not None and not can.feeds:
             raise Unsupported("feed", f"the backend {can.name} cannot feed grains back; leave feed out")
+        if shared.scene.restart is not None and not can.breaks:
+            raise Unsupported("restart", f"the backend {can.name} cannot break arches; leave restart out")
         specified(backend, shared)
         check_container(shared)
 

@@ -16,6 +16,7 @@ from labbook.lab.folder import write_bytes
 from labbook.report import figures, tables
 from labbook.report.against import against_sections
 from labbook.report.blocks import Block, Folded, Picture, Section, Verbatim, anchored, picture, slug
+from labbook.report.clogging import clogging_sections
 from labbook.report.composition import composition_sections
 from labbook.report.energy import energy_sections
 from labbook.report.figures.orifice import side_by_side
@@ -166,6 +167,7 @@ PARTS: tuple[Part, ...] = (
     _reference,
     _statements,
     sections_of_all,
+    clogging_sections,
     _flow_rates,
     composition_sections,
     residence_sections,

@@ -5,6 +5,7 @@ from collections.abc import Callable, Sequence
 
 from labbook.commands import command
 from labbook.fit import NOT_DETERMINED, FitResult
+from labbook.measure.clogging import PROBABILITY
 from labbook.measure.flow import CUT_SHORT
 from labbook.plan.advice import limits
 from labbook.report.against import changes, found_against
@@ -21,6 +22,7 @@ from labbook.results.series import PACKING_FRACTION, Series
 from labbook.results.statements import summed_up
 from labbook.results.study import StudyResults
 from labbook.scene.quantities import percent
+from labbook.stats.rates import PooledRate, events_needed
 
 ATTENTION = "Attention"
 _NAMED = 5
@@ -214,6 +216,7 @@ def concerns(results: StudyResults) -> list[str]:
         why = [f"{one.label or 'the only point'}, {run.repeat}: {run.suspect}" for one, run in suspects]
         sentences.append(f"{_count(len(suspects), 'run')} {verb} suspect and {fate}: {_listed(why)}.")
     sentences += _imprecise(results)
+    sentences += _few_stops(results)
     sentences += _limits(results)
     measured = [run.measured for result in points for run in result.runs]
     packings = [one[PACKING_FRACTION] for one in measured if PACKING_FRACTION in one]
@@ -295,6 +298,18 @@ def _unevaluated(results: StudyResults) -> str:
 def _unmeasured(results: StudyResults) -> str:
     failed = _count(len(results.unmeasured), "measurement")
     return f"{failed} could not be made: {results.unmeasured[0]}."
+
+
+def _few_stops(results: StudyResults) -> list[str]:
+    """Points at which fewer stops were counted than the requested error of their probability needs."""
+    error = results.study.accuracy.clogging
+    if error is None:
+        return []
+    needed = events_needed(error)
+    rates = {result.label or "the only point": result.pooled.get(PROBABILITY) for result in results.points}
+    few = [f"{label} ({q.events} of {needed} stops)" for label, q in rates.items()
+           if isinstance(q, PooledRate) and q.events < needed]  # fmt: skip
+    return [f"The requested error of {percent(error)} of q is not reached at {_listed(few)}."] if few else []
 
 
 def _imprecise(results: StudyResults) -> list[str]:

@@ -19,6 +19,7 @@ from labbook.results.study import StudyResults
 from labbook.scene.quantities import percent, value_range
 from labbook.stats import Measured, Pooled
 from labbook.stats.equivalence import replicates_needed
+from labbook.stats.rates import PooledRate
 from labbook.study.extensions import used_by_analysis
 
 CONVENTIONS = (
@@ -119,6 +120,9 @@ def _cells(result: PointResult, measured: Iterable[Measured]) -> tuple[str, ...]
     for m in measured:
         pooled = result.pooled.get(m.quantity)
         scale = display.quantity(m.quantity, m.unit).scale
+        if isinstance(pooled, PooledRate) and pooled.bound:
+            cells.append(f"< {display.number(pooled.high, None, scale)}")
+            continue
         cells.append("–" if pooled is None else display.with_error(pooled.value, pooled.error, scale))
     return tuple(cells)
 

@@ -14,6 +14,7 @@ from labbook.fields import Fields
 from labbook.lab import FinishedRun
 from labbook.measure import MEASURES, Evaluation, Measure, MeasureError, Window, scales
 from labbook.measure.acceleration import AccelerationProfile
+from labbook.measure.clogging import Avalanches, Clogging
 from labbook.measure.flow import CUT_SHORT, WIDER, FlowRate, Trace, summed_up
 from labbook.measure.orifice import OrificeMeans
 from labbook.measure.outlet import OutletProfile, OutletProfiles, ProfileAcross, mean_of
@@ -24,6 +25,7 @@ from labbook.results import display
 from labbook.stats import Measured, Pooled, Tolerance
 from labbook.stats.nested import by_bed, of_beds
 from labbook.stats.pooling import student
+from labbook.stats.rates import PooledRate, rate
 from labbook.stats.trend import MATERIAL
 from labbook.study import Point, Study
 
@@ -33,7 +35,8 @@ NUMERICS, FILLING, BED = "numerics.", "fill.", "grains.count"
 """How keys begin that say not what a scene is, but how it is computed, filled, and how large it is made."""
 _NO_FLOW = {
     "few": f"fewer than {FEWEST} grains flowed out within the window ({WIDER})",
-    "clogged": "runs clogged (use a wider outlet)",
+    "clogged": f"runs clogged (use a wider outlet, or measure: [{Clogging.name}])",
+    Clogging.name: "runs clogged before enough grains had left",
     "diverged": "runs diverged (use a smaller time step)",
     "suspect": "runs are suspect and left out",
 }
@@ -156,6 +159,22 @@ class RunResult:
         except MeasureError:
             return None
         return Trace.of(self.evaluation(FlowRate()))
+
+    @cached_property
+    def avalanches(self) -> Avalanches | None:
+        """Avalanches of the run, where `clogging` was measured and the run counts."""
+        if Clogging.name not in self.measures or not self.counted:
+            return None
+        return Avalanches.of(self.evaluation(Clogging()).arrays)
+
+    @cached_property
+    def waits(self) -> tuple[np.ndarray, np.ndarray] | None:
+        """Times between grains [s] of an agitated silo, and if a grain ended each, where `clogging` was measured and
+        the run counts."""
+        if self.avalanches is None:
+            return None
+        arrays = self.evaluation(Clogging()).arrays
+        return (arrays["waits"], arrays["wait_ended"].astype(bool)) if "waits" in arrays else None
 
     @cached_property
     def acceleration(self) -> AccelerationProfile | None:
@@ -329,6 +348,8 @@ def _no_flow(run: RunResult) -> str:
     """Which of `_NO_FLOW` holds of a run; empty if it was not asked for a flow rate, or is not evaluated yet."""
     if FlowRate.name not in run.measures:
         return ""
+    if run.outcome == "clogged" and Clogging.name in run.measures:
+        return Clogging.name
     if run.outcome in _NO_FLOW:
         return run.outcome
     if not run.counted:
@@ -389,18 +410,29 @@ def followers(points: Sequence[PointResult], key: str) -> tuple[str, ...]:
 def pooled_point(study: Study, point: Point, extra: frozenset[str], runs: tuple[RunResult, ...]) -> PointResult:
     """A point with its numbers pooled over beds, of the runs that count."""
     rule = stopping_rule(study)
-    unpooled = {one.name for measure in MEASURES.values() for one in measure.declared if not one.pooled}
-    values: dict[str, list[tuple[int, float]]] = {}
+    declared = [one for measure in MEASURES.values() for one in measure.declared]
+    unpooled = {one.name for one in declared if not one.pooled}
+    rates = {one.name for one in declared if one.estimator == "rate"}
+    values: dict[str, list[tuple[int, Measured]]] = {}
     for run in runs:
         for name, measured in run.measured.items():
             if run.counted and name not in unpooled and math.isfinite(measured.value):
-                values.setdefault(name, []).append((run.seed, measured.value))
-    pooled = {name: rule.pool(of_beds(by_bed(found))) for name, found in values.items()}
+                values.setdefault(name, []).append((run.seed, measured))
+    pooled: dict[str, Pooled] = {}
+    for name, numbers in values.items():
+        means = of_beds(by_bed((seed, measured.value) for seed, measured in numbers))
+        pooled[name] = _rate(numbers) if name in rates else rule.pool(means)
     if study.fed and len(values.get(FLOW_RATE, ())) == 1:
         pooled |= _of_one_run(runs)
     along = {name: value for name, value in point.at.items() if name in extra}
     asked = fewest_runs(study, point)
     return PointResult(point, swept(point, extra), runs, pooled, study.accuracy.flow_rate, asked, along)
+
+
+def _rate(runs: Sequence[tuple[int, Measured]]) -> PooledRate:
+    """Events over exposure of all runs, each with the seed of its bed."""
+    events = sum(round(number.value * number.n_effective) for _, number in runs)
+    return rate(events, sum(number.n_effective for _, number in runs), len({seed for seed, _ in runs}))
 
 
 def _of_one_run(runs: tuple[RunResult, ...]) -> dict[str, Pooled]:

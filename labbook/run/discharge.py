@@ -26,7 +26,7 @@ from labbook.backend.probes import (
 )
 from labbook.campaign import Assignment, Generation, History, PreciseRun, Trial
 from labbook.campaign.precise import HALF_WIDTH
-from labbook.filling import Feeder, PlacingError, kicked, opened
+from labbook.filling import Breaker, Feeder, PlacingError, kicked, opened, still
 from labbook.filling.bed import bed_height, parts_of_mass
 from labbook.lab import identity
 from labbook.lab.folder import PICTURE, Claim, stamp
@@ -48,6 +48,7 @@ from labbook.run.job import Bench, Job, JobFailed, Kept, failure
 from labbook.run.ledger import ledger
 from labbook.scene import Packing
 from labbook.scene.quantities import percent
+from labbook.scene.timescales import stop_time
 from labbook.stats.stopping import looks
 
 _LOG = logging.getLogger("labbook")
@@ -66,6 +67,8 @@ class DischargeJob(Job):
         self._plane = self.scene.container.outlet_plane
         self._crossed, self._discharged, self._last = 0, 0.0, 0.0
         self._fed, self._looked, self._precision = 0, 0, math.inf
+        self._restarts: list[tuple[float, float]] = []
+        self._rests = False
         self._failure: RunFailure | None = None
         self._seen: Packing | None = None
         """The bed in the middle of the window, which is drawn at the end."""
@@ -116,6 +119,13 @@ class DischargeJob(Job):
             raise JobFailed(f"{self.label}: {error}") from error
 
     @cached_property
+    def _breaker(self) -> Breaker | None:
+        """Breaks arches; None where a stop ends the run."""
+        if self.scene.restart is None:
+            return None
+        return Breaker(self.scene, self.demand.seed, self.numerics.beat)
+
+    @cached_property
     def _packed(self) -> Packing:
         try:
             return load_packing(self.bench.lab.packing(self.keys.packing))
@@ -138,6 +148,7 @@ class DischargeJob(Job):
         state = saved.state
         self._crossed, self._last = int(state["crossed"]), float(state["last"])
         self._discharged = float(state.get("discharged", self._crossed / self.scene.grains.count))
+        self._restarts = _restarts(state)
         self._fed, self._looked = saved.step, self._looks()
         self.film = parse_film(state["film"], self.numerics)
         self._observes([parse_probe(text) for text in state["probes"]])
@@ -150,6 +161,7 @@ class DischargeJob(Job):
             probes = {table_name(probe): probe for probe in map(parse_probe, state["probes"])}
             if (film := parse_film(state["film"], self.numerics)) is not None:
                 probes[FILM_TABLE] = film
+            _restarts(state)
             crossed, last, left = int(state["crossed"]), float(state["last"]), float(state.get("discharged", 0.0))
         except (KeyError, TypeError, ValueError, OverflowError) as error:
             raise Unreadable(f"{folder / PROGRESS}: state: {type(error).__name__}: {error}") from error
@@ -215,6 +227,7 @@ class DischargeJob(Job):
             "last": self._last,
             "probes": [describe_probe(probe) for probe in self._measured],
             "film": describe_probe(self.film) if self.film else None,
+            **({"restarts": [list(restart) for restart in self._restarts]} if self._restarts else {}),
         }
 
     def absorb(self, probe: Probe, table: Table) -> None:
@@ -249,14 +262,30 @@ class DischargeJob(Job):
             _no_picture(self.label, problem)
 
     def feed(self, ensemble: Ensemble, member: Member) -> None:
-        """Put grains back that have left, after every beat: a state that is saved has those of its beat."""
-        beat = self.status.step // self.numerics.steps_per_beat
+        """Put grains back that have left, and break an arch, after every beat: a state that is saved has those of its
+        beat."""
+        beat, now = self.status.step // self.numerics.steps_per_beat, self.status.time
+        if self.demand.shared.stop.still and now - self._last >= stop_time(self.scene):
+            self._rests = still(self.scene, ensemble.packing(member))
         if self._feeder is None or self.status.step <= self._fed:  # a guard has put it back to the last good beat
             return
         self._fed = self.status.step
         back = self._feeder.returning(ensemble.packing(member), beat)
         if back is not None:
             ensemble.put_back(member, back)
+        if self._breaker is not None and (number := self._push(self._breaker, ensemble, member, beat)) is not None:
+            ensemble.set_velocities(member, *self._breaker.pushed(ensemble.packing(member), beat, number))
+
+    def _push(self, breaker: Breaker, ensemble: Ensemble, member: Member, beat: int) -> int | None:
+        """Number of the push after this beat, from 1 on: the flow has just stopped, which is noted, or is still stuck.
+        None while it flows."""
+        now = self.status.time
+        if self._restarts and self._last <= self._restarts[-1][1]:
+            return breaker.push(beat - round(self._restarts[-1][1] / self.numerics.beat))
+        if now - self._last < breaker.wait or not still(self.scene, ensemble.packing(member)):
+            return None
+        self._restarts.append((self._last, now))
+        return 1
 
     def verdict(self, events: Sequence[Event]) -> Outcome | None:
         """The stop rule."""
@@ -271,7 +300,7 @@ class DischargeJob(Job):
             return "precise"
         if self.status.grains == 0 or any(isinstance(event, Emptied) for event in events):
             return "emptied"
-        if self._plane is not None and self.status.time - self._last >= stop.stall:
+        if self._plane is not None and (self._rests or self.status.time - self._last >= stop.stall):
             return "clogged"
         return "time-limit" if self.status.time >= stop.max_time else None
 
@@ -366,6 +395,7 @@ class DischargeJob(Job):
             probes=tuple(describe_probe(probe) for probe in self._measured),
             recording=self.film.every if self.film else None,
             every_frame=self.film is not None,
+            restarts=tuple(self._restarts),
             bed_height=self._bed_height if demand.shared.stop.fill_height is not None else None,
         )
         physics = bench.backend.describe(self.scene, self.numerics)
@@ -446,6 +476,7 @@ class KeptRun(Kept):
     def rows(self) -> RunRows:
         """Return the rows of the run and of its measurements, taken now."""
         seen, record, tables = stamp(self.place), self._complete, dict(self._tables)
+        tables |= self._complete.coverage.restart_table
         recorded = tables.pop(FILM_TABLE, None)
         try:
             check_tables(self.place, record, self._tables)
@@ -466,6 +497,11 @@ class KeptRun(Kept):
     def reread(self) -> RunRows:
         """Return the rows of the run and of its measurements, by its folder."""
         return run_rows(self.place, self.record.observe)
+
+
+def _restarts(state: Mapping[str, Any]) -> list[tuple[float, float]]:
+    """Restarts in a saved state. Raises ValueError or TypeError for what are none."""
+    return [(float(stopped), float(time)) for stopped, time in state.get("restarts", [])]
 
 
 def _no_picture(label: str, problem: Exception) -> None:

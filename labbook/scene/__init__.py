@@ -26,6 +26,7 @@ from labbook.scene.container import (
 from labbook.scene.feed import Feed
 from labbook.scene.grains import Grains, Kind, Spheres, Spherocylinders
 from labbook.scene.packing import Packing
+from labbook.scene.restart import Restart
 from labbook.scene.scene import Scene
 from labbook.scene.sizes import Normal, Uniform
 from labbook.scene.walls import Frustum, Plane, Strip, SurfaceMotion, Wall
@@ -54,6 +55,7 @@ __all__ = [
     "Packing",
     "Plane",
     "Primitives",
+    "Restart",
     "Scene",
     "Spheres",
     "Spherocylinders",

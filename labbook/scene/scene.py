@@ -15,6 +15,7 @@ from labbook.scene.grains import Grains, Spherocylinders
 from labbook.scene.material import Material
 from labbook.scene.model import Fault, Model, refuse
 from labbook.scene.quantities import Acceleration
+from labbook.scene.restart import Restart
 from labbook.scene.walls import Wall
 
 STANDARD_GRAVITY = 9.81
@@ -33,6 +34,7 @@ class Scene(Model):
     """Acceleration of gravity g, along -z."""
     # where there is none it is left out of what is stored
     feed: Annotated[Feed | None, Field(exclude_if=lambda feed: feed is None)] = None
+    restart: Annotated[Restart | None, Field(exclude_if=lambda restart: restart is None)] = None
 
     @model_validator(mode="after")
     def _fits_together(self):
@@ -50,6 +52,12 @@ class Scene(Model):
             lacks = "side walls that end" if self.container.outlets else "outlet"
             reason = f"a {self.container.kind} has no {lacks}, so there are no grains to feed back"
             yield Fault("feed", reason, "leave feed out, or use a wedge-hopper, cylinder-silo or conical-silo")
+        if self.restart is not None and self.feed is None:
+            reason = "arches are broken in a bed of constant height only"
+            yield Fault("restart", reason, "state feed: {kind: reinject}, or leave restart out")
+        elif self.restart is not None and [math.isfinite(one.width) for one in self.container.outlets] != [True]:
+            reason = "grains are pushed above one outlet of a known width, which this container has not"
+            yield Fault("restart", reason, "leave restart out, or use a wedge-hopper, cylinder-silo or conical-silo")
         c, d = self.container, self.grains.diameter
         for key in c.at_least_a_grain:
             size = getattr(c, key)
@@ -246,7 +254,9 @@ class Scene(Model):
             contact = contact.model_copy(update={"friction": friction, "between": pairs})
             walls = {name: s.model_copy(update={"friction": None}) for name, s in walls.items()}
             walls = {name: s for name, s in walls.items() if s != SurfaceChange()}
-        return self.model_copy(update={"container": container, "contact": contact, "walls": walls, "feed": None})
+        return self.model_copy(
+            update={"container": container, "contact": contact, "walls": walls, "feed": None, "restart": None}
+        )
 
 
 _M = TypeVar("_M", bound=Model)

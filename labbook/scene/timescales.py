@@ -11,6 +11,10 @@ from labbook.scene.grains import Grains, Spherocylinders
 from labbook.scene.model import once
 from labbook.scene.scene import Scene
 
+WAIT = 20.0
+"""Time without a leaving grain after which a flow may count as stopped, in sqrt(d*/g), unless `restart.wait` is
+stated."""
+
 
 def _anywhere(time: Callable[[Scene], float]) -> Callable[[Scene], float]:
     """A decorator of times that do not hang on the container where walls are like the grains: they are worked out once
@@ -18,7 +22,7 @@ def _anywhere(time: Callable[[Scene], float]) -> Callable[[Scene], float]:
 
     @once(256)
     def of(grains: Grains, contact: ContactLaw, gravity: float) -> float:
-        nowhere = {"container": Primitives(), "walls": {}, "feed": None}
+        nowhere = {"container": Primitives(), "walls": {}, "feed": None, "restart": None}
         return time(Scene.of(grains=grains, contact=contact, gravity=gravity, **nowhere))
 
     @wraps(time)
@@ -32,6 +36,12 @@ def _anywhere(time: Callable[[Scene], float]) -> Callable[[Scene], float]:
 def gravity_time(scene: Scene) -> float:
     """sqrt(d*/g) [s], in which a grain falls half of its equivalent diameter d* from rest; infinite without gravity."""
     return math.sqrt(scene.grains.equivalent_diameter / scene.gravity) if scene.gravity > 0 else math.inf
+
+
+def stop_time(scene: Scene) -> float:
+    """Time without a leaving grain [s] after which a flow may count as stopped, if grains at the outlet are still."""
+    own = None if scene.restart is None else scene.restart.wait
+    return own or WAIT * gravity_time(scene)
 
 
 @_anywhere

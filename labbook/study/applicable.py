@@ -9,10 +9,11 @@ from labbook.measure import MEASURES, MeasureError
 from labbook.scene.container import ContainerShape
 from labbook.scene.quantities import told_apart
 from labbook.scene.scene import Scene
+from labbook.scene.timescales import gravity_time, stop_time
 from labbook.study.paper import PAPERS, Asked, Wrong, none_such
 from labbook.study.point import Point
 from labbook.study.problems import Problem
-from labbook.study.schema import Settings, Window
+from labbook.study.schema import STALL, Settings, Window
 from labbook.study.source import StudyText
 
 
@@ -99,6 +100,30 @@ def unfed(source: StudyText, settings: Settings, points: Sequence[Point], window
         reason = f"{never}: the window opens after the start-up, by mass, and closes when the run ends"
         remedy = "leave it out, or state window.start alone"
         yield Problem(source.path, source.line(("window", key)), f"window.{key}", reason, remedy)
+
+
+def unbroken(source: StudyText, settings: Settings, points: Sequence[Point]) -> Iterator[Problem]:
+    """A `restart.wait` that is not shorter than `stop.stall`, which ends runs; and a `stop.still` beside a restart, or
+    without an outlet about which grains can be still."""
+    for point in points:
+        reason = ""
+        if settings.stop.still and point.scene.restart is not None:
+            reason = "a still outlet ends the run, before its arch is broken"
+        elif settings.stop.still and [math.isfinite(one.width) for one in point.scene.container.outlets] != [True]:
+            reason = "the container has not one outlet of a known width"
+        if reason:
+            yield Problem(source.path, source.line(("stop", "still")), "stop.still", reason, "leave it out")
+            return
+        if point.scene.restart is None:
+            continue
+        wait, stall = stop_time(point.scene), settings.stop.stall or STALL * gravity_time(point.scene)
+        if wait >= stall:
+            reason = (
+                f"a run ends as clogged {stall:.4g} s after its last grain, before an arch is broken ({wait:.4g} s)"
+            )
+            remedy = f"use a restart.wait below {stall:.4g} s, or a longer stop.stall"
+            yield Problem(source.path, source.line(("restart",)), "restart.wait", reason, remedy)
+            return
 
 
 def undischarged(source: StudyText, settings: Settings, points: Sequence[Point]) -> Iterator[Problem]:

@@ -19,6 +19,7 @@ from labbook.scene.contact import CONTACT_LAWS
 from labbook.scene.model import Among, Internal, Model, OrWord, Stated, TaggedModels
 from labbook.scene.quantities import Unit
 from labbook.scene.scene import Scene
+from labbook.scene.timescales import WAIT
 from labbook.study.absent import absent
 from labbook.study.habits import habit
 from labbook.study.schema import EVERY, FALLS, LONGEST, STALL, Fill, Settings
@@ -30,13 +31,20 @@ _OF_GRAVITY = {
     "fill.max_time": LONGEST,
     "stop.max_time": LONGEST,
     "stop.stall": STALL,
+    "restart.wait": WAIT,
     "record.every": EVERY,
     "window.gap": scales.GAP,
     "window.moment": scales.MOMENT,
     "window.interval": scales.INTERVAL,
 }
 """Times that follow from the grains where a study does not state them, in units of sqrt(d*/g)."""
-_PARTS = {"accuracy.flow_rate": "3 %", "window.start": "20 %", "window.end": "60 %", "stop.discharged": "70 %"}
+_PARTS = {
+    "accuracy.flow_rate": "3 %",
+    "accuracy.clogging": "20 %",
+    "window.start": "20 %",
+    "window.end": "60 %",
+    "stop.discharged": "70 %",
+}
 EXAMPLES = {
     "m": "30 mm",
     "rad": "45 deg",

@@ -16,7 +16,7 @@ from labbook.campaign import Strategy
 from labbook.fit import LAWS
 from labbook.measure import MEASURES
 from labbook.study.absent import absent
-from labbook.study.applicable import undischarged, unfed, unfillable, unfittable, unmeasurable
+from labbook.study.applicable import unbroken, undischarged, unfed, unfillable, unfittable, unmeasurable
 from labbook.study.explain import complaints
 from labbook.study.habits import habit
 from labbook.study.keys import all_keys, find, nearest
@@ -210,6 +210,7 @@ def _resolved(source: StudyText, calibration_file: Path | None = None) -> Study:
         problems += unfittable(source, settings, points)
         problems += unfillable(source, settings, points)
         problems += undischarged(source, settings, points)
+        problems += unbroken(source, settings, points)
     window, stop = resolved(settings, points) if settings is not None and points else (None, None)
     if settings is not None and window is not None:
         problems += unfed(source, settings, points, window)

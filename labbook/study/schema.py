@@ -185,16 +185,22 @@ class Stop(Model):
     """Stop at this time after the opening of the outlet; if left out, not before `window.until`."""
     stall: Duration | None = None
     """Time without a leaving grain after which a run is clogged."""
+    still: Annotated[StrictBool, Field(exclude_if=lambda still: not still)] = False
+    """End a run as clogged once no grain has left for 20 `√(d*/g)`, and none within 2 D of the outlet is faster than
+    0.01 `√(g d*)`."""
     fill_height: Length | None = None
     """Stop when the bed of a flat-bottomed silo has fallen to this height; none: no such stop."""
 
 
 class Accuracy(Model):
-    """The error that is tolerated in the pooled mean of each point."""
+    """The error that is tolerated in the pooled numbers of each point."""
 
     flow_rate: Annotated[Ratio, Field(gt=0, lt=1)] | None = None
     """Relative error of the flow rate to reach: bias of the numerics plus half-width of the 95 % interval.
     labbook then chooses numerics that are left out, and the number of replicates; none: `replicates` runs."""
+    clogging: Annotated[Ratio, Field(gt=0, lt=1)] | None = None
+    """Relative half-width of the 95 % interval of the probability of a stop to reach: replicates are added until
+    (1.96/error)² stops were counted, 97 for 20 %; none: `replicates` runs."""
     max_replicates: Annotated[Whole, Field(ge=2, le=10_000)] = 100
     """Largest number of replicates per point, even if the error is not reached."""
     calibration: Annotated[str, Field(min_length=1, max_length=500)] | None = None
@@ -257,9 +263,16 @@ class Settings(Model):
         return self
 
     def _faults(self) -> Iterator[Fault]:
-        if self.accuracy.max_replicates < self.replicates and self.accuracy.flow_rate is not None:
+        requested = (self.accuracy.flow_rate, self.accuracy.clogging)
+        if self.accuracy.max_replicates < self.replicates and requested != (None, None):
             reason = f"{self.accuracy.max_replicates} is less than the {self.replicates} requested replicates"
             yield Fault("accuracy.max_replicates", reason, f"use at least {self.replicates}")
+        if self.accuracy.clogging is not None and "clogging" not in self.measure:
+            reason = "an error of the probability of a stop is requested, which is not measured"
+            yield Fault("accuracy.clogging", reason, "add clogging to measure")
+        if self.accuracy.clogging is not None and self.adapt is not None:
+            reason = f"the strategy {self.adapt.name} decides how many beds a point has"
+            yield Fault("accuracy.clogging", reason, "leave one of the two out")
         if self.discharges_per_bed == AUTO and self.accuracy.flow_rate is None:
             reason = "the cheapest number of discharges follows from the error that is requested, and none is"
             yield Fault("discharges_per_bed", reason, "state accuracy.flow_rate, or a number such as 3")

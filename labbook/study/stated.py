@@ -23,9 +23,10 @@ Swept = TypedDict("Swept", {
     "container.outlet_plane": object, "walls.all.friction": object, "walls.all.rolling_friction": object,
     "walls.all.restitution": object, "walls.all.youngs_modulus": object, "walls.all.shear_modulus": object,
     "walls.all.poisson_ratio": object, "walls.all.normal_stiffness": object, "gravity": object, "feed.kind": object,
-    "fill.kind": object, "fill.friction": object, "fill.contact.law": object, "fill.contact.friction": object,
-    "fill.contact.rolling_friction": object, "fill.contact.restitution": object, "fill.contact.damping": object,
-    "fill.contact.rolling": object, "fill.contact.rolling_model": object, "fill.contact.rolling_stiffness": object,
+    "restart.kind": object, "restart.wait": object, "fill.kind": object, "fill.friction": object,
+    "fill.contact.law": object, "fill.contact.friction": object, "fill.contact.rolling_friction": object,
+    "fill.contact.restitution": object, "fill.contact.damping": object, "fill.contact.rolling": object,
+    "fill.contact.rolling_model": object, "fill.contact.rolling_stiffness": object,
     "fill.contact.rolling_damping": object, "fill.contact.shear_modulus": object,
     "fill.contact.poisson_ratio": object, "fill.contact.tangential_damping": object,
     "fill.contact.normal_damping": object, "fill.contact.youngs_modulus": object, "fill.contact.tension": object,
@@ -43,29 +44,30 @@ Swept = TypedDict("Swept", {
 
 Changed = TypedDict("Changed", {
     "name": object, "about": object, "replicates": object, "discharges_per_bed": object,
-    "accuracy.flow_rate": object, "accuracy.max_replicates": object, "accuracy.calibration": object,
-    "accuracy.numerics": object, "accuracy.count_suspect": object, "measure": object, "fit": object,
-    "window.start": object, "window.end": object, "window.after": object, "window.until": object,
-    "window.gap": object, "window.moment": object, "window.interval": object, "window.layer": object,
-    "stop.discharged": object, "stop.max_time": object, "stop.stall": object, "stop.fill_height": object,
-    "record.every": object, "record.replicates": object, "grains.shape": object, "grains.diameter": object,
-    "grains.density": object, "grains.count": object, "grains.sizes.kind": object, "grains.sizes.smallest": object,
-    "grains.sizes.mean": object, "grains.sizes.deviation": object, "grains.length": object, "contact.law": object,
-    "contact.friction": object, "contact.rolling_friction": object, "contact.restitution": object,
-    "contact.damping": object, "contact.rolling": object, "contact.rolling_model": object,
-    "contact.rolling_stiffness": object, "contact.rolling_damping": object, "contact.shear_modulus": object,
-    "contact.poisson_ratio": object, "contact.tangential_damping": object, "contact.normal_damping": object,
-    "contact.youngs_modulus": object, "contact.tension": object, "contact.normal_stiffness": object,
-    "contact.tangential_stiffness": object, "container.kind": object, "container.width": object,
-    "container.height": object, "container.thickness": object, "container.angle": object,
-    "container.orifice": object, "container.gap": object, "container.diameter": object,
+    "accuracy.flow_rate": object, "accuracy.clogging": object, "accuracy.max_replicates": object,
+    "accuracy.calibration": object, "accuracy.numerics": object, "accuracy.count_suspect": object,
+    "measure": object, "fit": object, "window.start": object, "window.end": object, "window.after": object,
+    "window.until": object, "window.gap": object, "window.moment": object, "window.interval": object,
+    "window.layer": object, "stop.discharged": object, "stop.max_time": object, "stop.stall": object,
+    "stop.still": object, "stop.fill_height": object, "record.every": object, "record.replicates": object,
+    "grains.shape": object, "grains.diameter": object, "grains.density": object, "grains.count": object,
+    "grains.sizes.kind": object, "grains.sizes.smallest": object, "grains.sizes.mean": object,
+    "grains.sizes.deviation": object, "grains.length": object, "contact.law": object, "contact.friction": object,
+    "contact.rolling_friction": object, "contact.restitution": object, "contact.damping": object,
+    "contact.rolling": object, "contact.rolling_model": object, "contact.rolling_stiffness": object,
+    "contact.rolling_damping": object, "contact.shear_modulus": object, "contact.poisson_ratio": object,
+    "contact.tangential_damping": object, "contact.normal_damping": object, "contact.youngs_modulus": object,
+    "contact.tension": object, "contact.normal_stiffness": object, "contact.tangential_stiffness": object,
+    "container.kind": object, "container.width": object, "container.height": object, "container.thickness": object,
+    "container.angle": object, "container.orifice": object, "container.gap": object, "container.diameter": object,
     "container.rotation": object, "container.depth": object, "container.lid": object,
     "container.outlet_plane": object, "walls.all.friction": object, "walls.all.rolling_friction": object,
     "walls.all.restitution": object, "walls.all.youngs_modulus": object, "walls.all.shear_modulus": object,
     "walls.all.poisson_ratio": object, "walls.all.normal_stiffness": object, "gravity": object, "feed.kind": object,
-    "fill.kind": object, "fill.friction": object, "fill.contact.law": object, "fill.contact.friction": object,
-    "fill.contact.rolling_friction": object, "fill.contact.restitution": object, "fill.contact.damping": object,
-    "fill.contact.rolling": object, "fill.contact.rolling_model": object, "fill.contact.rolling_stiffness": object,
+    "restart.kind": object, "restart.wait": object, "fill.kind": object, "fill.friction": object,
+    "fill.contact.law": object, "fill.contact.friction": object, "fill.contact.rolling_friction": object,
+    "fill.contact.restitution": object, "fill.contact.damping": object, "fill.contact.rolling": object,
+    "fill.contact.rolling_model": object, "fill.contact.rolling_stiffness": object,
     "fill.contact.rolling_damping": object, "fill.contact.shear_modulus": object,
     "fill.contact.poisson_ratio": object, "fill.contact.tangential_damping": object,
     "fill.contact.normal_damping": object, "fill.contact.youngs_modulus": object, "fill.contact.tension": object,
@@ -95,24 +97,24 @@ Changed = TypedDict("Changed", {
     "sweep.walls.all.restitution": object, "sweep.walls.all.youngs_modulus": object,
     "sweep.walls.all.shear_modulus": object, "sweep.walls.all.poisson_ratio": object,
     "sweep.walls.all.normal_stiffness": object, "sweep.gravity": object, "sweep.feed.kind": object,
-    "sweep.fill.kind": object, "sweep.fill.friction": object, "sweep.fill.contact.law": object,
-    "sweep.fill.contact.friction": object, "sweep.fill.contact.rolling_friction": object,
-    "sweep.fill.contact.restitution": object, "sweep.fill.contact.damping": object,
-    "sweep.fill.contact.rolling": object, "sweep.fill.contact.rolling_model": object,
-    "sweep.fill.contact.rolling_stiffness": object, "sweep.fill.contact.rolling_damping": object,
-    "sweep.fill.contact.shear_modulus": object, "sweep.fill.contact.poisson_ratio": object,
-    "sweep.fill.contact.tangential_damping": object, "sweep.fill.contact.normal_damping": object,
-    "sweep.fill.contact.youngs_modulus": object, "sweep.fill.contact.tension": object,
-    "sweep.fill.contact.normal_stiffness": object, "sweep.fill.contact.tangential_stiffness": object,
-    "sweep.fill.numerics.dt": object, "sweep.fill.numerics.precision": object,
-    "sweep.fill.numerics.integrator": object, "sweep.fill.numerics.skin": object,
-    "sweep.fill.numerics.steps_per_beat": object, "sweep.fill.numerics.stiffness_scale": object,
-    "sweep.fill.numerics.speed_limit": object, "sweep.fill.numerics.overlap_limit": object,
-    "sweep.fill.settled_below": object, "sweep.fill.moving": object, "sweep.fill.surface_motion": object,
-    "sweep.fill.max_time": object, "sweep.numerics.dt": object, "sweep.numerics.precision": object,
-    "sweep.numerics.integrator": object, "sweep.numerics.skin": object, "sweep.numerics.steps_per_beat": object,
-    "sweep.numerics.stiffness_scale": object, "sweep.numerics.speed_limit": object,
-    "sweep.numerics.overlap_limit": object,
+    "sweep.restart.kind": object, "sweep.restart.wait": object, "sweep.fill.kind": object,
+    "sweep.fill.friction": object, "sweep.fill.contact.law": object, "sweep.fill.contact.friction": object,
+    "sweep.fill.contact.rolling_friction": object, "sweep.fill.contact.restitution": object,
+    "sweep.fill.contact.damping": object, "sweep.fill.contact.rolling": object,
+    "sweep.fill.contact.rolling_model": object, "sweep.fill.contact.rolling_stiffness": object,
+    "sweep.fill.contact.rolling_damping": object, "sweep.fill.contact.shear_modulus": object,
+    "sweep.fill.contact.poisson_ratio": object, "sweep.fill.contact.tangential_damping": object,
+    "sweep.fill.contact.normal_damping": object, "sweep.fill.contact.youngs_modulus": object,
+    "sweep.fill.contact.tension": object, "sweep.fill.contact.normal_stiffness": object,
+    "sweep.fill.contact.tangential_stiffness": object, "sweep.fill.numerics.dt": object,
+    "sweep.fill.numerics.precision": object, "sweep.fill.numerics.integrator": object,
+    "sweep.fill.numerics.skin": object, "sweep.fill.numerics.steps_per_beat": object,
+    "sweep.fill.numerics.stiffness_scale": object, "sweep.fill.numerics.speed_limit": object,
+    "sweep.fill.numerics.overlap_limit": object, "sweep.fill.settled_below": object, "sweep.fill.moving": object,
+    "sweep.fill.surface_motion": object, "sweep.fill.max_time": object, "sweep.numerics.dt": object,
+    "sweep.numerics.precision": object, "sweep.numerics.integrator": object, "sweep.numerics.skin": object,
+    "sweep.numerics.steps_per_beat": object, "sweep.numerics.stiffness_scale": object,
+    "sweep.numerics.speed_limit": object, "sweep.numerics.overlap_limit": object,
 }, total=False)
 """Dotted keys that `Study.change` takes."""
 
@@ -124,6 +126,9 @@ class AccuracyKeys(TypedDict, total=False):
     """Relative error of the flow rate to reach: bias of the numerics plus half-width of the 95 % interval. labbook
     then chooses numerics that are left out, and the number of replicates; none: `replicates` runs. Range: in (0,
     1)."""
+    clogging: object
+    """Relative half-width of the 95 % interval of the probability of a stop to reach: replicates are added until
+    (1.96/error)² stops were counted, 97 for 20 %; none: `replicates` runs. Range: in (0, 1)."""
     max_replicates: object
     """Largest number of replicates per point, even if the error is not reached. Range: of at least 2."""
     calibration: object
@@ -170,6 +175,9 @@ class StopKeys(TypedDict, total=False):
     0."""
     stall: object
     """Time without a leaving grain after which a run is clogged [s]. Range: above 0."""
+    still: object
+    """End a run as clogged once no grain has left for 20 `√(d*/g)`, and none within 2 D of the outlet is faster
+    than 0.01 `√(g d*)`."""
     fill_height: object
     """Stop when the bed of a flat-bottomed silo has fallen to this height; none: no such stop [m]. Range: above 0."""
 
@@ -434,6 +442,17 @@ class FeedKeys(TypedDict, total=False):
     """`reinject`: grains that left fall onto the bed again, from random free places above it."""
 
 
+class RestartKeys(TypedDict, total=False):
+    """Section `restart`."""
+
+    kind: Literal["break"] | object
+    """`break`: grains within 1.5 D of the outlet get random velocities, until one leaves: 0.3 `√(g d*)`, and every
+    `√(d*/g)` by as much more, up to 3 `√(g d*)`."""
+    wait: object
+    """Time without a leaving grain after which the flow counts as stopped, if no grain within 2 D of the outlet is
+    faster than 0.01 `√(g d*)` [s]. Range: above 0."""
+
+
 class FillNumericsKeys(TypedDict, total=False):
     """Section `fill.numerics`."""
 
@@ -520,7 +539,7 @@ class StudyKeys(TypedDict, total=False):
     number that is cheapest for `accuracy.flow_rate`, from how much of the scatter beds and flow have each. Range:
     of at least 1 or auto."""
     accuracy: AccuracyKeys | object
-    measure: Sequence[Literal["flow_rate", "outlet_profiles", "packing", "orifice", "contact_stress", "ledger", "outlets", "composition", "residence", "energy"] | object] | object
+    measure: Sequence[Literal["flow_rate", "outlet_profiles", "packing", "orifice", "contact_stress", "ledger", "outlets", "composition", "residence", "energy", "clogging", "arch"] | object] | object
     """Names of the measurements to take."""
     fit: Sequence[Literal["beverloo", "janda", "beverloo_3d", "janda_3d", "power", "exponential"] | object] | object
     """Names of the laws to fit."""
@@ -535,6 +554,7 @@ class StudyKeys(TypedDict, total=False):
     gravity: object
     """Acceleration of gravity g, along -z [m/s^2]. Range: of at least 0."""
     feed: FeedKeys | object
+    restart: RestartKeys | object
     fill: FillKeys | object
     numerics: NumericsKeys | object
     sweep: Swept | object
@@ -548,9 +568,9 @@ LawName: TypeAlias = Literal["beverloo", "janda", "beverloo_3d", "janda_3d", "po
 
 KEYS = """\
     name, about, replicates, discharges_per_bed, measure, fit, gravity [m/s^2]
-    accuracy: flow_rate, max_replicates, calibration, numerics, count_suspect
+    accuracy: flow_rate, clogging, max_replicates, calibration, numerics, count_suspect
     window: start, end, after [s], until [s], gap [s], moment [s], interval [s], layer [m]
-    stop: discharged, max_time [s], stall [s], fill_height [m]
+    stop: discharged, max_time [s], stall [s], still, fill_height [m]
     record: every [s], replicates
     grains: shape, diameter [m], density [kg/m^3], count, length [m]
     grains.sizes: kind, smallest [m], mean [m], deviation [m]
@@ -568,6 +588,7 @@ KEYS = """\
     walls.*: friction, rolling_friction, restitution, youngs_modulus [Pa], shear_modulus [Pa], poisson_ratio,
         normal_stiffness [N/m]
     feed: kind
+    restart: kind, wait [s]
     fill: kind, friction, contact, settled_below, moving, surface_motion, max_time [s]
     fill.numerics: dt [s], precision, integrator, skin, steps_per_beat, stiffness_scale, speed_limit [m/s],
         overlap_limit

@@ -1,6 +1,6 @@
 """All cases, in the order in which they are best read."""
 
-from labbook.checks.stress import counts, frames, geometry, impacts, powers, steps
+from labbook.checks.stress import counts, frames, geometry, impacts, powers, pushes, steps
 from labbook.checks.stress.case import StressCase
 
 CASES: tuple[StressCase, ...] = (
@@ -10,6 +10,7 @@ CASES: tuple[StressCase, ...] = (
     *frames.CASES,
     *counts.CASES,
     *powers.CASES,
+    *pushes.CASES,
 )
 
 

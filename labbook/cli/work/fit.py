@@ -5,12 +5,14 @@ import typer
 from labbook.api import Results
 from labbook.cli.screen import print_table, say, screen
 from labbook.report import tables
+from labbook.report.clogging import clogging_table, law_tables
 from labbook.report.fitted_tables import fit_table
 from labbook.report.page import summary
 from labbook.report.paper import tables_of_all
 from labbook.report.statement_tables import statement_digest, statement_table
 from labbook.report.tables import numerical_table
 from labbook.results import display
+from labbook.results.clogging import clogging
 from labbook.results.frames import to_json
 from labbook.results.reference import at_series
 
@@ -47,6 +49,15 @@ def show(found: Results, as_json: bool) -> None:
             console.print(f"Not fitted{where}: {problem}.", markup=False)
         if series.verdict:
             console.print(series.verdict, markup=False)
+    for series in clogging(found):
+        where = f" at {series.series.label}" if series.series.label else ""
+        print_table(console, clogging_table(series), f"Clogging{where}")
+        for fit, table in zip(series.fits, law_tables(series), strict=True):
+            print_table(console, table, f"{fit.law.name.capitalize()}{where}: {fit.law.formula}")
+        for line in filter(
+            None, (*series.doubts, *(f"Not fitted{where}: {problem}." for problem in series.problems), series.verdict)
+        ):
+            console.print(line, markup=False)
     if digest := statement_digest(found.judged):
         print_table(console, digest, f"Statements of {found.source}")
         if open_ones := [one for one in found.judged if one.verdict != "holds"]:

@@ -2,6 +2,7 @@
 
 from labbook.report.figures.acceleration import acceleration_against_height
 from labbook.report.figures.against import against_key, has_cuts, ratio_heading
+from labbook.report.figures.clogging import clogging_figure
 from labbook.report.figures.composition import composition_against_discharge
 from labbook.report.figures.energy import energy_balance
 from labbook.report.figures.flow import flow_against_time
@@ -14,6 +15,7 @@ from labbook.report.figures.starts import parameters_against_start
 __all__ = [
     "acceleration_against_height",
     "against_key",
+    "clogging_figure",
     "composition_against_discharge",
     "energy_balance",
     "flow_against_orifice",

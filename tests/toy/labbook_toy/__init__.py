@@ -4,7 +4,8 @@ It fulfils the contract to the letter (exact checkpoints, probes that change not
 not know of each other) with next to no arithmetic. In a closed container velocities decay by a tenth a step
 and grains sink to half their height at rest. In an open one the lowest grain leaves at the end of an interval
 drawn from a counter-based generator, seeded by the bits of the start; the mean interval follows Beverloo's
-law. An outlet narrower than 3 d clogs after a third of the grains.
+law. An outlet narrower than 3 d clogs after a third of the grains; of a backend with `clogs`, a function of D/d, every
+outlet clogs after each grain with that probability.
 
 What tests need to arrange comes from the environment, so that it reaches subprocesses: LABBOOK_TOY_DELAY [s]
 per beat; LABBOOK_TOY_PAUSE [s] within every ensemble's second beat, told on standard error;
@@ -42,10 +43,11 @@ class Backend(contract.Backend):
     NAME, VERSION = "toy", "LABBOOK_TOY_VERSION"
     bias = 0.0
 
-    def __init__(self, *, version=None, delay=None, fails=None):
+    def __init__(self, *, version=None, delay=None, fails=None, clogs=None):
         env = os.environ.get
         self.delay = float(env("LABBOOK_TOY_DELAY", "0")) if delay is None else delay
         self.fails = float(env("LABBOOK_TOY_FAILS", "0")) if fails is None else fails
+        self.clogs = clogs
         self.pause = float(env("LABBOOK_TOY_PAUSE", "0"))
         self.compiles, self.opening = float(env("LABBOOK_TOY_COMPILES", "0")), 0
         self.capabilities = Capabilities(
@@ -58,6 +60,7 @@ class Backend(contract.Backend):
             devices=tuple(env("LABBOOK_TOY_DEVICES", "cpu").split(",")),
             mixtures=True,
             feeds=True,
+            breaks=True,
         )
 
     def specialise(self, scene, numerics, probes=()):
@@ -188,6 +191,14 @@ class Ensemble(contract.Ensemble):
             if getattr(glass, name) is not None:
                 setattr(glass, name, np.concatenate([getattr(glass, name), more]))
 
+    def set_velocities(self, member, ids, v):
+        """A grain that is pushed leaves, if none did before."""
+        glass = self.glasses[member]
+        if not np.isin(ids, glass.ids).all():
+            raise ValueError("set_velocities: some of these grains are not in the scene")
+        if len(ids) and not np.isfinite(glass.next[0]):
+            glass.next[0] = glass.time + glass.interval(int(glass.count[1]))
+
     def retire(self, member):
         del self.glasses[member]
         self._settling.pop(member, None)
@@ -256,8 +267,18 @@ class Glass:
             return math.inf
         hopper, d = scene.container, scene.grains.diameter
         orifice = getattr(hopper, "orifice", 10 * d)
-        if orifice < 3 * d and k >= self.count[3] // 3:
+        if self.backend.clogs is None and orifice < 3 * d and k >= self.count[3] // 3:
             return math.inf
+        if self.backend.clogs is not None and k:
+            drawn = np.random.default_rng([int(self.count[2]), k, 1]).random()
+            if drawn < self.backend.clogs(orifice / d):
+                return math.inf
+        return self.interval(k)
+
+    def interval(self, k):
+        """Time between the k-th grain and the next, unless the outlet clogs."""
+        scene, hopper, d = self.scene, self.scene.container, self.scene.grains.diameter
+        orifice = getattr(hopper, "orifice", 10 * d)
         flow = 0.6 * scene.grains.density * math.sqrt(scene.gravity) * (orifice - 1.4 * d) ** 1.5
         across = getattr(hopper, "thickness", orifice - 1.4 * d)
         mean = scene.grains.mass / (flow * across) / (1 + self.backend.bias)

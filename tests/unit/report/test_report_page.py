@@ -173,7 +173,8 @@ def test_points_with_runs_but_without_a_flow_rate_are_named_with_reason_and_reme
     said = [text for text in concerns(analyse(synthetic.study_of(points), runs)) if text.startswith("No flow rate")]
     assert said == [
         "No flow rate at D = 30 mm; D = 36 mm: fewer than 60 grains flowed out within the window "
-        "(use more grains or a wider window); at D = 18 mm: runs clogged (use a wider outlet)."
+        "(use more grains or a wider window); at D = 18 mm: "
+        "runs clogged (use a wider outlet, or measure: [clogging])."
     ]
 
 

@@ -1,0 +1,64 @@
+"""The strategy behind `accuracy.clogging`: replicates of a point until enough of them have stopped."""
+
+import math
+from collections.abc import Iterable
+from typing import ClassVar
+
+from labbook.campaign.strategy import Assignment, History, Proposal, Strategy, Trial
+from labbook.scene.quantities import percent
+from labbook.stats.rates import events_needed
+
+COUNT = "clogging_stops"
+"""Quantity: stops of a run beyond its transient; a run without one, or without grains that count, has none."""
+
+
+class Stops(Strategy):
+    """Adds replicates to one point until the relative error of the probability of a stop is reached.
+
+    That error is known in advance, from the number of stops alone: k >= (1.96 / error)^2. A point whose runs hardly
+    ever stop ends at the cap, with the upper bound that its grains set.
+    """
+
+    name: ClassVar[str] = "stops"
+    ahead: ClassVar[int] = 0
+
+    error: float
+    """Half width of the 95 % interval to reach, relative to the probability."""
+    cap: int
+    """Largest number of replicates."""
+
+    def propose(self, history: History) -> Proposal:
+        """Propose more seeds of the point of `history`, or end with the number of stops."""
+        trials = list(history.trials)
+        at, beds = trials[0].at, len({trial.seed for trial in trials})
+        discharges = max(trial.discharge for trial in trials)
+        counted, needed = stops(trials), events_needed(self.error)
+        progress = f"{counted} of {needed} stops for {percent(self.error)} with {beds} replicates"
+        if counted >= needed:
+            return Proposal.end(progress)
+        if beds >= self.cap:
+            bound = "; without a stop there is an upper bound only" if not counted else ""
+            short = "the requested error of q is not reached, and accuracy.max_replicates allows no more runs"
+            return Proposal.end(f"{progress}: {short}{bound}")
+        following = min(self.expected(counted, beds), 2 * beds, self.cap)  # few stops are no ground for ordering many
+        return Proposal((Assignment(at, following, discharges),), f"{progress}: {following} in all")
+
+    def expected(self, counted: int, beds: int) -> int:
+        """Replicates that will be needed if stops come as often as `counted` in so many beds; at most the cap."""
+        if not counted:
+            return self.cap
+        return min(self.cap, max(beds + 1, math.ceil(events_needed(self.error) * beds / counted)))
+
+    def in_words(self, counted: int, beds: int) -> str:
+        """Say how many stops so many beds have, and how many replicates are expected."""
+        needed = events_needed(self.error)
+        if not counted:
+            return f"{needed} stops are needed for {percent(self.error)}; the replicates for them are not known yet"
+        expected = beds if counted >= needed else self.expected(counted, beds)
+        short = " (accuracy.max_replicates)" if counted * expected < needed * beds else ""
+        return f"{counted} of {needed} stops with {beds} replicates; {expected} replicates expected{short}"
+
+
+def stops(trials: Iterable[Trial]) -> int:
+    """Stops in all runs."""
+    return round(sum(trial.numbers.get(COUNT, 0.0) for trial in trials))

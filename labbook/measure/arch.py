@@ -1,0 +1,171 @@
+"""Arches: the chain of grains that holds a stopped outlet of a layer, and the forces along it."""
+
+import math
+from collections.abc import Mapping
+
+import numpy as np
+
+from labbook.backend.numerics import Numerics
+from labbook.backend.probes import Contacts, Crossing, Probe, Sample
+from labbook.measure.data import RunData
+from labbook.measure.expected import beats_of, rounded
+from labbook.measure.measure import Evaluation, Measure, MeasureError, Quantity, Window
+from labbook.measure.series import crossings, mean_mass
+from labbook.scene import Outlet, Scene
+from labbook.scene.timescales import gravity_time
+from labbook.stats import Measured
+
+NAME = "arch"
+SIZE, FORCE = "arch_grains", "arch_force"
+EVERY = 10.0
+"""Time between two frames of contacts, in sqrt(d*/g): half of the shortest stop."""
+REST = 4.0
+"""Time after the last grain from which on the bed may count as at rest, in sqrt(d*/g)."""
+_WEAK = 0.3
+"""Force, in weights of a grain, below which a contact is hardly a link."""
+_BESIDE, _SPAN, _RISE = 1.2, 1.6, 0.9
+"""Ends of an arch lie within this many diameters of an edge of the outlet; its grains within this many beside it, and
+within this many widths, and a diameter, above it."""
+
+
+class Arch(Measure):
+    """Arch that holds each stop of a layer of spheres over a slot: the strongest short chain of contacts between grains
+    that rest on the bottom at either side of the outlet.
+
+    The chain minimises the sum of 1 + 2 / (F / mg + 0.3) over its contacts, F being the force of a contact. Quantities:
+    `arch_grains`, the mean number of grains of an arch; `arch_force`, the mean force along it in weights of a grain.
+    Contacts of the whole bed are recorded: use it for small beds. Arrays: `size` and `force` of each arch, shape [n];
+    of the last arch `id`, the grains from left to right, their places `x` [m], shape [m, 3], and the forces `link`
+    between neighbours, shape [m - 1].
+    """
+
+    name = NAME
+    version = 1
+    declared = (
+        Quantity(SIZE, "n_a", "", "grains of the arch that holds a stopped outlet"),
+        Quantity(FORCE, "F_a", "", "mean force along the arch, in weights of a grain"),
+    )
+
+    def check(self, scene: Scene) -> None:
+        outlets, flat = scene.container.outlets, scene.container.front_to_back < 2 * scene.grains.diameter
+        slot = len(outlets) == 1 and outlets[0].form == "slot"
+        if not (slot and flat and scene.grains.half_length == 0 and scene.gravity > 0):
+            reason = f"{NAME} is a chain of spheres in a layer less than 2 d thick, over one slot"
+            raise MeasureError(reason, f"take {NAME} out of measure, or use a wedge-hopper of 1.01 d")
+
+    def probes(self, scene: Scene, numerics: Numerics) -> tuple[Probe, ...]:
+        self.check(scene)
+        every = beats_of(rounded(EVERY * gravity_time(scene), scene, 1), numerics)
+        outlet = scene.container.outlets[0]
+        return Crossing(outlet.plane), Sample(fields=("x",), every=every), Contacts(every=every)
+
+    def evaluate(self, run: RunData, window: Window) -> Evaluation:
+        self.check(run.scene)
+        if not {"sample", "contacts"} <= set(run.tables):
+            raise MeasureError(f"{NAME}: the run recorded no contacts; run it again with this measure")
+        chains = [chain for stop in stops(run) if (chain := _chain(run, *stop)) is not None]
+        where, how = "at each stop", "strongest short chain of contacts over the outlet"
+        if not chains:
+            note = "no stop with a chain of contacts over the outlet"
+            none = (math.nan, math.nan, 0, where, how, "", note)
+            return Evaluation((Measured(SIZE, *none), Measured(FORCE, *none)))
+        sizes = np.array([len(ids) for ids, _, _ in chains], float)
+        forces = np.array([link.mean() for _, _, link in chains])
+        numbers = [
+            Measured(name, float(values.mean()), _error(values), len(values), where, how, "")
+            for name, values in ((SIZE, sizes), (FORCE, forces))
+        ]
+        ids, x, link = chains[-1]
+        return Evaluation(tuple(numbers), {"size": sizes, "force": forces, "id": ids, "x": x, "link": link})
+
+
+def _error(values: np.ndarray) -> float:
+    return float(values.std(ddof=1)) / math.sqrt(len(values)) if len(values) > 1 else math.nan
+
+
+def stops(run: RunData) -> list[tuple[float, float]]:
+    """Times between which the bed was at rest in each stop of a run: after its last grain, to the restart or the end of
+    a run that clogged [s]."""
+    rest = REST * gravity_time(run.scene)
+    table = run.tables.get("restart", {"stopped": np.array([]), "time": np.array([])})
+    pauses = [
+        (float(stopped) + rest, float(time)) for stopped, time in zip(table["stopped"], table["time"], strict=True)
+    ]
+    times, _ = crossings(run)
+    last = float(times[-1]) if len(times) else 0.0
+    if run.outcome == "clogged" and not (pauses and last <= pauses[-1][1]):
+        pauses.append((last + rest, run.duration))
+    return pauses
+
+
+def _chain(run: RunData, begin: float, end: float) -> tuple[np.ndarray, np.ndarray, np.ndarray] | None:
+    """Ids, places and forces of the arch in the last frame between two times [s]; None without a frame or a chain."""
+    contacts, sample = run.tables["contacts"], run.tables["sample"]
+    within = (sample["time"] >= begin) & (sample["time"] <= end * (1 + 1e-12))
+    if not within.any():
+        return None
+    step = int(np.max(np.asarray(sample["step"])[within]))
+    bed = {name: np.asarray(column)[np.asarray(sample["step"]) == step] for name, column in sample.items()}
+    touching = {name: np.asarray(column)[np.asarray(contacts["step"]) == step] for name, column in contacts.items()}
+    x = np.column_stack([bed[axis] for axis in "xyz"]).astype(float)
+    scene = run.scene
+    rows, link = arch(
+        bed["id"], x, touching, scene.container.outlets[0], scene.grains.diameter, mean_mass(run) * scene.gravity
+    )
+    return None if len(rows) < 2 else (bed["id"][rows], x[rows], link)
+
+
+def arch(
+    ids: np.ndarray, x: np.ndarray, contacts: Mapping[str, np.ndarray], outlet: Outlet, d: float, weight: float
+) -> tuple[np.ndarray, np.ndarray]:
+    """Find the arch over a slot.
+
+    Args:
+        ids: Of the grains, shape [n].
+        x: Their places [m], shape [n, 3].
+        contacts: Rows of the probe `Contacts`.
+        outlet: The slot.
+        d: Diameter of the largest grains [m].
+        weight: Weight of a grain [N].
+
+    Returns:
+        Rows of the grains from left to right, shape [m], and the forces between neighbours in weights of a grain, shape
+        [m - 1]; empty where no chain spans the outlet.
+    """
+    from scipy.sparse import coo_array
+    from scipy.sparse.csgraph import dijkstra
+
+    order = np.argsort(ids)
+    force = np.sqrt(sum(np.asarray(contacts[axis], float) ** 2 for axis in ("fx", "fy", "fz"))) / weight
+    side, height = x[:, 0] - outlet.centre, x[:, 2] - outlet.plane
+    inside = (np.abs(side) < outlet.width / 2 + _SPAN * d) & (height < _RISE * outlet.width + d) & (height > -d / 2)
+    i = order[np.searchsorted(ids, contacts["i"], sorter=order)]
+    pairs = np.asarray(contacts["j"]) >= 0
+    j = order[np.searchsorted(ids, np.asarray(contacts["j"])[pairs], sorter=order)]
+    resting = ~pairs & (np.abs(contacts["by"]) < 0.3 * d) & (np.abs(np.abs(side[i]) - outlet.width / 2) < _BESIDE * d)
+    bases = np.unique(i[resting & inside[i]])
+    left, right = bases[side[bases] < 0], bases[side[bases] >= 0]
+    near = inside[i[pairs]] & inside[j]
+    a, b, strength = i[pairs][near], j[near], force[pairs][near]
+    nothing = np.zeros(0, np.int64), np.zeros(0)
+    if not (len(left) and len(right) and len(a)):
+        return nothing
+    n, cost = len(x), 1 + 2 / (strength + _WEAK)
+    source, tiny = n, 1e-9
+    graph = coo_array(
+        (np.concatenate([cost, cost, np.full(len(left), tiny)]),
+         (np.concatenate([a, b, np.full(len(left), source)]), np.concatenate([b, a, left]))),
+        shape=(n + 1, n + 1),
+    ).tocsr()  # fmt: skip
+    away, before = dijkstra(graph, indices=source, return_predecessors=True)
+    end = right[np.argmin(away[right])]
+    if not math.isfinite(away[end]):
+        return nothing
+    rows = [int(end)]
+    while before[rows[-1]] != source:
+        rows.append(int(before[rows[-1]]))
+    rows = np.array(rows[::-1])
+    of_pair = {frozenset(pair): float(value) for *pair, value in zip(a.tolist(), b.tolist(), strength, strict=True)}
+    return rows, np.array(
+        [of_pair[frozenset(pair)] for pair in zip(rows[:-1].tolist(), rows[1:].tolist(), strict=True)]
+    )

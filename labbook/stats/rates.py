@@ -1,0 +1,116 @@
+"""Rates of rare events: events over exposure, with exact intervals, and with censoring.
+
+Of a silo the events are stops and the exposure is the grains that left. If a flow has no memory, the number of stops
+among G grains is a Poisson number as long as stops are rare, however the G grains are spread over runs, and whether the
+last grain of a run was followed by a stop or by the end of the run: nothing else is needed for right-censored runs.
+"""
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from labbook.stats.pooling import Pooled
+
+_DRAWS = 2000
+
+
+@dataclass(frozen=True)
+class PooledRate(Pooled):
+    """Events over exposure, of `n` independent replicates.
+
+    Attributes:
+        events: Events in all replicates together.
+        exposure: Exposure of all replicates together, such as grains.
+        low_end: Lower end of the exact interval.
+        high_end: Upper end of the exact interval.
+    """
+
+    events: int = 0
+    exposure: float = 0.0
+    low_end: float = 0.0
+    high_end: float = math.inf
+
+    @property
+    def low(self) -> float:
+        """Lower end of the interval; 0 without events."""
+        return self.low_end
+
+    @property
+    def high(self) -> float:
+        """Upper end of the interval: without events the bound that they set."""
+        return self.high_end
+
+    @property
+    def bound(self) -> bool:
+        """True without events, where only an upper bound is known."""
+        return self.events == 0
+
+
+def rate(events: int, exposure: float, replicates: int = 1, confidence: float = 0.95) -> PooledRate:
+    """Rate of a Poisson process from its events, with the exact interval of Garwood (Biometrika 28 (1936) 437).
+
+    The ends are chi2_{a/2}(2k) / 2G and chi2_{1-a/2}(2k + 2) / 2G for k events in an exposure of G. Without events the
+    upper end is 3.69 / G at 95 %.
+
+    Args:
+        events: k, counted in all replicates.
+        exposure: G, above 0.
+        replicates: Number of independent replicates.
+        confidence: Of the interval.
+
+    Returns:
+        The rate; its `error` is sqrt(k) / G, and its `half_width` the distance to the upper end.
+
+    Raises:
+        ValueError: A negative count, or no exposure.
+    """
+    from scipy.special import chdtri
+
+    if events < 0 or not exposure > 0:
+        raise ValueError(f"a rate needs a count and an exposure above 0, not {events} and {exposure:g}")
+    tail = (1 - confidence) / 2
+    low = float(chdtri(2 * events, 1 - tail)) / (2 * exposure) if events else 0.0
+    high = float(chdtri(2 * events + 2, tail)) / (2 * exposure)
+    value = events / exposure
+    return PooledRate(
+        value, math.sqrt(events) / exposure, high - value, replicates, confidence, events, float(exposure), low, high
+    )
+
+
+def events_needed(error: float, confidence: float = 0.95) -> int:
+    """Events from which on the relative half width of the interval of a rate is below `error`: (z / error)^2, 97 for
+    20 % at 95 %."""
+    from scipy.special import ndtri
+
+    if not error > 0:
+        raise ValueError(f"an error must be positive, not {error}")
+    return math.ceil((float(ndtri(0.5 + confidence / 2)) / error) ** 2)
+
+
+def clustered(
+    events: Sequence[int] | np.ndarray, exposures: Sequence[float] | np.ndarray, confidence: float = 0.95, seed: int = 0
+) -> tuple[float, float]:
+    """Interval of a rate by a bootstrap over clusters, which may have events that depend on one another.
+
+    Whole clusters are weights with replacement (Davison & Hinkley, Bootstrap Methods, 1997, section 3.8), and the ends
+    are percentiles. For few clusters it is too narrow: use 32 or more.
+
+    Args:
+        events: Of each cluster, such as the runs of one packing.
+        exposures: Of each cluster.
+        confidence: Of the interval.
+        seed: Of the draws.
+
+    Returns:
+        Lower and upper end; NaN for fewer than two clusters.
+    """
+    n = len(events)
+    if n < 2:
+        return math.nan, math.nan
+    weights = np.random.default_rng(seed).multinomial(n, np.full(n, 1 / n), size=_DRAWS)
+    k, passed = weights @ np.asarray(events, float), weights @ np.asarray(exposures, float)
+    with np.errstate(invalid="ignore", divide="ignore"):
+        low, high = np.nanquantile(k / passed, [(1 - confidence) / 2, (1 + confidence) / 2])
+    return float(low), float(high)

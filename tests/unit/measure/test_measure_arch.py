@@ -1,0 +1,104 @@
+"""The arch of beds made by hand: a half circle of grains over the slot, with others that press more or less."""
+
+import math
+
+import numpy as np
+import pytest
+
+from labbook.backend.numerics import Numerics
+from labbook.measure import MEASURES, MeasureError, RunData
+from labbook.measure.arch import EVERY, REST, arch
+from labbook.measure.measure import Quantity
+from labbook.scene import CylinderSilo, Feed, HertzMindlin, Restart, Scene, Spheres, WedgeHopper
+from labbook.scene.container import Container
+from labbook.scene.packing import Packing
+from labbook.scene.timescales import WAIT, gravity_time
+from labbook.study.schema import Window
+
+D = 3e-3
+MEASURE = MEASURES["arch"]
+HOPPER = WedgeHopper(width=0.06, height=0.2, thickness=1.01 * D, orifice=4 * D)
+WEIGHT = 2500 * math.pi / 6 * D**3 * 9.81
+
+
+def scene_of(container: Container = HOPPER):
+    law = HertzMindlin(shear_modulus=1e7, poisson_ratio=0.25)
+    scene = Scene(grains=Spheres(diameter=D, density=2500, count=20), contact=law, container=container)
+    return scene.model_copy(update={"feed": Feed(kind="reinject"), "restart": Restart(kind="break")})
+
+
+def half_circle(links=10.0, roof=2.0):
+    """Seven grains from floor to floor, each a diameter from the next, and a flat row above them that presses with the
+    force `roof`; ids count from 10 in no order."""
+    step = math.pi / 6
+    radius = D / 2 / math.sin(step / 2)
+    angles = math.pi - step * np.arange(7)
+    chain = np.column_stack([radius * np.cos(angles), np.zeros(7), D / 2 + radius * np.sin(angles)])
+    above = np.column_stack([np.linspace(-2.5 * D, 2.5 * D, 6), np.zeros(6), np.full(6, chain[:, 2].max() + 0.9 * D)])
+    x = np.concatenate([chain, above])
+    ids = 10 + np.random.default_rng(1).permutation(len(x))
+    i, j = [*range(6), *range(7, 12), 0, 6], [*range(1, 7), *range(8, 13), 7, 12]
+    force = np.array([links] * 6 + [roof] * 5 + [0.1, 0.1]) * WEIGHT
+    rows = {"i": [*ids[i], ids[0], ids[6], ids[3]], "j": [*ids[j], -1, -1, -1]}
+    walls, zero = np.full(3, 5.0 * WEIGHT), np.zeros(len(i) + 3)
+    rows |= {"fx": np.concatenate([force, walls]), "fy": zero, "fz": zero, "bx": zero}
+    rows |= {"by": np.array([0.0] * (len(i) + 2) + [D / 2]), "bz": zero}  # the last is the front wall
+    return ids, x, {name: np.asarray(column) for name, column in rows.items()}
+
+
+def test_the_chain_over_the_outlet_is_found_from_left_to_right():
+    ids, x, contacts = half_circle()
+    rows, link = arch(ids, x, contacts, HOPPER.outlets[0], D, WEIGHT)
+    assert rows.tolist() == list(range(7))
+    assert link == pytest.approx(np.full(6, 10.0))
+
+
+def test_a_chain_that_carries_nothing_is_not_the_arch():
+    """With weak links the row above is cheaper, though it is longer: 6 links of 1 + 2 / 0.31 are 45."""
+    ids, x, contacts = half_circle(links=0.01, roof=50.0)
+    rows, _ = arch(ids, x, contacts, HOPPER.outlets[0], D, WEIGHT)
+    assert rows.tolist() == [0, *range(7, 13), 6]
+
+
+def test_grains_that_do_not_span_the_outlet_are_no_arch():
+    ids, x, contacts = half_circle()
+    broken = {name: np.delete(column, [2, 8]) for name, column in contacts.items()}
+    rows, link = arch(ids, x, broken, HOPPER.outlets[0], D, WEIGHT)
+    assert (len(rows), len(link)) == (0, 0)
+
+
+def test_each_stop_has_its_arch_from_the_last_frame_at_rest():
+    """Two stops: one restarted, one that ends the run; a frame at a time of flow does not count."""
+    ids, x, contacts = half_circle()
+    scene = scene_of()
+    unit = gravity_time(scene)
+    times = np.array([1.0, 2.0]) + 18 * unit
+    frames = np.array([0.9, *times])
+    n, m = len(ids), len(contacts["i"])
+    strength = np.repeat([1.0, 1.0, 2.0], m)
+    table = {name: np.tile(column, 3) * (strength if name.startswith("f") else 1) for name, column in contacts.items()}
+    table |= {"step": np.repeat([1, 2, 3], m), "time": np.repeat(frames, m)}
+    sample = {"id": np.tile(ids, 3), "step": np.repeat([1, 2, 3], n), "time": np.repeat(frames, n)}
+    sample |= {axis: np.tile(x[:, k], 3) for k, axis in enumerate("xyz")}
+    crossing = {"id": np.array([1, 2]), "time": np.array([1.0, 2.0]), "vz": np.array([-0.3, -0.3])}
+    restart = {"stopped": np.array([1.0]), "time": np.array([1.0 + WAIT * unit])}
+    start = Packing(*np.zeros((3, 20, 3)))
+    tables = {"crossing": crossing, "sample": sample, "contacts": table, "restart": restart}
+    run = RunData(scene, Numerics(dt=1e-5), 1, start, "clogged", 2.0 + 40 * unit, tables)
+    evaluation = MEASURE.evaluate(run, Window().endless())
+    size, force = evaluation.numbers
+    assert (size.value, size.n_effective, size.error) == (7, 2, 0)
+    assert force.value == pytest.approx(15.0), "10 and 20 weights"
+    assert evaluation.arrays["id"].tolist() == ids[:7].tolist()
+    censored = RunData(scene, Numerics(dt=1e-5), 1, start, "time-limit", 2.0 + 40 * unit, tables)
+    assert MEASURE.evaluate(censored, Window().endless()).numbers[0].n_effective == 1
+    assert REST + EVERY < WAIT, "else a stop may have no frame"
+
+
+def test_other_scenes_are_refused_and_quantities_are_means():
+    silo = CylinderSilo(diameter=0.05, height=0.4, orifice=4 * D)
+    deep = WedgeHopper(width=0.06, height=0.2, thickness=3 * D, orifice=4 * D)
+    for container in (silo, deep):
+        with pytest.raises(MeasureError, match="a layer less than 2 d thick"):
+            MEASURE.check(scene_of(container))
+    assert all(isinstance(one, Quantity) and one.estimator == "mean" for one in MEASURE.declared)
