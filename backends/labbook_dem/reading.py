@@ -7,9 +7,10 @@ from typing import NamedTuple
 import numpy as np
 
 from labbook.backend.numerics import Numerics
-from labbook.backend.probes import Contacts, Crossing, Film, Ledger, Probe, Sample, Slab, Table, Zone, due
+from labbook.backend.probes import Contacts, Crossing, Film, Ledger, Probe, Sample, Slab, Table, Traction, Zone, due
 from labbook.scene import Bodies, Scene
 from labbook_dem.ledger import totals
+from labbook_dem.traction import BinTable
 
 CROSSING_COLUMNS = ("id", "step", "time", "x", "y", "z", "vx", "vy", "vz", "wx", "wy", "wz")
 OF_RODS = ("qw", "qx", "qy", "qz")
@@ -79,6 +80,8 @@ class Readable(ABC):
     """All that look at it."""
     frames: list[tuple[Film, Seen]]
     """Taken in the beat, in the order of steps."""
+    bins: Mapping[Traction, BinTable]
+    """Of its walls, for each of these probes."""
     step: int
     """Steps taken."""
 
@@ -109,6 +112,10 @@ class Readable(ABC):
     @abstractmethod
     def contacts(self) -> np.ndarray:
         """Its touching contacts, in CONTACT_COLUMNS."""
+
+    @abstractmethod
+    def wall_sums(self, probe: Traction) -> np.ndarray:
+        """Sums over its contacts with walls, whole numbers by bin; see `labbook_dem.traction`."""
 
     @abstractmethod
     def counted(self) -> Mapping[str, float]:
@@ -206,6 +213,8 @@ def _seen(member: Readable, probe: Probe) -> Mapping[str, np.ndarray]:
         case Zone():
             grains = member.look(inside=probe.holds)
             fields = ("x", "v") if grains.q is None else ("x", "v", "q")
+        case Traction():
+            return member.bins[probe].rows(member.wall_sums(probe))
         case Ledger():
             return {name: np.array([value]) for name, value in member.totals().items()}
     return {"id": grains.ids, **{name: getattr(grains, _FIELDS[name][1]) for name in fields}}
@@ -213,7 +222,7 @@ def _seen(member: Readable, probe: Probe) -> Mapping[str, np.ndarray]:
 
 def _columns(probe: Probe, seen: Mapping[str, np.ndarray]) -> Table:
     """Columns of a probe, of what `_seen` gave."""
-    if isinstance(probe, Ledger):
+    if isinstance(probe, Ledger | Traction):
         return seen
     if isinstance(probe, Crossing | Contacts):
         crossing = isinstance(probe, Crossing)
