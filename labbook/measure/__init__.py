@@ -10,12 +10,22 @@ from labbook.measure.outlet import OutletProfiles
 from labbook.measure.outlets import OutletRates
 from labbook.measure.packing import PackingStructure
 from labbook.measure.stress import ContactStress
+from labbook.measure.wall_stress import WallStress
 from labbook.plugins import Registry
 
 MEASURES: Registry[Measure] = Registry[Measure](
     "labbook.measures",
     Measure,
-    (FlowRate(), OutletProfiles(), PackingStructure(), OrificeMeans(), ContactStress(), EnergyLedger(), OutletRates()),
+    (
+        FlowRate(),
+        OutletProfiles(),
+        PackingStructure(),
+        OrificeMeans(),
+        ContactStress(),
+        EnergyLedger(),
+        OutletRates(),
+        WallStress(),
+    ),
 )
 """The measures that a study can name under `measure`: those built in, and those of other packages."""
 

@@ -28,7 +28,19 @@ import numpy as np
 
 from labbook import backend as contract
 from labbook.backend import Capabilities, Checkpoint, Emptied, Failed, Member, Settled, Spec, Status, Unsupported
-from labbook.backend.probes import Contacts, Crossing, Film, Ledger, Sample, Slab, Zone, due, empty_table
+from labbook.backend.probes import (
+    TRACTION_SUMS,
+    Contacts,
+    Crossing,
+    Film,
+    Ledger,
+    Sample,
+    Slab,
+    Traction,
+    Zone,
+    due,
+    empty_table,
+)
 from labbook.scene.packing import Packing
 
 DECAY = 0.9
@@ -370,6 +382,8 @@ class Glass:
             return {name: column[inside] for name, column in table.items()}
         if isinstance(probe, Contacts):
             return self._weights()
+        if isinstance(probe, Traction):
+            return self._bottom()
         if isinstance(probe, Ledger):
             return self._totals()
         n = len(self.x)
@@ -390,6 +404,13 @@ class Glass:
         table |= {"step": np.full(n, self.step), "time": np.full(n, self.time)}
         weight, radius = self.scene.grains.mass * self.scene.gravity, self.scene.grains.radius
         return table | {"fx": zero, "fy": zero, "fz": zero + weight, "bx": zero, "by": zero, "bz": zero - radius}
+
+    def _bottom(self):
+        """The first wall carries the weight of all grains in its first bin."""
+        n, grains = len(self.x), self.scene.grains
+        row = dict.fromkeys(TRACTION_SUMS, 0.0) | {"wall": 0, "bin": 0, "contacts": n, "sliding": 0}
+        row |= {"fz": n * grains.mass * self.scene.gravity, "step": self.step, "time": self.time}
+        return {name: np.array([value]) for name, value in row.items()}
 
     def _totals(self):
         """Every grain rests with an overlap of a thousandth of d, and contacts have done no work."""
