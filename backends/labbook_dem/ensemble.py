@@ -12,13 +12,14 @@ import numpy as np
 from labbook import backend
 from labbook.backend import Capabilities, Checkpoint, Emptied, Event, Failed, Member, Settled, Spec, Status
 from labbook.backend.numerics import Numerics
-from labbook.backend.probes import Crossing, Ledger, Probe, Table, empty_table
+from labbook.backend.probes import Crossing, Ledger, Probe, Table, Traction, empty_table
 from labbook.scene import Scene
 from labbook.scene.packing import Packing
 from labbook.scene.quantities import span, told_apart
 from labbook_dem.features import covers, specialise
 from labbook_dem.ledger import kinetic, status
 from labbook_dem.reading import Readable, read
+from labbook_dem.traction import BinTable
 
 LONGEST = 2**53
 """Steps from which on their number has no exact time."""
@@ -136,6 +137,7 @@ class Ensemble(backend.Ensemble, Generic[R]):
             raise ValueError("this member needs kernels that the ensemble's Spec does not have")
         run = self._begin(scene, numerics, start)
         run.probes, run.frames = read_by, []
+        run.bins = {probe: BinTable.of(scene, probe) for probe in read_by if isinstance(probe, Traction)}
         member = Member(self._next)
         self._next += 1
         self._runs[member] = run

@@ -8,7 +8,7 @@ import numpy as np
 
 from labbook.backend import Capabilities, Spec, Unsupported
 from labbook.backend.numerics import Numerics
-from labbook.backend.probes import Contacts, Crossing, Dissipation, Film, Ledger, Probe, Sample, Slab, Zone
+from labbook.backend.probes import Contacts, Crossing, Dissipation, Film, Ledger, Probe, Sample, Slab, Traction, Zone
 from labbook.scene import ContactLaw, Grains, Scene, Surface
 from labbook.scene.model import once
 from labbook.scene.walls import AT_REST
@@ -199,12 +199,14 @@ def check(can: Capabilities, needs: Needs, precision: str, probes: Sequence[Prob
     for probe in probes:
         if isinstance(probe, Sample | Film) and "q" in probe.fields and not SHAPES[needs.grains.shape].oriented:
             raise Unsupported("measure", "only rods have an orientation q; leave q out")
-        if isinstance(probe, Sample | Slab | Zone | Contacts | Ledger | Dissipation) and probe.every < 1:
+        if isinstance(probe, Sample | Slab | Zone | Contacts | Traction | Ledger | Dissipation) and probe.every < 1:
             raise Unsupported("measure", "a probe is read once per beat at most; use every >= 1")
         if isinstance(probe, Film) and not 0 < probe.every < math.inf:
             raise Unsupported("measure", "the time between two frames of a film must be positive and finite")
         if isinstance(probe, Dissipation) and needs.grains.half_length > 0:
             raise Unsupported("measure", "the power of contacts is measured of spheres only")
+        if isinstance(probe, Traction) and not 0 < probe.size < math.inf:
+            raise Unsupported("measure", "the width of bins of walls must be positive and finite")
         if isinstance(probe, Zone) and not 0 <= probe.again < probe.every:
             raise Unsupported("measure", "a zone must be read again before its next frame; use 0 <= again < every")
 

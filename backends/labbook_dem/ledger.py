@@ -103,8 +103,8 @@ def contact_power(
     total, normal = -np.sum(force * apart, axis=1), pressing * np.sum(towards * apart, axis=1)
     overlap = radius[i] - r + np.where(of_pair, radius[j], 0.0)
     return {
-        "normal": math.fsum(normal),
-        "tangential": math.fsum(total - normal),
-        "walls": math.fsum(np.sum(force * moving, axis=1)),
+        "normal_power": math.fsum(normal),
+        "tangential_power": math.fsum(total - normal),
+        "wall_power": math.fsum(np.sum(force * moving, axis=1)),
         "elastic": 0.5 * math.fsum(pressing * overlap),
     }

@@ -7,9 +7,23 @@ from typing import NamedTuple
 import numpy as np
 
 from labbook.backend.numerics import Numerics
-from labbook.backend.probes import Contacts, Crossing, Dissipation, Film, Ledger, Probe, Sample, Slab, Table, Zone, due
+from labbook.backend.probes import (
+    Contacts,
+    Crossing,
+    Dissipation,
+    Film,
+    Ledger,
+    Probe,
+    Sample,
+    Slab,
+    Table,
+    Traction,
+    Zone,
+    due,
+)
 from labbook.scene import Bodies, Scene
 from labbook_dem.ledger import contact_power, totals
+from labbook_dem.traction import BinTable
 
 CROSSING_COLUMNS = ("id", "step", "time", "x", "y", "z", "vx", "vy", "vz", "wx", "wy", "wz")
 OF_RODS = ("qw", "qx", "qy", "qz")
@@ -79,6 +93,8 @@ class Readable(ABC):
     """All that look at it."""
     frames: list[tuple[Film, Seen]]
     """Taken in the beat, in the order of steps."""
+    bins: Mapping[Traction, BinTable]
+    """Of its walls, for each of these probes."""
     step: int
     """Steps taken."""
 
@@ -109,6 +125,10 @@ class Readable(ABC):
     @abstractmethod
     def contacts(self) -> np.ndarray:
         """Its touching contacts, in CONTACT_COLUMNS."""
+
+    @abstractmethod
+    def wall_sums(self, probe: Traction) -> np.ndarray:
+        """Sums over its contacts with walls, whole numbers by bin; see `labbook_dem.traction`."""
 
     @abstractmethod
     def counted(self) -> Mapping[str, float]:
@@ -212,6 +232,8 @@ def _seen(member: Readable, probe: Probe) -> Mapping[str, np.ndarray]:
         case Zone():
             grains = member.look(inside=probe.holds)
             fields = ("x", "v") if grains.q is None else ("x", "v", "q")
+        case Traction():
+            return member.bins[probe].rows(member.wall_sums(probe))
         case Ledger():
             return {name: np.array([value]) for name, value in member.totals().items()}
         case Dissipation():
@@ -221,7 +243,7 @@ def _seen(member: Readable, probe: Probe) -> Mapping[str, np.ndarray]:
 
 def _columns(probe: Probe, seen: Mapping[str, np.ndarray]) -> Table:
     """Columns of a probe, of what `_seen` gave."""
-    if isinstance(probe, Ledger | Dissipation):
+    if isinstance(probe, Ledger | Dissipation | Traction):
         return seen
     if isinstance(probe, Crossing | Contacts):
         crossing = isinstance(probe, Crossing)

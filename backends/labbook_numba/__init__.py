@@ -8,8 +8,8 @@ from labbook_dem.features import capabilities
 from labbook import backend
 from labbook.backend import Checkpoint, Spec, Unsupported
 from labbook.backend.numerics import Numerics
-from labbook.backend.probes import Probe
-from labbook.scene import Scene
+from labbook.backend.probes import Probe, Table, Traction
+from labbook.scene import Packing, Scene
 
 CACHE_VERSION = 6
 
@@ -89,6 +89,12 @@ class Backend(backend.Backend):
         check_state(checkpoint.arrays, scene, numerics)
         if (at := int(checkpoint.arrays["count"][STEP])) != step:
             raise ValueError(f"the checkpoint is of step {at}, not of step {step}")
+
+    def tractions(self, scene: Scene, numerics: Numerics, packing: Packing, probe: Traction) -> Table:
+        """See `labbook.backend.Backend`."""
+        from labbook_dem.plain_walls import at_rest
+
+        return at_rest(scene, numerics, packing, probe)
 
     def describe(self, scene: Scene, numerics: Numerics) -> Mapping[str, float]:
         """Asked and realised restitution of two grains (mean over ten phases of the step), and the damping used."""

@@ -16,6 +16,7 @@ from types import ModuleType
 import llvmlite
 import numba
 from labbook_dem import contact, dispatch, generated, motion, source
+from labbook_dem import traction as traction_sums
 from labbook_dem.features import constants
 from labbook_dem.formulas import hold
 from labbook_dem.laws import modules_of
@@ -37,6 +38,7 @@ from labbook_numba.kernels import (
     shape,
     step,
     surfaces,
+    traction,
     transfer,
 )
 from labbook_numba.kernels import features as vocabulary
@@ -46,7 +48,7 @@ PLACES = ("BLOCK", "STRIDE", "GRAIN", "LOAD", "SPRING", "ROLL", "BODY")
 PLACES += ("X", "V", "W", "U", "P", "Q", "A", "M", "F", "T")
 
 BEFORE = (cells, blocks, bodies, transfer)
-AFTER = (pairs, near, move, neighbours, meet, step, observe)
+AFTER = (pairs, near, move, neighbours, meet, step, observe, traction)
 """Kernels that all shapes share, before and after their own in the generated module."""
 
 
@@ -86,6 +88,7 @@ def module_text(spec: Spec) -> str:
         motion,
         *(WALLS[kind] for kind in kinds),
         *PHYSICS[grains].physics,
+        traction_sums,
     ]
     walls = dispatch.functions(kinds, rods=layout.ORIENTED, at="walls[{k}]", looks_first=True)
     named["WALL_NUMBERS"] = width = max(map(dispatch.how_many, kinds), default=1)

@@ -8,10 +8,11 @@ from labbook_dem.ensemble import UNKNOWN, Failure, Standing, check_checkpoint, e
 from labbook_dem.features import is_oriented, rolling_springs
 from labbook_dem.reading import Grains, Inside
 from labbook_dem.rotation import axes, momenta
+from labbook_dem.traction import SUMS
 
 from labbook.backend import Capabilities, Checkpoint
 from labbook.backend.numerics import Numerics
-from labbook.backend.probes import Crossing
+from labbook.backend.probes import SLIDING, Crossing, Traction
 from labbook.scene import Bodies, Packing, Scene
 from labbook_numba import state as S
 from labbook_numba.domains import advance, in_layers
@@ -318,6 +319,14 @@ class Run(Standing):
         self._fresh_lists()
         out = np.zeros((int(self.state.count[S.PAIRS] + self.state.wall_first[-1] * self.layout.WALL_PARTS), 9))
         return out[: self.kernels.contact_rows(self.state, self.params, out)]
+
+    def wall_sums(self, probe: Traction) -> np.ndarray:
+        """See `labbook_dem.reading.Readable`."""
+        self._fresh_lists()
+        table = self.bins[probe]
+        sums, rows = np.zeros((table.total, SUMS), np.int64), np.zeros((self.layout.WALL_PARTS, 9))
+        self.kernels.wall_sums(self.state, self.params, table.numbers, SLIDING, table.force, table.torque, rows, sums)
+        return sums
 
     def _fresh_lists(self) -> None:
         if self.state.sums[S.MOVED] >= 0.5 * self.params.skin:

@@ -12,24 +12,22 @@ from labbook_dem.dispatch import PlainWall
 from labbook_dem.ensemble import LONGEST, UNKNOWN, Failure, Standing, explain
 from labbook_dem.ensemble import check_checkpoint as check_names
 from labbook_dem.features import features, is_oriented, planes, rolling_springs
+from labbook_dem.plain_walls import NONE, PARTS, GrainState, Key, PlainWalls
 from labbook_dem.reading import CONTACT_COLUMNS, Grains, Inside, crossing_columns
+from labbook_dem.traction import SUMS, add_touch
 from labbook_dem.words import coefs, dot, vec3
 from scipy.spatial import KDTree
 
 from labbook.backend import Capabilities, Checkpoint
 from labbook.backend.numerics import Numerics
-from labbook.backend.probes import Crossing, Probe
+from labbook.backend.probes import Crossing, Probe, Traction
 from labbook.scene import Bodies, Scene
 from labbook.scene.orientation import axes, distances
 from labbook.scene.packing import Packing
 
-NONE, LOST = vec3(0.0, 0.0, 0.0), vec3(np.nan, np.nan, np.nan)
-PARTS = 4
-"""Points at which a rod may touch a wall (`labbook_dem.walls`)."""
+LOST = vec3(np.nan, np.nan, np.nan)
 NEWER = ("deepest", "fastest")
 """Numbers of a checkpoint that older ones lack."""
-Key = tuple[int, ...]
-"""Of a spring: ids of both grains, or id of the grain, place of the wall, and part."""
 
 # written for one component, and as good for arrays of them
 kick: Any = motion.kick
@@ -98,7 +96,7 @@ class Run(Standing):
     def __init__(self, can: Capabilities, scene: Scene, numerics: Numerics, probes: Sequence[Probe]):
         self._can, self.scene, self.numerics, self.probes = can, scene, numerics, tuple(probes)
         self.rods, self.walls = is_oriented(scene), scene.container.walls()
-        self._plain = [PlainWall(wall.shape) for wall in self.walls]
+        self._at_walls = PlainWalls(scene, numerics)
         self.slender = rotation.slenderness(scene.grains)
         self.failure: Failure | None = None
         self.frames = []
@@ -115,11 +113,6 @@ class Run(Standing):
                 (a, b): law.coefficients(scene.law_between(a, b), scene.surface_between(a, b), scale)
                 for a in sorts
                 for b in sorts
-            }
-            self._wall_c = {
-                (w, a): law.coefficients(scene.law(wall, a), scene.surface(wall, a), scale, True)
-                for w, wall in enumerate(self.walls)
-                for a in sorts
             }
 
     def _law(self):
@@ -338,9 +331,9 @@ class Run(Standing):
                 except ArithmeticError:  # Python raises where processors give NaN: two grains in the same place
                     found.add(i, LOST, LOST)
                     found.add(j, LOST, LOST)
-            for w, wall in enumerate(self._plain):
+            for w, wall in enumerate(self._at_walls.plain):
                 for i in self._near(w, wall):
-                    self._wall(found, i, w, a, *spins)
+                    self._wall(found, i, w, self._grain(i, a, *spins))
         return found
 
     def _close(self, a: np.ndarray) -> list[tuple[int, int]]:
@@ -406,49 +399,38 @@ class Run(Standing):
         if self._friction:
             found.springs[key] = kept
 
-    def _wall(self, found: Forces, i: int, w: int, a: np.ndarray, spin: np.ndarray, soon: np.ndarray) -> None:
+    def _wall(self, found: Forces, i: int, w: int, grain: GrainState) -> None:
         """Add what wall w does to grain i at each part that touches."""
-        wall, plain = self.walls[w], self._plain[w]
-        radius, half = float(self.bodies.radius[i]), self.scene.grains.half_length
-        x, along = vec3(*self.x[i].tolist()), vec3(*a[i].tolist())
-        met = {}
-        for part in range(PARTS if self.rods else 1):
-            distance, normal, s = plain.part(x, along, half, radius, part) if self.rods else (*plain.distance(x), 0.0)
-            if distance < radius:
-                met[part] = distance, normal, s
-        if not met:
-            return
-        name, c = int(self.ids[i]), self._wall_c[w, int(self.bodies.kind[i])]
-        was = sum(1 << part for part in range(PARTS) if (name, w, part) in self.springs)
-        now = sum(1 << part for part in met)
-        turning, pushed = vec3(0.0, 0.0, wall.motion.spin), vec3(*wall.motion.velocity)
-        wi, pi = vec3(*spin[i].tolist()), vec3(*soon[i].tolist())
-        for part, (distance, normal, s) in met.items():
-            last, advance = self._spring((name, w, rods.heir(part, was, now)))
-            lever = along * s
-            branch = lever - normal * distance
-            at = x + branch
-            surface = pushed + vec3(-turning.z * at.y, turning.z * at.x, 0.0)
-            u, v = vec3(*self.u[i].tolist()) - surface, vec3(*self.v[i].tolist()) - surface
-            overlap, mass, rate = radius - distance, float(self.bodies.mass[i]), self._rate(i)
-            if self.rods:
-                force, torque, kept = rods.rod_on_wall(
-                    c, radius, mass, overlap, normal, lever, u, v, pi, wi, turning, last, advance, rate
-                )
-            else:
-                force, torque, kept = spheres.sphere_on_wall(
-                    c, radius, mass, overlap, normal, u, v, wi, turning, last, advance, rate
-                )
-            if self._rolling:
-                roll, found.rolling[name, w, part] = spheres.rolling_on_wall(
-                    c, radius, mass, overlap, normal, force, wi, turning, self.rolling.get((name, w, part), NONE),
-                    advance, *self.scene.contact.rolling_spring,
-                )  # fmt: skip
-                torque = torque + roll
-            found.add(i, force, torque)
-            found.contacts.append(TouchingPair(i, -1, w, overlap, force, branch))
+        for one in self._at_walls.contacts(w, grain, self.springs, self.rolling):
+            key = grain.name, w, one.part
+            if one.rolling is not None:
+                found.rolling[key] = one.rolling
+            found.add(i, one.force, one.torque)
+            found.contacts.append(TouchingPair(i, -1, w, one.overlap, one.force, one.branch))
             if self._friction:
-                found.springs[name, w, part] = kept
+                found.springs[key] = one.spring
+
+    def _grain(self, i: int, a: np.ndarray, spin: np.ndarray, soon: np.ndarray) -> GrainState:
+        """Grain i; a, spin and soon: axes, and spins half a step before and predicted, of all grains."""
+        of = self.bodies
+        x, axis, u, v, w, y = (vec3(*array[i].tolist()) for array in (self.x, a, self.u, self.v, spin, soon))
+        inertia = self.scene.grains.inertia_axis if self.rods else float(of.inertia[i])
+        own = float(of.radius[i]), float(of.mass[i]), inertia, int(of.kind[i])
+        return GrainState(int(self.ids[i]), x, axis, u, v, w, y, *own)
+
+    def wall_sums(self, probe: Traction) -> np.ndarray:
+        """See `labbook_dem.reading.Readable`."""
+        table = self.bins[probe]
+        sums = np.zeros((table.total, SUMS), np.int64)
+        a = axes(self.q) if self.q is not None else np.zeros_like(self.x)
+        spins = self._spins(self.m), self._spins(self.y)
+        with self._law():
+            for w, wall in enumerate(self._at_walls.plain):
+                for i in self._near(w, wall):
+                    grain = self._grain(i, a, *spins)
+                    for one in self._at_walls.contacts(w, grain, self.springs, self.rolling):
+                        add_touch(table, w, self._at_walls.touch(w, grain, one), sums)
+        return sums
 
     def _spring(self, key: Key) -> tuple[vec3, float]:
         """A spring, and by how much to advance it [s]: one that is new began anywhere within the step."""

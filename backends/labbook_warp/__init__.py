@@ -7,8 +7,8 @@ from labbook_dem.features import capabilities
 from labbook import backend
 from labbook.backend import Checkpoint, Expected, Spec, Survey
 from labbook.backend.numerics import Numerics
-from labbook.backend.probes import Probe
-from labbook.scene import Scene
+from labbook.backend.probes import Probe, Table, Traction
+from labbook.scene import Packing, Scene
 
 CACHE_VERSION = 4
 
@@ -100,6 +100,12 @@ class Backend(backend.Backend):
         check(self.capabilities, self.specialise(scene, numerics), scene, numerics, checkpoint)
         if (at := int(checkpoint.arrays["step"])) != step:
             raise ValueError(f"the checkpoint is of step {at}, not of step {step}")
+
+    def tractions(self, scene: Scene, numerics: Numerics, packing: Packing, probe: Traction) -> Table:
+        """See `labbook.backend.Backend`."""
+        from labbook_dem.plain_walls import at_rest
+
+        return at_rest(scene, numerics, packing, probe)
 
     def describe(self, scene: Scene, numerics: Numerics) -> Mapping[str, float]:
         """Asked and realised restitution of two grains (mean over ten phases of the step), and the damping used."""

@@ -5,7 +5,9 @@ from typing import Any
 
 import numpy as np
 import warp as wp
+from labbook_dem.traction import SUMS
 
+from labbook.backend.probes import SLIDING
 from labbook_warp import compiling
 from labbook_warp.arrays import Arrays, fetch
 from labbook_warp.devices import shared_with_others
@@ -196,6 +198,13 @@ class Beat:
         any order. v: what `look` gave; low, high: shape [slots]."""
         heights = (wp.array(bound, dtype=wp.float64, device=self.device) for bound in (low, high))
         return self._collected(self.kernels.layer, 8, self._rows, v, *heights)
+
+    def wall_sums(self, bins: np.ndarray, units: np.ndarray, total: int) -> np.ndarray:
+        """Sums over contacts with walls, whole numbers of shape [total, SUMS]; see `kernels.traction`."""
+        numbers = (wp.array(array.ravel(), dtype=wp.float64, device=self.device) for array in (bins, units))
+        sums = wp.zeros(SUMS * total, dtype=wp.int64, device=self.device)
+        self._launch(self.kernels.wall_sums, self._rows, self.arrays.p, *numbers, SLIDING, sums)
+        return fetch(sums).reshape(total, SUMS)
 
     def _collected(self, kernel: Any, width: int, most: int, *inputs: Any) -> np.ndarray:
         """The rows of `width` numbers, at most so many, that a kernel writes wherever there is room."""

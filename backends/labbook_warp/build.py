@@ -5,12 +5,14 @@ from types import ModuleType
 
 import warp as wp
 from labbook_dem import contact, dispatch, features, generated, motion, source
+from labbook_dem import traction as traction_sums
 from labbook_dem.formulas import hold
 from labbook_dem.laws import modules_of
 from labbook_dem.shapes import SHAPES as PHYSICS
 from labbook_dem.walls import WALLS, number
 
 from labbook.backend import Spec
+from labbook.backend.probes import Traction
 from labbook_warp import dialect
 from labbook_warp.codec import Codec, kernel_text
 from labbook_warp.kernels import (
@@ -23,6 +25,7 @@ from labbook_warp.kernels import (
     step,
     sums,
     system,
+    traction,
     walls,
     words,
 )
@@ -75,6 +78,8 @@ def module_text(spec: Spec, uniform: bool, lanes: int, registers: int, apart: in
         dispatch.functions(kinds, turns, "load_wide(walls, w * WALL_NUMBERS + {k})"),
     ]
     modules += [bodies, sums, *own.kernels, forces, step, neighbours, observe, *([beside] if apart else [])]
+    if any(isinstance(probe, Traction) for probe in spec.probes):
+        physics, modules = [*physics, traction_sums], [*modules, traction]
     header = dialect.header(precision, registers, apart, own.unroll, several=lanes > 1)
     return source.generate(header, named, physics, modules)
 

@@ -10,7 +10,7 @@ from labbook_dem.reading import Grains, Inside, SlabGrains
 from labbook_dem.rotation import spins
 
 from labbook.backend import Checkpoint, EndState
-from labbook.backend.probes import Slab
+from labbook.backend.probes import Slab, Traction
 from labbook.scene.packing import Packing
 from labbook_warp import transfer
 from labbook_warp.arrays import fetch
@@ -81,6 +81,10 @@ class ReadableRun(Run, Standing):
     def contacts(self) -> np.ndarray:
         """Its touching contacts."""
         return self.view.contacts(self)
+
+    def wall_sums(self, probe: Traction) -> np.ndarray:
+        """See `labbook_dem.reading.Readable`."""
+        return self.view.wall_sums(self, probe)
 
     def counted(self) -> Mapping[str, float]:
         """What the kernels counted; see `labbook_dem.reading.Readable`."""

@@ -4,9 +4,11 @@ import math
 from typing import Any
 
 import numpy as np
+from labbook_dem.reading import Readable
+from labbook_dem.traction import WALL_COLUMNS
 
 from labbook.backend import Checkpoint
-from labbook.backend.probes import Slab
+from labbook.backend.probes import Slab, Traction
 from labbook.scene.packing import Packing
 from labbook_warp import transfer
 from labbook_warp.ended import SlotEnd
@@ -29,6 +31,8 @@ class DeviceView:
         self._extremes = np.zeros((0, 2))
         self._touched_at = -1  # the same, of contacts
         self._touching: dict[int, np.ndarray] = {}
+        self._sums: dict[Traction, tuple[int, dict[int, np.ndarray]]] = {}
+        """The same, and sums over contacts with walls by slot."""
         self._layers: dict[int, tuple[int, dict[int, np.ndarray]]] = {}
         """The same, and rows by slot, of the first slab of every member, the second ..."""
 
@@ -76,6 +80,34 @@ class DeviceView:
             found = _by_slot(stage.beats.layer(velocities, low, high), keys=1)
             self._layers[which] = stage.changes, found
         return found.get(run.slot, np.zeros((0, 7)))
+
+    def wall_sums(self, run: Run, probe: Traction) -> np.ndarray:
+        """Sums of a member over its contacts with walls by bin; those of all members are made at once."""
+        stage = self.stage
+        at, sums = self._sums.get(probe, (-1, {}))
+        if stage.changed_since(at, run.slot):
+            stage.show_all()
+            sums = self._all_wall_sums(probe)
+            self._sums[probe] = stage.changes, sums
+        return sums[run.slot]
+
+    def _all_wall_sums(self, probe: Traction) -> dict[int, np.ndarray]:
+        """Sums of every member with a slot, by slot."""
+        stage, sizes = self.stage, self.stage.arrays.sizes
+        bins, units = np.zeros((sizes.slots, max(sizes.walls, 1), WALL_COLUMNS)), np.ones((sizes.slots, 2))
+        first = 0
+        places: dict[int, slice] = {}
+        for run in stage.runs:
+            table = run.bins.get(probe) if isinstance(run, Readable) else None
+            if table is None:
+                continue
+            bins[run.slot, : len(table.numbers)] = table.numbers
+            bins[run.slot, : len(table.numbers), -1] += first
+            units[run.slot] = table.force, table.torque
+            places[run.slot] = slice(first, first + table.total)
+            first += table.total
+        sums = stage.beats.wall_sums(bins, units, max(first, 1))
+        return {slot: sums[place] for slot, place in places.items()}
 
     def energy(self, run: Run) -> float:
         """Kinetic energy [J] of a member at the whole step."""
@@ -127,7 +159,7 @@ class DeviceView:
     def close(self) -> None:
         """Free the device's memory."""
         self._velocities = None
-        self._touching, self._layers = {}, {}
+        self._touching, self._layers, self._sums = {}, {}, {}
 
 
 def _slabs(run: Run) -> list[Slab]:

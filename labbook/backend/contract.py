@@ -16,7 +16,7 @@ from typing import Any, ClassVar, Protocol
 import numpy as np
 
 from labbook.backend.numerics import Numerics
-from labbook.backend.probes import Probe, Table
+from labbook.backend.probes import Probe, Table, Traction
 from labbook.scene import Scene
 from labbook.scene.packing import Packing
 
@@ -354,6 +354,13 @@ class Backend(ABC):
         are missing or have other shapes or types, unknown grains, positions or velocities that are not finite. `admit`
         raises the same before anything runs.
         """
+
+    def tractions(self, scene: Scene, numerics: Numerics, packing: Packing, probe: Traction) -> Table | None:
+        """Rows of `probe` for a packing in `scene`, before any step, with the step and time 0.
+
+        None, the default, where a backend cannot tell. Nothing is compiled for it.
+        """
+        return None
 
     def survey(self) -> Survey:
         """Versions of libraries, and the devices of this machine; here those in `capabilities`, of unknown names."""

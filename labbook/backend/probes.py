@@ -128,6 +128,28 @@ class Contacts:
 
 
 @dataclass(frozen=True)
+class Traction:
+    """Sums over the contacts with each wall, in bins of the width `size` [m], every `every` beats.
+
+    Bins are those of `labbook.scene.wall_bins`: by height, of level walls by radius or x. Forces are those of the wall
+    on the grains. Columns: wall (index into the scene's walls), bin, contacts, sliding (contacts whose friction is
+    above SLIDING of its limit), fx, fy, fz [N], tx, ty, tz [N m] (torque about the origin), normal, along, across [N]
+    (components of the force along the normal from the wall to the grain; along the wall, upwards, outwards or along x;
+    and perpendicular to both), mx, my, mz [N m] (normal force times contact point). Bins without contacts have no row,
+    but for the first one of the first wall: every frame has a row.
+
+    Sums are exact: forces are rounded to 2^-24 of the weight of the largest grain, so that no bit depends on an order.
+    """
+
+    size: float
+    every: int = 1
+
+
+SLIDING = 0.95
+"""Part of the Coulomb limit from which on a contact counts as sliding."""
+
+
+@dataclass(frozen=True)
 class Ledger:
     """Totals every `every` beats.
 
@@ -142,8 +164,8 @@ class Ledger:
 class Dissipation:
     """Power of the forces in the contacts of spheres, every `every` beats.
 
-    Columns: normal, tangential [W] (power that normal and tangential forces take from the relative motion of both
-    surfaces: it is dissipated or stored in springs), walls [W] (power of moving walls on the grains), elastic [J] (half
+    Columns: normal_power, tangential_power [W] (what normal and tangential forces take from the relative motion of both
+    surfaces: it is dissipated or stored in springs), wall_power [W] (of moving walls on the grains), elastic [J] (half
     the sum of normal force times overlap). Forces, positions and velocities are of the end of the step. Torques of
     rolling friction are not in it.
     """
@@ -151,7 +173,7 @@ class Dissipation:
     every: int = 1
 
 
-Probe = Crossing | Sample | Film | Slab | Zone | Contacts | Ledger | Dissipation
+Probe = Crossing | Sample | Film | Slab | Zone | Contacts | Traction | Ledger | Dissipation
 
 
 def due(probe: Probe, beat: int) -> bool:
@@ -162,7 +184,12 @@ def due(probe: Probe, beat: int) -> bool:
 
 
 _VECTORS = {"x": "x y z", "v": "vx vy vz", "omega": "wx wy wz", "q": "qw qx qy qz"}
-_WHOLE = frozenset(["member", "step", "id", "i", "j", "wall", "grains", "touching", "rebuilds"])
+_WHOLE = frozenset(
+    ["member", "step", "id", "i", "j", "wall", "bin", "contacts", "sliding", "grains", "touching", "rebuilds"]
+)
+_TRACTION_SUMS = "contacts sliding fx fy fz tx ty tz normal along across mx my mz"
+TRACTION_SUMS = tuple(_TRACTION_SUMS.split())
+"""Columns of `Traction` that are sums."""
 
 
 def columns(probe: Probe, rods: bool = False) -> dict[str, type]:
@@ -181,10 +208,12 @@ def columns(probe: Probe, rods: bool = False) -> dict[str, type]:
             names = f"id {_VECTORS['x']} {_VECTORS['v']}" + (f" {_VECTORS['q']}" if rods else "")
         case Contacts():
             names = "i j wall fx fy fz bx by bz"
+        case Traction():
+            names = f"wall bin {_TRACTION_SUMS}"
         case Ledger():
             names = "grains kinetic potential contact_work mass max_overlap touching rebuilds px py pz lx ly lz"
         case Dissipation():
-            names = "normal tangential walls elastic"
+            names = "normal_power tangential_power wall_power elastic"
     return {name: np.int64 if name in _WHOLE else np.float64 for name in ["member", "step", "time", *names.split()]}
 
 
@@ -193,9 +222,10 @@ UNITS = {
     **dict.fromkeys(("x", "y", "z", "bx", "by", "bz", "max_overlap"), "m"),
     **dict.fromkeys(("vx", "vy", "vz"), "m/s"),
     **dict.fromkeys(("wx", "wy", "wz"), "rad/s"),
-    **dict.fromkeys(("fx", "fy", "fz"), "N"),
+    **dict.fromkeys(("fx", "fy", "fz", "normal", "along", "across"), "N"),
+    **dict.fromkeys(("tx", "ty", "tz", "mx", "my", "mz"), "N m"),
     **dict.fromkeys(("kinetic", "potential", "contact_work", "elastic"), "J"),
-    **dict.fromkeys(("normal", "tangential", "walls"), "W"),
+    **dict.fromkeys(("normal_power", "tangential_power", "wall_power"), "W"),
     "mass": "kg",
     "radius": "m",
     **dict.fromkeys(("px", "py", "pz"), "kg m/s"),
@@ -216,13 +246,14 @@ _KINDS: dict[str, type[Probe]] = {
     "slab": Slab,
     "zone": Zone,
     "contacts": Contacts,
+    "traction": Traction,
     "ledger": Ledger,
     "dissipation": Dissipation,
 }
 
 
 def table_name(probe: Probe) -> str:
-    """Name of a probe's table: `crossing`, `sample`, `film`, `slab`, `zone`, `contacts`, `ledger` or
+    """Name of a probe's table: `crossing`, `sample`, `film`, `slab`, `zone`, `contacts`, `traction`, `ledger` or
     `dissipation`."""
     return type(probe).__name__.lower()
 

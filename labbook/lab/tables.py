@@ -17,6 +17,7 @@ from labbook.backend.probes import Crossing, Dissipation, Film, Ledger, Probe, T
 from labbook.lab.folder import open_file, write_bytes
 from labbook.scene import Scene, Spheres
 from labbook.scene.quantities import told_apart
+from labbook.scene.wall_bins import all_walls
 
 MOST = 2.0**34
 """Bytes that a file may unpack to, whatever it is said to hold: it is read into memory."""
@@ -130,7 +131,7 @@ def fault_of_rows(table: Table, probe: Probe, scene: Scene, numerics: Numerics, 
 
 
 def _limits(scene: Scene, steps: int) -> dict[str, tuple[int, int]]:
-    last, walls = scene.grains.count - 1, len(scene.container.walls()) - 1
+    last, walls = scene.grains.count - 1, len(all_walls(scene.container)) - 1
     return {"step": (0, steps), "id": (0, last), "i": (0, last), "j": (-1, last), "wall": (-1, walls)}
 
 

@@ -14,6 +14,7 @@ from labbook.measure.outlets import OutletRates
 from labbook.measure.packing import PackingStructure
 from labbook.measure.residence import Residence
 from labbook.measure.stress import ContactStress
+from labbook.measure.wall_stress import WallStress
 from labbook.plugins import Registry
 
 MEASURES: Registry[Measure] = Registry[Measure](
@@ -32,6 +33,7 @@ MEASURES: Registry[Measure] = Registry[Measure](
         EnergyBalance(),
         Clogging(),
         Arch(),
+        WallStress(),
     ),
 )
 """The measures that a study can name under `measure`: those built in, and those of other packages."""

@@ -86,7 +86,7 @@ class EnergyBalance(Measure):
         if not {"ledger", "dissipation"} <= set(run.tables):
             raise MeasureError("energy: the run recorded no powers of contacts; run it again with this measure")
         table = run.tables["dissipation"]
-        names = ("time", "normal", "tangential", "walls", "elastic")
+        names = ("time", "normal_power", "tangential_power", "wall_power", "elastic")
         arrays = {name: np.asarray(table[name], float) for name in names}
         return Evaluation(tuple(_terms(run, window, arrays)), arrays)
 
@@ -110,16 +110,16 @@ def _terms(run: RunData, window: Window, arrays: Mapping[str, np.ndarray]) -> It
     released, kinetic = (first.potential - last.potential - fallen) / span, (last.kinetic - first.kinetic) / span
     mean = {name: float(arrays[name][inside].mean()) for name in arrays}
     error = {name: block_mean(arrays[name][inside], _BLOCKS).error for name in arrays}
-    rest = released + mean["walls"] - carried / span - mean["normal"] - mean["tangential"] - kinetic
+    rest = released + mean["wall_power"] - carried / span - mean["normal_power"] - mean["tangential_power"] - kinetic
     where = f"{begin:.4g} s to {end:.4g} s, grains that have not left"
     by_ends, sampled = "energies at both ends; error from seeds only", f"mean of {int(inside.sum())} sampled steps"
     blocks = f"{sampled}; error from {_BLOCKS} blocks"
-    of_rest = math.hypot(error["normal"], error["tangential"])
+    of_rest = math.hypot(error["normal_power"], error["tangential_power"])
     values = (
         (released, math.nan, by_ends),
         (carried / span, math.nan, "velocities at the outlet; error from seeds only"),
-        (mean["normal"], error["normal"], blocks),
-        (mean["tangential"], error["tangential"], blocks),
+        (mean["normal_power"], error["normal_power"], blocks),
+        (mean["tangential_power"], error["tangential_power"], blocks),
         (rest, of_rest, "what the other terms leave; error of the sampled ones"),
         (mean["elastic"], error["elastic"], blocks),
     )

@@ -4,7 +4,7 @@ from collections import defaultdict
 from collections.abc import Iterable, Mapping, Sequence
 from typing import NamedTuple
 
-from labbook.backend.probes import UNEVEN, Crossing, Probe, Sample, Slab, Zone, parse_probe, table_name
+from labbook.backend.probes import UNEVEN, Crossing, Probe, Sample, Slab, Traction, Zone, parse_probe, table_name
 from labbook.lab import identity
 from labbook.lab.catalogue import Catalogue, Entry
 from labbook.lab.evaluations import FinishedRun
@@ -96,6 +96,8 @@ def _covers(had: Probe, asked: Probe) -> bool:
         pairs = bool(had.again) == bool(asked.again) and asked.again / COARSER <= had.again <= asked.again * COARSER
         if not (wide and had.low <= asked.low + near and pairs):
             return False
+    if isinstance(had, Traction) and isinstance(asked, Traction) and had.size != asked.size:
+        return False
     if isinstance(had, Crossing | Slab) or isinstance(asked, Crossing | Slab):
         return had == asked
     return had.every <= asked.every * COARSER

@@ -8,7 +8,7 @@ from statistics import median
 
 from labbook.backend import Backend, Spec
 from labbook.backend.machine import pace, wide_vectors
-from labbook.backend.probes import Contacts, Probe, Sample, Zone
+from labbook.backend.probes import Contacts, Probe, Sample, Traction, Zone
 from labbook.filling import placing
 from labbook.filling.bed import PACKED, bed_height_ahead
 from labbook.lab.catalogue import Catalogue
@@ -20,6 +20,7 @@ from labbook.plan.plan import Forecast, Plan
 from labbook.plan.possible import specified
 from labbook.scene import Scene
 from labbook.scene.timescales import largest_stable_step
+from labbook.scene.wall_bins import bins_of_walls
 
 DEFAULT_SPEED = 5e6
 """Grain-steps per second and lane that are assumed of a backend that nothing is known of."""
@@ -100,6 +101,7 @@ _ROW = 8 * 14 * 0.75  # bytes of one crossing, compressed
 _GRAIN = 400  # bytes of one grain's share of a checkpoint
 _FRAME, _TURNED = 23.0, 15.0  # bytes of one grain in one recorded frame, compressed; and of the orientation of a rod
 _NEAR, _CONTACTS = 30.0, 50.0  # bytes of one grain, and of its contacts, in one frame that is measured
+_SUMS = 50.0  # bytes of one bin of a wall in one frame
 
 
 @dataclass
@@ -356,9 +358,12 @@ def film_bytes(shared: PointDemand) -> float:
 def _bytes_of(probe: Probe, shared: PointDemand) -> float:
     """What is kept of whole frames of grains and contacts, and of those around an outlet."""
     grains = shared.scene.grains
-    if not isinstance(probe, Sample | Contacts | Zone):
+    if not isinstance(probe, Sample | Contacts | Zone | Traction):
         return 0.0
     frames = discharge_time(shared) / (probe.every * shared.numerics.beat)
+    if isinstance(probe, Traction):
+        bins = bins_of_walls(shared.scene, shared.scene.container.walls(), probe.size)
+        return _SUMS * frames * sum(one.count for one in bins)
     if isinstance(probe, Zone):
         around, above = probe.radius**2 * probe.high, probe.core**2 * (probe.top - probe.high)
         within = PACKED * math.pi * (around + above) / (math.pi / 6 * grains.equivalent_diameter**3)

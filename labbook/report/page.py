@@ -28,6 +28,7 @@ from labbook.report.sections import marks, series_sections
 from labbook.report.setting import setting
 from labbook.report.starts import start_sections
 from labbook.report.statement_tables import statement_digest, statement_table
+from labbook.report.walls import wall_sections
 from labbook.results import display
 from labbook.results.study import StudyResults
 from labbook.version import __version__
@@ -173,6 +174,7 @@ PARTS: tuple[Part, ...] = (
     residence_sections,
     energy_sections,
     start_sections,
+    wall_sections,
     _budget,
     _numerics,
     _further,

@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from labbook.backend import Emptied, EndState, Ensemble, Event, Member, Status
+from labbook.backend import Backend, Emptied, EndState, Ensemble, Event, Member, Status
 from labbook.backend.numerics import Numerics
 from labbook.backend.probes import (
     Contacts,
@@ -19,6 +19,7 @@ from labbook.backend.probes import (
     Probe,
     Sample,
     Table,
+    Traction,
     Zone,
     describe_probe,
     parse_probe,
@@ -37,7 +38,7 @@ from labbook.lab.packings import load_packing
 from labbook.lab.provenance import now
 from labbook.lab.records import Coverage, Observe, Outcome, Precise, RunFailure, RunRecord, Unreadable
 from labbook.lab.runs import CHECKPOINT, RECORDING, check_tables, fault_of_crossings, film_of
-from labbook.lab.tables import fault_of_rows, write_checkpoint, write_table
+from labbook.lab.tables import fault_of_rows, join, write_checkpoint, write_table
 from labbook.measure import RunData
 from labbook.measure.series import passages
 from labbook.measure.steady import steady_flow
@@ -46,13 +47,19 @@ from labbook.plan.coverage import unobserved
 from labbook.plan.demand import Demand
 from labbook.run.job import Bench, Job, JobFailed, Kept, failure
 from labbook.run.ledger import ledger
-from labbook.scene import Packing
+from labbook.scene import Packing, Scene
 from labbook.scene.quantities import percent
 from labbook.scene.timescales import stop_time
+from labbook.scene.wall_bins import all_walls
 from labbook.stats.stopping import looks
 
 _LOG = logging.getLogger("labbook")
 _WHOLE = {"id": np.int32, "i": np.int32, "j": np.int32, "wall": np.int16, "step": np.int64, "time": np.float64}
+_WHOLE |= dict.fromkeys(("bin", "contacts", "sliding"), np.int32)
+
+
+_FRAMED = Sample | Zone | Contacts | Traction
+"""Probes whose rows are kept in single precision."""
 
 
 class DischargeJob(Job):
@@ -242,7 +249,7 @@ class DischargeJob(Job):
         if probe == self.film:
             self.keep(FILM_TABLE, frame_rows(table))
         if probe in self._measured:
-            self.keep(table_name(probe), frame_rows(table) if isinstance(probe, Sample | Zone | Contacts) else table)
+            self.keep(table_name(probe), frame_rows(table) if isinstance(probe, _FRAMED) else table)
 
     @property
     def looks(self) -> bool:
@@ -378,7 +385,16 @@ class DischargeJob(Job):
             start=self._packed,
             drawn=drawn,
             seen=self._seen,
+            before=self._before_opening(),
         )
+
+    def _before_opening(self) -> "BeforeOpening | None":
+        """The bed at rest, where forces of walls are observed."""
+        probe = next((one for one in self._measured if isinstance(one, Traction)), None)
+        if probe is None:
+            return None
+        shared = self.demand.shared
+        return BeforeOpening(self.bench.backend, shared.closed, shared.filled_by, probe)
 
     def _record(self, verdict: str) -> RunRecord:
         """What the run says of itself, but for its ledger."""
@@ -430,9 +446,33 @@ class DischargeJob(Job):
 
 
 @dataclass(frozen=True)
+class BeforeOpening:
+    """Forces of walls on a bed at rest, in the scene of its filling: with the lid in place."""
+
+    backend: Backend
+    closed: Scene
+    numerics: Numerics
+    probe: Traction
+
+    def rows(self, packing: Packing, scene: Scene) -> Table | None:
+        """Rows of the probe at step 0, without the column `member`; None of a backend that cannot tell.
+
+        Walls are numbered as `all_walls` does: those of the opened `scene` first.
+        """
+        table = self.backend.tractions(self.closed, self.numerics, packing, self.probe)
+        if table is None:
+            return None
+        places = {wall.name: place for place, wall in enumerate(all_walls(scene.container))}
+        number = np.array([places[wall.name] for wall in self.closed.container.walls()], np.int64)
+        rows = {name: column for name, column in table.items() if name != "member"}
+        return frame_rows({**rows, "wall": number[table["wall"]]})
+
+
+@dataclass(frozen=True)
 class KeptRun(Kept):
     """A run that has ended. record: without its ledger. unsaved: rows since the last save. start: its packing. drawn:
-    whether there is to be a picture. seen: the bed that it shows; None: that at the end."""
+    whether there is to be a picture. seen: the bed that it shows; None: that at the end. before: as of `BeforeOpening`,
+    where forces of walls are observed."""
 
     record: RunRecord
     status: Status
@@ -442,6 +482,7 @@ class KeptRun(Kept):
     start: Packing
     drawn: bool
     seen: Packing | None
+    before: BeforeOpening | None = None
 
     def fill_folder(self, folder: Path) -> None:
         """Tables, the exact last state, the recording, the picture, and the record."""
@@ -455,7 +496,13 @@ class KeptRun(Kept):
     @cached_property
     def _tables(self) -> dict[str, dict[str, np.ndarray]]:
         """Rows of every probe, by table name, as they are written; read before the work folder is cleared."""
-        return self.journal.tables(self.unsaved)
+        tables = self.journal.tables(self.unsaved)
+        if self.before is not None:
+            name = table_name(self.before.probe)
+            if not (tables[name]["step"] == 0).any():
+                rows = self.before.rows(self.start, self.record.scene)
+                tables[name] = tables[name] if rows is None else join([rows, tables[name]])
+        return tables
 
     @cached_property
     def _complete(self) -> RunRecord:
@@ -528,7 +575,7 @@ def parse_film(text: str | None, numerics: Numerics) -> Film | None:
 
 
 def frame_rows(table: Table) -> Table:
-    """Rows of grains or contacts in single precision, but for ids, step and time.
+    """Rows of grains, contacts or walls in single precision, but for ids, step and time.
 
     Positions are then known to 1e-8 m and velocities to 1e-7 of themselves: far below what fields resolve.
     """

@@ -193,9 +193,9 @@ TABLE = (
     ),
     Absent(
         "measure",
-        "wallforce wallforces wallstress wallpressure pressure force forces torque",
-        "forces on walls are not measured",
-        "use contact_stress, the stress within the bed",
+        "wallforce wallforces wallpressure pressure force forces torque janssen",
+        "forces on walls have another name",
+        "use wall_stress, or contact_stress for the stress within the bed",
     ),
     Absent(
         "measure",

@@ -6,16 +6,29 @@ import numpy as np
 import pytest
 from stands import identical, specialised
 
-from labbook.backend.probes import Contacts, Crossing, Dissipation, Ledger, Sample, Slab, Zone
+from labbook.backend.probes import (
+    SLIDING,
+    TRACTION_SUMS,
+    Contacts,
+    Crossing,
+    Dissipation,
+    Ledger,
+    Sample,
+    Slab,
+    Traction,
+    Zone,
+)
 from labbook.checks.verify.stand import MemberStart, grains_at, rows_of
 from labbook.checks.verify.symmetry import DT, difference, hopper
 from labbook.scene import Primitives, Spheres
+from labbook.scene.wall_bins import bins_of_walls
 
 BEATS = 12
 SAMPLE, CONTACTS = Sample(fields=("x", "v", "omega")), Contacts()
 SLAB = Slab(low=-0.0015, high=0.0015)
 ZONE = Zone(radius=0.012, low=-0.002, high=0.006, core=0.006, top=0.03)
-EVERYTHING = (Crossing(), Ledger(), SAMPLE, SLAB, ZONE, CONTACTS, Dissipation())
+TRACTION = Traction(size=0.006)
+EVERYTHING = (Crossing(), Ledger(), SAMPLE, SLAB, ZONE, CONTACTS, TRACTION, Dissipation())
 
 
 def test_declaring_and_reading_them_changes_no_bit(silo):
@@ -77,7 +90,8 @@ COLUMNS = {
     "Slab": "id x y z vx vy vz",
     "Zone": "id x y z vx vy vz",
     "Contacts": "i j wall fx fy fz bx by bz",
-    "Dissipation": "normal tangential walls elastic",
+    "Dissipation": "normal_power tangential_power wall_power elastic",
+    "Traction": f"wall bin {' '.join(TRACTION_SUMS)}",
     "Ledger": "grains kinetic potential contact_work mass max_overlap touching rebuilds px py pz lx ly lz",
 }
 
@@ -92,7 +106,7 @@ def test_tables_have_the_columns_of_the_contract(silo):
         assert set(table) == {"member", "step", "time", *COLUMNS[type(probe).__name__].split()}
         assert len({len(column) for column in table.values()}) == 1
         for name, column in table.items():
-            whole = name in ("member", "step", "id", "i", "j", "wall")
+            whole = name in ("member", "step", "id", "i", "j", "wall", "bin", "contacts", "sliding")
             assert not whole or np.issubdtype(column.dtype, np.integer), name
 
 
@@ -303,3 +317,44 @@ def test_only_the_first_passage_counts(silo):
     rows = motion.rows(passing)
     assert len(rows["time"]) == 1
     assert rows["time"][0] == pytest.approx(math.sqrt(2 * 0.02 / scene.gravity), abs=0.02 * DT)
+
+
+def test_traction_adds_up_the_contacts_with_walls(silo):
+    """Against rows of contacts with positions. Sums are rounded to 2^-24 of a grain's weight in each contact; forces
+    and normals of a backend in single precision to its precision."""
+    with silo.ensemble(probes=EVERYTHING) as ensemble:
+        silo.admit(ensemble)
+        ensemble.advance(BEATS)
+        tables = ensemble.drain()
+    scene, step = silo.scene, BEATS * silo.numerics().steps_per_beat
+    contacts, sample, sums = (
+        {name: column[tables[probe]["step"] == step] for name, column in tables[probe].items()}
+        for probe in (CONTACTS, SAMPLE, TRACTION)
+    )
+    at_wall = contacts["wall"] >= 0
+    force, branch = (np.column_stack([contacts[f"{of}{axis}"][at_wall] for axis in "xyz"]) for of in "fb")
+    x = np.column_stack([sample[axis] for axis in "xyz"])
+    point = x[np.searchsorted(sample["id"], contacts["i"][at_wall])] + branch
+    normal = -branch / np.linalg.norm(branch, axis=1)[:, None]
+    pressed = np.sum(force * normal, axis=1)
+    up = np.array([0.0, 0.0, 1.0]) - normal * normal[:, 2:]
+    up /= np.linalg.norm(up, axis=1)[:, None]
+    local = pressed, np.sum(force * up, axis=1), np.sum(force * np.cross(normal, up), axis=1)
+    expected = [*force.T, *np.cross(point, force).T, *local, *(point.T * pressed)]
+    wall = contacts["wall"][at_wall]
+    unit = scene.grains.mass * scene.gravity * (2.0**-24 + 4 * silo.rounding)
+    assert sums["contacts"].sum() == len(wall) > 10
+    for w, bins in enumerate(bins_of_walls(scene, scene.container.walls(), TRACTION.size)):
+        assert bins.along == "height"
+        place = np.floor((point[:, 2] - bins.low) / bins.size).astype(int).clip(0, bins.count - 1)
+        for k in range(bins.count):
+            mine, row = (wall == w) & (place == k), (sums["wall"] == w) & (sums["bin"] == k)
+            assert sums["contacts"][row].sum() == mine.sum()
+            allowed = (1 + mine.sum()) * unit + 16 * silo.rounding * np.abs(force[mine]).sum()
+            for name, values in zip(TRACTION_SUMS[2:], expected, strict=True):
+                lever = 1.0 if name[0] in "fna" else max(scene.grains.diameter, np.abs(point).max())
+                assert sums[name][row].sum() == pytest.approx(values[mine].sum(), abs=allowed * lever), name
+    tangential = np.sqrt(np.maximum(np.sum(force**2, axis=1) - pressed**2, 0))
+    share = tangential / (scene.contact.friction * pressed)
+    clear = np.abs(share - SLIDING) > 1e-4
+    assert abs(sums["sliding"].sum() - np.sum(share > SLIDING)) <= np.sum(~clear)

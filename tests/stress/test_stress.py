@@ -16,7 +16,10 @@ from labbook.checks.verify.case import limited
 from labbook.checks.verify.stand import Stand, require
 from labbook.cli import build
 
-IN_ONE = {"pyramid", "edges", "time-step", "stiffness", "incline", "units", "size-ratio", "rods-stacked", "powers"}
+IN_ONE = {
+    *("pyramid", "edges", "wall-sums", "time-step", "stiffness", "incline", "units", "size-ratio"),
+    *("rods-stacked", "powers"),
+}
 """Cases that take long, or kernels of their own: a backend takes them in its first precision only."""
 OF_ITS_OWN = {"pyramid"}
 """Cases whose kernels, which no other case shares, take twenty seconds to compile: in the ring. The contract and

@@ -4,7 +4,7 @@ from labbook_dem.contact import rolling_rate
 from labbook_dem.rods import rod_on_rod
 from labbook_dem.rotation import spin
 from labbook_dem.segments import closest
-from labbook_dem.words import dot, func, narrow, real, vec3, wide
+from labbook_dem.words import dot, func, narrow, real, vec3, wide, wide3
 
 from labbook_numba.kernels.blocks import reals
 from labbook_numba.kernels.bodies import rolling_inertia
@@ -53,6 +53,19 @@ def walls_now(st: State, p: Params, w, k, dt, out, found):
             write_row(out, found, st.ids[i], -1, w, force, point)
             found += 1
     return found
+
+
+@func
+def normal_now(st: State, p: Params, w, i, row, rows):
+    """Unit normal from wall w to the part of rod i that makes the contact."""
+    now = measure_rod(st.grains, st.near, p.walls, p.wall_kind, w, i, p.half, p.radius)
+    at, count = 0, 0
+    for part in range(WALL_PARTS):
+        if (now >> part) & 1:
+            if count == row:
+                at = part
+            count += 1
+    return wide3(wide(st.near[at * 5 + 1]), wide(st.near[at * 5 + 2]), wide(st.near[at * 5 + 3]))
 
 
 @func

@@ -64,6 +64,11 @@ def walls_now(st: State, p: Params, w, k, dt, out, found) -> Any:
     raise NotImplementedError(_OF_SHAPE)
 
 
+def normal_now(st: State, p: Params, w, i, row, rows) -> Any:
+    """Unit normal from wall w to grain i at contact `row` of those that `walls_now` has just written to `rows`."""
+    raise NotImplementedError(_OF_SHAPE)
+
+
 def spin_later(grains, loads, body, i, later, p: Params) -> Any:
     """Spin [rad/s] of grain i, `later` [s] later by the torque in `loads`."""
     raise NotImplementedError(_OF_SHAPE)

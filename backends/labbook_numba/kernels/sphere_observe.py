@@ -3,7 +3,7 @@
 from labbook_dem.chosen import wall_distance
 from labbook_dem.contact import rolling_rate
 from labbook_dem.spheres import sphere_on_sphere, sphere_on_wall
-from labbook_dem.words import dot, func, narrow, real, vec3, wide
+from labbook_dem.words import dot, func, narrow, real, sqrt, vec3, wide, wide3
 
 from labbook_numba.kernels.blocks import reals, row_of
 from labbook_numba.kernels.bodies import inertia_of, kind_of, mass_of, radius_of
@@ -62,6 +62,13 @@ def walls_now(st: State, p: Params, w, k, dt, out, found):
         write_row(out, found, st.ids[i], -1, w, force, -(normal_w * distance))
         found += 1
     return found
+
+
+@func
+def normal_now(st: State, p: Params, w, i, row, rows):
+    """Unit normal from wall w to sphere i, along the branch to the contact."""
+    branch = wide3(rows[row, 6], rows[row, 7], rows[row, 8])
+    return branch * (wide(-1.0) / sqrt(dot(branch, branch)))
 
 
 @func

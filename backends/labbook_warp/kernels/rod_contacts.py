@@ -128,6 +128,17 @@ def at_wall(a: System, m: Material, s: int, r: int, k: int, near: uint32, old: u
 
 
 @func
+def normal_at(a: System, m: Material, s: int, r: int, k: int, wall: int, near: uint32, g: Grain):
+    """Unit normal from a wall to the part k modulo WALL_PARTS of the rod."""
+    q = k // WALL_PARTS
+    met, on, twin, back = edges(a, wall, g.x, g.axis, m.half, m.reach, parts_of(near, q))
+    _distance, normal, _at = part_distance(
+        a, wall, g.x, g.axis, m.half, m.reach, k - q * WALL_PARTS, met, on, twin, back
+    )  # fmt: skip
+    return normal
+
+
+@func
 def without_walls(near: uint32, n: int):
     """The walls that are near, but for the first n of them."""
     for _k in range(n):

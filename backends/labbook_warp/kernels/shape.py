@@ -91,6 +91,11 @@ def at_wall(a: System, m: Material, s: int, r: int, k: int, near: uint32, old: u
     raise NotImplementedError(_OF_SHAPE)
 
 
+def normal_at(a: System, m: Material, s: int, r: int, k: int, wall: int, near: uint32, g: Grain) -> wide3:
+    """Unit normal from `wall` to row r at entry k of its walls, where it touches."""
+    raise NotImplementedError(_OF_SHAPE)
+
+
 def at_walls(
     a: System, m: Material, s: int, r: int, lane: int, g: Grain, near: uint32, old: uint32, sums: Sums, keep: bool
 ) -> Any:  # fmt: skip

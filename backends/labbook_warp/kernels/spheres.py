@@ -206,6 +206,13 @@ def at_wall(a: System, m: Material, s: int, r: int, k: int, near: uint32, old: u
 
 
 @func
+def normal_at(a: System, m: Material, s: int, r: int, k: int, wall: int, near: uint32, g: Grain):
+    """Unit normal from a wall to the grain."""
+    _distance, normal = wall_distance(a.wall_numbers, wall, load_int(a.wall_kind, wall), g.x)
+    return normal
+
+
+@func
 def at_walls(
     a: System, m: Material, s: int, r: int, lane: int, g: Grain, near: uint32, old: uint32, sums: Sums, keep: bool
 ):  # fmt: skip

@@ -18,7 +18,7 @@ import numpy as np
 from labbook.backend import Backend, Ensemble, Failed, Settled, Spec, load
 from labbook.backend.machine import hardware
 from labbook.backend.numerics import Numerics
-from labbook.backend.probes import Contacts, Probe, Sample
+from labbook.backend.probes import Contacts, Probe, Sample, Traction
 from labbook.checks.bench.speed import FAN_STEP, SETTLED, fan, on_one_thread, settled
 from labbook.filling.placing import STARTS, place
 from labbook.scene import Scene
@@ -76,6 +76,7 @@ SKIPS = (
     Skip("crossings of a plane", features={"CROSSING": True}),
     Skip("energies", features={"LEDGER": True}),
     Skip("new lists of neighbours five times as often", numerics={"skin": 0.03}, falling=True),
+    Skip("forces of walls at every beat", probes=(Traction(size=6e-3),)),
     Skip("frames of all grains at every beat", probes=(Sample(fields=("x", "v", "omega")),)),
     Skip("contacts of the bed at every beat, as arches need them", probes=(Sample(fields=("x",)), Contacts())),
 )

@@ -5,7 +5,7 @@ from collections.abc import Generator, Iterator
 
 import numpy as np
 
-from labbook.backend.probes import Contacts, Ledger
+from labbook.backend.probes import Contacts, Ledger, Traction
 from labbook.checks.stress.case import Ending, StressCase, within
 from labbook.checks.stress.watch import follow, sound
 from labbook.checks.verify.bed import wall_force_error
@@ -71,6 +71,31 @@ def _on_edges(stand: Stand) -> Iterator[Ending]:
             part = f"{law}, {name}"
             motion = yield from _rests(stand, part, MemberStart(here, DT[law], start))
             yield within(stand, part, "aside", float(np.abs(motion.end.x[0, :2]).max()) / D, limited(1e-12, "d"))
+
+
+BIN_WIDTHS = {"bins of 2 d": 2 * D, "bins of a micrometre": 1e-6, "one bin of a kilometre": 1e3}
+"""Of which the second are too many, so that the last takes all that lies beyond it."""
+
+
+def _sums(stand: Stand) -> Iterator[Ending]:
+    """Sums over contacts with walls are those of the rows of contacts, wherever contacts and bins lie."""
+    for name, (walls, height) in places().items():
+        here = scene(1, LAWS["linear"](**SOFT["linear"]), walls, G)
+        start = grains_at([[0.0, 0.0, height - 1e-4 * D]], v=[0.05, 0.02, -0.1], omega=[3.0, 20.0, 1.0])
+        for words, size in BIN_WIDTHS.items():
+            probe = Traction(size=size)
+            motion = sound(follow(stand, MemberStart(here, DT["linear"], start), 8, 50, [Contacts(), probe]))
+            rows, sums = motion.rows(Contacts()), motion.rows(probe)
+            part = f"{name}, {words}"
+            missed = abs(int(sums["contacts"].sum()) - len(rows["wall"]))
+            yield within(stand, part, "contacts missed", missed, limited(0.0))
+            if not len(rows["wall"]):
+                continue
+            weight = here.grains.mass * G * 2.0**-24  # to which each force is rounded
+            scale = float(np.abs([rows[axis] for axis in ("fx", "fy", "fz")]).max())
+            off = max(abs(sums[axis].sum() - rows[axis].sum()) for axis in ("fx", "fy", "fz"))
+            beyond = max(0.0, off - len(rows["wall"]) * weight) / scale
+            yield within(stand, part, "force apart", beyond, limited(1e-12, roundings=4))
 
 
 def _rests(stand: Stand, part: str, start: MemberStart) -> Generator[Ending, None, Motion]:
@@ -168,6 +193,12 @@ CASES = [
         what="a sphere dropped exactly onto an edge, a ridge, into a corner, a cone's tip, a hole less than d",
         oracle="symmetry; energy does not grow; static balance",
         run=_on_edges,
+    ),
+    StressCase(
+        name="wall-sums",
+        what="a sphere on the same edges and in the same corners; bins of walls that are too narrow, or too wide",
+        oracle="sums over walls are those of the rows of contacts",
+        run=_sums,
     ),
     StressCase(
         name="rods-aligned",

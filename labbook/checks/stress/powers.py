@@ -82,7 +82,7 @@ def _balance(stand: Stand) -> Iterator[Ending]:
         probes = (Ledger(), Dissipation())
         motion = sound(follow(stand, MemberStart(scene, dt, start), round(DURATION / dt), 1, probes))
         work = motion.rows(probes[0])["contact_work"]
-        lost = dissipated(motion, "normal", "tangential") - dissipated(motion, "walls")
+        lost = dissipated(motion, "normal_power", "tangential_power") - dissipated(motion, "wall_power")
         gap = work + lost
         moved = float(np.abs(work).max())
         # order dt, where a dashpot's force begins within a step, else dt^2: collisions of 50 steps

@@ -111,7 +111,7 @@ def _slide(stand: Stand) -> Mapping[str, float]:
     beats = round(1.3 * 2 * SLIDES / (7 * 0.3 * G) / (dt * steps))
     motion = stand.run(MemberStart(rests, dt, start), beats, steps, (LEDGER, POWERS))
     energy = 0.5 * rests.grains.mass * SLIDES**2
-    tangential, normal = (dissipated(motion, name)[-1] / energy for name in ("tangential", "normal"))
+    tangential, normal = (dissipated(motion, name)[-1] / energy for name in ("tangential_power", "normal_power"))
     return {"friction": abs(tangential / (2 / 7) - 1), "normal part": abs(normal)}
 
 
@@ -130,7 +130,7 @@ def tumbling(stand: Stand, dt: float) -> float:
     motion = stand.run(MemberStart(scene(8, law, box, G), dt, start), round(3e-3 / dt), 1, (LEDGER, POWERS))
     table = motion.rows(LEDGER)
     energy = table["kinetic"] + table["potential"]
-    balance = energy + dissipated(motion, "normal", "tangential")
+    balance = energy + dissipated(motion, "normal_power", "tangential_power")
     return float(np.abs(balance - balance[0]).max() / (energy[0] - energy[-1]))
 
 

@@ -29,7 +29,20 @@ import numpy as np
 
 from labbook import backend as contract
 from labbook.backend import Capabilities, Checkpoint, Emptied, Failed, Member, Settled, Spec, Status, Unsupported
-from labbook.backend.probes import Contacts, Crossing, Dissipation, Film, Ledger, Sample, Slab, Zone, due, empty_table
+from labbook.backend.probes import (
+    TRACTION_SUMS,
+    Contacts,
+    Crossing,
+    Dissipation,
+    Film,
+    Ledger,
+    Sample,
+    Slab,
+    Traction,
+    Zone,
+    due,
+    empty_table,
+)
 from labbook.scene.packing import Packing
 
 DECAY = 0.9
@@ -391,10 +404,18 @@ class Glass:
             return {name: column[inside] for name, column in table.items()}
         if isinstance(probe, Contacts):
             return self._weights()
+        if isinstance(probe, Traction):
+            return self._bottom()
         if isinstance(probe, Ledger):
             return self._totals()
         if isinstance(probe, Dissipation):
-            row = {"normal": 1e-3, "tangential": 3e-3, "walls": 0.0, "elastic": 1e-6, "time": self.time}
+            row = {
+                "normal_power": 1e-3,
+                "tangential_power": 3e-3,
+                "wall_power": 0.0,
+                "elastic": 1e-6,
+                "time": self.time,
+            }
             return {name: np.array([value]) for name, value in (row | {"step": self.step}).items()}
         n = len(self.x)
         table = {"id": self.ids.copy(), "step": np.full(n, self.step), "time": np.full(n, self.time)}
@@ -414,6 +435,13 @@ class Glass:
         table |= {"step": np.full(n, self.step), "time": np.full(n, self.time)}
         weight, radius = self.scene.grains.mass * self.scene.gravity, self.scene.grains.radius
         return table | {"fx": zero, "fy": zero, "fz": zero + weight, "bx": zero, "by": zero, "bz": zero - radius}
+
+    def _bottom(self):
+        """The first wall carries the weight of all grains in its first bin."""
+        n, grains = len(self.x), self.scene.grains
+        row = dict.fromkeys(TRACTION_SUMS, 0.0) | {"wall": 0, "bin": 0, "contacts": n, "sliding": 0}
+        row |= {"fz": n * grains.mass * self.scene.gravity, "step": self.step, "time": self.time}
+        return {name: np.array([value]) for name, value in row.items()}
 
     def _totals(self):
         """Every grain rests with an overlap of a thousandth of d, and contacts have done no work."""

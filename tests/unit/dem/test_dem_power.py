@@ -54,9 +54,9 @@ def test_powers_are_those_of_the_contact_points():
     normal -= f[2] * u[2]
     tangential -= (f - f @ n * n) @ (u - u @ n * n)
     elastic += 0.5 * f[2] * (radius[0] - 1.9e-3)
-    assert found["normal"] == pytest.approx(normal, rel=1e-12)
-    assert found["tangential"] == pytest.approx(tangential, rel=1e-12)
-    assert found["walls"] == pytest.approx(f @ surface, rel=1e-12)
+    assert found["normal_power"] == pytest.approx(normal, rel=1e-12)
+    assert found["tangential_power"] == pytest.approx(tangential, rel=1e-12)
+    assert found["wall_power"] == pytest.approx(f @ surface, rel=1e-12)
     assert found["elastic"] == pytest.approx(elastic, rel=1e-12)
 
 
@@ -67,11 +67,11 @@ def test_a_pair_that_moves_as_a_whole_dissipates_nothing():
     v = np.array([0.1, 0.2, -0.3]) + np.cross(turn, x)
     row = np.array([[0, 1, -1, 1.0, -2.0, 0.5, *(x[1] - x[0])]])
     found = contact_power(scene(), np.arange(2), radius, x, v, np.tile(turn, (2, 1)), row)
-    assert found["normal"] == pytest.approx(0, abs=1e-15)
-    assert found["tangential"] == pytest.approx(0, abs=1e-15)
+    assert found["normal_power"] == pytest.approx(0, abs=1e-15)
+    assert found["tangential_power"] == pytest.approx(0, abs=1e-15)
 
 
 def test_no_contact_has_no_power():
     zero = np.zeros((1, 3))
     found = contact_power(scene(), np.arange(1), np.array([1e-3]), zero, zero, zero, np.zeros((0, 9)))
-    assert found == {"normal": 0, "tangential": 0, "walls": 0, "elastic": 0}
+    assert found == {"normal_power": 0, "tangential_power": 0, "wall_power": 0, "elastic": 0}

@@ -40,8 +40,8 @@ def by_hand(followed: bool) -> RunData:
         table["kinetic"][k] = 0.5 * MASS * ((SPEED + G * fall) ** 2).sum()
         table["potential"][k] = MASS * G * (inside * HEIGHT - (SPEED * fall + G / 2 * fall**2).sum())
     table["time"] = time
-    powers = {"time": time, "normal": 0 * time + 3e-4, "tangential": 4e-4 + 1e-4 * np.sin(40 * time)}
-    powers |= {"walls": 0 * time, "elastic": 0 * time + 1e-6}
+    powers = {"time": time, "normal_power": 0 * time + 3e-4, "tangential_power": 4e-4 + 1e-4 * np.sin(40 * time)}
+    powers |= {"wall_power": 0 * time, "elastic": 0 * time + 1e-6}
     zero = np.zeros(600)
     crossing = {"time": left, "id": np.arange(600), "vz": zero - SPEED}
     crossing |= dict.fromkeys(("x", "y", "z", "vx", "vy", "wx", "wy", "wz"), zero)

@@ -39,7 +39,7 @@ from labbook.study import Accuracy, Fill, Point, Stop, Study, load
 
 STUDIES = sorted((Path(__file__).parents[3] / "studies").glob("*.yaml"))
 RECORDED = Path(__file__).with_name("small_studies.json")
-QUANTITIES = ("flow_rate", "packing_fraction")
+QUANTITIES = ("flow_rate", "packing_fraction", "wall_friction_flow")
 SEEDS = 2
 FACTOR = 4.0
 SPHERES, RODS = 300, 180
@@ -52,7 +52,7 @@ STEP = 1.5e-5
 """Least time step [s], unless grains would have to be a thousand times softer."""
 WINDOW = {"start": 0.15, "end": 0.55, "after": None, "until": None}
 FED_FOR = 1.0
-"""Time [s] for which a hopper is kept full."""
+"""Time [s] for which a hopper is kept full, or a bed in a closed container is followed."""
 M = TypeVar("M", bound=Model)
 
 
@@ -67,7 +67,8 @@ def reduced(study: Study) -> Study:
     if _physics(points[0]) == _physics(points[1]):
         points.pop()
     window = study.window if study.fed else study.window.model_copy(update=WINDOW)
-    stop = Stop(max_time=FED_FOR) if study.fed else Stop(discharged=WINDOW["end"] + 0.05, stall=0.3)
+    endless = study.fed or points[0].scene.container.outlet_plane is None
+    stop = Stop(max_time=FED_FOR) if endless else Stop(discharged=WINDOW["end"] + 0.05, stall=0.3)
     return replace(
         study,
         **{"points": tuple(points), "replicates": SEEDS, "accuracy": Accuracy(), "window": window, "stop": stop},
@@ -97,12 +98,14 @@ def _small(scene: Scene, narrowest: float) -> Scene:
     """The scene with few grains, its container smaller in proportion, and an outlet that grains flow through.
 
     Args:
-        scene: one of the study. A container of single walls stays as it is: its study has few grains already.
+        scene: one of the study. A container of single walls stays as it is: its study has few grains already, or
+            no outlet.
         narrowest: the narrower outlet [m] of the two points.
     """
     grains, container = scene.grains, scene.container
     if not isinstance(container, WedgeHopper | CylinderSilo | ConicalSilo):
-        return scene
+        few = container.outlet_plane is None and grains.count > SPHERES
+        return _changed(scene, grains=_changed(grains, count=SPHERES)) if few else scene
     rods = grains.half_length > 0
     count = min(grains.count, RODS if rods else SPHERES)
     if isinstance(container, WedgeHopper):

@@ -119,7 +119,7 @@ def test_no_word_is_one_that_labbook_has():
         ({"reference": "data/measured.csv"}, "reference", "no file is read", "flow_rate: [{at:"),
         ({"reference": {"source": "x", "flow_rate": "w.txt"}}, "reference.flow_rate", "no file is read", "value"),
         ({"sweep": {"contact.cohesion": [1, 2]}}, "sweep.contact.cohesion", "no such key", "no cohesion"),
-        ({"measure": ["wall_force"]}, "measure", "no measurement is called wall_force: forces", "contact_stress"),
+        ({"measure": ["wall_force"]}, "measure", "no measurement is called wall_force: forces", "wall_stress"),
     ],
 )
 def test_as_people_write_it(changes, key, message, remedy):

@@ -125,7 +125,8 @@ def expected(container: str, grains: str) -> tuple[list[str], list[str], list[st
     slot, hole = container in ("layer", "slot"), container in ("cylinder", "cone")
     flows = slot or hole
     measures = {"flow_rate": flows, "packing": container != "plates", "outlet_profiles": slot and not rods}
-    measures |= dict.fromkeys(("orifice", "contact_stress"), hole and not varied) | {"ledger": True}
+    measures |= dict.fromkeys(("orifice", "contact_stress"), hole and not varied)
+    measures |= {"ledger": True, "wall_stress": True}
     measures["energy"] = flows and not rods
     measures |= {"outlets": False, "composition": flows and varied, "residence": flows}  # no container has two outlets
     fits = dict.fromkeys(("beverloo", "janda"), slot) | dict.fromkeys(("beverloo_3d", "janda_3d"), hole)

@@ -1,0 +1,158 @@
+"""Contacts with walls in plain Python: of a member of the reference backend, and of a packing at rest."""
+
+from collections.abc import Iterator, Mapping
+from typing import NamedTuple
+
+import numpy as np
+
+from labbook.backend.numerics import Numerics
+from labbook.backend.probes import Table, Traction
+from labbook.scene import Bodies, Scene
+from labbook.scene.orientation import axes
+from labbook.scene.packing import Packing
+from labbook_dem import rods, rotation, spheres
+from labbook_dem.chosen import choose
+from labbook_dem.coefficients import MU
+from labbook_dem.contact import rolling_rate
+from labbook_dem.dispatch import PlainWall
+from labbook_dem.features import features, is_oriented
+from labbook_dem.laws import LAWS
+from labbook_dem.traction import SUMS, BinTable, Touch, add_touch
+from labbook_dem.words import vec3
+
+NONE = vec3(0.0, 0.0, 0.0)
+PARTS = 4
+"""Points at which a rod may touch a wall (`labbook_dem.walls`)."""
+Key = tuple[int, ...]
+"""Of a spring: ids of both grains, or id of the grain, place of the wall, and part."""
+
+
+class GrainState(NamedTuple):
+    """One grain. x [m]; axis: of a rod; velocities [m/s] v half a step before and u predicted; spins [rad/s] likewise,
+    `spin` and `soon`; inertia [kg m^2]: about the axis of a rod."""
+
+    name: int
+    x: vec3
+    axis: vec3
+    u: vec3
+    v: vec3
+    spin: vec3
+    soon: vec3
+    radius: float
+    mass: float
+    inertia: float
+    kind: int
+
+
+class WallContact(NamedTuple):
+    """Contact of a part of a grain with a wall: force [N], torque [N m], branch from its centre [m], unit normal from
+    the wall, and the springs of friction [m] and of rolling resistance [N m] as they are now."""
+
+    part: int
+    overlap: float
+    force: vec3
+    torque: vec3
+    branch: vec3
+    normal: vec3
+    spring: vec3
+    rolling: vec3 | None
+
+
+class PlainWalls:
+    """The walls of a scene, with their contact law. Contacts are computed within `choose(LAW)`."""
+
+    def __init__(self, scene: Scene, numerics: Numerics):
+        self.scene, self.numerics = scene, numerics
+        self.walls, self.rods = scene.container.walls(), is_oriented(scene)
+        self.plain = [PlainWall(wall.shape) for wall in self.walls]
+        self._rolling = bool(features(scene, numerics, ())["ROLLING_SPRING"])
+        law, scale = LAWS[scene.contact.law], numerics.stiffness_scale
+        self._c = {
+            (w, a): law.coefficients(scene.law(wall, a), scene.surface(wall, a), scale, True)
+            for w, wall in enumerate(self.walls)
+            for a in range(len(scene.grains.species))
+        }
+
+    def contacts(
+        self, w: int, grain: GrainState, springs: Mapping[Key, vec3], rolling: Mapping[Key, vec3]
+    ) -> Iterator[WallContact]:
+        """Contacts of a grain with wall w, one for each part that touches; springs and rolling: as they were."""
+        wall, plain = self.walls[w], self.plain[w]
+        radius, half = grain.radius, self.scene.grains.half_length
+        met = {}
+        for part in range(PARTS if self.rods else 1):
+            x = grain.x
+            distance, normal, s = (
+                plain.part(x, grain.axis, half, radius, part) if self.rods else (*plain.distance(x), 0.0)
+            )
+            if distance < radius:
+                met[part] = distance, normal, s
+        if not met:
+            return
+        name, c = grain.name, self._c[w, grain.kind]
+        was = sum(1 << part for part in range(PARTS) if (name, w, part) in springs)
+        now = sum(1 << part for part in met)
+        turning, pushed = vec3(0.0, 0.0, wall.motion.spin), vec3(*wall.motion.velocity)
+        rate, dt = rolling_rate(grain.inertia, self.numerics.dt), self.numerics.dt
+        for part, (distance, normal, s) in met.items():
+            key = name, w, rods.heir(part, was, now)
+            last, advance = (springs[key], dt) if key in springs else (NONE, 0.5 * dt)  # a new one began in the step
+            lever = grain.axis * s
+            branch = lever - normal * distance
+            at = grain.x + branch
+            surface = pushed + vec3(-turning.z * at.y, turning.z * at.x, 0.0)
+            u, v = grain.u - surface, grain.v - surface
+            overlap, mass, turned = radius - distance, grain.mass, None
+            if self.rods:
+                force, torque, spring = rods.rod_on_wall(
+                    c, radius, mass, overlap, normal, lever, u, v, grain.soon, grain.spin, turning, last, advance, rate
+                )
+            else:
+                force, torque, spring = spheres.sphere_on_wall(
+                    c, radius, mass, overlap, normal, u, v, grain.spin, turning, last, advance, rate
+                )
+            if self._rolling:
+                roll, turned = spheres.rolling_on_wall(
+                    c, radius, mass, overlap, normal, force, grain.spin, turning, rolling.get((name, w, part), NONE),
+                    advance, *self.scene.contact.rolling_spring,
+                )  # fmt: skip
+                torque = torque + roll
+            yield WallContact(part, overlap, force, torque, branch, normal, spring, turned)
+
+    def touch(self, w: int, grain: GrainState, contact: WallContact) -> Touch:
+        """The contact, as it is added up in bins."""
+        return Touch(contact.force, contact.normal, grain.x + contact.branch, self._c[w, grain.kind][MU])
+
+
+def at_rest(scene: Scene, numerics: Numerics, packing: Packing, probe: Traction) -> Table:
+    """Rows of `probe` for a packing in `scene`, before any step; `member`, `step` and `time` are 0."""
+    plain, table = PlainWalls(scene, numerics), BinTable.of(scene, probe)
+    sums = np.zeros((table.total, SUMS), np.int64)
+    bodies, places = Bodies.of(scene.grains, packing), {wall.name: w for w, wall in enumerate(plain.walls)}
+    reach = bodies.radius + scene.grains.half_length
+    q = None if packing.q is None else packing.q / np.linalg.norm(packing.q, axis=1)[:, None]
+    axis = axes(q) if plain.rods and q is not None else np.zeros_like(packing.x)
+    spin = rotation.spins(scene.grains, rotation.momenta(scene.grains, packing.omega, q), q)
+    assert packing.ids is not None
+    of_walls = packing.rolling[1]
+    springs: dict[Key, vec3] = {}
+    rolling: dict[Key, vec3] = {}
+    for row, (i, name, part) in enumerate(zip(packing.wall_grain, packing.wall_name, packing.wall_part, strict=True)):
+        if str(name) in places:
+            key = int(packing.ids[i]), places[str(name)], int(part)
+            springs[key] = vec3(*packing.wall_spring[row].tolist())
+            rolling[key] = vec3(*of_walls[row].tolist())
+    law = scene.contact
+    with choose(law.law, twist=law.rolling == "full", springs=law.rolling_model == "epsd"):
+        for w, wall in enumerate(plain.walls):
+            for i in np.flatnonzero(wall.shape.distance(packing.x) < reach).tolist():
+                x, a, v, turns = (vec3(*array[i].tolist()) for array in (packing.x, axis, packing.v, spin))
+                inertia = scene.grains.inertia_axis if plain.rods else float(bodies.inertia[i])
+                own = float(bodies.radius[i]), float(bodies.mass[i]), inertia, int(bodies.kind[i])
+                grain = GrainState(int(packing.ids[i]), x, a, v, v, turns, turns, *own)
+                for contact in plain.contacts(w, grain, springs, rolling):
+                    add_touch(table, w, plain.touch(w, grain, contact), sums)
+    rows = table.rows(sums)
+    count = len(rows["wall"])
+    zero = {"member": np.zeros(count, np.int64), "step": np.zeros(count, np.int64), "time": np.zeros(count)}
+    return {**zero, **rows}

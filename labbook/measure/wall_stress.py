@@ -1,0 +1,502 @@
+"""Stress on the walls of a silo: before the opening, while it changes after it, and in steady flow.
+
+Signs: sigma_n is positive in compression. The shear stress is that of the wall on the bed, positive upwards: it is
+positive where the wall carries weight. Of level walls it is positive outwards, or along x.
+"""
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from labbook.backend.numerics import Numerics
+from labbook.backend.probes import TRACTION_SUMS, Crossing, Probe, Traction
+from labbook.measure.data import RunData
+from labbook.measure.expected import beats_of, rounded, window_time
+from labbook.measure.measure import (
+    Evaluation,
+    Measure,
+    MeasureError,
+    Quantity,
+    Window,
+    apart,
+    packed,
+    unpacked,
+    while_flowing,
+    window_in_words,
+)
+from labbook.measure.steady import BLOCKS, outflow
+from labbook.scene import Bodies, Scene
+from labbook.scene.timescales import gravity_time
+from labbook.scene.wall_bins import WallBins, all_walls, areas, bins_of_walls, is_level
+from labbook.scene.walls import Wall
+from labbook.stats import Measured
+
+NAME = "wall_stress"
+SIZE = 2.0
+"""Width of bins, in d*."""
+_EVERY = 0.5
+"""Time between two frames, in sqrt(d*/g)."""
+_FRAMES = 400
+"""Frames within the window, at most, if the outflow is as expected."""
+FILTER = 5.0
+"""Time over which forces are averaged before their peak is taken, in sqrt(d*/g)."""
+FILTERS = (1.0, 2.5, 5.0, 10.0, 20.0)
+"""Such times for which the peak of the force on the upright walls is given."""
+OPENING = 50.0
+"""Time after the opening within which peaks are looked for, in sqrt(d*/g)."""
+_SATURATED = (0.25, 0.75)
+"""Part of the height between the lowest and the highest bin in use, in which K is taken."""
+_SUM = {name: place for place, name in enumerate(TRACTION_SUMS)}
+_FORCE, _TORQUE, _MOMENT = (slice(_SUM[a], _SUM[b] + 1) for a, b in (("fx", "fz"), ("tx", "tz"), ("mx", "mz")))
+_LOCAL = slice(_SUM["normal"], _SUM["across"] + 1)
+CARRIED = "carried."
+"""Prefix of the names of the part of the weight that a wall carries."""
+_AT_REST = (
+    Quantity("weight_balance", "ΣF_z/(M g) − 1", "", "vertical forces of all walls on the bed at rest over its "
+             "weight, less 1", "%", 100, about_zero=True),
+    Quantity("wall_friction", "μ_m", "", "mobilised friction: shear over normal force of upright walls, at rest"),
+    Quantity("sliding_share", "sliding", "", "contacts at upright walls above 95 % of the Coulomb limit, at rest",
+             "%", 100),
+    Quantity("stress_ratio", "K", "", "normal stress of upright walls over mean vertical stress, at rest"),
+)  # fmt: skip
+_IN_FLOW = (
+    Quantity("weight_balance_flow", "balance in flow", "", "vertical forces of walls and momentum of the outflow over "
+             "the weight of the bed, less 1, mean over the window", "%", 100, about_zero=True),
+    Quantity("wall_friction_flow", "μ_m in flow", "", "shear over normal force of upright walls, in the window"),
+    Quantity("sliding_share_flow", "sliding in flow", "", "contacts at upright walls above 95 % of the Coulomb limit, "
+             "in the window", "%", 100),
+    Quantity("wall_switch", "S", "", "normal force on upright walls in the window over that at rest"),
+)  # fmt: skip
+_OPENING = Quantity("wall_overshoot", "P", "", "peak of the normal force on upright walls after the opening, averaged "
+                    "over 5 sqrt(d*/g), over that at rest")  # fmt: skip
+
+
+@dataclass(frozen=True, eq=False)
+class WallStresses:
+    """Forces of walls on the bed, by wall and bin.
+
+    Of B bins: number of their `wall`, ends `low` and `high` [m] of its coordinate, `area` [m^2] (NaN where unknown) and
+    `rest_area`, that of the closed container; forces [N] normal, along and across, shape [B, 3], at rest and as means
+    over the window, with standard errors from blocks; means of `contacts` and `sliding` ones. `weight_above` [N]:
+    weight of the bed at rest above the middle of the bin, NaN of level walls. Of W walls, shape [W, 3]: `force` [N],
+    `torque` [N m] about the origin and `point` [m], the mean contact point weighted by normal force, at rest and in
+    flow; `coordinates`; which are `upright` and how large their `friction` is. `section` [m^2], `perimeter` [m] of
+    frictional upright walls, `density` [kg/m^3] of the bulk and `surface` [m], the effective free surface at rest; NaN
+    where they cannot be told; `floor` [m]: the height above which all upright walls stand. `opening_time` [s],
+    `opening`: moving means over FILTER of the normal force of each bin, shape [n, B]. `peaks`: of upright walls, over
+    that at rest, for each of FILTERS. `time` [s], `wall_force` [N], shape [n, W, 3].
+    """
+
+    names: np.ndarray
+    coordinates: np.ndarray
+    upright: np.ndarray
+    friction: np.ndarray
+    wall: np.ndarray
+    low: np.ndarray
+    high: np.ndarray
+    area: np.ndarray
+    rest_area: np.ndarray
+    rest: np.ndarray
+    rest_contacts: np.ndarray
+    rest_sliding: np.ndarray
+    flow: np.ndarray
+    flow_error: np.ndarray
+    flow_contacts: np.ndarray
+    flow_sliding: np.ndarray
+    weight_above: np.ndarray
+    rest_force: np.ndarray
+    rest_torque: np.ndarray
+    rest_point: np.ndarray
+    flow_force: np.ndarray
+    flow_torque: np.ndarray
+    flow_point: np.ndarray
+    time: np.ndarray
+    wall_force: np.ndarray
+    opening_time: np.ndarray
+    opening: np.ndarray
+    peaks: np.ndarray
+    weight: float
+    section: float
+    perimeter: float
+    density: float
+    surface: float
+    floor: float
+    gravity: float
+    window: np.ndarray
+
+    @classmethod
+    def of(cls, evaluation: Evaluation) -> "WallStresses | None":
+        """The stresses that the measure has given; None without any."""
+        return unpacked(cls, evaluation.arrays)
+
+    def of_wall(self, name: str) -> np.ndarray:
+        """Mask of the bins of a wall, shape [B]."""
+        return self.names[self.wall] == name
+
+    @property
+    def on_upright(self) -> np.ndarray:
+        """Mask of the bins of upright walls, shape [B]."""
+        return self.upright[self.wall]
+
+    @property
+    def at_rest(self) -> bool:
+        """True if the bed was observed at rest."""
+        return bool(np.isfinite(self.rest).any())
+
+    def vertical_stress(self) -> np.ndarray:
+        """Mean vertical stress [Pa] at rest, at the middle of each bin of an upright wall, shape [B]; else NaN.
+
+        By the balance of the bed above: its weight, less the shear of upright walls there, over the section.
+        """
+        middle = (self.low + self.high) / 2
+        carried = np.zeros(len(self.wall))
+        for number in np.flatnonzero(self.upright):
+            mine = self.wall == number
+            below = np.concatenate([[0.0], np.cumsum(self.rest[mine, 1])])
+            edges = np.append(self.low[mine], self.high[mine][-1])
+            carried += below[-1] - np.interp(middle, edges, below)
+        return np.where(self.on_upright, (self.weight_above - carried) / self.section, math.nan)
+
+    @property
+    def lowest(self) -> float:
+        """z [m] of the lower end of the profile that is compared with Janssen's: half a hydraulic diameter above
+        `floor`, so that what the bottom carries is left out."""
+        return self.floor + self.hydraulic / 2
+
+    @property
+    def hydraulic(self) -> float:
+        """Hydraulic diameter 4 A/P [m] of the section; of a cylinder its diameter."""
+        return 4 * self.section / self.perimeter if self.perimeter > 0 else math.nan
+
+    def in_use(self, size: float) -> np.ndarray:
+        """Mask of the bins of upright walls that Janssen's law is fitted to: above `lowest`, and more than `size` [m]
+        below the free surface."""
+        return self.on_upright & (self.low >= self.lowest) & (self.high <= self.surface - size)
+
+
+class WallStress(Measure):
+    """Normal and shear stress on walls by height, on level walls by radius or x; forces, torques and their balance.
+
+    Of the bed at rest, before the opening and with the lid in place: `weight_balance`, the vertical forces of all walls
+    over the weight less 1; `carried.WALL`, the part of the weight that a wall carries; `wall_friction`, the mobilised
+    friction of upright walls; `sliding_share` of their contacts; `stress_ratio` K. After the opening:
+    `wall_overshoot`. In the window of the flow rate, in closed containers in the second half of the run: the same
+    quantities, ending in `_flow`, and `wall_switch`. Arrays: those of `WallStresses`.
+    """
+
+    name = NAME
+    version = 1
+    declared = (*_AT_REST, _OPENING, *_IN_FLOW, *map(while_flowing, _IN_FLOW))
+
+    def check(self, scene: Scene) -> None:
+        if scene.gravity == 0:
+            reason = "wall_stress is sampled at a multiple of sqrt(d*/g), and there is no gravity"
+            raise MeasureError(reason, "take wall_stress out of measure, or use a gravity above 0 m/s^2")
+        if not all_walls(scene.container):
+            raise MeasureError("wall_stress: there are no walls", "take wall_stress out of measure")
+
+    def quantities(self, scene: Scene) -> tuple[Quantity, ...]:
+        """Also the part of the weight that each wall carries."""
+        carried = tuple(
+            Quantity(f"{CARRIED}{wall.name}", f"carried by {wall.name}", "",
+                     f"vertical force of the wall {wall.name} on the bed at rest over its weight", "%", 100,
+                     about_zero=True)
+            for wall in all_walls(scene.container)
+        )  # fmt: skip
+        return (*self.declared, *carried)
+
+    def probes(self, scene: Scene, numerics: Numerics) -> tuple[Probe, ...]:
+        self.check(scene)
+        plane, expected = scene.container.outlet_plane, window_time(scene)
+        every = _EVERY * gravity_time(scene)
+        if math.isfinite(expected):
+            every = max(every, rounded(expected / _FRAMES, scene, 1))
+        traction = Traction(size=bin_width(scene), every=beats_of(every, numerics))
+        return (traction,) if plane is None else (Crossing(plane), traction)
+
+    def evaluate(self, run: RunData, window: Window) -> Evaluation:
+        self.check(run.scene)
+        if "traction" not in run.tables:
+            raise MeasureError("wall_stress: the run recorded no forces of walls; run it again with this measure")
+        frames = _Frames(run)
+        begin, end, words = _window(run, window)
+        within = (frames.time >= begin) & (frames.time <= end) & (frames.time > 0)
+        record = _stresses(run, frames, within, (begin, end))
+        numbers = [*_at_rest(record, run), *_after_opening(record), *_in_flow(record, run, int(within.sum()), words)]
+        return Evaluation(tuple(numbers), packed(record))
+
+
+def bin_width(scene: Scene) -> float:
+    """Width of bins [m]."""
+    return SIZE * scene.grains.equivalent_diameter
+
+
+class _Frames:
+    """Sums of all frames of a run, shape [n, B, 14]; `time` [s], 0 at rest."""
+
+    def __init__(self, run: RunData):
+        table = run.tables["traction"]
+        self.walls: tuple[Wall, ...] = all_walls(run.scene.container)
+        self.bins: tuple[WallBins, ...] = bins_of_walls(run.scene, self.walls, bin_width(run.scene))
+        first = np.cumsum([0, *(one.count for one in self.bins)])
+        steps, frame = np.unique(table["step"], return_inverse=True)
+        self.time = steps * run.numerics.dt
+        self.sums = np.zeros((len(steps), int(first[-1]), len(TRACTION_SUMS)))
+        counts = np.array([one.count for one in self.bins])
+        place = first[table["wall"]] + np.minimum(table["bin"], counts[table["wall"]] - 1)
+        for name, column in _SUM.items():
+            np.add.at(self.sums[:, :, column], (frame, place), np.asarray(table[name], float))
+        self.wall = np.repeat(np.arange(len(self.bins)), counts)
+
+    def by_wall(self, sums: np.ndarray) -> np.ndarray:
+        """Sums of bins, shape [..., B, 14], added up for each wall."""
+        return np.stack([sums[..., self.wall == k, :].sum(axis=-2) for k in range(len(self.walls))], axis=-2)
+
+
+def _window(run: RunData, window: Window) -> tuple[float, float, str]:
+    """Begin and end [s] of the steady part, NaN without any, and the same in words."""
+    if run.scene.container.outlet_plane is None:
+        return run.duration / 2, run.duration, f"{run.duration / 2:.4g} s to {run.duration:.4g} s"
+    flow, _ = outflow(run, window)
+    if flow is None:
+        return math.nan, math.nan, window_in_words(window)
+    return flow.begin, flow.end, f"{window_in_words(window)} ({flow.begin:.4g} s to {flow.end:.4g} s)"
+
+
+def _stresses(run: RunData, frames: _Frames, within: np.ndarray, window: tuple[float, float]) -> WallStresses:
+    scene, time = run.scene, frames.time
+    bins = [(b, k) for b in frames.bins for k in range(b.count)]
+    rest = frames.sums[time == 0].sum(axis=0) if (time == 0).any() else np.full(frames.sums.shape[1:], math.nan)
+    flow, error = _mean(frames.sums[within])
+    moving = frames.sums[(time > 0) & (time <= (OPENING + FILTER) * gravity_time(scene))]
+    times = time[(time > 0)][: len(moving)]
+    opening_time, opening = _moving(times, moving[:, :, _SUM["normal"]], FILTER * gravity_time(scene))
+    walls_at_rest, walls_in_flow = frames.by_wall(rest), frames.by_wall(flow)
+    upright = np.array([is_upright(wall) for wall in frames.walls])
+    friction = np.array([scene.surface(wall).friction for wall in frames.walls])
+    area = np.concatenate([areas(scene.container, w, b) for w, b in zip(frames.walls, frames.bins, strict=True)])
+    closed = scene.container.close()
+    standing = {wall.name: wall for wall in (*frames.walls, *closed.walls())}
+    pairs = zip(frames.walls, frames.bins, strict=True)
+    rest_area = np.concatenate([areas(closed, standing[wall.name], b) for wall, b in pairs])
+    section, perimeter = _section(scene, frames, upright & (friction > 0))
+    above = _WeightAbove(run)
+    middle = np.array([b.low + (k + 0.5) * b.size for b, k in bins])
+    heights = np.array([b.along == "height" for b, _ in bins])
+    floor = max((b.low for b, stands in zip(frames.bins, upright, strict=True) if stands), default=math.nan)
+    density, surface = above.bulk(section, floor, 2 * section / perimeter if perimeter else 0.0)
+    normal = rest[upright[frames.wall], _SUM["normal"]].sum()
+    peaks = [_peak(times, moving, upright[frames.wall], tau * gravity_time(scene)) / normal for tau in FILTERS]
+    return WallStresses(
+        names=np.array([wall.name for wall in frames.walls], "U40"),
+        coordinates=np.array([one.along for one in frames.bins], "U8"),
+        upright=upright,
+        friction=friction,
+        wall=frames.wall,
+        low=np.array([b.low + k * b.size for b, k in bins]),
+        high=np.array([b.low + (k + 1) * b.size for b, k in bins]),
+        area=area,
+        rest_area=rest_area,
+        rest=rest[:, _LOCAL],
+        rest_contacts=rest[:, _SUM["contacts"]],
+        rest_sliding=rest[:, _SUM["sliding"]],
+        flow=flow[:, _LOCAL],
+        flow_error=error[:, _LOCAL],
+        flow_contacts=flow[:, _SUM["contacts"]],
+        flow_sliding=flow[:, _SUM["sliding"]],
+        weight_above=np.where(heights, above(middle), math.nan),
+        rest_force=walls_at_rest[:, _FORCE],
+        rest_torque=walls_at_rest[:, _TORQUE],
+        rest_point=_points(walls_at_rest),
+        flow_force=walls_in_flow[:, _FORCE],
+        flow_torque=walls_in_flow[:, _TORQUE],
+        flow_point=_points(walls_in_flow),
+        time=time,
+        wall_force=frames.by_wall(frames.sums)[:, :, _FORCE],
+        opening_time=opening_time,
+        opening=opening,
+        peaks=np.array(peaks),
+        weight=above.total,
+        section=section,
+        perimeter=perimeter,
+        density=density,
+        surface=surface,
+        floor=floor,
+        gravity=scene.gravity,
+        window=np.array(window),
+    )
+
+
+def is_upright(wall: Wall) -> bool:
+    """True for a vertical wall."""
+    shape = wall.shape
+    return not is_level(shape) and shape.prismatic_above <= shape.bounds.low[2]
+
+
+def _section(scene: Scene, frames: _Frames, frictional: np.ndarray) -> tuple[float, float]:
+    """Area [m^2] of the horizontal section, and the length [m] of it along the upright walls that have friction; NaN
+    where that cannot be told."""
+    lengths = []
+    for wall, bins in zip(frames.walls, frames.bins, strict=True):
+        if is_upright(wall):
+            high = areas(scene.container, wall, bins)
+            lengths.append(float(high.max()) / bins.size if len(high) else math.nan)
+        else:
+            lengths.append(0.0)
+    area = scene.container.area
+    standing = [wall.shape for wall in frames.walls if is_upright(wall)]
+    if area is None and len(standing) == 1 and "axial" in standing[0].symmetries:
+        area = math.pi * standing[0].reach ** 2
+    return math.nan if area is None else area, float(np.array(lengths)[frictional].sum())
+
+
+class _WeightAbove:
+    """Weight [N] of a bed at rest above a height."""
+
+    def __init__(self, run: RunData):
+        grains, start = run.scene.grains, run.start
+        bodies = Bodies.of(grains, start)
+        self.gravity, self.weight = run.scene.gravity, bodies.mass * run.scene.gravity
+        self.z, self.reach = start.x[:, 2], bodies.radius.copy()
+        if start.q is not None:  # extent of a rod along z
+            w, x, y, z = (start.q / np.linalg.norm(start.q, axis=1)[:, None]).T
+            self.reach += grains.half_length * np.abs(w * w - x * x - y * y + z * z)
+        self.total = float(self.weight.sum())
+
+    def __call__(self, heights: np.ndarray) -> np.ndarray:
+        """Above each of the heights [m]; of grains that are cut as of spheres, by the volume of the cap."""
+        weights = np.empty(len(heights))
+        for k, height in enumerate(heights):
+            t = np.clip((self.z - height) / self.reach, -1.0, 1.0)
+            weights[k] = self.weight @ ((2 + 3 * t - t**3) / 4)
+        return weights
+
+    def bulk(self, section: float, floor: float, margin: float) -> tuple[float, float]:
+        """Density [kg/m^3] of the bulk, between `margin` [m] above the `floor` [m] of the upright walls and the height
+        above which a tenth of the weight is, and z [m] of a level surface of a bed of this density."""
+        low, high = floor + margin, float(np.quantile(self.z, 0.9))
+        if not (math.isfinite(section) and high - low > 2 * self.reach.max()):
+            return math.nan, math.nan
+        above, top = self(np.array([low, high]))
+        per_height = (above - top) / (high - low)
+        return float(per_height / (section * self.gravity)), float(low + above / per_height)
+
+
+def _points(by_wall: np.ndarray) -> np.ndarray:
+    """Mean contact points [m] weighted by normal force, shape [W, 3]; NaN without contact."""
+    normal = by_wall[:, _SUM["normal"], None]
+    with np.errstate(invalid="ignore", divide="ignore"):
+        return np.where(normal > 0, by_wall[:, _MOMENT] / normal, math.nan)
+
+
+def _mean(sums: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Mean over frames, and its standard error from blocks; NaN of too few frames."""
+    none = np.full(sums.shape[1:], math.nan)
+    if not len(sums):
+        return none, none
+    length = len(sums) // BLOCKS
+    if length < 2:
+        return sums.mean(axis=0), none
+    blocks = sums[len(sums) - length * BLOCKS :].reshape(BLOCKS, length, *sums.shape[1:]).mean(axis=1)
+    return sums.mean(axis=0), blocks.std(axis=0, ddof=1) / math.sqrt(BLOCKS)
+
+
+def _moving(time: np.ndarray, values: np.ndarray, tau: float) -> tuple[np.ndarray, np.ndarray]:
+    """Moving means over `tau` [s] of values [n, B], with the middle of their times; none of too few frames."""
+    if len(time) < 2:
+        return np.zeros(0), np.zeros((0, *values.shape[1:]))
+    count = max(1, round(tau / float(time[1] - time[0])))
+    if len(time) < count:
+        return np.zeros(0), np.zeros((0, *values.shape[1:]))
+    total = np.concatenate([np.zeros((1, *values.shape[1:])), np.cumsum(values, axis=0)])
+    means = (total[count:] - total[:-count]) / count
+    return (time[count - 1 :] + time[: len(means)]) / 2, means
+
+
+def _peak(time: np.ndarray, sums: np.ndarray, upright: np.ndarray, tau: float) -> float:
+    _, means = _moving(time, sums[:, upright, _SUM["normal"]].sum(axis=1), tau)
+    return float(means.max()) if len(means) else math.nan
+
+
+def _ratio(over: float, under: float) -> float:
+    return over / under if under > 0 else math.nan
+
+
+def _at_rest(record: WallStresses, run: RunData) -> list[Measured]:
+    where, how = "bed at rest", "one frame; error from seeds only"
+    upright = record.on_upright
+    normal, shear, _ = record.rest[upright].sum(axis=0)
+    touching, sliding = record.rest_contacts[upright].sum(), record.rest_sliding[upright].sum()
+    vertical = record.vertical_stress()
+    used = record.in_use(run.scene.grains.equivalent_diameter)
+    low, high = (record.low[used].min(), record.high[used].max()) if used.any() else (math.nan, math.nan)
+    middle = (record.low + record.high) / 2
+    inner = used & (middle >= low + _SATURATED[0] * (high - low)) & (middle <= low + _SATURATED[1] * (high - low))
+    pressed = record.rest[inner, 0].sum() / record.rest_area[inner].sum() if inner.any() else math.nan
+    values = {
+        "weight_balance": float(record.rest_force[:, 2].sum() / record.weight - 1),
+        "wall_friction": _ratio(float(shear), float(normal)),
+        "sliding_share": _ratio(float(sliding), float(touching)),
+        "stress_ratio": _ratio(float(pressed), float(vertical[inner].mean())) if inner.any() else math.nan,
+        **{f"{CARRIED}{name}": float(force[2] / record.weight)
+           for name, force in zip(record.names.tolist(), record.rest_force, strict=True)},
+    }  # fmt: skip
+    note = "" if record.at_rest else "the bed at rest was not observed"
+    numbers = []
+    for name, value in values.items():
+        lacking = note or ("" if math.isfinite(value) else _LACKING.get(name, ""))
+        numbers.append(Measured(name, value, math.nan, 1 if math.isfinite(value) else 0, where, how, "", lacking))
+    return numbers
+
+
+_LACKING = {
+    "wall_friction": "no upright wall is touched",
+    "sliding_share": "no upright wall is touched",
+    "stress_ratio": "the bed is too low: no bin is between half a hydraulic diameter above the bottom and the surface",
+}
+
+
+def _after_opening(record: WallStresses) -> list[Measured]:
+    value, where = float(record.peaks[FILTERS.index(FILTER)]), f"{OPENING:g} sqrt(d*/g) after the opening"
+    how = f"largest moving mean over {FILTER:g} sqrt(d*/g); error from seeds only"
+    note = "" if math.isfinite(value) else "too few frames, no contact with upright walls, or no frame at rest"
+    return [Measured("wall_overshoot", value, math.nan, len(record.opening_time), where, how, "", note)]
+
+
+def _in_flow(record: WallStresses, run: RunData, count: int, where: str) -> list[Measured]:
+    suffix, how = apart(run), f"mean of {count} frames; error from seeds only"
+    upright = record.on_upright
+    normal, shear, _ = record.flow[upright].sum(axis=0)
+    rest = record.rest[upright, 0].sum()
+    values = {
+        "weight_balance_flow": _balance(record, run),
+        "wall_friction_flow": _ratio(float(shear), float(normal)),
+        "sliding_share_flow": _ratio(float(record.flow_sliding[upright].sum()),
+                                     float(record.flow_contacts[upright].sum())),
+        "wall_switch": _ratio(float(normal), float(rest)),
+    }  # fmt: skip
+    none = "no frame within the window"
+    return [
+        Measured(name + suffix, value, math.nan, count, where, how, "", "" if count else none)
+        for name, value in values.items()
+    ]
+
+
+def _balance(record: WallStresses, run: RunData) -> float:
+    """Vertical forces of walls and momentum of the outflow over the weight of the bed less 1, over the window."""
+    begin, end = record.window.tolist()
+    force = float(record.flow_force[:, 2].sum())
+    if not math.isfinite(force) or not end > begin:
+        return math.nan
+    if run.scene.container.outlet_plane is None:
+        return force / record.weight - 1
+    table = run.tables["crossing"]
+    mass = Bodies.of(run.scene.grains, run.start).mass[run.start.rows(np.asarray(table["id"]))]
+    time, speed = np.asarray(table["time"], float), -np.asarray(table["vz"], float)
+    flowing = (time >= begin) & (time <= end)
+    momentum = float((mass * speed)[flowing].sum()) / (end - begin)
+    inside = record.weight
+    if run.scene.feed is None:
+        inside -= run.scene.gravity * float((mass * np.clip(end - time, 0, end - begin)).sum()) / (end - begin)
+    return (force + momentum) / inside - 1

@@ -1,0 +1,158 @@
+"""Wall stress of a point: means over beds, and Janssen's law fitted to them."""
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+
+from labbook.fit import FitError
+from labbook.fit.janssen import JanssenFit, WallProfile, fit_janssen, preferred
+from labbook.measure.wall_stress import WallStress, WallStresses
+from labbook.results.points import PointResult
+
+_FEWEST_BEDS = 3
+"""Beds from which on a jackknife gives an error."""
+
+
+@dataclass(frozen=True, eq=False)
+class PooledWalls:
+    """Wall stress of a point; `beds`: of each bed, the stresses of its discharges."""
+
+    result: PointResult
+    beds: tuple[tuple[WallStresses, ...], ...]
+
+    @property
+    def layout(self) -> WallStresses:
+        """The first run, for walls, bins and areas, which all runs of a point have in common."""
+        return self.beds[0][0]
+
+    def by_bed(self, name: str) -> np.ndarray:
+        """An attribute of `WallStresses`, the mean over the discharges of each bed, shape [beds, ...]."""
+        return np.array([np.mean([getattr(run, name) for run in bed], axis=0) for bed in self.beds])
+
+    def pooled(self, name: str) -> tuple[np.ndarray, np.ndarray]:
+        """Mean over the beds that have an attribute, and its standard error; NaN of one bed."""
+        values = self.by_bed(name)
+        finite = np.isfinite(values.reshape(len(values), -1)).any(axis=1)
+        values = values[finite] if finite.any() else values
+        return values.mean(axis=0), _error(values)
+
+    def opening(self) -> tuple[np.ndarray, np.ndarray]:
+        """Time after the opening [s], and the moving mean of the normal force on upright walls over that at rest, of
+        each bed, shape [beds, n]; as long as the shortest run."""
+        rows = []
+        for bed in self.beds:
+            runs = [run.opening[:, run.on_upright].sum(axis=1) / run.rest[run.on_upright, 0].sum() for run in bed]
+            shortest = min(map(len, runs))
+            rows.append(np.mean([row[:shortest] for row in runs], axis=0))
+        shortest = min(map(len, rows))
+        return self.layout.opening_time[:shortest], np.array([row[:shortest] for row in rows])
+
+    @cached_property
+    def fits(self) -> Mapping[str, Mapping[str, JanssenFit]]:
+        """Models of Janssen's law by name, of the bed `rest` and, in closed containers, of the later part of the run,
+        `flow`: walls that move mobilise their friction there. Raises FitError, with the reason, for the bed at rest."""
+        every = range(len(self.beds))
+        closed = self.result.point.scene.container.outlet_plane is None
+        fits: dict[str, Mapping[str, JanssenFit]] = {}
+        for when in ("rest", "flow") if closed else ("rest",):
+            try:
+                fits[when] = fit_janssen(self.profile(every, when))
+            except FitError:
+                if when == "rest" and not closed:
+                    raise
+        if not fits:
+            self.profile(every)
+        return fits
+
+    def preferred(self, when: str = "rest") -> tuple[str, ...]:
+        """Models that no other beats."""
+        return preferred(self.fits[when])
+
+    def error_between_beds(self, when: str, model: str, parameter: str) -> float:
+        """Standard error of a parameter by the jackknife over beds; NaN of fewer than three."""
+        values = [fits[model].parameters[parameter].value for fits in self._without_one(when) if model in fits]
+        count = len(self.beds)
+        return float(math.sqrt((count - 1) * np.var(values))) if len(values) == count else math.nan
+
+    def _without_one(self, when: str) -> list[dict[str, JanssenFit]]:
+        """Fits without each of the beds."""
+        count = len(self.beds)
+        if count < _FEWEST_BEDS:
+            return []
+        if when not in self._jackknife:
+            self._jackknife[when] = [
+                fit_janssen(self.profile([k for k in range(count) if k != left_out], when)) for left_out in range(count)
+            ]
+        return self._jackknife[when]
+
+    @cached_property
+    def _jackknife(self) -> dict[str, list[dict[str, JanssenFit]]]:
+        return {}
+
+    def profile(self, beds: Sequence[int], when: str = "rest") -> WallProfile:
+        """Mean stresses on upright walls by depth over some of the beds, at `rest` or later, in `flow`.
+
+        Upright walls with the same bins are taken together. Errors are those of sums of independent, exponentially
+        distributed contact forces. Raises FitError, with the reason.
+        """
+        layout, d = self.layout, self.result.point.scene.grains.equivalent_diameter
+        numbers = list(beds)
+        force, contacts, surface, density = (
+            self.by_bed(name)[numbers].mean(axis=0) for name in (when, f"{when}_contacts", "surface", "density")
+        )
+        if not layout.perimeter > 0:
+            raise FitError("Janssen: no upright wall has friction, so that the bottom carries all weight")
+        if not (math.isfinite(surface) and math.isfinite(layout.section)):
+            raise FitError("Janssen: the bed is too low, or the section of the container is not known; use more grains")
+        used = layout.on_upright & (layout.low >= layout.lowest) & (layout.high <= surface - d) & (force[:, 0] > 0)
+        if not used.any():
+            raise FitError("Janssen: the bed is too low: no bin lies in the part that is compared; use more grains")
+        if force[used, 1].sum() <= 0:
+            raise FitError(
+                "Janssen: the upright walls carry no weight, as after a fall of the grains in a narrow column; "
+                "mobilise their friction by a side wall whose surface moves up"
+            )
+        area = layout.rest_area
+        starts = sorted(set(layout.low[used].tolist()), key=lambda low: area[used & (layout.low == low)].sum())
+        size = float(layout.high[used][0] - layout.low[used][0])
+        rungs = np.round((layout.low - starts[-1]) / size)
+        used &= np.isclose(layout.low, starts[-1] + rungs * size, atol=1e-6 * size)
+        rows = []
+        for rung in np.unique(rungs[used])[::-1]:
+            mine = used & (rungs == rung)
+            middle = starts[-1] + (rung + 0.5) * size
+            covered, count = area[mine].sum(), max(1.0, len(numbers) * contacts[mine].sum())
+            normal, shear = force[mine, 0].sum() / covered, force[mine, 1].sum() / covered
+            rows.append((surface - middle, normal, shear, 1 / math.sqrt(count)))
+        depth, normal, shear, relative = np.array(rows).T
+        mobilised = max(abs(shear.sum() / normal.sum()), 0.05)
+        return WallProfile(
+            depth=depth,
+            normal=normal,
+            shear=shear,
+            normal_error=normal * relative,
+            shear_error=mobilised * normal * relative,
+            specific_weight=float(density * layout.gravity),
+            section=layout.section / layout.perimeter,
+        )
+
+
+def pooled_walls(result: PointResult) -> PooledWalls | None:
+    """Wall stress of a point, where it was measured."""
+    beds: dict[int, list[WallStresses]] = {}
+    for run in result.runs:
+        if not run.counted or WallStress.name not in run.measures:
+            continue
+        stresses = WallStresses.of(run.evaluation(WallStress()))
+        if stresses is not None:
+            beds.setdefault(run.seed, []).append(stresses)
+    return PooledWalls(result, tuple(map(tuple, beds.values()))) if beds else None
+
+
+def _error(values: np.ndarray) -> np.ndarray:
+    if len(values) < 2:
+        return np.full(values.shape[1:], math.nan)
+    return values.std(axis=0, ddof=1) / math.sqrt(len(values))
