@@ -8,6 +8,7 @@ import numpy as np
 
 from labbook.fit import FitError
 from labbook.fit.janssen import JanssenFit
+from labbook.measure.wall_stress import FILTER, FILTERS
 from labbook.report.blocks import Block, Formula, Prose, Section, picture
 from labbook.report.figures.walls import wall_profiles
 from labbook.report.tables import Table
@@ -51,6 +52,8 @@ def _blocks(walls: PooledWalls, folder: Path, suffix: str) -> tuple[Block, ...]:
     figure = wall_profiles(walls, fits)
     profiles = picture(figure, folder / f"walls{suffix}", "stress on walls against height", _caption(fits))
     blocks: list[Block] = [Prose(balance(walls)), profiles, force_table(walls)]
+    if peak := overshoot(walls):
+        blocks.append(Prose(peak))
     if carried := front_and_back(walls):
         blocks.append(Prose(carried))
     if fits:
@@ -87,16 +90,34 @@ def force_table(walls: PooledWalls) -> Table:
         (force, error), (torque, _), (point, _) = (
             walls.pooled(f"{when}_{name}") for name in ("force", "torque", "point")
         )
+        local, _ = walls.pooled(when)
         for number, name in enumerate(layout.names.tolist()):
             if not np.isfinite(force[number]).all() or not force[number].any():
                 continue
             share = f"{percent(force[number, 2] / weight, '.1f')}"
             if math.isfinite(error[number, 2]):
                 share += f" ± {percent(error[number, 2] / weight, '.1f')}"
-            vectors = (_vector(force[number], 1.0), _vector(torque[number], 1e3), _vector(point[number], 1e3))
+            normal, _, across = local[layout.wall == number].sum(axis=0)
+            third = percent(across / normal, ".1f") if normal > 0 else "–"
+            vectors = (third, _vector(force[number], 1.0), _vector(torque[number], 1e3), _vector(point[number], 1e3))
             rows.append((str(name), WHEN[when], share, *vectors))
-    headings = ("wall", "when", "F_z/(M g)", "force [N]", "torque [mN m]", "application point [mm]")
-    return Table(headings, tuple(rows), frozenset({0, 1, 3, 4, 5}), notes=(_FORCES,))
+    headings = ("wall", "when", "F_z/(M g)", "third/normal", "force [N]", "torque [mN m]", "application point [mm]")
+    return Table(headings, tuple(rows), frozenset({0, 1, 4, 5, 6}), notes=(_FORCES,))
+
+
+def overshoot(walls: PooledWalls) -> str:
+    """Peak of the normal force on upright walls after the opening, in words; empty without an outlet."""
+    peaks, _ = walls.pooled("peaks")
+    _, opening = walls.opening()
+    if walls.result.point.scene.container.outlet_plane is None or not np.isfinite(opening).any() or not opening.size:
+        return ""
+    every = ", ".join(f"{peak:.3g} ({tau:g})" for tau, peak in zip(FILTERS, peaks, strict=True) if math.isfinite(peak))
+    largest, mean = peaks[FILTERS.index(FILTER)], opening.mean(axis=0).max()
+    return (
+        f"After the opening the normal force on upright walls, as a moving mean over {FILTER:g} √(d*/g), has its peak "
+        f"at {largest:.3g} of that at rest (mean of the peaks) or {mean:.3g} (peak of the mean). Mean of the peaks for "
+        f"other times of the mean [√(d*/g)]: {every}."
+    )
 
 
 def front_and_back(walls: PooledWalls) -> str:
@@ -167,12 +188,14 @@ def _caption(fits: Mapping[str, Mapping[str, JanssenFit]]) -> str:
 
 _CAPTION = (
     "Compression is positive; the shear stress is that of the wall on the bed, positive upwards. Bars: standard "
-    "errors between beds. Full: at rest, before the opening. Open: in the window of the flow rate, in closed "
-    "containers in the second half of the run. After the opening: moving mean over 5 √(d*/g), of each bed and of all."
+    "errors between beds, of one bed later from blocks. Full: at rest, before the opening. Open: in the window of the "
+    "flow rate, in closed containers in the second half of the run. After the opening: moving mean over 5 √(d*/g), of "
+    "each bed and of all."
 )
 _FORCES = (
-    "Forces are those of the wall on the bed; torques are about the origin. Application point: mean contact point, "
-    "weighted by normal force."
+    "Forces are those of the wall on the bed; torques are about the origin. Third: component across the height of the "
+    "wall, or across the radius or x, over the normal force; zero within errors. Application point: mean contact "
+    "point, weighted by normal force."
 )
 _FORMULA = "σ_zz = ρ_b g λ (1 - exp(-x/λ))"
 _SOURCE = "J1: Janssen (1895); J2: with a shift s of the surface; J3: hydrostatic down to the depth a"

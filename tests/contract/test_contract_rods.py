@@ -8,7 +8,7 @@ from stands import Bundled, identical
 
 from labbook.backend import Failed, Unsupported
 from labbook.backend.numerics import Numerics
-from labbook.backend.probes import Contacts, Crossing, Ledger, Probe, Sample, Table, Zone, columns
+from labbook.backend.probes import Contacts, Crossing, Ledger, Probe, Sample, Table, Traction, Zone, columns
 from labbook.checks.verify.rods import rods as rods_alone
 from labbook.checks.verify.rods import rods_at
 from labbook.checks.verify.stand import rows_of
@@ -22,7 +22,9 @@ RODS, FALLEN, RESTING = 60, 100, 700
 """How many rods there are, beats until they have fallen and until they rest, where a stand takes the whole."""
 SILO = CylinderSilo(diameter=60e-3, height=0.5, orifice=36e-3, rotation=1.0)
 ZONE = Zone(radius=20e-3, low=-0.01, high=0.02, core=0.01, top=0.05)
-PROBES = SAMPLE, CROSSING, LEDGER, CONTACTS, _ = Sample(("x", "omega", "q")), Crossing(), Ledger(), Contacts(), ZONE
+TRACTION = Traction(size=20e-3)
+SAMPLE, CROSSING, LEDGER, CONTACTS = Sample(("x", "omega", "q")), Crossing(), Ledger(), Contacts()
+PROBES = SAMPLE, CROSSING, LEDGER, CONTACTS, ZONE, TRACTION
 
 
 def silo(stand: Bundled) -> Scene:
@@ -93,6 +95,23 @@ def test_a_zone_has_the_orientations_of_the_sample(discharge):
         assert np.array_equal(zone[name], sample[name][inside])
 
 
+def test_traction_adds_up_the_contacts_with_walls(rods, discharge):
+    """Forces are rounded to 2^-24 of a rod's weight in each contact; kernels in single agree to their precision."""
+    _, rows, _ = discharge
+    contacts, sums = rows[CONTACTS], rows[TRACTION]
+    walls = contacts["wall"] >= 0
+    rounding = 1e-12 if rods.precision == "double" else 1e-5
+    unit = silo(rods).grains.mass * silo(rods).gravity * 2.0**-24
+    for wall in range(2):
+        mine, row = walls & (contacts["wall"] == wall), sums["wall"] == wall
+        assert sums["contacts"][row].sum() == mine.sum() > 100
+        for name in ("fx", "fy", "fz"):
+            allowed = mine.sum() * unit + rounding * np.abs(contacts[name][mine]).sum()
+            assert sums[name][row].sum() == pytest.approx(contacts[name][mine].sum(), abs=allowed)
+    bottom = sums["wall"] == 1
+    assert sums["normal"][bottom].sum() > 0.9 * sums["fz"][bottom].sum(), "but for the rim, normals are upright"
+
+
 def test_a_crossing_that_saw_no_rod_has_the_columns_too(rods, bed):
     _, rows, _ = run(rods, silo(rods), bed, (1,))
     assert len(rows[CROSSING]["id"]) == 0
@@ -129,13 +148,17 @@ def test_a_resting_bed_s_walls_carry_its_weight(rods):
     closed, beats = silo(rods).close(), round(RESTING * rods.part)
     start, rod = place(closed, "gas", 2), closed.grains
     seldom = contacts, ledger = Contacts(every=beats), Ledger(every=beats)
-    _, rows, _ = run(rods, closed, start, (beats,), seldom)
+    end, rows, _ = run(rods, closed, start, (beats,), seldom)
     contacts, ledger = rows[contacts], rows[ledger]
     weight = rod.count * rod.mass * closed.gravity
     assert ledger["kinetic"][-1] < 1e-7 * weight * rod.diameter
     walls = contacts["wall"] >= 0
     assert contacts["fz"][walls].sum() == pytest.approx(weight, rel=1e-4)
     assert np.abs([contacts[name][walls].sum() for name in ("fx", "fy")]).max() < 1e-4 * weight
+    rest = rods.backend.tractions(closed, numerics(rods), end, TRACTION)
+    assert rest is not None
+    assert rest["contacts"].sum() == walls.sum()
+    assert rest["fz"].sum() == pytest.approx(weight, rel=1e-4)
     at = list(zip(contacts["i"][walls].tolist(), contacts["wall"][walls].tolist(), strict=True))
     assert len(at) > len(set(at)), "some rods lie on the bottom with both ends"
 

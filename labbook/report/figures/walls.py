@@ -44,7 +44,9 @@ def wall_profiles(walls: PooledWalls, fits: Mapping[str, Mapping[str, JanssenFit
 
 def _by_height(ax: "Axes", walls: PooledWalls, component: int, fits: Mapping[str, Mapping[str, JanssenFit]]) -> None:
     layout = walls.layout
-    (rest, error), (flow, _) = walls.pooled("rest"), walls.pooled("flow")
+    (rest, error), (flow, within) = walls.pooled("rest"), walls.pooled("flow")
+    if len(walls.beds) == 1:
+        within, _ = walls.pooled("flow_error")
     sloped = [name for name, along in zip(layout.names, layout.coordinates, strict=True) if along == "height"]
     for index, name in enumerate(sloped):
         mine = layout.of_wall(str(name)) & (walls.by_bed("rest_contacts").sum(axis=0) > 0)
@@ -56,7 +58,8 @@ def _by_height(ax: "Axes", walls: PooledWalls, component: int, fits: Mapping[str
         stress, bars = rest[mine, component] * per_area, np.nan_to_num(error[mine, component] * per_area)
         style = {"color": colour, "marker": marker, "markersize": 3, "linestyle": ""}
         ax.errorbar(stress, z, xerr=bars, elinewidth=0.7, label=f"{name}, at rest", **style)
-        ax.plot(flow[mine, component] * per_area, z, fillstyle="none", label=f"{name}, later", **style)
+        later = flow[mine, component] * per_area, np.nan_to_num(within[mine, component] * per_area)
+        ax.errorbar(later[0], z, xerr=later[1], elinewidth=0.7, fillstyle="none", label=f"{name}, later", **style)
     surface = float(np.mean(walls.by_bed("surface")))
     for when, models in fits.items():
         for index, (model, fit) in enumerate(models.items()):

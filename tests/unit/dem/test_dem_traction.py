@@ -15,6 +15,7 @@ from labbook.scene import (
     CylinderSilo,
     Plane,
     Primitives,
+    Spheres,
     Spherocylinders,
     SurfaceMotion,
     Wall,
@@ -86,6 +87,22 @@ def test_a_rod_that_lies_flat_has_two_contacts_that_carry_it():
     assert rows["contacts"] == [2]
     assert rows["fz"] == pytest.approx([rod.mass * G], rel=1e-3)
     assert rows["mx"] == pytest.approx([0.0], abs=1e-6 * rod.mass * G * D)
+
+
+def test_unlike_spheres_each_press_with_their_own_weight():
+    """A small heavy sphere beside a large light one, each at the overlap that carries it."""
+    kinds = ({"name": "light", "share": 0.5}, {"name": "heavy", "share": 0.5, "diameter": D / 2, "density": 9000.0})
+    grains = Spheres.model_validate({"diameter": D, "density": 2500.0, "count": 2, "kinds": kinds})
+    here = scene(2, linear(), walls((0.0, 0.0, 1.0)), G).model_copy(update={"grains": grains})
+    diameter, kind = np.array([D, D / 2]), np.array([0, 1])
+    weight = math.pi / 6 * diameter**3 * [2500.0, 9000.0] * G
+    law = linear()
+    x = np.array([[0.0, 0.0, 0.0], [0.03, 0.0, 0.0]])
+    x[:, 2] = diameter / 2 - weight / law.normal_stiffness
+    start = replace(grains_at(x), diameter=diameter, kind=kind)
+    rows = at_rest(here, STAND.numerics(DT), start, PROBE)
+    assert rows["fz"].sum() == pytest.approx(weight.sum(), rel=1e-6)
+    assert rows["mx"].sum() == pytest.approx(0.03 * weight[1], rel=1e-6)
 
 
 def test_a_packing_is_read_as_a_member_at_rest_is():
