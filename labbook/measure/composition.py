@@ -245,7 +245,8 @@ class Composition(Measure):
     def foreseen_empty(self, scene: Scene) -> tuple[str, str] | None:
         if scene.grains.count >= 2 * BIN:
             return None
-        return f"a segregation index needs two bins of {BIN} grains", f"use {2 * BIN} grains or more"
+        reason = f"a segregation index needs two bins of {BIN} grains; only W of each kind is measured"
+        return reason, f"use {2 * BIN} grains or more"
 
     def evaluate(self, run: RunData, window: Window) -> Evaluation:
         self.check(run.scene)

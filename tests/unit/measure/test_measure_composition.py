@@ -143,6 +143,7 @@ def test_the_index_of_a_separated_bed():
     assert permutation_p(mass, group, np.arange(N), 2, np.random.default_rng(1), 200) == 1 / 201
 
 
+@pytest.mark.slow
 def test_a_random_bed_has_no_segregation_and_a_uniform_p():
     """F1: 200 beds of two kinds with unlike masses. SI^2 is 0 to three errors of the mean; p in ten classes."""
     rng = np.random.default_rng(11)
@@ -167,18 +168,18 @@ def test_slight_segregation_is_found():
 
 
 def test_lacey_index_of_known_beds():
-    rng, n = np.random.default_rng(4), 8000
+    rng, n = np.random.default_rng(4), 4000
     x = rng.uniform(0, 0.04, (n, 3))
     x[0] = 0.0
     mass = rng.choice([1.0, 3.0], n)
     apart, cells = lacey_index(mass, (x[:, 2] >= 0.02).astype(np.int64), x, 0.01)
     assert cells == 64
     assert apart == pytest.approx(0, abs=1e-12), "every cell has one class"
-    mixed = [lacey_index(mass, rng.integers(0, 2, n), x, 0.01)[0] for _ in range(100)]
-    assert abs(np.mean(mixed) - 1) < 3 * np.std(mixed) / 10
+    mixed = [lacey_index(mass, rng.integers(0, 2, n), x, 0.01)[0] for _ in range(64)]
+    assert abs(np.mean(mixed) - 1) < 3 * np.std(mixed) / 8
     # half of every cell above the middle is exchanged at random: composition 3/4 and 1/4, s^2 a quarter of s_0^2
     half = np.where(rng.random(n) < 0.5, x[:, 2] >= 0.02, rng.integers(0, 2, n)).astype(np.int64)
-    assert lacey_index(np.ones(n), half, x, 0.01)[0] == pytest.approx(0.75, abs=0.03), "3 errors of s^2: 8000 grains"
+    assert lacey_index(np.ones(n), half, x, 0.01)[0] == pytest.approx(0.75, abs=0.04), "3 errors of s^2: 4000 grains"
 
 
 def test_sizes_of_one_kind_are_fine_and_coarse():
@@ -198,10 +199,10 @@ def test_too_few_grains_and_scenes_without_a_composition():
         MEASURE.check(scene.model_copy(update={"grains": Spheres(diameter=D, density=2500, count=N)}))
     small = scene.model_copy(update={"grains": scene.grains.model_copy(update={"count": 700})})
     assert MEASURE.foreseen_empty(scene) is None
-    assert MEASURE.foreseen_empty(small) == (
-        "a segregation index needs two bins of 400 grains",
-        "use 800 grains or more",
-    )
+    told = MEASURE.foreseen_empty(small)
+    assert told is not None
+    assert "two bins of 400 grains" in told[0]
+    assert told[1] == "use 800 grains or more"
 
 
 def test_p_is_the_same_at_every_evaluation():
