@@ -146,8 +146,8 @@ def test_the_index_of_a_separated_bed():
 
 @pytest.mark.slow
 def test_a_random_bed_has_no_segregation_and_a_uniform_p():
-    """F1: 200 beds of two kinds of several sizes, whose labels are permuted. SI^2 is 0 to three errors of the mean; p in
-    ten classes."""
+    """F1: 200 beds of two kinds of several sizes, whose labels are permuted. SI^2 is 0 to three errors of the mean; p
+    in ten classes."""
     rng = np.random.default_rng(11)
     squares, p = [], []
     for _ in range(200):
