@@ -7,7 +7,7 @@ from types import ModuleType
 import warp as wp
 
 from labbook.backend import Overflow, Spec
-from labbook.backend.probes import Contacts, Crossing
+from labbook.backend.probes import Contacts, Crossing, Dissipation
 from labbook.scene import Scene
 from labbook_warp import devices
 from labbook_warp.build import kernels
@@ -120,7 +120,7 @@ def capacity(spec: Spec, scene: Scene, device: wp.Device) -> int | None:
         return None
     sizes = largest(spec, scene)
     module = suitable(spec, sizes, False, 1)
-    reading = 80 * sizes.contacts if any(isinstance(probe, Contacts) for probe in spec.probes) else 0
+    reading = 80 * sizes.contacts if any(isinstance(probe, Contacts | Dissipation) for probe in spec.probes) else 0
     crossings = records_crossings(spec)
     slot = memory(module, sizes, crossings) + reading + 48 * sizes.rows
     indexed = LARGEST_INDEX // max(shape.length for shape in shapes(module, sizes, crossings))

@@ -148,18 +148,44 @@ def permutation_p(
     """
     edges = bin_edges(len(mass), len(rows))
     rows = rows[: edges[-1]]
+    observed = _unevenness(_class_sums(mass[rows], group[rows], edges, classes)) * (1 - 1e-12)
+    of_class = [mass[group == k] for k in range(classes)]
+    once = len(np.unique(rows)) == len(rows)  # no grain has come back
+    if once and all(len(masses) and np.ptp(masses) <= 1e-12 * masses[0] for masses in of_class):
+        counts = _shuffled_counts(np.array([len(masses) for masses in of_class]), np.diff(edges), rng, shuffles)
+        null = _unevenness(counts * np.array([masses[0] for masses in of_class])[:, None])
+    else:
+        null = np.empty(shuffles)
+        for k in range(shuffles):
+            shuffled = rng.permutation(len(mass))[rows]
+            null[k] = _unevenness(_class_sums(mass[shuffled], group[shuffled], edges, classes))
+    return (1 + int((null >= observed).sum())) / (1 + shuffles)
 
-    def unevenness(mass: np.ndarray, group: np.ndarray) -> float:
-        total = _sums(mass, edges)
-        parts = [_sums(np.where(group == k, mass, 0.0), edges) / total for k in range(classes)]
-        return math.fsum(part.var(ddof=1) for part in parts)
 
-    observed = unevenness(mass[rows], group[rows]) * (1 - 1e-12)
-    larger = 0
-    for _ in range(shuffles):
-        shuffled = rng.permutation(len(mass))[rows]
-        larger += unevenness(mass[shuffled], group[shuffled]) >= observed
-    return (1 + larger) / (1 + shuffles)
+def _class_sums(mass: np.ndarray, group: np.ndarray, edges: np.ndarray, classes: int) -> np.ndarray:
+    """Mass of each class in each bin, shape [classes, bins]."""
+    return np.array([_sums(np.where(group == k, mass, 0.0), edges) for k in range(classes)])
+
+
+def _unevenness(sums: np.ndarray) -> np.ndarray:
+    """Variance of the mass fractions over bins, summed over classes; sums of shape [..., classes, bins]."""
+    return (sums / sums.sum(axis=-2, keepdims=True)).var(axis=-1, ddof=1).sum(axis=-1)
+
+
+def _shuffled_counts(counts: np.ndarray, bins: np.ndarray, rng: np.random.Generator, shuffles: int) -> np.ndarray:
+    """Grains of each class in each bin after random permutations, shape [shuffles, classes, bins].
+
+    Drawn class by class from hypergeometric distributions: that of a permutation, without permuting every grain.
+    """
+    left = np.tile(counts, (shuffles, 1))
+    table = np.zeros((shuffles, len(counts), len(bins)), np.int64)
+    for place, size in enumerate(bins):
+        wanting = np.full(shuffles, size)
+        for k in range(len(counts)):
+            table[:, k, place] = rng.hypergeometric(left[:, k], left[:, k + 1 :].sum(axis=1), wanting)
+            wanting = wanting - table[:, k, place]
+        left = left - table[:, :, place]
+    return table
 
 
 def lacey_index(mass: np.ndarray, group: np.ndarray, x: np.ndarray, edge: float) -> tuple[float, int]:
@@ -245,7 +271,8 @@ class Composition(Measure):
     def foreseen_empty(self, scene: Scene) -> tuple[str, str] | None:
         if scene.grains.count >= 2 * BIN:
             return None
-        return f"a segregation index needs two bins of {BIN} grains", f"use {2 * BIN} grains or more"
+        reason = f"a segregation index needs two bins of {BIN} grains; only W of each kind is measured"
+        return reason, f"use {2 * BIN} grains or more"
 
     def evaluate(self, run: RunData, window: Window) -> Evaluation:
         self.check(run.scene)

@@ -25,7 +25,7 @@ class Similar:
         """Factor of numbers in an SI unit."""
         L, T, M = self.L, self.T, self.L**3
         factors = {"": 1.0, "m": L, "s": T, "m/s": L / T, "1/s": 1 / T, "kg/s": M / T, "Pa": M / (L * T**2)}
-        return {**factors, "W": M * L**2 / T**3}[unit]
+        return {**factors, "J": M * L**2 / T**2, "W": M * L**2 / T**3}[unit]
 
 
 def asked(by: Similar, **more: Any) -> Study:

@@ -64,7 +64,8 @@ def scaled(table: Mapping[str, np.ndarray], by: Similar) -> dict[str, np.ndarray
     force, energy = by.L**4 / by.T**2, by.L**5 / by.T**2
     factor = {"time": by.T} | dict.fromkeys(_LENGTHS, by.L) | dict.fromkeys(_SPEEDS, by.L / by.T)
     factor |= dict.fromkeys(("fx", "fy", "fz"), force)
-    factor |= dict.fromkeys(("kinetic", "potential", "contact_work"), energy)
+    factor |= dict.fromkeys(("kinetic", "potential", "contact_work", "elastic"), energy)
+    factor |= dict.fromkeys(("normal", "tangential", "walls"), energy / by.T)
     return {name: column * factor[name] if name in factor else column for name, column in table.items()}
 
 
@@ -73,7 +74,8 @@ def crossing() -> dict[str, np.ndarray]:
     waits = RNG.exponential(1 / 400, 800)
     waits[60::45] += np.linspace(0.3, 3.0, len(waits[60::45]))
     one = {"id": RNG.permutation(800), "time": np.cumsum(waits)}
-    return one | {"x": RNG.uniform(-0.009, 0.009, 800), "vz": -RNG.uniform(0.1, 0.4, 800)}
+    zero = dict.fromkeys(("z", "vx", "vy", "wx", "wy", "wz"), np.zeros(800))
+    return one | zero | {"x": RNG.uniform(-0.009, 0.009, 800), "vz": -RNG.uniform(0.1, 0.4, 800)}
 
 
 def moving(beats: np.ndarray, each: int, low: float, high: float, wide: float) -> dict[str, np.ndarray]:
@@ -117,6 +119,8 @@ def run(of: Any) -> RunData:
     work = -np.cumsum(RNG.uniform(0, 1e-5, len(time)))
     tables["ledger"] = {"time": time, "kinetic": 1e-4 * time, "potential": 1 - time, "contact_work": work}
     tables["ledger"] |= {"max_overlap": RNG.uniform(1e-6, 1e-5, len(time)), "grains": 900 - np.arange(len(time))}
+    powers = {name: RNG.uniform(0, 1e-3, len(time)) for name in ("normal", "tangential", "walls", "elastic")}
+    tables["dissipation"] = {"time": time, **powers}
     return RunData(scene, Numerics(dt=DT, steps_per_beat=STEPS), 1, bed(scene), "finished", last * STEPS * DT, tables)
 
 
@@ -133,7 +137,7 @@ def similar(of: Any, by: Similar) -> RunData:
 
 
 RECORDED: tuple[Measure, ...] = (FlowPattern(), FlowMoments(), FreeFall())
-CASES = [(hopper, name) for name in ("flow_rate", "outlet_profiles", "packing", "ledger")]
+CASES = [(hopper, name) for name in ("flow_rate", "outlet_profiles", "packing", "ledger", "energy")]
 CASES += [(silo, name) for name in ("flow_rate", "orifice", "contact_stress", "packing", "ledger")]
 
 

@@ -34,3 +34,6 @@ def test_recipes_of_mixtures_and_residence_give_what_they_promise(tmp_path, monk
     promised = [report / "composition.png", report / "residence-map.png", tmp_path / "mixture/composition.csv"]
     promised += [tables / "residence.csv", tables / "layers.csv"]
     assert [path for path in promised if not path.exists()] == []
+    page = (report / "report.html").read_text(encoding="utf-8")
+    for words in ("Composition of the outflow", "mass in the bed [%]", "Residence times", "first in, first out"):
+        assert words in page

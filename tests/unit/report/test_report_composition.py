@@ -1,4 +1,4 @@
-"""Composition of the outflow in reports, frames and figures, of a mixture that the toy backend discharges."""
+"""Composition of the outflow in frames, of a mixture of the toy backend; `test_docs_recipes` has the report."""
 
 import numpy as np
 import pytest
@@ -36,18 +36,10 @@ def test_frames_have_kinds_and_shares_that_add_up(results):
     # to second order in the differences between beds, of which shares and bins are means
     assert over == pytest.approx(large["initial"].iloc[0], rel=1e-3)
     assert (frame["counting_error"] > 0).all()
+    assert "composition" in results.figures()
     crossing = results.run(1, seed=1).frame("crossing")
     assert set(crossing["kind"]) == {"large", "small"}
     assert crossing.attrs["units"]["radius"] == "m"
     assert sum(results.points[0].pooled[f"flow_rate_of_{kind}"].value for kind in ("large", "small")) == pytest.approx(
         results.points[0].pooled["flow_rate"].value
     )
-
-
-@pytest.mark.slow
-def test_the_report_has_a_section_with_figure_and_table(results, tmp_path):
-    page = results.report(tmp_path).read_text(encoding="utf-8")
-    assert "Composition of the outflow" in page
-    assert (tmp_path / "composition.png").stat().st_size > 10_000
-    assert "mass in the bed [%]" in page
-    assert "composition" in results.figures()
