@@ -18,6 +18,8 @@ from labbook.scene.quantities import percent
 
 BALANCED = 1e-3
 """Deviation of the balance of weight at rest up to which a bed counts as at rest."""
+HANGING = 0.25
+"""Part of the weight from which on front and back walls decide the profile of the side walls."""
 WHEN = {"rest": "at rest", "flow": "later"}
 """Words for the two states of a bed."""
 _NUMBERS = (
@@ -130,10 +132,12 @@ def front_and_back(walls: PooledWalls) -> str:
     friction = float(layout.friction[faces].max())
     if friction == 0:
         return "Front and back walls have no friction: the side walls and the bottom carry the bed."
+    text = f"Front and back walls carry {percent(share, '.0f')} of the weight at rest."
+    if share < HANGING:
+        return f"{text} Side walls and bottom carry the rest."
     return (
-        f"Front and back walls carry {percent(share, '.0f')} of the weight. With K = 0.5 and their friction fully "
-        f"mobilised the screening length is Z/(2 K μ) = {container.front_to_back / friction * 1e3:.3g} mm, so that a "
-        "profile of the side walls is no test of Janssen’s law."
+        f"{text} With K = 0.5 and their friction fully mobilised the screening length is Z/(2 K μ) = "
+        f"{container.front_to_back / friction * 1e3:.3g} mm: a profile of the side walls is no test of Janssen’s law."
     )
 
 

@@ -99,10 +99,9 @@ def test_walls_that_carry_nothing_are_not_fitted():
         _ = pooled(stresses(0.0, 1, shear=-0.1)).fits
 
 
-def test_front_and_back_of_a_layer_are_told_to_carry_it():
+def test_front_and_back_of_a_layer_are_judged_by_what_they_carry():
     hopper = WedgeHopper(width=0.1, height=0.3, thickness=1.01 * D, orifice=0.02)
-    bed = stresses(0.0, 1)
-    layer = WallStresses(**{**vars(bed), "names": np.array(["front", "bottom"])})
-    text = front_and_back(pooled(layer, container=hopper))
-    assert "Front and back walls carry" in text
-    assert f"{1.01 * 3 / 0.5:.3g} mm" in text, "Z/(2 K mu) with K = 0.5"
+    for shear, words in ((1.0, f"Z/(2 K μ) = {1.01 * 3 / 0.5:.3g} mm"), (0.1, "Side walls and bottom carry the rest")):
+        bed = stresses(0.0, 1, shear)
+        layer = WallStresses(**{**vars(bed), "names": np.array(["front", "bottom"])})
+        assert words in front_and_back(pooled(layer, container=hopper))
