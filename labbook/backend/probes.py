@@ -218,7 +218,7 @@ def columns(probe: Probe, rods: bool = False) -> dict[str, type]:
 
 
 UNITS = {
-    "time": "s",
+    **dict.fromkeys(("time", "stopped"), "s"),
     **dict.fromkeys(("x", "y", "z", "bx", "by", "bz", "max_overlap"), "m"),
     **dict.fromkeys(("vx", "vy", "vz"), "m/s"),
     **dict.fromkeys(("wx", "wy", "wz"), "rad/s"),

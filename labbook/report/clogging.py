@@ -12,6 +12,7 @@ from labbook.results import display
 from labbook.results.clogging import FEW_BEDS, PointClogging, SeriesClogging, clogging
 from labbook.results.points import FLOW_RATE
 from labbook.results.study import StudyResults
+from labbook.stats.rates import PooledRate
 from labbook.stats.survival import Correlation
 
 
@@ -50,7 +51,7 @@ def clogging_table(series: SeriesClogging) -> Table:
         low, high = point.over_beds
         over = f"{_short(low)} to {_short(high)}" if math.isfinite(low) and not q.bound else "–"
         rows.append(
-            (*head, str(q.events), f"{q.exposure:.0f}", _probability(point), over, _mean(point),
+            (*head, str(q.events), f"{q.exposure:.0f}", probability(q), over, _mean(point),
              f"{point.preceding:.2g}" if math.isfinite(point.preceding) else "–", *rates)
         )  # fmt: skip
     headings = ("point", "D/d", "clogged", "stops", "grains", "q (95 %)", "q over packings", "mean avalanche", "F")
@@ -104,9 +105,8 @@ def law_tables(series: SeriesClogging) -> list[Table]:
     return tables
 
 
-def _probability(point: PointClogging) -> str:
-    q = point.probability
-    assert q is not None
+def probability(q: PooledRate) -> str:
+    """`0.06 (0.045 to 0.08)`, or `< 0.0004` where no stop was counted."""
     return f"< {_short(q.high)}" if q.bound else f"{_short(q.value)} ({_short(q.low)} to {_short(q.high)})"
 
 

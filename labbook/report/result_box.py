@@ -10,6 +10,7 @@ from labbook.measure.flow import CUT_SHORT
 from labbook.plan.advice import limits
 from labbook.report.against import changes, found_against
 from labbook.report.blocks import Facts
+from labbook.report.clogging import probability
 from labbook.report.fitted_tables import parameter_row
 from labbook.results import display
 from labbook.results.budget import point_budgets
@@ -66,7 +67,7 @@ def _counted(results: StudyResults) -> str:
 
 
 def _found(results: StudyResults) -> list[Row]:
-    rows = [*_flow_rates(results)]
+    rows = [*_flow_rates(results), *_clogging(results)]
     tested = numerics_summed_up(results.numerical)
     swept = [one for one in found_against(results) if not (tested and one.key.startswith(NUMERICS))]
     rows += [(_term(one.key), text) for one in swept for text in changes(one)]
@@ -298,6 +299,17 @@ def _unevaluated(results: StudyResults) -> str:
 def _unmeasured(results: StudyResults) -> str:
     failed = _count(len(results.unmeasured), "measurement")
     return f"{failed} could not be made: {results.unmeasured[0]}."
+
+
+def _clogging(results: StudyResults) -> list[Row]:
+    """The largest and the smallest probability of a stop per grain, with their intervals."""
+    rates = [(q, one.label) for one in results.points if isinstance(q := one.pooled.get(PROBABILITY), PooledRate)]
+    if not rates:
+        return []
+    rates.sort(key=lambda pair: pair[0].high)
+    ends = [rates[-1]] if len(rates) == 1 else [rates[-1], rates[0]]
+    parts = [f"{probability(q)}{f' at {label}' if label else ''}" for q, label in ends]
+    return [("Clogging", f"q = {' and '.join(parts)} stops per grain (95 %).")]
 
 
 def _few_stops(results: StudyResults) -> list[str]:

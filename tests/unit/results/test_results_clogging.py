@@ -12,7 +12,7 @@ from labbook.measure.clogging import transient
 from labbook.report.blocks import Picture, Prose, Section
 from labbook.report.clogging import clogging_sections, clogging_table, memory_table, times_table
 from labbook.report.page import PARTS
-from labbook.report.result_box import concerns
+from labbook.report.result_box import concerns, result_box
 from labbook.results.clogging import clogging
 from labbook.scene.packing import Packing
 from labbook.stats.rates import PooledRate
@@ -167,3 +167,6 @@ def test_the_page_tells_of_clogging_and_gives_no_advice_against_it(results, tmp_
     assert "none is better by 4" in verdict.text or "prefer the law" in verdict.text
     assert (tmp_path / "clogging.svg").exists()
     assert not any("wider outlet" in sentence for sentence in concerns(results))
+    told = dict(result_box(results).rows)["Clogging"]
+    assert "at D = 9 mm and < " in told
+    assert "at D = 24 mm stops per grain" in told
