@@ -199,9 +199,9 @@ TABLE = (
     ),
     Absent(
         "measure",
-        "clogging clog clogged avalanche avalanches avalanchesize arch arches jamming",
-        "clogs are not measured",
-        "leave it out: a run that clogs ends so, which `labbook runs` and reports show with the mass discharged",
+        "clog clogged clogs avalanche avalanches avalanchesize arches jamming",
+        "no measure has this name",
+        "use clogging, the stops and the grains between them, or arch, the grains that hold a stop of a layer",
     ),
     Absent(
         "measure",
