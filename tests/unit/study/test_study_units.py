@@ -137,6 +137,15 @@ STUDIES: dict[str, dict[str, Any]] = {
             "contact": {k: v for k, v in HERTZ.items() if k != "shear_modulus"} | {"youngs_modulus": "8e6 Pa"},
         },
     },
+    "fed": {
+        "grains": GRAINS,
+        "contact": HERTZ,
+        "container": CYLINDER,
+        "feed": {"kind": "reinject"},
+        "restart": {"kind": "break", "wait": "0.3 s"},
+        "stop": {"max_time": "10 s"},
+        "measure": ["clogging"],
+    },
     "walls": {
         "grains": {
             "shape": "spherocylinder",
