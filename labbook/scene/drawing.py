@@ -134,7 +134,8 @@ def _poured(grains: Grains, container: Container, frame: _Frame) -> Iterator[_Gr
 
 def _placed(grains: Grains, container: Container) -> Iterator[_Grain]:
     """x, z, radius [m], kind and tilt [rad] of the grains that are drawn: a bed in rows, and a few that fall."""
-    d, long = grains.diameter, grains.extent
+    d = grains.equivalent_diameter if grains.varied else grains.diameter
+    long = d if grains.half_length == 0 else grains.extent
     rng, left = np.random.default_rng(0), min(MOST, grains.count)
     high = float(getattr(container, "height", math.inf))
     level = _level(grains, container)
