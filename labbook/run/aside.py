@@ -16,8 +16,7 @@ from collections.abc import Callable
 from contextlib import suppress
 from typing import IO, Any, TypeVar
 
-from labbook.lab.index import RunRows
-from labbook.run.job import Kept
+from labbook.run.job import Entry, Kept
 
 T = TypeVar("T")
 _LOG = logging.getLogger("labbook")
@@ -65,8 +64,8 @@ class Aside:
         self._send((function, args))
         return self._answer()
 
-    def rows(self) -> RunRows:
-        """Rows for the index of what was put last, which are made now. Raises what `Kept.rows` does, and Gone."""
+    def entry(self) -> Entry:
+        """Entry of what was put last, which is made now. Raises what `Kept.entry` does, and Gone."""
         return self._answer()
 
     def _answer(self) -> Any:
@@ -109,7 +108,7 @@ def serve() -> None:
         else:
             if isinstance(message, Kept):
                 if _tell(answers, _done(message.put)):
-                    _tell(answers, _done(message.rows))
+                    _tell(answers, _done(message.entry))
             else:
                 function, args = message
                 _tell(answers, _done(lambda function=function, args=args: function(*args)))

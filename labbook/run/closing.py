@@ -15,15 +15,16 @@ from queue import SimpleQueue
 
 from labbook.backend import EndState
 from labbook.filling import place
-from labbook.lab.index import RunRows
 from labbook.run.aside import Aside, Gone
 from labbook.run.board import Board, Ended, Placing
-from labbook.run.job import Job, JobFailed, Kept
+from labbook.run.job import Entry, Job, JobFailed, Kept
 from labbook.run.lane import Hand
 from labbook.scene import Packing, Scene
 
 _LOG = logging.getLogger("labbook")
 MOST_GRAINS = 4_000_000  # grains of jobs that wait to be written: some gigabytes
+_AHEAD = 16
+"""Fillings for each thread whose grains are being placed, or wait for their ensemble."""
 _TURN = 1e-4
 """Time [s] for which a thread may keep the interpreter while others wait, instead of Python's 5 ms. The thread of a
 lane gives it away at every call to the device, and would else wait for several that close jobs to get it back."""
@@ -46,13 +47,13 @@ class Closer:
         with suppress(Gone):  # whoever needs it tries again
             self._aside = self._aside or Aside()
 
-    def close(self, job: Job, verdict: str, left: EndState) -> "Future[RunRows]":
+    def close(self, job: Job, verdict: str, left: EndState) -> "Future[Entry]":
         """Put what a job `left` into the lab, and measure it."""
         return self._hand.do(lambda: self.put_in_place(job.kept(verdict, left)))
 
     def place(self, closed: Scene, kind: str, seed: int) -> "Future[Packing]":
-        """Place the grains of a filling, as `labbook.filling.place` does."""
-        return self._hand.do(lambda: self._placed(closed, kind, seed))
+        """Place the grains of a filling, as `labbook.filling.place` does, once there is nothing to close."""
+        return self._hand.do(lambda: self._placed(closed, kind, seed), later=True)
 
     def _placed(self, closed: Scene, kind: str, seed: int) -> Packing:
         if not self._alone:
@@ -67,7 +68,7 @@ class Closer:
         self._aside, self._alone = None, True
         _LOG.warning("%s by this process, as the process beside it ended: %s", done, problem)
 
-    def put_in_place(self, kept: Kept) -> RunRows:
+    def put_in_place(self, kept: Kept) -> Entry:
         self._closed += 1
         put = False
         if (self._closed > 1 or self._aside is not None) and not self._alone:
@@ -75,13 +76,13 @@ class Closer:
                 self._aside = self._aside or Aside()
                 self._aside.put(kept)
                 put = True
-                return self._aside.rows()
+                return self._aside.entry()
             except Gone as problem:
                 self._lose(f"{kept.label}: {'measured' if put else 'written'}", problem)
         if put:
             return kept.reread()
         kept.put()
-        return kept.rows()
+        return kept.entry()
 
     def end(self) -> None:
         """End thread and process, once they have done what they were given."""
@@ -94,8 +95,8 @@ class Closing:
     def __init__(self, board: Board, closers: Sequence[Closer]):
         self._board, self._closers = board, closers
         self._next = cycle(self._closers)
-        self._jobs: dict[Future[RunRows], tuple[Job, str]] = {}
-        self._ended: SimpleQueue[Future[RunRows]] = SimpleQueue()
+        self._jobs: dict[Future[Entry], tuple[Job, str]] = {}
+        self._ended: SimpleQueue[Future[Entry]] = SimpleQueue()
         self._grains = 0
         """Of the jobs that are being closed."""
         self.wake = threading.Event()
@@ -110,11 +111,12 @@ class Closing:
         return [job for job, _ in self._jobs.values()]
 
     @property
-    def place(self) -> Placing | None:
-        """Function that lets grains be placed beside the ensembles; None where one thread does all."""
+    def placing(self) -> Placing | None:
+        """Places grains beside the ensembles; None where one thread does all."""
         if len(self._closers) == 1:
             return None
-        return lambda closed, kind, seed: next(self._next).place(closed, kind, seed)
+        place = lambda closed, kind, seed: next(self._next).place(closed, kind, seed)  # noqa: E731
+        return Placing(place, _AHEAD * len(self._closers))
 
     def close(self, job: Job, verdict: str, left: EndState) -> None:
         """Put what a job `left` into the lab, and measure it. Waits for others while too many grains are held. Raises
@@ -126,7 +128,7 @@ class Closing:
         self._jobs[future] = job, verdict
         future.add_done_callback(self._has_ended)
 
-    def _has_ended(self, future: "Future[RunRows]") -> None:
+    def _has_ended(self, future: "Future[Entry]") -> None:
         self._ended.put(future)
         if len(self._closers) == 1 or self._ended.qsize() >= len(self._jobs):  # others are settled together
             self.wake.set()

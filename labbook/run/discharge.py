@@ -31,7 +31,7 @@ from labbook.filling.bed import bed_height, parts_of_mass
 from labbook.lab import identity
 from labbook.lab.folder import PICTURE, Claim, stamp
 from labbook.lab.identity import Keys
-from labbook.lab.index import RunRows, rows_of_run, run_rows, unreadable_row
+from labbook.lab.index import rows_of_run, run_rows, unreadable_row
 from labbook.lab.journal import PROGRESS, Journal, Saved, at_its_end
 from labbook.lab.packings import load_packing
 from labbook.lab.provenance import now
@@ -44,7 +44,7 @@ from labbook.measure.steady import steady_flow
 from labbook.picture import bed
 from labbook.plan.coverage import unobserved
 from labbook.plan.demand import Demand
-from labbook.run.job import Bench, Job, JobFailed, Kept, failure
+from labbook.run.job import Bench, Entry, Job, JobFailed, Kept, failure
 from labbook.run.ledger import ledger
 from labbook.scene import Packing
 from labbook.scene.quantities import percent
@@ -443,14 +443,14 @@ class KeptRun(Kept):
             _no_picture(self.label, problem)
             return b""
 
-    def rows(self) -> RunRows:
+    def entry(self) -> Entry:
         """Return the rows of the run and of its measurements, taken now."""
         seen, record, tables = stamp(self.place), self._complete, dict(self._tables)
         recorded = tables.pop(FILM_TABLE, None)
         try:
             check_tables(self.place, record, self._tables)
         except Unreadable as problem:
-            return unreadable_row(self.place, seen, problem), []
+            return Entry((unreadable_row(self.place, seen, problem), []))
         data = RunData(
             scene=record.scene,
             numerics=record.numerics,
@@ -461,11 +461,11 @@ class KeptRun(Kept):
             tables=tables,
             recorded=lambda: recorded,
         )
-        return rows_of_run(self.place, seen, record, data, record.observe)
+        return Entry(rows_of_run(self.place, seen, record, data, record.observe))
 
-    def reread(self) -> RunRows:
+    def reread(self) -> Entry:
         """Return the rows of the run and of its measurements, by its folder."""
-        return run_rows(self.place, self.record.observe)
+        return Entry(run_rows(self.place, self.record.observe))
 
 
 def _no_picture(label: str, problem: Exception) -> None:
