@@ -7,6 +7,7 @@ together. So there several threads share what they leave, and each hands it to a
 import logging
 import sys
 import threading
+import time
 from collections.abc import Sequence
 from concurrent.futures import Future, wait
 from contextlib import suppress
@@ -17,12 +18,17 @@ from labbook.backend import EndState
 from labbook.filling import place
 from labbook.run.aside import Aside, Gone
 from labbook.run.board import Board, Ended, Placing
+from labbook.run.fill import FillJob
 from labbook.run.job import Entry, Job, JobFailed, Kept
 from labbook.run.lane import Hand
 from labbook.scene import Packing, Scene
 
 _LOG = logging.getLogger("labbook")
 MOST_GRAINS = 4_000_000  # grains of jobs that wait to be written: some gigabytes
+_SETTLED_EVERY = 0.2
+"""Time [s] within which jobs that were closed enter the index together."""
+_PACKING, _RUN, _PLACING = range(3)
+"""What a thread does first."""
 _AHEAD = 16
 """Fillings for each thread whose grains are being placed, or wait for their ensemble."""
 _TURN = 1e-4
@@ -48,12 +54,13 @@ class Closer:
             self._aside = self._aside or Aside()
 
     def close(self, job: Job, verdict: str, left: EndState) -> "Future[Entry]":
-        """Put what a job `left` into the lab, and measure it."""
-        return self._hand.do(lambda: self.put_in_place(job.kept(verdict, left)))
+        """Put what a job `left` into the lab, and measure it; packings first, since runs wait for them."""
+        rank = _PACKING if isinstance(job, FillJob) else _RUN
+        return self._hand.do(lambda: self.put_in_place(job.kept(verdict, left)), rank)
 
     def place(self, closed: Scene, kind: str, seed: int) -> "Future[Packing]":
         """Place the grains of a filling, as `labbook.filling.place` does, once there is nothing to close."""
-        return self._hand.do(lambda: self._placed(closed, kind, seed), later=True)
+        return self._hand.do(lambda: self._placed(closed, kind, seed), _PLACING)
 
     def _placed(self, closed: Scene, kind: str, seed: int) -> Packing:
         if not self._alone:
@@ -97,6 +104,8 @@ class Closing:
         self._next = cycle(self._closers)
         self._jobs: dict[Future[Entry], tuple[Job, str]] = {}
         self._ended: SimpleQueue[Future[Entry]] = SimpleQueue()
+        self._next_time = 0.0
+        """When the board hears of the next."""
         self._grains = 0
         """Of the jobs that are being closed."""
         self.wake = threading.Event()
@@ -134,8 +143,14 @@ class Closing:
             self.wake.set()
 
     def settle(self, *, wait_for_one: bool = False) -> None:
-        """Tell the board of all that are closed, at once; of one at least, if that is waited for. Raises DiskFull."""
-        ended: list[Ended] = []
+        """Tell the board of all that are closed, at once; of one at least, if that is waited for. Raises DiskFull.
+
+        Where more are being closed, this is done now and then only: a transaction of the index takes some milliseconds.
+        """
+        now, ended = time.perf_counter(), list[Ended]()
+        if now < self._next_time and self._ended.qsize() < len(self._jobs) and not wait_for_one:
+            return
+        self._next_time = now + (_SETTLED_EVERY if len(self._closers) > 1 else 0.0)
         try:
             while wait_for_one or not self._ended.empty():
                 future, wait_for_one = self._ended.get(), False

@@ -21,7 +21,7 @@ CHECKPOINT_EVERY = 20.0
 """Wall time between two saves of a job [s], which is what a kill loses at most; longer where saving would take more
 than its part of the time."""
 _LOOK = 0.2  # s: how often a wait looks whether it was asked to stop
-_SETTLED_EVERY = 0.05  # s: jobs of one ensemble that are closed within it enter the index together
+_SOON = 0.05  # s: how often a wait looks whether jobs were closed, or grains placed
 _TELLING = 0.05  # of the main thread's time may go into telling how it goes
 _SAVING = 0.05  # part of the time since the start, at most, that goes into saving the members of an ensemble
 _LONG = 1.0  # s of saving that are allowed from the start
@@ -109,7 +109,7 @@ class Execution:
                     self.report()
                     time.sleep(_POLL)  # others hold what is left
                     continue
-                self._closing.wake.wait(_SETTLED_EVERY if self._closing.jobs or self._board.waiting else _LOOK)
+                self._closing.wake.wait(_SOON if self._closing.jobs or self._board.waiting else _LOOK)
                 self._closing.wake.clear()
                 for turn in self._completed(turns):
                     self._visit(*turns.pop(turn), turn)

@@ -40,7 +40,8 @@ class Turn:
     """Wall time before: of the members that came, and of their ensemble."""
 
 
-_NOW, _LATER, _LAST = range(3)
+_LAST = 1 << 30
+"""Rank of what a thread does before it ends."""
 
 
 class Hand:
@@ -51,8 +52,8 @@ class Hand:
         self._number = count()
         threading.Thread(target=self._work, name=name, daemon=True).start()
 
-    def do(self, call: Callable[[], T], *, later: bool = False) -> "Future[T]":
-        """Do this next, or `later`, when nothing else is left to do; never, if the future is cancelled before."""
+    def do(self, call: Callable[[], T], rank: int = 0) -> "Future[T]":
+        """Do this after all of the same and of lower ranks; never, if the future is cancelled before."""
         future: Future[T] = Future()
 
         def carry_out() -> None:
@@ -63,7 +64,7 @@ class Hand:
             except BaseException as problem:  # for whoever waits for the result
                 future.set_exception(problem)
 
-        self._put(_LATER if later else _NOW, carry_out)
+        self._put(rank, carry_out)
         return future
 
     def end(self, last: Callable[[], None] = lambda: None) -> None:
@@ -71,8 +72,8 @@ class Hand:
         self._put(_LAST, last)
         self._put(_LAST, None)
 
-    def _put(self, when: int, call: Callable[[], None] | None) -> None:
-        self._calls.put((when, next(self._number), call))
+    def _put(self, rank: int, call: Callable[[], None] | None) -> None:
+        self._calls.put((rank, next(self._number), call))
 
     def _work(self) -> None:
         while call := self._calls.get()[2]:
