@@ -28,9 +28,9 @@ MOST_GRAINS = 4_000_000  # grains of jobs that wait to be written: some gigabyte
 _SETTLED_EVERY = 0.2
 """Time [s] within which jobs that were closed enter the index together."""
 _PACKING, _RUN, _PLACING = range(3)
-"""What a thread does first."""
-_AHEAD = 16
-"""Fillings for each thread whose grains are being placed, or wait for their ensemble."""
+"""Ranks of the work of a thread."""
+_AHEAD = 8
+"""Fillings for each thread, at most, whose grains are being placed, or wait for their ensemble."""
 _TURN = 1e-4
 """Time [s] for which a thread may keep the interpreter while others wait, instead of Python's 5 ms. The thread of a
 lane gives it away at every call to the device, and would else wait for several that close jobs to get it back."""
@@ -105,7 +105,7 @@ class Closing:
         self._jobs: dict[Future[Entry], tuple[Job, str]] = {}
         self._ended: SimpleQueue[Future[Entry]] = SimpleQueue()
         self._next_time = 0.0
-        """When the board hears of the next."""
+        """Time [s] from which on the board hears of the next."""
         self._grains = 0
         """Of the jobs that are being closed."""
         self.wake = threading.Event()
