@@ -132,8 +132,8 @@ class Crowd:
         self._gap = gap - self._wall_reach
 
     def _branches(self, i: np.ndarray, j: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray | None]:
-        """Between the nearest points of grains i and j: branch vectors [m], shape [m, 3], and distances [m]; of rods also
-        the places [m] of these points on both segments, shape [2, m]."""
+        """Branch vectors [m], shape [m, 3], and distances [m] between the nearest points of grains i and j; of rods
+        also the places [m] of these points on both segments, shape [2, m]."""
         branch = _rows(self.x, i) - _rows(self.x, j)
         if self.a is None:
             return branch, _length(branch), None
