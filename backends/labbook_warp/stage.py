@@ -120,7 +120,7 @@ class Stage:
         fresh = {run: run.begin for run in new if isinstance(run.begin, Packing)}
         self._build_lists(list(fresh))
         if self._spec.feature("FRICTION"):
-            with self.arrays.at_once(len(fresh), copies=2):
+            with self.arrays.at_once(len(fresh), copies=2), self.arrays.gathered([run.slot for run in fresh]):
                 for run, start in fresh.items():
                     transfer.set_springs(self.arrays, run.slot, start, run.names)
         for run in new:

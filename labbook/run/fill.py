@@ -237,7 +237,7 @@ class FillJob(Job):
                 record=self._record(),
                 status=self.status,
                 left=left,
-                earlier=self._seen,
+                earlier=self._seen if self.status.grains < self.scene.grains.count else None,
                 remedy=self._closing(),
             )
         if self.may_save:
@@ -308,7 +308,8 @@ class FillJob(Job):
 
 @dataclass(frozen=True)
 class KeptPacking(Kept):
-    """A bed that has settled. record: without its ledger. earlier: time [s] and state of an earlier look.
+    """A bed that has settled. record: without its ledger. earlier: time [s] and state of an earlier look,
+    if grains are missing.
     remedy: what would keep its grains in the container."""
 
     record: PackingRecord
