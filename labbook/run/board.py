@@ -315,15 +315,14 @@ class Board:
         if (claim := self._claim(key)) is None:
             return None
         with _given_back(claim):
-            there = self._there(key)  # put there between the look and the claim
-        if there:
-            claim.release()
-            self._packed(key)
-            return None
-        placed = None
-        if placing and demand.shared.packings_of is None and not (lab.work(key) / PROGRESS).exists():
-            placed = placing.place(demand.shared.closed, demand.filling.kind, demand.seed)
-        return FillJob(self._bench, demand, item.keys, claim, self._served(key), placed)
+            if not self._there(key):
+                placed = None
+                if placing and demand.shared.packings_of is None and not (lab.work(key) / PROGRESS).exists():
+                    placed = placing.place(demand.shared.closed, demand.filling.kind, demand.seed)
+                return FillJob(self._bench, demand, item.keys, claim, self._served(key), placed)
+        claim.release()  # put there between the look and the claim
+        self._packed(key)
+        return None
 
     def _claim(self, key: str) -> Claim | None:
         """The right to work on a key, or None while another process has it."""
@@ -356,7 +355,7 @@ class Board:
             return None
         with _given_back(claim):
             lab.mend(key, lab.run(key))
-            now = self._planner.refresh(item.demand)
+            now = self._planner.refresh(item)
         if now.state == "done":  # by another process, or when its packing was made again
             claim.release()
             self._done({key: run_rows(lab.run(key), self._observe)})
