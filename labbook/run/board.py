@@ -240,7 +240,7 @@ class Board:
                     spec = started.spec
                     yield started
         for kind, begin, packed in ((FillJob.kind, self._fill, False), (DischargeJob.kind, self._discharge, True)):
-            if kind not in kinds or (self._ahead and not packed):
+            if kind not in kinds or (not packed and self._places_ahead()):
                 continue
             for key in list(self.todo):  # `begin` may take some away, or find that they are packed
                 item = self.todo.get(key)
@@ -256,16 +256,22 @@ class Board:
             self.todo = dict(sorted(self.todo.items(), key=lambda one: place_in_order(one[1])))
             self._ordered = True
 
-    def place_ahead(self) -> None:
-        """Claim the next fillings and let other processes place their grains, if that takes long enough to start these
-        processes."""
+    def _places_ahead(self) -> bool:
+        """Tell if other processes place the grains of fillings before these begin."""
         if self.placing is None:
-            return
+            return False
         if self._ahead is None:
             lacking = {item.keys.packing: item for item in self.todo.values() if not item.packed}
             grains = sum(item.demand.point.scene.grains.count for item in lacking.values())
             self._ahead = len(lacking) > 1 and grains >= TOGETHER
-        if not self._ahead or 2 * len(self.waiting) > self.placing.ahead:  # a look at all runs takes a while
+        return self._ahead
+
+    def place_ahead(self) -> None:
+        """Claim the next fillings and let other processes place their grains, if that takes long enough to start these
+        processes."""
+        if self.placing is None or not self._places_ahead():
+            return
+        if 2 * len(self.waiting) > self.placing.ahead:  # a look at all runs takes a while
             return
         self._sort()
         for item in list(self.todo.values()):

@@ -142,14 +142,16 @@ class Closing:
         if len(self._closers) == 1 or self._ended.qsize() >= len(self._jobs):  # others are settled together
             self.wake.set()
 
-    def settle(self, *, wait_for_one: bool = False) -> None:
-        """Tell the board of all that are closed, at once; of one at least, if that is waited for. Raises DiskFull.
+    def settle(self, *, wait_for_one: bool = False) -> bool:
+        """Tell the board of all that are closed, at once; of one at least, if that is waited for. Returns True if there
+        was any. Raises DiskFull.
 
         Where more are being closed, this is done now and then only: a transaction of the index takes some milliseconds.
         """
         now, ended = time.perf_counter(), list[Ended]()
-        if now < self._next_time and self._ended.qsize() < len(self._jobs) and not wait_for_one:
-            return
+        waiting = self._ended.qsize()
+        if not wait_for_one and (not waiting or (now < self._next_time and waiting < len(self._jobs))):
+            return False
         self._next_time = now + (_SETTLED_EVERY if len(self._closers) > 1 else 0.0)
         try:
             while wait_for_one or not self._ended.empty():
@@ -163,6 +165,7 @@ class Closing:
         finally:  # a full disk ends the process, but not what was put into the lab before
             if ended:
                 self._board.finished(ended)
+        return True
 
     def settle_all(self) -> None:
         """Wait for all, and tell the board. Raises DiskFull."""

@@ -93,16 +93,18 @@ class Execution:
         lanes, turns = self._lanes, Turns()
         try:
             while not self._request.made:
-                self._closing.settle()
                 if not self._board.todo and (self._device == "cpu" or not self._board.going):
                     self._board.widen()
-                self._board.place_ahead()
                 busy = [lane for lane, _ in turns.values()]
                 for lane in lanes if not (self._shared and busy) else ():
                     if lane not in busy:
                         turns |= self._next_turn(lane, turns)
+                settled = self._closing.settle()  # now, while lanes are at work
+                self._board.place_ahead()
                 if self._request.made:
                     break
+                if settled and len(turns) < len(lanes):  # there may be runs whose packings are made
+                    continue
                 if not (turns or self._closing.jobs or self._board.waiting):
                     if not self._board.todo:
                         return
