@@ -17,7 +17,7 @@ from collections.abc import Callable
 from contextlib import suppress
 from typing import IO, Any, TypeVar
 
-from labbook.run.job import Entry, Kept
+from labbook.run.job import Kept, LabEntry
 
 T = TypeVar("T")
 _LOG = logging.getLogger("labbook")
@@ -71,8 +71,8 @@ class Aside:
         self._send((function, args))
         return self._answer()
 
-    def entry(self) -> Entry:
-        """Entry of what was put last, which is made now. Raises what `Kept.entry` does, and Gone."""
+    def entry(self) -> LabEntry:
+        """Return the entry of what was put last, which is made now. Raises what `Kept.entry` does, and Gone."""
         return self._answer()
 
     def _answer(self) -> Any:

@@ -21,7 +21,7 @@ from labbook.plan.plan import Item, Plan, Planner, PointPlan, counted, place_in_
 from labbook.plan.possible import specified
 from labbook.run.discharge import DischargeJob
 from labbook.run.fill import FillJob
-from labbook.run.job import Bench, Entry, Job, JobFailed
+from labbook.run.job import Bench, Job, JobFailed, LabEntry
 from labbook.run.shard import everything
 from labbook.scene import Packing, Scene
 from labbook.study.problems import and_others
@@ -69,7 +69,7 @@ class Placing:
 
 
 KINDS = frozenset({FillJob.kind, DischargeJob.kind})
-Ended = tuple[Job, str, Entry]
+Ended = tuple[Job, str, LabEntry]
 """A job whose content is in the lab, how it ended, and what the lab has of it."""
 
 
@@ -404,7 +404,7 @@ class Board:
         if runs:
             self._discharged(runs)
 
-    def _filled(self, ended: Sequence[tuple[FillJob, Entry]]) -> None:
+    def _filled(self, ended: Sequence[tuple[FillJob, LabEntry]]) -> None:
         problems = self._index.put_packings({job.place: entry.rows[0] for job, entry in ended})
         for job, entry in ended:
             if problem := problems[job.place]:

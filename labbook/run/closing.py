@@ -19,7 +19,7 @@ from labbook.filling import place
 from labbook.run.aside import Aside, Gone
 from labbook.run.board import Board, Ended, Placing
 from labbook.run.fill import FillJob
-from labbook.run.job import Entry, Job, JobFailed, Kept
+from labbook.run.job import Job, JobFailed, Kept, LabEntry
 from labbook.run.lane import Hand
 from labbook.scene import Packing, Scene
 
@@ -53,7 +53,7 @@ class Closer:
         with suppress(Gone):  # whoever needs it tries again
             self._aside = self._aside or Aside()
 
-    def close(self, job: Job, verdict: str, left: EndState) -> "Future[Entry]":
+    def close(self, job: Job, verdict: str, left: EndState) -> "Future[LabEntry]":
         """Put what a job `left` into the lab, and measure it; packings first, since runs wait for them."""
         rank = _PACKING if isinstance(job, FillJob) else _RUN
         return self._hand.do(lambda: self.put_in_place(job.kept(verdict, left)), rank)
@@ -75,7 +75,7 @@ class Closer:
         self._aside, self._alone = None, True
         _LOG.warning("%s by this process, as the process beside it ended: %s", done, problem)
 
-    def put_in_place(self, kept: Kept) -> Entry:
+    def put_in_place(self, kept: Kept) -> LabEntry:
         self._closed += 1
         put = False
         if (self._closed > 1 or self._aside is not None) and not self._alone:
@@ -102,8 +102,8 @@ class Closing:
     def __init__(self, board: Board, closers: Sequence[Closer]):
         self._board, self._closers = board, closers
         self._next = cycle(self._closers)
-        self._jobs: dict[Future[Entry], tuple[Job, str]] = {}
-        self._ended: SimpleQueue[Future[Entry]] = SimpleQueue()
+        self._jobs: dict[Future[LabEntry], tuple[Job, str]] = {}
+        self._ended: SimpleQueue[Future[LabEntry]] = SimpleQueue()
         self._next_time = 0.0
         """Time [s] from which on the board hears of the next."""
         self._grains = 0
@@ -137,7 +137,7 @@ class Closing:
         self._jobs[future] = job, verdict
         future.add_done_callback(self._has_ended)
 
-    def _has_ended(self, future: "Future[Entry]") -> None:
+    def _has_ended(self, future: "Future[LabEntry]") -> None:
         self._ended.put(future)
         if len(self._closers) == 1 or self._ended.qsize() >= len(self._jobs):  # others are settled together
             self.wake.set()

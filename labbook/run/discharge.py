@@ -44,7 +44,7 @@ from labbook.measure.steady import steady_flow
 from labbook.picture import bed
 from labbook.plan.coverage import unobserved
 from labbook.plan.demand import Demand
-from labbook.run.job import Bench, Entry, Job, JobFailed, Kept, failure
+from labbook.run.job import Bench, Job, JobFailed, Kept, LabEntry, failure
 from labbook.run.ledger import ledger
 from labbook.scene import Packing
 from labbook.scene.quantities import percent
@@ -443,14 +443,14 @@ class KeptRun(Kept):
             _no_picture(self.label, problem)
             return b""
 
-    def entry(self) -> Entry:
+    def entry(self) -> LabEntry:
         """Return the rows of the run and of its measurements, taken now."""
         seen, record, tables = stamp(self.place), self._complete, dict(self._tables)
         recorded = tables.pop(FILM_TABLE, None)
         try:
             check_tables(self.place, record, self._tables)
         except Unreadable as problem:
-            return Entry((unreadable_row(self.place, seen, problem), []))
+            return LabEntry((unreadable_row(self.place, seen, problem), []))
         data = RunData(
             scene=record.scene,
             numerics=record.numerics,
@@ -461,11 +461,11 @@ class KeptRun(Kept):
             tables=tables,
             recorded=lambda: recorded,
         )
-        return Entry(rows_of_run(self.place, seen, record, data, record.observe))
+        return LabEntry(rows_of_run(self.place, seen, record, data, record.observe))
 
-    def reread(self) -> Entry:
+    def reread(self) -> LabEntry:
         """Return the rows of the run and of its measurements, by its folder."""
-        return Entry(run_rows(self.place, self.record.observe))
+        return LabEntry(run_rows(self.place, self.record.observe))
 
 
 def _no_picture(label: str, problem: Exception) -> None:

@@ -25,7 +25,7 @@ from labbook.lab.packings import PackingRecord, write_packing
 from labbook.lab.records import Unreadable
 from labbook.plan.demand import Demand, PackingsOf
 from labbook.plan.forecast import fill_time
-from labbook.run.job import Bench, Entry, Job, JobFailed, Kept, failure
+from labbook.run.job import Bench, Job, JobFailed, Kept, LabEntry, failure
 from labbook.run.ledger import ledger
 from labbook.scene import Packing, Scene, Spheres
 from labbook.scene.timescales import collision
@@ -334,13 +334,13 @@ class KeptPacking(Kept):
         counts = ledger(self.record.scene, self.status, self.left.packing)
         return self.record.model_copy(update={"ledger": counts})
 
-    def entry(self) -> Entry:
+    def entry(self) -> LabEntry:
         """Return the row of the packing, and the packing."""
-        return Entry((packing_row(self.place, self._complete), []), (self._complete, self.left.packing))
+        return LabEntry((packing_row(self.place, self._complete), []), (self._complete, self.left.packing))
 
-    def reread(self) -> Entry:
+    def reread(self) -> LabEntry:
         """Return the row of the packing, by its folder."""
-        return Entry((packing_row(self.place), []))
+        return LabEntry((packing_row(self.place), []))
 
 
 def needs_all(label: str, lost: str, remedy: str) -> str:

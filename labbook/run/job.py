@@ -33,7 +33,7 @@ class Bench:
 
 
 @dataclass(frozen=True)
-class Entry:
+class LabEntry:
     """Rows for the index of a job that is in the lab, and the packing with its record if it made one."""
 
     rows: RunRows
@@ -55,11 +55,11 @@ class Kept(ABC):
         cannot be read."""
 
     @abstractmethod
-    def entry(self) -> Entry:
+    def entry(self) -> LabEntry:
         """Return what the lab has of it, once this object has put it there; nothing is read again."""
 
     @abstractmethod
-    def reread(self) -> Entry:
+    def reread(self) -> LabEntry:
         """Return what the lab has of it by what lies there, where another process has put it."""
 
     def put(self) -> None:

@@ -20,7 +20,7 @@ from labbook.plan.plan import Planner
 from labbook.run import board, closing, discharge, execution, runner
 from labbook.run.aside import Aside, Gone
 from labbook.run.discharge import DischargeJob, KeptRun
-from labbook.run.job import Entry, JobFailed, Kept
+from labbook.run.job import JobFailed, Kept, LabEntry
 from labbook.run.watch import Unwatched
 
 
@@ -132,7 +132,7 @@ class Failing(Kept):
         raise Unreadable("rows: damaged")
 
     def entry(self):
-        return Entry(({}, []))
+        return LabEntry(({}, []))
 
     reread = entry
 
