@@ -7,6 +7,8 @@ by the cores.
 
     python benchmarks/many_beds.py --backend warp --device cuda:0 --beds 128 1024 10000 --out many.json
     python benchmarks/many_beds.py --grains 200 --beds 200
+
+`--trace FOLDER` writes a line a turn of an ensemble to a file for each study: what waited for what.
 """
 
 import argparse
@@ -39,7 +41,7 @@ measure: [flow_rate]
 """
 WIDTH = 0.06  # m
 RUN = """
-import json, sys, time
+import json, logging, sys, time
 begun = time.perf_counter()
 from pathlib import Path
 from labbook.backend import load as backend
@@ -47,7 +49,12 @@ from labbook.lab import LabFolder
 from labbook.run.runner import Runner
 from labbook.study import load
 imported = time.perf_counter() - begun
-study, lab, name, device = sys.argv[1:]
+study, lab, name, device, trace = sys.argv[1:]
+if trace:
+    turns = logging.getLogger("labbook.turns")
+    turns.setLevel(logging.DEBUG)
+    turns.addHandler(logging.FileHandler(trace, "w"))
+    turns.debug("imports: %.3f s", imported)
 done = Runner(load(Path(study)), LabFolder(Path(lab)), backend(name), device).run()
 assert done.complete, done.failed[:3]
 print(json.dumps({"stepping": done.stepping, "work": done.work_done, "preparing": done.preparing, "imports": imported}))
@@ -66,7 +73,8 @@ def measured(folder: Path, beds: int, args: argparse.Namespace) -> dict[str, Any
     """Times of one study, and the files that it leaves."""
     file, lab = folder / f"many-{beds}.yaml", folder / f"lab-{beds}"
     file.write_text(study(beds, args.grains, args.precision, args.fill), encoding="utf-8")
-    command = [sys.executable, "-c", RUN, str(file), str(lab), args.backend, args.device]
+    trace = args.trace / f"turns-{beds}.txt" if args.trace else ""
+    command = [sys.executable, "-c", RUN, str(file), str(lab), args.backend, args.device, str(trace)]
     begun = time.perf_counter()
     ended = subprocess.run(command, capture_output=True, text=True, check=False)
     wall = time.perf_counter() - begun
@@ -106,6 +114,7 @@ def main() -> None:
     parser.add_argument("--fill", default="", help="kind of the filling, if not the usual one")
     parser.add_argument("--folder", type=Path, help="folder for the labs; default: a temporary one")
     parser.add_argument("--out", type=Path)
+    parser.add_argument("--trace", type=Path, help="folder for a line a turn")
     args = parser.parse_args()
     rows: list[dict[str, Any]] = []
     with tempfile.TemporaryDirectory(dir=args.folder) as temporary:

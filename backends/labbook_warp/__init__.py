@@ -73,7 +73,7 @@ class Backend(backend.Backend):
         return present_bandwidth(device)
 
     def precompile(self, members: Sequence[Expected], device: str) -> None:
-        """See `labbook.backend.Backend`. For a GPU only."""
+        """See `labbook.backend.Backend`. Only for a GPU is anything compiled."""
         from labbook_warp.compiling import precompile
         from labbook_warp.devices import find
 

@@ -134,7 +134,7 @@ class Arrays:
     @contextmanager
     def gathered(self, slots: Collection[int]) -> Iterator[None]:
         """Within this context, what is read of these slots is first put together on the device, array by array, and
-        copied to the host at once. Nothing may change it meanwhile."""
+        copied to the host at once. Nothing may change it meanwhile, but a slot after it was read."""
         self._places = {slot: place for place, slot in enumerate(sorted(slots))}
         try:
             yield

@@ -16,11 +16,14 @@ from labbook_warp.parameters import same_material
 
 _compiling: dict[ModuleType, Thread] = {}
 """Threads that compile a module, or have."""
+_mixed: set[Spec] = set()
+"""Specs whose members differ in material, though the first ones may not: all have the same kernels."""
 _free = Semaphore(cores())
 
 
 def precompile(members: Sequence[Expected], device: wp.Device, lanes: int | None) -> None:
-    """Begin to compile what these members need, if they come all at once. lanes: see `labbook_warp.stage.Stage`."""
+    """Begin to compile what these members need. lanes: see `labbook_warp.stage.Stage`."""
+    _mixed.update(spec for spec, some in _by_spec(members).items() if not _uniform(some))
     for module in modules(members, device, lanes) if device.is_cuda else ():
         if module not in _compiling:
             thread = Thread(target=_compile, args=(module, device), name="labbook-compiling", daemon=True)
@@ -29,15 +32,27 @@ def precompile(members: Sequence[Expected], device: wp.Device, lanes: int | None
 
 
 def modules(members: Sequence[Expected], device: wp.Device, lanes: int | None) -> Iterator[ModuleType]:
-    """The kernels that these members need, if those of a Spec come all at once."""
+    """The kernels that these members need, in ensembles with room for all of a Spec."""
+    for spec, some in _by_spec(members).items():
+        cap = max(room.rounded(one.scene.grains.count) for one in some)
+        sizes = replace(room.empty(spec, sum(one.count for one in some)), cap=cap)
+        yield room.suitable(spec, sizes, _uniform(some), room.lanes(sizes, device, lanes))
+
+
+def mixed(spec: Spec) -> bool:
+    """Tell if members of a Spec are expected to differ in material."""
+    return spec in _mixed
+
+
+def _by_spec(members: Sequence[Expected]) -> dict[Spec, list[Expected]]:
     by_spec: dict[Spec, list[Expected]] = {}
     for one in members:
         by_spec.setdefault(one.spec, []).append(one)
-    for spec, some in by_spec.items():
-        cap = max(room.rounded(one.scene.grains.count) for one in some)
-        sizes = replace(room.empty(spec, sum(one.count for one in some)), cap=cap)
-        uniform = same_material((one.scene, one.numerics) for one in some)
-        yield room.suitable(spec, sizes, uniform, room.lanes(sizes, device, lanes))
+    return by_spec
+
+
+def _uniform(members: Sequence[Expected]) -> bool:
+    return same_material((one.scene, one.numerics) for one in members)
 
 
 def _compile(module: ModuleType, device: wp.Device) -> None:

@@ -74,7 +74,10 @@ def place(module: ModuleType, scene: Scene, numerics: Numerics, probes: Sequence
 
 def same_material(runs: Iterable[tuple[Scene, Numerics]]) -> bool:
     """Whether all of these have the same grains, law, gravity, clock and quanta."""
-    kinds = {(s.grains.model_copy(update={"count": 1}), s.contact, s.gravity, n, largest_force(s, n)) for s, n in runs}
+    different = {(id(s), id(n)): (s, n) for s, n in runs}.values()  # replicates have a scene in common
+    kinds = {
+        (s.grains.model_copy(update={"count": 1}), s.contact, s.gravity, n, largest_force(s, n)) for s, n in different
+    }
     return len(kinds) == 1
 
 

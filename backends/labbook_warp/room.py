@@ -34,14 +34,15 @@ def empty(spec: Spec, slots: int) -> Sizes:
 
 
 def with_members(sizes: Sizes, seated: int, new: Collection[Run]) -> Sizes:
-    """Sizes for `seated` members that fit already, and new ones."""
+    """Sizes for `seated` members that fit already, and new ones: of several, the next may be spread over more cells."""
+    cells = max(run.cells for run in new)
     return replace(
         sizes,
         slots=max(sizes.slots, seated + len(new)),
         cap=max(sizes.cap, *(rounded(run.rows) for run in new)),
         near=max(sizes.near, *(run.near for run in new)),
         walls=max(sizes.walls, *(len(run.names) for run in new)),
-        cells=max(sizes.cells, *(run.cells for run in new)),
+        cells=sizes.cells if cells <= sizes.cells else cells + (cells // 8 if sizes.slots > 1 else 0),
     )
 
 

@@ -17,6 +17,7 @@ from labbook.scene.packing import Packing
 from labbook_warp import room, transfer
 from labbook_warp.arrays import Arrays, SlotState, fetch
 from labbook_warp.beat import Beat
+from labbook_warp.compiling import mixed
 from labbook_warp.layout import EXTREMES, Sizes
 from labbook_warp.parameters import cell_size, material, place, same_material
 from labbook_warp.report import Report, collect
@@ -100,7 +101,7 @@ class Stage:
         if not new:
             return
         self._every = min(self._every, usual_check(new))
-        uniform = same_material((run.scene, run.numerics) for run in (*self.runs, *new))
+        uniform = same_material((run.scene, run.numerics) for run in (*self.runs, *new)) and not mixed(self._spec)
         needed = room.with_members(self._sizes, len(self._seated), new)
         if self._arrays is None or (needed, uniform) != (self._sizes, self._uniform):
             self._uniform = uniform
@@ -119,7 +120,7 @@ class Stage:
         fresh = {run: run.begin for run in new if isinstance(run.begin, Packing)}
         self._build_lists(list(fresh))
         if self._spec.feature("FRICTION"):
-            with self.arrays.at_once(len(fresh), copies=2):
+            with self.arrays.at_once(len(fresh), copies=2), self.arrays.gathered([run.slot for run in fresh]):
                 for run, start in fresh.items():
                     transfer.set_springs(self.arrays, run.slot, start, run.names)
         for run in new:

@@ -311,7 +311,8 @@ class Backend(ABC):
 
     @abstractmethod
     def open(self, spec: Spec, slots: int | None = None, device: str = "cpu") -> Ensemble:
-        """Prepare and allocate; `slots` None: as many as memory allows (members on a CPU: as many as are admitted)."""
+        """Prepare and allocate for `slots` members: on a CPU no more are admitted, on a GPU it grows for more. None: it
+        grows with its members."""
 
     @abstractmethod
     def describe(self, scene: Scene, numerics: Numerics) -> Mapping[str, float]:

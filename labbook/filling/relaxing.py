@@ -131,32 +131,33 @@ class Crowd:
         self._wall_reach = reach[self._end]
         self._gap = gap - self._wall_reach
 
-    def _branches(self, i: np.ndarray, j: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Between the nearest points of grains i and j: branch vectors [m], shape [m, 3], and distances [m]; and the
-        places [m] of these points on both segments, shape [2, m]."""
-        branch = self.x[i] - self.x[j]
-        places = np.zeros((2, len(i)))
-        if self.a is not None:
-            places = np.array(nearest(branch, self.a[i], self.a[j], self._half))
-            branch += places[0][:, None] * self.a[i] - places[1][:, None] * self.a[j]
+    def _branches(self, i: np.ndarray, j: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray | None]:
+        """Branch vectors [m], shape [m, 3], and distances [m] between the nearest points of grains i and j; of rods
+        also the places [m] of these points on both segments, shape [2, m]."""
+        branch = _rows(self.x, i) - _rows(self.x, j)
+        if self.a is None:
+            return branch, _length(branch), None
+        places = np.array(nearest(branch, self.a[i], self.a[j], self._half))
+        branch += places[0][:, None] * self.a[i] - places[1][:, None] * self.a[j]
         return branch, _length(branch), places
 
     def _gaps(self) -> np.ndarray:
         """Gaps [m] between the listed ends and walls."""
-        away = (self._ends() - self._at)[self._end]
+        away = _rows(self._ends() - self._at, self._end)
         return self._gap + np.einsum("ij,ij->i", away, self._normal)
 
     def _push(self) -> bool:
         """Take one step, if any grain overlaps another one or a wall; whether it did."""
         branch, distance, places = self._branches(self._i, self._j)
-        if np.all(distance >= self._least) and np.all(self._gaps() >= 0):
+        if (distance >= self._least).all() and (self._gaps() >= 0).all():
             return False
         overlap = self._least * (1 + MARGIN) - distance
-        hit = np.flatnonzero(overlap > 0)
-        along = branch[hit] / np.maximum(distance[hit], 1e-3 * self._least[hit])[:, None]
-        by = np.tile(_PART * overlap[hit], 2)
+        hit = (overlap > 0).nonzero()[0]
+        along = _rows(branch, hit) / np.maximum(distance[hit], 1e-3 * self._least[hit])[:, None]
+        by = (_PART * overlap[hit])[:, None] * along
         both = np.concatenate([self._i[hit], self._j[hit]])
-        dx, da = self._shifts(both, by[:, None] * np.concatenate([along, -along]), places[:, hit].ravel())
+        places = None if places is None else places[:, hit].ravel()
+        dx, da = self._shifts(both, np.concatenate([by, -by]), places)
         x, a = self.x, self.a
         dx += _INERTIA * self._step[0]
         dx *= np.minimum(1, _LONGEST * self._reach / np.maximum(_length(dx), 1e-300))[:, None]
@@ -171,21 +172,20 @@ class Crowd:
 
     def _clear_walls(self) -> None:
         """Move ends that overlap a wall out of it."""
-        gap = self._gaps()
-        out = np.flatnonzero(gap < _CLEAR * self._wall_reach)
-        by = (_CLEAR * self._wall_reach - gap)[out]
+        short = _CLEAR * self._wall_reach - self._gaps()
+        out = (short > 0).nonzero()[0]
         end, n = self._end[out], len(self.x)
-        places = np.where(end < n, self._half, -self._half)
-        dx, da = self._shifts(end % n, by[:, None] * self._normal[out], places)
+        places = None if self.a is None else np.where(end < n, self._half, -self._half)
+        dx, da = self._shifts(end % n, short[out, None] * self._normal[out], places)
         self.x = self.x + dx
         if self.a is not None:
             self.a = _unit(self.a + da)
 
-    def _shifts(self, grains: np.ndarray, by: np.ndarray, places: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    def _shifts(self, grains: np.ndarray, by: np.ndarray, places: np.ndarray | None) -> tuple[np.ndarray, np.ndarray]:
         """Displacements [m] of all grains and changes of their axes, shape [n, 3], that move `grains` by `by` [m],
-        shape [m, 3], at `places` [m] of their segments."""
+        shape [m, 3]; of rods at `places` [m] of their segments."""
         n = len(self.x)
-        if self.a is None:
+        if self.a is None or places is None:
             return _summed(grains, by, n), self._step[1]
         a = self.a[grains]
         by = by / (1 + places**2 / self._gyration)[:, None]
@@ -225,7 +225,9 @@ def _beside(shape: WallShape, x: np.ndarray, within: np.ndarray) -> tuple[np.nda
     Returns their numbers, their distances [m] from it, and the unit vectors along which these grow.
     """
     distance = shape.distance(x)
-    near = np.flatnonzero(distance < within)
+    near = (distance < within).nonzero()[0]
+    if not len(near):
+        return near, distance[near], x[near]
     shifted = x[near] + 1e-5 * float(within.max()) * np.eye(3)[:, None]
     slope = shape.distance(shifted.reshape(-1, 3)).reshape(3, -1) - distance[near]
     return near, distance[near], _unit(slope.T)
@@ -241,4 +243,12 @@ def _unit(x: np.ndarray) -> np.ndarray:
 
 def _summed(rows: np.ndarray, values: np.ndarray, n: int) -> np.ndarray:
     """Sums of `values`, shape [m, 3], by row, shape [n, 3]."""
-    return np.stack([np.bincount(rows, values[:, axis], n) for axis in range(3)], axis=1).astype(float, copy=False)
+    sums = np.empty((n, 3))
+    for axis in range(3):
+        sums[:, axis] = np.bincount(rows, values[:, axis], n)
+    return sums
+
+
+def _rows(values: np.ndarray, rows: np.ndarray) -> np.ndarray:
+    """Rows of an array, shape [m, 3]; quicker than by an index."""
+    return values.take(rows, axis=0)

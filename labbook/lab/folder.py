@@ -417,6 +417,8 @@ def write_bytes(path: Path, content: bytes, *, durable: bool = True) -> None:
 
 def make_folder(folder: Path) -> None:
     """Make a folder, and those above it that are missing, durably; it may be there."""
+    if folder.is_dir():
+        return
     missing = [path for path in (folder, *folder.parents) if not path.exists()]
     folder.mkdir(parents=True, exist_ok=True)
     for made in reversed(missing):

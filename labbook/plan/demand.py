@@ -59,6 +59,7 @@ class PointDemand:
     _lineage_scenes: tuple[str, str] | None = field(default=None, init=False, repr=False)
     _older: tuple[tuple[str, tuple[str, str]], ...] | None = field(default=None, init=False, repr=False)
     _probes: tuple[Probe, ...] | None = field(default=None, init=False, repr=False)
+    _stop: StopRule | None = field(default=None, init=False, repr=False)
 
     @property
     def scene(self) -> Scene:
@@ -192,6 +193,11 @@ class PointDemand:
     @property
     def stop(self) -> StopRule:
         """When a run ends."""
+        if self._stop is None:
+            self._stop = self._stated_stop()
+        return self._stop
+
+    def _stated_stop(self) -> StopRule:
         study, scale = self.study, gravity_time(self.scene)
         until = study.window.end if study.window.timed else 0.0
         if not study.fed:

@@ -11,6 +11,9 @@ from labbook.plan.forecast import rate_of
 from labbook.plan.plan import PointPlan
 from labbook.plan.possible import specified
 
+_ENOUGH, _LEAST = 1_000_000, 16
+"""Grains and members of an ensemble from which on a GPU takes hardly more grain-steps per second with more of them."""
+
 
 def named(devices: str, backend: Backend) -> tuple[str, ...]:
     """The devices that `cuda:0,cuda:1`, `cuda:all` or `cuda:all,cpu` names. Raises Unsupported for one named twice, or
@@ -50,3 +53,10 @@ def slots(backend: Backend, device: str, points: Iterable[PointPlan]) -> int:
         for spec, scene in ((filling, shared.closed), (discharge, shared.scene)):
             fits.append(backend.capacity(spec, scene, device))
     return min((fit for fit in fits if fit is not None), default=sys.maxsize)
+
+
+def enough(points: Iterable[PointPlan]) -> int:
+    """Members of an ensemble, at most. With those of more a GPU would take no more grain-steps per second, and other
+    beds would not be filled, or written, meanwhile."""
+    grains = max((point.shared.scene.grains.count for point in points), default=1)
+    return max(_LEAST, _ENOUGH // grains)

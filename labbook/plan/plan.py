@@ -498,10 +498,9 @@ class Planner:
         """All points of the study."""
         return [PointDemand(self.study, point, self.packings_of) for point in self.study.points]
 
-    def refresh(self, demand: Demand) -> Item:
+    def refresh(self, item: Item) -> Item:
         """One run as its folder has it now, whatever the catalogue says."""
-        keys = demand.keys(self.backend)
-        return self._judged(demand, keys, self._looked_at(keys.run))
+        return self._judged(item.demand, item.keys, self._looked_at(item.keys.run))
 
     def _first(self, shared: PointDemand) -> list[Demand]:
         return list(shared.runs(stopping_rule(self.study, shared.point).first, discharges(self.study)[0]))

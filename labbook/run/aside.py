@@ -6,6 +6,7 @@ program, not a copy of its parent: so it takes nothing over from a GPU, and a sc
 It ends with its parent.
 """
 
+import fcntl
 import logging
 import os
 import pickle
@@ -16,13 +17,14 @@ from collections.abc import Callable
 from contextlib import suppress
 from typing import IO, Any, TypeVar
 
-from labbook.lab.index import RunRows
-from labbook.run.job import Kept
+from labbook.run.job import Kept, LabEntry
 
 T = TypeVar("T")
 _LOG = logging.getLogger("labbook")
 
 
+_PIPE = 2**20
+"""Bytes that are on their way to or from it, at most: about those of a bed of 1000 grains."""
 _BROKEN = (OSError, EOFError, pickle.PickleError, AttributeError, TypeError)
 """What comes of a process that has ended, and of things that cannot be pickled."""
 
@@ -45,6 +47,10 @@ class Aside:
             )
         except OSError as problem:
             raise Gone(f"it cannot be started: {problem}") from problem
+        for pipe in (self._process.stdin, self._process.stdout):
+            assert pipe is not None
+            with suppress(OSError, AttributeError):  # where a user has many pipes, or pipes are always as large
+                fcntl.fcntl(pipe, fcntl.F_SETPIPE_SZ, _PIPE)
 
     def put(self, kept: Kept) -> None:
         """Put `kept` into the lab. Raises what `Kept.put` does, and Gone."""
@@ -53,8 +59,8 @@ class Aside:
 
     def _send(self, message: object) -> None:
         assert self._process.stdin is not None
-        try:
-            pickle.dump(message, self._process.stdin)
+        try:  # as one: other threads of this process wait for the interpreter after every write
+            self._process.stdin.write(pickle.dumps(message, pickle.HIGHEST_PROTOCOL))
             self._process.stdin.flush()
         except _BROKEN as problem:
             self.end()
@@ -65,8 +71,8 @@ class Aside:
         self._send((function, args))
         return self._answer()
 
-    def rows(self) -> RunRows:
-        """Rows for the index of what was put last, which are made now. Raises what `Kept.rows` does, and Gone."""
+    def entry(self) -> LabEntry:
+        """Return the entry of what was put last, which is made now. Raises what `Kept.entry` does, and Gone."""
         return self._answer()
 
     def _answer(self) -> Any:
@@ -109,7 +115,7 @@ def serve() -> None:
         else:
             if isinstance(message, Kept):
                 if _tell(answers, _done(message.put)):
-                    _tell(answers, _done(message.rows))
+                    _tell(answers, _done(message.entry))
             else:
                 function, args = message
                 _tell(answers, _done(lambda function=function, args=args: function(*args)))

@@ -2,13 +2,12 @@
 
 import time
 from collections import Counter, defaultdict
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from concurrent.futures import Future
 from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from itertools import islice
-from typing import Any
 
 from labbook.backend import Checkpoint, Expected, Spec
 from labbook.lab.folder import Claim
@@ -22,7 +21,7 @@ from labbook.plan.plan import Item, Plan, Planner, PointPlan, counted, place_in_
 from labbook.plan.possible import specified
 from labbook.run.discharge import DischargeJob
 from labbook.run.fill import FillJob
-from labbook.run.job import Bench, Job, JobFailed
+from labbook.run.job import Bench, Job, JobFailed, LabEntry
 from labbook.run.shard import everything
 from labbook.scene import Packing, Scene
 from labbook.study.problems import and_others
@@ -59,10 +58,19 @@ class Tally:
     """Keys of the runs and packings that failed, and of runs that waited for these."""
 
 
-Placing = Callable[[Scene, str, int], "Future[Packing]"]
-"""Lets the grains of a closed scene be placed by a kind of start and a seed, beside what else goes on."""
-Ended = tuple[Job, str, RunRows]
-"""A job whose content is in the lab, how it ended, and its rows for the index."""
+@dataclass(frozen=True)
+class Placing:
+    """Processes that place the grains of fillings, while others are stepped."""
+
+    place: Callable[[Scene, str, int], "Future[Packing]"]
+    """Lets the grains of a closed scene be placed by a kind of start and a seed."""
+    ahead: int
+    """Fillings, at most, whose grains are being placed or wait for their ensemble."""
+
+
+KINDS = frozenset({FillJob.kind, DischargeJob.kind})
+Ended = tuple[Job, str, LabEntry]
+"""A job whose content is in the lab, how it ended, and what the lab has of it."""
 
 
 @contextmanager
@@ -106,13 +114,15 @@ class Board:
         """Points by the key of a run that they ask for: points with the same scene share runs."""
         self._standing: dict[str, set[int]] = defaultdict(set)
         """Points by the key of the packing that their runs start from."""
-        self.elsewhere = 0
-        """Jobs that another process was found to hold at the last look."""
+        self._elsewhere: set[str] = set()
+        """Keys of jobs that another process was found to hold at the last look."""
         self._next_look = 0.0
         self.placing: Placing | None = None
         """Places the grains of many fillings; None: each when it is begun."""
-        self._placed: dict[str, Future[Packing]] = {}
-        """Grains that are being placed, by packing key."""
+        self._ahead: bool | None = False
+        """True if grains are placed ahead; None: there are new runs, so that it is to be decided anew."""
+        self.waiting: dict[str, FillJob] = {}
+        """Fillings that are going on, but have not begun: their grains are being placed, or wait for an ensemble."""
         self.beginning: Callable[[Job], None] = lambda job: None
         """Called before a job is begun: placing many grains takes a while."""
 
@@ -150,6 +160,7 @@ class Board:
         had = self.todo.get(key)
         if self._lacks(item) and not known:
             self._ordered &= had is not None and place_in_order(had) == place_in_order(item)
+            self._ahead = self._ahead or None
             self.todo[key] = item
             self._starting[item.keys.packing].add(key)
 
@@ -192,57 +203,92 @@ class Board:
             found.append(Expected(discharge, of.scene, of.numerics, count))
         return found
 
-    def jobs(self, spec: Spec | None = None, most: int = 1) -> Iterator[Started]:
+    def members(self, spec: Spec) -> int:
+        """Fillings and runs, not done, that need `spec`, as far as is known."""
+        keys = {key for key, job in self.going.items() if self._needs(job.demand, type(job)) == spec}
+        for key, item in self.todo.items():
+            if not item.packed and self._needs(item.demand, FillJob) == spec:
+                keys.add(item.keys.packing)
+            if not self._packings_only and self._needs(item.demand, DischargeJob) == spec:
+                keys.add(key)
+        return len(keys)
+
+    def _needs(self, demand: Demand, kind: type[Job]) -> Spec:
+        """The set of features of a filling or a run."""
+        filling, discharge = specified(self._bench.backend, demand.shared)
+        return filling if kind is FillJob else discharge
+
+    @property
+    def elsewhere(self) -> int:
+        """Jobs that another process was found to hold at the last look."""
+        return len(self._elsewhere)
+
+    def jobs(self, spec: Spec | None = None, kinds: Collection[str] = KINDS) -> Iterator[Started]:
         """Begin one job after another: all that this process can have now, fillings first.
 
         Args:
             spec: The set of features that they need; None: that of the first one.
-            most: Jobs, at most, that are wanted.
+            kinds: Their kinds.
         """
-        if self.elsewhere:
+        if self._elsewhere:
             self._look_around()
-        self.elsewhere = 0
-        if not self._ordered:
-            self.todo = dict(sorted(self.todo.items(), key=lambda one: place_in_order(one[1])))
-            self._ordered = True
-        self._place_ahead(spec, most)
-        for begin, packed in ((self._fill, False), (self._discharge, True)):
+        self._sort()
+        for key, job in list(self.waiting.items()) if FillJob.kind in kinds else ():
+            if job.is_placed and spec in (None, self._needs(job.demand, FillJob)):
+                del self.waiting[key]
+                if started := self._begin(job, spec):
+                    spec = started.spec
+                    yield started
+        for kind, begin, packed in ((FillJob.kind, self._fill, False), (DischargeJob.kind, self._discharge, True)):
+            if kind not in kinds or (not packed and self._places_ahead()):
+                continue
             for key in list(self.todo):  # `begin` may take some away, or find that they are packed
                 item = self.todo.get(key)
                 if item is None or item.packed != packed or (not packed and item.keys.packing in self.going):
                     continue
                 if started := begin(item, spec):
-                    spec = spec or started.spec
+                    spec = started.spec
                     yield started
 
-    def _place_ahead(self, spec: Spec | None, most: int) -> None:
-        """Let the grains of the next fillings be placed, if that takes long enough to start processes for it."""
-        if self.placing is None or most < 2:
+    def _sort(self) -> None:
+        """Bring runs into the order in which they are begun."""
+        if not self._ordered:
+            self.todo = dict(sorted(self.todo.items(), key=lambda one: place_in_order(one[1])))
+            self._ordered = True
+
+    def _places_ahead(self) -> bool:
+        """Tell if other processes place the grains of fillings before these begin."""
+        if self.placing is None:
+            return False
+        if self._ahead is None:
+            lacking = {item.keys.packing: item for item in self.todo.values() if not item.packed}
+            grains = sum(item.demand.point.scene.grains.count for item in lacking.values())
+            self._ahead = len(lacking) > 1 and grains >= TOGETHER
+        return self._ahead
+
+    def place_ahead(self) -> None:
+        """Claim the next fillings and let other processes place their grains, if that takes long enough to start these
+        processes."""
+        if self.placing is None or not self._places_ahead():
             return
-        ahead: dict[str, Item] = {}
-        for item in self.todo.values():
+        if 2 * len(self.waiting) > self.placing.ahead:  # a look at all runs takes a while
+            return
+        self._sort()
+        for item in list(self.todo.values()):
             key = item.keys.packing
-            if item.packed or key in ahead or key in self._placed or key in self.going or (key, spec) in self._unfit:
-                continue
-            spec = spec or specified(self._bench.backend, item.demand.shared)[0]
-            guest = item.demand.shared.packings_of is not None
-            begun = guest or (self._bench.lab.work(key) / PROGRESS).exists()
-            if not begun and specified(self._bench.backend, item.demand.shared)[0] == spec and not self._there(key):
-                ahead[key] = item
-            if len(ahead) == most:
-                break
-        grains = sum(item.demand.point.scene.grains.count for item in ahead.values())
-        if len(ahead) < 2 or grains < TOGETHER:
-            return
-        for key, item in ahead.items():
-            kind, seed = item.demand.filling.kind, item.demand.seed
-            self._placed[key] = self.placing(item.demand.shared.closed, kind, seed)
+            if len(self.waiting) >= self.placing.ahead:
+                return
+            if not (item.packed or key in self.going or key in self._elsewhere) and (
+                job := self._filling(item, self.placing)
+            ):
+                self.going[key] = self.waiting[key] = job
 
     def _look_around(self) -> None:
         """Take up what other processes have done, now and then: to find out run by run, by claiming each, is dear."""
         begun = time.perf_counter()
         if begun < self._next_look:
             return
+        self._elsewhere.clear()
         for before in list(self.points.values()):
             point = self._planner.point(before)
             new = {item.keys.run for item in point.items if item.state == "done"} & self.todo.keys()
@@ -257,23 +303,41 @@ class Board:
         self._next_look = now + max(_BETWEEN, (now - begun) / _LOOKING)
 
     def _fill(self, item: Item, spec: Spec | None) -> Started | None:
-        key, lab = item.keys.packing, self._bench.lab
+        key = item.keys.packing
         if key in self.going or (key, spec) in self._unfit:
             return None
+        job = self._filling(item)
+        return None if job is None else self._begin(job, spec)
+
+    def _filling(self, item: Item, placing: Placing | None = None) -> FillJob | None:
+        """The filling that a run waits for, claimed; None if it is made already, or held by another process.
+
+        placing: lets its grains be placed, if it starts with that.
+        """
+        key, lab, demand = item.keys.packing, self._bench.lab, item.demand
         if self._there(key):
             self._packed(key)
             return None
-        if (claim := lab.claim(key)) is None:
-            self.elsewhere += 1
+        if (claim := self._claim(key)) is None:
             return None
         with _given_back(claim):
-            there = self._there(key)  # put there between the look and the claim
-        if there:
-            claim.release()
-            self._packed(key)
-            return None
-        placed = self._placed.pop(key, None)
-        return self._begin(FillJob(self._bench, item.demand, item.keys, claim, self._served(key), placed), spec)
+            if not self._there(key):
+                placed = None
+                if placing and demand.shared.packings_of is None and not (lab.work(key) / PROGRESS).exists():
+                    placed = placing.place(demand.shared.closed, demand.filling.kind, demand.seed)
+                return FillJob(self._bench, demand, item.keys, claim, self._served(key), placed)
+        claim.release()  # put there between the look and the claim
+        self._packed(key)
+        return None
+
+    def _claim(self, key: str) -> Claim | None:
+        """The right to work on a key, or None while another process has it."""
+        claim = self._bench.lab.claim(key)
+        if claim is None:
+            self._elsewhere.add(key)
+        else:
+            self._elsewhere.discard(key)
+        return claim
 
     def _served(self, packing: str) -> str:
         """The points whose runs start from a packing, in words; empty if those are all points."""
@@ -293,12 +357,11 @@ class Board:
         fresh = item.state in ("missing", "stale")  # one that goes on may observe more
         if fresh and spec is not None and specified(backend, item.demand.shared)[1] != spec:
             return None
-        if (claim := lab.claim(key)) is None:
-            self.elsewhere += 1
+        if (claim := self._claim(key)) is None:
             return None
         with _given_back(claim):
             lab.mend(key, lab.run(key))
-            now = self._planner.refresh(item.demand)
+            now = self._planner.refresh(item)
         if now.state == "done":  # by another process, or when its packing was made again
             claim.release()
             self._done({key: run_rows(lab.run(key), self._observe)})
@@ -321,7 +384,7 @@ class Board:
                     self._index.note(folder, why)
             needed = self._bench.backend.specialise(job.scene, job.numerics, job.declared)
         if spec is not None and needed != spec:
-            job.release()
+            self.dropped(job)
             self._unfit.add((job.key, spec))
             return None
         self.going[job.key] = job
@@ -334,22 +397,23 @@ class Board:
         for job, _, _ in ended:
             job.release()
             self.going.pop(job.key, None)
-        fillings = [(job, rows[0]) for job, _, rows in ended if isinstance(job, FillJob)]
+        fillings = [(job, entry) for job, _, entry in ended if isinstance(job, FillJob)]
         if fillings:
             self._filled(fillings)
-        runs = [(job, verdict, rows) for job, verdict, rows in ended if not isinstance(job, FillJob)]
+        runs = [(job, verdict, entry) for job, verdict, entry in ended if not isinstance(job, FillJob)]
         if runs:
             self._discharged(runs)
 
-    def _filled(self, ended: Sequence[tuple[FillJob, dict[str, Any]]]) -> None:
-        problems = self._index.put_packings({job.place: row for job, row in ended})
-        for job, row in ended:
+    def _filled(self, ended: Sequence[tuple[FillJob, LabEntry]]) -> None:
+        problems = self._index.put_packings({job.place: entry.rows[0] for job, entry in ended})
+        for job, entry in ended:
             if problem := problems[job.place]:
                 self._lose(job.key, f"{job.label}: {problem}")  # to make it once more would give the same
                 continue
-            if job.made is not None:
-                just_made(job.place, row["stamp"], job.made.record, job.made.packing)
-                self._planner.catalogue.note_packing(job.key, row["stamp"])
+            if entry.packing is not None:
+                stamp = entry.rows[0]["stamp"]
+                just_made(job.place, stamp, *entry.packing)
+                self._planner.catalogue.note_packing(job.key, stamp)
             self.tally.packings += 1
             self._packed(job.key)
 
@@ -359,7 +423,7 @@ class Board:
             self._foreseen += job.progress() * self._estimate(job.key, job.demand, filling=False)
             self.tally.ran[job.key] = verdict
             self.tally.resumed += job.resumed
-        problems = self._done({job.key: rows for job, _, rows in ended})
+        problems = self._done({job.key: entry.rows for job, _, entry in ended})
         self.tally.failed += [f"{job.label}: {problem}" for job, _, _ in ended if (problem := problems[job.key])]
 
     def _done(self, ended: Mapping[str, RunRows]) -> dict[str, str | None]:
@@ -417,6 +481,7 @@ class Board:
         self.going.pop(job.key, None)
 
     def _packed(self, key: str) -> None:
+        self._elsewhere.discard(key)
         for run in self._starting[key] & self.todo.keys():
             if self._packings_only:
                 del self.todo[run]

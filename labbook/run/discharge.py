@@ -32,7 +32,7 @@ from labbook.filling.bed import bed_height, parts_of_mass
 from labbook.lab import identity
 from labbook.lab.folder import PICTURE, Claim, stamp
 from labbook.lab.identity import Keys
-from labbook.lab.index import RunRows, rows_of_run, run_rows, unreadable_row
+from labbook.lab.index import rows_of_run, run_rows, unreadable_row
 from labbook.lab.journal import PROGRESS, Journal, Saved, at_its_end
 from labbook.lab.packings import load_packing
 from labbook.lab.provenance import now
@@ -45,7 +45,7 @@ from labbook.measure.steady import steady_flow
 from labbook.picture import bed
 from labbook.plan.coverage import unobserved
 from labbook.plan.demand import Demand
-from labbook.run.job import Bench, Job, JobFailed, Kept, failure
+from labbook.run.job import Bench, Job, JobFailed, Kept, LabEntry, failure
 from labbook.run.ledger import ledger
 from labbook.scene import Packing, Scene
 from labbook.scene.quantities import percent
@@ -520,7 +520,7 @@ class KeptRun(Kept):
             _no_picture(self.label, problem)
             return b""
 
-    def rows(self) -> RunRows:
+    def entry(self) -> LabEntry:
         """Return the rows of the run and of its measurements, taken now."""
         seen, record, tables = stamp(self.place), self._complete, dict(self._tables)
         tables |= self._complete.coverage.restart_table
@@ -528,7 +528,7 @@ class KeptRun(Kept):
         try:
             check_tables(self.place, record, self._tables)
         except Unreadable as problem:
-            return unreadable_row(self.place, seen, problem), []
+            return LabEntry((unreadable_row(self.place, seen, problem), []))
         data = RunData(
             scene=record.scene,
             numerics=record.numerics,
@@ -539,11 +539,11 @@ class KeptRun(Kept):
             tables=tables,
             recorded=lambda: recorded,
         )
-        return rows_of_run(self.place, seen, record, data, record.observe)
+        return LabEntry(rows_of_run(self.place, seen, record, data, record.observe))
 
-    def reread(self) -> RunRows:
+    def reread(self) -> LabEntry:
         """Return the rows of the run and of its measurements, by its folder."""
-        return run_rows(self.place, self.record.observe)
+        return LabEntry(run_rows(self.place, self.record.observe))
 
 
 def _restarts(state: Mapping[str, Any]) -> list[tuple[float, float]]:

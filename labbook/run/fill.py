@@ -19,15 +19,15 @@ from labbook.filling.placing import STARTS
 from labbook.lab import identity
 from labbook.lab.folder import Claim
 from labbook.lab.identity import Keys
-from labbook.lab.index import RunRows, packing_row
+from labbook.lab.index import packing_row
 from labbook.lab.journal import PROGRESS, Saved
 from labbook.lab.packings import PackingRecord, write_packing
 from labbook.lab.records import Unreadable
 from labbook.plan.demand import Demand, PackingsOf
 from labbook.plan.forecast import fill_time
-from labbook.run.job import Bench, Job, JobFailed, Kept, failure
+from labbook.run.job import Bench, Job, JobFailed, Kept, LabEntry, failure
 from labbook.run.ledger import ledger
-from labbook.scene import Packing, Spheres
+from labbook.scene import Packing, Scene, Spheres
 from labbook.scene.timescales import collision
 
 _LOOK_EVERY = 20  # beats: a look copies the state of a member from its device
@@ -57,8 +57,6 @@ class FillJob(Job):
         self._failure: Failed | None = None
         self.max_time: float | None = None
         """Longest time [s] after which it was given up, if it was for that."""
-        self.made: KeptPacking | None = None
-        """What it keeps, once it has settled."""
         super().__init__(bench, demand, keys, keys.packing, bench.lab.packing(keys.packing), claim)
         self.scene = demand.shared.closed
         self.settled_below = demand.filling.settled_below
@@ -85,12 +83,22 @@ class FillJob(Job):
         """How it is computed."""
         return self.demand.shared.filled_by
 
+    @property
+    def is_placed(self) -> bool:
+        """True if it can begin: no other process places its grains."""
+        return self._placed is None or self._placed.done()
+
+    def release(self) -> None:
+        """Let others claim the key; its grains need not be placed any more."""
+        if self._placed is not None:
+            self._placed.cancel()
+        super().release()
+
     def fresh(self) -> Packing:
         """Grains in the air."""
+        placed, self._placed = self._placed, None
         try:
-            if self._placed is not None:
-                return self._placed.result()
-            return place(self.scene, self.demand.filling.kind, self.demand.seed)
+            return placed.result() if placed else place(self.scene, self.demand.filling.kind, self.demand.seed)
         except PlacingError as error:
             raise JobFailed(f"{self.label}: {error}") from error
 
@@ -190,7 +198,7 @@ class FillJob(Job):
         """Look at each grain: whether it is still in the container, how high the bed stands, and where some grains may
         move, at their speeds."""
         packing = ensemble.packing(member)
-        self._lost = self._lost or self._losses(packing)
+        self._lost = self._lost or losses(self.scene, self.status.time, packing, self._seen)
         self._seen = self.status.time, packing
         if len(packing):
             level = self.status.time, float(packing.x[:, 2].mean())
@@ -202,29 +210,6 @@ class FillJob(Job):
         assert self.settled_below is not None
         calm = at_rest(self.scene, packing, self.settled_below, moving)
         self._quiet = self._quiet + 1 if calm else 0
-
-    def _losses(self, packing: Packing) -> str:
-        """How many grains are no longer in the container, which one, where and since when, in words; empty if all are
-        there."""
-        assert packing.ids is not None
-        count, plane = self.scene.grains.count, self.scene.container.outlet_plane
-        gone = np.setdiff1d(np.arange(count), packing.ids)
-        out = packing.ids[astray(self.scene, packing)]
-        number = len(gone) + len(out)
-        if not number:
-            return ""
-        when, seen = (self.status.time, packing) if len(out) else self._seen or (0.0, packing)
-        assert seen.ids is not None
-        found = seen.x[np.isin(seen.ids, out if len(out) else gone)]
-        where = ""
-        if len(found):
-            x, y, z = found[0] * 1e3
-            where = f"; one was last seen at x, y, z = {x:.3g}, {y:.3g}, {z:.3g} mm, {when:.3g} s after the start"
-        below = plane is not None and (len(gone) > 0 or bool((found[:, 2] < plane).any()))
-        how = "through a wall, or below the lowest one"
-        if plane is not None and below:
-            how = f"through container.outlet_plane (z = {plane * 1e3:g} mm)"
-        return f"{number} of {count} grains have left the container by {self.status.time:.3g} s, {how}{where}"
 
     def verdict(self, events: Sequence[Event]) -> str | None:
         """Settled, stopped by a guard, with grains lost, hovering, or out of time."""
@@ -241,12 +226,20 @@ class FillJob(Job):
 
     def kept(self, verdict: str, left: EndState) -> "KeptPacking":
         """The packing; of a filling that came to nothing, the last state. Raises JobFailed for that."""
-        lost = self._lost or (self._losses(left.packing) if verdict == "settled" else "")
-        if lost:
-            raise JobFailed(f"{self.label}: {lost}. A discharge needs all grains: {self._closing()}")
+        if self._lost:
+            raise JobFailed(needs_all(self.label, self._lost, self._closing()))
         if verdict == "settled":
-            self.made = KeptPacking(self.bench.lab, self.key, self.place, self.label, self._record(left), left.packing)
-            return self.made
+            return KeptPacking(
+                self.bench.lab,
+                self.key,
+                self.place,
+                self.label,
+                record=self._record(),
+                status=self.status,
+                left=left,
+                earlier=self._seen if self.status.grains < self.scene.grains.count else None,
+                remedy=self._closing(),
+            )
         if self.may_save:
             self._write(left.checkpoint)
         if verdict == "late":
@@ -269,8 +262,8 @@ class FillJob(Job):
             return "close its outlet while it is filled by a part with opens: start, or add a wall where they leave"
         return "use a smaller numerics.dt or stiffer grains, so that none is pressed through a wall"
 
-    def _record(self, left: EndState) -> PackingRecord:
-        """How it was made."""
+    def _record(self) -> PackingRecord:
+        """Return the record without its ledger."""
         capabilities = self.bench.backend.capabilities
         return PackingRecord(
             packing_key=self.key,
@@ -281,10 +274,9 @@ class FillJob(Job):
             versions=identity.versions(self.scene),
             filling=self.demand.filling,
             numerics=self.numerics,
-            grains=len(left.packing),
+            grains=self.scene.grains.count,
             duration=self.status.time,
             kinetic=self.status.kinetic,
-            ledger=ledger(self.scene, self.status, left.packing),
             sessions=self.sessions(),
         )
 
@@ -316,22 +308,74 @@ class FillJob(Job):
 
 @dataclass(frozen=True)
 class KeptPacking(Kept):
-    """A packing, and how it was made."""
+    """A bed that has settled. record: without its ledger. earlier: time [s] and state of an earlier look,
+    if grains are missing.
+    remedy: what would keep its grains in the container."""
 
     record: PackingRecord
-    packing: Packing
+    status: Status
+    left: EndState
+    earlier: tuple[float, Packing] | None
+    remedy: str
+
+    def put(self) -> None:
+        """Put it into the lab. Raises DiskFull, or JobFailed if grains have left."""
+        if lost := losses(self.record.scene, self.status.time, self.left.packing, self.earlier):
+            raise JobFailed(needs_all(self.label, lost, self.remedy))
+        super().put()
 
     def fill_folder(self, folder: Path) -> None:
         """Arrays and record."""
-        write_packing(folder, self.record, self.packing)
+        write_packing(folder, self._complete, self.left.packing)
 
-    def rows(self) -> RunRows:
-        """Return the row of the packing."""
-        return packing_row(self.place, self.record), []
+    @cached_property
+    def _complete(self) -> PackingRecord:
+        """The record with its ledger."""
+        counts = ledger(self.record.scene, self.status, self.left.packing)
+        return self.record.model_copy(update={"ledger": counts})
 
-    def reread(self) -> RunRows:
+    def entry(self) -> LabEntry:
+        """Return the row of the packing, and the packing."""
+        return LabEntry((packing_row(self.place, self._complete), []), (self._complete, self.left.packing))
+
+    def reread(self) -> LabEntry:
         """Return the row of the packing, by its folder."""
-        return packing_row(self.place), []
+        return LabEntry((packing_row(self.place), []))
+
+
+def needs_all(label: str, lost: str, remedy: str) -> str:
+    """Message that a filling has lost grains."""
+    return f"{label}: {lost}. A discharge needs all grains: {remedy}"
+
+
+def losses(scene: Scene, time: float, packing: Packing, before: tuple[float, Packing] | None) -> str:
+    """Say how many grains have left the container, which, where and since when; empty if all are there.
+
+    Args:
+        scene: The closed scene.
+        time: When [s] its grains were as in `packing`.
+        packing: Its grains now.
+        before: An earlier time [s], and its grains then.
+    """
+    assert packing.ids is not None
+    count, plane = scene.grains.count, scene.container.outlet_plane
+    missing = np.setdiff1d(np.arange(count), packing.ids)
+    out = packing.ids[astray(scene, packing)]
+    number = len(missing) + len(out)
+    if not number:
+        return ""
+    when, known = (time, packing) if len(out) else before or (0.0, packing)
+    assert known.ids is not None
+    positions = known.x[np.isin(known.ids, out if len(out) else missing)]
+    where = ""
+    if len(positions):
+        x, y, z = positions[0] * 1e3
+        where = f"; one was last seen at x, y, z = {x:.3g}, {y:.3g}, {z:.3g} mm, {when:.3g} s after the start"
+    below = plane is not None and (len(missing) > 0 or bool((positions[:, 2] < plane).any()))
+    how = "through a wall, or below the lowest one"
+    if plane is not None and below:
+        how = f"through container.outlet_plane (z = {plane * 1e3:g} mm)"
+    return f"{number} of {count} grains have left the container by {time:.3g} s, {how}{where}"
 
 
 def short(energy: float) -> str:

@@ -14,6 +14,7 @@ from labbook.lab.folder import Claim, LabFolder, room
 from labbook.lab.identity import Keys
 from labbook.lab.index import RunRows
 from labbook.lab.journal import Journal, Saved
+from labbook.lab.packings import PackingRecord
 from labbook.lab.provenance import now, provenance
 from labbook.lab.records import Session, Unreadable
 from labbook.plan.demand import Demand
@@ -32,6 +33,14 @@ class Bench:
 
 
 @dataclass(frozen=True)
+class LabEntry:
+    """Rows for the index of a job that is in the lab, and the packing with its record if it made one."""
+
+    rows: RunRows
+    packing: tuple[PackingRecord, Packing] | None = None
+
+
+@dataclass(frozen=True)
 class Kept(ABC):
     """What a job that has ended keeps. It stands apart from the job: another process can put it into the lab."""
 
@@ -46,12 +55,12 @@ class Kept(ABC):
         cannot be read."""
 
     @abstractmethod
-    def rows(self) -> RunRows:
-        """Return its rows for the index, once this object has put it into the lab; nothing is read again."""
+    def entry(self) -> LabEntry:
+        """Return what the lab has of it, once this object has put it there; nothing is read again."""
 
     @abstractmethod
-    def reread(self) -> RunRows:
-        """Return its rows for the index by what lies in the lab, where another process has put it."""
+    def reread(self) -> LabEntry:
+        """Return what the lab has of it by what lies there, where another process has put it."""
 
     def put(self) -> None:
         """Put it into the lab, by one rename. Raises DiskFull, or JobFailed with the last state saved."""

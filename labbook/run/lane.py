@@ -1,16 +1,18 @@
-"""A lane: one ensemble, stepped in a thread of its own.
+"""A lane: one ensemble, and the thread that steps it.
 
-On a CPU every core gets a lane with one member, so that no run waits for another at the end of a beat; on a
-GPU one lane holds all members of a Spec.
+On a CPU every core has a lane with one member and a thread of its own, so that no run waits for another at the end of
+a beat. A GPU has a lane for fillings and a lane for runs, each with all members of a Spec. Their thread lets them take
+turns: runs go on while other beds settle, and grains of further ones are placed.
 """
 
 import threading
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Collection, Sequence
 from concurrent.futures import Future
 from contextlib import nullcontext
 from dataclasses import dataclass, field
-from queue import SimpleQueue
+from itertools import count
+from queue import PriorityQueue
 from typing import TypeVar
 
 import numpy as np
@@ -34,45 +36,67 @@ class Turn:
     wall: float
     process: float
     """Processor time of the whole process meanwhile."""
+    admitting: float = 0.0
+    """Wall time before: of the members that came, and of their ensemble."""
+
+
+_LAST = 1 << 30
+"""Rank of what a thread does before it ends."""
 
 
 class Hand:
     """A thread that does one thing after another. It does not keep the process from ending."""
 
     def __init__(self, name: str = "labbook-lane") -> None:
-        self._calls: SimpleQueue[Callable[[], None] | None] = SimpleQueue()
+        self._calls: PriorityQueue[tuple[int, int, Callable[[], None] | None]] = PriorityQueue()
+        self._number = count()
         threading.Thread(target=self._work, name=name, daemon=True).start()
 
-    def do(self, call: Callable[[], T]) -> "Future[T]":
-        """Do this next."""
+    def do(self, call: Callable[[], T], rank: int = 0) -> "Future[T]":
+        """Do this after all of the same and of lower ranks; never, if the future is cancelled before."""
         future: Future[T] = Future()
 
         def carry_out() -> None:
+            if not future.set_running_or_notify_cancel():
+                return
             try:
                 future.set_result(call())
             except BaseException as problem:  # for whoever waits for the result
                 future.set_exception(problem)
 
-        self._calls.put(carry_out)
+        self._put(rank, carry_out)
         return future
 
     def end(self, last: Callable[[], None] = lambda: None) -> None:
         """Do this `last`, once everything else is done, and end."""
-        self._calls.put(last)
-        self._calls.put(None)
+        self._put(_LAST, last)
+        self._put(_LAST, None)
+
+    def _put(self, rank: int, call: Callable[[], None] | None) -> None:
+        self._calls.put((rank, next(self._number), call))
 
     def _work(self) -> None:
-        while call := self._calls.get():
+        while call := self._calls.get()[2]:
             call()
 
 
 @dataclass(eq=False)
 class Lane:
-    """An ensemble and the jobs of its members. `slots`: how many members it takes."""
+    """An ensemble and the jobs of its members.
+
+    Attributes:
+        slots: Members at once, at most.
+        kinds: Kinds of jobs that it takes.
+        hand: Its thread.
+        opened: Members for which its ensemble is laid out; 0 without one.
+    """
 
     backend: Backend
     device: str
     slots: int
+    kinds: Collection[str]
+    hand: Hand
+    opened: int = 0
     jobs: dict[Member, Job] = field(default_factory=dict)
     spec: Spec | None = None
     ensemble: Ensemble | None = None
@@ -80,21 +104,32 @@ class Lane:
     """Whether its kernels are being compiled or loaded. Its jobs have taken no step then: there is nothing to save."""
     saving: float = 0.0
     """Wall time that went into saving its jobs while they were going on [s]."""
-    _hand: Hand = field(default_factory=Hand)
 
-    def start(self, new: Sequence[Started]) -> "Future[Turn]":
-        """Admit `new` and take one beat, in the lane's thread."""
+    def start(self, new: Sequence[Started], expected: int = 0) -> "Future[Turn]":
+        """Admit `new` and take one beat, in the lane's thread.
+
+        Args:
+            new: Jobs of one Spec, the lane's own if it has jobs.
+            expected: Members for which an ensemble is laid out, if one has to be opened. On a GPU it grows for more,
+                which costs as much as to open another one.
+        """
         spec = new[0].spec if new else self.spec
         assert spec is not None
+        if spec != self.spec:
+            self.opened = min(self.slots, expected)
+        self.opened = max(self.opened, len(self.jobs) + len(new))
         use = spec.backend, spec, self.device
         self.preparing = use not in _used
-        return self._hand.do(lambda: self._turn(new, use))
+        return self.hand.do(lambda: self._turn(new, use))
 
     def _turn(self, new: Sequence[Started], use: tuple[str, Spec, str]) -> Turn:
+        begun = time.perf_counter()
         for started in new:
             self._admit(started)
+        admitting = time.perf_counter() - begun
         with nullcontext() if use in _used else _preparing:
             turn = self._beat()
+        turn.admitting = admitting
         _used.add(use)
         self.preparing = False
         return turn
@@ -110,7 +145,7 @@ class Lane:
             assert not self.jobs
             self.close()
             with _preparing:
-                slots = self.slots if self.device == "cpu" else None
+                slots = self.slots if self.device == "cpu" else self.opened
                 self.ensemble = self.backend.open(started.spec, slots, self.device)
             self.spec = started.spec
         job = started.job
@@ -145,12 +180,14 @@ class Lane:
         self.ensemble.retire(member)
         del self.jobs[member]
 
-    def end(self) -> None:
-        """Free the ensemble and the thread, once the turn that is going on has ended; does not wait for that."""
-        self._hand.end(self.close)
+    def rest(self) -> None:
+        """Free the ensemble, whose members have all ended, in the lane's thread: a GPU is never used by two threads."""
+        ensemble, self.ensemble, self.spec, self.opened = self.ensemble, None, None, 0
+        if ensemble is not None:
+            self.hand.do(ensemble.close)
 
     def close(self) -> None:
-        """Free the ensemble."""
+        """Free the ensemble, in the lane's thread."""
         if self.ensemble is not None:
             self.ensemble.close()
         self.ensemble, self.spec = None, None

@@ -13,7 +13,7 @@ from labbook.lab.index import Index
 from labbook.lab.merge import bring
 from labbook.lab.records import Observe
 from labbook.plan.demand import Conflict, Demand, PackingsOf, PointDemand, fewest_runs
-from labbook.plan.devices import slots
+from labbook.plan.devices import enough, slots
 from labbook.plan.plan import Plan, Planner
 from labbook.plan.possible import check
 from labbook.run.board import TOGETHER, Board
@@ -42,7 +42,7 @@ class Runner:
     checkpoint_every: float = CHECKPOINT_EVERY
     watcher: Watcher = field(default_factory=Unwatched)
     lanes: int | None = None
-    """None: one a core on a CPU, else one."""
+    """On a CPU; None: one a core. A GPU has a lane for fillings and one for runs."""
     packings_of: PackingsOf | None = None
     """Whose packings the runs start from, which must be there; None: the backend makes its own."""
     packings_only: bool = False
@@ -92,7 +92,7 @@ class Runner:
             self.backend.precompile(board.expected(), self.device)
             publisher = Publisher(self.lab, self.study.name, self.backend.capabilities.name, self.device, self.watcher)
             closing = Closing(board, closers)
-            board.placing = closing.place
+            board.placing = closing.placing
             execution = Execution(
                 board,
                 closing,
@@ -100,6 +100,7 @@ class Runner:
                 self.device,
                 self.lanes or (cores() if self.device == "cpu" else 1),
                 slots(self.backend, self.device, plan.points),
+                enough(plan.points),
                 publisher,
                 self.request,
                 self.watcher.tell,

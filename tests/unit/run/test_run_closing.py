@@ -20,7 +20,7 @@ from labbook.plan.plan import Planner
 from labbook.run import board, closing, discharge, execution, runner
 from labbook.run.aside import Aside, Gone
 from labbook.run.discharge import DischargeJob, KeptRun
-from labbook.run.job import JobFailed, Kept
+from labbook.run.job import JobFailed, Kept, LabEntry
 from labbook.run.watch import Unwatched
 
 
@@ -80,7 +80,7 @@ def test_what_a_process_that_is_killed_was_given_is_written_here(tmp_path, toget
 
 def test_a_process_killed_while_it_measures_loses_no_run(tmp_path, together, monkeypatch, caplog):
     """The run is in the lab by then, and what was saved of it in its work folder is gone."""
-    killed, last, put, rows = [], {}, Aside.put, Aside.rows
+    killed, last, put, entry = [], {}, Aside.put, Aside.entry
 
     def noted(self, kept):
         last[self] = kept
@@ -91,10 +91,10 @@ def test_a_process_killed_while_it_measures_loses_no_run(tmp_path, together, mon
             killed.append(last[self].key)
             self._process.kill()
             self._process.stdout.read()
-        return rows(self)
+        return entry(self)
 
     monkeypatch.setattr(Aside, "put", noted)
-    monkeypatch.setattr(Aside, "rows", kill)
+    monkeypatch.setattr(Aside, "entry", kill)
     asked = study(tmp_path, replicates=4)
     assert carry_out(asked, tmp_path / "lab", lanes=1, checkpoint_every=0.0).complete
     assert len(killed) == 1
@@ -131,10 +131,10 @@ class Failing(Kept):
             raise DiskFull(self.lab.folder.parent)
         raise Unreadable("rows: damaged")
 
-    def rows(self):
-        return {}, []
+    def entry(self):
+        return LabEntry(({}, []))
 
-    reread = rows
+    reread = entry
 
 
 def test_an_ensemble_goes_on_while_a_run_is_written(tmp_path, together, monkeypatch):

@@ -63,7 +63,7 @@ def test_saving_takes_its_part_of_the_time_and_the_longest_unsaved_come_first(mo
     monkeypatch.setattr(execution, "time", SimpleNamespace(perf_counter=lambda: now[0]))
     nothing: Any = None
     carrying: Any = execution.Execution(
-        nothing, nothing, Backend(), "cpu", 0, 1, nothing, Request(), print, execution.CHECKPOINT_EVERY
+        nothing, nothing, Backend(), "cpu", 0, 1, 1, nothing, Request(), print, execution.CHECKPOINT_EVERY
     )
     lane = SimpleNamespace(ensemble=object(), saving=0.0, jobs={member: Slow() for member in "abcd"})
     carrying._saved = dict.fromkeys(lane.jobs.values(), 0.0)

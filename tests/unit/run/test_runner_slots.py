@@ -1,11 +1,17 @@
-"""A device takes no more runs at once than it has memory for."""
+"""On a GPU runs go on while other beds settle and grains are placed: no more at once than there is memory for."""
 
+import threading
 from dataclasses import replace
+from typing import Any
 
 import labbook_toy
 import pytest
 from toy_lab import arrays, carry_out, study, study_file
 
+from labbook.run import board, closing
+from labbook.run.fill import FillJob
+from labbook.run.lane import Lane
+from labbook.run.stopping import Request
 from labbook.run.watch import Unwatched
 from labbook.study import load
 
@@ -23,7 +29,7 @@ class Device(labbook_toy.Backend):
         return self.holds and self.holds * 200 // scene.grains.count
 
     def open(self, spec, slots=None, device="cpu"):
-        ensemble, backend = super().open(spec, slots, "cpu"), self
+        ensemble, backend = super().open(spec, None, "cpu"), self
         admit = ensemble.admit
 
         def counted(*given, **options):
@@ -115,3 +121,93 @@ def test_one_run_that_memory_has_no_room_for_fails_by_itself(tmp_path, monkeypat
     summary = carry_out(study(tmp_path, orifices="[24]"), tmp_path / "lab", backend=Device(None), device="cuda:0")
     assert len(summary.failed) == 2
     assert all("use fewer grains" in why for why in summary.failed)
+
+
+@pytest.fixture
+def turns(monkeypatch):
+    """Kinds, members and threads of all turns of a run."""
+    found = []
+    turn = Lane._turn
+
+    def noted(self, new, use):
+        took = turn(self, new, use)
+        found.append((set(self.kinds), len(self.jobs), threading.current_thread(), self.opened))
+        return took
+
+    monkeypatch.setattr(Lane, "_turn", noted)
+    return found
+
+
+def test_runs_go_on_while_other_beds_settle_with_the_same_bits(tmp_path, turns, monkeypatch):
+    monkeypatch.setattr(board, "TOGETHER", 1)
+    monkeypatch.setattr(closing, "_AHEAD", 2)
+    asked = study(tmp_path, replicates=8, orifices="[24]")
+    carry_out(asked, tmp_path / "cpu")
+    turns.clear()
+    is_placed: Any = FillJob.is_placed.fget
+    late = property(lambda job: is_placed(job) and (job.demand.seed < 5 or any("run" in kinds for kinds, *_ in turns)))
+    monkeypatch.setattr(FillJob, "is_placed", late)
+    summary = carry_out(asked, tmp_path / "gpu", backend=Device(None), device="cuda:0")
+    assert summary.complete
+    folders = [path.relative_to(tmp_path / "cpu") for path in (tmp_path / "cpu").glob("[rp]*s/*")]
+    assert len(folders) == 16
+    assert all(arrays(tmp_path / "gpu" / folder) == arrays(tmp_path / "cpu" / folder) for folder in folders)
+    kinds = [kind for (kind,), *_ in turns]
+    assert "packing" in kinds[kinds.index("run") :]
+    assert len({thread for *_, thread, _ in turns}) == 1, "one thread uses the device"
+    assert {opened for *_, opened in turns} == {8}, "ensembles are laid out once"
+
+
+def test_fillings_are_placed_ahead_but_not_all(tmp_path, monkeypatch):
+    monkeypatch.setattr(board, "TOGETHER", 1)
+    monkeypatch.setattr(closing, "_AHEAD", 1)
+    waiting = []
+    place_ahead = board.Board.place_ahead
+
+    def noted(self):
+        place_ahead(self)
+        waiting.append(len(self.waiting))
+
+    monkeypatch.setattr(board.Board, "place_ahead", noted)
+    monkeypatch.setattr("labbook.run.runner.cores", lambda: 3)
+    assert carry_out(
+        study(tmp_path, replicates=8, orifices="[24]"), tmp_path / "lab", backend=Device(None), device="cuda:0"
+    ).complete
+    assert max(waiting) == 3
+
+
+def test_a_stop_gives_back_the_beds_that_are_being_placed(tmp_path, monkeypatch):
+    monkeypatch.setattr(board, "TOGETHER", 1)
+    request, verdict = Request(), FillJob.verdict
+
+    def stopped(self, events):
+        request.made = True
+        return verdict(self, events)
+
+    monkeypatch.setattr(FillJob, "verdict", stopped)
+    asked = study(tmp_path, replicates=8, orifices="[24]")
+    carry_out(asked, tmp_path / "lab", backend=Device(None), device="cuda:0", request=request)
+    assert not [*(tmp_path / "lab/work").glob("*.lock")], "no key is held"
+    monkeypatch.undo()
+    assert carry_out(asked, tmp_path / "lab", backend=Device(None), device="cuda:0").complete
+
+
+@pytest.mark.parametrize("holds", [1, 2, 3])
+def test_lanes_share_the_memory_of_a_device(tmp_path, turns, monkeypatch, holds):
+    """Where there is no room for both ensembles, the one without members makes way."""
+    opened, closed = [], labbook_toy.Ensemble.close
+    backend = Device(holds)
+    monkeypatch.setattr(backend, "open", lambda *given: opened.append(Device.open(backend, *given)) or opened[-1])
+    monkeypatch.setattr(labbook_toy.Ensemble, "close", lambda self: opened.remove(self) or closed(self))
+    most, turn = [], Lane._turn
+
+    def counted(self, *given):
+        took = turn(self, *given)
+        most.append(sum(len(ensemble.glasses) for ensemble in opened))
+        return took
+
+    monkeypatch.setattr(Lane, "_turn", counted)
+    asked = study(tmp_path, replicates=4, orifices="[24]")
+    assert carry_out(asked, tmp_path / "lab", backend=backend, device="cuda:0").complete
+    assert max(most) == holds
+    assert {kind for (kind,), *_ in turns} == {"packing", "run"}

@@ -1,6 +1,7 @@
 """The GPU backend compiles what a study will need before its members come."""
 
 import threading
+from dataclasses import replace
 from types import SimpleNamespace
 from typing import Any
 
@@ -9,9 +10,10 @@ import pytest
 pytest.importorskip("warp")
 
 import warp as wp
-from labbook_warp import Backend, beat, compiling
+from labbook_warp import Backend, beat, compiling, room
 from toy_lab import carry_out, study
 
+from labbook.filling.placing import place
 from labbook.lab import Catalogue, LabFolder
 from labbook.lab.index import Index
 from labbook.lab.records import Observe
@@ -129,3 +131,23 @@ def test_what_is_foreseen_is_what_is_needed(tmp_path, monkeypatch):
     assert len(told) == 2
     assert {*map(id, used)} == {*map(id, told)}
     assert waited == used
+
+
+def test_the_first_members_have_the_kernels_of_those_that_will_differ(expected, monkeypatch):
+    """Members come one after another: else the first ones would need kernels of their own, and another layout."""
+    asked, one = [], expected[1]
+    slower = one.numerics.model_copy(update={"dt": 2 * one.numerics.dt})
+
+    def suitable(spec, sizes, uniform, lanes):
+        asked.append((uniform, sizes.slots))
+        raise StopIteration
+
+    monkeypatch.setattr(compiling, "_mixed", set())
+    monkeypatch.setattr(room, "suitable", suitable)
+    for members in ([one], [one, replace(one, numerics=slower)]):
+        Backend().precompile(members, "cpu")
+        ensemble = Backend().open(one.spec, 4)
+        ensemble.admit(one.scene, one.numerics, place(one.scene.close(), "rain", 1))
+        with pytest.raises(StopIteration):
+            ensemble.advance()
+    assert asked == [(True, 4), (False, 4)]
