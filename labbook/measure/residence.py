@@ -16,6 +16,7 @@ from labbook.measure.series import crossing_times
 from labbook.measure.steady import SteadyFlow, outflow
 from labbook.scene import Bodies, Scene
 from labbook.stats import Measured
+from labbook.stats.survival import kaplan_meier
 
 LAYERS = 5
 """Layers of equal mass by initial height."""
@@ -100,11 +101,9 @@ def durations(grain: np.ndarray, time: np.ndarray, begin: float, end: float) -> 
 
 
 def survival(duration: np.ndarray, ended: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Ages [s] and the part of the residence times that are longer, by Kaplan and Meier; both begin with 0 and 1."""
-    from scipy import stats
-
-    sf = stats.ecdf(stats.CensoredData(duration[ended], right=duration[~ended])).sf
-    return np.concatenate([[0.0], sf.quantiles]), np.concatenate([[1.0], sf.probabilities])
+    """Ages [s] and the part of the residence times that are longer (`kaplan_meier`); both begin with 0 and 1."""
+    curve = kaplan_meier(duration, ended)
+    return np.concatenate([[0.0], curve.x]), np.concatenate([[1.0], curve.p])
 
 
 def moments(age: np.ndarray, longer: np.ndarray) -> tuple[float, float]:
