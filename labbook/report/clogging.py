@@ -1,6 +1,7 @@
 """Section of the page on clogging: probability of a stop, tests of a flow without memory, and laws of D/d."""
 
 import math
+from collections.abc import Sequence
 from pathlib import Path
 
 from labbook.measure.clogging import transient
@@ -12,6 +13,7 @@ from labbook.results import display
 from labbook.results.clogging import FEW_BEDS, PointClogging, SeriesClogging, clogging
 from labbook.results.points import FLOW_RATE
 from labbook.results.study import StudyResults
+from labbook.scene import Scene
 from labbook.stats.rates import PooledRate
 from labbook.stats.survival import Correlation
 
@@ -120,7 +122,14 @@ def _short(value: float) -> str:
 
 
 def _transients(series: SeriesClogging) -> str:
-    first = sorted({transient(point.result.point.scene) for point in series.points})
+    scenes = [point.result.point.scene for point in series.points]
+    after = "" if all(scene.restart is None for scene in scenes) else f", and {_range(scenes, False)} of each restart"
+    return f"{_range(scenes, True)} grains of each opening{after}"
+
+
+def _range(scenes: Sequence[Scene], opening: bool) -> str:
+    """Smallest and largest transient of scenes."""
+    first = sorted({transient(scene, opening) for scene in scenes})
     return " to ".join(dict.fromkeys((str(first[0]), str(first[-1]))))
 
 
@@ -134,9 +143,9 @@ _CAPTION = (
     "lower bounds of outlets without a stop."
 )
 _TABLE = (
-    "q is the probability that a grain is the last before a stop: stops over grains, both beyond the first {transient} "
-    "grains of each start. Runs that ended without a stop are censored: their grains count. Interval of q: exact for a "
-    "Poisson count; over packings: bootstrap. F is the part of the states of flow that precede a stop, 1/(1 + ⟨s⟩/s_m) "
+    "q is the probability that a grain is the last before a stop: stops over grains, both beyond the first "
+    "{transient}. Runs that ended without a stop are censored: their grains count. Interval of q: exact for a Poisson "
+    "count; over packings: bootstrap. F is the part of the states of flow that precede a stop, 1/(1 + ⟨s⟩/s_m) "
     "(form as quoted from Thomas and Durian 2015), with s_m grains leaving while one falls by d at the outlet. W is "
     "the mean of replicates that did not clog. W, flowing: mass over time of flow of all replicates, clogged ones up "
     "to their stop, which is not biased to those that flow on."

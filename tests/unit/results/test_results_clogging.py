@@ -76,7 +76,7 @@ def test_an_outlet_that_never_clogged_has_a_bound(results):
     wide = one.points[-1]
     assert wide.probability is not None
     assert wide.probability.bound
-    grains = 40 * (2400 - transient(wide.result.point.scene))
+    grains = 40 * (2400 - transient(wide.result.point.scene, opening=True))
     assert wide.probability.exposure == grains
     assert clogging_table(one).rows[-1][5] == f"< {3.6889 / grains:.2g}".replace("e-0", "e−0")
     assert wide.mean_avalanche == (math.inf, pytest.approx(grains / 3.689, rel=1e-3), math.inf)
@@ -110,7 +110,7 @@ def test_discharges_that_repeat_their_bed_and_a_start_that_stops_at_once_are_tol
     for seed in range(1, 31):
         for number in (1, 2, 3):
             run = StoppedRun(first, seed, number)
-            run.times = run.times[: transient(first.scene) + (1 if seed % 2 else 20 + seed)]
+            run.times = run.times[: transient(first.scene, opening=True) + (1 if seed % 2 else 20 + seed)]
             runs.append(run)
     (series,) = clogging(analyse(study, runs))
     hazards, alike = series.doubts
