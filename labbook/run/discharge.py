@@ -277,9 +277,10 @@ class DischargeJob(Job):
         if self._feeder is None or self.status.step <= self._fed:  # a guard has put it back to the last good beat
             return
         self._fed = self.status.step
-        back = self._feeder.returning(ensemble.packing(member), beat)
-        if back is not None:
-            ensemble.put_back(member, back)
+        if self.status.grains < self.scene.grains.count:  # to read a member takes longer than many steps of it
+            back = self._feeder.returning(ensemble.packing(member), beat)
+            if back is not None:
+                ensemble.put_back(member, back)
         if self._breaker is not None and (number := self._push(self._breaker, ensemble, member, beat)) is not None:
             ensemble.set_velocities(member, *self._breaker.pushed(ensemble.packing(member), beat, number))
 
