@@ -65,7 +65,7 @@ def scaled(table: Mapping[str, np.ndarray], by: Similar) -> dict[str, np.ndarray
     factor = {"time": by.T} | dict.fromkeys(_LENGTHS, by.L) | dict.fromkeys(_SPEEDS, by.L / by.T)
     factor |= dict.fromkeys(("fx", "fy", "fz"), force)
     factor |= dict.fromkeys(("kinetic", "potential", "contact_work", "elastic"), energy)
-    factor |= dict.fromkeys(("normal", "tangential", "walls"), energy / by.T)
+    factor |= dict.fromkeys(("normal_power", "tangential_power", "wall_power"), energy / by.T)
     return {name: column * factor[name] if name in factor else column for name, column in table.items()}
 
 
@@ -119,7 +119,9 @@ def run(of: Any) -> RunData:
     work = -np.cumsum(RNG.uniform(0, 1e-5, len(time)))
     tables["ledger"] = {"time": time, "kinetic": 1e-4 * time, "potential": 1 - time, "contact_work": work}
     tables["ledger"] |= {"max_overlap": RNG.uniform(1e-6, 1e-5, len(time)), "grains": 900 - np.arange(len(time))}
-    powers = {name: RNG.uniform(0, 1e-3, len(time)) for name in ("normal", "tangential", "walls", "elastic")}
+    powers = {
+        name: RNG.uniform(0, 1e-3, len(time)) for name in ("normal_power", "tangential_power", "wall_power", "elastic")
+    }
     tables["dissipation"] = {"time": time, **powers}
     return RunData(scene, Numerics(dt=DT, steps_per_beat=STEPS), 1, bed(scene), "finished", last * STEPS * DT, tables)
 
