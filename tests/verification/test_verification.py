@@ -71,6 +71,7 @@ LONG_BY_THE_REFERENCE = {
 """Cases that plain Python takes more than five seconds for: in the ring."""
 LONG = {
     *("resting-bed-round", "resting-mixture", "flow-friction", "rolling-spring", "rolling-spring-pyramid"),
+    "rolling-spring-mobilised",
     # test_dem_laws and test_dem_one_source have the functions of these laws, hertz-printed its kernels
     *(f"{case}-{law}" for law in ("hertz-lammps", "hertz-liggghts") for case in ("impacts", "sliding")),
 }
@@ -80,7 +81,7 @@ LONG_IN_ITS_SECOND = {
     # twenty seconds to compile for a few cases: the GPU backend, whose first precision is the other, has the contract
     # of rods, mixtures and rolling springs in it, and the same cases by linear springs
     *("rod-free-top", "rod-impact", "energy-cycle-linear", "rim-without-slip"),
-    *("rolling-spring", "rolling-spring-mobilised", "unlike-impact-linear", "unlike-stack-linear"),
+    *("unlike-impact-linear", "unlike-stack-linear"),
     *("unlike-materials-oblique-linear", "unlike-materials-oblique-hertz-mindlin"),
 }
 """The same in the second precision of a backend."""
