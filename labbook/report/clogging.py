@@ -103,6 +103,7 @@ def law_tables(series: SeriesClogging) -> list[Table]:
         p = f", p = {fit.p_value:.2g}" if math.isfinite(fit.p_value) else ""
         note = f"Maximum likelihood of stops and grains at {len(fit.x)} outlets. Deviance {fit.deviance:.3g}{p}"
         note += f"; AICc {aicc}."
+        note += f" alpha = {fit.context.dimension}, the dimension." if "alpha" in fit.law.formula else ""
         tables.append(Table(("parameter", "value", "95 % interval"), rows, notes=(note,)))
     return tables
 

@@ -10,7 +10,7 @@ from labbook.backend.numerics import Numerics
 from labbook.measure import RunData, scales
 from labbook.measure.clogging import transient
 from labbook.report.blocks import Picture, Prose, Section
-from labbook.report.clogging import clogging_sections, clogging_table, memory_table, times_table
+from labbook.report.clogging import clogging_sections, clogging_table, law_tables, memory_table, times_table
 from labbook.report.page import PARTS
 from labbook.report.result_box import concerns, result_box
 from labbook.results.clogging import clogging
@@ -163,6 +163,7 @@ def test_the_page_tells_of_clogging_and_gives_no_advice_against_it(results, tmp_
     assert (table, memory) == (clogging_table(clogging(results)[0]), memory_table(clogging(results)[0]))
     assert isinstance(drawn, Picture)
     assert [law.title for law in laws if isinstance(law, Section)] == ["Critical size", "No critical size"]
+    assert law_tables(clogging(results)[0])[1].notes[0].endswith("alpha = 2, the dimension.")
     assert isinstance(verdict, Prose)
     assert "none is better by 4" in verdict.text or "prefer the law" in verdict.text
     assert (tmp_path / "clogging.svg").exists()
