@@ -123,10 +123,32 @@ def _scene(points: Sequence[PointResult], source: str, bend: bool = False) -> Ca
     if outdated := next((run.outdated for one in points for run in one.runs if run.outdated), ""):
         raise ValueError(f"its runs are stale ({outdated}); labbook run makes them again")
     numerics = {one.point.index: flow_and_filling(one.point) for one in points}
-    slopes = regress([run for one in points for run in _observed(one, *numerics[one.point.index])], bend)
-    known = [group for pair in numerics.values() for group in pair]
-    overlap, step = max(group.overlap for group in known), max(flow.step for flow, _ in numerics.values())
-    effects = Effects(
+    observed = [run for one in points for run in _observed(one, *numerics[one.point.index])]
+    slopes, effects = effects_of_scene(observed, list(numerics.values()), source, bend)
+    return Calibrated(slopes, tuple(_changes(points, numerics, slopes)), effects)
+
+
+def effects_of_scene(
+    observed: Sequence[Observed], numerics: Sequence[tuple[Groups, Groups]], source: str, bend: bool = False
+) -> tuple[Slopes, Effects]:
+    """Regress ln W of one scene by its numerics.
+
+    Args:
+        observed: Its runs.
+        numerics: Groups of the flow and of the filling of each setting.
+        source: Study, number of runs, backend and date, in words.
+        bend: Whether ln W has a quadratic term in the overlap.
+
+    Returns:
+        The slopes, and the entry of a calibration file.
+
+    Raises:
+        ValueError: Too few runs.
+    """
+    slopes = regress(observed, bend)
+    known = [group for pair in numerics for group in pair]
+    overlap, step = max(group.overlap for group in known), max(flow.step for flow, _ in numerics)
+    return slopes, Effects(
         here=replace(known[0], overlap=overlap, step=step),
         slopes=tuple(slopes.values.tolist()),
         covariance=tuple(tuple(row) for row in slopes.covariance.tolist()),
@@ -136,7 +158,6 @@ def _scene(points: Sequence[PointResult], source: str, bend: bool = False) -> Ca
         mixed=slopes.mixed,
         curvature=slopes.curvature,
     )
-    return Calibrated(slopes, tuple(_changes(points, numerics, slopes)), effects)
 
 
 def flow_and_filling(point: Point) -> tuple[Groups, Groups]:
@@ -157,14 +178,14 @@ def _place(point: PointResult) -> str:
 
 
 def _observed(point: PointResult, flow: Groups, filled: Groups) -> list[Observed]:
-    rates, mixed = counted(point, FLOW_RATE), _are_mixed(point)
+    rates, mixed = counted(point, FLOW_RATE), are_mixed(point.point)
     return [Observed(run.packing_key, filled.overlap, flow.overlap, flow.step, rate, *mixed) for run, rate in rates]
 
 
-def _are_mixed(result: PointResult) -> tuple[bool, bool]:
-    """Whether flow and filling are in mixed precision."""
-    flow = result.point.numerics
-    return flow.precision == "mixed", (result.point.fill.numerics or flow).precision == "mixed"
+def are_mixed(point: Point) -> tuple[bool, bool]:
+    """Tell whether flow and filling of a point are in mixed precision."""
+    flow = point.numerics
+    return flow.precision == "mixed", (point.fill.numerics or flow).precision == "mixed"
 
 
 def _changes(points: Sequence[PointResult], numerics: dict[int, tuple[Groups, Groups]], slopes: Slopes) -> list[Change]:
@@ -181,8 +202,8 @@ def _changes(points: Sequence[PointResult], numerics: dict[int, tuple[Groups, Gr
         fitted = (
             float(slopes.values @ x)
             + bend
-            + _rounding(slopes, *_are_mixed(point))
-            - _rounding(slopes, *_are_mixed(first))
+            + _rounding(slopes, *are_mixed(point.point))
+            - _rounding(slopes, *are_mixed(first.point))
         )
         found.append(Change(point.label, flow, filled, mean, error, len(change), fitted))
     return found
