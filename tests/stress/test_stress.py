@@ -21,9 +21,9 @@ IN_ONE = {
     *("rods-stacked", "powers"),
 }
 """Cases that take long, or kernels of their own: a backend takes them in its first precision only."""
-OF_ITS_OWN = {"pyramid"}
-"""Cases whose kernels, which no other case shares, take twenty seconds to compile: in the ring. The contract and
-`labbook verify` have rolling springs too."""
+OF_ITS_OWN = {"pyramid", "size-ratio", "powers"}
+"""Cases whose kernels, which no other case shares, take ten seconds and more to compile: in the ring. The contract and
+`labbook verify` have rolling springs, mixtures and powers too."""
 
 
 def checks():
