@@ -34,10 +34,10 @@ COLUMNS = ("setting", "seed", "bed", "outcome", "W_g_per_s")
 
 def scenes(study: Study) -> list[list[Point]]:
     """Points of a study by what they have beside numerics, in the order of the study."""
-    found: dict[str, list[Point]] = defaultdict(list)
+    by_scene: dict[str, list[Point]] = defaultdict(list)
     for point in study.points:
-        found[repr([pair for pair in point.at.items() if not pair[0].startswith(NUMERICS)])].append(point)
-    return list(found.values())
+        by_scene[repr([pair for pair in point.at.items() if not pair[0].startswith(NUMERICS)])].append(point)
+    return list(by_scene.values())
 
 
 def run(args: argparse.Namespace) -> None:
@@ -66,24 +66,24 @@ def finished(results: labbook.Results, points: Sequence[Point]) -> Iterator[tupl
     """Rows of COLUMNS of every run."""
     settings = {point.index: number for number, point in enumerate(points)}
     for result in results.points:
-        for one in result.runs:
-            measured = one.measured.get("flow_rate")
-            known = one.counted and measured is not None and math.isfinite(measured.value)
-            rate = f"{1e3 * measured.value:.6g}" if known and measured is not None else ""
-            yield settings[result.point.index], one.seed, one.packing_key[:12], one.outcome, rate
+        for made in result.runs:
+            measured = made.measured.get("flow_rate")
+            counts = made.counted and measured is not None and math.isfinite(measured.value)
+            rate = f"{1e3 * measured.value:.6g}" if counts and measured is not None else ""
+            yield settings[result.point.index], made.seed, made.packing_key[:12], made.outcome, rate
 
 
 def observed(path: Path, points: Sequence[Point]) -> list[Observed]:
     """Runs of a scene that count."""
     numerics = [(flow_and_filling(point), are_mixed(point)) for point in points]
-    found = []
+    runs = []
     with path.open(newline="", encoding="utf-8") as file:
         for row in csv.DictReader(file):
             if row["W_g_per_s"]:
                 (flow, filled), mixed = numerics[int(row["setting"])]
                 rate = float(row["W_g_per_s"])
-                found.append(Observed(row["bed"], filled.overlap, flow.overlap, flow.step, rate, *mixed))
-    return found
+                runs.append(Observed(row["bed"], filled.overlap, flow.overlap, flow.step, rate, *mixed))
+    return runs
 
 
 def entries(args: argparse.Namespace) -> None:

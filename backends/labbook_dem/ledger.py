@@ -71,9 +71,9 @@ def contact_power(
 ) -> dict[str, float]:
     """Powers [W] and half the sum of normal force times overlap [J] in the contacts of spheres.
 
-    `normal` and `tangential` are -f.u of both parts of the force, where u is the velocity of one surface relative to
-    the other at the contact point. The contact lies where `labbook_dem.spheres` has it, so that kinetic + potential
-    energy changes by -(normal + tangential) + walls per time, but for torques of rolling friction.
+    `normal_power` and `tangential_power` are -f.u of both parts of the force, where u is the velocity of one surface
+    relative to the other at the contact point. The contact lies where `labbook_dem.spheres` has it, so that kinetic +
+    potential energy changes by -(normal_power + tangential_power) + wall_power, but for torques of rolling friction.
 
     Args:
         scene: the grains and the walls with their motion.

@@ -124,8 +124,11 @@ class Closing:
         """Places grains beside the ensembles; None where one thread does all."""
         if len(self._closers) == 1:
             return None
-        place = lambda closed, kind, seed: next(self._next).place(closed, kind, seed)  # noqa: E731
-        return Placing(place, _AHEAD * len(self._closers))
+        return Placing(self._place, _AHEAD * len(self._closers))
+
+    def _place(self, closed: Scene, kind: str, seed: int) -> "Future[Packing]":
+        """Let the next closer place the grains of a filling."""
+        return next(self._next).place(closed, kind, seed)
 
     def close(self, job: Job, verdict: str, left: EndState) -> None:
         """Put what a job `left` into the lab, and measure it. Waits for others while too many grains are held. Raises

@@ -32,13 +32,16 @@ def wall_sums(a: System, p: Words, bins: Wides, units: Wides, part: wide, sums: 
                     c = at_wall(a, m, s, r, k, a.wall_near[i], a.wall_held[i], g)
                     if c.touches:
                         wall = wall_at(a, s, r, k // WALL_PARTS)
+                        count = int(bins[5 * wall + 3])
+                        if count == 0:  # a member that is not read by this probe
+                            continue
                         normal = normal_at(a, m, s, r, k, wall, a.wall_near[i], g)
                         along = int(bins[5 * wall])
                         point = g.x + c.branch
                         force = widen(c.force)
                         torque = moment(point, force)
                         pressed, up, across = components(along, force, normal, point)
-                        place = bin_of(along, bins[5 * wall + 1], bins[5 * wall + 2], int(bins[5 * wall + 3]), point)
+                        place = bin_of(along, bins[5 * wall + 1], bins[5 * wall + 2], count, point)
                         at = 14 * (int(bins[5 * wall + 4]) + place)
                         friction = friction_of(with_plate(a, wall, body(a, m, i)))
                         wp.atomic_add(sums, at, wp.int64(1))
