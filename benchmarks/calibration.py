@@ -5,7 +5,8 @@
 
 `run` makes one scene after another, and writes FOLDER/STUDY-SCENE.csv as soon as all runs of a scene are finished: runs
 that end first flow fast, so that a part of them is no fair sample. Scenes with a file are skipped: a campaign may go on
-on another machine, and several may share FOLDER. `labbook pilot` does the same in one go, with the runs in a lab.
+on another machine, and several may share FOLDER, each with `--scenes` of its own. `labbook pilot` does the same in one
+go, with the runs in a lab.
 
 Columns: `setting` is the number of the point within its scene, `bed` what runs from one packing have in common. W is
 empty for runs that do not count.
@@ -48,7 +49,7 @@ def run(args: argparse.Namespace) -> None:
         study = labbook.load(STUDIES / f"{name}.yaml")
         for number, points in enumerate(scenes(study), 1):
             path, begun = args.out / f"{name}-{number}.csv", time.time()
-            if path.exists():
+            if path.exists() or (args.scenes and number not in args.scenes):
                 continue
             part = replace(study, points=tuple(points))
             if lab.run(part, progress=False).stopped:
@@ -124,6 +125,7 @@ def main() -> None:
     verb.add_argument("--backend", default="numba")
     verb.add_argument("--device", default="cpu")
     verb.add_argument("--out", type=Path, required=True)
+    verb.add_argument("--scenes", type=int, nargs="+", help="numbers of the scenes to make; default: all")
     verb.set_defaults(do=run)
     verb = verbs.add_parser("entries")
     verb.add_argument("folder", type=Path)

@@ -2,7 +2,7 @@
 
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from typing import NamedTuple
+from typing import NamedTuple, TypeVar
 
 import numpy as np
 
@@ -29,7 +29,7 @@ CROSSING_COLUMNS = ("id", "step", "time", "x", "y", "z", "vx", "vy", "vz", "wx",
 OF_RODS = ("qw", "qx", "qy", "qz")
 """Further columns of crossings."""
 CONTACT_COLUMNS = ("i", "j", "wall", "fx", "fy", "fz", "bx", "by", "bz")
-
+M = TypeVar("M", bound="Readable")
 
 Inside = Callable[[np.ndarray], np.ndarray]
 """Which of centres x [m], shape [n, 3], lie within a part of the bed: shape [n]."""
@@ -179,13 +179,14 @@ def read(members: Mapping[int, Readable], steps_per_beat: int) -> Mapping[Probe,
     return found
 
 
-def looking(members: Iterable[Readable], steps_per_beat: int) -> int:
-    """How many of these members have a probe due that looks at every grain."""
+def looking(members: Iterable[M], steps_per_beat: int) -> list[M]:
+    """Return those of these members that have a probe due that looks at every grain."""
     frames = (Sample, Film, Zone, Ledger, Dissipation)
-    return sum(
-        any(isinstance(probe, frames) and _is_due(probe, one, steps_per_beat) for probe in one.probes)
-        for one in members
-    )
+    return [
+        member
+        for member in members
+        if any(isinstance(probe, frames) and _is_due(probe, member, steps_per_beat) for probe in member.probes)
+    ]
 
 
 def _is_due(probe: Probe, member: Readable, steps_per_beat: int) -> bool:

@@ -16,8 +16,8 @@ from labbook_warp.kernels.words import NO_FAILURE
 from labbook_warp.layout import COPIED, SOMETIMES, WORDS_OF_STATE, Sizes, memory, shapes, state
 from labbook_warp.shapes import SHAPES
 
-ALONE = 18_000
-"""The fixed cost of copying an array of one slot (27 us on an H200), in rows of 16 bytes copied in that time."""
+SEVERAL = 2
+"""Slots from which on they are copied together, array by array: a copy takes some 30 us, however small."""
 PART = 0.5
 """Part of all slots from which on arrays are read as a whole, instead of the parts of these slots."""
 MIRRORED = 4_000_000_000  # bytes of arrays of which the host may have copies
@@ -45,6 +45,35 @@ def send(values: np.ndarray, array: Any, first: int) -> None:
         wp.copy(array, held, first, 0, held.size)
 
 
+class Outgoing:
+    """What is written to some slots of arrays, on the host, until it is sent to the device."""
+
+    def __init__(self, slots: int, written: Collection[int]):
+        """slots: how many the arrays have; written: those that may be written to."""
+        self._slots, self._places = slots, {slot: place for place, slot in enumerate(sorted(written))}
+        self._held: dict[int, tuple[Any, Any, np.ndarray, set[int]]] = {}
+        """By pointer, an array on the device, the entries of all these slots for Warp and for NumPy, and the slots
+        written to so far."""
+
+    def entries(self, array: Any, slot: int) -> np.ndarray:
+        """Return the entries that an array is to have for a slot: zeros at first, and to be written to."""
+        size = array.shape[0] // self._slots
+        if array.ptr not in self._held:
+            held = wp.zeros(len(self._places) * size, dtype=array.dtype, device="cpu")
+            self._held[array.ptr] = array, held, held.numpy(), set()
+        _, _, entries, slots = self._held[array.ptr]
+        slots.add(slot)
+        first = self._places[slot] * size
+        return entries[first : first + size]
+
+    def send(self) -> None:
+        """Copy all that was written to the device."""
+        for array, held, _, slots in self._held.values():
+            size = array.shape[0] // self._slots
+            for first, count, _ in _runs(sorted(slots)):
+                wp.copy(array, held, first * size, self._places[first] * size, count * size)
+
+
 class Arrays:
     """Zeroed arrays of the given sizes, and `system`, the argument that kernels take."""
 
@@ -69,8 +98,8 @@ class Arrays:
         self._saved = [(array, wp.clone(array)) for array in copied]
         self._whole: dict[int, np.ndarray] | None = None
         """Copies on the host, by pointer, within `together`."""
-        self._written: dict[int, Any] = {}
-        """Arrays whose copies were written to."""
+        self._outgoing: Outgoing | None = None
+        """What was written within `written_together`."""
         self._places: dict[int, int] = {}
         """Place of each slot that is read within `gathered`."""
         self._gathered: dict[int, np.ndarray] = {}
@@ -106,27 +135,33 @@ class Arrays:
 
     # one slot, to and from the host
 
-    def at_once(self, slots: int, copies: int = 1) -> AbstractContextManager[None]:
-        """`together`, if so many slots are read or written that this is faster than one by one, and the host has room
-        for copies; else nothing. copies: of each array, 1 to read it, 2 to write to it."""
-        faster = slots * (ALONE + self.sizes.cap) > copies * self.sizes.slots * self.sizes.cap
-        return self.together() if faster and self.bytes <= MIRRORED else nullcontext()
-
     @contextmanager
     def together(self) -> Iterator[None]:
-        """Within this context, an array is copied to the host once, for all slots, when one slot of it is first read or
-        written, and back at the end if it was written. Nothing else may change it meanwhile."""
+        """Within this context, an array is copied to the host once, for all slots, when one slot of it is first read.
+        Nothing may change it meanwhile."""
         self._whole = {}
         try:
             yield
-            for pointer, array in self._written.items():
-                array.assign(self._whole[pointer])
         finally:
-            self._whole, self._written = None, {}
+            self._whole = None
+
+    @contextmanager
+    def written_together(self, slots: Collection[int]) -> Iterator[None]:
+        """Within this context, what is written to these slots is put together on the host, array by array, and copied
+        to the device at its end. Nothing may read it meanwhile."""
+        if len(slots) < SEVERAL or len(slots) / self.sizes.slots * self.bytes > MIRRORED:
+            yield
+            return
+        self._outgoing = Outgoing(self.sizes.slots, slots)
+        try:
+            yield
+            self._outgoing.send()
+        finally:
+            self._outgoing = None
 
     def reading(self, slots: Collection[int]) -> AbstractContextManager[None]:
         """Return a context for reading these slots, in which each array is copied to the host once."""
-        if len(slots) < 2:
+        if len(slots) < SEVERAL:
             return nullcontext()
         whole = len(slots) > PART * self.sizes.slots and self.bytes <= MIRRORED
         return self.together() if whole else self.gathered(slots)
@@ -156,12 +191,12 @@ class Arrays:
             self._whole[array.ptr] = fetch(array)
         return self._whole[array.ptr]
 
-    def _set(self, array: Any, first: int, values: np.ndarray) -> None:
-        if self._whole is None:
-            send(values, array, first)
+    def _set(self, array: Any, slot: int, values: np.ndarray) -> None:
+        """Overwrite the first entries that `array` has for a slot."""
+        if self._outgoing is None:
+            send(values, array, slot * (array.shape[0] // self.sizes.slots))
         else:
-            self._written[array.ptr] = array
-            self._copy(array)[first : first + len(values)] = values
+            self._outgoing.entries(array, slot)[: len(values)] = values
 
     def part(self, array: Any, slot: int, size: int, count: int) -> np.ndarray:
         """The first `count` of the `size` entries that `array` has for a slot, on the host. Read only."""
@@ -188,26 +223,25 @@ class Arrays:
         """Set the state of a slot to zero on the device, except `p`, if anything was written to it."""
         if slot not in self._used:
             return
-        for name, kind in self.state.items():
-            per, array = self.sizes.cap * self.sizes.entries[kind], getattr(self.system, name)
-            if self._whole is None:
+        for name in self.state:
+            array = getattr(self.system, name)
+            if self._outgoing is None:
+                per = array.shape[0] // self.sizes.slots
                 array[slot * per : (slot + 1) * per].zero_()
             else:
-                self._set(array, slot * per, np.zeros_like(self._copy(array)[slot * per : (slot + 1) * per]))
+                self._outgoing.entries(array, slot)[:] = 0
 
     def write(self, name: str, slot: int, values: np.ndarray) -> None:
         """Put what `read` gave, of any number of rows and entries that fit, into a slot; the rest becomes zero."""
         self._used.add(slot)
         if name == "p":
-            per, array = self.sizes.cap * self.codec.words, self.p
-            self._set(array, slot * per, values.reshape(-1, array.dtype._length_))
+            self._set(self.p, slot, values.reshape(-1, self.p.dtype._length_))
             return
         entries, array = self.sizes.entries[self.state[name]], getattr(self.system, name)
         values = values[None] if self.state[name] == "one" else values
         block = np.zeros((entries, self.sizes.cap, *values.shape[2:]), values.dtype)
         block[: len(values), : values.shape[1]] = values
-        per = self.sizes.cap * entries
-        self._set(array, slot * per, block.reshape(-1, *values.shape[2:]))
+        self._set(array, slot, block.reshape(-1, *values.shape[2:]))
 
     def state_of_all(self) -> dict[str, np.ndarray]:
         """Return copies of the state arrays of all slots, each of shape [slots, entries, cap, ...]."""
@@ -233,9 +267,7 @@ class Arrays:
 
     def put(self, name: str, slot: int, values: np.ndarray) -> None:
         """Write the entries of a slot in an array of slots or of walls."""
-        array = getattr(self.system, name)
-        per = array.shape[0] // self.sizes.slots
-        self._set(array, slot * per, values)
+        self._set(getattr(self.system, name), slot, values)
 
     def put_records(self, name: str, records: Mapping[int, Any]) -> None:
         """Write the records of slots in an array of records."""

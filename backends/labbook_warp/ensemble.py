@@ -68,8 +68,8 @@ class Ensemble(ensemble.Ensemble[ReadableRun]):
         return events
 
     def _reading(self, runs: Collection[ReadableRun]) -> AbstractContextManager[None]:
-        """Copies all slots at once, if enough of these runs are read."""
-        return self._stage.arrays.at_once(looking(runs, self._spec.steps_per_beat))
+        """Copies what is read of these runs together."""
+        return self._stage.arrays.reading([run.slot for run in looking(runs, self._spec.steps_per_beat)])
 
     def _beat(self, runs: list[ReadableRun]) -> None:
         """Take a beat with these members.
@@ -121,7 +121,7 @@ class Ensemble(ensemble.Ensemble[ReadableRun]):
 
         def look() -> None:
             filmed = due[next(stops)]
-            with self._stage.arrays.at_once(len(filmed)):
+            with self._stage.arrays.reading([run.slot for run in filmed]):
                 for run in filmed:
                     run.take_frames()
 

@@ -112,7 +112,7 @@ class Stage:
         for run in new:
             run.slot = next(free)
             self._seated[run.slot] = run
-        with self.arrays.at_once(len(new), copies=2):
+        with self.arrays.written_together([run.slot for run in new]):
             self._parameters(new)
             for run in new:
                 self._put(run)
@@ -120,7 +120,8 @@ class Stage:
         fresh = {run: run.begin for run in new if isinstance(run.begin, Packing)}
         self._build_lists(list(fresh))
         if self._spec.feature("FRICTION"):
-            with self.arrays.at_once(len(fresh), copies=2), self.arrays.gathered([run.slot for run in fresh]):
+            slots = [run.slot for run in fresh]
+            with self.arrays.reading(slots), self.arrays.written_together(slots):
                 for run, start in fresh.items():
                     transfer.set_springs(self.arrays, run.slot, start, run.names)
         for run in new:
@@ -230,7 +231,7 @@ class Stage:
         if self.runs and not known and sizes.holds(self._sizes):
             whole = self._taken_up_as_a_whole()
         elif self.runs:
-            with self.arrays.at_once(len(self.runs)):
+            with self.arrays.reading([run.slot for run in self.runs]):
                 stored = {run: known.get(run) or self.stored(run) for run in self.runs}
         for run, checkpoint in stored.items():
             run.takes_up(checkpoint)
@@ -241,7 +242,7 @@ class Stage:
         self._sizes = sizes
         self._arrays = Arrays(module, sizes, self.device, room.records_crossings(spec))
         self._beats = Beat(self._arrays, spec.steps_per_beat)
-        with self._arrays.at_once(len(self.runs), copies=2):
+        with self._arrays.written_together([run.slot for run in self.runs]):
             self._parameters(self.runs)
             for run, checkpoint in stored.items():
                 transfer.restore(self._arrays, run.slot, checkpoint)

@@ -95,6 +95,7 @@ def set_springs(arrays: Arrays, slot: int, packing: Packing, names: Sequence[str
     by_id = np.argsort(ids)
     rows = by_id[np.searchsorted(ids, packing.ids, sorter=by_id)]
     nbr, count = arrays.read("nbr", slot, n), arrays.read("count", slot, n)
+    nbr = nbr[: count.max()]
     held, spring = arrays.read("held", slot, n), arrays.read("spring", slot, n)
     rolling = arrays.read("rolling", slot, n) if "rolling" in arrays.state else None
     of_pairs, of_walls = packing.rolling

@@ -3,6 +3,7 @@
 import pickle
 from collections.abc import Sequence
 from dataclasses import replace
+from types import SimpleNamespace
 from typing import NamedTuple
 
 import numpy as np
@@ -13,7 +14,6 @@ pytest.importorskip("warp")
 
 import warp as wp
 from labbook_warp import Backend, arrays, stage
-from labbook_warp.arrays import Arrays
 from labbook_warp.beat import Beat
 from rods_in_silo import DENSITY, PRECISIONS, D, numerics, silo
 from rods_on_warp import run
@@ -84,13 +84,13 @@ def test_members_that_are_read_together_give_the_rows_that_each_gives_alone(monk
         ensemble.close()
         return dict(found)
 
-    copied, often = Arrays.together, []
-    monkeypatch.setattr(Arrays, "together", lambda arrays: often.append(1) or copied(arrays))
+    copies, fetch = [], arrays.fetch
+    monkeypatch.setattr(arrays, "fetch", lambda *given: copies.append(given) or fetch(*given))
     together = rows()
-    assert len(often) == 5, "states, springs, and after each beat"
-    monkeypatch.setattr(arrays, "ALONE", -(10**9))
+    few = len(copies)
+    monkeypatch.setattr(arrays, "SEVERAL", 10**9)
     alone = rows()
-    assert len(often) == 5
+    assert len(copies) - few > few > 0
     for probe in probes:
         assert len(together[probe]["step"])
         assert together[probe].keys() == alone[probe].keys()
@@ -104,8 +104,8 @@ def test_members_that_are_seated_together_are_as_those_seated_one_by_one(scene, 
     starts = [falling(scene, how, "cpu"), falling(scene, how.model_copy(update={"skin": 0.2}), "cpu")]
     assert all(len(start.pairs) and len(start.wall_grain) for start in starts)
     ends = []
-    for fixed in (10**9, -(10**9)):
-        monkeypatch.setattr(arrays, "ALONE", fixed)
+    for several in (2, 10**9):
+        monkeypatch.setattr(arrays, "SEVERAL", several)
         backend = Backend()
         ensemble = backend.open(backend.specialise(scene, how, [Crossing()]), 1, "cpu")
         members = [ensemble.admit(scene, how, start) for start in starts]
@@ -152,20 +152,35 @@ def test_members_that_end_together_are_read_in_one_copy_of_each_array(scene, mon
     ensemble.close()
 
 
-def test_one_of_many_members_is_seated_alone(monkeypatch):
+def test_members_that_come_together_are_written_in_one_copy_of_each_array(monkeypatch):
+    """Slots that others have left are filled again; what those who stay have is not touched."""
     scene, how = of_spheres(5), numerics("mixed")
-    copied, often = Arrays.together, []
-    monkeypatch.setattr(Arrays, "together", lambda arrays: often.append(1) or copied(arrays))
-    monkeypatch.setattr(arrays, "ALONE", 100)  # rows; a slot has 32
-    backend = Backend()
-    ensemble = backend.open(backend.specialise(scene, how), 12, "cpu")
-    for new, times in ((6, 2), (1, 0), (5, 0)):
-        for _ in range(new):
-            ensemble.admit(scene, how, place(scene.close(), "gas", 1))
+    starts = [place(scene.close(), "gas", seed) for seed in range(1, 13)]
+    copies, copy = [], arrays.wp.copy
+    counted = SimpleNamespace(**{**vars(arrays.wp), "copy": lambda *given: copies.append(given) or copy(*given)})
+    backend, counts, ends = Backend(), {}, {}
+    for together in (True, False):
+        ensemble = backend.open(backend.specialise(scene, how), 12, "cpu")
+        members = [ensemble.admit(scene, how, start) for start in starts[:9]]
         ensemble.advance(1)
-        assert len(often) == times, "once for states, once for springs"
-        often.clear()
-    ensemble.close()
+        for gone in members[2:6]:
+            ensemble.retire(gone)
+        later = []
+        for start in starts[9:]:
+            later.append(ensemble.admit(scene, how, start))
+            if not together:
+                ensemble._stage.seat()
+        with monkeypatch.context() as patched:
+            patched.setattr(arrays, "wp", counted)
+            copies.clear()
+            ensemble._stage.seat()
+        counts[together] = len(copies)
+        ensemble.advance(1)
+        ends[together] = [ensemble.packing(member) for member in (*members[:2], *members[6:], *later)]
+        ensemble.close()
+    for one, other in zip(*ends.values(), strict=True):
+        assert identical(one, other)
+    assert 0 < counts[True] < 60, "three members, some twenty arrays each"
 
 
 def test_graphs_are_captured_anew_where_the_material_may_be_another():
