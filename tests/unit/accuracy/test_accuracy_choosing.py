@@ -29,7 +29,7 @@ from labbook.accuracy.regression import Observed, curved, regress
 from labbook.backend.numerics import Numerics
 from labbook.filling.bed import PACKED
 from labbook.plan.demand import stopping_rule
-from labbook.scene import CylinderSilo, HertzMindlin, LinearSpringDashpot, Scene, Spheres, WedgeHopper
+from labbook.scene import CylinderSilo, HertzMindlin, HertzPrinted, LinearSpringDashpot, Scene, Spheres, WedgeHopper
 from labbook.scene.timescales import collision, largest_stable_step
 from labbook.stats.effects import one_more
 from labbook.study import define
@@ -44,7 +44,7 @@ LARGEST = Groups(0.02, 0.06, "sphere", "slot", "hertz-mindlin", 0.5, 0.2, 0.01, 
 EXACT = ((0.0,) * 3,) * 3
 
 
-RUNS = Path(__file__).parents[3] / "benchmarks/results/2026-11-25-accuracy-precision-runs-h100.csv"
+RUNS = Path(__file__).parents[3] / "benchmarks/results/2026-11-27-calibration"
 SHIPPED = json.loads(SHIPS.read_text())["effects"]
 
 
@@ -179,26 +179,23 @@ def test_a_curvature_is_in_the_bias_and_survives_its_file(tmp_path):
 
 
 def test_what_ships_of_softness_is_what_its_runs_give():
-    """By least squares with a column for each bed. Four of twelve scenes are curved."""
-    runs = pd.read_csv(RUNS.with_name("2026-11-23-accuracy-runs-h200.csv"))
-    runs["bed"] = runs[["filled_stiffness_scale", "filled_dt_us", "seed"]].astype(str).agg(" ".join, axis=1)
-    effects = [one for one in SHIPPED if one["source"].startswith("accuracy-ho")]
-    signs = ["outlet", "law", "orifice_mm", "friction", "restitution", "rolling_friction"]
-    found = {key: part for key, part in runs.groupby(signs)}
-    assert len(found) == len(effects) == 12
-    for one in effects:
-        here = one["scene"]
-        sign = (here["outlet"], here["law"], round(3 * here["ratio"], 6), here["friction"], here["restitution"])
-        part = found[*sign, here["rolling"]]
-        delta = here["overlap"] * (100 * part["stiffness_scale"].to_numpy()) ** (-2 / 3)
-        step = 0.02 * part["dt_us"] / part["dt_us"].min() * part["stiffness_scale"] ** 0.4
-        columns = [delta, step**2, *([delta**2] if "curvature" in one else [])]
-        design = np.column_stack([*columns, pd.get_dummies(part["bed"])]).astype(float)
-        fitted = np.linalg.lstsq(design, np.log(part["W_g_per_s"]), rcond=None)[0]
-        assert one["slopes"][:2] == pytest.approx(fitted[:2], rel=2e-3, abs=2e-3)
-        if "curvature" in one:
-            assert one["curvature"][0] == pytest.approx(fitted[2], rel=2e-3)
-    assert sum("curvature" in one for one in effects) == 4
+    """By least squares with a column for each bed. Three of fourteen scenes are curved."""
+    stiffness, step = np.array([1, 1, 0.1, 0.01, 0.1, 0.01]), np.array([0.02, 0.06, 0.05, 0.05, 0.05, 0.05])
+    names = "accuracy-hole", "accuracy-hopper"
+    effects = {name: [effect for effect in SHIPPED if effect["source"].startswith(name)] for name in names}
+    assert [len(of) for of in effects.values()] == [3, 11]
+    for name, of in effects.items():
+        for number, effect in enumerate(of, 1):
+            runs = pd.read_csv(RUNS / f"{name}-{number}.csv").dropna(subset="W_g_per_s")
+            setting = runs["setting"].to_numpy()
+            delta = effect["scene"]["overlap"] * (100 * stiffness[setting]) ** (-2 / 3)
+            columns = [delta, step[setting] ** 2, *([delta**2] if "curvature" in effect else [])]
+            design = np.column_stack([*columns, pd.get_dummies(runs["bed"])]).astype(float)
+            fitted = np.linalg.lstsq(design, np.log(runs["W_g_per_s"]), rcond=None)[0]
+            assert effect["slopes"][:2] == pytest.approx(fitted[:2], rel=2e-3, abs=2e-3)
+            if "curvature" in effect:
+                assert effect["curvature"][0] == pytest.approx(fitted[2], rel=2e-3)
+    assert sum("curvature" in effect for of in effects.values() for effect in of) == 3
 
 
 def test_regression_without_other_fillings_says_that_it_knows_nothing_of_them():
@@ -355,11 +352,14 @@ def test_other_bottoms_than_those_that_were_measured_need_a_pilot(changed, said)
 
 def test_what_was_measured_by_another_version_of_the_law_does_not_count(tmp_path):
     why = "^the law hertz-mindlin has version 2, calibrated: version 1$"
-    for older in (calibration([scene(version=1, ratio=ratio) for ratio in (10.0, 15.0)]), shipped()):
-        with pytest.raises(NotMeasured, match=why):
-            choose(SCENE, SCENE.close(), 0.01, calibration=older)
-        with pytest.raises(OutOfRange, match=why):
-            bias_of(SCENE, Numerics(dt=1e-6), Numerics(dt=1e-6), older)
+    older = calibration([scene(version=1, ratio=ratio) for ratio in (10.0, 15.0)])
+    with pytest.raises(NotMeasured, match=why):
+        choose(SCENE, SCENE.close(), 0.01, calibration=older)
+    with pytest.raises(OutOfRange, match=why):
+        bias_of(SCENE, Numerics(dt=1e-6), Numerics(dt=1e-6), older)
+    laws = {effect["scene"]["law"]: effect["scene"].get("version", 1) for effect in SHIPPED}
+    today = {"hertz-mindlin": HertzMindlin.version, "hertz-printed": HertzPrinted.version}
+    assert laws == today, "the calibration that ships is of today's laws"
     both = calibration([scene(ratio=10.0), scene(ratio=10.0, version=1, slopes=(9.0, 0.0, 0.0))])
     assert [one.effects[0].slopes[0] for one in both.known] == [0.5, 9.0], "they are never taken together"
     write(tmp_path / "own.json", [scene(), scene(version=1)])
@@ -497,29 +497,21 @@ def test_the_scatter_of_one_run_does_not_depend_on_how_many_runs_beds_have():
     assert found.within == pytest.approx(0.02, rel=0.025)
 
 
-PRECISIONS = ["numerics.precision", "fill.numerics.precision"]
 
 
 def test_what_ships_of_mixed_precision_is_what_its_runs_give():
     """By the means of W alone: of the flow from pairs in one bed, of the filling between beds."""
-    sign = ["container.orifice", "contact.friction", "contact.restitution", "contact.rolling_friction"]
-    stated = {"container.orifice": 0.036, "contact.friction": 0.5, "contact.restitution": 0.2}
-    runs = pd.read_csv(RUNS).fillna({**stated, "contact.rolling_friction": 0.01})
-    runs["lnW"] = np.log(runs["W_g_per_s"])
-    known: dict[object, tuple[float, float]] = {
-        (round(one.here.ratio * 3e-3, 6), one.here.friction, one.here.restitution, one.here.rolling): one.mixed
-        for alike in shipped().known
-        for one in alike.effects
-        if one.mixed is not None
-    }
+    known = [effect for effect in SHIPPED if effect["source"].startswith("accuracy-precision")]
     assert len(known) == 9
-    for scene, found in runs.groupby(sign):
-        by = {name: part.set_index("seed")["lnW"] for name, part in found.groupby(PRECISIONS)}
-        flow = (by["mixed", "double"] - by["double", "double"]).dropna()
-        of_bed = (by["mixed", "double"] - flow.mean() + by["double", "double"]) / 2
-        value, variance = known[scene]
-        assert value == pytest.approx(by["mixed", "mixed"].mean() - of_bed.mean(), abs=2e-5)
-        separate = by["double", "double"].var() / 300 + by["mixed", "mixed"].var() / 300
+    for number, effect in enumerate(known, 1):
+        runs = pd.read_csv(RUNS / f"accuracy-precision-{number}.csv")
+        runs["lnW"] = np.log(runs["W_g_per_s"])
+        double, flowing, both = (part.set_index("seed")["lnW"] for _, part in runs.groupby("setting"))
+        flow = (flowing - double).dropna()
+        of_bed = (flowing - flow.mean() + double) / 2
+        value, variance = effect["mixed"]
+        assert value == pytest.approx(both.mean() - of_bed.mean(), abs=2e-5)
+        separate = double.var() / 300 + both.var() / 300
         assert variance == pytest.approx(separate, rel=0.2), "as of runs that share no bed"
 
 

@@ -77,9 +77,14 @@ def test_a_scene_is_written_once_it_is_whole_and_not_made_again(calibration, tmp
         return lab
 
     monkeypatch.setattr(calibration.labbook, "Lab", Lab)
-    args = argparse.Namespace(names=[study.name], lab=tmp_path / "lab", backend="toy", device="cpu", out=tmp_path)
+    args = argparse.Namespace(
+        names=[study.name], lab=tmp_path / "lab", backend="toy", device="cpu", out=tmp_path, scenes=None
+    )
     calibration.run(args)
     assert asked == [0.018, 0.0225]
     assert [path.name for path in tmp_path.glob("*.csv")] == ["accuracy-outlets-1.csv"]
     calibration.run(args)
     assert asked == [0.018, 0.0225, 0.0225]
+    args.scenes = [3]
+    calibration.run(args)
+    assert asked[3:] == [0.054], "those that are asked for"

@@ -30,18 +30,12 @@ def asked_file(folder, *more, **changes):
 
 
 @pytest.fixture
-def measured(monkeypatch):
-    """The law as it was when the calibration that ships was measured."""
-    monkeypatch.setattr(HertzMindlin, "version", 1)
-
-
-@pytest.fixture
 def few(monkeypatch):
     """Pilots of few seeds."""
     monkeypatch.setattr("labbook.study.pilot.STEPS_SEEDS", 13)
 
 
-def test_it_has_two_steps_at_three_of_the_points_that_need_them(tmp_path, measured):
+def test_it_has_two_steps_at_three_of_the_points_that_need_them(tmp_path):
     made = first_needed(load(asked_file(tmp_path, orifices="[14.5, 15, 16, 16.5, 17, 30]")))
     assert made is not None
     assert {point.at["container.orifice"] for point in made.points} == {0.0145, 0.016, 0.017}, "30 mm was measured"
@@ -52,7 +46,7 @@ def test_it_has_two_steps_at_three_of_the_points_that_need_them(tmp_path, measur
     assert len({repr(point.fill.numerics) for point in made.points}) == 1, "so that the steps share beds"
 
 
-def test_a_plan_has_its_runs_and_its_time_too(tmp_path, measured):
+def test_a_plan_has_its_runs_and_its_time_too(tmp_path):
     path = asked_file(tmp_path, orifices="[15, 16, 17, 30]")
     told = labbook("plan", path, "--lab", tmp_path / "lab", "--backend", "toy").output
     runs = 3 * len(STEPS) * STEPS_SEEDS
@@ -72,19 +66,20 @@ def test_a_plan_has_its_runs_and_its_time_too(tmp_path, measured):
         {"more": (ASKED, "fill: {numerics: {dt: 1 us}}")},
     ],
 )
-def test_it_is_not_run_where_nothing_is_to_be_chosen_or_all_is_known(tmp_path, changes, measured):
+def test_it_is_not_run_where_nothing_is_to_be_chosen_or_all_is_known(tmp_path, changes):
     assert first_needed(load(asked_file(tmp_path, *changes.pop("more", ()), **changes))) is None
     assert first_needed(study(tmp_path, ASKED)) is None, "a step that is stated is kept"
 
 
-def test_what_was_measured_by_an_older_version_of_the_law_is_measured_again(tmp_path):
-    """An outlet of 30 mm was, by version 1."""
+def test_what_was_measured_by_an_older_version_of_the_law_is_measured_again(tmp_path, monkeypatch):
+    """An outlet of 30 mm was, by version 2."""
+    monkeypatch.setattr(HertzMindlin, "version", 3)
     path = asked_file(tmp_path, orifices="[30]")
     made = first_needed(load(path))
     assert made is not None
     assert {point.at["container.orifice"] for point in made.points} == {0.03}
     told = " ".join(labbook("plan", path, "--lab", tmp_path / "lab", "--backend", "toy").output.split())
-    assert "Not calibrated: the law hertz-mindlin has version 2, calibrated: version 1; dt = " in told
+    assert "Not calibrated: the law hertz-mindlin has version 3, calibrated: version 2; dt = " in told
     assert "labbook run first measures it by a pilot and chooses again" in told
 
 
