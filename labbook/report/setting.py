@@ -115,6 +115,8 @@ def _leaves(value: Any, name: str) -> Iterator[tuple[str, float | str | bool | N
     if isinstance(value, Mapping):
         for key, inner in value.items():
             yield from _leaves(inner, f"{name}.{key}")
+    elif isinstance(value, list) and len(value) > _VALUES and not any(isinstance(inner, Mapping) for inner in value):
+        yield name, f"({len(value)} values)"
     elif isinstance(value, list):
         for place, inner in enumerate(value):
             own = inner.get("name", place) if isinstance(inner, Mapping) else place
