@@ -65,6 +65,14 @@ class StudyFolder:
         search(study.parent.parent / "attached")
         return cls(study.parent, {str(name): str(key) for name, key in listed.items() if is_hash(key)})
 
+    def __setstate__(self, state: dict[str, Any]) -> None:
+        """Find the files again in another process of this machine."""
+        self.__dict__.update(state)
+        if self.listed:
+            search(self.folder.parent / "attached")
+        for file, key in self.files.items():
+            _paths.setdefault(key, (self.folder / file).absolute())
+
     def again(self) -> "StudyFolder":
         """The same surroundings, to attach files as they are now."""
         return StudyFolder(self.folder, self.listed)
@@ -135,6 +143,19 @@ def search(folder: Path) -> None:
     _folders[folder] = None
     while len(_folders) > _MOST_FOLDERS:
         _folders.pop(next(iter(_folders)))
+
+
+def places() -> tuple[dict[str, Path], tuple[Path, ...]]:
+    """Places of files and folders that are searched, for another process of this machine."""
+    return dict(_paths), tuple(folder.absolute() for folder in _folders)
+
+
+def use(remote: tuple[dict[str, Path], tuple[Path, ...]]) -> None:
+    """Search the `places` of another process."""
+    paths, folders = remote
+    _paths.update(paths)
+    for folder in folders:
+        search(folder)
 
 
 def add(content: bytes) -> str:

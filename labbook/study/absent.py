@@ -136,9 +136,9 @@ TABLE = (
     ),
     Absent(
         "fill fill.kind",
-        "file path dump restart restartfile data positions packing packingfile initial initialstate",
-        "no positions of grains are read from a file",
-        "use fill: {kind: rain}; beds are kept and shared by all runs, and `labbook import` takes those of another lab",
+        "path dump restart restartfile data positions packing packingfile initial initialstate",
+        "a start from a file has another name",
+        "use fill: {kind: file, file: grains.csv}, with a CSV file, a text dump or a data file beside the study",
     ),
     Absent(
         "contact fill.contact numerics",

@@ -70,10 +70,10 @@ Changed = TypedDict("Changed", {
     "container.outlet_plane": object, "walls.all.friction": object, "walls.all.rolling_friction": object,
     "walls.all.restitution": object, "walls.all.youngs_modulus": object, "walls.all.shear_modulus": object,
     "walls.all.poisson_ratio": object, "walls.all.normal_stiffness": object, "gravity": object, "feed.kind": object,
-    "restart.kind": object, "restart.wait": object, "fill.kind": object, "fill.friction": object,
-    "fill.contact.law": object, "fill.contact.friction": object, "fill.contact.rolling_friction": object,
-    "fill.contact.restitution": object, "fill.contact.damping": object, "fill.contact.rolling": object,
-    "fill.contact.rolling_model": object, "fill.contact.rolling_stiffness": object,
+    "restart.kind": object, "restart.wait": object, "fill.kind": object, "fill.file": object, "fill.shift": object,
+    "fill.friction": object, "fill.contact.law": object, "fill.contact.friction": object,
+    "fill.contact.rolling_friction": object, "fill.contact.restitution": object, "fill.contact.damping": object,
+    "fill.contact.rolling": object, "fill.contact.rolling_model": object, "fill.contact.rolling_stiffness": object,
     "fill.contact.rolling_damping": object, "fill.contact.shear_modulus": object,
     "fill.contact.poisson_ratio": object, "fill.contact.tangential_damping": object,
     "fill.contact.normal_damping": object, "fill.contact.youngs_modulus": object, "fill.contact.tension": object,
@@ -521,10 +521,15 @@ class FillNumericsKeys(TypedDict, total=False):
 class FillKeys(TypedDict, total=False):
     """Section `fill`."""
 
-    kind: Literal["rain", "gas", "planar", "dense"] | object
+    kind: Literal["rain", "gas", "planar", "dense", "file"] | object
     """Start of the grains: `rain`, a loose column of slow grains; `gas`, a denser one of fast grains; `planar`, a
     rain in the middle plane between front and back walls; `dense`, a bed pushed together that has little left to
-    fall."""
+    fall; `file`, at the positions in `fill.file`."""
+    file: object
+    """File of the grains, in the folder of the study (kind: file): a CSV file, a text dump of LAMMPS or LIGGGHTS,
+    or a data file of LAMMPS."""
+    shift: object
+    """Displacement of all grains of the file; none: they stay where they are [m]."""
     friction: object
     """Friction coefficient of grains and walls during filling; none: as in the study. Range: of at least 0."""
     contact: ContactKeys | object
@@ -633,7 +638,7 @@ KEYS = """\
         normal_stiffness [N/m]
     feed: kind
     restart: kind, wait [s]
-    fill: kind, friction, contact, settled_below, moving, surface_motion, max_time [s]
+    fill: kind, file, shift [m], friction, contact, settled_below, moving, surface_motion, max_time [s]
     fill.numerics: dt [s], precision, integrator, skin, steps_per_beat, stiffness_scale, speed_limit [m/s],
         overlap_limit
     numerics: dt [s], precision, integrator, skin, steps_per_beat, stiffness_scale, speed_limit [m/s], overlap_limit

@@ -156,6 +156,12 @@ STUDIES: dict[str, dict[str, Any]] = {
         "container": CYLINDER,
         "fill": {"contact": {**COLLISION, "largest_overlap": "0.00002 m", "impact_speed": "1 m/s"}},
     },
+    "file": {
+        "grains": GRAINS,
+        "contact": HERTZ,
+        "container": CYLINDER,
+        "fill": {"kind": "file", "file": "grains.csv", "shift": ["0.001 m", "0 m", "0.002 m"]},
+    },
     "fed": {
         "grains": GRAINS,
         "contact": HERTZ,
@@ -185,6 +191,15 @@ STUDIES: dict[str, dict[str, Any]] = {
         },
     },
 }
+
+
+@pytest.fixture(autouse=True)
+def _beside(tmp_path, monkeypatch):
+    """The file of a start, in the current folder: 100 grains far from each other and from the walls."""
+    rows = [f"{10 * (k % 5) - 20},{10 * (k // 5 % 5) - 20},{10 * (k // 25) + 10}" for k in range(100)]
+    (tmp_path / "grains.csv").write_text("\n".join(["x [mm],y [mm],z [mm]", *rows]))
+    monkeypatch.chdir(tmp_path)
+
 
 Path = tuple[str | int, ...]
 

@@ -1,0 +1,234 @@
+"""Files of grains of other codes: positions, velocities, sizes and kinds, in SI units.
+
+| file | begins with | has |
+|---|---|---|
+| CSV (whatever is no other) | headings with units, such as `x [mm]` | `x`, `y`, `z`; also `diameter` or `radius`, `vx` to `vz`, `omegax` to `omegaz`, `kind`, and of rods `ax` to `az`, the direction of the axis |
+| text dump of LAMMPS or LIGGGHTS | `ITEM: TIMESTEP` | the columns of `ITEM: ATOMS`; the last of several steps counts |
+| data file of LAMMPS | a title, then a line `N atoms` | `Atoms` of `atom_style sphere`, and `Velocities` |
+
+Files of LAMMPS and LIGGGHTS name no units: they are read as those of `units si`.
+"""  # noqa: E501
+
+import re
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from io import StringIO
+
+import numpy as np
+
+from labbook.scene.quantities import parse
+
+_HEADING = re.compile(r"\s*([A-Za-z_]+)\s*(?:\[([^\]]*)\]|\(([^)]*)\))?\s*")
+_UNITS = {"x": "m", "y": "m", "z": "m", "diameter": "m", "radius": "m"}
+_UNITS |= {f"v{axis}": "m/s" for axis in "xyz"} | {f"omega{axis}": "rad/s" for axis in "xyz"}
+_UNITS |= {f"a{axis}": "" for axis in "xyz"}
+_SPHERE = ("id", "type", "diameter", "density", "x", "y", "z")
+_MOVING = ("id", "vx", "vy", "vz", "omegax", "omegay", "omegaz")
+
+
+class GrainFileError(Exception):
+    """A file of grains cannot be read; the message says where and what is needed."""
+
+
+@dataclass(frozen=True, eq=False)
+class GrainTable:
+    """Grains of a file, in SI units.
+
+    `x`, `v`, `omega`, `axis`: shape [n, 3]; `diameter`: shape [n]; `kind`: n names, or numbers from 1 as text. None
+    for columns that the file lacks.
+    """
+
+    x: np.ndarray
+    v: np.ndarray | None = None
+    omega: np.ndarray | None = None
+    diameter: np.ndarray | None = None
+    kind: np.ndarray | None = None
+    axis: np.ndarray | None = None
+
+    def __len__(self) -> int:
+        return len(self.x)
+
+
+def read_grains(content: bytes) -> GrainTable:
+    """Read a file of grains.
+
+    Args:
+        content: Of the file.
+
+    Returns:
+        Its grains; those of LAMMPS and LIGGGHTS in the order of their ids.
+
+    Raises:
+        GrainFileError: It is none of the formats, lacks positions, or has a column without a unit.
+    """
+    try:
+        text = content.decode("utf-8-sig")
+    except UnicodeDecodeError:
+        raise GrainFileError(
+            "it is not text; write a text dump (dump custom), a data file (write_data) or a CSV file"
+        ) from None
+    if text.lstrip().startswith("ITEM:"):
+        return _dump(text)
+    if re.search(r"^\s*\d+\s+atoms\s*$", text[:100_000], re.MULTILINE):
+        return _data(text)
+    return _csv(text)
+
+
+def _csv(text: str) -> GrainTable:
+    lines = text.splitlines()
+    first = next((number for number, line in enumerate(lines) if line.strip() and not line.startswith("#")), None)
+    if first is None:
+        raise GrainFileError("it is empty")
+    names, factors = list[str](), list[float]()
+    for heading in next(iter(_rows(lines[first]))):
+        name, factor = _column(heading)
+        if name in names and name in (*_UNITS, "kind"):
+            raise GrainFileError(f"line {first + 1}: two columns are called {name}")
+        names.append(name)
+        factors.append(factor)
+    rows = [line for line in lines[first + 1 :] if line.strip()]
+    numeric = [k for k, name in enumerate(names) if name in _UNITS]
+    columns = dict(zip([names[k] for k in numeric], _numbers(rows, first + 2, numeric, ",").T, strict=True))
+    columns = {name: factors[names.index(name)] * column for name, column in columns.items()}
+    kind = None
+    if "kind" in names:
+        kind = np.array([next(iter(_rows(row)))[names.index("kind")].strip() for row in rows])
+    return _table(columns, kind, "as of a CSV file, the headings x [mm], y [mm] and z [mm]")
+
+
+def _rows(line: str):
+    import csv
+
+    return csv.reader([line], skipinitialspace=True)
+
+
+def _column(heading: str) -> tuple[str, float]:
+    """Name of a column and its unit in SI units; of columns that are not read the name alone counts."""
+    match = _HEADING.fullmatch(heading)
+    if match is None:
+        return heading.strip(), 1.0
+    name, unit = match[1].lower().replace("_", ""), (match[2] or match[3] or "").strip()
+    if name not in _UNITS:
+        return name, 1.0
+    if _UNITS[name] and not unit:
+        raise GrainFileError(f"the column {name} has no unit; write it as {name} [{_EXAMPLES[_UNITS[name]]}]")
+    try:
+        return name, parse(f"1 {unit}".strip(), _UNITS[name])
+    except ValueError as error:
+        raise GrainFileError(f"the column {name}: {error}") from None
+
+
+_EXAMPLES = {"m": "mm", "m/s": "m/s", "rad/s": "rad/s"}
+
+
+def _dump(text: str) -> GrainTable:
+    lines = text.splitlines()
+    heads = [number for number, line in enumerate(lines) if line.startswith("ITEM:")]
+    atoms = [number for number in heads if lines[number].startswith("ITEM: ATOMS")]
+    if not atoms:
+        raise GrainFileError("the dump has no ITEM: ATOMS")
+    start = atoms[-1]
+    end = next((number for number in heads if number > start), len(lines))
+    names = lines[start].split()[2:]
+    rows = _numbers([line for line in lines[start + 1 : end] if line.strip()], start + 2, range(len(names)), None)
+    columns = dict(zip(names, rows.T, strict=True))
+    counted = _item(lines, heads, start, "ITEM: NUMBER OF ATOMS")
+    if counted and len(rows) != int(counted[0].split()[0]):
+        raise GrainFileError(f"line {start + 1}: {len(rows)} of {counted[0].strip()} atoms follow; the dump is cut off")
+    for axis, bounds in zip("xyz", _item(lines, heads, start, "ITEM: BOX BOUNDS"), strict=False):
+        low, high = (float(end) for end in bounds.split()[:2])
+        if axis not in columns and f"{axis}s" in columns:
+            columns[axis] = low + (high - low) * columns[f"{axis}s"]
+        elif axis not in columns and f"{axis}u" in columns:
+            columns[axis] = columns[f"{axis}u"]
+    if any(name.startswith(("quat", "shape")) for name in names):
+        raise GrainFileError(_RODS)
+    return _sorted(columns, "the columns x, y and z (or xs, ys, zs) in ITEM: ATOMS")
+
+
+def _item(lines: Sequence[str], heads: Sequence[int], before: int, title: str) -> list[str]:
+    """Lines of the last item of this title before a line."""
+    start = max((number for number in heads if number < before and lines[number].startswith(title)), default=None)
+    if start is None:
+        return []
+    return list(lines[start + 1 : min(number for number in heads if number > start)])
+
+
+_RODS = (
+    "it has orientations of ellipsoids, which are no spherocylinders; write a CSV file with the columns ax, ay and az, "
+    "the direction of each rod's axis"
+)
+
+
+def _data(text: str) -> GrainTable:
+    lines = text.splitlines()
+    title = re.compile(r"\s*(Atoms|Velocities|Ellipsoids|[A-Z][A-Za-z ]*)\s*(?:#\s*(\S+))?\s*")
+    heads = {match[1].strip(): (n, match[2]) for n, line in enumerate(lines) if n and (match := title.fullmatch(line))}
+    if "Ellipsoids" in heads:
+        raise GrainFileError(_RODS)
+    if "Atoms" not in heads:
+        raise GrainFileError("the data file has no section Atoms")
+    style = heads["Atoms"][1]
+    if style not in (None, "sphere"):
+        raise GrainFileError(f"line {heads['Atoms'][0] + 1}: atom style {style}; only sphere is read")
+    starts = sorted(number for number, _ in heads.values())
+
+    def section(name: str, columns: Sequence[str]) -> dict[str, np.ndarray]:
+        start = heads[name][0]
+        end = next((number for number in starts if number > start), len(lines))
+        body = [line for line in lines[start + 1 : end] if line.strip()]
+        rows = _numbers(body, start + 2, range(len(columns)), None)
+        order = np.argsort(rows[:, 0], kind="stable")
+        return dict(zip(columns, rows[order].T, strict=True))
+
+    columns = section("Atoms", _SPHERE)
+    if "Velocities" in heads:
+        moving = section("Velocities", _MOVING)
+        if not np.array_equal(moving["id"], columns["id"]):
+            raise GrainFileError("the sections Atoms and Velocities have other ids")
+        columns |= moving
+    return _sorted(columns, "a section Atoms of atom_style sphere")
+
+
+def _numbers(rows: Sequence[str], line: int, columns: Sequence[int], delimiter: str | None) -> np.ndarray:
+    """Numbers of these columns, shape [n, columns]. line: number of the first row in the file, for messages."""
+    if not rows:
+        return np.empty((0, len(columns)))
+    try:
+        return np.loadtxt(
+            StringIO("\n".join(rows)), ndmin=2, usecols=tuple(columns), delimiter=delimiter, comments=None
+        )
+    except (ValueError, IndexError) as error:
+        raise GrainFileError(f"from line {line} on: {error}") from None
+
+
+def _sorted(columns: Mapping[str, np.ndarray], needed: str) -> GrainTable:
+    """Grains of LAMMPS or LIGGGHTS in the order of their ids, with their types as kinds."""
+    if "id" in columns:
+        order = np.argsort(columns["id"], kind="stable")
+        columns = {name: column[order] for name, column in columns.items()}
+    kind = columns.get("type")
+    return _table(columns, None if kind is None else kind.astype(int).astype(str), needed)
+
+
+def _table(columns: Mapping[str, np.ndarray], kind: np.ndarray | None, needed: str) -> GrainTable:
+    for name in ("v", "omega", "a"):
+        present = [axis for axis in "xyz" if f"{name}{axis}" in columns]
+        if 0 < len(present) < 3:
+            raise GrainFileError(f"of {name}x, {name}y and {name}z it has {' and '.join(present)} alone")
+    if any(axis not in columns for axis in "xyz"):
+        raise GrainFileError(f"{needed} are needed")
+    finite = {name: column for name, column in columns.items() if name in _UNITS}
+    for name, column in finite.items():
+        if not np.isfinite(column).all():
+            raise GrainFileError(f"grain {int(np.argmin(np.isfinite(column))) + 1}: {name} is not finite")
+
+    def vector(name: str) -> np.ndarray | None:
+        return np.stack([columns[f"{name}{axis}"] for axis in "xyz"], axis=1) if f"{name}x" in columns else None
+
+    diameter = columns.get("diameter")
+    if diameter is None and "radius" in columns:
+        diameter = 2 * columns["radius"]
+    x = vector("")
+    assert x is not None
+    return GrainTable(x, vector("v"), vector("omega"), diameter, kind, vector("a"))
