@@ -129,6 +129,7 @@ def _dump(text: str) -> GrainTable:
         raise GrainFileError("the dump has no ITEM: ATOMS")
     start = atoms[-1]
     end = next((number for number in heads if number > start), len(lines))
+    _check_units(next(iter(_item(lines, heads, start, "ITEM: UNITS")), ""))
     names = lines[start].split()[2:]
     rows = _numbers([line for line in lines[start + 1 : end] if line.strip()], start + 2, range(len(names)), None)
     columns = dict(zip(names, rows.T, strict=True))
@@ -144,6 +145,14 @@ def _dump(text: str) -> GrainTable:
     if any(name.startswith(("quat", "shape")) for name in names):
         raise GrainFileError(_RODS)
     return _sorted(columns, "the columns x, y and z (or xs, ys, zs) in ITEM: ATOMS")
+
+
+def _check_units(units: str) -> None:
+    """Raises GrainFileError where a file of LAMMPS names other units than those it is read in."""
+    if units.strip() not in ("", "si"):
+        raise GrainFileError(
+            f"it is in units {units.strip()}, and files of LAMMPS are read in units si; write a CSV file"
+        )
 
 
 def _item(lines: Sequence[str], heads: Sequence[int], before: int, title: str) -> list[str]:
@@ -162,6 +171,8 @@ _RODS = (
 
 def _data(text: str) -> GrainTable:
     lines = text.splitlines()
+    if (units := re.search(r"\bunits = (\w+)", lines[0])) is not None:
+        _check_units(units[1])
     title = re.compile(r"\s*(Atoms|Velocities|Ellipsoids|[A-Z][A-Za-z ]*)\s*(?:#\s*(\S+))?\s*")
     heads = {match[1].strip(): (n, match[2]) for n, line in enumerate(lines) if n and (match := title.fullmatch(line))}
     if "Ellipsoids" in heads:

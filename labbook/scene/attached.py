@@ -94,6 +94,19 @@ class StudyFolder:
             self.files[name] = self._attach(name)
         return self.files[name]
 
+    def copy(self, folder: Path) -> None:
+        """Write the attached files below another folder.
+
+        Raises FileExistsError where another file has the name of one, and AttachedError where a content is gone.
+        """
+        for file, key in self.files.items():
+            path, copied = folder / file, content(key)
+            if not path.exists():
+                path.parent.mkdir(parents=True, exist_ok=True)
+                path.write_bytes(copied)
+            elif path.read_bytes() != copied:
+                raise FileExistsError(f"{path} is another file than the one that the study names")
+
     def _attach(self, name: str) -> str:
         inside = PurePosixPath(name)
         if inside.is_absolute() or ".." in inside.parts or name != str(inside) or "\0" in name:

@@ -150,8 +150,13 @@ class Study:
         return written(self.stated)
 
     def save(self, path: Path | str) -> Path:
-        """Write the study to a file, for the command line; its path."""
+        """Write the study to a file, for the command line, and the files that it names beside it; its path.
+
+        Raises FileExistsError where another file has the name of such a file, and AttachedError (of
+        `labbook.scene.attached`) where its content is gone.
+        """
         there = given_path(path, "study.save")
+        self.beside.copy(there.parent)
         there.write_text(self.yaml(), encoding="utf-8")
         return there
 

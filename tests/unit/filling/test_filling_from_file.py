@@ -139,6 +139,8 @@ def test_columns_of_a_csv_file_have_their_units():
         (DUMP.replace(b"ITEM: ATOMS", b"ITEM: ATOM"), "no ITEM: ATOMS"),
         (DUMP[: DUMP.rindex(b"\n3 1") + 1], "line 19: 1 of 2 atoms follow; the dump is cut off"),
         (DUMP.replace(b"omegax omegay omegaz", b"quatw quati quatj"), "ellipsoids"),
+        (b"ITEM: UNITS\nlj\n" + DUMP, "in units lj"),
+        (b"write_data, units = cgs" + DATA, "in units cgs"),
         (DATA.replace(b"# sphere", b"# ellipsoid"), "line 10: atom style ellipsoid"),
         (DATA + b"\nEllipsoids\n\n1 1 1 2 1 0 0 0\n", "ellipsoids"),
         (DATA.replace(b"\n2 0 0 -1", b"\n3 0 0 -1"), "other ids"),

@@ -89,6 +89,19 @@ def test_a_changed_file_is_not_mistaken_for_what_was_attached(tmp_path):
     assert attached.content(key) == b"first"
 
 
+def test_a_copy_does_not_overwrite_another_file(tmp_path):
+    (tmp_path / "a").mkdir()
+    (tmp_path / "a/b").write_text("first")
+    folder = StudyFolder(tmp_path)
+    folder.attach("a/b")
+    folder.copy(tmp_path / "c")
+    assert (tmp_path / "c/a/b").read_text() == "first"
+    folder.copy(tmp_path / "c")
+    (tmp_path / "c/a/b").write_text("second")
+    with pytest.raises(FileExistsError, match="another file"):
+        folder.copy(tmp_path / "c")
+
+
 def test_another_machine_is_given_the_contents(tmp_path, monkeypatch):
     (tmp_path / "a").write_text("there")
     contents = attached.contents([StudyFolder(tmp_path).attach("a")])
