@@ -22,6 +22,7 @@ _HEADING = re.compile(r"\s*([A-Za-z_]+)\s*(?:\[([^\]]*)\]|\(([^)]*)\))?\s*")
 _UNITS = {"x": "m", "y": "m", "z": "m", "diameter": "m", "radius": "m"}
 _UNITS |= {f"v{axis}": "m/s" for axis in "xyz"} | {f"omega{axis}": "rad/s" for axis in "xyz"}
 _UNITS |= {f"a{axis}": "" for axis in "xyz"}
+_DUMPED = {"id", "type", *_UNITS} | {f"{axis}{suffix}" for axis in "xyz" for suffix in "su"}
 _SPHERE = ("id", "type", "diameter", "density", "x", "y", "z")
 _MOVING = ("id", "vx", "vy", "vz", "omegax", "omegay", "omegaz")
 
@@ -131,8 +132,10 @@ def _dump(text: str) -> GrainTable:
     end = next((number for number in heads if number > start), len(lines))
     _check_units(next(iter(_item(lines, heads, start, "ITEM: UNITS")), ""))
     names = lines[start].split()[2:]
-    rows = _numbers([line for line in lines[start + 1 : end] if line.strip()], start + 2, range(len(names)), None)
-    columns = dict(zip(names, rows.T, strict=True))
+    places = {name: place for place, name in enumerate(names) if name in _DUMPED}  # others may be text
+    body = [line for line in lines[start + 1 : end] if line.strip()]
+    rows = _numbers(body, start + 2, tuple(places.values()), None)
+    columns = dict(zip(places, rows.T, strict=True))
     counted = _item(lines, heads, start, "ITEM: NUMBER OF ATOMS")
     if counted and len(rows) != int(counted[0].split()[0]):
         raise GrainFileError(f"line {start + 1}: {len(rows)} of {counted[0].strip()} atoms follow; the dump is cut off")

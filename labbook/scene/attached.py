@@ -27,6 +27,7 @@ _MOST_FOLDERS = 100
 _SHA256 = re.compile(r"[0-9a-f]{64}")
 
 _paths: dict[str, Path] = {}
+_names: dict[str, str] = {}
 _contents: dict[str, bytes] = {}
 _folders: dict[Path, None] = {}
 
@@ -71,6 +72,7 @@ class StudyFolder:
         if self.listed:
             search(self.folder.parent / "attached")
         for file, key in self.files.items():
+            _names[key] = file
             _paths.setdefault(key, (self.folder / file).absolute())
 
     def again(self) -> "StudyFolder":
@@ -92,6 +94,7 @@ class StudyFolder:
         """
         if name not in self.files:
             self.files[name] = self._attach(name)
+            _names[self.files[name]] = name
         return self.files[name]
 
     def copy(self, folder: Path) -> None:
@@ -179,8 +182,8 @@ def add(content: bytes) -> str:
 
 
 def name(key: str) -> str:
-    """Name of a file for people: that of the file it was read from, or the beginning of its hash."""
-    return _paths[key].name if key in _paths else f"attached file {key[:12]}"
+    """Name of a file for people: as a study states it, or the beginning of its hash."""
+    return _names.get(key, f"attached file {key[:12]}")
 
 
 def content(key: str) -> bytes:

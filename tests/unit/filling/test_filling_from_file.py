@@ -103,6 +103,15 @@ def test_the_last_step_of_a_dump_is_read_in_the_order_of_ids():
     assert np.array_equal(table.omega, [[1, 2, 3], [0, 5, 0]])
 
 
+def test_other_columns_of_a_dump_may_be_text_or_repeat():
+    dump = DUMP.replace(b"omegax omegay omegaz radius fx", b"element type radius fy fx").replace(
+        b"0 5 0 0.001 3.5", b"A 2 0.001 0 1"
+    )
+    table = read_grains(dump.replace(b"1 2 3 0.0015 -2", b"B 1 0.0015 0 1"))
+    assert table.diameter == pytest.approx([0.003, 0.002])
+    assert table.omega is None
+
+
 def test_a_data_file_is_read_in_the_order_of_ids():
     table = read_grains(DATA)
     assert np.array_equal(table.x, [[0, 0, 0.01], [0.001, -0.002, 0.03]])

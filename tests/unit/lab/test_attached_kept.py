@@ -14,7 +14,7 @@ _TEXT = "name: filled\n"
 
 @pytest.fixture(autouse=True)
 def _nothing_is_known(monkeypatch):
-    for name in ("_paths", "_contents", "_folders"):
+    for name in ("_paths", "_names", "_contents", "_folders"):
         monkeypatch.setattr(attached, name, {})
 
 

@@ -37,7 +37,7 @@ def elsewhere(monkeypatch):
     """Forget where files are, as another process does."""
 
     def forget():
-        for known in ("_paths", "_contents", "_folders"):
+        for known in ("_paths", "_names", "_contents", "_folders"):
             monkeypatch.setattr(attached, known, {})
 
     return forget

@@ -106,6 +106,7 @@ def test_another_machine_is_given_the_contents(tmp_path, monkeypatch):
     (tmp_path / "a").write_text("there")
     contents = attached.contents([StudyFolder(tmp_path).attach("a")])
     monkeypatch.setattr(attached, "_paths", {})
+    monkeypatch.setattr(attached, "_names", {})
     monkeypatch.setattr(attached, "_contents", {})
     (key,) = contents
     with pytest.raises(AttachedError, match="lies in no lab"):
