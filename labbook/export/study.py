@@ -101,7 +101,7 @@ def _grains(result: PointResult, rows, folder: Path) -> list[Path]:
         known = [name for name in ("id", "kind") if name in rows]
         write_grains(
             path,
-            f"{result.label}, t = {time:.6g} s{legend}",
+            f"{result.label or 'the only point'}, t = {time:.6g} s{legend}",
             columns("x y z"),
             np.asarray(rows["radius"], float)[now] if "radius" in rows else grains.diameter / 2,
             {"velocity": columns("vx vy vz")},
@@ -113,7 +113,7 @@ def _grains(result: PointResult, rows, folder: Path) -> list[Path]:
     positions = np.column_stack([np.asarray(rows[axis], float) for axis in "xyz"])
     walls = folder / "walls.vtk"
     meshes = {wall.name: wall.mesh for wall in drawn_walls(scene, positions)}
-    write_walls(walls, f"walls of {result.label}: {', '.join(meshes)}", meshes)
+    write_walls(walls, f"walls: {', '.join(meshes)}; {result.label or 'the only point'}", meshes)
     series = folder / "grains.vtk.series"
     write_series(series, paths, times)
     return [series, *paths, walls]
