@@ -76,31 +76,42 @@ def read_grains(content: bytes) -> GrainTable:
 
 
 def _csv(text: str) -> GrainTable:
-    lines = text.splitlines()
-    first = next((number for number, line in enumerate(lines) if line.strip() and not line.startswith("#")), None)
-    if first is None:
+    rows = _csv_rows(text)
+    if not rows:
         raise GrainFileError("it is empty")
-    names, factors = list[str](), list[float]()
-    for heading in next(iter(_rows(lines[first]))):
-        name, factor = _column(heading)
-        if name in names and name in (*_UNITS, "kind"):
-            raise GrainFileError(f"line {first + 1}: two columns are called {name}")
-        names.append(name)
-        factors.append(factor)
-    rows = [line for line in lines[first + 1 :] if line.strip()]
-    numeric = [k for k, name in enumerate(names) if name in _UNITS]
-    columns = dict(zip([names[k] for k in numeric], _numbers(rows, first + 2, numeric, ",").T, strict=True))
-    columns = {name: factors[names.index(name)] * column for name, column in columns.items()}
-    kind = None
-    if "kind" in names:
-        kind = np.array([next(iter(_rows(row)))[names.index("kind")].strip() for row in rows])
+    line, headings = rows.pop(0)
+    names, factors = zip(*map(_column, headings), strict=True)
+    for name in (*_UNITS, "kind"):
+        if names.count(name) > 1:
+            raise GrainFileError(f"line {line}: two columns are called {name}")
+    for number, row in rows:
+        if len(row) != len(names):
+            raise GrainFileError(f"line {number}: {len(row)} entries below {len(names)} headings")
+    columns = dict[str, np.ndarray]()
+    for place, name in enumerate(names):
+        if name in _UNITS:
+            columns[name] = factors[place] * np.array([_number(number, name, row[place]) for number, row in rows])
+    kind = np.array([row[names.index("kind")].strip() for _, row in rows]) if "kind" in names else None
     return _table(columns, kind, "as of a CSV file, the headings x [mm], y [mm] and z [mm]")
 
 
-def _rows(line: str):
+def _csv_rows(text: str) -> list[tuple[int, list[str]]]:
+    """Rows of a CSV file that are neither empty nor comments, with the numbers of their lines."""
     import csv
 
-    return csv.reader([line], skipinitialspace=True)
+    reader = csv.reader((line for line in StringIO(text)), skipinitialspace=True)
+    try:
+        rows = [(reader.line_num, row) for row in reader]
+    except csv.Error as error:
+        raise GrainFileError(f"line {reader.line_num}: {error}") from None
+    return [(line, row) for line, row in rows if any(map(str.strip, row)) and not row[0].startswith("#")]
+
+
+def _number(line: int, name: str, text: str) -> float:
+    try:
+        return float(text)
+    except ValueError:
+        raise GrainFileError(f"line {line}: {name}: {text.strip()[:40]!r} is no number") from None
 
 
 def _column(heading: str) -> tuple[str, float]:
@@ -136,11 +147,11 @@ def _dump(text: str) -> GrainTable:
     body = [line for line in lines[start + 1 : end] if line.strip()]
     rows = _numbers(body, start + 2, tuple(places.values()), None)
     columns = dict(zip(places, rows.T, strict=True))
-    counted = _item(lines, heads, start, "ITEM: NUMBER OF ATOMS")
-    if counted and len(rows) != int(counted[0].split()[0]):
-        raise GrainFileError(f"line {start + 1}: {len(rows)} of {counted[0].strip()} atoms follow; the dump is cut off")
+    counted = "".join(_item(lines, heads, start, "ITEM: NUMBER OF ATOMS")).strip()
+    if counted and str(len(rows)) != counted:
+        raise GrainFileError(f"line {start + 1}: {len(rows)} of {counted[:20]} atoms follow; the dump is cut off")
     for axis, bounds in zip("xyz", _item(lines, heads, start, "ITEM: BOX BOUNDS"), strict=False):
-        low, high = (float(end) for end in bounds.split()[:2])
+        low, high = _box(bounds)
         if axis not in columns and f"{axis}s" in columns:
             columns[axis] = low + (high - low) * columns[f"{axis}s"]
         elif axis not in columns and f"{axis}u" in columns:
@@ -148,6 +159,18 @@ def _dump(text: str) -> GrainTable:
     if any(name.startswith(("quat", "shape")) for name in names):
         raise GrainFileError(_RODS)
     return _sorted(columns, "the columns x, y and z (or xs, ys, zs) in ITEM: ATOMS")
+
+
+def _box(bounds: str) -> tuple[float, float]:
+    """Ends of a box [m] along an axis."""
+    ends = bounds.split()
+    try:
+        low, high = map(float, ends)
+    except ValueError:
+        raise GrainFileError(
+            f"ITEM: BOX BOUNDS: {bounds.strip()[:40]!r} are no two ends; the box must be upright"
+        ) from None
+    return low, high
 
 
 def _check_units(units: str) -> None:
@@ -222,6 +245,8 @@ def _sorted(columns: Mapping[str, np.ndarray], needed: str) -> GrainTable:
         order = np.argsort(columns["id"], kind="stable")
         columns = {name: column[order] for name, column in columns.items()}
     kind = columns.get("type")
+    if kind is not None and not (np.isfinite(kind) & (kind == np.round(kind)) & (np.abs(kind) < 1e9)).all():
+        raise GrainFileError("types are not whole numbers")
     return _table(columns, None if kind is None else kind.astype(int).astype(str), needed)
 
 
@@ -243,6 +268,8 @@ def _table(columns: Mapping[str, np.ndarray], kind: np.ndarray | None, needed: s
     diameter = columns.get("diameter")
     if diameter is None and "radius" in columns:
         diameter = 2 * columns["radius"]
+    if diameter is not None and not (diameter > 0).all():
+        raise GrainFileError(f"grain {int(np.argmin(diameter > 0)) + 1}: its diameter is not above 0")
     x = vector("")
     assert x is not None
     return GrainTable(x, vector("v"), vector("omega"), diameter, kind, vector("a"))

@@ -4,6 +4,8 @@
 
 import numpy as np
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
 
 from labbook.export.packing import data_file
 from labbook.filling import GrainFile, PlacingError, place
@@ -68,9 +70,9 @@ Velocities
 2 0 0 -1 0 5 0
 """
 CSV = b"""# of a scan
-x [mm], y (mm), z [cm], Diameter [um], kind, vx [mm/s], vy [mm/s], vz [m/s], remark
-0, 0, 1, 2000, small, 100, 200, 0.3, "a, b"
-1, -2, 3, 3000, large, 0, 0, -1,
+remark, x [mm], y (mm), z [cm], Diameter [um], kind, vx [mm/s], vy [mm/s], vz [m/s]
+"a, b", 0, 0, 1, 2000, small, 100, 200, 0.3
+, 1, -2, 3, 3000, large, 0, 0, -1
 """
 
 
@@ -141,8 +143,11 @@ def test_columns_of_a_csv_file_have_their_units():
         (b"x [s], y [m], z [m]\n1,2,3", "the column x: a quantity in m is needed"),
         (b"x [m], y [m], x [m]\n1,2,3", "two columns are called x"),
         (b"x [m], y [m]\n1,2", "headings x"),
-        (b"x [m], y [m], z [m]\n1,2,3\n1,2\n", "from line 2 on"),
-        (b"x [m], y [m], z [m]\n1,2,b\n", "from line 2 on"),
+        (b"x [m], y [m], z [m]\n1,2,3\n1,2\n", "line 3: 2 entries below 3 headings"),
+        (b"x [m], y [m], z [m]\n1,2,b\n", "line 2: z: 'b' is no number"),
+        (b"x [m], y [m], z [m], radius [m]\n1,2,3,0\n", "grain 1: its diameter is not above 0"),
+        (DUMP.replace(b"0 0.5\n", b"0 0.5 0.1\n"), "the box must be upright"),
+        (DUMP.replace(b"7 2 0.25", b"7 1.5 0.25"), "types are not whole numbers"),
         (b"x [m], y [m], z [m]\n1,2,nan\n", "grain 1: z is not finite"),
         (b"x [m], y [m], z [m], vx [m/s]\n1,2,3,4\n", "vx, vy and vz it has x alone"),
         (DUMP.replace(b"ITEM: ATOMS", b"ITEM: ATOM"), "no ITEM: ATOMS"),
@@ -158,6 +163,26 @@ def test_columns_of_a_csv_file_have_their_units():
 def test_what_cannot_be_read_is_named(content, message):
     with pytest.raises(GrainFileError, match=message):
         read_grains(content)
+
+
+@given(st.sampled_from([DUMP, DATA, CSV]), st.data())
+@settings(max_examples=300, deadline=None)
+def test_a_damaged_file_is_read_or_refused_and_nothing_else(content, data):
+    """Bytes are cut out, put in or changed at random places."""
+    for _ in range(data.draw(st.integers(1, 4))):
+        at = data.draw(st.integers(0, len(content)))
+        cut = data.draw(st.integers(0, 30))
+        content = (
+            content[:at]
+            + data.draw(st.binary(max_size=6) | st.sampled_from([b"\n", b"nan", b"-", b'"', b","]))
+            + content[at + cut :]
+        )
+    try:
+        table = read_grains(content)
+    except GrainFileError:
+        return
+    assert np.isfinite(table.x).all()
+    assert table.diameter is None or (table.diameter > 0).all()
 
 
 def test_our_own_data_file_gives_the_packing_back_bit_for_bit():
