@@ -23,6 +23,7 @@ _UNITS = {"x": "m", "y": "m", "z": "m", "diameter": "m", "radius": "m"}
 _UNITS |= {f"v{axis}": "m/s" for axis in "xyz"} | {f"omega{axis}": "rad/s" for axis in "xyz"}
 _UNITS |= {f"a{axis}": "" for axis in "xyz"}
 _DUMPED = {"id", "type", *_UNITS} | {f"{axis}{suffix}" for axis in "xyz" for suffix in "su"}
+_HEADINGS = "as of a CSV file, the headings x [mm], y [mm] and z [mm]"
 _SPHERE = ("id", "type", "diameter", "density", "x", "y", "z")
 _MOVING = ("id", "vx", "vy", "vz", "omegax", "omegay", "omegaz")
 
@@ -84,6 +85,8 @@ def _csv(text: str) -> GrainTable:
     for name in (*_UNITS, "kind"):
         if names.count(name) > 1:
             raise GrainFileError(f"line {line}: two columns are called {name}")
+    if not {*"xyz"} <= {*names}:
+        raise GrainFileError(f"{_HEADINGS} are needed")
     for number, row in rows:
         if len(row) != len(names):
             raise GrainFileError(f"line {number}: {len(row)} entries below {len(names)} headings")
@@ -92,7 +95,7 @@ def _csv(text: str) -> GrainTable:
         if name in _UNITS:
             columns[name] = factors[place] * np.array([_number(number, name, row[place]) for number, row in rows])
     kind = np.array([row[names.index("kind")].strip() for _, row in rows]) if "kind" in names else None
-    return _table(columns, kind, "as of a CSV file, the headings x [mm], y [mm] and z [mm]")
+    return _table(columns, kind, _HEADINGS)
 
 
 def _csv_rows(text: str) -> list[tuple[int, list[str]]]:
