@@ -15,7 +15,8 @@ from forces import HEAD, wall_stiffness
 from impact import tsuji
 from scipy.optimize import root_scalar
 
-from labbook.export.packing import around, data_file, stl
+from labbook.export.packing import around, data_file
+from labbook.export.stl import stl
 from labbook.scene import (
     ConicalSilo,
     ContactLaw,

@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Any, Literal, overload
 from labbook import html
 from labbook.api.run import Run
 from labbook.export.packing import check_spheres, write_packings
+from labbook.export.stl import check_facets, write_walls
 from labbook.export.study import write_numbers, write_recordings
 from labbook.fit import LAWS, FitError, FitResult
 from labbook.fit import named as named_law
@@ -25,6 +26,7 @@ from labbook.results.points import FLOW_RATE
 from labbook.results.selection import listed, point_at, series_at
 from labbook.results.series import series_of
 from labbook.results.study import StudyResults
+from labbook.scene.walls import AROUND
 from labbook.study import Point
 from labbook.study.problems import instead
 from labbook.study.source import given_path
@@ -191,21 +193,28 @@ class Results(StudyResults):
         packings: bool = False,
         every: float | None = None,
         say: Callable[[str], None] = lambda text: None,
+        walls: bool = False,
+        facets: int = AROUND,
     ) -> list[Path]:
         """Write all tables; with `vtk` also recorded runs for ParaView, with `packings` also initial packings as data
-        files of LIGGGHTS and LAMMPS, and walls as STL. Returns the paths.
+        files of LIGGGHTS and LAMMPS with their walls as STL, with `walls` also the walls of all containers as STL.
+        Returns the paths.
 
         folder: None for LAB/exports/NAME. every: also write the table `inside`, the number of grains inside at times
-        this far apart [s]. say: called with the name of each file. Raises ValueError for another kind, NoParquet (of
-        `labbook.export.study`) without pyarrow, NotSpheres (of `labbook.export.packing`) for packings of rods, and
-        Unreadable (of `labbook.lab`) for a damaged one.
+        this far apart [s]. say: called with the name of each file. facets: corners of round walls in STL files. Raises
+        ValueError for another kind or number of facets, NoParquet (of `labbook.export.study`) without pyarrow,
+        NotSpheres (of `labbook.export.packing`) for packings of rods, and Unreadable (of `labbook.lab`) for a damaged
+        one.
         """
+        check_facets(facets)
         if packings:
             check_spheres(self.study)
         there = self._folder(folder, "exports")
         paths = write_numbers(self, there, kind, every)
         if packings:
-            paths += write_packings(self, self.place, there / "packings", say)
+            paths += write_packings(self, self.place, there / "packings", say, facets)
+        if walls:
+            paths += write_walls(self.study, there / "walls", facets)
         return paths + (write_recordings(self, there / "vtk", say) if vtk else [])
 
     def _folder(self, given: Path | str | None, kind: str) -> Path:

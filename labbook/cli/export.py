@@ -27,6 +27,12 @@ def register(app: typer.Typer) -> None:
             bool,
             typer.Option("--packings", help="Also write packings for LIGGGHTS and LAMMPS, and walls as STL."),
         ] = False,
+        walls: Annotated[
+            bool, typer.Option("--walls", help="Also write the walls of all containers as STL; needs no runs.")
+        ] = False,
+        facets: Annotated[
+            int, typer.Option(min=3, max=10_000, help="Corners of round walls in STL files, on the circle.")
+        ] = 96,
         inside: Annotated[
             str | None,
             typer.Option(help="Also write the table inside, N(t): the time between two of its rows, such as '0.1 s'."),
@@ -43,7 +49,7 @@ def register(app: typer.Typer) -> None:
         folder = out if out is not None else lab / "exports" / found.study.name
         try:
             with screen(stderr=True).status("writing") as status:
-                paths = found.export(folder, kind, vtk, packings, _seconds(inside), status.update)
+                paths = found.export(folder, kind, vtk, packings, _seconds(inside), status.update, walls, facets)
         except NoParquet as missing:
             raise typer.BadParameter(str(missing), param_hint="--format") from None
         except NotSpheres as rods:
@@ -52,6 +58,7 @@ def register(app: typer.Typer) -> None:
             say(path)
         for chosen, name, none in (
             (packings, "packings", "this study has no finished run yet"),
+            (walls, "walls", "no wall of this study has a mesh"),
             (vtk, "vtk", "no run of this study kept frames"),
         ):
             if chosen:

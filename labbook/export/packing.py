@@ -1,18 +1,20 @@
-"""Packings as data files that LIGGGHTS and LAMMPS read (`read_data`, `atom_style sphere`, `units si`), and the walls
-around them as STL files (`fix mesh/surface` of LIGGGHTS)."""
+"""Packings as data files that LIGGGHTS and LAMMPS read (`read_data`, `atom_style sphere`, `units si`), with the walls
+around them as STL files."""
 
 from collections.abc import Callable, Iterable
 from pathlib import Path
 
 import numpy as np
 
+from labbook.export.stl import wall_files
 from labbook.lab.folder import LabFolder, write_bytes
 from labbook.lab.packings import read_packing
 from labbook.results.study import StudyResults
 from labbook.scene import Scene, Spheres
 from labbook.scene.bodies import Bodies
-from labbook.scene.geometry import Bounds, Mesh
+from labbook.scene.geometry import Bounds
 from labbook.scene.packing import Packing
+from labbook.scene.walls import AROUND
 from labbook.study import Study
 
 MARGIN, BELOW = 2.0, 20.0
@@ -69,38 +71,20 @@ def around(scene: Scene, packing: Packing) -> Bounds:
     return Bounds((left, front, low), (float(right), float(back), float(top)))
 
 
-def wall_files(scene: Scene, packing: Packing) -> dict[str, str]:
-    """Walls of a scene as STL files in metres, by name, cut a little above the grains and beside them.
-
-    Round walls are polygons with the corners on the circle.
-    """
-    return {name: stl(mesh, name) for name, mesh in scene.container.mesh(around(scene, packing)).items()}
-
-
-def stl(mesh: Mesh, name: str) -> str:
-    """Text of an ASCII STL file [m]; `name`: of the solid. Triangles without an area are left out."""
-    lines = [f"solid {name}"]
-    for corners in mesh.vertices[mesh.triangles]:
-        normal = np.cross(corners[1] - corners[0], corners[2] - corners[0])
-        area = np.linalg.norm(normal)
-        if area == 0:
-            continue
-        lines += [f"facet normal {_numbers(normal / area)}", "outer loop"]
-        lines += [f"vertex {_numbers(corner)}" for corner in corners]
-        lines += ["endloop", "endfacet"]
-    return "\n".join([*lines, f"endsolid {name}", ""])
-
-
 def _numbers(row: Iterable[float]) -> str:
     return " ".join(repr(float(number)) for number in row)
 
 
 def write_packings(
-    results: StudyResults, place: LabFolder, folder: Path, say: Callable[[str], None] = lambda text: None
+    results: StudyResults,
+    place: LabFolder,
+    folder: Path,
+    say: Callable[[str], None] = lambda text: None,
+    facets: int = AROUND,
 ) -> list[Path]:
     """Write every packing that a run of the study started from, once, as `point-P-seed-S.data`, P the first point
-    (from 1) that shares it, and the walls of every point as `point-P-NAME.stl`; the paths. Raises NotSpheres, and
-    Unreadable for a damaged packing."""
+    (from 1) that shares it, and the walls of every point as `point-P-NAME.stl`, round ones as polygons of `facets`
+    corners; the paths. Raises NotSpheres, and Unreadable for a damaged packing."""
     paths, seen = [], set[str]()
 
     def write(name: str, text: str) -> None:
@@ -116,7 +100,8 @@ def write_packings(
             say(f"{result.label}, seed {run.seed}")
             record, packing = read_packing(place.packing(run.packing_key))
             if not walled:
-                for name, text in wall_files(result.point.scene, packing).items():
+                box = around(result.point.scene, packing)
+                for name, text in wall_files(result.point.scene.container, box, facets).items():
                     write(f"point-{number}-{name}.stl", text)
                 walled = True
             if run.packing_key not in seen:

@@ -9,13 +9,15 @@ from typing import Literal, get_args
 import numpy as np
 
 from labbook.export.recording import file_name
-from labbook.export.vtk import write_fields, write_grains, write_series
+from labbook.export.vtk import write_fields, write_grains, write_series, write_walls
+from labbook.export.wall_shapes import drawn_walls
 from labbook.fields import axes
 from labbook.lab.folder import write_bytes
 from labbook.results.frames import frames, inside
 from labbook.results.points import PointResult
 from labbook.results.recorded import flow_patterns, kind_patterns
 from labbook.results.study import StudyResults
+from labbook.scene.bodies import kind_names
 
 Format = Literal["csv", "parquet"]
 
@@ -57,9 +59,11 @@ def write_numbers(results: StudyResults, folder: Path, kind: Format, every: floa
 
 
 def write_recordings(results: StudyResults, folder: Path, say: Callable[[str], None] = lambda text: None) -> list[Path]:
-    """Write recorded runs as VTK, a file a frame in a folder a run, and the mean fields of each; the paths.
+    """Write recorded runs as VTK, a file a frame and the walls in a folder a run, and the mean fields of each; the
+    paths.
 
-    ParaView opens `grains.vtk.series` of a run as one time series, with the times since the opening [s].
+    ParaView opens `grains.vtk.series` of a run as one time series, with the times since the opening [s], and beside it
+    `walls.vtk`.
     """
     paths = []
     for result in results.points:
@@ -81,7 +85,9 @@ def write_recordings(results: StudyResults, folder: Path, say: Callable[[str], N
 def _grains(result: PointResult, rows, folder: Path) -> list[Path]:
 
     folder.mkdir(parents=True, exist_ok=True)
-    grains = result.point.scene.grains
+    scene, kinds = result.point.scene, kind_names(result.point.scene.grains)
+    grains = scene.grains
+    legend = f"; kinds: {', '.join(f'{k} {name}' for k, name in enumerate(kinds))}" if len(kinds) else ""
     order = np.argsort(rows["time"], kind="stable")
     times, starts = np.unique(np.asarray(rows["time"])[order], return_index=True)
     paths = []
@@ -95,14 +101,19 @@ def _grains(result: PointResult, rows, folder: Path) -> list[Path]:
         known = [name for name in ("id", "kind") if name in rows]
         write_grains(
             path,
-            f"{result.label}, t = {time:.6g} s",
+            f"{result.label or 'the only point'}, t = {time:.6g} s{legend}",
             columns("x y z"),
             np.asarray(rows["radius"], float)[now] if "radius" in rows else grains.diameter / 2,
             {"velocity": columns("vx vy vz")},
-            {name: np.asarray(rows[name], float)[now] for name in known},
+            {name: np.asarray(rows[name], int)[now] for name in known},
             **rods,
+            kinds=kinds.tolist(),
         )
         paths.append(path)
+    positions = np.column_stack([np.asarray(rows[axis], float) for axis in "xyz"])
+    walls = folder / "walls.vtk"
+    meshes = {wall.name: wall.mesh for wall in drawn_walls(scene, positions)}
+    write_walls(walls, f"walls: {', '.join(meshes)}; {result.label or 'the only point'}", meshes)
     series = folder / "grains.vtk.series"
     write_series(series, paths, times)
-    return [series, *paths]
+    return [series, *paths, walls]

@@ -1,15 +1,22 @@
-"""Grains and fields as legacy VTK files (version 3.0, text), which ParaView opens as they are."""
+"""Grains, walls and fields as legacy VTK files (version 3.0, binary), which ParaView opens as they are.
+
+Numbers are big-endian, as the format has them: those of grains and walls in single precision, those of fields in
+double.
+"""
 
 import json
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 
 import numpy as np
 
 from labbook.fields import Fields, Layer, Ring
 from labbook.lab.folder import write_bytes
+from labbook.scene.geometry import Mesh
 
 _TITLE_LENGTH = 255  # of the format
+_TYPES = {"int": ">i4", "float": ">f4", "double": ">f8"}
+_SHORT = 63  # bytes of a text whose length is coded in one byte
 
 
 def write_grains(
@@ -22,8 +29,10 @@ def write_grains(
     *,
     axis: np.ndarray | None = None,
     length: float | None = None,
+    kinds: Sequence[str] = (),
 ) -> None:
-    """Grains as points at x [m], shape [n, 3], with their `radius` [m] and further `vectors` [n, 3] and `scalars` [n].
+    """Grains as points at x [m], shape [n, 3], with their `radius` [m] and further `vectors` [n, 3] and `scalars` [n],
+    whole numbers among them. `kinds`: names of the values of the scalar `kind`, as the field array `kind_names`.
 
     Rods have their `axis`, shape [n, 3], and end-to-end `length` [m] besides: in ParaView a Glyph of type Cylinder,
     scaled by both. Spheres: a Glyph of type Sphere, or Point Gaussian, scaled by radius. Raises ValueError for columns
@@ -36,8 +45,24 @@ def write_grains(
         arrows["axis"] = axis
         numbers["length"] = np.full(n, length if length is not None else np.nan)
     cells = np.column_stack([np.ones(n, int), np.arange(n)])
-    parts = [f"POINTS {n} double", _block(x), f"VERTICES {n} {2 * n}", _block(cells), f"POINT_DATA {n}"]
-    _write(path, title, "POLYDATA", [*parts, *_attributes(n, numbers, arrows, {})])
+    parts = [*_names("kind_names", kinds), f"POINTS {n} float", _block(x, "float"), f"VERTICES {n} {2 * n}"]
+    parts += [_block(cells, "int"), f"POINT_DATA {n}", *_attributes(n, numbers, arrows, {}, "float")]
+    _write(path, title, "POLYDATA", parts)
+
+
+def write_walls(path: Path, title: str, meshes: Mapping[str, Mesh]) -> None:
+    """Walls as triangles [m], each with the number of its wall in the scalar `wall`; the field array `wall_names` has
+    their names."""
+    vertices = np.concatenate([np.empty((0, 3)), *(mesh.vertices for mesh in meshes.values())])
+    firsts = np.cumsum([0, *(len(mesh.vertices) for mesh in meshes.values())])[:-1]
+    corners = [mesh.triangles + first for mesh, first in zip(meshes.values(), firsts, strict=True)]
+    triangles = np.concatenate([np.empty((0, 3), int), *corners])
+    wall = np.repeat(np.arange(len(meshes)), [len(mesh.triangles) for mesh in meshes.values()])
+    n = len(triangles)
+    cells = np.column_stack([np.full(n, 3), triangles])
+    parts = [*_names("wall_names", list(meshes)), f"POINTS {len(vertices)} float", _block(vertices, "float")]
+    parts += [f"POLYGONS {n} {4 * n}", _block(cells, "int"), f"CELL_DATA {n}"]
+    _write(path, title, "POLYDATA", [*parts, *_attributes(n, {"wall": wall}, {}, {}, "float")])
 
 
 def write_series(path: Path, files: Sequence[Path], times: Sequence[float] | np.ndarray) -> None:
@@ -78,7 +103,7 @@ def write_fields(path: Path, title: str, fields: Fields) -> None:
             (("DIMENSIONS", counts), ("ORIGIN", origin), ("SPACING", spacing))]  # fmt: skip
     named = ({name: flat(array) for name, array in group.items()} for group in (numbers, {"velocity": fields.velocity}))
     scalars, vectors = named
-    attributes = _attributes(n, scalars, vectors, {name: flat(array) for name, array in tensors.items()})
+    attributes = _attributes(n, scalars, vectors, {name: flat(array) for name, array in tensors.items()}, "double")
     _write(path, title, "STRUCTURED_POINTS", [*head, f"POINT_DATA {n}", *attributes])
 
 
@@ -92,24 +117,36 @@ def _lattice(grid) -> tuple[list[float], list[float], list[int]]:
     return [float(line[0]) for line in lines], spacing, [len(line) for line in lines]
 
 
-def _attributes(n: int, scalars: Mapping, vectors: Mapping, tensors: Mapping) -> list[str]:
-    parts = []
+def _attributes(n: int, scalars: Mapping, vectors: Mapping, tensors: Mapping, real: str) -> list[str | bytes]:
+    """Arrays of points or cells. `real`: type of the numbers that are not whole."""
+    parts: list[str | bytes] = []
     for kind, group, size in (("SCALARS", scalars, 1), ("VECTORS", vectors, 3), ("TENSORS", tensors, 9)):
         for name, array in group.items():
             if np.size(array) != n * size:
                 raise ValueError(f"{name} has {np.size(array)} numbers and not {size} for each of {n} points")
-            parts.append(f"{kind} {name} double{' 1' if kind == 'SCALARS' else ''}")
+            of = "int" if np.issubdtype(np.asarray(array).dtype, np.integer) else real
+            parts.append(f"{kind} {name} {of}{' 1' if kind == 'SCALARS' else ''}")
             parts += ["LOOKUP_TABLE default"] if kind == "SCALARS" else []
-            parts.append(_block(np.reshape(array, (n, size))))
+            parts.append(_block(array, of))
     return parts
 
 
-def _block(array: np.ndarray) -> str:
-    kind = "%d" if np.issubdtype(np.asarray(array).dtype, np.integer) else "%.9g"
-    return "\n".join(" ".join(kind % value for value in row) for row in np.asarray(array).tolist())
+def _names(array: str, names: Sequence[str]) -> Iterable[str | bytes]:
+    """A field array of texts, each after a byte with its length; nothing without names."""
+    if not names:
+        return
+    encoded = [name.encode("ascii", errors="replace")[:_SHORT] for name in names]
+    yield "FIELD FieldData 1"
+    yield f"{array} 1 {len(names)} string"
+    yield b"".join(bytes([0xC0 | len(name)]) + name for name in encoded)
 
 
-def _write(path: Path, title: str, kind: str, parts: list[str]) -> None:
+def _block(array: np.ndarray, of: str) -> bytes:
+    return np.ascontiguousarray(array, _TYPES[of]).tobytes()
+
+
+def _write(path: Path, title: str, kind: str, parts: Sequence[str | bytes]) -> None:
     line = " ".join(title.split())[:_TITLE_LENGTH]
-    text = "\n".join(["# vtk DataFile Version 3.0", line, "ASCII", f"DATASET {kind}", *parts])
-    write_bytes(path, (text + "\n").encode("ascii", errors="replace"), durable=False)
+    head = ["# vtk DataFile Version 3.0", line, "BINARY", f"DATASET {kind}"]
+    rows = [part.encode("ascii", errors="replace") if isinstance(part, str) else part for part in (*head, *parts)]
+    write_bytes(path, b"\n".join([*rows, b""]), durable=False)

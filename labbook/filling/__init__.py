@@ -3,9 +3,10 @@ outlet, the kick of a further discharge of the same bed, grains that come back, 
 
 from labbook.filling.breaking import Breaker, still
 from labbook.filling.feeding import Feeder
+from labbook.filling.from_file import GrainFile
 from labbook.filling.kick import Kick, kicked
 from labbook.filling.opening import opened
 from labbook.filling.placing import place
 from labbook.filling.room import PlacingError
 
-__all__ = ["Breaker", "Feeder", "Kick", "PlacingError", "kicked", "opened", "place", "still"]
+__all__ = ["Breaker", "Feeder", "GrainFile", "Kick", "PlacingError", "kicked", "opened", "place", "still"]

@@ -14,6 +14,8 @@ from typing import ClassVar
 
 import numpy as np
 
+from labbook.filling import from_file
+from labbook.filling.from_file import GrainFile
 from labbook.filling.placed import Placed
 from labbook.filling.relaxing import Crowd
 from labbook.filling.room import DENSEST, JAMMED, Full, PlacingError, Room, first_come
@@ -223,11 +225,27 @@ class Dense(Start):
         return Packing(x=crowd.x, v=rest, omega=rest, q=q, diameter=diameter, kind=sort)
 
 
+class FromFile(Start):
+    """Grains at the positions of a file beside the study (`fill.file`), with its velocities, or at rest."""
+
+    name: ClassVar[str] = "file"
+    version: ClassVar[int] = from_file.VERSION
+    drop: ClassVar[float] = 0.15
+
+    def volume(self, closed: Scene) -> float:
+        """Volume [m^3] as of a dense start: most files hold beds."""
+        return Dense().volume(closed)
+
+    def place(self, closed: Scene, seed: int) -> Packing:
+        """Raises PlacingError: the file is not known here, see `place`."""
+        raise PlacingError("fill.file: a start from a file needs the file")
+
+
 LAYER = 2.0
 """Diameters from front to back below which grains cannot pass one another, and are one layer."""
 
 
-STARTS: Registry[Start] = Registry[Start]("labbook.starts", Start, (Rain(), Gas(), Planar(), Dense()))
+STARTS: Registry[Start] = Registry[Start]("labbook.starts", Start, (Rain(), Gas(), Planar(), Dense(), FromFile()))
 """What `fill.kind` can name."""
 
 
@@ -239,9 +257,10 @@ def column(scene: Scene, kind: str = Rain.name) -> float:
     return STARTS[kind].volume(scene) / (wide * deep)
 
 
-def place(closed: Scene, kind: str, seed: int) -> Packing:
-    """Grains of `closed` as the start called `kind` places them."""
-    return STARTS[kind].place(closed, seed)
+def place(closed: Scene, kind: str, seed: int, file: GrainFile | None = None) -> Packing:
+    """Grains of `closed` as the start called `kind` places them, or at the positions of a `file`. Raises
+    PlacingError."""
+    return STARTS[kind].place(closed, seed) if file is None else from_file.start_from(closed, file)
 
 
 def no_room(closed: Scene, placed: int, top: float) -> PlacingError:

@@ -10,14 +10,16 @@ checked when a law or a wall has changed.
 """
 
 from collections.abc import Callable, Iterator, Mapping
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from itertools import product
 from operator import attrgetter
-from typing import Any
+from typing import Annotated, Any
+
+from pydantic import Field
 
 from labbook.backend import Capabilities
 from labbook.backend.numerics import Numerics
-from labbook.filling import Kick
+from labbook.filling import GrainFile, Kick
 from labbook.lab.formulas import source_hash
 from labbook.scene import CONTACT_LAWS, ContactLaw, Scene, Surface, Wall
 from labbook.scene.material import OwnMaterial
@@ -253,6 +255,8 @@ class Filling:
     """Version of the rules that place the grains."""
     moving: float = 0.0
     """Fraction of the grains that may still move; part of the key where there is one."""
+    file: Annotated[GrainFile | None, Field(exclude_if=lambda file: file is None)] = None
+    """File of the grains; part of the key where there is one."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -370,4 +374,5 @@ def _packing(closed: str, filling: Filling, numerics: Numerics, maker: str) -> d
 
 @once(256)
 def _filling(filling: Filling) -> Text:
-    return canonical({name: value for name, value in vars(filling).items() if name != "moving" or value})
+    stated = {name: value for name, value in vars(filling).items() if name not in ("moving", "file") or value}
+    return canonical(stated | ({"file": asdict(filling.file)} if filling.file else {}))

@@ -319,7 +319,7 @@ class Demand:
                 scene.grains, fill.contact or scene.contact
             )
             moving = start.moving if rolls else 0.0
-        return Filling(fill.kind, self.seed, fill.settled_below, start.version, moving)
+        return Filling(fill.kind, self.seed, fill.settled_below, start.version, moving, fill.grain_file)
 
     @property
     def film(self) -> Film | None:

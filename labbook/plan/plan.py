@@ -30,6 +30,7 @@ from labbook.measure.measure import window_in_words
 from labbook.plan.beds import filling_cost
 from labbook.plan.coverage import made_by, shortfall
 from labbook.plan.demand import Demand, PackingsOf, PointDemand, discharges, recorded_in_words, stopping_rule
+from labbook.plan.derived import derived
 from labbook.scene.quantities import duration, percent, size, value_range
 from labbook.stats import Decision, StoppingRule
 from labbook.stats.nested import TYPICAL, by_bed, of_beds, shares
@@ -223,6 +224,7 @@ class Plan:
             until = f"{events_needed(error)} stops are counted (q to {percent(error)})"
             lines.append(f"Up to {self.rule.cap} replicates per point, until {until}")
             lines += [f"Stops: {line}" for line in _at_points(self.stops)]
+        lines += _at_points(derived(self.study.points), len(self.study.points))
         if "flow_rate" in self.study.measure:
             lines.append(f"Flow rates from {window_in_words(self.study.window)}")
         lines += filter(None, [recorded_in_words(point.shared for point in self.points)])
@@ -302,11 +304,15 @@ class Plan:
         return _at_points(groups)
 
 
-def _at_points(groups: Mapping[str, Sequence[str]]) -> list[str]:
-    """Lines with the labels of the points that each is for; without labels, if all points share one line."""
-    if len(groups) == 1:
+def _at_points(groups: Mapping[str, Sequence[str]], points: int = 0) -> list[str]:
+    """Lines with the labels of the points that each is for; without labels, if there is one line, or if it is for all
+    of so many `points`."""
+    if len(groups) == 1 and not points:
         return list(groups)
-    return [f"{line}; at {'; '.join(at[:3])}{' ...' * (len(at) > 3)}" for line, at in groups.items()]
+    return [
+        line if len(at) == points else f"{line}; at {'; '.join(at[:3])}{' ...' * (len(at) > 3)}"
+        for line, at in groups.items()
+    ]
 
 
 _FAILED = "its packing failed: "

@@ -12,6 +12,7 @@ from labbook.results import display
 from labbook.results.beds import shares_in_words
 from labbook.results.display import Shown
 from labbook.results.study import StudyResults
+from labbook.scene import attached
 from labbook.scene.quantities import span
 from labbook.study import Point
 from labbook.study.keys import find
@@ -115,6 +116,8 @@ def _leaves(value: Any, name: str) -> Iterator[tuple[str, float | str | bool | N
     if isinstance(value, Mapping):
         for key, inner in value.items():
             yield from _leaves(inner, f"{name}.{key}")
+    elif isinstance(value, list) and len(value) > _VALUES and not any(isinstance(inner, Mapping) for inner in value):
+        yield name, f"({len(value)} values)"
     elif isinstance(value, list):
         for place, inner in enumerate(value):
             own = inner.get("name", place) if isinstance(inner, Mapping) else place
@@ -127,7 +130,7 @@ def _setting(name: str, value: float | str | bool) -> str:
     if isinstance(value, bool):
         return f"{_called(name)}: {'yes' if value else 'no'}"
     if isinstance(value, str):
-        return f"{_called(name)} {value}"
+        return f"{_called(name)} {attached.name(value) if attached.is_hash(value) else value}"
     shown = _shown(name)
     return f"{shown.name} {value * shown.scale:.6g} {shown.unit}".rstrip()
 

@@ -18,6 +18,7 @@ from contextlib import suppress
 from typing import IO, Any, TypeVar
 
 from labbook.run.job import Kept, LabEntry
+from labbook.scene import attached
 
 T = TypeVar("T")
 _LOG = logging.getLogger("labbook")
@@ -51,6 +52,7 @@ class Aside:
             assert pipe is not None
             with suppress(OSError, AttributeError):  # where a user has many pipes, or pipes are always as large
                 fcntl.fcntl(pipe, fcntl.F_SETPIPE_SZ, _PIPE)
+        self._send(attached.places())
 
     def put(self, kept: Kept) -> None:
         """Put `kept` into the lab. Raises what `Kept.put` does, and Gone."""
@@ -105,6 +107,10 @@ def serve() -> None:
         signal.signal(number, signal.SIG_IGN)
     answers = os.fdopen(os.dup(sys.stdout.fileno()), "wb")
     os.dup2(sys.stderr.fileno(), sys.stdout.fileno())  # what anything prints is no answer
+    try:
+        attached.use(pickle.load(sys.stdin.buffer))
+    except EOFError:
+        return
     while True:
         try:
             message = pickle.load(sys.stdin.buffer)

@@ -98,7 +98,8 @@ class FillJob(Job):
         """Grains in the air."""
         placed, self._placed = self._placed, None
         try:
-            return placed.result() if placed else place(self.scene, self.demand.filling.kind, self.demand.seed)
+            filling = self.demand.filling
+            return placed.result() if placed else place(self.scene, filling.kind, filling.seed, filling.file)
         except PlacingError as error:
             raise JobFailed(f"{self.label}: {error}") from error
 

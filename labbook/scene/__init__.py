@@ -28,7 +28,7 @@ from labbook.scene.grains import Grains, Kind, Spheres, Spherocylinders
 from labbook.scene.packing import Packing
 from labbook.scene.restart import Restart
 from labbook.scene.scene import Scene
-from labbook.scene.sizes import Normal, Uniform
+from labbook.scene.sizes import LogNormal, Normal, SizeList, SizeTable, Uniform
 from labbook.scene.walls import Frustum, Plane, Strip, SurfaceMotion, Wall
 
 __all__ = [
@@ -50,6 +50,7 @@ __all__ = [
     "HertzPrinted",
     "Kind",
     "LinearSpringDashpot",
+    "LogNormal",
     "Normal",
     "Outlet",
     "Packing",
@@ -57,6 +58,8 @@ __all__ = [
     "Primitives",
     "Restart",
     "Scene",
+    "SizeList",
+    "SizeTable",
     "Spheres",
     "Spherocylinders",
     "Strip",

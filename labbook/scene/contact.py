@@ -2,7 +2,7 @@
 
 import math
 from abc import ABC, abstractmethod
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal, NamedTuple, Self
 
 from pydantic import Field, ValidationInfo, model_validator
@@ -19,7 +19,10 @@ from labbook.scene.material import (
     shear_modulus,
 )
 from labbook.scene.model import Fault, Model, Stated, TaggedModels, refuse
-from labbook.scene.quantities import Coefficient, Pressure, Ratio, Stiffness
+from labbook.scene.quantities import Coefficient, Duration, Length, Pressure, Ratio, Speed, Stiffness
+
+if TYPE_CHECKING:
+    from labbook.scene.grains import Spheres, Spherocylinders
 
 Restitution = Annotated[Ratio, Field(gt=0, le=1)]
 Damping = Literal["clamped", "textbook", "printed"]
@@ -431,6 +434,56 @@ class HertzLammps(Tensile):
     law: Literal["hertz-lammps"] = "hertz-lammps"
 
 
+class CollisionStiffness(Model):
+    """A stiffness k_n by a collision of two equal grains, as a study may state it in `contact`."""
+
+    KEYS: ClassVar[tuple[str, ...]] = ("contact_time", "largest_overlap", "impact_speed")
+
+    contact_time: Duration | None = None
+    """Duration t_c of a collision of two of the lightest grains."""
+    largest_overlap: Length | None = None
+    """Largest overlap in a collision of two of the heaviest grains without damping."""
+    impact_speed: Annotated[Speed | None, Field(gt=0)] = None
+    """Relative velocity of the grains in that collision."""
+    restitution: Restitution = 1.0
+    """Coefficient of normal restitution e."""
+
+    @model_validator(mode="after")
+    def _is_one_way(self):
+        refuse(self._faults())
+        return self
+
+    def _faults(self) -> Iterator[Fault]:
+        if self.contact_time is not None and self.largest_overlap is not None:
+            keep = "keep one of contact_time and largest_overlap"
+            yield Fault("contact_time", "the stiffness is stated twice", keep)
+        elif self.contact_time is not None and self.impact_speed is not None:
+            yield Fault("impact_speed", "a contact time does not depend on the speed", "leave it out")
+        elif self.contact_time is None and (self.largest_overlap is None) != (self.impact_speed is None):
+            lacking = "largest_overlap" if self.largest_overlap is None else "impact_speed"
+            reason = "an overlap follows from the speed of the grains"
+            yield Fault(lacking, reason, "state largest_overlap and impact_speed, such as 0.01 d and 1 m/s")
+
+    def stiffness(self, grains: "Spheres | Spherocylinders | None") -> float:
+        """k_n [N/m] for these grains.
+
+        With the effective mass m/2 of two equal grains of the mass m: of the contact time t_c = pi sqrt(m/(2 k_n))/
+        sqrt(1 - z^2) with z = |ln e|/sqrt(pi^2 + ln^2 e), k_n = m (pi^2 + ln^2 e)/(2 t_c^2); of the overlap, from
+        m v^2/4 = k_n delta^2/2. Raises a validation error without grains.
+        """
+        if grains is None:
+            reason = "a stiffness by a collision needs the grains, which are known in a study"
+            refuse([Fault("contact_time", reason, "state normal_stiffness")])
+            raise AssertionError
+        if self.contact_time is not None:
+            mass = min(one.mass for one in grains.smallest())
+            return mass * (math.pi**2 + math.log(self.restitution) ** 2) / (2 * self.contact_time**2)
+        assert self.largest_overlap is not None
+        assert self.impact_speed is not None
+        mass = max(one.mass for one in grains.largest())
+        return mass * (self.impact_speed / self.largest_overlap) ** 2 / 2
+
+
 class LinearSpringDashpot(Dashpot):
     """Linear springs and dashpots (Pongó et al. 2022)."""
 
@@ -438,11 +491,32 @@ class LinearSpringDashpot(Dashpot):
 
     law: Literal["linear"] = "linear"
     normal_stiffness: Stiffness
-    """Normal stiffness k_n."""
+    """Normal stiffness k_n; or state `contact_time`, or `largest_overlap` with `impact_speed`."""
     tangential_stiffness: Annotated[Ratio, Field(gt=0, le=10)] = 2 / 7
     """Ratio k_t/k_n of tangential to normal stiffness."""
     tangential_damping: Coefficient = 1.0
     """Ratio γ_t/γ_n of tangential to normal damping."""
+    # what is stored and hashed is the stiffness alone, so that a run is the same by whichever way it is stated
+    contact_time: Annotated[Duration | None, Field(exclude=True)] = None
+    """Duration t_c of a collision of two of the lightest grains, instead of `normal_stiffness`: k_n = m (π² + ln² e)/(2
+    t_c²), the contact time of a spring and dashpot whose force may pull, with the mass m of a grain."""
+    largest_overlap: Annotated[Length | None, Field(exclude=True)] = None
+    """Largest overlap δ in a collision of two of the heaviest grains without damping, instead of `normal_stiffness`:
+    k_n = m v²/(2 δ²) with the mass m of a grain and v the `impact_speed`."""
+    impact_speed: Annotated[Speed | None, Field(gt=0, exclude=True)] = None
+    """Relative velocity v of the grains in the collision that `largest_overlap` is for."""
+
+    @model_validator(mode="before")
+    @classmethod
+    def _by_collision(cls, data: Any, info: ValidationInfo) -> Any:
+        if not isinstance(data, Mapping) or not any(data.get(key) is not None for key in CollisionStiffness.KEYS):
+            return data
+        if "normal_stiffness" in data:
+            key = next(key for key in CollisionStiffness.KEYS if data.get(key) is not None)
+            refuse([Fault(key, "the stiffness is stated twice", f"keep one of normal_stiffness and {key}")])
+        keys = {key: data[key] for key in CollisionStiffness.model_fields if key in data}
+        collision = CollisionStiffness.model_validate(keys, context=info.context)
+        return {**data, "normal_stiffness": f"{collision.stiffness((info.context or {}).get('grains')):.12g} N/m"}
 
     def stiffened(self, factor: float) -> Self:
         """The law with `factor` times the normal stiffness."""

@@ -24,8 +24,11 @@ class Kind(OwnMaterial):
 
     name: Annotated[str, Field(pattern=r"^[a-z][a-z0-9-]*$", max_length=40)]
     """Name that `contact.between` refers to: lower-case letters, digits and hyphens."""
-    share: Annotated[Ratio, Field(gt=0, le=1)]
-    """Number fraction of this kind; all shares add up to 1."""
+    # what is not stated is left out of what is stored and hashed
+    share: Annotated[Ratio | None, Field(gt=0, le=1, exclude_if=lambda share: share is None)] = None
+    """Number fraction of this kind; all shares add up to 1. All kinds state `share`, or all state `mass_share`."""
+    mass_share: Annotated[Ratio | None, Field(gt=0, le=1, exclude_if=lambda share: share is None)] = None
+    """Mass fraction of this kind, instead of `share`; all add up to 1."""
     diameter: Length | None = None
     """Diameter of all grains of this kind, at most d; none: from `grains.sizes`, or d."""
     density: Density | None = None
@@ -77,9 +80,7 @@ class Spheres(Model):
         names = [kind.name for kind in self.kinds]
         if len(set(names)) < len(names):
             yield Fault("kinds", "two kinds have the same name", "give each kind its own name")
-        total = math.fsum(kind.share for kind in self.kinds)
-        if abs(total - 1) > 1e-6:
-            yield Fault("kinds", f"the shares add up to {percent(total, 'g')}", "let them add up to 100 %")
+        yield from self._faults_of_shares()
         for kind in self.kinds:
             if kind.diameter is not None and not smallest <= kind.diameter <= d:
                 reason = f"the diameter of {kind.name} ({kind.diameter * 1e3:g} mm) is not between d/10 and d"
@@ -89,6 +90,17 @@ class Spheres(Model):
                 yield Fault("sizes", "every kind states its own diameter", "leave out sizes or the diameters of kinds")
             elif max(kind.diameter or 0.0 for kind in self.kinds) < d:
                 yield Fault("kinds", "no kind is as large as grains.diameter", "let d be the largest diameter")
+
+    def _faults_of_shares(self) -> Iterator[Fault]:
+        by_number, by_mass = ([getattr(kind, key) for kind in self.kinds] for key in ("share", "mass_share"))
+        shares = by_number if by_mass.count(None) == len(by_mass) else by_mass
+        if None in shares or by_number.count(None) + by_mass.count(None) != len(shares):
+            reason = "the kinds do not all state their share in the same way"
+            yield Fault("kinds", reason, "state share (by number) or mass_share for each kind, not both")
+            return
+        total = math.fsum(share for share in shares if share is not None)
+        if abs(total - 1) > 1e-6:
+            yield Fault("kinds", f"the shares add up to {percent(total, 'g')}", "let them add up to 100 %")
 
     @property
     def varied(self) -> bool:
@@ -106,10 +118,14 @@ class Spheres(Model):
         rest = self.sizes or Equal(self.diameter)
         if not self.kinds:
             return (Species(1.0, self.density, rest),)
-        return tuple(
-            Species(kind.share, kind.density or self.density, Equal(kind.diameter) if kind.diameter else rest)
-            for kind in self.kinds
-        )
+        densities = [kind.density or self.density for kind in self.kinds]
+        sizes = [Equal(kind.diameter) if kind.diameter else rest for kind in self.kinds]
+        shares = [kind.share for kind in self.kinds if kind.share is not None]
+        if not shares:  # the mass of a grain is its density times the mean cube, and a factor that all share
+            masses = [rho * cube.mean_cube(self.diameter) for rho, cube in zip(densities, sizes, strict=True)]
+            numbers = [(kind.mass_share or 0.0) / mass for kind, mass in zip(self.kinds, masses, strict=True)]
+            shares = [number / math.fsum(numbers) for number in numbers]
+        return tuple(map(Species, shares, densities, sizes))
 
     def smallest(self) -> tuple["Spheres", ...]:
         """Equal spheres like the smallest of each kind: the lightest grains, which decide a time step."""
@@ -118,6 +134,15 @@ class Spheres(Model):
         return tuple(
             Spheres(diameter=one.sizes.range(self.diameter)[0], density=one.density, count=self.count)
             for one in self.species
+        )
+
+    def largest(self) -> tuple["Spheres", ...]:
+        """Equal spheres like the largest of each kind."""
+        if not self.varied:
+            return (self,)
+        return tuple(
+            Spheres(diameter=sort.sizes.range(self.diameter)[1], density=sort.density, count=self.count)
+            for sort in self.species
         )
 
     @property
@@ -131,6 +156,18 @@ class Spheres(Model):
         if not self.varied:
             return self.diameter**3
         return math.fsum(one.share * one.sizes.mean_cube(self.diameter) for one in self.species)
+
+    @property
+    def mean_diameter(self) -> float:
+        """Mean of the diameter by number [m]."""
+        return math.fsum(sort.share * sort.sizes.moment(1, self.diameter) for sort in self.species)
+
+    @property
+    def mean_diameter_by_mass(self) -> float:
+        """Mean of the diameter weighted by mass [m]."""
+        masses = [(sort.share * sort.density, sort.sizes) for sort in self.species]
+        fourth = math.fsum(weight * sizes.moment(4, self.diameter) for weight, sizes in masses)
+        return fourth / math.fsum(weight * sizes.mean_cube(self.diameter) for weight, sizes in masses)
 
     @property
     def finest(self) -> float:
@@ -218,6 +255,10 @@ class Spherocylinders(Model):
         return (Species(1.0, self.density, Equal(self.diameter)),)
 
     def smallest(self) -> tuple["Spherocylinders", ...]:
+        """Rods are all alike."""
+        return (self,)
+
+    def largest(self) -> tuple["Spherocylinders", ...]:
         """Rods are all alike."""
         return (self,)
 

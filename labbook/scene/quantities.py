@@ -327,6 +327,21 @@ _w, _w_ = quantity("rad/s")
 
 _whole_ = BeforeValidator(whole)
 
+_LISTED = re.compile(r"\s*\[(.*)\]\s*(.*?)\s*", re.DOTALL)
+
+
+def _listed(value: Any) -> Any:
+    """The items of a list in quotes, each with the unit that follows the list."""
+    match = _LISTED.fullmatch(value) if isinstance(value, str) else None
+    if match is None:
+        return value
+    body, unit = match.groups()
+    return [f"{item.strip()} {unit}".strip() for item in body.split(",")] if body.strip() else []
+
+
+listed = BeforeValidator(_listed)
+"""Marks a field of several quantities that a study may write as `[1, 2, 3] mm` in quotes."""
+
 # Limits keep every product of these finite; no granular matter lies near them.
 Length = Annotated[float, _m, _m_, Field(ge=1e-9, le=1e6)]
 GrainLength = Annotated[float, _own, BeforeValidator(_own), Field(ge=1e-9, le=1e6)]

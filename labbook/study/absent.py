@@ -94,25 +94,21 @@ TABLE = (
     ),
     Absent(
         "grains.sizes.kind",
-        "lognormal lognorm logn weibull rosinrammler rrsb rrs gamma powerlaw fractal fuller",
+        "weibull rosinrammler rrsb rrs gamma powerlaw fractal fuller",
         "there is no such distribution of diameters",
-        "use uniform or normal, or grains.kinds: [{name: a, diameter: ..., share: ...}, ...] with the share by number "
-        "of a few classes",
+        "use uniform, normal or lognormal, or kind: table with diameters and mass_fractions of some classes",
     ),
     Absent(
         "grains grains.sizes grains.sizes.kind",
-        "table list psd particlesizedistribution sieve sieves histogram discrete distribution cumulative classes bins",
-        "no table of sizes is read",
-        "use grains.kinds: [{name: a, diameter: ..., share: ...}, ...], one for each class, with the share by number: "
-        "share_m/d^3 over the sum of share_m/d^3 of all classes, where share_m is the share of the mass",
+        "psd particlesizedistribution sieve sieves histogram discrete distribution cumulative classes bins",
+        "a table of sizes has another name",
+        'use sizes: {kind: table, diameters: "[1, 2, 3] mm", mass_fractions: [0.2, 0.3, 0.5]}, or number_fractions',
     ),
     Absent(
-        "grains.kinds[] grains.sizes",
-        "massshare massfraction massfrac mass weight weightfraction volumeshare volumefraction fractionbymass",
-        "shares are by number, not by mass",
-        "write share: share_m/d^3 over the sum of share_m/d^3 of all kinds, where share_m is the share of the mass (of "
-        "unlike densities: share_m/(density d^3))",
-        key="share",
+        "grains.kinds[]",
+        "massfraction massfrac mass weight weightfraction fractionbymass",
+        "a share by mass has another name",
+        "use mass_share",
     ),
     Absent(
         "grains.kinds[] fill grains",
@@ -140,23 +136,23 @@ TABLE = (
     ),
     Absent(
         "fill fill.kind",
-        "file path dump restart restartfile data positions packing packingfile initial initialstate",
-        "no positions of grains are read from a file",
-        "use fill: {kind: rain}; beds are kept and shared by all runs, and `labbook import` takes those of another lab",
+        "path dump restart restartfile data positions packing packingfile initial initialstate",
+        "a start from a file has another name",
+        "use fill: {kind: file, file: grains.csv}, with a CSV file, a text dump or a data file beside the study",
     ),
     Absent(
         "contact fill.contact numerics",
-        "collisiontime contacttime tc collisionduration contactduration",
-        "there is no collision time to state",
-        "write contact.normal_stiffness of the law linear: k_n = m (pi^2 + ln^2 e)/(2 t_c^2), m the mass of a grain",
+        "collisiontime tc collisionduration contactduration",
+        "a collision time has another name",
+        "use contact.contact_time of the law linear",
         key="normal_stiffness",
     ),
     Absent(
         "contact fill.contact numerics",
         "maxoverlap maximumoverlap wishedoverlap targetoverlap",
-        "there is no overlap to wish for",
-        "write contact.normal_stiffness, k_n = m v^2/(2 overlap^2) at an impact speed v; `labbook plan` warns of "
-        "grains too soft for their bed",
+        "an overlap has another name",
+        "use contact.largest_overlap with contact.impact_speed of the law linear; `labbook plan` warns of grains too "
+        "soft for their bed",
         key="normal_stiffness",
     ),
     Absent(

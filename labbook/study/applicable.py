@@ -3,10 +3,12 @@
 import math
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 
+from labbook.filling import from_file
 from labbook.filling.placing import STARTS
 from labbook.fit import LAWS
 from labbook.measure import MEASURES, MeasureError
 from labbook.scene.container import ContainerShape
+from labbook.scene.model import Fault
 from labbook.scene.quantities import told_apart
 from labbook.scene.scene import Scene
 from labbook.scene.timescales import gravity_time, stop_time
@@ -63,7 +65,7 @@ def unfillable(source: StudyText, settings: Settings, points: Sequence[Point]) -
     """
     told = set[str]()
     for point in points:
-        start = STARTS[point.fill.kind].obstacles(point.scene)
+        start = (*STARTS[point.fill.kind].obstacles(point.scene), *_file_faults(point, settings))
         found = (*_obstacles(point.scene), *_restless(point), *_too_high(point.scene, settings.stop.fill_height))
         for key, reason, remedy in (*found, *((one.key, one.reason, one.remedy) for one in start)):
             if key not in told:
@@ -164,6 +166,24 @@ def undamped(point: Point) -> tuple[str, str] | None:
     section = "contact" if point.fill.contact is None else "fill.contact"
     own = "" if point.fill.contact is not None else "; fill.contact may state another law for the filling alone"
     return f"{section}.{key}", f"use a {key.replace('_', ' ')} {better}{own}"
+
+
+def _file_faults(point: Point, settings: Settings) -> Iterator[Fault]:
+    """Reasons against a start from a file: of the file, and requests for more than one bed."""
+    fill = point.fill
+    if fill.grain_file is None:
+        return
+    yield from from_file.faults(point.scene.close(fill.friction, fill.contact), fill.grain_file)
+    reason, several = "a file is one bed, and replicates of it would be the same run", "discharges_per_bed"
+    remedy = f"use {several}: 3 or more, which discharges this bed several times"
+    if settings.replicates > 1:
+        yield Fault("replicates", reason, remedy)
+    accuracy = settings.accuracy
+    if accuracy.clogging is not None or (accuracy.flow_rate is not None and point.scene.feed is None):
+        key = "flow_rate" if accuracy.clogging is None else "clogging"
+        yield Fault(f"accuracy.{key}", f"an error is reached by more beds, and {reason}", remedy)
+    if settings.adapt is not None:
+        yield Fault("adapt", f"a strategy asks for more beds, and {reason}", "leave it out, or use another start")
 
 
 def _restless(point: Point) -> Iterator[tuple[str, str, str]]:

@@ -18,11 +18,13 @@ from pydantic import (
 
 from labbook.backend.numerics import Numerics
 from labbook.campaign import STRATEGIES, Strategy
-from labbook.filling.placing import STARTS
+from labbook.filling import GrainFile
+from labbook.filling.placing import STARTS, FromFile
 from labbook.fit import named
+from labbook.scene.attached import AttachedFile
 from labbook.scene.contact import AnyLaw
 from labbook.scene.model import Among, Fault, Model, OrWord, refuse
-from labbook.scene.quantities import Coefficient, Duration, Instant, Length, Ratio, Whole
+from labbook.scene.quantities import Coefficient, Coordinate, Duration, Instant, Length, Ratio, Whole
 from labbook.scene.scene import Scene
 
 AUTO: Literal["auto"] = "auto"
@@ -59,12 +61,22 @@ def _settled_below(fill: dict[str, Any]) -> float:
     return STARTS[fill.get("kind", "rain")].settled_below
 
 
+_Vector = tuple[Coordinate, Coordinate, Coordinate]
+
+
 class Fill(Model):
     """How the closed container is filled, once for all runs that share the packing."""
 
     kind: Annotated[str, Among(STARTS)] = "rain"
     """Start of the grains: `rain`, a loose column of slow grains; `gas`, a denser one of fast grains; `planar`, a rain
-    in the middle plane between front and back walls; `dense`, a bed pushed together that has little left to fall."""
+    in the middle plane between front and back walls; `dense`, a bed pushed together that has little left to fall;
+    `file`, at the positions in `fill.file`."""
+    # where they are not stated they are left out of what is stored
+    file: Annotated[AttachedFile | None, Field(exclude_if=lambda file: file is None)] = None
+    """File of the grains, in the folder of the study (kind: file): a CSV file, a text dump of LAMMPS or LIGGGHTS, or a
+    data file of LAMMPS."""
+    shift: Annotated[_Vector | None, Field(exclude_if=lambda shift: shift is None)] = None
+    """Displacement of all grains of the file; none: they stay where they are."""
     friction: Coefficient | None = None
     """Friction coefficient of grains and walls during filling; none: as in the study."""
     # where it is not stated it is left out of what is stored
@@ -86,6 +98,20 @@ class Fill(Model):
     """Whether surfaces of walls (`container.rotation`, `container.parts[].motion`) move already during filling."""
     max_time: Duration | None = None
     """Longest filling; a bed that moves after this time is an error."""
+
+    @model_validator(mode="after")
+    def _has_a_file_where_one_is_read(self):
+        if self.kind == FromFile.name and self.file is None:
+            refuse([Fault("file", "this key is missing", "state the file of the grains, such as grains.csv")])
+        keys = [key for key in ("file", "shift") if getattr(self, key) is not None]
+        if self.kind != FromFile.name:
+            refuse(Fault(key, f"a {self.kind} start reads no file", "leave it out, or use kind: file") for key in keys)
+        return self
+
+    @property
+    def grain_file(self) -> GrainFile | None:
+        """File that the grains start from."""
+        return None if self.file is None else GrainFile(self.file, self.shift or (0.0, 0.0, 0.0))
 
 
 START_UP = 0.5

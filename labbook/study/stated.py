@@ -11,12 +11,14 @@ from typing import Literal, TypeAlias, TypedDict
 Swept = TypedDict("Swept", {
     "grains.shape": object, "grains.diameter": object, "grains.density": object, "grains.count": object,
     "grains.sizes.kind": object, "grains.sizes.smallest": object, "grains.sizes.mean": object,
-    "grains.sizes.deviation": object, "grains.length": object, "contact.law": object, "contact.friction": object,
+    "grains.sizes.deviation": object, "grains.sizes.median": object, "grains.sizes.spread": object,
+    "grains.sizes.by": object, "grains.length": object, "contact.law": object, "contact.friction": object,
     "contact.rolling_friction": object, "contact.restitution": object, "contact.damping": object,
     "contact.rolling": object, "contact.rolling_model": object, "contact.rolling_stiffness": object,
     "contact.rolling_damping": object, "contact.shear_modulus": object, "contact.poisson_ratio": object,
     "contact.tangential_damping": object, "contact.normal_damping": object, "contact.youngs_modulus": object,
     "contact.tension": object, "contact.normal_stiffness": object, "contact.tangential_stiffness": object,
+    "contact.contact_time": object, "contact.largest_overlap": object, "contact.impact_speed": object,
     "container.kind": object, "container.width": object, "container.height": object, "container.thickness": object,
     "container.angle": object, "container.orifice": object, "container.gap": object, "container.diameter": object,
     "container.rotation": object, "container.depth": object, "container.lid": object,
@@ -31,13 +33,14 @@ Swept = TypedDict("Swept", {
     "fill.contact.poisson_ratio": object, "fill.contact.tangential_damping": object,
     "fill.contact.normal_damping": object, "fill.contact.youngs_modulus": object, "fill.contact.tension": object,
     "fill.contact.normal_stiffness": object, "fill.contact.tangential_stiffness": object,
-    "fill.numerics.dt": object, "fill.numerics.precision": object, "fill.numerics.integrator": object,
-    "fill.numerics.skin": object, "fill.numerics.steps_per_beat": object, "fill.numerics.stiffness_scale": object,
-    "fill.numerics.speed_limit": object, "fill.numerics.overlap_limit": object, "fill.settled_below": object,
-    "fill.moving": object, "fill.surface_motion": object, "fill.max_time": object, "numerics.dt": object,
-    "numerics.precision": object, "numerics.integrator": object, "numerics.skin": object,
-    "numerics.steps_per_beat": object, "numerics.stiffness_scale": object, "numerics.speed_limit": object,
-    "numerics.overlap_limit": object,
+    "fill.contact.contact_time": object, "fill.contact.largest_overlap": object,
+    "fill.contact.impact_speed": object, "fill.numerics.dt": object, "fill.numerics.precision": object,
+    "fill.numerics.integrator": object, "fill.numerics.skin": object, "fill.numerics.steps_per_beat": object,
+    "fill.numerics.stiffness_scale": object, "fill.numerics.speed_limit": object,
+    "fill.numerics.overlap_limit": object, "fill.settled_below": object, "fill.moving": object,
+    "fill.surface_motion": object, "fill.max_time": object, "numerics.dt": object, "numerics.precision": object,
+    "numerics.integrator": object, "numerics.skin": object, "numerics.steps_per_beat": object,
+    "numerics.stiffness_scale": object, "numerics.speed_limit": object, "numerics.overlap_limit": object,
 }, total=False)
 """Dotted keys that a sweep may vary."""
 
@@ -52,61 +55,69 @@ Changed = TypedDict("Changed", {
     "stop.still": object, "stop.fill_height": object, "record.every": object, "record.replicates": object,
     "grains.shape": object, "grains.diameter": object, "grains.density": object, "grains.count": object,
     "grains.sizes.kind": object, "grains.sizes.smallest": object, "grains.sizes.mean": object,
-    "grains.sizes.deviation": object, "grains.length": object, "contact.law": object, "contact.friction": object,
-    "contact.rolling_friction": object, "contact.restitution": object, "contact.damping": object,
-    "contact.rolling": object, "contact.rolling_model": object, "contact.rolling_stiffness": object,
-    "contact.rolling_damping": object, "contact.shear_modulus": object, "contact.poisson_ratio": object,
-    "contact.tangential_damping": object, "contact.normal_damping": object, "contact.youngs_modulus": object,
-    "contact.tension": object, "contact.normal_stiffness": object, "contact.tangential_stiffness": object,
-    "container.kind": object, "container.width": object, "container.height": object, "container.thickness": object,
-    "container.angle": object, "container.orifice": object, "container.gap": object, "container.diameter": object,
-    "container.rotation": object, "container.depth": object, "container.lid": object,
+    "grains.sizes.deviation": object, "grains.sizes.median": object, "grains.sizes.spread": object,
+    "grains.sizes.by": object, "grains.sizes.diameters": object, "grains.sizes.number_fractions": object,
+    "grains.sizes.mass_fractions": object, "grains.length": object, "contact.law": object,
+    "contact.friction": object, "contact.rolling_friction": object, "contact.restitution": object,
+    "contact.damping": object, "contact.rolling": object, "contact.rolling_model": object,
+    "contact.rolling_stiffness": object, "contact.rolling_damping": object, "contact.shear_modulus": object,
+    "contact.poisson_ratio": object, "contact.tangential_damping": object, "contact.normal_damping": object,
+    "contact.youngs_modulus": object, "contact.tension": object, "contact.normal_stiffness": object,
+    "contact.tangential_stiffness": object, "contact.contact_time": object, "contact.largest_overlap": object,
+    "contact.impact_speed": object, "container.kind": object, "container.width": object, "container.height": object,
+    "container.thickness": object, "container.angle": object, "container.orifice": object, "container.gap": object,
+    "container.diameter": object, "container.rotation": object, "container.depth": object, "container.lid": object,
     "container.outlet_plane": object, "walls.all.friction": object, "walls.all.rolling_friction": object,
     "walls.all.restitution": object, "walls.all.youngs_modulus": object, "walls.all.shear_modulus": object,
     "walls.all.poisson_ratio": object, "walls.all.normal_stiffness": object, "gravity": object, "feed.kind": object,
-    "restart.kind": object, "restart.wait": object, "fill.kind": object, "fill.friction": object,
-    "fill.contact.law": object, "fill.contact.friction": object, "fill.contact.rolling_friction": object,
-    "fill.contact.restitution": object, "fill.contact.damping": object, "fill.contact.rolling": object,
-    "fill.contact.rolling_model": object, "fill.contact.rolling_stiffness": object,
+    "restart.kind": object, "restart.wait": object, "fill.kind": object, "fill.file": object, "fill.shift": object,
+    "fill.friction": object, "fill.contact.law": object, "fill.contact.friction": object,
+    "fill.contact.rolling_friction": object, "fill.contact.restitution": object, "fill.contact.damping": object,
+    "fill.contact.rolling": object, "fill.contact.rolling_model": object, "fill.contact.rolling_stiffness": object,
     "fill.contact.rolling_damping": object, "fill.contact.shear_modulus": object,
     "fill.contact.poisson_ratio": object, "fill.contact.tangential_damping": object,
     "fill.contact.normal_damping": object, "fill.contact.youngs_modulus": object, "fill.contact.tension": object,
     "fill.contact.normal_stiffness": object, "fill.contact.tangential_stiffness": object,
-    "fill.numerics.dt": object, "fill.numerics.precision": object, "fill.numerics.integrator": object,
-    "fill.numerics.skin": object, "fill.numerics.steps_per_beat": object, "fill.numerics.stiffness_scale": object,
-    "fill.numerics.speed_limit": object, "fill.numerics.overlap_limit": object, "fill.settled_below": object,
-    "fill.moving": object, "fill.surface_motion": object, "fill.max_time": object, "numerics.dt": object,
-    "numerics.precision": object, "numerics.integrator": object, "numerics.skin": object,
-    "numerics.steps_per_beat": object, "numerics.stiffness_scale": object, "numerics.speed_limit": object,
-    "numerics.overlap_limit": object, "sweep.grains.shape": object, "sweep.grains.diameter": object,
-    "sweep.grains.density": object, "sweep.grains.count": object, "sweep.grains.sizes.kind": object,
-    "sweep.grains.sizes.smallest": object, "sweep.grains.sizes.mean": object,
-    "sweep.grains.sizes.deviation": object, "sweep.grains.length": object, "sweep.contact.law": object,
-    "sweep.contact.friction": object, "sweep.contact.rolling_friction": object, "sweep.contact.restitution": object,
-    "sweep.contact.damping": object, "sweep.contact.rolling": object, "sweep.contact.rolling_model": object,
-    "sweep.contact.rolling_stiffness": object, "sweep.contact.rolling_damping": object,
-    "sweep.contact.shear_modulus": object, "sweep.contact.poisson_ratio": object,
-    "sweep.contact.tangential_damping": object, "sweep.contact.normal_damping": object,
-    "sweep.contact.youngs_modulus": object, "sweep.contact.tension": object,
+    "fill.contact.contact_time": object, "fill.contact.largest_overlap": object,
+    "fill.contact.impact_speed": object, "fill.numerics.dt": object, "fill.numerics.precision": object,
+    "fill.numerics.integrator": object, "fill.numerics.skin": object, "fill.numerics.steps_per_beat": object,
+    "fill.numerics.stiffness_scale": object, "fill.numerics.speed_limit": object,
+    "fill.numerics.overlap_limit": object, "fill.settled_below": object, "fill.moving": object,
+    "fill.surface_motion": object, "fill.max_time": object, "numerics.dt": object, "numerics.precision": object,
+    "numerics.integrator": object, "numerics.skin": object, "numerics.steps_per_beat": object,
+    "numerics.stiffness_scale": object, "numerics.speed_limit": object, "numerics.overlap_limit": object,
+    "sweep.grains.shape": object, "sweep.grains.diameter": object, "sweep.grains.density": object,
+    "sweep.grains.count": object, "sweep.grains.sizes.kind": object, "sweep.grains.sizes.smallest": object,
+    "sweep.grains.sizes.mean": object, "sweep.grains.sizes.deviation": object, "sweep.grains.sizes.median": object,
+    "sweep.grains.sizes.spread": object, "sweep.grains.sizes.by": object, "sweep.grains.length": object,
+    "sweep.contact.law": object, "sweep.contact.friction": object, "sweep.contact.rolling_friction": object,
+    "sweep.contact.restitution": object, "sweep.contact.damping": object, "sweep.contact.rolling": object,
+    "sweep.contact.rolling_model": object, "sweep.contact.rolling_stiffness": object,
+    "sweep.contact.rolling_damping": object, "sweep.contact.shear_modulus": object,
+    "sweep.contact.poisson_ratio": object, "sweep.contact.tangential_damping": object,
+    "sweep.contact.normal_damping": object, "sweep.contact.youngs_modulus": object, "sweep.contact.tension": object,
     "sweep.contact.normal_stiffness": object, "sweep.contact.tangential_stiffness": object,
-    "sweep.container.kind": object, "sweep.container.width": object, "sweep.container.height": object,
-    "sweep.container.thickness": object, "sweep.container.angle": object, "sweep.container.orifice": object,
-    "sweep.container.gap": object, "sweep.container.diameter": object, "sweep.container.rotation": object,
-    "sweep.container.depth": object, "sweep.container.lid": object, "sweep.container.outlet_plane": object,
-    "sweep.walls.all.friction": object, "sweep.walls.all.rolling_friction": object,
-    "sweep.walls.all.restitution": object, "sweep.walls.all.youngs_modulus": object,
-    "sweep.walls.all.shear_modulus": object, "sweep.walls.all.poisson_ratio": object,
-    "sweep.walls.all.normal_stiffness": object, "sweep.gravity": object, "sweep.feed.kind": object,
-    "sweep.restart.kind": object, "sweep.restart.wait": object, "sweep.fill.kind": object,
-    "sweep.fill.friction": object, "sweep.fill.contact.law": object, "sweep.fill.contact.friction": object,
-    "sweep.fill.contact.rolling_friction": object, "sweep.fill.contact.restitution": object,
-    "sweep.fill.contact.damping": object, "sweep.fill.contact.rolling": object,
-    "sweep.fill.contact.rolling_model": object, "sweep.fill.contact.rolling_stiffness": object,
-    "sweep.fill.contact.rolling_damping": object, "sweep.fill.contact.shear_modulus": object,
-    "sweep.fill.contact.poisson_ratio": object, "sweep.fill.contact.tangential_damping": object,
-    "sweep.fill.contact.normal_damping": object, "sweep.fill.contact.youngs_modulus": object,
-    "sweep.fill.contact.tension": object, "sweep.fill.contact.normal_stiffness": object,
-    "sweep.fill.contact.tangential_stiffness": object, "sweep.fill.numerics.dt": object,
+    "sweep.contact.contact_time": object, "sweep.contact.largest_overlap": object,
+    "sweep.contact.impact_speed": object, "sweep.container.kind": object, "sweep.container.width": object,
+    "sweep.container.height": object, "sweep.container.thickness": object, "sweep.container.angle": object,
+    "sweep.container.orifice": object, "sweep.container.gap": object, "sweep.container.diameter": object,
+    "sweep.container.rotation": object, "sweep.container.depth": object, "sweep.container.lid": object,
+    "sweep.container.outlet_plane": object, "sweep.walls.all.friction": object,
+    "sweep.walls.all.rolling_friction": object, "sweep.walls.all.restitution": object,
+    "sweep.walls.all.youngs_modulus": object, "sweep.walls.all.shear_modulus": object,
+    "sweep.walls.all.poisson_ratio": object, "sweep.walls.all.normal_stiffness": object, "sweep.gravity": object,
+    "sweep.feed.kind": object, "sweep.restart.kind": object, "sweep.restart.wait": object,
+    "sweep.fill.kind": object, "sweep.fill.friction": object, "sweep.fill.contact.law": object,
+    "sweep.fill.contact.friction": object, "sweep.fill.contact.rolling_friction": object,
+    "sweep.fill.contact.restitution": object, "sweep.fill.contact.damping": object,
+    "sweep.fill.contact.rolling": object, "sweep.fill.contact.rolling_model": object,
+    "sweep.fill.contact.rolling_stiffness": object, "sweep.fill.contact.rolling_damping": object,
+    "sweep.fill.contact.shear_modulus": object, "sweep.fill.contact.poisson_ratio": object,
+    "sweep.fill.contact.tangential_damping": object, "sweep.fill.contact.normal_damping": object,
+    "sweep.fill.contact.youngs_modulus": object, "sweep.fill.contact.tension": object,
+    "sweep.fill.contact.normal_stiffness": object, "sweep.fill.contact.tangential_stiffness": object,
+    "sweep.fill.contact.contact_time": object, "sweep.fill.contact.largest_overlap": object,
+    "sweep.fill.contact.impact_speed": object, "sweep.fill.numerics.dt": object,
     "sweep.fill.numerics.precision": object, "sweep.fill.numerics.integrator": object,
     "sweep.fill.numerics.skin": object, "sweep.fill.numerics.steps_per_beat": object,
     "sweep.fill.numerics.stiffness_scale": object, "sweep.fill.numerics.speed_limit": object,
@@ -195,15 +206,33 @@ class RecordKeys(TypedDict, total=False):
 class GrainsSizesKeys(TypedDict, total=False):
     """Section `grains.sizes`."""
 
-    kind: Literal["uniform", "normal"] | object
+    kind: Literal["uniform", "normal", "lognormal", "table", "list"] | object
     """`uniform`: Uniform number distribution of diameters from `smallest` to d; `normal`: Normal number
-    distribution of diameters, cut at d and symmetrically below the mean."""
+    distribution of diameters, cut at d and symmetrically below the mean; `lognormal`: Log-normal distribution of
+    diameters, cut at `smallest` and at d; `table`: Classes of grains of one diameter each, with the number or mass
+    fraction of each; `list`: Measured diameters, all equally frequent; as many grains as diameters have exactly
+    these."""
     smallest: object
     """Smallest diameter, from d/10 to below d [m]. Range: above 0."""
     mean: object
     """Mean diameter, below d [m]. Range: above 0."""
     deviation: object
     """Standard deviation of the diameters before the cut [m]. Range: above 0."""
+    median: object
+    """Median diameter before the cut, between `smallest` and d [m]. Range: above 0."""
+    spread: object
+    """Standard deviation of the logarithm of the diameter before the cut, ln of the geometric standard deviation.
+    Range: in (0, 2]."""
+    by: Literal["number", "mass"] | object
+    """Weight of the distribution: `number` of grains, or `mass`, as sieves measure it."""
+    diameters: object
+    """kind: table: Diameters of the classes, from d/10 to d; the largest is d [m].
+
+    kind: list: Diameters, from d/10 to d; the largest is d [m]."""
+    number_fractions: object
+    """Number fraction of each class; all add up to 1."""
+    mass_fractions: object
+    """Mass fraction of each class, instead of `number_fractions`; all add up to 1."""
 
 
 class GrainsKindsKeys(TypedDict, total=False):
@@ -212,7 +241,10 @@ class GrainsKindsKeys(TypedDict, total=False):
     name: object
     """Name that `contact.between` refers to: lower-case letters, digits and hyphens."""
     share: object
-    """Number fraction of this kind; all shares add up to 1. Range: in (0, 1]."""
+    """Number fraction of this kind; all shares add up to 1. All kinds state `share`, or all state `mass_share`.
+    Range: in (0, 1]."""
+    mass_share: object
+    """Mass fraction of this kind, instead of `share`; all add up to 1. Range: in (0, 1]."""
     diameter: object
     """Diameter of all grains of this kind, at most d; none: from `grains.sizes`, or d [m]. Range: above 0."""
     density: object
@@ -317,9 +349,19 @@ class ContactKeys(TypedDict, total=False):
     tension: object
     """Whether the normal force may pull as grains separate, as in the paper or code of the law."""
     normal_stiffness: object
-    """Normal stiffness k_n [N/m]. Range: above 0."""
+    """Normal stiffness k_n; or state `contact_time`, or `largest_overlap` with `impact_speed` [N/m]. Range: above
+    0."""
     tangential_stiffness: object
     """Ratio k_t/k_n of tangential to normal stiffness. Range: in (0, 10]."""
+    contact_time: object
+    """Duration t_c of a collision of two of the lightest grains, instead of `normal_stiffness`: k_n = m (π² + ln²
+    e)/(2 t_c²), the contact time of a spring and dashpot whose force may pull, with the mass m of a grain [s].
+    Range: above 0."""
+    largest_overlap: object
+    """Largest overlap δ in a collision of two of the heaviest grains without damping, instead of
+    `normal_stiffness`: k_n = m v²/(2 δ²) with the mass m of a grain and v the `impact_speed` [m]. Range: above 0."""
+    impact_speed: object
+    """Relative velocity v of the grains in the collision that `largest_overlap` is for [m/s]. Range: above 0."""
     between: Sequence[ContactBetweenKeys | object] | object
 
 
@@ -479,10 +521,15 @@ class FillNumericsKeys(TypedDict, total=False):
 class FillKeys(TypedDict, total=False):
     """Section `fill`."""
 
-    kind: Literal["rain", "gas", "planar", "dense"] | object
+    kind: Literal["rain", "gas", "planar", "dense", "file"] | object
     """Start of the grains: `rain`, a loose column of slow grains; `gas`, a denser one of fast grains; `planar`, a
     rain in the middle plane between front and back walls; `dense`, a bed pushed together that has little left to
-    fall."""
+    fall; `file`, at the positions in `fill.file`."""
+    file: object
+    """File of the grains, in the folder of the study (kind: file): a CSV file, a text dump of LAMMPS or LIGGGHTS,
+    or a data file of LAMMPS."""
+    shift: object
+    """Displacement of all grains of the file; none: they stay where they are [m]."""
     friction: object
     """Friction coefficient of grains and walls during filling; none: as in the study. Range: of at least 0."""
     contact: ContactKeys | object
@@ -573,12 +620,14 @@ KEYS = """\
     stop: discharged, max_time [s], stall [s], still, fill_height [m]
     record: every [s], replicates
     grains: shape, diameter [m], density [kg/m^3], count, length [m]
-    grains.sizes: kind, smallest [m], mean [m], deviation [m]
-    grains.kinds[]: name, share, diameter [m], density [kg/m^3], youngs_modulus [Pa], shear_modulus [Pa],
-        poisson_ratio
+    grains.sizes: kind, smallest [m], mean [m], deviation [m], median [m], spread, by, diameters [m],
+        number_fractions, mass_fractions
+    grains.kinds[]: name, share, mass_share, diameter [m], density [kg/m^3], youngs_modulus [Pa], shear_modulus
+        [Pa], poisson_ratio
     contact: law, friction, rolling_friction, restitution, damping, rolling, rolling_model, rolling_stiffness,
         rolling_damping, shear_modulus [Pa], poisson_ratio, tangential_damping, normal_damping, youngs_modulus [Pa],
-        tension, normal_stiffness [N/m], tangential_stiffness
+        tension, normal_stiffness [N/m], tangential_stiffness, contact_time [s], largest_overlap [m], impact_speed
+        [m/s]
     contact.between[]: friction, rolling_friction, restitution, kinds, normal_stiffness [N/m]
     container: kind, width [m], height [m], thickness [m], angle [rad], orifice [m], gap [m], diameter [m], rotation
         [Hz], depth [m], lid, outlet_plane [m]
@@ -589,7 +638,7 @@ KEYS = """\
         normal_stiffness [N/m]
     feed: kind
     restart: kind, wait [s]
-    fill: kind, friction, contact, settled_below, moving, surface_motion, max_time [s]
+    fill: kind, file, shift [m], friction, contact, settled_below, moving, surface_motion, max_time [s]
     fill.numerics: dt [s], precision, integrator, skin, steps_per_beat, stiffness_scale, speed_limit [m/s],
         overlap_limit
     numerics: dt [s], precision, integrator, skin, steps_per_beat, stiffness_scale, speed_limit [m/s], overlap_limit

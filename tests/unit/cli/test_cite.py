@@ -109,6 +109,13 @@ def test_methods_are_cited_only_if_used():
     assert keys_of(sweep={"container.angle": ["30 deg", "60 deg"]}) == plain
 
 
+def test_sizes_by_mass_name_the_source_of_their_conversion():
+    sizes = {"kind": "lognormal", "median": "2 mm", "spread": 0.3, "smallest": "1 mm"}
+    grains = {"shape": "sphere", "diameter": "3 mm", "density": "2500 kg/m^3", "count": 600}
+    assert keys_of(grains={**grains, "sizes": sizes}) == keys_of()
+    assert set(keys_of(grains={**grains, "sizes": {**sizes, "by": "mass"}})) - set(keys_of()) == {"hatch1929"}
+
+
 def test_the_law_of_the_filling_is_cited_too():
     slippery = {"law": "hertz-liggghts", "shear_modulus": "5 MPa", "poisson_ratio": 0.25, "restitution": 0.5}
     assert set(keys_of(fill={"contact": slippery})) - set(keys_of()) == {"kloss2012"}

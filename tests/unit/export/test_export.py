@@ -19,42 +19,65 @@ from labbook.study.schema import Reference, ReferenceEntry, Statement
 
 
 def read_vtk(path):
-    """Header lines and arrays by name of a legacy VTK file in text: enough of the format for what is written here."""
-    words = path.read_text().split("\n")
-    assert words[0] == "# vtk DataFile Version 3.0"
-    assert len(words[1]) < 256
-    assert words[2] == "ASCII"
-    head, found, at, n = {"DATASET": words[3].split()[1]}, {}, 4, 0
+    """Header lines and arrays by name of a legacy VTK file in binary: enough of the format for what is written here.
 
-    def block(lines):
+    By the format: keywords in lines of ASCII, numbers big-endian behind them, a line feed after each block; texts of a
+    field array behind a byte whose two upper bits are set and whose others are their length.
+    """
+    data, at, found, n = path.read_bytes(), 0, {}, 0
+
+    def line():
         nonlocal at
-        rows = np.array([line.split() for line in words[at + 1 : at + 1 + lines]], float)
-        at += lines
-        return rows
+        end = data.index(b"\n", at)
+        text, at = data[at:end].decode("ascii"), end + 1
+        return text
 
-    while at < len(words):
-        parts = words[at].split()
-        match parts[:1]:
-            case ["POINTS"]:
-                found["points"] = block(int(parts[1]))
-            case ["VERTICES"]:
-                cells = block(int(parts[1]))
-                assert cells.size == int(parts[2])
-                assert (cells[:, 0] == 1).all()
-            case ["DIMENSIONS" | "ORIGIN" | "SPACING"]:
-                head[parts[0]] = [float(word) for word in parts[1:]]
-            case ["POINT_DATA"]:
-                n = int(parts[1])
-            case ["SCALARS"]:
+    def block(count, kind):
+        nonlocal at
+        size = {"int": 4, "float": 4, "double": 8}[kind]
+        numbers = np.frombuffer(data[at : at + count * size], {"int": ">i4", "float": ">f4", "double": ">f8"}[kind])
+        assert data[at + count * size : at + count * size + 1] == b"\n"
+        at += count * size + 1
+        return numbers.astype(int if kind == "int" else float)
+
+    assert line() == "# vtk DataFile Version 3.0"
+    title = line()
+    assert len(title) < 256
+    assert line() == "BINARY"
+    head = {"title": title, "DATASET": line().split()[1]}
+    while at < len(data):
+        match line().split():
+            case ["FIELD", "FieldData", "1"]:
+                name, one, count, kind = line().split()
+                assert (one, kind) == ("1", "string")
+                texts = []
+                for _ in range(int(count)):
+                    assert data[at] >> 6 == 3
+                    length = data[at] & 63
+                    texts.append(data[at + 1 : at + 1 + length].decode("ascii"))
+                    at += 1 + length
+                assert data[at : at + 1] == b"\n"
                 at += 1
-                assert words[at] == "LOOKUP_TABLE default"
-                found[parts[1]] = block(n)[:, 0]
-            case ["VECTORS" | "TENSORS"]:
-                found[parts[1]] = block(n)
-                assert found[parts[1]].shape[1] == {"VECTORS": 3, "TENSORS": 9}[parts[0]]
-            case [unknown]:
+                head[name] = texts
+            case ["POINTS", count, kind]:
+                found["points"] = block(3 * int(count), kind).reshape(-1, 3)
+            case ["VERTICES" | "POLYGONS" as cells, count, size]:
+                corners = {"VERTICES": 1, "POLYGONS": 3}[cells]
+                rows = block(int(size), "int").reshape(int(count), corners + 1)
+                assert (rows[:, 0] == corners).all()
+                found[cells.lower()] = rows[:, 1:]
+            case ["DIMENSIONS" | "ORIGIN" | "SPACING" as key, *numbers]:
+                head[key] = [float(number) for number in numbers]
+            case ["POINT_DATA" | "CELL_DATA", count]:
+                n = int(count)
+            case ["SCALARS", name, kind, "1"]:
+                assert line() == "LOOKUP_TABLE default"
+                found[name] = block(n, kind)
+            case ["VECTORS" | "TENSORS" as key, name, kind]:
+                size = {"VECTORS": 3, "TENSORS": 9}[key]
+                found[name] = block(size * n, kind).reshape(n, size)
+            case unknown:
                 raise AssertionError(unknown)
-        at += 1
     return head, found
 
 
@@ -133,11 +156,11 @@ def test_grains_are_points_with_radii_velocities_and_axes(tmp_path):
     write_grains(tmp_path / "a.vtk", "two\nlines", x, 2e-3, {"velocity": v}, axis=axis, length=0.02)
     head, found = read_vtk(tmp_path / "a.vtk")
     assert head["DATASET"] == "POLYDATA"
-    np.testing.assert_allclose(found["points"], x, rtol=1e-8)
-    np.testing.assert_allclose(found["velocity"], v, rtol=1e-8)
-    np.testing.assert_allclose(found["axis"], axis, rtol=1e-8)
-    assert set(found["radius"]) == {2e-3}
-    assert set(found["length"]) == {0.02}
+    for name, expected in (("points", x), ("velocity", v), ("axis", axis)):
+        assert np.array_equal(found[name], expected.astype(np.float32))  # single precision
+    assert np.array_equal(found["vertices"][:, 0], np.arange(7))
+    assert set(found["radius"]) == {float(np.float32(2e-3))}
+    assert set(found["length"]) == {float(np.float32(0.02))}
     with pytest.raises(ValueError, match="velocity has 6 numbers and not 3 for each of 7"):
         write_grains(tmp_path / "b.vtk", "", x, 1.0, {"velocity": v[:2]})
 
@@ -182,7 +205,7 @@ def test_recorded_runs_are_series_of_files(synthetic, tmp_path):
     paths = write_recordings(analyse(synthetic.study_of([point]), runs), tmp_path)
     table = runs[1].recording()
     times = np.unique(table["time"])
-    series, *files, means = paths
+    series, *files, walls, means = paths
     assert [path.name for path in files] == [f"grains-{k:04d}.vtk" for k in range(len(times))]
     entries = json.loads(series.read_text())["files"]
     assert series.name == "grains.vtk.series"
@@ -195,6 +218,16 @@ def test_recorded_runs_are_series_of_files(synthetic, tmp_path):
         np.testing.assert_allclose(np.sort(found["points"][:, 2]), np.sort(table["z"][now]), rtol=1e-6)
     head, _ = read_vtk(means)
     assert head["DATASET"] == "STRUCTURED_POINTS"
+    head, found = read_vtk(walls)
+    hopper = point.scene.container
+    assert head["wall_names"] == [wall.name for wall in hopper.walls()]
+    assert set(found["wall"]) == set(range(len(hopper.walls())))
+    assert len(found["polygons"]) == len(found["wall"])
+    assert found["polygons"].max() == len(found["points"]) - 1
+    # each wall lies where its distance is zero, to single precision
+    for number, wall in enumerate(hopper.walls()):
+        corners = found["points"][np.unique(found["polygons"][found["wall"] == number])]
+        assert np.abs(wall.shape.distance(corners)).max() < 1e-7
 
 
 def test_unlike_grains_have_radii_and_kinds_of_their_own(synthetic, tmp_path):
@@ -223,9 +256,11 @@ def test_unlike_grains_have_radii_and_kinds_of_their_own(synthetic, tmp_path):
     (_, first, *others) = write_recordings(analyse(synthetic.study_of([point]), runs), tmp_path)
     means = [path.name for path in others if "fields" in path.name]
     assert means == ["point-1-fields.vtk", *(f"point-1-fields-{kind.name}.vtk" for kind in point.scene.grains.kinds)]
-    _, found = read_vtk(first)
+    head, found = read_vtk(first)
+    assert head["kind_names"] == ["large", "small"]
+    assert head["title"].endswith("kinds: 0 large, 1 small")
     assert set(found["kind"]) == {0, 1}
-    np.testing.assert_allclose(found["radius"], np.where(found["id"] % 2 == 0, 0.0015, 0.001))
+    np.testing.assert_allclose(found["radius"], np.where(found["id"] % 2 == 0, 0.0015, 0.001), rtol=1e-7)
     np.testing.assert_array_equal(found["kind"], found["id"] % 2)
 
 
@@ -263,5 +298,5 @@ def test_every_rod_of_a_recorded_run_is_there_with_its_axis_and_length(synthetic
         np.testing.assert_allclose(
             found["axis"], np.stack([np.sin(angle), 0 * angle, np.cos(angle)], axis=1)[order], atol=1e-6
         )
-        assert set(found["length"]) == {0.009}
+        assert set(found["length"]) == {float(np.float32(0.009))}
         assert set(found["radius"]) == {0.0015}

@@ -3,7 +3,8 @@
 import numpy as np
 import pytest
 
-from labbook.export.packing import NotSpheres, data_file, wall_files
+from labbook.export.packing import NotSpheres, around, data_file
+from labbook.export.stl import wall_files
 from labbook.scene import Scene
 from labbook.scene.packing import Packing
 
@@ -74,7 +75,7 @@ def test_walls_are_closed_by_triangles_of_their_size():
     grains = {"shape": "sphere", "diameter": 3e-3, "density": 2500.0, "count": 2}
     cone = Scene.model_validate({"grains": grains, "contact": CONTACT, "container": silo})
     x = np.array([[0.0, 0, 0.03], [0.01, 0, 0.044]])
-    files = wall_files(cone, Packing(x=x, v=0 * x, omega=0 * x))
+    files = wall_files(cone.container, around(cone, Packing(x=x, v=0 * x, omega=0 * x)))
     assert set(files) == {"side", "bottom"}
     area, top = {}, {}
     for name, text in files.items():
@@ -94,7 +95,8 @@ def test_walls_are_closed_by_triangles_of_their_size():
 
 def test_walls_without_an_end_are_cut_at_the_box_of_the_data_file():
     x = np.array([[0.0, 0, 0.03], [0.01, 0, 0.044], [0.0, 0.02, 0.03]])
-    for text in wall_files(scene(), Packing(x=x, v=0 * x, omega=0 * x)).values():
+    box = around(scene(), Packing(x=x, v=0 * x, omega=0 * x))
+    for text in wall_files(scene().container, box).values():
         corners = np.array([line.split()[1:] for line in text.splitlines() if line.startswith("vertex")], float)
         assert np.isfinite(corners).all()
         assert corners[:, 2].max() <= 0.05 + 1e-12

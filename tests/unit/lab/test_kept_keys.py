@@ -1,9 +1,9 @@
 """Keys of all shipped studies stay what they are: a key that changes makes the runs of every user's lab stale.
 
-`tests/unit/lab/kept_keys.json` holds, for each point of each study in `studies`, the keys of its scene, of the closed
-scene in which its packing is made, and of packing and run with seed 1 on each bundled backend. A change that has to
-change keys writes the file anew, `python tests/unit/lab/test_kept_keys.py`, with a line in CHANGELOG.md that says which
-keys and why.
+`tests/unit/lab/kept_keys.json` holds, for each point of each study in `studies` and its folders, the keys of its scene,
+of the closed scene in which its packing is made, and of packing and run with seed 1 on each bundled backend. A change
+that has to change keys writes the file anew, `python tests/unit/lab/test_kept_keys.py`, with a line in CHANGELOG.md
+that says which keys and why.
 """
 
 import json
@@ -32,19 +32,19 @@ def keys(path: Path) -> dict[str, dict[str, list[str]]]:
     return result
 
 
-@pytest.mark.parametrize("path", sorted(STUDIES.glob("*.yaml")), ids=lambda path: path.stem)
+@pytest.mark.parametrize("path", sorted(STUDIES.rglob("*.yaml")), ids=lambda path: path.stem)
 def test_the_keys_of_a_study_are_kept(path):
     kept = json.loads(KEPT.read_text())
     assert keys(path) == kept.get(path.stem), f"{path.name}: a key changed; see {KEPT.name} in this module's docstring"
 
 
 def test_no_study_with_keys_has_vanished():
-    assert {path.stem for path in STUDIES.glob("*.yaml")} == set(json.loads(KEPT.read_text()))
+    assert {path.stem for path in STUDIES.rglob("*.yaml")} == set(json.loads(KEPT.read_text()))
 
 
 def _write():
     lines = list[str]()
-    for path in sorted(STUDIES.glob("*.yaml")):
+    for path in sorted(STUDIES.rglob("*.yaml")):
         points = [f"  {json.dumps(label)}: {json.dumps(entry)}" for label, entry in keys(path).items()]
         lines.append(f'"{path.stem}": {{\n' + ",\n".join(points) + "\n}")
     KEPT.write_text("{\n" + ",\n".join(lines) + "\n}\n")

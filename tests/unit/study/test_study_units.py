@@ -66,7 +66,8 @@ FOREIGN = ("", "kg", "rad", "deg", "Hz", "rpm", "rad/s", "1/s", "m", "s", "%")
 
 GRAINS = {"shape": "sphere", "diameter": "0.003 m", "density": "2500 kg/m^3", "count": 100}
 HERTZ = {"law": "hertz-mindlin", "shear_modulus": "5e6 Pa", "poisson_ratio": 0.25, "friction": 0.5, "restitution": 0.5}
-LINEAR = {"law": "linear", "normal_stiffness": "2000 N/m", "friction": 0.5, "restitution": 0.5}
+COLLISION = {"law": "linear", "friction": 0.5, "restitution": 0.5}
+LINEAR = {**COLLISION, "normal_stiffness": "2000 N/m"}
 WEDGE = {
     "kind": "wedge-hopper",
     "width": "0.06 m",
@@ -137,6 +138,30 @@ STUDIES: dict[str, dict[str, Any]] = {
             "contact": {k: v for k, v in HERTZ.items() if k != "shear_modulus"} | {"youngs_modulus": "8e6 Pa"},
         },
     },
+    "lognormal": {
+        "grains": {
+            **GRAINS,
+            "sizes": {"kind": "lognormal", "median": "0.002 m", "spread": 0.3, "smallest": "0.001 m"},
+        },
+        "contact": {**COLLISION, "contact_time": "0.0002 s"},
+        "container": CYLINDER,
+        "fill": {"contact": {**COLLISION, "contact_time": "0.0002 s"}},
+    },
+    "table": {
+        "grains": {
+            **GRAINS,
+            "sizes": {"kind": "table", "diameters": ["0.002 m", "0.003 m"], "mass_fractions": [0.5, 0.5]},
+        },
+        "contact": {**COLLISION, "largest_overlap": "0.00002 m", "impact_speed": "1 m/s"},
+        "container": CYLINDER,
+        "fill": {"contact": {**COLLISION, "largest_overlap": "0.00002 m", "impact_speed": "1 m/s"}},
+    },
+    "file": {
+        "grains": GRAINS,
+        "contact": HERTZ,
+        "container": CYLINDER,
+        "fill": {"kind": "file", "file": "grains.csv", "shift": ["0.001 m", "0 m", "0.002 m"]},
+    },
     "fed": {
         "grains": GRAINS,
         "contact": HERTZ,
@@ -166,6 +191,15 @@ STUDIES: dict[str, dict[str, Any]] = {
         },
     },
 }
+
+
+@pytest.fixture(autouse=True)
+def _beside(tmp_path, monkeypatch):
+    """The file of a start, in the current folder: 100 grains far from each other and from the walls."""
+    rows = [f"{10 * (k % 5) - 20},{10 * (k // 5 % 5) - 20},{10 * (k // 25) + 10}" for k in range(100)]
+    (tmp_path / "grains.csv").write_text("\n".join(["x [mm],y [mm],z [mm]", *rows]))
+    monkeypatch.chdir(tmp_path)
+
 
 Path = tuple[str | int, ...]
 
