@@ -155,8 +155,22 @@ class Job(ABC):
         """Read the state after a beat."""
         return
 
-    def feed(self, ensemble: Ensemble, member: Member) -> None:
-        """Put grains back that have left in a beat, if the scene is fed."""
+    @property
+    def lacks_grains(self) -> bool:
+        """True if grains that left come back after this beat."""
+        return False
+
+    def returning(self, bed: Packing) -> Packing | None:
+        """Return the grains that come back into this bed; None if none does."""
+        return None
+
+    @property
+    def pauses(self) -> bool:
+        """True if the flow may have stopped, so that `intervene` looks at the bed after this beat."""
+        return False
+
+    def intervene(self, ensemble: Ensemble, member: Member, bed: Packing) -> None:
+        """Note a stop of the flow, and break the arch that holds it, in a member whose bed this is."""
         return
 
     @abstractmethod
