@@ -13,11 +13,13 @@ from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
 from itertools import product
 from operator import attrgetter
-from typing import Any
+from typing import Annotated, Any
+
+from pydantic import Field
 
 from labbook.backend import Capabilities
 from labbook.backend.numerics import Numerics
-from labbook.filling import Kick
+from labbook.filling import Kick, Mobilise
 from labbook.lab.formulas import source_hash
 from labbook.scene import CONTACT_LAWS, ContactLaw, Scene, Surface, Wall
 from labbook.scene.material import OwnMaterial
@@ -253,6 +255,8 @@ class Filling:
     """Version of the rules that place the grains."""
     moving: float = 0.0
     """Fraction of the grains that may still move; part of the key where there is one."""
+    mobilise: Annotated[Mobilise | None, Field(exclude_if=lambda mobilise: mobilise is None)] = None
+    """Motion of the bottom against the upright walls after the rest; part of the key where there is one."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -370,4 +374,7 @@ def _packing(closed: str, filling: Filling, numerics: Numerics, maker: str) -> d
 
 @once(256)
 def _filling(filling: Filling) -> Text:
-    return canonical({name: value for name, value in vars(filling).items() if name != "moving" or value})
+    parts = {name: value for name, value in vars(filling).items() if name not in ("moving", "mobilise") or value}
+    if filling.mobilise is not None:
+        parts["mobilise"] = filling.mobilise.model_dump()
+    return canonical(parts)

@@ -113,7 +113,7 @@ class PooledWalls:
         if force[used, 1].sum() <= 0:
             raise FitError(
                 "Janssen: the upright walls carry no weight, as after a fall of the grains in a narrow column; "
-                "mobilise their friction by a side wall whose surface moves up"
+                "mobilise their friction by fill.mobilise"
             )
         area = layout.rest_area
         starts = sorted(set(layout.low[used].tolist()), key=lambda low: area[used & (layout.low == low)].sum())

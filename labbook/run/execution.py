@@ -202,12 +202,15 @@ class Execution:
             for member, job in looking.items():
                 job.look(ensemble, member)
         ended: dict[Member, tuple[Job, str]] = {}
+        stages = {member: job.stage for member, job in lane.jobs.items()}
         for member, job in lane.jobs.items():
             if warning := job.warning():
                 self._say(warning)
             if verdict := job.verdict(events[member]):
                 ended[member] = job, verdict
         self._end(lane, ended)
+        for member in [member for member, job in lane.jobs.items() if job.stage != stages[member]]:
+            lane.change_scene(member)
         self._save(lane)
 
     def _intervene(self, ensemble: Ensemble, jobs: Mapping[Member, Job]) -> None:

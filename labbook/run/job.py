@@ -115,6 +115,21 @@ class Job(ABC):
         """The probes of the ensemble that takes it: its own, and those of others that may go on beside it."""
         return self.probes
 
+    @property
+    def stage(self) -> int:
+        """Number of the scene that it is stepped in now; it changes with a verdict that lets it go on."""
+        return 0
+
+    @property
+    def stepped(self) -> Scene:
+        """The scene that it is stepped in now."""
+        return self.scene
+
+    @property
+    def widest(self) -> Scene:
+        """The scene, of all its stages, that needs most of the kernels."""
+        return self.scene
+
     # what jobs differ in
 
     @abstractmethod

@@ -34,10 +34,10 @@ Swept = TypedDict("Swept", {
     "fill.numerics.dt": object, "fill.numerics.precision": object, "fill.numerics.integrator": object,
     "fill.numerics.skin": object, "fill.numerics.steps_per_beat": object, "fill.numerics.stiffness_scale": object,
     "fill.numerics.speed_limit": object, "fill.numerics.overlap_limit": object, "fill.settled_below": object,
-    "fill.moving": object, "fill.surface_motion": object, "fill.max_time": object, "numerics.dt": object,
-    "numerics.precision": object, "numerics.integrator": object, "numerics.skin": object,
-    "numerics.steps_per_beat": object, "numerics.stiffness_scale": object, "numerics.speed_limit": object,
-    "numerics.overlap_limit": object,
+    "fill.moving": object, "fill.surface_motion": object, "fill.mobilise.bottom": object,
+    "fill.mobilise.velocity": object, "fill.max_time": object, "numerics.dt": object, "numerics.precision": object,
+    "numerics.integrator": object, "numerics.skin": object, "numerics.steps_per_beat": object,
+    "numerics.stiffness_scale": object, "numerics.speed_limit": object, "numerics.overlap_limit": object,
 }, total=False)
 """Dotted keys that a sweep may vary."""
 
@@ -75,19 +75,19 @@ Changed = TypedDict("Changed", {
     "fill.numerics.dt": object, "fill.numerics.precision": object, "fill.numerics.integrator": object,
     "fill.numerics.skin": object, "fill.numerics.steps_per_beat": object, "fill.numerics.stiffness_scale": object,
     "fill.numerics.speed_limit": object, "fill.numerics.overlap_limit": object, "fill.settled_below": object,
-    "fill.moving": object, "fill.surface_motion": object, "fill.max_time": object, "numerics.dt": object,
-    "numerics.precision": object, "numerics.integrator": object, "numerics.skin": object,
-    "numerics.steps_per_beat": object, "numerics.stiffness_scale": object, "numerics.speed_limit": object,
-    "numerics.overlap_limit": object, "sweep.grains.shape": object, "sweep.grains.diameter": object,
-    "sweep.grains.density": object, "sweep.grains.count": object, "sweep.grains.sizes.kind": object,
-    "sweep.grains.sizes.smallest": object, "sweep.grains.sizes.mean": object,
-    "sweep.grains.sizes.deviation": object, "sweep.grains.length": object, "sweep.contact.law": object,
-    "sweep.contact.friction": object, "sweep.contact.rolling_friction": object, "sweep.contact.restitution": object,
-    "sweep.contact.damping": object, "sweep.contact.rolling": object, "sweep.contact.rolling_model": object,
-    "sweep.contact.rolling_stiffness": object, "sweep.contact.rolling_damping": object,
-    "sweep.contact.shear_modulus": object, "sweep.contact.poisson_ratio": object,
-    "sweep.contact.tangential_damping": object, "sweep.contact.normal_damping": object,
-    "sweep.contact.youngs_modulus": object, "sweep.contact.tension": object,
+    "fill.moving": object, "fill.surface_motion": object, "fill.mobilise.bottom": object,
+    "fill.mobilise.velocity": object, "fill.max_time": object, "numerics.dt": object, "numerics.precision": object,
+    "numerics.integrator": object, "numerics.skin": object, "numerics.steps_per_beat": object,
+    "numerics.stiffness_scale": object, "numerics.speed_limit": object, "numerics.overlap_limit": object,
+    "sweep.grains.shape": object, "sweep.grains.diameter": object, "sweep.grains.density": object,
+    "sweep.grains.count": object, "sweep.grains.sizes.kind": object, "sweep.grains.sizes.smallest": object,
+    "sweep.grains.sizes.mean": object, "sweep.grains.sizes.deviation": object, "sweep.grains.length": object,
+    "sweep.contact.law": object, "sweep.contact.friction": object, "sweep.contact.rolling_friction": object,
+    "sweep.contact.restitution": object, "sweep.contact.damping": object, "sweep.contact.rolling": object,
+    "sweep.contact.rolling_model": object, "sweep.contact.rolling_stiffness": object,
+    "sweep.contact.rolling_damping": object, "sweep.contact.shear_modulus": object,
+    "sweep.contact.poisson_ratio": object, "sweep.contact.tangential_damping": object,
+    "sweep.contact.normal_damping": object, "sweep.contact.youngs_modulus": object, "sweep.contact.tension": object,
     "sweep.contact.normal_stiffness": object, "sweep.contact.tangential_stiffness": object,
     "sweep.container.kind": object, "sweep.container.width": object, "sweep.container.height": object,
     "sweep.container.thickness": object, "sweep.container.angle": object, "sweep.container.orifice": object,
@@ -111,7 +111,8 @@ Changed = TypedDict("Changed", {
     "sweep.fill.numerics.skin": object, "sweep.fill.numerics.steps_per_beat": object,
     "sweep.fill.numerics.stiffness_scale": object, "sweep.fill.numerics.speed_limit": object,
     "sweep.fill.numerics.overlap_limit": object, "sweep.fill.settled_below": object, "sweep.fill.moving": object,
-    "sweep.fill.surface_motion": object, "sweep.fill.max_time": object, "sweep.numerics.dt": object,
+    "sweep.fill.surface_motion": object, "sweep.fill.mobilise.bottom": object,
+    "sweep.fill.mobilise.velocity": object, "sweep.fill.max_time": object, "sweep.numerics.dt": object,
     "sweep.numerics.precision": object, "sweep.numerics.integrator": object, "sweep.numerics.skin": object,
     "sweep.numerics.steps_per_beat": object, "sweep.numerics.stiffness_scale": object,
     "sweep.numerics.speed_limit": object, "sweep.numerics.overlap_limit": object,
@@ -476,6 +477,16 @@ class FillNumericsKeys(TypedDict, total=False):
     """Abort the run if any overlap exceeds this fraction of the grain diameter. Range: in (0, 1]."""
 
 
+class FillMobiliseKeys(TypedDict, total=False):
+    """Section `fill.mobilise`."""
+
+    bottom: object
+    """Distance by which the bottom sinks relative to the upright walls, whose surfaces move up instead [m]. Range:
+    above 0."""
+    velocity: object
+    """Velocity of that motion, far below √(g d) [m/s]. Range: above 0."""
+
+
 class FillKeys(TypedDict, total=False):
     """Section `fill`."""
 
@@ -500,6 +511,7 @@ class FillKeys(TypedDict, total=False):
     max_time: object
     """Longest filling; a bed that moves after this time is an error [s]. Range: above 0."""
     numerics: FillNumericsKeys | object
+    mobilise: FillMobiliseKeys | object
 
 
 class NumericsKeys(TypedDict, total=False):
@@ -592,6 +604,7 @@ KEYS = """\
     fill: kind, friction, contact, settled_below, moving, surface_motion, max_time [s]
     fill.numerics: dt [s], precision, integrator, skin, steps_per_beat, stiffness_scale, speed_limit [m/s],
         overlap_limit
+    fill.mobilise: bottom [m], velocity [m/s]
     numerics: dt [s], precision, integrator, skin, steps_per_beat, stiffness_scale, speed_limit [m/s], overlap_limit
 """
 """The keys of a study by sections, with SI units."""

@@ -157,7 +157,7 @@ def test_grains_come_back_into_several_members_with_the_copies_of_one(monkeypatc
     whole = falling(scene, how, "cpu")
     assert whole.ids is not None
     start = Packing(x=whole.x[:57], v=whole.v[:57], omega=whole.omega[:57], ids=whole.ids[:57])
-    back = Packing(x=whole.x[57:] + (0, 0, 0.1), v=whole.v[57:], omega=whole.omega[57:], ids=whole.ids[57:])
+    back = Packing(x=whole.x[57:] + np.array([0, 0, 0.1]), v=whole.v[57:], omega=whole.omega[57:], ids=whole.ids[57:])
     backend = Backend()
     ensemble = backend.open(backend.specialise(scene, how, [Crossing()]), 6, "cpu")
     members = [ensemble.admit(scene, how, start) for _ in range(6)]
