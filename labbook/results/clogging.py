@@ -28,6 +28,7 @@ from labbook.stats.survival import (
     lag_correlation,
     power_tail,
     rank_correlation,
+    tail_goodness,
 )
 
 ALIKE = 0.1
@@ -135,6 +136,13 @@ class PointClogging:
             return power_tail(*self.times)
         except ValueError as few:
             return str(few)
+
+    @cached_property
+    def tail_goodness(self) -> float:
+        """Probability that a power law gives a tail farther from its fit; NaN without a tail."""
+        if self.times is None or isinstance(self.tail, str):
+            return math.nan
+        return tail_goodness(*self.times, self.tail)
 
     @property
     def flowing_fraction(self) -> float:
