@@ -14,6 +14,7 @@ from labbook.results import display
 from labbook.results.against import against
 from labbook.results.against import rows as against_rows
 from labbook.results.budget import budgets
+from labbook.results.clogging import clogging
 from labbook.results.composition import composition_of
 from labbook.results.composition import rows as composition_rows
 from labbook.results.paper import Row, analyses
@@ -43,6 +44,8 @@ _UNITS: dict[str, dict[str, str]] = {
     "inside": {"time": "s", "mass": "kg"},
     "residence": dict.fromkeys(("across_from", "across_to", "z_from", "z_to"), "m") | {"median": "s"},
     "residence_times": {"age": "s", "part": "", "error": "", "exit_age": "1/s"},
+    "clogging": {"flow_while_flowing": "kg/s", "error": "kg/s", "t_min": "s"}
+    | dict.fromkeys(("width_ratio", "probability", "low", "high", "alpha", "goodness"), ""),
     "wall_peaks": {"filter_time": "s"} | dict.fromkeys(("peak", "error", "peak_of_mean"), ""),
     "wall_stress": dict.fromkeys(("from", "to"), "m")
     | {
@@ -90,6 +93,8 @@ def frames(
     | `residence_times` | point of a fed silo and age: part of the outflow that stayed shorter, exit-age density   |
     | `wall_stress`   | point, wall and bin: stresses at rest and later, with errors over beds, contacts          |
     | `wall_peaks`    | point and time of the moving mean: peak of the normal force after the opening             |
+    | `clogging`      | point: stops, probability of a stop with its intervals, tail of the times between grains  |
+    | `clogging_laws` | series, law of the mean avalanche and parameter: value, error, interval; goodness         |
 
     An interval whose both ends are unknown is NaN at both, as is an unknown error; one that is open at one end is
     infinite there. `attrs["units"]` has the SI units of columns that mean the same in every row.
@@ -123,6 +128,8 @@ def frames(
         "residence_times": _residence_times(results),
         "wall_stress": _walls(results, PooledWalls.rows),
         "wall_peaks": _walls(results, PooledWalls.peak_rows),
+        "clogging": _clogging(results),
+        "clogging_laws": _clogging_laws(results),
     }
     of_papers, problems = frames_of_papers(results)
     made |= of_papers
@@ -437,6 +444,16 @@ def _walls(results: StudyResults, rows: Callable[[PooledWalls], Iterator[Row]]) 
         pooled = pooled_walls(result)
         if pooled is not None:
             yield from ({**of_point(result), **row} for row in rows(pooled))
+
+
+def _clogging(results: StudyResults) -> Iterator[Row]:
+    for series in clogging(results):
+        yield from ({**of_point(point.result), **point.row} for point in series.points)
+
+
+def _clogging_laws(results: StudyResults) -> Iterator[Row]:
+    for series in clogging(results):
+        yield from ({**_of_series(series.series), **row} for row in series.law_rows)
 
 
 def _statements(results: StudyResults) -> Iterator[Row]:
