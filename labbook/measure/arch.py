@@ -29,6 +29,12 @@ _BESIDE, _SPAN, _RISE = 1.2, 1.6, 0.9
 within this many widths, and a diameter, above it."""
 
 
+NEAR = 4.0
+"""Diameters beside the outlet and above the arch within which a bed is kept for its picture."""
+_PREFIX = "bed_"
+"""Of the names of its arrays."""
+
+
 class Arch(Measure):
     """Arch that holds each stop of a layer of spheres over a slot: the strongest short chain of contacts between grains
     that rest on the bottom at either side of the outlet.
@@ -36,12 +42,11 @@ class Arch(Measure):
     The chain minimises the sum of 1 + 2 / (F / mg + 0.3) over its contacts, F being the force of a contact. Quantities:
     `arch_grains`, the mean number of grains of an arch; `arch_force`, the mean force along it in weights of a grain.
     Contacts of the whole bed are recorded: use it for small beds. Arrays: `size` and `force` of each arch, shape [n];
-    of the last arch `id`, the grains from left to right, their places `x` [m], shape [m, 3], and the forces `link`
-    between neighbours, shape [m - 1].
+    of the last arch the bed near it, as `StoppedBed` takes it up.
     """
 
     name = NAME
-    version = 1
+    version = 2
     declared = (
         Quantity(SIZE, "n_a", "", "grains of the arch that holds a stopped outlet"),
         Quantity(FORCE, "F_a", "", "mean force along the arch, in weights of a grain"),
@@ -76,9 +81,8 @@ class Arch(Measure):
             Measured(name, float(values.mean()), _error(values), len(values), where, how, "")
             for name, values in ((SIZE, sizes), (FORCE, forces))
         ]
-        last = beds[-1]
-        holding = {"id": last.ids[last.rows], "x": last.x[last.rows], "link": last.link}
-        return Evaluation(tuple(numbers), {"size": sizes, "force": forces, **holding})
+        last = beds[-1].near(run.scene)
+        return Evaluation(tuple(numbers), {"size": sizes, "force": forces, **last.arrays()})
 
 
 def _error(values: np.ndarray) -> float:
@@ -119,6 +123,27 @@ class StoppedBed:
     force: np.ndarray
     rows: np.ndarray
     link: np.ndarray
+
+    def near(self, scene: Scene) -> "StoppedBed":
+        """The bed near the outlet: NEAR diameters beside it and above the arch."""
+        outlet, reach = scene.container.outlets[0], NEAR * scene.grains.diameter
+        side, top = np.abs(self.x[:, 0] - outlet.centre), self.x[self.rows, 2].max() + reach
+        inside = (side < outlet.width / 2 + reach) & (self.x[:, 2] < top)
+        inside[self.rows] = True
+        place, both = np.cumsum(inside) - 1, inside[self.pairs].all(axis=1)
+        return StoppedBed(
+            self.ids[inside], self.x[inside], place[self.pairs[both]], self.force[both], place[self.rows], self.link
+        )
+
+    def arrays(self) -> dict[str, np.ndarray]:
+        """The bed as arrays by name, from which `of` makes it again."""
+        return {f"{_PREFIX}{name}": array for name, array in vars(self).items()}
+
+    @classmethod
+    def of(cls, arrays: Mapping[str, np.ndarray]) -> "StoppedBed | None":
+        """The bed in the arrays of an evaluation; None of a run without an arch."""
+        names = cls.__dataclass_fields__
+        return cls(**{name: arrays[f"{_PREFIX}{name}"] for name in names}) if f"{_PREFIX}x" in arrays else None
 
 
 def stopped_beds(run: RunData) -> Iterator[StoppedBed]:

@@ -6,7 +6,7 @@ from functools import cached_property
 
 import numpy as np
 
-from labbook.measure.arch import FORCE, SIZE, Arch, StoppedBed, stopped_beds
+from labbook.measure.arch import FORCE, SIZE, Arch, StoppedBed
 from labbook.measure.clogging import width_ratio
 from labbook.results.points import PointResult, RunResult
 from labbook.stats import Pooled
@@ -44,9 +44,12 @@ class PointArches:
         """Grains of each arch of all runs, shape [n]."""
         return np.concatenate([run.evaluation(Arch()).arrays["size"] for run in self.runs])
 
+    @property
     def last(self) -> StoppedBed:
         """The bed of the first of its runs at the last stop that has an arch."""
-        return list(stopped_beds(self.runs[0].run.data()))[-1]
+        bed = StoppedBed.of(self.runs[0].evaluation(Arch()).arrays)
+        assert bed is not None
+        return bed
 
 
 def arches(results: Sequence[PointResult]) -> list[PointArches]:

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from labbook.measure.arch import StoppedBed
-from labbook.report.style import COLOURS, INK, MILLIMETRE, PAGE, house
+from labbook.report.style import COLOURS, COLUMN, INK, MILLIMETRE, PAGE, house
 from labbook.results.arch import PointArches
 from labbook.scene import Scene
 
@@ -33,10 +33,22 @@ def arch_figure(points: Sequence[PointArches]) -> "Figure":
         *pictures, sizes = figure.subplots(1, len(pictured) + 1)
         for ax, place in zip(pictures, pictured, strict=True):
             point = points[place]
-            draw_bed(ax, point.result.point.scene, point.last())
+            draw_bed(ax, point.result.point.scene, point.last)
             ax.set_title(f"$D/d$ = {point.width:.3g}")
         pictures[0].set_ylabel("$z$ [mm]")
         _sizes(sizes, points)
+    return figure
+
+
+def stopped_bed(scene: Scene, bed: StoppedBed) -> "Figure":
+    """Draw the bed near the outlet at a stop, with the arch that holds it."""
+    from matplotlib.figure import Figure
+
+    with house():
+        figure = Figure(figsize=(COLUMN, 0.6 * COLUMN))
+        ax = figure.subplots()
+        draw_bed(ax, scene, bed)
+        ax.set_ylabel("$z$ [mm]")
     return figure
 
 

@@ -25,6 +25,7 @@ BED = StoppedBed(
 class Drawn(PointArches):
     """Arches whose last bed is BED."""
 
+    @property
     def last(self) -> StoppedBed:
         return BED
 
