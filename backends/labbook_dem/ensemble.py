@@ -164,17 +164,23 @@ class Ensemble(backend.Ensemble, Generic[R]):
 
     def put_back(self, member: Member, grains: Packing) -> None:
         """Put grains that left back into a member. Raises ValueError for grains that have not left."""
-        run = self._runs[member]
-        there = run.present()
-        assert grains.ids is not None
-        if len(np.unique([*there, *grains.ids])) < len(there) + len(grains):
-            raise ValueError("put_back: some of these grains are still in the scene")
-        if len(grains) and not (grains.ids.min() >= 0 and grains.ids.max() < run.scene.grains.count):
-            raise ValueError(f"put_back: ids are not those of {run.scene.grains.count} grains")
-        # nothing touches them, so that only gravity has acted; the first kick of a run starts at the whole step
-        since_half = run.numerics.dt / 2 if run.step else 0.0
-        gained = np.array([0.0, 0.0, -run.scene.gravity]) * since_half
-        run.put_back(grains, grains.v - gained)
+        self.put_back_all({member: grains})
+
+    def put_back_all(self, grains: Mapping[Member, Packing]) -> None:
+        """Put grains that left back into members. Raises ValueError, before any is changed, for grains that have not
+        left."""
+        if not grains:
+            return
+        with self.reading(grains):
+            for member, own in grains.items():
+                _check_absent(self._runs[member], own)
+        runs = ((self._runs[member], own) for member, own in grains.items())
+        self._put_back([(run, own, _half_step(run, own)) for run, own in runs])
+
+    def _put_back(self, returning: Sequence[tuple[R, Packing, np.ndarray]]) -> None:
+        """Put grains back into each run, with their velocities [m/s] at the time of those that are stored."""
+        for run, grains, half_v in returning:
+            run.put_back(grains, half_v)
 
     def set_velocities(self, member: Member, ids: np.ndarray, v: np.ndarray) -> None:
         """Give grains of a member other velocities. Raises ValueError for grains that are not there."""
@@ -220,6 +226,23 @@ class Ensemble(backend.Ensemble, Generic[R]):
             probe: _joined(rows[probe] or [empty_table(probe, self._spec.feature("ORIENTED"))])
             for probe in self._spec.probes
         }
+
+
+def _check_absent(run: Standing, grains: Packing) -> None:
+    """Raises ValueError for grains that have not left."""
+    there = run.present()
+    assert grains.ids is not None
+    if len(np.unique([*there, *grains.ids])) < len(there) + len(grains):
+        raise ValueError("put_back: some of these grains are still in the scene")
+    if len(grains) and not (grains.ids.min() >= 0 and grains.ids.max() < run.scene.grains.count):
+        raise ValueError(f"put_back: ids are not those of {run.scene.grains.count} grains")
+
+
+def _half_step(run: Standing, grains: Packing) -> np.ndarray:
+    """Velocities [m/s] of grains that come back, half a step before: nothing touches them, so that only gravity has
+    acted. The first kick of a run starts at the whole step."""
+    since = run.numerics.dt / 2 if run.step else 0.0
+    return grains.v - np.array([0.0, 0.0, -run.scene.gravity]) * since
 
 
 def check_read_by(spec: Spec, probes: Sequence[Probe]) -> None:

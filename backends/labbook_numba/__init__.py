@@ -1,20 +1,20 @@
 """The CPU backend: Numba kernels, one member a core; a large member is split among cores that would be idle."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 
 from labbook_dem import generated
+from labbook_dem.backend import DemBackend
 from labbook_dem.features import capabilities
 
-from labbook import backend
 from labbook.backend import Checkpoint, Spec, Unsupported
 from labbook.backend.numerics import Numerics
-from labbook.backend.probes import Probe, Table, Traction
-from labbook.scene import Packing, Scene
+from labbook.backend.probes import Probe
+from labbook.scene import Scene
 
 CACHE_VERSION = 6
 
 
-class Backend(backend.Backend):
+class Backend(DemBackend):
     """See `labbook.backend.Backend`. Nothing of Numba is loaded before `open`.
 
     `threads`: that one large scene may use while cores are idle (None: as many as there are). `wide`: compile in what
@@ -89,15 +89,3 @@ class Backend(backend.Backend):
         check_state(checkpoint.arrays, scene, numerics)
         if (at := int(checkpoint.arrays["count"][STEP])) != step:
             raise ValueError(f"the checkpoint is of step {at}, not of step {step}")
-
-    def tractions(self, scene: Scene, numerics: Numerics, packing: Packing, probe: Traction) -> Table:
-        """See `labbook.backend.Backend`."""
-        from labbook_dem.plain_walls import at_rest
-
-        return at_rest(scene, numerics, packing, probe)
-
-    def describe(self, scene: Scene, numerics: Numerics) -> Mapping[str, float]:
-        """Asked and realised restitution of two grains (mean over ten phases of the step), and the damping used."""
-        from labbook_dem.describe import describe
-
-        return describe(scene, numerics)

@@ -5,20 +5,20 @@ formulas, so it is what they are held against, and a debugger can step through i
 thousand times as slow as the CPU backend.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 
+from labbook_dem.backend import DemBackend
 from labbook_dem.features import capabilities
 
-from labbook import backend
 from labbook.backend import Checkpoint, Spec, Unsupported
 from labbook.backend.numerics import Numerics
-from labbook.backend.probes import Probe, Table, Traction
-from labbook.scene import Packing, Scene
+from labbook.backend.probes import Probe
+from labbook.scene import Scene
 
 CACHE_VERSION = 1
 
 
-class Backend(backend.Backend):
+class Backend(DemBackend):
     """See `labbook.backend.Backend`."""
 
     capabilities = capabilities("reference", CACHE_VERSION, frozenset({"double"}), ("cpu",), mixtures=True)
@@ -44,15 +44,3 @@ class Backend(backend.Backend):
         check_checkpoint(self.capabilities, scene, checkpoint)
         if (at := int(checkpoint.arrays["step"])) != step:
             raise ValueError(f"the checkpoint is of step {at}, not of step {step}")
-
-    def tractions(self, scene: Scene, numerics: Numerics, packing: Packing, probe: Traction) -> Table:
-        """See `labbook.backend.Backend`."""
-        from labbook_dem.plain_walls import at_rest
-
-        return at_rest(scene, numerics, packing, probe)
-
-    def describe(self, scene: Scene, numerics: Numerics) -> Mapping[str, float]:
-        """Asked and realised restitution of two grains (mean over ten phases of the step), and the damping used."""
-        from labbook_dem.describe import describe
-
-        return describe(scene, numerics)

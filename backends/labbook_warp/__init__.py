@@ -1,19 +1,19 @@
 """The GPU backend: Warp kernels, a whole sweep in one launch."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 
+from labbook_dem.backend import DemBackend
 from labbook_dem.features import capabilities
 
-from labbook import backend
 from labbook.backend import Checkpoint, Expected, Spec, Survey
 from labbook.backend.numerics import Numerics
-from labbook.backend.probes import Probe, Table, Traction
-from labbook.scene import Packing, Scene
+from labbook.backend.probes import Probe
+from labbook.scene import Scene
 
 CACHE_VERSION = 4
 
 
-class Backend(backend.Backend):
+class Backend(DemBackend):
     """See `labbook.backend.Backend`. Nothing of Warp is needed to plan."""
 
     requires = ("warp",)
@@ -100,15 +100,3 @@ class Backend(backend.Backend):
         check(self.capabilities, self.specialise(scene, numerics), scene, numerics, checkpoint)
         if (at := int(checkpoint.arrays["step"])) != step:
             raise ValueError(f"the checkpoint is of step {at}, not of step {step}")
-
-    def tractions(self, scene: Scene, numerics: Numerics, packing: Packing, probe: Traction) -> Table:
-        """See `labbook.backend.Backend`."""
-        from labbook_dem.plain_walls import at_rest
-
-        return at_rest(scene, numerics, packing, probe)
-
-    def describe(self, scene: Scene, numerics: Numerics) -> Mapping[str, float]:
-        """Asked and realised restitution of two grains (mean over ten phases of the step), and the damping used."""
-        from labbook_dem.describe import describe
-
-        return describe(scene, numerics)

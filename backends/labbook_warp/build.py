@@ -80,6 +80,7 @@ def module_text(spec: Spec, uniform: bool, lanes: int, registers: int, apart: in
     modules += [bodies, sums, *own.kernels, forces, step, neighbours, observe, *([beside] if apart else [])]
     if any(isinstance(probe, Traction) for probe in spec.probes):
         physics, modules = [*physics, traction_sums], [*modules, traction]
+        named.update(SUMS=traction_sums.SUMS, WALL_COLUMNS=traction_sums.WALL_COLUMNS)
     header = dialect.header(precision, registers, apart, own.unroll, several=lanes > 1)
     return source.generate(header, named, physics, modules)
 

@@ -4,6 +4,7 @@ from collections import defaultdict
 from collections.abc import Collection, Mapping, Sequence
 from contextlib import AbstractContextManager
 
+import numpy as np
 import warp as wp
 from labbook_dem import ensemble
 from labbook_dem.ensemble import explain
@@ -146,6 +147,9 @@ class Ensemble(ensemble.Ensemble[ReadableRun]):
         """Return a context in which these members are read together; see `labbook.backend.Ensemble`."""
         self._stage.seat()
         return self._stage.arrays.reading([self._runs[member].slot for member in members])
+
+    def _put_back(self, returning: Sequence[tuple[ReadableRun, Packing, np.ndarray]]) -> None:
+        self._view.put_back(returning)
 
     def load(self) -> Load:
         """What a grain-step comes to now; see `labbook.backend.Load`."""

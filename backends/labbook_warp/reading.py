@@ -50,7 +50,7 @@ class ReadableRun(Run, Standing):
 
     def put_back(self, grains: Packing, half_v: np.ndarray) -> None:
         """See `Standing`."""
-        self.view.put_back(self, grains, half_v)
+        self.view.put_back([(self, grains, half_v)])
 
     def set_velocities(self, ids: np.ndarray, v: np.ndarray) -> None:
         """See `Standing`."""

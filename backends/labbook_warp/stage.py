@@ -128,22 +128,29 @@ class Stage:
             run.begin = None
         self._has_changed()
 
-    def put_back(self, run: Run, grains: Packing, half_v: np.ndarray) -> None:
-        """Give a member grains that left again. half_v: their velocities [m/s] half a step before. Raises MemoryError,
-        Overflow."""
+    def put_back(self, returning: Sequence[tuple[Run, Packing, np.ndarray]]) -> None:
+        """Give members grains that left again: each with their velocities [m/s] half a step before. What is copied is
+        copied for all members at once. Raises MemoryError, Overflow."""
         self.seat()
-        plane, _ = features.planes(run.scene, run.probes)
-        state = transfer.joined(self.arrays, run.scene, self.stored(run), grains, half_v, plane)
-        run.takes_up(state)
-        sizes = room.with_members(self._sizes, len(self._seated) - 1, [run])
+        states = dict[Run, Checkpoint]()
+        with self.arrays.reading([run.slot for run, _, _ in returning]):
+            for run, grains, half_v in returning:
+                plane, _ = features.planes(run.scene, run.probes)
+                states[run] = transfer.joined(self.arrays, run.scene, self.stored(run), grains, half_v, plane)
+        for run, state in states.items():
+            run.takes_up(state)
+        sizes = room.with_members(self._sizes, len(self._seated) - len(states), list(states))
         if sizes == self._sizes:
-            transfer.restore(self.arrays, run.slot, state)
+            with self.arrays.written_together([run.slot for run in states]):
+                for run, state in states.items():
+                    transfer.restore(self.arrays, run.slot, state)
             self._counters()
         else:
-            self._resize(sizes, {run: state})
-        while any(needed := self._lists([run])):  # springs that found no room are in `state` alone
-            self._resize(room.grown(self._sizes, *needed), {run: state})
-        self._has_changed(run)
+            self._resize(sizes, states)
+        while any(needed := self._lists(list(states))):  # springs that found no room are in `states` alone
+            self._resize(room.grown(self._sizes, *needed), states)
+        for run in states:
+            self._has_changed(run)
 
     def set_velocities(self, run: Run, ids: np.ndarray, v: np.ndarray) -> None:
         """Give grains of a member other velocities [m/s], half a step before and as predicted for now."""

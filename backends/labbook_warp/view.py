@@ -1,6 +1,7 @@
 """Reading members: states, energies, contacts. What is costly is read for all members at once."""
 
 import math
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -148,9 +149,9 @@ class DeviceView:
         ids = arrays.read("ids", run.slot, run.rows).astype(np.int64)
         return ids[transfer.here(arrays.of_slot(run.slot, run.rows).states().x, ids)]
 
-    def put_back(self, run: Run, grains: Packing, half_v: np.ndarray) -> None:
-        """Give a member grains that left again."""
-        self.stage.put_back(run, grains, half_v)
+    def put_back(self, returning: Sequence[tuple[Run, Packing, np.ndarray]]) -> None:
+        """Give members grains that left again."""
+        self.stage.put_back(returning)
 
     def set_velocities(self, run: Run, ids: np.ndarray, v: np.ndarray) -> None:
         """Give grains of a member other velocities."""

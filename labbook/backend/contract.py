@@ -237,6 +237,14 @@ class Ensemble(ABC):
         beat, but not on its neighbours, its slot, how `advance` is split, or whether it was restored meanwhile.
         Raises ValueError for grains that have not left."""
 
+    def put_back_all(self, grains: Mapping[Member, Packing]) -> None:
+        """Put grains that left back into several members, as `put_back` does into each.
+
+        A backend may do so at once, where each member alone costs copies to and from a device.
+        """
+        for member, own in grains.items():
+            self.put_back(member, own)
+
     def set_velocities(self, member: Member, ids: np.ndarray, v: np.ndarray) -> None:
         """Give grains of a member other velocities; all else stays, their spins and springs too.
 

@@ -3,7 +3,7 @@
 import numpy as np
 
 from labbook.scene import Packing, Scene
-from labbook.scene.timescales import gravity_time, stop_time
+from labbook.scene.timescales import gravity_time
 
 SPEED = 0.3
 """Of the grains that are pushed first, in sqrt(g d*), and by how much each further push is faster: contacts take the
@@ -19,11 +19,7 @@ AGAIN = 1.0
 
 
 class Breaker:
-    """Breaks the arches of one run.
-
-    Attributes:
-        wait: Time without a leaving grain after which the flow may count as stopped [s].
-    """
+    """Breaks the arches of one run."""
 
     def __init__(self, scene: Scene, seed: int, beat: float):
         """Take up a run.
@@ -37,7 +33,6 @@ class Breaker:
         self._scene, self._key = scene, (scene.restart.version, seed)
         self._unit = scene.gravity * gravity_time(scene)
         self._every = max(1, round(AGAIN * gravity_time(scene) / beat))
-        self.wait = stop_time(scene)
 
     def push(self, beats: int) -> int | None:
         """Number of the push that is due so many beats after a restart, from 1 on; None if none is."""

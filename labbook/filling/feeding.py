@@ -80,13 +80,13 @@ class Feeder:
             top = min(self.level + (1 + k / 4) * self._length, self._roof - self._length / 2)
             low = self.level + self._length / 2
             x[left] = self._room.draw_each(rng, reach[left], max(top, low), low)
-            held = self._room.holds(x[left], reach[left])
+            inside = self._room.holds(x[left], reach[left])
             if q is not None and a is not None:
                 q[left] = random_turns(rng, len(left))
                 a[left] = axes(q[left])
                 ends = half * a[left]
-                held = self._room.holds(x[left] + ends, reach[left]) & self._room.holds(x[left] - ends, reach[left])
-            found = free(x, reach, above, placed, left[held], a, half)
-            above.add(x[found])
-            placed, left = np.concatenate([placed, found]), np.setdiff1d(left, found, assume_unique=True)
+                inside = self._room.holds(x[left] + ends, reach[left]) & self._room.holds(x[left] - ends, reach[left])
+            new = free(x, reach, above, placed, left[inside], a, half)
+            above.add(x[new])
+            placed, left = np.concatenate([placed, new]), np.setdiff1d(left, new, assume_unique=True)
         return x, q, np.setdiff1d(np.arange(n), left, assume_unique=True)

@@ -19,7 +19,7 @@ from pydantic import Field
 
 from labbook.backend import Capabilities
 from labbook.backend.numerics import Numerics
-from labbook.filling import GrainFile, Kick
+from labbook.filling import GrainFile, Kick, Mobilise
 from labbook.lab.formulas import source_hash
 from labbook.scene import CONTACT_LAWS, ContactLaw, Scene, Surface, Wall
 from labbook.scene.material import OwnMaterial
@@ -257,6 +257,8 @@ class Filling:
     """Fraction of the grains that may still move; part of the key where there is one."""
     file: Annotated[GrainFile | None, Field(exclude_if=lambda file: file is None)] = None
     """File of the grains; part of the key where there is one."""
+    mobilise: Annotated[Mobilise | None, Field(exclude_if=lambda mobilise: mobilise is None)] = None
+    """Motion of the bottom against the upright walls after the rest; part of the key where there is one."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -374,5 +376,11 @@ def _packing(closed: str, filling: Filling, numerics: Numerics, maker: str) -> d
 
 @once(256)
 def _filling(filling: Filling) -> Text:
-    stated = {name: value for name, value in vars(filling).items() if name not in ("moving", "file") or value}
-    return canonical(stated | ({"file": asdict(filling.file)} if filling.file else {}))
+    stated = {
+        name: value for name, value in vars(filling).items() if name not in ("moving", "file", "mobilise") or value
+    }
+    if filling.file is not None:
+        stated["file"] = asdict(filling.file)
+    if filling.mobilise is not None:
+        stated["mobilise"] = filling.mobilise.model_dump()
+    return canonical(stated)

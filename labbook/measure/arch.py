@@ -1,7 +1,8 @@
 """Arches: the chain of grains that holds a stopped outlet of a layer, and the forces along it."""
 
 import math
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -28,6 +29,12 @@ _BESIDE, _SPAN, _RISE = 1.2, 1.6, 0.9
 within this many widths, and a diameter, above it."""
 
 
+NEAR = 4.0
+"""Diameters beside the outlet and above the arch within which a bed is kept for its picture."""
+_PREFIX = "bed_"
+"""Of the names of its arrays."""
+
+
 class Arch(Measure):
     """Arch that holds each stop of a layer of spheres over a slot: the strongest short chain of contacts between grains
     that rest on the bottom at either side of the outlet.
@@ -35,12 +42,11 @@ class Arch(Measure):
     The chain minimises the sum of 1 + 2 / (F / mg + 0.3) over its contacts, F being the force of a contact. Quantities:
     `arch_grains`, the mean number of grains of an arch; `arch_force`, the mean force along it in weights of a grain.
     Contacts of the whole bed are recorded: use it for small beds. Arrays: `size` and `force` of each arch, shape [n];
-    of the last arch `id`, the grains from left to right, their places `x` [m], shape [m, 3], and the forces `link`
-    between neighbours, shape [m - 1].
+    of the last arch the bed near it, as `StoppedBed` takes it up.
     """
 
     name = NAME
-    version = 1
+    version = 2
     declared = (
         Quantity(SIZE, "n_a", "", "grains of the arch that holds a stopped outlet"),
         Quantity(FORCE, "F_a", "", "mean force along the arch, in weights of a grain"),
@@ -63,20 +69,20 @@ class Arch(Measure):
         self.check(run.scene)
         if not {"sample", "contacts"} <= set(run.tables):
             raise MeasureError(f"{NAME}: the run recorded no contacts; run it again with this measure")
-        chains = [chain for stop in stops(run) if (chain := _chain(run, *stop)) is not None]
+        beds = list(stopped_beds(run))
         where, how = "at each stop", "strongest short chain of contacts over the outlet"
-        if not chains:
+        if not beds:
             note = "no stop with a chain of contacts over the outlet"
             none = (math.nan, math.nan, 0, where, how, "", note)
             return Evaluation((Measured(SIZE, *none), Measured(FORCE, *none)))
-        sizes = np.array([len(ids) for ids, _, _ in chains], float)
-        forces = np.array([link.mean() for _, _, link in chains])
+        sizes = np.array([len(bed.rows) for bed in beds], float)
+        forces = np.array([bed.link.mean() for bed in beds])
         numbers = [
             Measured(name, float(values.mean()), _error(values), len(values), where, how, "")
             for name, values in ((SIZE, sizes), (FORCE, forces))
         ]
-        ids, x, link = chains[-1]
-        return Evaluation(tuple(numbers), {"size": sizes, "force": forces, "id": ids, "x": x, "link": link})
+        last = beds[-1].near(run.scene)
+        return Evaluation(tuple(numbers), {"size": sizes, "force": forces, **last.arrays()})
 
 
 def _error(values: np.ndarray) -> float:
@@ -98,8 +104,59 @@ def stops(run: RunData) -> list[tuple[float, float]]:
     return pauses
 
 
-def _chain(run: RunData, begin: float, end: float) -> tuple[np.ndarray, np.ndarray, np.ndarray] | None:
-    """Ids, places and forces of the arch in the last frame between two times [s]; None without a frame or a chain."""
+@dataclass(frozen=True, eq=False)
+class StoppedBed:
+    """Bed in the last frame of a stop, and the arch that holds it.
+
+    Attributes:
+        ids: Of the grains, shape [n].
+        x: Their places [m], shape [n, 3].
+        pairs: Rows of two grains that touch, shape [k, 2].
+        force: Forces between them in weights of a grain, shape [k].
+        rows: Rows of the grains of the arch from left to right, shape [m].
+        link: Forces between neighbours along it in weights of a grain, shape [m - 1].
+    """
+
+    ids: np.ndarray
+    x: np.ndarray
+    pairs: np.ndarray
+    force: np.ndarray
+    rows: np.ndarray
+    link: np.ndarray
+
+    def near(self, scene: Scene) -> "StoppedBed":
+        """The bed near the outlet: NEAR diameters beside it and above the arch."""
+        outlet, reach = scene.container.outlets[0], NEAR * scene.grains.diameter
+        side, top = np.abs(self.x[:, 0] - outlet.centre), self.x[self.rows, 2].max() + reach
+        inside = (side < outlet.width / 2 + reach) & (self.x[:, 2] < top)
+        inside[self.rows] = True
+        place, both = np.cumsum(inside) - 1, inside[self.pairs].all(axis=1)
+        return StoppedBed(
+            self.ids[inside], self.x[inside], place[self.pairs[both]], self.force[both], place[self.rows], self.link
+        )
+
+    def arrays(self) -> dict[str, np.ndarray]:
+        """The bed as arrays by name, from which `of` makes it again."""
+        return {f"{_PREFIX}{name}": array for name, array in vars(self).items()}
+
+    @classmethod
+    def of(cls, arrays: Mapping[str, np.ndarray]) -> "StoppedBed | None":
+        """The bed in the arrays of an evaluation; None of a run without an arch."""
+        names = cls.__dataclass_fields__
+        return cls(**{name: arrays[f"{_PREFIX}{name}"] for name in names}) if f"{_PREFIX}x" in arrays else None
+
+
+def stopped_beds(run: RunData) -> Iterator[StoppedBed]:
+    """The bed at each stop of a run with its arch, in the order of time; without stops that have no frame or no chain
+    of contacts over the outlet."""
+    for begin, end in stops(run):
+        bed = _stopped_bed(run, begin, end)
+        if bed is not None:
+            yield bed
+
+
+def _stopped_bed(run: RunData, begin: float, end: float) -> StoppedBed | None:
+    """The bed in the last frame between two times [s]; None without a frame or a chain."""
     contacts, sample = run.tables["contacts"], run.tables["sample"]
     within = (sample["time"] >= begin) & (sample["time"] <= end * (1 + 1e-12))
     if not within.any():
@@ -107,12 +164,23 @@ def _chain(run: RunData, begin: float, end: float) -> tuple[np.ndarray, np.ndarr
     step = int(np.max(np.asarray(sample["step"])[within]))
     bed = {name: np.asarray(column)[np.asarray(sample["step"]) == step] for name, column in sample.items()}
     touching = {name: np.asarray(column)[np.asarray(contacts["step"]) == step] for name, column in contacts.items()}
-    x = np.column_stack([bed[axis] for axis in "xyz"]).astype(float)
-    scene = run.scene
-    rows, link = arch(
-        bed["id"], x, touching, scene.container.outlets[0], scene.grains.diameter, mean_mass(run) * scene.gravity
-    )
-    return None if len(rows) < 2 else (bed["id"][rows], x[rows], link)
+    x, ids = np.column_stack([bed[axis] for axis in "xyz"]).astype(float), bed["id"]
+    scene, weight = run.scene, mean_mass(run) * run.scene.gravity
+    rows, link = arch(ids, x, touching, scene.container.outlets[0], scene.grains.diameter, weight)
+    if len(rows) < 2:
+        return None
+    i, j, force = _between_grains(ids, touching, weight)
+    return StoppedBed(ids, x, np.column_stack([i, j]), force, rows, link)
+
+
+def _between_grains(
+    ids: np.ndarray, contacts: Mapping[str, np.ndarray], weight: float
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Rows of both grains of each contact between two, and the force there in weights of a grain, shape [k]."""
+    order, pairs = np.argsort(ids), np.asarray(contacts["j"]) >= 0
+    i, j = (order[np.searchsorted(ids, np.asarray(contacts[side])[pairs], sorter=order)] for side in "ij")
+    force = np.sqrt(sum(np.asarray(contacts[axis], float)[pairs] ** 2 for axis in ("fx", "fy", "fz"))) / weight
+    return i, j, force
 
 
 def arch(
@@ -135,18 +203,15 @@ def arch(
     from scipy.sparse import coo_array
     from scipy.sparse.csgraph import dijkstra
 
-    order = np.argsort(ids)
-    force = np.sqrt(sum(np.asarray(contacts[axis], float) ** 2 for axis in ("fx", "fy", "fz"))) / weight
+    i, j, force = _between_grains(ids, contacts, weight)
     side, height = x[:, 0] - outlet.centre, x[:, 2] - outlet.plane
     inside = (np.abs(side) < outlet.width / 2 + _SPAN * d) & (height < _RISE * outlet.width + d) & (height > -d / 2)
-    i = order[np.searchsorted(ids, contacts["i"], sorter=order)]
-    pairs = np.asarray(contacts["j"]) >= 0
-    j = order[np.searchsorted(ids, np.asarray(contacts["j"])[pairs], sorter=order)]
-    resting = ~pairs & (np.abs(contacts["by"]) < 0.3 * d) & (np.abs(np.abs(side[i]) - outlet.width / 2) < _BESIDE * d)
-    bases = np.unique(i[resting & inside[i]])
+    on_bottom = (np.asarray(contacts["j"]) < 0) & (np.abs(contacts["by"]) < 0.3 * d)
+    beside = inside & (np.abs(np.abs(side) - outlet.width / 2) < _BESIDE * d)
+    bases = np.flatnonzero(beside & np.isin(ids, np.asarray(contacts["i"])[on_bottom]))
     left, right = bases[side[bases] < 0], bases[side[bases] >= 0]
-    near = inside[i[pairs]] & inside[j]
-    a, b, strength = i[pairs][near], j[near], force[pairs][near]
+    near = inside[i] & inside[j]
+    a, b, strength = i[near], j[near], force[near]
     nothing = np.zeros(0, np.int64), np.zeros(0)
     if not (len(left) and len(right) and len(a)):
         return nothing

@@ -23,6 +23,7 @@ from labbook.measure.measure import (
 )
 from labbook.measure.steady import outflow
 from labbook.scene import Bodies, Scene
+from labbook.scene.orientation import axes
 from labbook.stats import Measured
 from labbook.stats.correlation import block_mean
 
@@ -32,9 +33,13 @@ _BLOCKS = 8
 _TERMS = (
     Quantity("power_released", "P_g", "W", "potential energy that the bed gives up per time", "mW", 1e3),
     Quantity("power_carried", "P_out", "W", "kinetic energy of the grains that leave, per time", "mW", 1e3),
+    Quantity("power_contacts", "P_c", "W", "power that contacts take from the grains, of all steps", "mW", 1e3),
+    Quantity("power_rest", "P_rest", "W", "power released less the other terms", "mW", 1e3, about_zero=True),
+)
+_SAMPLED = (
     Quantity("power_normal", "P_n", "W", "power dissipated along the normals of contacts", "mW", 1e3),
     Quantity("power_friction", "P_t", "W", "power dissipated by tangential forces in contacts", "mW", 1e3),
-    Quantity("power_rest", "P_rest", "W", "power released less the other terms", "mW", 1e3, about_zero=True),
+    Quantity("power_rolling", "P_r", "W", "power dissipated by rolling friction", "mW", 1e3, about_zero=True),
     Quantity("elastic_energy", "E_el", "J", "half the sum of normal force times overlap", "mJ", 1e3),
 )
 
@@ -51,24 +56,25 @@ class EnergyBalance(Measure):
     """Energy balance of the grains that have not left, within the window of the flow rate, per time.
 
     Quantities [W]: `power_released`, the potential energy that the bed gives up; `power_carried`, the kinetic energy of
-    the grains that leave; `power_normal` and `power_friction`, which normal and tangential forces take from the
-    relative motion in contacts (`labbook.backend.probes.Dissipation`, sampled); `power_rest`, released less the other
-    three and less the gain in kinetic energy of the bed: rolling friction, and the error of sampling. `elastic_energy`
-    [J] is half the sum of normal force times overlap, the energy of linear springs; those of Hertz hold four fifths of
-    it. What springs take and give back within the window cancels. Quantities of a run that clogged end in `_flowing`.
+    the grains that leave; `power_contacts`, which contacts take from the grains by the `ledger`, net of what moving
+    walls give; `power_rest`, released less carried, less that of contacts and less the gain in kinetic energy of the
+    bed: the error of the balance. Of spheres also the parts of `power_contacts`: `power_normal` and `power_friction`,
+    which normal and tangential forces take from the relative motion in contacts (`labbook.backend.probes.Dissipation`,
+    sampled), and `power_rolling`, the remainder with the power of moving walls added: torques of rolling friction, and
+    the error of sampling. `elastic_energy` [J] is half the sum of normal force times overlap, the energy of linear
+    springs; those of Hertz hold four fifths of it. What springs take and give back within the window cancels.
+    Quantities of a run that clogged end in `_flowing`.
 
-    The potential energy of grains that left, but are still followed, is that of free fall from the outlet. Arrays, of
-    shape [n]: `time` [s]; `normal`, `tangential`, `walls` [W] and `elastic` [J].
+    The potential energy of grains that left, but are still followed, is that of free fall from the outlet. Arrays of
+    spheres, of shape [n]: `time` [s]; `normal`, `tangential`, `walls` [W] and `elastic` [J].
     """
 
     name = "energy"
-    version = 1
-    declared = (*_TERMS, *map(while_flowing, _TERMS))
+    version = 2
+    declared = (*_TERMS, *_SAMPLED, *map(while_flowing, (*_TERMS, *_SAMPLED)))
 
     def check(self, scene: Scene) -> None:
         FlowRate().check(scene)
-        if scene.grains.half_length > 0:
-            raise MeasureError("energy knows the contact points of spheres only", "take energy out of measure")
         if scene.feed is not None:
             reason = "energy is the balance of a discharge, and this silo is fed"
             raise MeasureError(reason, "take energy out of measure, or leave out feed")
@@ -80,26 +86,34 @@ class EnergyBalance(Measure):
         self.check(scene)
         plane, every = scene.container.outlet_plane, ledger_interval(scene, numerics)
         assert plane is not None
-        return (Crossing(plane), Ledger(every=every), Dissipation(every=every))
+        sampled = (Dissipation(every=every),) if _splits(scene) else ()
+        return (Crossing(plane), Ledger(every=every), *sampled)
 
     def evaluate(self, run: RunData, window: Window) -> Evaluation:
-        if not {"ledger", "dissipation"} <= set(run.tables):
+        splits = _splits(run.scene)
+        if not {"ledger", *(("dissipation",) if splits else ())} <= set(run.tables):
             raise MeasureError("energy: the run recorded no powers of contacts; run it again with this measure")
-        table = run.tables["dissipation"]
+        table = run.tables["dissipation"] if splits else {}
         names = ("time", "normal_power", "tangential_power", "wall_power", "elastic")
-        arrays = {name: np.asarray(table[name], float) for name in names}
+        arrays = {name: np.asarray(table[name], float) for name in names} if splits else {}
         return Evaluation(tuple(_terms(run, window, arrays)), arrays)
+
+
+def _splits(scene: Scene) -> bool:
+    """True of spheres: the contact points of rods are not known, so that their power is not split."""
+    return scene.grains.half_length == 0
 
 
 def _terms(run: RunData, window: Window, arrays: Mapping[str, np.ndarray]) -> Iterator[Measured]:
     flow, _ = outflow(run, window)
-    time, ledger = arrays["time"], np.asarray(run.tables["ledger"]["time"], float)
+    ledger = np.asarray(run.tables["ledger"]["time"], float)
+    time, terms = arrays.get("time", ledger), (*_TERMS, *(_SAMPLED if arrays else ()))
     inside = np.zeros(len(time), bool) if flow is None else (time >= flow.begin) & (time <= flow.end)
     ends = np.zeros(0, np.int64) if flow is None else np.flatnonzero((ledger >= flow.begin) & (ledger <= flow.end))
     if inside.sum() < _FEWEST or len(ends) < 2:
         fewer = f"only {int(inside.sum())} samples within the window, fewer than {_FEWEST}"
         note = "too few grains left for a window" if flow is None else f"{fewer}; lower numerics.steps_per_beat"
-        for term in _TERMS:
+        for term in terms:
             none = (math.nan, math.nan, 0, window_in_words(window), "sampled steps", term.unit, note)
             yield Measured(term.name + apart(run), *none)
         return
@@ -108,22 +122,29 @@ def _terms(run: RunData, window: Window, arrays: Mapping[str, np.ndarray]) -> It
     carried, fallen = _left(run, begin, end)
     span = end - begin
     released, kinetic = (first.potential - last.potential - fallen) / span, (last.kinetic - first.kinetic) / span
+    work = np.asarray(run.tables["ledger"]["contact_work"], float)[ends]
+    contacts = float(work[0] - work[-1]) / span
     mean = {name: float(arrays[name][inside].mean()) for name in arrays}
     error = {name: block_mean(arrays[name][inside], _BLOCKS).error for name in arrays}
-    rest = released + mean["wall_power"] - carried / span - mean["normal_power"] - mean["tangential_power"] - kinetic
     where = f"{begin:.4g} s to {end:.4g} s, grains that have not left"
     by_ends, sampled = "energies at both ends; error from seeds only", f"mean of {int(inside.sum())} sampled steps"
     blocks = f"{sampled}; error from {_BLOCKS} blocks"
-    of_rest = math.hypot(error["normal_power"], error["tangential_power"])
-    values = (
+    values = [
         (released, math.nan, by_ends),
         (carried / span, math.nan, "velocities at the outlet; error from seeds only"),
-        (mean["normal_power"], error["normal_power"], blocks),
-        (mean["tangential_power"], error["tangential_power"], blocks),
-        (rest, of_rest, "what the other terms leave; error of the sampled ones"),
-        (mean["elastic"], error["elastic"], blocks),
-    )
-    for term, (value, deviation, how) in zip(_TERMS, values, strict=True):
+        (contacts, math.nan, "work of contacts at every step; error from seeds only"),
+        (released - carried / span - contacts - kinetic, math.nan, "released less the others; error from seeds only"),
+    ]
+    if arrays:
+        rolling = contacts + mean["wall_power"] - mean["normal_power"] - mean["tangential_power"]
+        of_rolling = math.hypot(error["normal_power"], error["tangential_power"])
+        values += [
+            (mean["normal_power"], error["normal_power"], blocks),
+            (mean["tangential_power"], error["tangential_power"], blocks),
+            (rolling, of_rolling, "work of contacts less that of their forces; error of the sampled ones"),
+            (mean["elastic"], error["elastic"], blocks),
+        ]
+    for term, (value, deviation, how) in zip(terms, values, strict=True):
         yield Measured(
             term.name + apart(run), float(value), float(deviation), int(inside.sum()), where, how, term.unit, ""
         )
@@ -162,4 +183,9 @@ def _crossed(run: RunData) -> dict[str, np.ndarray]:
     speed2, spin2 = (sum(np.asarray(table[f"{name}{axis}"], float) ** 2 for axis in "xyz") for name in "vw")
     columns = {name: np.asarray(table[name], float) for name in ("time", "z", "vz")}
     kinetic = 0.5 * (bodies.mass[grain] * speed2 + bodies.inertia[grain] * spin2)
+    if not _splits(run.scene):
+        q, w = (np.column_stack([np.asarray(table[name], float) for name in names.split()])
+                for names in ("qw qx qy qz", "wx wy wz"))  # fmt: skip
+        about_axis = np.sum(axes(q) * w, axis=1) ** 2
+        kinetic += 0.5 * (run.scene.grains.inertia_axis - bodies.inertia[grain]) * about_axis
     return {**columns, "mass": bodies.mass[grain], "kinetic": kinetic}

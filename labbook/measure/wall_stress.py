@@ -28,7 +28,7 @@ from labbook.measure.measure import (
 from labbook.measure.steady import BLOCKS, outflow
 from labbook.scene import Bodies, Scene
 from labbook.scene.timescales import gravity_time
-from labbook.scene.wall_bins import WallBins, all_walls, areas, bins_of_walls, is_level
+from labbook.scene.wall_bins import WallBins, all_walls, areas, bins_of_walls, is_upright
 from labbook.scene.walls import Wall
 from labbook.stats import Measured
 
@@ -326,12 +326,6 @@ def _stresses(run: RunData, frames: _Frames, within: np.ndarray, window: tuple[f
         gravity=scene.gravity,
         window=np.array(window),
     )
-
-
-def is_upright(wall: Wall) -> bool:
-    """True for a vertical wall."""
-    shape = wall.shape
-    return not is_level(shape) and shape.prismatic_above <= shape.bounds.low[2]
 
 
 def _section(scene: Scene, frames: _Frames, frictional: np.ndarray) -> tuple[float, float]:

@@ -9,7 +9,7 @@ from typing import Any
 from labbook.backend import Backend, Capabilities, Spec
 from labbook.backend.numerics import Numerics, Precision
 from labbook.backend.probes import UNEVEN, Crossing, Film, Probe, describe_probe, film_probe, table_name
-from labbook.filling import Kick, bed, placing
+from labbook.filling import Kick, bed, lifted, placing
 from labbook.lab import identity
 from labbook.lab.identity import Filling, Keys, Maker, Versions
 from labbook.lab.records import Precise, StopRule, repeat
@@ -71,6 +71,12 @@ class PointDemand:
         """The scene of its filling. Those of a few points are remembered: to keep all takes more memory than the rest
         of a study."""
         return _closed(self)
+
+    @property
+    def lifted(self) -> Scene | None:
+        """The scene of its filling while upright walls move, to mobilise their friction; None where they never do."""
+        mobilise = self.point.fill.mobilise
+        return mobilise and lifted(self.closed, mobilise.velocity)
 
     @property
     def numerics(self) -> Numerics:
@@ -319,7 +325,7 @@ class Demand:
                 scene.grains, fill.contact or scene.contact
             )
             moving = start.moving if rolls else 0.0
-        return Filling(fill.kind, self.seed, fill.settled_below, start.version, moving, fill.grain_file)
+        return Filling(fill.kind, self.seed, fill.settled_below, start.version, moving, fill.grain_file, fill.mobilise)
 
     @property
     def film(self) -> Film | None:

@@ -90,6 +90,8 @@ def rate_of(backend: str, device: str, shape: str, precision: str) -> StepCost:
 _NEVER: Mapping[str, float] = {}
 SETTLING = 2.0
 """Time that a filling takes to rest, in falls from the top of its start."""
+_AGAIN = 0.2
+"""Part of that time which a bed takes to rest again after its walls have moved."""
 HOLE = 0.6
 """Part of `mass_flow` that passes a round outlet: there C, 0.58, is that of the bulk density (Beverloo et al. 1961)."""
 SCATTER = 1.3
@@ -331,7 +333,13 @@ def fill_work(demand: Demand, settled: Mapping[str, float] = _NEVER) -> float:
 
 
 def fill_time(demand: Demand) -> float:
-    """Expected simulated time [s] of a filling: a few falls from the height of its start."""
+    """Expected simulated time [s] of a filling; of one that mobilises friction the bed then rests twice."""
+    mobilise, settling = demand.point.fill.mobilise, settling_time(demand)
+    return settling if mobilise is None else settling + mobilise.time + _AGAIN * settling
+
+
+def settling_time(demand: Demand) -> float:
+    """Expected simulated time [s] in which grains come to rest: a few falls from the height of their start."""
     scene = demand.shared.scene
     kind = demand.point.fill.kind
     top = placing.STARTS[kind].drop * placing.column(scene, kind)

@@ -41,7 +41,7 @@ def specified(backend: Backend, shared: PointDemand) -> tuple[Spec, Spec]:
     if found is None or found[0] is not backend:
         closed = shared.closed
         shared.identify(closed)  # while the walls of both scenes are at hand
-        filling = backend.specialise(closed, shared.filled_by, ())
+        filling = backend.specialise(shared.lifted or closed, shared.filled_by, ())
         discharge = backend.specialise(shared.scene, shared.numerics, shared.declared)
         found = shared.specs = _same(backend, filling, discharge)
     return found[1], found[2]
@@ -56,7 +56,7 @@ def _same(*specs: Any) -> tuple[Any, ...]:
 def check_container(shared: PointDemand) -> None:
     """Raises Conflict, with file, key and remedy, if the container of a point cannot be filled, loses grains meanwhile,
     or has a surface beyond `numerics.speed_limit`."""
-    fault = _leaks(shared) or _too_fast(shared)
+    fault = _leaks(shared) or _too_fast(shared) or _lifted_too_fast(shared)
     if fault:
         raise Conflict(f"{shared.study.path}: {fault}")
 
@@ -100,6 +100,16 @@ def _too_fast(shared: PointDemand) -> str | None:
             f"allows any grain\n    remedy: {remedy}, or raise numerics.speed_limit"
         )
     return None
+
+
+def _lifted_too_fast(shared: PointDemand) -> str | None:
+    mobilise, limit = shared.point.fill.mobilise, shared.filled_by.speed_limit
+    if mobilise is None or mobilise.velocity <= limit:
+        return None
+    return (
+        f"fill.mobilise.velocity: {mobilise.velocity:g} m/s is faster than numerics.speed_limit ({limit:g} m/s) allows "
+        "any grain\n    remedy: use a slow motion, such as 0.01 sqrt(g d)"
+    )
 
 
 def _reach(scene: Scene, wall: Wall) -> float:

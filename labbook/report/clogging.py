@@ -83,15 +83,17 @@ def times_table(series: SeriesClogging) -> Table | None:
     for point in (point for point in series.points if point.times is not None):
         label, part = point.result.label or "the only point", f"{point.flowing_fraction:.3g}"
         if isinstance(point.tail, str):
-            rows.append((label, part, "–", "–", "–", "–", "–"))
+            rows.append((label, part, *("–",) * 7))
             reasons.append(f"{label}: {point.tail}.")
             continue
         tail = point.tail
         alpha = f"{tail.alpha:.2f} ({tail.low:.2f} to {tail.high:.2f})"
         counts = f"{tail.n} (+{tail.censored} censored)"
-        rows.append((label, part, alpha, f"{tail.t_min:.3g}", counts, f"{tail.exponential:.1f}", tail.verdict))
-    headings = ("point", "flowing fraction", "α (95 %)", "t_min [s]", "times", "ln L ratio", "verdict")
-    return Table(headings, tuple(rows), frozenset({0, 6}), notes=(_TIMES, *reasons)) if rows else None
+        ratios = f"{tail.exponential:.1f}", f"{tail.stretched:.1f}", f"{point.tail_goodness:.2g}"
+        rows.append((label, part, alpha, f"{tail.t_min:.3g}", counts, *ratios, tail.verdict))
+    headings = ("point", "flowing fraction", "α (95 %)", "t_min [s]", "times", "ln L, exponential",
+                "ln L, stretched", "p", "verdict")  # fmt: skip
+    return Table(headings, tuple(rows), frozenset({0, 8}), notes=(_TIMES, *reasons)) if rows else None
 
 
 def law_tables(series: SeriesClogging) -> list[Table]:
@@ -153,8 +155,11 @@ _TABLE = (
 )
 _TIMES = (
     "Times between grains where walls move: P(t >= T) = (T/t_min)^(1 - α). For α ≤ 2 the mean time diverges: “clogs” "
-    "and “flows” are P(α ≤ 2) above 0.95 and below 0.05. The ratio of likelihoods is to an exponential tail: above 0 "
-    "the power law describes it better. Flowing fraction: part of the time without gaps (window.gap)."
+    "and “flows” are P(α ≤ 2) above 0.95 and below 0.05. ln L: ratio of the likelihood of the power law to that of an "
+    "exponential and of a stretched exponential tail. Above 0 the power law is better. A stretched exponential has it "
+    "as a limit: it is better below −2. p: probability that a power law is farther from its fit (parametric bootstrap "
+    "with t_min as it is). Below 0.1 the tail is no power law, and α has no meaning. Flowing fraction: part of the "
+    "time without gaps (window.gap)."
 )
 _MEMORY = (
     "In a flow without memory the hazard is constant. Consecutive: correlation of ln s of avalanches after each other "

@@ -44,11 +44,11 @@ def energy_table(points: list[PointResult]) -> Table:
 
 _CAPTION = (
     "Energy that the bed gives up within the window of W: part carried out as kinetic energy of the grains that leave, "
-    "and parts dissipated along normals and by tangential forces. Rest: rolling friction, the gain in kinetic energy "
-    "of the bed, and the error of sampling."
+    "and parts dissipated along normals, by tangential forces and by torques of rolling friction. Rest: the gain in "
+    "kinetic energy of the bed, and the error of the balance."
 )
 NOTE = (
-    "Of the grains that have not left. Powers of contacts are means over sampled steps. P_rest = P_g − P_out − P_n − "
-    "P_t − gain in kinetic energy of the bed, plus the power of moving walls. E_el: half the sum of normal force times "
-    "overlap."
+    "Of the grains that have not left. P_c is added up at every step, net of what moving walls give; P_rest = P_g − "
+    "P_out − P_c − gain in kinetic energy of the bed is the error of the balance. P_n and P_t are means over sampled "
+    "steps; P_r = P_c − P_n − P_t, plus the power of moving walls. E_el: half the sum of normal force times overlap."
 )

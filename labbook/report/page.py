@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING
 from labbook.lab.folder import write_bytes
 from labbook.report import figures, tables
 from labbook.report.against import against_sections
+from labbook.report.arch import arch_sections
 from labbook.report.blocks import Block, Folded, Picture, Section, Verbatim, anchored, picture, slug
 from labbook.report.clogging import clogging_sections
 from labbook.report.composition import composition_sections
@@ -169,6 +170,7 @@ PARTS: tuple[Part, ...] = (
     _statements,
     sections_of_all,
     clogging_sections,
+    arch_sections,
     _flow_rates,
     composition_sections,
     residence_sections,

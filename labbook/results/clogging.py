@@ -1,7 +1,7 @@
 """Clogging at the points of a study: probability of a stop, survival of avalanches, and its dependence on D/d."""
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -11,6 +11,7 @@ from labbook.fit import FitError
 from labbook.fit.clogging import AVALANCHE_LAWS, DECADES, AvalancheFit, fit_avalanches, preferred
 from labbook.measure import scales
 from labbook.measure.clogging import EXCHANGE, PROBABILITY, Avalanches, Clogging, dimension, width_ratio
+from labbook.results.paper import Row
 from labbook.results.points import PointResult, RunResult
 from labbook.results.series import Series
 from labbook.results.study import StudyResults
@@ -28,6 +29,7 @@ from labbook.stats.survival import (
     lag_correlation,
     power_tail,
     rank_correlation,
+    tail_goodness,
 )
 
 ALIKE = 0.1
@@ -136,6 +138,13 @@ class PointClogging:
         except ValueError as few:
             return str(few)
 
+    @cached_property
+    def tail_goodness(self) -> float:
+        """Probability that a power law gives a tail farther from its fit; NaN without a tail."""
+        if self.times is None or isinstance(self.tail, str):
+            return math.nan
+        return tail_goodness(*self.times, self.tail)
+
     @property
     def flowing_fraction(self) -> float:
         """Part of the time of an agitated silo without gaps (`window.gap`); NaN of others."""
@@ -144,6 +153,26 @@ class PointClogging:
         longest = scales.gap(self.result.point.scene, self.result.runs[0].window)
         gaps = self.times[0] > longest
         return flowing_fraction(float(self.times[0][~gaps].sum()), float(self.times[0][gaps].sum()))
+
+    @property
+    def row(self) -> Row:
+        """Numbers by the names of columns: stops, probability with both intervals, flow while flowing and, of agitated
+        silos, the tail of the times between grains."""
+        q, (low, high), flowing = self.probability, self.over_beds, self.flowing
+        row: Row = {"width_ratio": self.width, "stops": q.events if q else 0, "grains": q.exposure if q else 0.0}
+        if q is not None:
+            row |= {"probability": q.value, "low": q.low, "high": q.high, "low_over_beds": low, "high_over_beds": high}
+        row["hazard_p"] = self.hazard.p if self.hazard is not None else math.nan
+        if flowing is not None:
+            row |= {"flow_while_flowing": flowing.value, "error": flowing.error}
+        if self.times is not None:
+            row["flowing_fraction"] = self.flowing_fraction
+        if isinstance(tail := self.tail, PowerTail):
+            row |= {"alpha": tail.alpha, "alpha_low": tail.low, "alpha_high": tail.high, "t_min": tail.t_min}
+            row |= {"times": tail.n, "censored": tail.censored, "probability_of_divergence": tail.clogs}
+            row |= {"over_exponential": tail.exponential, "over_stretched": tail.stretched}
+            row |= {"goodness": self.tail_goodness, "verdict": tail.verdict}
+        return row
 
     def _of_beds(self, pair: Callable[[Avalanches], tuple[float, float]]) -> np.ndarray:
         """Sums over the runs of each bed of two numbers of a run, shape [2, beds]."""
@@ -176,6 +205,15 @@ class SeriesClogging:
     points: tuple[PointClogging, ...]
     fits: tuple[AvalancheFit, ...]
     problems: tuple[str, ...]
+
+    @property
+    def law_rows(self) -> Iterator[Row]:
+        """A row for each parameter of each fitted law."""
+        for fit in self.fits:
+            goodness = {"deviance": fit.deviance, "p": fit.p_value, "aicc": fit.aicc, "outlets": len(fit.x)}
+            for name, parameter in fit.parameters.items():
+                head = {"law": fit.law.name, "formula": fit.law.formula, "parameter": name}
+                yield {**head, **vars(parameter), **goodness}
 
     @property
     def decades(self) -> float:

@@ -2,7 +2,7 @@
 
 import json
 import math
-from collections.abc import Collection, Iterable, Iterator, Sequence
+from collections.abc import Callable, Collection, Iterable, Iterator, Sequence
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -14,6 +14,7 @@ from labbook.results import display
 from labbook.results.against import against
 from labbook.results.against import rows as against_rows
 from labbook.results.budget import budgets
+from labbook.results.clogging import clogging
 from labbook.results.composition import composition_of
 from labbook.results.composition import rows as composition_rows
 from labbook.results.paper import Row, analyses
@@ -24,12 +25,14 @@ from labbook.results.residence import curve_rows, map_rows, residence_curve, res
 from labbook.results.series import Series
 from labbook.results.starts import at_starts
 from labbook.results.study import StudyResults
+from labbook.results.walls import PooledWalls, pooled_walls
 
 if TYPE_CHECKING:
     import pandas as pd
 
+_WALLS = ("wall_stress", "wall_peaks")
 _RESIDENCE = ("residence", "residence_times", "layers")
-EVERY = ("runs", "flow", "bands", "accelerations", "profiles", "composition", *_RESIDENCE)
+EVERY = ("runs", "flow", "bands", "accelerations", "profiles", "composition", *_RESIDENCE, *_WALLS)
 """Frames with a row for every run, instant or place."""
 _PLACES = 60
 """Orifices at which bands are given."""
@@ -41,6 +44,16 @@ _UNITS: dict[str, dict[str, str]] = {
     "inside": {"time": "s", "mass": "kg"},
     "residence": dict.fromkeys(("across_from", "across_to", "z_from", "z_to"), "m") | {"median": "s"},
     "residence_times": {"age": "s", "part": "", "error": "", "exit_age": "1/s"},
+    "clogging": {"flow_while_flowing": "kg/s", "error": "kg/s", "t_min": "s"}
+    | dict.fromkeys(("width_ratio", "probability", "low", "high", "alpha", "goodness"), ""),
+    "wall_peaks": {"filter_time": "s"} | dict.fromkeys(("peak", "error", "peak_of_mean"), ""),
+    "wall_stress": dict.fromkeys(("from", "to"), "m")
+    | {
+        f"{name}_{when}{error}": "Pa"
+        for name in ("normal", "shear", "across")
+        for when in ("rest", "flow")
+        for error in ("", "_error")
+    },
     "profiles": {"x_star": "", "x": "m", "velocity": "m/s", "velocity_error": "m/s"}
     | dict.fromkeys(("area_fraction", "area_fraction_error"), ""),
     "accelerations": dict.fromkeys(("bottom", "top"), "m")
@@ -78,6 +91,10 @@ def frames(
     | `residence`     | point and cell of the initial position: median time to leave, number of grains           |
     | `layers`        | point, initial layer and bin of the outflow, as in `composition`                          |
     | `residence_times` | point of a fed silo and age: part of the outflow that stayed shorter, exit-age density   |
+    | `wall_stress`   | point, wall and bin: stresses at rest and later, with errors over beds, contacts          |
+    | `wall_peaks`    | point and time of the moving mean: peak of the normal force after the opening             |
+    | `clogging`      | point: stops, probability of a stop with its intervals, tail of the times between grains  |
+    | `clogging_laws` | series, law of the mean avalanche and parameter: value, error, interval; goodness         |
 
     An interval whose both ends are unknown is NaN at both, as is an unknown error; one that is open at one end is
     infinite there. `attrs["units"]` has the SI units of columns that mean the same in every row.
@@ -109,6 +126,10 @@ def frames(
         "residence": _residence(results),
         "layers": _layers(results),
         "residence_times": _residence_times(results),
+        "wall_stress": _walls(results, PooledWalls.rows),
+        "wall_peaks": _walls(results, PooledWalls.peak_rows),
+        "clogging": _clogging(results),
+        "clogging_laws": _clogging_laws(results),
     }
     of_papers, problems = frames_of_papers(results)
     made |= of_papers
@@ -416,6 +437,23 @@ def _residence_times(results: StudyResults) -> Iterator[Row]:
         pooled = residence_curve(result)
         if pooled is not None:
             yield from ({**of_point(result), **row} for row in curve_rows(pooled))
+
+
+def _walls(results: StudyResults, rows: Callable[[PooledWalls], Iterator[Row]]) -> Iterator[Row]:
+    for result in results.points:
+        pooled = pooled_walls(result)
+        if pooled is not None:
+            yield from ({**of_point(result), **row} for row in rows(pooled))
+
+
+def _clogging(results: StudyResults) -> Iterator[Row]:
+    for series in clogging(results):
+        yield from ({**of_point(point.result), **point.row} for point in series.points)
+
+
+def _clogging_laws(results: StudyResults) -> Iterator[Row]:
+    for series in clogging(results):
+        yield from ({**_of_series(series.series), **row} for row in series.law_rows)
 
 
 def _statements(results: StudyResults) -> Iterator[Row]:

@@ -1,7 +1,7 @@
 """Wall stress of a point: means over beds, and Janssen's law fitted to them."""
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -9,8 +9,10 @@ import numpy as np
 
 from labbook.fit import FitError
 from labbook.fit.janssen import JanssenFit, WallProfile, fit_janssen, preferred
-from labbook.measure.wall_stress import WallStress, WallStresses
+from labbook.measure.wall_stress import FILTER, FILTERS, WallStress, WallStresses
+from labbook.results.paper import Row
 from labbook.results.points import PointResult
+from labbook.scene.timescales import gravity_time
 
 _FEWEST_BEDS = 3
 """Beds from which on a jackknife gives an error."""
@@ -49,6 +51,33 @@ class PooledWalls:
             rows.append(np.mean([row[:shortest] for row in runs], axis=0))
         shortest = min(map(len, rows))
         return self.layout.opening_time[:shortest], np.array([row[:shortest] for row in rows])
+
+    def rows(self) -> Iterator[Row]:
+        """A row for each bin: stresses [Pa] at rest and later, with their errors over beds, and contacts."""
+        layout = self.layout
+        columns: dict[str, np.ndarray] = {}
+        for when, area in (("rest", layout.rest_area), ("flow", layout.area)):
+            mean, error = (value / area[:, None] for value in self.pooled(when))
+            for place, name in enumerate(("normal", "shear", "across")):
+                columns[f"{name}_{when}"], columns[f"{name}_{when}_error"] = mean[:, place], error[:, place]
+            for name in ("contacts", "sliding"):
+                columns[f"{name}_{when}"], _ = self.pooled(f"{when}_{name}")
+        for k, number in enumerate(layout.wall):
+            place = {"wall": str(layout.names[number]), "along": str(layout.coordinates[number])}
+            ends = {"from": float(layout.low[k]), "to": float(layout.high[k])}
+            yield {**place, **ends, **{name: float(values[k]) for name, values in columns.items()}}
+
+    def peak_rows(self) -> Iterator[Row]:
+        """A row for each time of the moving mean [s]: peak of the normal force on upright walls after the opening over
+        that at rest, the mean of the peaks of beds with its error, and, for the time FILTER, the peak of their mean."""
+        unit, (_, opening) = gravity_time(self.result.point.scene), self.opening()
+        mean, error = self.pooled("peaks")
+        of_mean = float(opening.mean(axis=0).max()) if opening.size else math.nan
+        for place, tau in enumerate(FILTERS):
+            if math.isfinite(mean[place]):
+                peak = of_mean if tau == FILTER else math.nan
+                numbers = {"peak": float(mean[place]), "error": float(error[place]), "peak_of_mean": peak}
+                yield {"filter_time": tau * unit, **numbers, "beds": len(self.beds)}
 
     @cached_property
     def fits(self) -> Mapping[str, Mapping[str, JanssenFit]]:
@@ -113,7 +142,7 @@ class PooledWalls:
         if force[used, 1].sum() <= 0:
             raise FitError(
                 "Janssen: the upright walls carry no weight, as after a fall of the grains in a narrow column; "
-                "mobilise their friction by a side wall whose surface moves up"
+                "mobilise their friction by fill.mobilise"
             )
         area = layout.rest_area
         starts = sorted(set(layout.low[used].tolist()), key=lambda low: area[used & (layout.low == low)].sum())

@@ -383,7 +383,7 @@ class Board:
             finally:
                 for folder, why in job.damaged.items():
                     self._index.note(folder, why)
-            needed = self._bench.backend.specialise(job.scene, job.numerics, job.declared)
+            needed = self._bench.backend.specialise(job.widest, job.numerics, job.declared)
         if spec is not None and needed != spec:
             self.dropped(job)
             self._unfit.add((job.key, spec))

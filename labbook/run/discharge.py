@@ -73,7 +73,8 @@ class DischargeJob(Job):
         self.observe = observe
         self._plane = self.scene.container.outlet_plane
         self._crossed, self._discharged, self._last = 0, 0.0, 0.0
-        self._fed, self._looked, self._precision = 0, 0, math.inf
+        self._looked, self._precision = 0, math.inf
+        self._advanced = False
         self._restarts: list[tuple[float, float]] = []
         self._rests = False
         self._failure: RunFailure | None = None
@@ -156,7 +157,7 @@ class DischargeJob(Job):
         self._crossed, self._last = int(state["crossed"]), float(state["last"])
         self._discharged = float(state.get("discharged", self._crossed / self.scene.grains.count))
         self._restarts = _restarts(state)
-        self._fed, self._looked = saved.step, self._looks()
+        self._looked = self._looks()
         self.film = parse_film(state["film"], self.numerics)
         self._observes([parse_probe(text) for text in state["probes"]])
         return saved
@@ -268,32 +269,65 @@ class DischargeJob(Job):
             self._unseen = True
             _no_picture(self.label, problem)
 
-    def feed(self, ensemble: Ensemble, member: Member) -> None:
-        """Put grains back that have left, and break an arch, after every beat: a state that is saved has those of its
-        beat."""
-        beat, now = self.status.step // self.numerics.steps_per_beat, self.status.time
-        if self.demand.shared.stop.still and now - self._last >= stop_time(self.scene):
-            self._rests = still(self.scene, ensemble.packing(member))
-        if self._feeder is None or self.status.step <= self._fed:  # a guard has put it back to the last good beat
-            return
-        self._fed = self.status.step
-        if self.status.grains < self.scene.grains.count:  # to read a member takes longer than many steps of it
-            back = self._feeder.returning(ensemble.packing(member), beat)
-            if back is not None:
-                ensemble.put_back(member, back)
-        if self._breaker is not None and (number := self._push(self._breaker, ensemble, member, beat)) is not None:
-            ensemble.set_velocities(member, *self._breaker.pushed(ensemble.packing(member), beat, number))
+    def after(
+        self, status: Status, tables: Mapping[Probe, Table], wall: float, process: float, grain_steps: float
+    ) -> None:
+        """Account for a beat; after a failed one the member is in the last good state, into which grains came back."""
+        self._advanced = status.step > self.status.step
+        super().after(status, tables, wall, process, grain_steps)
 
-    def _push(self, breaker: Breaker, ensemble: Ensemble, member: Member, beat: int) -> int | None:
-        """Number of the push after this beat, from 1 on: the flow has just stopped, which is noted, or is still stuck.
-        None while it flows."""
-        now = self.status.time
-        if self._restarts and self._last <= self._restarts[-1][1]:
-            return breaker.push(beat - round(self._restarts[-1][1] / self.numerics.beat))
-        if now - self._last < breaker.wait or not still(self.scene, ensemble.packing(member)):
-            return None
-        self._restarts.append((self._last, now))
-        return 1
+    @property
+    def lacks_grains(self) -> bool:
+        """True if grains have left: a state that is saved has those that are put back after its beat."""
+        return self._feeder is not None and self._advanced and self.status.grains < self.scene.grains.count
+
+    def returning(self, bed: Packing) -> Packing | None:
+        """Return the grains that come back into this bed; None if none finds a place."""
+        return self._feeder and self._feeder.returning(bed, self._beat)
+
+    @property
+    def pauses(self) -> bool:
+        """True if no grain has left for so long that the flow may have stopped, or if a push is due after a stop."""
+        if self._breaker is None:
+            return self.demand.shared.stop.still and self._waits
+        return self._advanced and (self._push is not None if self._stuck else self._waits)
+
+    def intervene(self, ensemble: Ensemble, member: Member, bed: Packing) -> None:
+        """Note that the flow has stopped if the grains near the outlet are still; push them where arches are broken."""
+        if not self._stuck:
+            self._rests = still(self.scene, bed)
+        if self._breaker is None or not (self._stuck or self._rests):
+            return
+        if not self._stuck:
+            self._restarts.append((self._last, self.status.time))
+        number, self._rests = self._push, False
+        assert number is not None
+        ensemble.set_velocities(member, *self._breaker.pushed(bed, self._beat, number))
+
+    @property
+    def _beat(self) -> int:
+        """Beats since the opening."""
+        return self.status.step // self.numerics.steps_per_beat
+
+    @property
+    def _waits(self) -> bool:
+        """True if no grain has left for so long that the flow may count as stopped."""
+        return self.status.time - self._last >= self._stop_time
+
+    @cached_property
+    def _stop_time(self) -> float:
+        return stop_time(self.scene)
+
+    @property
+    def _stuck(self) -> bool:
+        """True if no grain has left since the arch was pushed last."""
+        return bool(self._restarts) and self._last <= self._restarts[-1][1]
+
+    @property
+    def _push(self) -> int | None:
+        """Number of the push that is due after this beat, from 1 on, since the last restart; None if none is."""
+        assert self._breaker is not None
+        return self._breaker.push(self._beat - round(self._restarts[-1][1] / self.numerics.beat))
 
     def verdict(self, events: Sequence[Event]) -> Outcome | None:
         """The stop rule."""

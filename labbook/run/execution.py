@@ -7,7 +7,7 @@ from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import ALL_COMPLETED, FIRST_COMPLETED, Future, wait
 from itertools import chain
 
-from labbook.backend import Backend, EndState, Event, Member, Overflow
+from labbook.backend import Backend, EndState, Ensemble, Event, Member, Overflow
 from labbook.run.board import KINDS, Board, Started
 from labbook.run.closing import Closing
 from labbook.run.discharge import DischargeJob
@@ -17,6 +17,7 @@ from labbook.run.lane import Hand, Lane, Turn
 from labbook.run.live import Publisher
 from labbook.run.stopping import Request
 from labbook.run.watch import Going, Meter, View
+from labbook.scene import Packing
 
 CHECKPOINT_EVERY = 20.0
 """Wall time between two saves of a job [s], which is what a kill loses at most; longer where saving would take more
@@ -212,19 +213,36 @@ class Execution:
             work = (status.step - before.step) * (status.grains + before.grains) / 2
             self.meter.add(work)
             job.after(status, rows[member], took.wall, took.process / share, work)
-            job.feed(ensemble, member)
+        self._intervene(ensemble, lane.jobs)
         looking = {member: job for member, job in lane.jobs.items() if job.looks}
         with ensemble.reading(looking):
             for member, job in looking.items():
                 job.look(ensemble, member)
         ended: dict[Member, tuple[Job, str]] = {}
+        stages = {member: job.stage for member, job in lane.jobs.items()}
         for member, job in lane.jobs.items():
             if warning := job.warning():
                 self._say(warning)
             if verdict := job.verdict(events[member]):
                 ended[member] = job, verdict
         self._end(lane, ended)
+        for member in [member for member, job in lane.jobs.items() if job.stage != stages[member]]:
+            lane.change_scene(member)
         self._save(lane)
+
+    def _intervene(self, ensemble: Ensemble, jobs: Mapping[Member, Job]) -> None:
+        """Put grains back that have left, then break arches. Beds are read together, and only those that are needed: to
+        read one alone takes longer than many steps of it."""
+
+        def beds(members: Sequence[Member]) -> Mapping[Member, Packing]:
+            with ensemble.reading(members):
+                return {member: ensemble.packing(member) for member in members}
+
+        fed = beds([member for member, job in jobs.items() if job.lacks_grains])
+        back = {member: jobs[member].returning(bed) for member, bed in fed.items()}
+        ensemble.put_back_all({member: grains for member, grains in back.items() if grains is not None})
+        for member, bed in beds([member for member, job in jobs.items() if job.pauses]).items():
+            jobs[member].intervene(ensemble, member, bed)
 
     def _trace(self, lane: Lane, new: int, took: Turn) -> None:
         """Log a turn, so that it can be seen what waits for what."""

@@ -24,7 +24,7 @@ from labbook.lab.journal import PROGRESS, Saved
 from labbook.lab.packings import PackingRecord, write_packing
 from labbook.lab.records import Unreadable
 from labbook.plan.demand import Demand, PackingsOf
-from labbook.plan.forecast import fill_time
+from labbook.plan.forecast import fill_time, settling_time
 from labbook.run.job import Bench, Job, JobFailed, Kept, LabEntry, failure
 from labbook.run.ledger import ledger
 from labbook.scene import Packing, Scene, Spheres
@@ -58,7 +58,9 @@ class FillJob(Job):
         self.max_time: float | None = None
         """Longest time [s] after which it was given up, if it was for that."""
         super().__init__(bench, demand, keys, keys.packing, bench.lab.packing(keys.packing), claim)
-        self.scene = demand.shared.closed
+        self.scene, self._lifted = demand.shared.closed, demand.shared.lifted
+        self._stage, self._since = 0, 0.0
+        """Number of the stage, and the time [s] at which it began."""
         self.settled_below = demand.filling.settled_below
         if self.scene.gravity > 0:
             self.settled_beats = STARTS[demand.filling.kind].quiet_beats(self.scene, self.numerics.beat)
@@ -77,6 +79,30 @@ class FillJob(Job):
                 f"{self.label}: {guest.backend.name} has to make this packing first, in {guest.precision} precision"
             )
         return super().begin()
+
+    @property
+    def stage(self) -> int:
+        """Number of the stage: 0 until the first rest; with friction that is mobilised 1 while walls move, then 2."""
+        return self._stage
+
+    @property
+    def stepped(self) -> Scene:
+        """The closed scene, of which the upright walls move in stage 1."""
+        return self._lifted if self._lifted is not None and self._walls_move else self.scene
+
+    @property
+    def widest(self) -> Scene:
+        """The scene with walls that move, where they ever do."""
+        return self._lifted or self.scene
+
+    @property
+    def _walls_move(self) -> bool:
+        return self._stage == 1
+
+    @property
+    def _for(self) -> float:
+        """Time [s] in the present stage."""
+        return self.status.time - self._since
 
     @property
     def numerics(self) -> Numerics:
@@ -110,12 +136,16 @@ class FillJob(Job):
             quiet = saved.state.get("quiet", 0)
             if type(quiet) is not int or not 0 <= quiet < _LOOKS:
                 raise Unreadable(f"{self.journal.folder / PROGRESS}: state.quiet: {quiet} looks that found it at rest")
-            self._quiet = quiet
+            stage, since = saved.state.get("stage", 0), saved.state.get("since", 0.0)
+            if stage not in ((0,) if self._lifted is None else (0, 1, 2)) or not 0 <= since < math.inf:
+                raise Unreadable(f"{self.journal.folder / PROGRESS}: state.stage: stage {stage} since {since} s")
+            self._quiet, self._stage, self._since, self._fell = quiet, stage, since, since
         return saved
 
     def state(self) -> dict[str, Any]:
-        """How often on end it was found at rest; why a guard stopped it, if one did."""
-        return {"quiet": self._quiet} | ({"failed": self._failure.message} if self._failure else {})
+        """How often on end it was found at rest; its stage, after the first; why a guard stopped it, if one did."""
+        stage = {"stage": self._stage, "since": self._since} if self._stage else {}
+        return {"quiet": self._quiet, **stage} | ({"failed": self._failure.message} if self._failure else {})
 
     def after(
         self, status: Status, tables: Mapping[Probe, Table], wall: float, process: float, grain_steps: float
@@ -123,21 +153,21 @@ class FillJob(Job):
         """As every job; when the kinetic energy last fell to half of what it had been is noted."""
         super().after(status, tables, wall, process, grain_steps)
         if status.kinetic <= self._lowest / 2:
-            self._lowest, self._fell, self._most = status.kinetic, status.time, 0.0
+            self._watch_from(status.kinetic)
         self._most = max(self._most, status.kinetic)
 
     @property
     def stalled(self) -> bool:
         """Whether the kinetic energy has not halved for as long as a whole filling is expected to take."""
         usual = self._usual
-        return self.status.time > 2 * usual and self.status.time - self._fell > usual
+        return not self._walls_move and self._for > 2 * usual and self.status.time - self._fell > usual
 
     @property
     def hovers(self) -> bool:
         """Whether the bed stands still, but for a jitter slightly above the energy at rest that does not decay."""
         grains = self.scene.grains
         least = max(_HOVERS * self._usual, _LEAST * math.sqrt(grains.diameter / self.scene.gravity))
-        if self._most >= HOVERING or self.status.time - self._fell < least or not self._levels:
+        if self._walls_move or self._most >= HOVERING or self.status.time - self._fell < least or not self._levels:
             return False
         (_, before), (_, now) = self._levels
         return abs(now - before) < _CREEP * grains.diameter
@@ -176,6 +206,10 @@ class FillJob(Job):
             f"the step is {self.numerics.dt:.3g} s, {part:.2g} of a collision"
         )
 
+    def _watch_from(self, kinetic: float) -> None:
+        """Watch from now on for the kinetic energy per grain to fall to half of this."""
+        self._lowest, self._fell, self._most = kinetic, self.status.time, 0.0
+
     def absorb(self, probe: Probe, table: Table) -> None:
         """Fillings observe nothing."""
 
@@ -183,7 +217,7 @@ class FillJob(Job):
     def may_save(self) -> bool:
         """Not while the backend counts beats at rest: that count is not in a checkpoint."""
         assert self.settled_below is not None
-        return self.status.kinetic >= self.settled_below
+        return self._walls_move or self.status.kinetic >= self.settled_below
 
     @property
     def looks(self) -> bool:
@@ -193,7 +227,7 @@ class FillJob(Job):
             return True
         if self.status.step % (_LOOK_EVERY * self.numerics.steps_per_beat):
             return False
-        return self.demand.filling.moving > 0 or self.status.time > 2 * self._usual
+        return self.demand.filling.moving > 0 or self._for > 2 * self._usual
 
     def look(self, ensemble: Ensemble, member: Member) -> None:
         """Look at each grain: whether it is still in the container, how high the bed stands, and where some grains may
@@ -209,21 +243,32 @@ class FillJob(Job):
         if moving == 0:
             return
         assert self.settled_below is not None
-        calm = at_rest(self.scene, packing, self.settled_below, moving)
+        calm = not self._walls_move and at_rest(self.scene, packing, self.settled_below, moving)
         self._quiet = self._quiet + 1 if calm else 0
 
     def verdict(self, events: Sequence[Event]) -> str | None:
-        """Settled, stopped by a guard, with grains lost, hovering, or out of time."""
+        """Settled, stopped by a guard, with grains lost, hovering, or out of time; None where another stage follows."""
         self._failure = failure(events)
         if self._failure:
             return "failed"
         if self._lost:
             return "lost"
-        if self._quiet >= _LOOKS or any(isinstance(event, Settled) for event in events):
-            return "settled"
-        if self.status.time >= self._longest:
+        if self._is_over(events):
+            if self._stage == (0 if self._lifted is None else 2):
+                return "settled"
+            self._stage, self._since, self._quiet = self._stage + 1, self.status.time, 0
+            self._watch_from(math.inf)
+        elif self._for >= self._longest and not self._walls_move:
             return "late"
         return "hovering" if self.hovers else None
+
+    def _is_over(self, events: Sequence[Event]) -> bool:
+        """True once the bed is at rest; in stage 1 once walls have moved as far as they are to."""
+        if self._walls_move:
+            mobilise = self.demand.filling.mobilise
+            assert mobilise is not None
+            return self._for >= mobilise.time
+        return self._quiet >= _LOOKS or any(isinstance(event, Settled) for event in events)
 
     def kept(self, verdict: str, left: EndState) -> "KeptPacking":
         """The packing; of a filling that came to nothing, the last state. Raises JobFailed for that."""
@@ -283,21 +328,26 @@ class FillJob(Job):
 
     def progress(self) -> float:
         """By the time that a filling is expected to take; settling has no end that can be seen coming."""
-        return min(0.95, self.status.time / self._usual)
+        return min(0.95, self.status.time / fill_time(self.demand))
 
     @property
     def open_ended(self) -> bool:
         """Whether it takes longer to settle than expected."""
-        return self.status.time > self._usual
+        return not self._walls_move and self._for > self._usual
 
     @cached_property
     def _usual(self) -> float:
-        """Time [s] that a filling like this one is expected to take."""
-        return fill_time(self.demand)
+        """Time [s] in which a bed like this one is expected to come to rest."""
+        return settling_time(self.demand)
 
     def doing(self) -> tuple[str, ...]:
         """The kinetic energy against that at rest, and the simulated time against the longest."""
         assert self.settled_below is not None
+        if (mobilise := self.demand.filling.mobilise) is not None and self._walls_move:
+            return (
+                f"mobilising the friction of walls: {self._for:.2f} of {mobilise.time:.3g} s",
+                f"{self.status.time:.2f} s",
+            )
         now, below = short(self.status.kinetic), short(self.settled_below)
         return f"settling: {now} of m g d, rests below {below}", f"{self.status.time:.2f} of {self._longest:.3g} s"
 

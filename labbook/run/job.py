@@ -115,6 +115,21 @@ class Job(ABC):
         """The probes of the ensemble that takes it: its own, and those of others that may go on beside it."""
         return self.probes
 
+    @property
+    def stage(self) -> int:
+        """Number of the scene that it is stepped in now; it changes with a verdict that lets it go on."""
+        return 0
+
+    @property
+    def stepped(self) -> Scene:
+        """The scene that it is stepped in now."""
+        return self.scene
+
+    @property
+    def widest(self) -> Scene:
+        """The scene, of all its stages, that needs most of the kernels."""
+        return self.scene
+
     # what jobs differ in
 
     @abstractmethod
@@ -155,8 +170,22 @@ class Job(ABC):
         """Read the state after a beat."""
         return
 
-    def feed(self, ensemble: Ensemble, member: Member) -> None:
-        """Put grains back that have left in a beat, if the scene is fed."""
+    @property
+    def lacks_grains(self) -> bool:
+        """True if grains that left come back after this beat."""
+        return False
+
+    def returning(self, bed: Packing) -> Packing | None:
+        """Return the grains that come back into this bed; None if none does."""
+        return None
+
+    @property
+    def pauses(self) -> bool:
+        """True if the flow may have stopped, so that `intervene` looks at the bed after this beat."""
+        return False
+
+    def intervene(self, ensemble: Ensemble, member: Member, bed: Packing) -> None:
+        """Note a stop of the flow, and break the arch that holds it, in a member whose bed this is."""
         return
 
     @abstractmethod

@@ -18,10 +18,11 @@ from typing import TypeVar
 
 import numpy as np
 
-from labbook.backend import Backend, Ensemble, Event, Member, Spec
+from labbook.backend import Backend, Checkpoint, Ensemble, Event, Member, Spec
 from labbook.backend.probes import Probe, Table
 from labbook.run.board import Started
 from labbook.run.job import Job
+from labbook.scene import Packing
 
 T = TypeVar("T")
 
@@ -156,11 +157,14 @@ class Lane:
                 slots = self.slots if self.device == "cpu" else self.opened
                 self.ensemble = self.backend.open(started.spec, slots, self.device)
             self.spec = started.spec
-        job = started.job
+        self._enter(started.job, started.start)
+
+    def _enter(self, job: Job, start: Packing | Checkpoint) -> None:
+        assert self.ensemble is not None
         member = self.ensemble.admit(
-            job.scene,
+            job.stepped,
             job.numerics,
-            started.start,
+            start,
             settled_below=job.settled_below,
             settled_beats=job.settled_beats,
             probes=job.probes,
@@ -181,6 +185,13 @@ class Lane:
                 if probe in self.jobs[member].probes:
                     tables[probe] = {name: column[a:b] for name, column in columns.items()}
         return found
+
+    def change_scene(self, member: Member) -> None:
+        """Let a job go on in the scene of its next stage, from its exact state: step and time go on too."""
+        assert self.ensemble is not None
+        job, state = self.jobs[member], self.ensemble.checkpoint(member)
+        self.retire(member)
+        self._enter(job, state)
 
     def retire(self, member: Member) -> None:
         """Free a member's slot."""

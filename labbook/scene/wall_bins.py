@@ -73,6 +73,12 @@ def is_level(shape: WallShape) -> bool:
     return math.isfinite(low) and high - low <= 0
 
 
+def is_upright(wall: Wall) -> bool:
+    """True for a vertical wall."""
+    shape = wall.shape
+    return not is_level(shape) and shape.prismatic_above <= shape.bounds.low[2]
+
+
 def _along(container: ContainerShape, shape: WallShape) -> Along:
     if not is_level(shape):
         return "height"

@@ -12,6 +12,7 @@ from labbook.scene.model import Fault
 from labbook.scene.quantities import told_apart
 from labbook.scene.scene import Scene
 from labbook.scene.timescales import gravity_time, stop_time
+from labbook.scene.wall_bins import is_upright
 from labbook.study.paper import PAPERS, Asked, Wrong, none_such
 from labbook.study.point import Point
 from labbook.study.problems import Problem
@@ -66,7 +67,12 @@ def unfillable(source: StudyText, settings: Settings, points: Sequence[Point]) -
     told = set[str]()
     for point in points:
         start = (*STARTS[point.fill.kind].obstacles(point.scene), *_file_faults(point, settings))
-        found = (*_obstacles(point.scene), *_restless(point), *_too_high(point.scene, settings.stop.fill_height))
+        found = (
+            *_obstacles(point.scene),
+            *_restless(point),
+            *_immobile(point),
+            *_too_high(point.scene, settings.stop.fill_height),
+        )
         for key, reason, remedy in (*found, *((one.key, one.reason, one.remedy) for one in start)):
             if key not in told:
                 told.add(key)
@@ -195,6 +201,13 @@ def _restless(point: Point) -> Iterator[tuple[str, str, str]]:
     if not any(surface.friction > 0 or (rods and surface.rolling_friction > 0) for surface in closed.surfaces):
         key, remedy = at_fault
         yield key, "neither impacts nor friction lose energy, so that the bed never comes to rest", remedy
+
+
+def _immobile(point: Point) -> Iterator[tuple[str, str, str]]:
+    """A container without upright walls whose friction could be mobilised."""
+    if point.fill.mobilise is None or any(map(is_upright, point.scene.container.close().walls())):
+        return
+    yield "fill.mobilise", "the container has no upright wall", "leave it out"
 
 
 def _too_high(scene: Scene, stop: float | None) -> Iterator[tuple[str, str, str]]:

@@ -19,6 +19,7 @@ from pydantic import (
 from labbook.backend.numerics import Numerics
 from labbook.campaign import STRATEGIES, Strategy
 from labbook.filling import GrainFile
+from labbook.filling.mobilising import Mobilise
 from labbook.filling.placing import STARTS, FromFile
 from labbook.fit import named
 from labbook.scene.attached import AttachedFile
@@ -96,6 +97,9 @@ class Fill(Model):
     # by default it is left out of what is stored
     surface_motion: Annotated[StrictBool, Field(exclude_if=lambda moves: not moves)] = False
     """Whether surfaces of walls (`container.rotation`, `container.parts[].motion`) move already during filling."""
+    mobilise: Annotated[Mobilise | None, Field(exclude_if=lambda mobilise: mobilise is None)] = None
+    """Motion of the bottom against the upright walls once the bed is at rest, which mobilises the friction of walls;
+    then it comes to rest again. None: no such motion."""
     max_time: Duration | None = None
     """Longest filling; a bed that moves after this time is an error."""
 

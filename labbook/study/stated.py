@@ -38,9 +38,10 @@ Swept = TypedDict("Swept", {
     "fill.numerics.integrator": object, "fill.numerics.skin": object, "fill.numerics.steps_per_beat": object,
     "fill.numerics.stiffness_scale": object, "fill.numerics.speed_limit": object,
     "fill.numerics.overlap_limit": object, "fill.settled_below": object, "fill.moving": object,
-    "fill.surface_motion": object, "fill.max_time": object, "numerics.dt": object, "numerics.precision": object,
-    "numerics.integrator": object, "numerics.skin": object, "numerics.steps_per_beat": object,
-    "numerics.stiffness_scale": object, "numerics.speed_limit": object, "numerics.overlap_limit": object,
+    "fill.surface_motion": object, "fill.mobilise.bottom": object, "fill.mobilise.velocity": object,
+    "fill.max_time": object, "numerics.dt": object, "numerics.precision": object, "numerics.integrator": object,
+    "numerics.skin": object, "numerics.steps_per_beat": object, "numerics.stiffness_scale": object,
+    "numerics.speed_limit": object, "numerics.overlap_limit": object,
 }, total=False)
 """Dotted keys that a sweep may vary."""
 
@@ -83,12 +84,13 @@ Changed = TypedDict("Changed", {
     "fill.numerics.integrator": object, "fill.numerics.skin": object, "fill.numerics.steps_per_beat": object,
     "fill.numerics.stiffness_scale": object, "fill.numerics.speed_limit": object,
     "fill.numerics.overlap_limit": object, "fill.settled_below": object, "fill.moving": object,
-    "fill.surface_motion": object, "fill.max_time": object, "numerics.dt": object, "numerics.precision": object,
-    "numerics.integrator": object, "numerics.skin": object, "numerics.steps_per_beat": object,
-    "numerics.stiffness_scale": object, "numerics.speed_limit": object, "numerics.overlap_limit": object,
-    "sweep.grains.shape": object, "sweep.grains.diameter": object, "sweep.grains.density": object,
-    "sweep.grains.count": object, "sweep.grains.sizes.kind": object, "sweep.grains.sizes.smallest": object,
-    "sweep.grains.sizes.mean": object, "sweep.grains.sizes.deviation": object, "sweep.grains.sizes.median": object,
+    "fill.surface_motion": object, "fill.mobilise.bottom": object, "fill.mobilise.velocity": object,
+    "fill.max_time": object, "numerics.dt": object, "numerics.precision": object, "numerics.integrator": object,
+    "numerics.skin": object, "numerics.steps_per_beat": object, "numerics.stiffness_scale": object,
+    "numerics.speed_limit": object, "numerics.overlap_limit": object, "sweep.grains.shape": object,
+    "sweep.grains.diameter": object, "sweep.grains.density": object, "sweep.grains.count": object,
+    "sweep.grains.sizes.kind": object, "sweep.grains.sizes.smallest": object, "sweep.grains.sizes.mean": object,
+    "sweep.grains.sizes.deviation": object, "sweep.grains.sizes.median": object,
     "sweep.grains.sizes.spread": object, "sweep.grains.sizes.by": object, "sweep.grains.length": object,
     "sweep.contact.law": object, "sweep.contact.friction": object, "sweep.contact.rolling_friction": object,
     "sweep.contact.restitution": object, "sweep.contact.damping": object, "sweep.contact.rolling": object,
@@ -122,7 +124,8 @@ Changed = TypedDict("Changed", {
     "sweep.fill.numerics.skin": object, "sweep.fill.numerics.steps_per_beat": object,
     "sweep.fill.numerics.stiffness_scale": object, "sweep.fill.numerics.speed_limit": object,
     "sweep.fill.numerics.overlap_limit": object, "sweep.fill.settled_below": object, "sweep.fill.moving": object,
-    "sweep.fill.surface_motion": object, "sweep.fill.max_time": object, "sweep.numerics.dt": object,
+    "sweep.fill.surface_motion": object, "sweep.fill.mobilise.bottom": object,
+    "sweep.fill.mobilise.velocity": object, "sweep.fill.max_time": object, "sweep.numerics.dt": object,
     "sweep.numerics.precision": object, "sweep.numerics.integrator": object, "sweep.numerics.skin": object,
     "sweep.numerics.steps_per_beat": object, "sweep.numerics.stiffness_scale": object,
     "sweep.numerics.speed_limit": object, "sweep.numerics.overlap_limit": object,
@@ -518,6 +521,16 @@ class FillNumericsKeys(TypedDict, total=False):
     """Abort the run if any overlap exceeds this fraction of the grain diameter. Range: in (0, 1]."""
 
 
+class FillMobiliseKeys(TypedDict, total=False):
+    """Section `fill.mobilise`."""
+
+    bottom: object
+    """Distance by which the bottom sinks relative to the upright walls, whose surfaces move up instead [m]. Range:
+    above 0."""
+    velocity: object
+    """Velocity of that motion, far below √(g d) [m/s]. Range: above 0."""
+
+
 class FillKeys(TypedDict, total=False):
     """Section `fill`."""
 
@@ -547,6 +560,7 @@ class FillKeys(TypedDict, total=False):
     max_time: object
     """Longest filling; a bed that moves after this time is an error [s]. Range: above 0."""
     numerics: FillNumericsKeys | object
+    mobilise: FillMobiliseKeys | object
 
 
 class NumericsKeys(TypedDict, total=False):
@@ -641,6 +655,7 @@ KEYS = """\
     fill: kind, file, shift [m], friction, contact, settled_below, moving, surface_motion, max_time [s]
     fill.numerics: dt [s], precision, integrator, skin, steps_per_beat, stiffness_scale, speed_limit [m/s],
         overlap_limit
+    fill.mobilise: bottom [m], velocity [m/s]
     numerics: dt [s], precision, integrator, skin, steps_per_beat, stiffness_scale, speed_limit [m/s], overlap_limit
 """
 """The keys of a study by sections, with SI units."""

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 from stands import identical
 
+from labbook.backend import Member
 from labbook.backend.probes import Crossing, Ledger
 from labbook.checks.verify.mixture import graded_hopper
 from labbook.checks.verify.stand import rows_of
@@ -105,6 +106,30 @@ def test_a_grain_that_is_put_back_falls_and_the_others_do_not_know(silo):
             assert all(np.array_equal(getattr(now, n)[a], getattr(alone, n)[b]) for n in MOTION)
         else:  # in single precision a law may round by where in a register a contact stands, which lists decide
             assert np.allclose(now.x[a], alone.x[b], rtol=0, atol=1e-3 * silo.scene.grains.diameter)
+
+
+def test_put_back_together_members_have_the_bits_of_one_after_another(silo):
+    ends = []
+    for together in (True, False):
+        with silo.ensemble() as ensemble:
+            members = [silo.admit(ensemble) for _ in range(3)]
+            ensemble.advance(12)
+            away = np.setdiff1d(silo.start.ids, ensemble.packing(members[0]).ids)
+            assert len(away) > 1
+            back = dict[Member, Packing]()
+            for n, member in enumerate(members[:2], 1):
+                x, still = np.array([[6e-3 * k, 0.0, 0.12] for k in range(n)]), np.zeros((n, 3))
+                back[member] = Packing(x=x, v=still, omega=still, ids=away[:n])
+            if together:
+                ensemble.put_back_all(back)
+            else:
+                for member, grains in back.items():
+                    ensemble.put_back(member, grains)
+            ensemble.advance(3)
+            ends.append([ensemble.packing(member) for member in members])
+    for one, other in zip(*ends, strict=True):
+        assert identical(one, other)
+    assert len({len(end) for end in ends[0]}) == 3, "each has other grains"
 
 
 def test_what_is_read_after_it_is_not_what_was_read_before(silo):

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from labbook_dem.traction import bin_of, components, friction_of, moment, slides
+from labbook_dem.traction import SUMS, WALL_COLUMNS, bin_of, components, friction_of, moment, slides
 from labbook_dem.words import wide
 
 from labbook_warp.kernels.bodies import body, with_plate
@@ -16,7 +16,7 @@ from labbook_warp.kernels.words import PARKED, WALL_PARTS, Longs, Wides, Words, 
 def wall_sums(a: System, p: Words, bins: Wides, units: Wides, part: wide, sums: Longs):
     """Add up the contacts with walls of all members, in whole numbers.
 
-    bins: five numbers of each wall (`BinTable`); units: of forces and torques, of each slot; sums: of each bin.
+    bins: WALL_COLUMNS numbers of each wall (`BinTable`); units: of forces and torques, of each slot; sums: of each bin.
     """
     i = wp.tid()
     s = i // a.cap
@@ -32,17 +32,19 @@ def wall_sums(a: System, p: Words, bins: Wides, units: Wides, part: wide, sums: 
                     c = at_wall(a, m, s, r, k, a.wall_near[i], a.wall_held[i], g)
                     if c.touches:
                         wall = wall_at(a, s, r, k // WALL_PARTS)
-                        count = int(bins[5 * wall + 3])
+                        count = int(bins[WALL_COLUMNS * wall + 3])
                         if count == 0:  # a member that is not read by this probe
                             continue
                         normal = normal_at(a, m, s, r, k, wall, a.wall_near[i], g)
-                        along = int(bins[5 * wall])
+                        along = int(bins[WALL_COLUMNS * wall])
                         point = g.x + c.branch
                         force = widen(c.force)
                         torque = moment(point, force)
                         pressed, up, across = components(along, force, normal, point)
-                        place = bin_of(along, bins[5 * wall + 1], bins[5 * wall + 2], count, point)
-                        at = 14 * (int(bins[5 * wall + 4]) + place)
+                        place = bin_of(
+                            along, bins[WALL_COLUMNS * wall + 1], bins[WALL_COLUMNS * wall + 2], count, point
+                        )
+                        at = SUMS * (int(bins[WALL_COLUMNS * wall + 4]) + place)
                         friction = friction_of(with_plate(a, wall, body(a, m, i)))
                         wp.atomic_add(sums, at, wp.int64(1))
                         wp.atomic_add(sums, at + 1, wp.int64(slides(force, normal, friction, part)))

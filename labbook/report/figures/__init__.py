@@ -2,6 +2,7 @@
 
 from labbook.report.figures.acceleration import acceleration_against_height
 from labbook.report.figures.against import against_key, has_cuts, ratio_heading
+from labbook.report.figures.arch import arch_figure, stopped_bed
 from labbook.report.figures.clogging import clogging_figure
 from labbook.report.figures.composition import composition_against_discharge
 from labbook.report.figures.energy import energy_balance
@@ -15,6 +16,7 @@ from labbook.report.figures.starts import parameters_against_start
 __all__ = [
     "acceleration_against_height",
     "against_key",
+    "arch_figure",
     "clogging_figure",
     "composition_against_discharge",
     "energy_balance",
@@ -28,4 +30,5 @@ __all__ = [
     "ratio_heading",
     "residence_distributions",
     "residence_maps",
+    "stopped_bed",
 ]

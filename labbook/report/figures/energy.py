@@ -13,6 +13,8 @@ PARTS = {
     "power_carried": "carried out",
     "power_normal": "normal dissipation",
     "power_friction": "tangential dissipation",
+    "power_rolling": "rolling dissipation",
+    "power_contacts": "dissipation of rods",
 }
 
 
@@ -23,11 +25,16 @@ def energy_balance(points: Sequence[PointResult]) -> "Figure":
     with house():
         figure = Figure(figsize=(PAGE, (24 + 7 * len(points)) * MILLIMETRE))
         ax = figure.subplots()
+        labelled: set[str] = set()
         for row, result in enumerate(points):
             released, start = result.pooled["power_released"].value, 0.0
             for color, (name, label) in zip(COLOURS, PARTS.items(), strict=False):
-                part = result.pooled[name].value / released if name in result.pooled else 0.0
-                ax.barh(row, part, 0.7, left=start, color=color, label=label if row == 0 else None)
+                split = name == "power_contacts" and "power_normal" in result.pooled
+                if name not in result.pooled or split:
+                    continue
+                part = result.pooled[name].value / released
+                ax.barh(row, part, 0.7, left=start, color=color, label=None if label in labelled else label)
+                labelled.add(label)
                 start += part
             ax.barh(row, max(1 - start, 0.0), 0.7, left=start, color=FAINT, alpha=0.5, label=None if row else "rest")
         ax.axvline(1.0, color=FAINT, linewidth=0.6)
@@ -35,5 +42,5 @@ def energy_balance(points: Sequence[PointResult]) -> "Figure":
         ax.invert_yaxis()
         ax.set_xlim(left=0)
         ax.set_xlabel("part of the released power")
-        figure.legend(loc="outside upper right", ncols=4)
+        figure.legend(loc="outside upper right", ncols=5)
     return figure

@@ -497,8 +497,6 @@ def test_the_scatter_of_one_run_does_not_depend_on_how_many_runs_beds_have():
     assert found.within == pytest.approx(0.02, rel=0.025)
 
 
-
-
 def test_what_ships_of_mixed_precision_is_what_its_runs_give():
     """By the means of W alone: of the flow from pairs in one bed, of the filling between beds."""
     known = [effect for effect in SHIPPED if effect["source"].startswith("accuracy-precision")]

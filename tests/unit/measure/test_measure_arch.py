@@ -7,7 +7,7 @@ import pytest
 
 from labbook.backend.numerics import Numerics
 from labbook.measure import MEASURES, MeasureError, RunData
-from labbook.measure.arch import EVERY, REST, arch
+from labbook.measure.arch import EVERY, NEAR, REST, StoppedBed, arch
 from labbook.measure.measure import Quantity
 from labbook.scene import CylinderSilo, Feed, HertzMindlin, Restart, Scene, Spheres, WedgeHopper
 from labbook.scene.container import Container
@@ -89,10 +89,29 @@ def test_each_stop_has_its_arch_from_the_last_frame_at_rest():
     size, force = evaluation.numbers
     assert (size.value, size.n_effective, size.error) == (7, 2, 0)
     assert force.value == pytest.approx(15.0), "10 and 20 weights"
-    assert evaluation.arrays["id"].tolist() == ids[:7].tolist()
+    bed = StoppedBed.of(evaluation.arrays)
+    assert bed is not None
+    assert bed.ids[bed.rows].tolist() == ids[:7].tolist()
+    assert bed.x[bed.rows] == pytest.approx(x[:7])
+    assert bed.link == pytest.approx(np.full(6, 20.0)), "of the last stop"
+    strong = {frozenset(pair) for pair in bed.ids[bed.pairs[bed.force > 15]].tolist()}
+    assert strong == {frozenset(pair) for pair in zip(ids[:6].tolist(), ids[1:7].tolist(), strict=True)}
     censored = RunData(scene, Numerics(dt=1e-5), 1, start, "time-limit", 2.0 + 40 * unit, tables)
     assert MEASURE.evaluate(censored, Window().endless()).numbers[0].n_effective == 1
     assert REST + EVERY < WAIT, "else a stop may have no frame"
+
+
+def test_near_the_outlet_a_bed_keeps_its_arch_and_the_contacts_between_its_grains():
+    ids, x, _ = half_circle()
+    far = x.copy()
+    far[8, 2] = 1.0
+    pairs = np.array([[0, 1], [7, 8], [8, 9], [9, 10]])
+    whole = StoppedBed(ids, far, pairs, np.arange(4.0), np.arange(7), np.full(6, 10.0))
+    near = whole.near(scene_of())
+    assert set(ids) - set(near.ids) == {ids[8]}, f"it is higher than {NEAR:g} d above the arch"
+    assert near.ids[near.pairs].tolist() == ids[[[0, 1], [9, 10]]].tolist()
+    assert near.force.tolist() == [0, 3]
+    assert near.ids[near.rows].tolist() == ids[:7].tolist()
 
 
 def test_other_scenes_are_refused_and_quantities_are_means():

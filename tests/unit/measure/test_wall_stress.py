@@ -10,14 +10,15 @@ pytest.importorskip("numba")
 from labbook_numba import Backend
 
 from labbook.backend.numerics import Numerics
-from labbook.backend.probes import TRACTION_SUMS, Contacts, Traction
+from labbook.backend.probes import TRACTION_SUMS, Contacts, Sample, Traction
 from labbook.checks.verify.materials import D, G, hertz, scene
 from labbook.checks.verify.stand import MemberStart, Stand, grains_at
+from labbook.fields import Space, coarse_grain, contacts_of, grains_of
 from labbook.filling.placing import place
 from labbook.measure import MEASURES, MeasureError, RunData
-from labbook.measure.wall_stress import WallStress, WallStresses, bin_width, is_upright
+from labbook.measure.wall_stress import WallStress, WallStresses, bin_width
 from labbook.scene import Box, Frustum, Primitives, SurfaceChange, Wall
-from labbook.scene.wall_bins import all_walls, bins_of_walls
+from labbook.scene.wall_bins import all_walls, bins_of_walls, is_upright
 
 SOFT, DT, COUNT = 1e6, 2e-5, 100
 
@@ -54,7 +55,7 @@ def settled(request):
         container = CYLINDER
     here = scene(COUNT, hertz(shear_modulus=SOFT, rolling_friction=0.0, restitution=0.1), container, G, **smooth)
     stand, probe = Stand(Backend(wide=True)), Traction(size=bin_width(here), every=2)
-    probes = (probe, Contacts(every=2))
+    probes = (probe, Contacts(every=2), Sample(fields=("x", "v"), every=2))
     fallen = stand.run(
         MemberStart(here, DT, place(here, "rain", 1), settled_below=1e-9), 200, 500, probes, until_event=True
     )
@@ -64,14 +65,14 @@ def settled(request):
     assert rest is not None
     table = {name: np.concatenate([rest[name], column]) for name, column in motion.rows(probe).items()}
     run = RunData(here, numerics, 1, fallen.end, "time-limit", 48 * 100 * DT, {"traction": table})
-    return request.param, run, motion.rows(probes[1])
+    return request.param, run, motion.rows(probes[1]), motion.rows(probes[2])
 
 
 @pytest.mark.compiles
 def test_walls_carry_the_weight_of_a_bed_at_rest(settled):
     """To 10^-3: the bed keeps some kinetic energy. Walls without friction carry nothing: forces of 6e-8 of a weight in
     each contact are rounding."""
-    kind, run, _ = settled
+    kind, run, *_ = settled
     numbers, stresses = evaluated(run)
     assert abs(numbers["weight_balance"]) < 1e-3
     assert abs(numbers["weight_balance_flow"]) < 1e-3
@@ -90,7 +91,7 @@ def test_walls_carry_the_weight_of_a_bed_at_rest(settled):
 
 @pytest.mark.compiles
 def test_bins_add_up_to_the_walls_and_forces_act_where_contacts_are(settled):
-    _, run, _ = settled
+    _, run, *_ = settled
     _, stresses = evaluated(run)
     for number, name in enumerate(stresses.names.tolist()):
         local = stresses.rest[stresses.of_wall(name)]
@@ -114,7 +115,7 @@ def test_bins_add_up_to_the_walls_and_forces_act_where_contacts_are(settled):
 def test_the_stress_of_the_bulk_is_that_of_its_walls(settled):
     """The virial of a bed at rest: the sum of f_x b_x over all contacts, those with walls included, is that of f_x x
     over walls. Without friction these are the side walls alone: the mean stress of the bulk is their normal stress."""
-    _, run, contacts = settled
+    _, run, contacts, _ = settled
     _, stresses = evaluated(run)
     last = contacts["step"] == contacts["step"].max()
     for axis in "xy":
@@ -123,6 +124,37 @@ def test_the_stress_of_the_bulk_is_that_of_its_walls(settled):
         pair = {"x": ["left", "right"], "y": ["front", "back"]}[axis]
         pressed = sum(stresses.flow[stresses.of_wall(name), 0].sum() for name in pair)
         assert virial == pytest.approx(half * pressed, rel=1e-2)
+
+
+@pytest.mark.compiles
+@pytest.mark.parametrize("settled", ["smooth box"], indirect=True)
+def test_the_field_of_the_contact_stress_ends_at_the_stress_of_the_walls(settled):
+    """Through each plane x or y = const. that no kernel of a contact with a side wall reaches, the field of the bulk
+    presses as that wall is pressed; through each height with the force of the bottom less the weight below. Balance of
+    momentum makes this exact but for the sum over cells and for what still moves."""
+    _, run, contacts, sample = settled
+    _, stresses = evaluated(run)
+    omega, h, last = D / 4, D / 6, float(contacts["time"].max())
+    grains = grains_of(sample, run.scene.grains.mass, run.scene.grains.volume, last, last)
+    top = float(grains.x[:, 2].max()) + 2 * D
+    counts = [math.ceil((high - low) / h) for low, high in ((-4 * D, 4 * D), (-3 * D, 3 * D), (-D, top))]
+    grid = Space((-4 * D, 4 * D), (-3 * D, 3 * D), (-D, top), *counts)
+    fields = coarse_grain(grid, omega, grains, contacts_of(contacts, sample, last, last))
+    stress = fields.contact_stress
+    assert stress is not None
+    z, y, x = grid.points
+    cell = [(points[1] - points[0]).item() for points in (x, y, z)]
+    for axis, points, wall, half in ((0, x, "left", 3 * D), (1, y, "front", 2 * D)):
+        others = tuple(k for k in range(3) if k != 2 - axis)
+        area = math.prod(cell) / cell[axis]
+        through = stress[axis, axis].sum(axis=others)[np.abs(points) < half - 4 * omega] * area
+        assert len(through) > 10
+        assert through == pytest.approx(stresses.flow[stresses.of_wall(wall), 0].sum(), rel=0.01)
+    vertical, area = stress[2, 2].sum(axis=(1, 2)) * cell[0] * cell[1], cell[0] * cell[1]
+    below = (np.cumsum(fields.density.sum(axis=(1, 2))) - fields.density.sum(axis=(1, 2)) / 2) * area * cell[2] * G
+    inside = z > 4 * omega
+    bottom = stresses.flow_force[stresses.names.tolist().index("bottom"), 2]
+    assert vertical[inside] == pytest.approx((bottom - below)[inside], abs=0.005 * stresses.weight)
 
 
 def test_known_forces_give_known_numbers():

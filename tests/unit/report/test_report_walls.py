@@ -1,5 +1,6 @@
 """The section on walls, from stresses that Janssen's law gives."""
 
+from dataclasses import replace
 from types import SimpleNamespace
 from typing import Any, cast
 
@@ -82,6 +83,37 @@ def test_fits_to_the_mean_of_beds_give_the_law_with_errors_between_beds():
     table = janssen_table(walls)
     assert [row[:2] for row in table.rows] == [("at rest", "J1"), ("at rest", "J2"), ("at rest", "J3")]
     assert "K at rest: 0.6 ± 0.01" in choice(walls)
+
+
+def test_rows_have_the_stresses_of_bins_with_errors_over_beds():
+    beds = [stresses(0.1, seed) for seed in range(4)]
+    rows = list(pooled(*beds).rows())
+    assert [row["wall"] for row in rows] == ["side"] * BINS + ["bottom"]
+    own = np.array([bed.rest[3] / bed.rest_area[3] for bed in beds])
+    assert (rows[3]["normal_rest"], rows[3]["shear_rest"]) == pytest.approx(own[:, :2].mean(axis=0))
+    assert rows[3]["shear_rest_error"] == pytest.approx(own[:, 1].std(ddof=1) / 2)
+    assert (rows[3]["from"], rows[3]["to"]) == pytest.approx((3 * SIZE, 4 * SIZE))
+    assert (rows[3]["contacts_rest"], rows[3]["sliding_rest"]) == (100, 50)
+    assert np.isnan(rows[3]["normal_flow"])
+
+
+def test_peaks_by_time_of_the_mean_are_those_of_beds_and_that_of_their_mean():
+    """Two beds whose peaks come one after the other: the peak of their mean is lower than the mean of the peaks."""
+    plain, time = stresses(0.0, 0), np.linspace(0, 1, 5)
+    beds = []
+    for late in (1, 3):
+        factor = np.ones(5)
+        factor[late] = 1.4
+        opening = factor[:, None] * np.where(plain.on_upright, plain.rest[:, 0], 0.0)
+        peaks = np.array([1.8, 1.6, 1.4, np.nan, np.nan])
+        beds.append(replace(plain, opening_time=time, opening=opening, peaks=peaks * (1 + 0.1 * (late == 3))))
+    rows = list(pooled(*beds).peak_rows())
+    unit = np.sqrt(D / G)
+    assert [row["filter_time"] for row in rows] == pytest.approx([unit, 2.5 * unit, 5 * unit], rel=1e-3)
+    assert [row["peak"] for row in rows] == pytest.approx([1.89, 1.68, 1.47])
+    assert rows[0]["error"] == pytest.approx(0.09)
+    assert rows[2]["peak_of_mean"] == pytest.approx(1.2)
+    assert np.isnan(rows[0]["peak_of_mean"])
 
 
 def test_weight_and_forces_are_in_words():

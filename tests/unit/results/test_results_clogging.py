@@ -14,6 +14,7 @@ from labbook.report.clogging import clogging_sections, clogging_table, law_table
 from labbook.report.page import PARTS
 from labbook.report.result_box import concerns, result_box
 from labbook.results.clogging import clogging
+from labbook.results.frames import frames
 from labbook.scene.packing import Packing
 from labbook.stats.rates import PooledRate
 from labbook.stats.survival import PowerTail
@@ -102,6 +103,25 @@ def test_avalanches_without_memory_pass_the_tests_and_the_law_is_found(results):
     assert len(memory_table(one).rows) == 6
 
 
+def test_exported_rows_are_the_numbers_of_points_and_laws(results):
+    tables = frames(results, ("clogging", "clogging_laws"))
+    points, laws = tables["clogging"], tables["clogging_laws"]
+    q = results.points[1].pooled["clogging_probability"]
+    second = points.iloc[1]
+    assert (second["point"], second["width_ratio"]) == (2, pytest.approx(3.5))
+    assert second[["stops", "grains", "probability", "low", "high"]].tolist() == pytest.approx(
+        [q.events, q.exposure, q.events / q.exposure, q.low, q.high]
+    )
+    assert points.iloc[-1]["probability"] == 0
+    assert points.iloc[-1]["high"] > 0
+    (one,) = clogging(results)
+    found = laws.set_index(["law", "parameter"]).loc[("no critical size", "C")]
+    assert found["value"] == one.fits[-1].parameters["C"].value
+    assert found["low"] < 0.19 < found["high"]
+    assert found["outlets"] == 6
+    assert "alpha" not in points, "no wall moves"
+
+
 def test_discharges_that_repeat_their_bed_and_a_start_that_stops_at_once_are_told(results):
     """Three discharges of a bed give what the first gave, and half of all beds stop after the transient at once."""
     study = results.study.change({"discharges_per_bed": 3})
@@ -148,6 +168,9 @@ def test_times_of_an_agitated_silo_have_a_tail_and_those_of_others_have_none(res
     assert point.times is not None
     gaps = point.times[0] > scales.gap(point.result.point.scene)
     assert point.flowing_fraction == pytest.approx(1 - point.times[0][gaps].sum() / point.times[0].sum())
+    assert tail.stretched > -4, "a power law is no worse than a stretched exponential"
+    assert point.tail_goodness > 0.1
+    assert (point.row["alpha"], point.row["goodness"]) == (tail.alpha, point.tail_goodness)
     table = times_table(series)
     assert table is not None
     assert table.rows[0][-1] == "clogs"

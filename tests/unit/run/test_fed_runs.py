@@ -1,5 +1,6 @@
 """Runs of beds that are fed: they end when they are precise, and go on where they were."""
 
+from contextlib import contextmanager
 from dataclasses import replace
 
 import numpy as np
@@ -132,6 +133,50 @@ def test_lanes_change_no_bit(tmp_path):
         Runner(asked, LabFolder(tmp_path / name), Backend(), lanes=lanes).run()
     for folder in (tmp_path / "one" / "runs").iterdir():
         assert arrays(folder) == arrays(tmp_path / "two" / "runs" / folder.name)
+
+
+class Counting(Backend):
+    """The toy on a device whose members are read together; counts what is read of several members, by beat."""
+
+    def __init__(self):
+        super().__init__()
+        self.capabilities = replace(self.capabilities, devices=("cpu", "cuda:0"))
+        self.together, self.alone = list[int](), 0
+
+    def open(self, spec, slots=None, device="cpu"):
+        ensemble, backend, within = super().open(spec, None, "cpu"), self, list[int]()
+        packing = ensemble.packing
+
+        @contextmanager
+        def reading(members):
+            within.append(0)
+            yield
+            backend.together.append(within.pop())
+
+        def read(member):
+            backend.alone += not within
+            within[-1:] = [number + 1 for number in within[-1:]]
+            return packing(member)
+
+        ensemble.reading, ensemble.packing = reading, read
+        return ensemble
+
+
+def test_members_that_lack_grains_are_read_together_and_only_those(tmp_path):
+    """Of six members side by side; in a beat a grain leaves a few of them."""
+    asked = fed(tmp_path, "stop: {max_time: 0.3 s}", replicates=6, orifices="[14]").change(
+        {"numerics.steps_per_beat": 200}
+    )
+    backend = Counting()
+    Runner(asked, LabFolder(tmp_path / "device"), backend, device="cuda:0").run()
+    assert backend.alone == 0
+    several = [count for count in backend.together if count > 1]
+    crossed = sum(record.coverage.crossed for record in records(tmp_path / "device").values())
+    assert len(several) > 10
+    assert sum(backend.together) <= crossed + 3 * 6, "a read for each grain that left, one for the picture, and the end"
+    carry_out(asked, tmp_path / "core")
+    for folder in (tmp_path / "core" / "runs").iterdir():
+        assert arrays(folder) == arrays(tmp_path / "device" / "runs" / folder.name)
 
 
 def test_a_feed_is_part_of_what_is_simulated(tmp_path):

@@ -14,6 +14,7 @@ from labbook.stats.survival import (
     lag_correlation,
     power_tail,
     rank_correlation,
+    tail_goodness,
 )
 
 REPEATS = 500
@@ -126,6 +127,39 @@ def test_the_tail_is_found_and_the_transition_is_undecided_near_two():
     assert power_tail(1 + rng.exponential(size=400), np.ones(400, bool), 1.0).exponential < -10
     with pytest.raises(ValueError, match=f"needs {FEWEST_TIMES}"):
         power_tail(np.arange(1.0, 40.0), np.ones(39, bool))
+
+
+def test_a_stretched_exponential_tail_is_told_from_a_power_law():
+    """Of a power law twice the ratio follows half of chi-square with one degree of freedom, as at any boundary; 10 is
+    beyond it once in a thousand."""
+    rng = np.random.default_rng(11)
+    power = power_tail(rng.random(1000) ** -1.0, np.ones(1000, bool), 1.0)
+    assert -5 < power.stretched <= 0
+    b, rate = 0.5, 2.0
+    times = (1 + rng.exponential(size=1000) / rate) ** (1 / b)
+    stretched = power_tail(times, np.ones(1000, bool), 1.0)
+    assert stretched.stretched < -10
+    plain = 1 + rng.exponential(size=400)
+    found = power_tail(plain, np.ones(400, bool), 1.0)
+    assert found.stretched <= found.exponential, "an exponential is one of them"
+    length = float((plain - 1).sum())
+    log_power = 400 * math.log(found.alpha - 1) - found.alpha * float(np.log(plain).sum())
+    assert found.exponential == pytest.approx(log_power - (400 * math.log(400 / length) - 400))
+
+
+@pytest.mark.slow
+def test_the_goodness_of_a_tail_is_uniform_for_power_laws_and_small_for_others():
+    """The mean of 60 uniform numbers is 0.5 +- 0.037; one time of sixty is censored."""
+    rng, found = np.random.default_rng(8), []
+    for _ in range(60):
+        times = rng.random(150) ** (-1 / 1.2)
+        ended = times < 30
+        times = np.minimum(times, 30.0)
+        found.append(tail_goodness(times, ended, power_tail(times, ended, 1.0), 60))
+    assert np.mean(found) == pytest.approx(0.5, abs=0.12)
+    assert 0.02 < np.mean(np.array(found) < 0.1) < 0.22
+    exponential, ended = 1 + rng.exponential(size=400), np.ones(400, bool)
+    assert tail_goodness(exponential, ended, power_tail(exponential, ended, 1.0), 100) < 0.05
 
 
 def test_correlations_of_avalanches():

@@ -113,7 +113,7 @@ STUDIES: dict[str, dict[str, Any]] = {
         "contact": LINEAR,
         "container": CYLINDER,
         "walls": {"side": {"normal_stiffness": "3000 N/m"}},
-        "fill": {"contact": LINEAR},
+        "fill": {"contact": LINEAR, "mobilise": {"bottom": "0.0001 m", "velocity": "0.001 m/s"}},
         "stop": {"fill_height": "0.0002 m"},
     },
     "pairs": {

@@ -152,6 +152,34 @@ def test_members_that_end_together_are_read_in_one_copy_of_each_array(scene, mon
     ensemble.close()
 
 
+def test_grains_come_back_into_several_members_with_the_copies_of_one(monkeypatch):
+    scene, how, copies = of_spheres(60), numerics("mixed"), []
+    whole = falling(scene, how, "cpu")
+    assert whole.ids is not None
+    start = Packing(x=whole.x[:57], v=whole.v[:57], omega=whole.omega[:57], ids=whole.ids[:57])
+    back = Packing(x=whole.x[57:] + np.array([0, 0, 0.1]), v=whole.v[57:], omega=whole.omega[57:], ids=whole.ids[57:])
+    backend = Backend()
+    ensemble = backend.open(backend.specialise(scene, how, [Crossing()]), 6, "cpu")
+    members = [ensemble.admit(scene, how, start) for _ in range(6)]
+    ensemble.advance(1)
+    copy = arrays.wp.copy
+    counted = {**vars(arrays.wp), "copy": lambda *given: copies.append(given) or copy(*given)}
+    monkeypatch.setattr(arrays, "wp", SimpleNamespace(**counted))
+    counts = []
+    for several in (members[:1], members[1:5]):
+        copies.clear()
+        ensemble.put_back_all(dict.fromkeys(several, back))
+        counts.append(len(copies))
+    assert counts[1] <= counts[0] + 20, (
+        "arrays are copied once, whatever the number of members; read ones are put together"
+    )
+    ensemble.advance(2)
+    ends = [ensemble.packing(member) for member in members]
+    assert [len(end) for end in ends] == [60] * 5 + [57]
+    assert all(identical(end, ends[0]) for end in ends[1:5])
+    ensemble.close()
+
+
 def test_members_that_come_together_are_written_in_one_copy_of_each_array(monkeypatch):
     """Slots that others have left are filled again; what those who stay have is not touched."""
     scene, how = of_spheres(5), numerics("mixed")

@@ -2,6 +2,7 @@
 
 import math
 import os
+from base64 import b64encode
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
@@ -15,9 +16,11 @@ from labbook.lab.folder import EVALUATION, stamp
 from labbook.lab.runs import picture_content
 from labbook.lab.suspect import said, suspicion
 from labbook.measure import MEASURES
+from labbook.measure.arch import Arch, StoppedBed
 from labbook.measure.flow import Trace
 from labbook.measure.ledger import EnergyLedger
 from labbook.report.blocks import Facts
+from labbook.report.figures import stopped_bed
 from labbook.report.setting import common
 from labbook.results import display
 from labbook.scene import drawing
@@ -26,6 +29,7 @@ from labbook.study import Point
 from labbook.study.schema import Fill
 from labbook_web.page import Page, records
 from labbook_web.pages import curves
+from labbook_web.pages.study import as_svg
 from labbook_web.shelf import NotThere, Shelf
 
 _SIBLINGS = 60
@@ -67,6 +71,7 @@ def run_page(shelf: Shelf, prefix: str, query: Mapping[str, str]) -> Page:
         "several": several - 1,
         "lacking": lacking,
         "caption": curves.caption(drawn),
+        "arch": arch(folder, entry, record),
         "largest_overlap": ledger.get("largest") if ledger else None,
     }
     return Page(
@@ -158,6 +163,22 @@ def _ledger(folder: Path, entry: Entry, record: RunRecord) -> dict[str, Any] | N
     names |= {"overlap": "max_overlap"}
     largest = next((one.value for one in found.numbers if one.quantity == "max_overlap"), None)
     return {**{name: found.arrays[column] for name, column in names.items()}, "largest": largest}
+
+
+def arch(folder: Path, entry: Entry, record: RunRecord) -> str:
+    """Address of a picture of the arch that held the last stop, with its data; empty where `arch` was not measured or
+    not evaluated, or no stop has one."""
+    if Arch.name not in record.observe.measure:
+        return ""
+    run = ReadOnlyRun(point_of_run(record), record.seed, folder, entry)
+    try:
+        bed = StoppedBed.of(run.evaluated(MEASURES[Arch.name], record.observe).evaluation.arrays)
+    except NotEvaluated:
+        return ""
+    if bed is None:
+        return ""
+    drawing = as_svg(lambda: stopped_bed(record.scene, bed))
+    return f"data:image/svg+xml;base64,{b64encode(drawing).decode('ascii')}"
 
 
 def _stale(record: RunRecord) -> str:

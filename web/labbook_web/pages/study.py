@@ -173,10 +173,15 @@ def picture(shelf: Shelf, found: Found, address: str) -> bytes:
     """A figure as SVG, drawn once for what it shows. Raises NotThere, and what CANNOT_DRAW lists."""
 
     def make() -> bytes:
-        with _drawing:
-            return style.encode(draw(found, address)[1](), "svg")
+        return as_svg(draw(found, address)[1])
 
     return shelf.pictures.get((found.study.name, found.backend, address), found.state, make)
+
+
+def as_svg(make: Draw) -> bytes:
+    """A figure as SVG."""
+    with _drawing:
+        return style.encode(make(), "svg")
 
 
 _drawing = threading.Lock()  # matplotlib's settings are those of the whole process

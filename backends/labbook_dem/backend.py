@@ -1,0 +1,24 @@
+"""Methods that all backends with the physics of this package have in common."""
+
+from collections.abc import Mapping
+
+from labbook import backend
+from labbook.backend.numerics import Numerics
+from labbook.backend.probes import Table, Traction
+from labbook.scene import Packing, Scene
+
+
+class DemBackend(backend.Backend):
+    """See `labbook.backend.Backend`."""
+
+    def tractions(self, scene: Scene, numerics: Numerics, packing: Packing, probe: Traction) -> Table:
+        """See `labbook.backend.Backend`."""
+        from labbook_dem.plain_walls import at_rest
+
+        return at_rest(scene, numerics, packing, probe)
+
+    def describe(self, scene: Scene, numerics: Numerics) -> Mapping[str, float]:
+        """Asked and realised restitution of two grains (mean over ten phases of the step), and the damping used."""
+        from labbook_dem.describe import describe
+
+        return describe(scene, numerics)
