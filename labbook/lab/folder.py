@@ -5,7 +5,7 @@
 | lab/runs/KEY/             | a finished run, put in place by one rename                               |
 | lab/packings/KEY/         | a settled packing, put in place by one rename                            |
 | lab/study-files/NAME.yaml | the text of the study NAME as it was last run, and beside it its own      |
-|                           | calibration, if it has one                                               |
+|                           | calibration and the files that it names, if it has any                   |
 | lab/campaigns/NAME-KEY.json | what a strategy has proposed for the study NAME, and why                |
 | lab/notes/studies/        | notes and tags that people gave to studies, NAME.md                      |
 | lab/notes/runs/           | the same of runs, KEY.md                                                 |

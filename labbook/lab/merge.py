@@ -30,6 +30,7 @@ from labbook.lab.records import LONGEST, RunRecord, Unreadable
 from labbook.lab.runs import CHECKPOINT, RECORDING, open_run, picture, read_end
 from labbook.lab.suspect import suspicion
 from labbook.lab.tables import MOST
+from labbook.study.attached import COPY, LARGEST_COPY
 from labbook.study.source import MAX_BYTES
 
 _CHUNK = 2**20  # bytes copied at a time
@@ -180,10 +181,12 @@ def _whole_packing(folder: Path) -> bool:
 
 def _take_study(lab: LabFolder, name: str, theirs: Path, merged: Merged) -> None:
     text = _text(theirs, MAX_BYTES)
-    beside = theirs.with_suffix(BESIDE)
-    calibration = _text(beside, MAX_BYTES) if beside.exists() else None
+    calibration, files = (
+        _text(beside, limit) if (beside := theirs.with_suffix(end)).exists() else None
+        for end, limit in ((BESIDE, MAX_BYTES), (COPY, LARGEST_COPY))
+    )
     with _in_the_way(theirs, studies.place(lab, name)):
-        before = studies.add(lab, name, text, calibration)
+        before = studies.add(lab, name, text, calibration, files)
     if before is None:
         merged.studies.append(name)
     elif before != text:

@@ -1,21 +1,30 @@
 """The texts of the studies that were run in a lab, as their authors wrote them: `lab/study-files/NAME.yaml`.
 
 A text is that of the last run under its name. The calibration by which numerics were chosen, where a study has one of
-its own, lies beside it. Nothing here reads what they say: `labbook.study.load` does.
+its own, lies beside it, and so do the files that it names. Nothing here reads what they say: `labbook.study.load` does.
 """
 
+from collections.abc import Mapping
 from pathlib import Path
+from types import MappingProxyType
 
 from labbook.accuracy import BESIDE
 from labbook.lab.folder import LabFolder, make_folder, open_file, remove, sync_folder, write_bytes
+from labbook.study.attached import COPY, sealed
 from labbook.study.schema import names_a_study
 
 SUFFIX = ".yaml"
 
 
-def keep(lab: LabFolder, name: str, text: str, calibration: Path | None = None) -> None:
-    """Keep `text` as that of the study `name`, and the file of its own calibration beside it, in place of earlier ones.
-    The same is not written again.
+def keep(
+    lab: LabFolder,
+    name: str,
+    text: str,
+    calibration: Path | None = None,
+    files: Mapping[str, str] = MappingProxyType({}),
+) -> None:
+    """Keep `text` as that of the study `name`, and beside it the file of its own calibration and the texts of the
+    `files` that it names, in place of earlier ones. The same is not written again.
 
     Raises ValueError for a name that no study may have, and OSError.
     """
@@ -24,11 +33,13 @@ def keep(lab: LabFolder, name: str, text: str, calibration: Path | None = None) 
     with lab.alone(f"study-{name}"):  # several processes may begin the same study
         if _content(path) != content:
             _write(lab, path, content)
-        _keep_calibration(lab, path.with_suffix(BESIDE), measured)
+        _keep_beside(lab, path.with_suffix(BESIDE), measured)
+        _keep_beside(lab, path.with_suffix(COPY), sealed(files).encode() if files else None)
 
 
-def add(lab: LabFolder, name: str, text: str, calibration: str | None = None) -> str | None:
-    """Keep `text` as that of the study `name`, and the text of its own calibration, unless the lab has such a study.
+def add(lab: LabFolder, name: str, text: str, calibration: str | None = None, files: str | None = None) -> str | None:
+    """Keep `text` as that of the study `name`, the text of its own calibration and that of the files that it names, as
+    a lab keeps them, unless the lab has such a study.
 
     Returns the text that the lab had, or None. Raises ValueError for a name that no study may have, and OSError.
     """
@@ -37,7 +48,8 @@ def add(lab: LabFolder, name: str, text: str, calibration: str | None = None) ->
         had = _content(path)
         if had is None:
             _write(lab, path, content)
-            _keep_calibration(lab, path.with_suffix(BESIDE), None if calibration is None else calibration.encode())
+            for end, beside in ((BESIDE, calibration), (COPY, files)):
+                _keep_beside(lab, path.with_suffix(end), None if beside is None else beside.encode())
         return None if had is None else had.decode(errors="replace")
 
 
@@ -82,7 +94,7 @@ def _content(path: Path) -> bytes | None:
         return None
 
 
-def _keep_calibration(lab: LabFolder, path: Path, content: bytes | None) -> None:
+def _keep_beside(lab: LabFolder, path: Path, content: bytes | None) -> None:
     if content is None:
         remove(path)
     elif _content(path) != content:

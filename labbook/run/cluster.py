@@ -234,7 +234,7 @@ class Cluster:
         request = Request()
         with room(self.lab.folder):
             index = Index(self.lab)
-            studies.keep(self.lab, self.study.name, self.study.text, self.study.calibration_file)
+            studies.keep(self.lab, self.study.name, self.study.text, self.study.calibration_file, self.study.files)
             try:
                 with request.listening(self.watcher.tell):
                     self._carry_out(client, Event(self._event, client=client), index, request)

@@ -196,7 +196,7 @@ class Runner:
     def _keep_study(self) -> None:
         """Keep the text of the study in the lab. Raises OSError for a full disk only."""
         try:
-            studies.keep(self.lab, self.study.name, self.study.text, self.study.calibration_file)
+            studies.keep(self.lab, self.study.name, self.study.text, self.study.calibration_file, self.study.files)
         except OSError as error:
             if is_full(error):
                 raise

@@ -33,6 +33,8 @@ class StudyText:
     lines: dict[Location, int] = field(default_factory=dict)
     text: str = ""
     """The file as it was read; empty for a study given in Python."""
+    files: dict[str, str] = field(default_factory=dict)
+    """Texts of files that it names, by name; others are read from its folder (`labbook.study.attached`)."""
 
     def line(self, location: Location) -> int:
         """Line of the key at `location`, or of what encloses it; 0 when nothing does."""
