@@ -1,7 +1,8 @@
 """A measured quantity between the swept values of a key, and the key's value that gives a wanted quantity.
 
 The law of the study is used if the points allow it. If not, the quantity is interpolated (`labbook.stats.response`).
-Neither goes beyond the swept range. Points at which a run clogged are left out: their other runs are no fair sample.
+Neither goes beyond the swept range. Points at which more than a fifth of the runs clogged are left out: the others are
+no fair sample.
 """
 
 import math
@@ -12,6 +13,7 @@ from typing import Any
 import numpy as np
 
 from labbook.fit import FitResult
+from labbook.fit.interpolation import CLOGGED, Interpolation, trend_of_outlets
 from labbook.results import display
 from labbook.results.points import FLOW_RATE, NUMERICS, ORIFICE, PointResult, by_seed
 from labbook.results.selection import has, key_named, value_of_key
@@ -19,7 +21,7 @@ from labbook.results.series import series_of
 from labbook.results.study import StudyResults
 from labbook.scene.quantities import parse
 from labbook.stats.inverse import NoSetting, setting_for
-from labbook.stats.response import FEWEST, Response
+from labbook.stats.response import FEWEST
 from labbook.study import Point
 from labbook.study.keys import find
 
@@ -97,8 +99,7 @@ class ResponseSurface:
     points: tuple[PointResult, ...]
     method: str
     notes: tuple[str, ...]
-    _basis: FitResult | Response
-    _logarithmic: tuple[bool, bool]
+    _basis: FitResult | Interpolation
 
     def predict(self, values: Any) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Compute the quantity at m values of the key, and the ends of its pointwise 95 % interval, each of shape [m].
@@ -115,7 +116,7 @@ class ResponseSurface:
         if len(beyond):
             place = display.setting(self.key, float(beyond[0]))
             raise NoSurface(f"{place} is outside of the range in which {self.quantity} is known, {self._range}")
-        return self._band(np.clip(x, self.low, self.high))
+        return self._basis.band(np.clip(x, self.low, self.high))
 
     def inverse(self, target: str | float) -> DesignValue:
         """Find the value of the key that gives the quantity.
@@ -129,20 +130,12 @@ class ResponseSurface:
         """
         number = parse(target, self.unit) if isinstance(target, str) else float(target)
         try:
-            setting = setting_for(self._band, self.low, self.high, number)
+            setting = setting_for(self._basis.band, self.low, self.high, number)
         except NoSetting as reason:
             raise NoSurface(self._not_reached(number, reason)) from None
         return DesignValue(
             self.key, setting.value, setting.low, setting.high, self.quantity, number, self.method, self.notes
         )
-
-    def _band(self, x: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        if isinstance(self._basis, FitResult):
-            return self._basis.band(x)
-        of_key, of_value = self._logarithmic
-        value, half = self._basis.at(np.log(x) if of_key else x)
-        ends = value, value - half, value + half
-        return tuple(map(np.exp, ends)) if of_value else ends  # pyright: ignore[reportReturnType]
 
     @property
     def _like(self) -> Point:
@@ -185,8 +178,8 @@ def surface(
     key = _key(results.points, over)
     fixed = _fixed(results.points, key, at or {})
     there = [one for one in results.points if has(one.at, fixed) and key in one.at]
-    usable = [one for one in there if one.pooled.get(quantity) is not None and not one.outcomes["clogged"]]
-    notes = tuple(_left_out(one, quantity) for one in there if one not in usable)
+    usable = [one for one in there if one.pooled.get(quantity) is not None and not _is_clogged(one)]
+    notes = tuple(filter(None, (_remark(one, quantity, one in usable) for one in there)))
     places = sorted({float(one.at[key]) for one in usable})
     if len(places) < 2:
         why = f" ({'; '.join(notes)})" if notes else ""
@@ -197,20 +190,20 @@ def surface(
     if law is not None:
         p = "" if math.isnan(law.p_value) else f", lack of fit p = {law.p_value:.2g}"
         method = f"{display.law(law.law.name)} fitted to {len(law.D)} points{p}"
-        return ResponseSurface(*head, method, notes, law, (False, False))
+        return ResponseSurface(*head, method, notes, law)
     runs = [(float(one.at[key]), value, seed) for one in usable for seed, value in by_seed(one, quantity).items()]
     x, y, seeds = (np.array(column) for column in zip(*runs, strict=True))
     if len({*seeds.tolist()}) < 2:
         raise NoSurface(
             f"all values of {quantity} are of one bed, whose scatter is not known; use replicates: 2 or more"
         )
-    logarithmic = is_length(key) and bool((x > 0).all()), bool((y > 0).all())
+    trend = trend_of_outlets(quantity, key, usable[0].point.scene, places[0])
     try:
-        response = Response.of(np.log(x) if logarithmic[0] else x, np.log(y) if logarithmic[1] else y, seeds.tolist())
+        fitted = Interpolation.of(x, y, seeds.tolist(), of_length=is_length(key), trend=trend)
     except ValueError as problem:
         raise NoSurface(f"{quantity} against {key}: {problem}{'; ' if rejected else ''}{rejected}") from None
     method = f"interpolated between {len(places)} values, with {len(runs)} beds{f' ({rejected})' if rejected else ''}"
-    return ResponseSurface(*head, method, notes, response, logarithmic)
+    return ResponseSurface(*head, method, notes, fitted)
 
 
 def is_length(key: str) -> bool:
@@ -258,7 +251,13 @@ def _fixed(points: Sequence[PointResult], key: str, at: Mapping[str, Any]) -> di
     return fixed
 
 
-def _left_out(point: PointResult, quantity: str) -> str:
-    clogged = point.outcomes["clogged"]
-    why = f"{clogged} of {len(point.runs)} runs clogged" if clogged else point.lacking or f"no {quantity}"
-    return f"{point.label} is left out: {why}"
+def _is_clogged(point: PointResult) -> bool:
+    return point.outcomes["clogged"] > CLOGGED * len(point.runs)
+
+
+def _remark(point: PointResult, quantity: str, used: bool) -> str:
+    """Reason for leaving a point out, or a warning about one that is used; empty if there is neither."""
+    clogged = f"{point.outcomes['clogged']} of {len(point.runs)} runs clogged"
+    if used:
+        return f"{point.label}: {clogged}, and the others are biased to fast flow" if point.outcomes["clogged"] else ""
+    return f"{point.label} is left out: {clogged if _is_clogged(point) else point.lacking or f'no {quantity}'}"

@@ -12,7 +12,7 @@ import numpy as np
 
 Band = Callable[[np.ndarray], tuple[np.ndarray, np.ndarray, np.ndarray]]
 """Values of a response at m settings, and the ends of their intervals, each of shape [m]."""
-_PLACES, _FINE = 257, 17
+_PLACES, _FINE = 129, 17
 """Settings at which a response is computed, and those between two of them."""
 
 
@@ -22,11 +22,12 @@ class NoSetting(ValueError):
     Attributes:
         smallest, largest: Values of the response within the range.
         nearest: Setting whose value is nearest to the target.
+        several: True if several settings give the value.
     """
 
-    def __init__(self, message: str, smallest: float, largest: float, nearest: float):
+    def __init__(self, message: str, smallest: float, largest: float, nearest: float, several: bool = False):
         super().__init__(message)
-        self.smallest, self.largest, self.nearest = smallest, largest, nearest
+        self.smallest, self.largest, self.nearest, self.several = smallest, largest, nearest, several
 
 
 @dataclass(frozen=True)
@@ -36,6 +37,11 @@ class Setting:
     value: float
     low: float
     high: float
+
+    @property
+    def ends(self) -> tuple[float, float]:
+        """Both ends of its interval."""
+        return self.low, self.high
 
 
 def setting_for(band: Band, low: float, high: float, target: float) -> Setting:
@@ -69,7 +75,7 @@ def setting_for(band: Band, low: float, high: float, target: float) -> Setting:
     if len(crossings) == 0:
         raise NoSetting("the value is not reached within the range", *reach)
     if len(crossings) > 1 and off[crossings[1]] != 0:
-        raise NoSetting(f"{len(crossings)} settings give the value", *reach)
+        raise NoSetting(f"{len(crossings)} settings give the value", *reach, several=True)
     root = _zero(beyond, *places[crossings[0] :][:2].tolist())
     outside = inside(places) < 0
     below, above = np.flatnonzero(outside & (places < root)), np.flatnonzero(outside & (places > root))

@@ -18,9 +18,9 @@ from labbook.stats.pooling import student
 FEWEST = 4
 """Settings that differ, from which on a deviation from a straight line can be estimated: of three, intervals mean
 little."""
-_SIZES = np.logspace(-1, 4, 16)
+_SIZES = np.logspace(-1, 4, 11)
 """Sizes of the deviation, over the scatter of runs."""
-_SHARES = np.array([0.02, 0.1, 0.2, 0.35, 0.55])
+_SHARES = np.array([0.05, 0.2, 0.45])
 """Shares of the beds in the variance of runs."""
 _NEGLIGIBLE = 1e-6
 """Weight of a pair of these below which it is left out."""
