@@ -6,6 +6,7 @@ knows when it has ended (`campaign.py`). How runs are made is not known here.
 
 from labbook.campaign.campaign import Campaign
 from labbook.campaign.find import Find
+from labbook.campaign.fit_law import FitLaw
 from labbook.campaign.goal import Goal
 from labbook.campaign.precise import PreciseRun
 from labbook.campaign.registry import STRATEGIES, Strategies
@@ -26,6 +27,7 @@ __all__ = [
     "Assignment",
     "Campaign",
     "Find",
+    "FitLaw",
     "Generation",
     "Goal",
     "History",

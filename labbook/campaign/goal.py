@@ -136,6 +136,11 @@ class KeyRange:
     key: str
     values: tuple[float, ...]
 
+    def within(self, low: float, high: float) -> "KeyRange":
+        """Cut it to a smaller range, whose ends count as listed."""
+        inner = (value for value in self.values if low < value < high)
+        return KeyRange(self.key, (low, *inner, high))
+
 
 def only_swept(points: Sequence[Any]) -> KeyRange | None:
     """Give the swept key of a study that has one alone, with numbers; None otherwise."""

@@ -7,6 +7,7 @@ from pydantic import GetCoreSchemaHandler, create_model
 from pydantic_core import CoreSchema, core_schema
 
 from labbook.campaign.find import Find
+from labbook.campaign.fit_law import FitLaw
 from labbook.campaign.goal import Budgeted, Goal
 from labbook.campaign.strategy import Strategy
 from labbook.plugins import Registry
@@ -57,5 +58,5 @@ def _only(adapt: Budgeted) -> Strategy:
     return strategy.model_copy(update={"budget": adapt.budget})
 
 
-STRATEGIES = Strategies("labbook.strategies", (Find,))
+STRATEGIES = Strategies("labbook.strategies", (Find, FitLaw))
 """Strategies that a study can name under `adapt`."""
