@@ -2,7 +2,7 @@
 anything runs."""
 
 from collections.abc import Callable, Iterator, Mapping, Set
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from inspect import Parameter, cleandoc, signature
 from itertools import islice
 from pathlib import Path
@@ -15,7 +15,7 @@ from labbook.accuracy import load as load_calibration
 from labbook.campaign import Strategy
 from labbook.fit import LAWS
 from labbook.measure import MEASURES
-from labbook.study import attached
+from labbook.scene.attached import StudyFolder
 from labbook.study.absent import absent
 from labbook.study.applicable import unadaptable, unbroken, undischarged, unfed, unfillable, unfittable, unmeasurable
 from labbook.study.explain import complaints
@@ -99,8 +99,8 @@ class Study:
     """Its own, with the one that ships; None for the latter alone."""
     calibration_file: Path | None = field(default=None, repr=False, compare=False)
     """Where its own calibration is: the file that it names, or the one that a pilot has written beside it."""
-    files: Mapping[str, str] = field(default_factory=dict, repr=False, compare=False)
-    """Texts of the files beside it that it names, by name: measurements (`labbook.study.attached`)."""
+    beside: StudyFolder = field(default_factory=StudyFolder, repr=False, compare=False)
+    """Folder of the files that it names, and those that were read."""
 
     @property
     def fed(self) -> bool:
@@ -117,12 +117,12 @@ class Study:
         """
         new = {**_keys_and_values(changes, "change({'contact.friction': 0.3}), or change(replicates=4)"), **keys}
         stays = not any(str(key).partition(".")[0] == "accuracy" for key in new)
-        source = replace(changed(self.stated, new), files=dict(self.files))
-        return _resolved(source, self.calibration_file if stays else None)
+        return _resolved(changed(self.stated, new, self.beside), self.calibration_file if stays else None)
 
     def calibrated(self, file: Path) -> "Study":
         """The study with numerics chosen by another calibration file. Raises StudyError."""
-        return _resolved(StudyText(self.path, dict(self.stated), {}, self.source, dict(self.files)), file)
+        source = StudyText(self.path, dict(self.stated), {}, self.source, self.beside.again())
+        return _resolved(source, file)
 
     def frame(self) -> "pd.DataFrame":
         """The points: a row each, with `point` (from 1), what was swept [SI, units in `attrs`], and `label`."""
@@ -150,13 +150,13 @@ class Study:
         return written(self.stated)
 
     def save(self, path: Path | str) -> Path:
-        """Write the study to a file, for the command line, with the files that it names beside it; its path.
+        """Write the study to a file, for the command line, and the files that it names beside it; its path.
 
-        Raises FileExistsError for another file of such a name.
+        Raises FileExistsError where another file has the name of such a file, and AttachedError (of
+        `labbook.scene.attached`) where its content is gone.
         """
         there = given_path(path, "study.save")
-        for name, text in self.files.items():
-            attached.save(there.parent / name, text)
+        self.beside.copy(there.parent)
         there.write_text(self.yaml(), encoding="utf-8")
         return there
 
@@ -236,7 +236,7 @@ def _resolved(source: StudyText, calibration_file: Path | None = None) -> Study:
         source=source.text,
         calibration=calibration,
         calibration_file=file,
-        files=reference.files,
+        beside=source.beside,
         **stated,
     )
 

@@ -14,6 +14,8 @@ from labbook.scene.quantities import leading_number
 from labbook.study.keys import find, nearest
 from labbook.study.problems import shown
 
+LARGEST = 2_000_000
+"""Size of a file [bytes]."""
 LIMIT = 2000
 """Measured values in a file."""
 COLUMNS = ("quantity", "value", "error", "says")
@@ -45,12 +47,19 @@ class MeasuredValue:
     entry: dict[str, Any]
 
 
-def measured_values(text: str) -> Iterator[MeasuredValue]:
+def measured_values(content: bytes) -> Iterator[MeasuredValue]:
     """Read the lines of a file of measurements; empty lines and those that begin with # are left out.
 
     Raises:
         NotAMeasurement: A heading or a line is wrong.
     """
+    if len(content) > LARGEST:
+        raise NotAMeasurement(1, "", f"the file is larger than {LARGEST / 1e6:g} MB", "split the study or the file")
+    try:
+        text = content.decode("utf-8-sig")
+    except UnicodeDecodeError as error:
+        line = content[: error.start].count(b"\n") + 1
+        raise NotAMeasurement(line, "", "not text in UTF-8", "save the file as UTF-8") from None
     lines = [(number, line) for number, line in enumerate(text.splitlines(), 1) if not _is_empty(line)]
     if not lines:
         raise NotAMeasurement(1, "", "the file has no line with headings", _EXAMPLE)

@@ -7,8 +7,9 @@ from typing import Any
 
 from labbook.fit import LAWS
 from labbook.measure import MEASURES
+from labbook.scene import attached
+from labbook.scene.attached import AttachedError
 from labbook.scene.quantities import parse
-from labbook.study import attached
 from labbook.study.absent import absent
 from labbook.study.applicable import unit_of
 from labbook.study.keys import Key, find, nearest
@@ -47,8 +48,6 @@ class ReferenceReader:
         self._source, self._points, self._known, self._settings = source, points, known, settings
         self._measured = measured
         self.problems: list[Problem] = []
-        self.files: dict[str, str] = {}
-        """Texts of the files that were read, by name."""
 
     def read(self) -> Reference | None:
         """The reference, or None if there is none or none that can be read."""
@@ -86,14 +85,13 @@ class ReferenceReader:
             self._problem(place, f"{shown(name)} is no name of a file", "write measured.csv")
             return []
         try:
-            text = self.files[name] = self._source.files.get(name) or attached.read(self._source.path, name)
-        except ValueError as error:
-            remedy = "put the file beside the study, and write its name, for example measured.csv"
-            self._problem(place, f"{shown(name)}: {error}", remedy)
+            content = attached.content(self._source.beside.attach(name))
+        except AttachedError as error:
+            self._problem(place, error.reason, error.remedy)
             return []
         path, entries = self._source.path.parent / name, list[ReferenceEntry | Statement | None]()
         try:
-            for row in measured_values(text):
+            for row in measured_values(content):
                 line = StudyText(path, {}, {(): row.line})
                 reader = ReferenceReader(line, self._points, self._known, self._settings, measured=True)
                 if reader._names_a_quantity(row.quantity, ("quantity",)):

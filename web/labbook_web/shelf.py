@@ -28,7 +28,6 @@ from labbook.plan.coverage import RequestedRun, asked
 from labbook.results.find import kept
 from labbook.run.live import Running, running
 from labbook.study import Study, StudyError, load
-from labbook.study.attached import COPY
 
 BACKEND = "numba"
 """The backend of a study that has no runs, and of commands that name none."""
@@ -318,8 +317,8 @@ _loading = threading.Lock()  # units and models are set up when the first study 
 
 
 def _stamps(path: Path) -> tuple[tuple[int, int, int] | None, ...]:
-    """Of the file of a study, and of its calibration and the files that it names beside it."""
-    return _stamp(path), _stamp(path.with_suffix(BESIDE)), _stamp(path.with_suffix(COPY))
+    """Of the file of a study and of the calibration beside it."""
+    return _stamp(path), _stamp(path.with_suffix(BESIDE))
 
 
 def _stamp(path: Path) -> tuple[int, int, int] | None:
