@@ -26,6 +26,8 @@ from labbook.results.points import FLOW_RATE
 from labbook.results.selection import listed, point_at, series_at
 from labbook.results.series import series_of
 from labbook.results.study import StudyResults
+from labbook.results.surface import DesignValue, ResponseSurface
+from labbook.results.surface import surface as surface_of
 from labbook.scene.walls import AROUND
 from labbook.study import Point
 from labbook.study.problems import instead
@@ -112,6 +114,29 @@ class Results(StudyResults):
         if law in LAWS:
             raise FitError("; ".join(series.problems))
         raise FitError(f"no law of the flow rate is called {law}; {instead(law, LAWS)}")
+
+    def surface(
+        self, quantity: str = FLOW_RATE, over: str | None = None, at: Mapping[str, Any] | None = None
+    ) -> ResponseSurface:
+        """A quantity between the swept values of a key, with its interval: by a law of the study if the points allow
+        it, else interpolated. `surface.predict("21 mm")` gives value and ends. Values beyond the range are refused.
+
+        over: the key, or its last part; None: the only swept key that takes numbers. at: values of the other swept
+        keys. Raises LookupError for keys and values that the study does not have, and NoSurface (of
+        `labbook.results.surface`) where too few points are known.
+        """
+        return surface_of(self, quantity, over, at)
+
+    def inverse(
+        self, quantity: str, value: str | float, over: str | None = None, at: Mapping[str, Any] | None = None
+    ) -> DesignValue:
+        """The value of a swept key that gives a wanted value of a quantity (text with a unit, or a number in SI), with
+        its 95 % interval: `results.inverse("flow_rate", "50 g/s")`.
+
+        over, at: as for `surface`. Raises what `surface` does; NoSurface also where the wanted value is not reached
+        within the swept range, or at several places; ValueError for text that is no such quantity.
+        """
+        return self.surface(quantity, over, at).inverse(value)
 
     def figures(self, at: Mapping[str, Any] | None = None) -> tuple[str, ...]:
         """Names of the figures that `plot` can draw. at: only figures of this series (None: of all series)."""

@@ -5,16 +5,18 @@ knows when it has ended (`campaign.py`). How runs are made is not known here.
 """
 
 from labbook.campaign.campaign import Campaign
+from labbook.campaign.find import Find
+from labbook.campaign.fit_law import FitLaw
+from labbook.campaign.goal import Goal
 from labbook.campaign.precise import PreciseRun
+from labbook.campaign.registry import STRATEGIES, Strategies
 from labbook.campaign.replicates import Replicates
 from labbook.campaign.stops import Stops
 from labbook.campaign.strategy import (
-    STRATEGIES,
     Assignment,
     Generation,
     History,
     Proposal,
-    Strategies,
     Strategy,
     Trial,
     place,
@@ -24,7 +26,10 @@ __all__ = [
     "STRATEGIES",
     "Assignment",
     "Campaign",
+    "Find",
+    "FitLaw",
     "Generation",
+    "Goal",
     "History",
     "PreciseRun",
     "Proposal",

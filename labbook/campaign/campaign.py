@@ -8,7 +8,8 @@ from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import Any
 
-from labbook.campaign.strategy import STRATEGIES, Assignment, Generation, History, Proposal, Strategy, Trial, place
+from labbook.campaign.registry import STRATEGIES
+from labbook.campaign.strategy import Assignment, Generation, History, Proposal, Strategy, Trial, place
 
 Evaluate = Callable[[Generation], tuple[Trial, ...] | None]
 """Gives the finished runs of a generation; None as long as some are missing."""
@@ -90,7 +91,9 @@ class Campaign:
     @property
     def lines(self) -> list[str]:
         """What was proposed and why, a line for each generation, and why the campaign ended."""
-        lines = [f"Generation {one.number + 1} of {self.strategy.name}: {one.reason}" for one in self.generations]
+        rule = self.strategy.plan_rule(self.study)
+        lines = [f"Goal: {rule}"] if rule else []
+        lines += [f"Generation {one.number + 1} of {self.strategy.name}: {one.reason}" for one in self.generations]
         return lines + ([f"{self.strategy.name} has ended: {self.ended}"] if self.ended is not None else [])
 
     def _stored(self, proposal: Proposal) -> Proposed:

@@ -9,15 +9,11 @@ The fields of a strategy are its keys in the study, with units as everywhere.
 
 import math
 from abc import ABC, abstractmethod
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import Any, ClassVar, Literal, Union
+from typing import Any, ClassVar, Literal
 
-from pydantic import GetCoreSchemaHandler, create_model
-from pydantic_core import CoreSchema, core_schema
-
-from labbook.plugins import Registry
-from labbook.scene.model import Fault, Model, refuse
+from labbook.scene.model import Fault, Model
 from labbook.scene.quantities import DIGITS
 from labbook.stats import Decision, Pooled, pool
 from labbook.stats.nested import Beds, by_bed, of_beds
@@ -169,39 +165,18 @@ class Strategy(Model, ABC):
             `Proposal.end(reason)`.
         """
 
+    def obstacles(self, measures: Sequence[str], points: Sequence[Any]) -> Iterable[Fault]:
+        """Find what a study lacks for this strategy.
 
-class Strategies(Registry[type[Strategy]]):
-    """Strategies by name. It marks a field that takes a mapping of one name to the strategy's own keys."""
+        Args:
+            measures: Names of the measures that the study takes.
+            points: Its points (`labbook.study.Point`).
 
-    def __init__(self, group: str, builtin: Sequence[type[Strategy]] = ()):
-        super().__init__(group, Strategy, builtin)
+        Returns:
+            Faults by keys below `adapt`, which end the reading of the study.
+        """
+        return ()
 
-    def __hash__(self) -> int:  # `Annotated` asks for it where a field may also be None
-        return id(self)
-
-    def _made(self, loaded: Any) -> Any:
-        return loaded if isinstance(loaded, type) and issubclass(loaded, Strategy) else None
-
-    def __get_pydantic_core_schema__(self, source: Any, handler: GetCoreSchemaHandler) -> CoreSchema:
-        fields: dict[str, Any] = {name: (Union[kind, None], None) for name, kind in self.items()}  # noqa: UP007
-        stated = create_model("Adapt", __base__=Model, **fields)
-        return core_schema.no_info_before_validator_function(
-            _mapping, core_schema.no_info_after_validator_function(_only, handler.generate_schema(stated))
-        )
-
-
-def _mapping(stated: Any) -> Any:
-    """A strategy that was made in Python as the mapping that a study has."""
-    return {stated.name: stated} if isinstance(stated, Strategy) else stated
-
-
-def _only(stated: Model) -> Strategy:
-    chosen = [kind for name in type(stated).model_fields if (kind := getattr(stated, name)) is not None]
-    if len(chosen) != 1:
-        names = ", ".join(STRATEGIES) or "none is installed"
-        refuse([Fault("", f"{len(chosen)} strategies are named, and one is needed", f"name one of: {names}")])
-    return chosen[0]
-
-
-STRATEGIES = Strategies("labbook.strategies")
-"""Those that a study can name under `adapt`."""
+    def plan_rule(self, study: Any) -> str:
+        """Say in a sentence when the campaign ends, and how many runs are expected; empty for nothing to say."""
+        return ""

@@ -8,6 +8,8 @@ from typing import ClassVar, Literal
 
 import numpy as np
 
+from labbook.scene.scene import Scene
+
 
 @dataclass(frozen=True)
 class Context:
@@ -24,6 +26,15 @@ class Context:
     rho_b: float | None
     Z: float
     g: float
+
+    @classmethod
+    def of(cls, scene: Scene, packing_fraction: float | None) -> "Context":
+        """Take it from a scene, and from the measured packing fraction of its bed; None: not measured."""
+        density = scene.grains.mean_density
+        diameter = (6 * scene.grains.mass / (math.pi * density)) ** (1 / 3)  # of a sphere of the grains' volume
+        thickness = float(getattr(scene.container, "thickness", math.nan))
+        bulk = None if packing_fraction is None else packing_fraction * density
+        return cls(diameter, density, bulk, thickness, scene.gravity)
 
     @property
     def grain_mass(self) -> float:

@@ -77,6 +77,11 @@ class FitResult:
     _minimum: Minimum = field(repr=False)
 
     @property
+    def best(self) -> np.ndarray:
+        """Free parameters of the law at the minimum, shape [p]."""
+        return self._minimum.best
+
+    @property
     def chi2_reduced(self) -> float:
         """chi2 per degree of freedom."""
         return self.chi2 / self.dof

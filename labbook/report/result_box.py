@@ -1,8 +1,9 @@
 """The first lines of a report: what was found, and what a reader must know before quoting it."""
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 
+from labbook.campaign import Goal
 from labbook.commands import command
 from labbook.fit import NOT_DETERMINED, FitResult
 from labbook.measure.clogging import PROBABILITY
@@ -67,7 +68,7 @@ def _counted(results: StudyResults) -> str:
 
 
 def _found(results: StudyResults) -> list[Row]:
-    rows = [*_flow_rates(results), *_clogging(results)]
+    rows = [*_goal(results), *_flow_rates(results), *_clogging(results)]
     tested = numerics_summed_up(results.numerical)
     swept = [one for one in found_against(results) if not (tested and one.key.startswith(NUMERICS))]
     rows += [(_term(one.key), text) for one in swept for text in changes(one)]
@@ -83,6 +84,12 @@ def _found(results: StudyResults) -> list[Row]:
     if any(sentences):
         rows.append(("Error budget", " ".join(filter(None, sentences))))
     return rows
+
+
+def _goal(results: StudyResults) -> Iterator[Row]:
+    """State of the goal: the last line of its campaign, which ends with the test of its promise."""
+    if isinstance(results.study.adapt, Goal) and results.campaign:
+        yield "Goal", f"{results.campaign[-1]}."
 
 
 def _term(key: str) -> str:

@@ -196,7 +196,8 @@ def to_json(results: StudyResults, names: Collection[str] | None = None) -> str:
     parts = {
         name: json.loads(frame.to_json(orient="records", double_precision=15) or "[]") for name, frame in chosen.items()
     }
-    return json.dumps({"study": results.study.name, **parts}, indent=2, allow_nan=False)
+    campaign = {"campaign": list(results.campaign)} if results.campaign else {}
+    return json.dumps({"study": results.study.name, **campaign, **parts}, indent=2, allow_nan=False)
 
 
 def of_point(result: PointResult) -> Row:

@@ -4,15 +4,19 @@ import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 
+import numpy as np
+
+from labbook.fit import LAWS, FitError, FitResult, fit
 from labbook.results import display
-from labbook.results.points import ORIFICE, PointResult
-from labbook.results.series import Series
+from labbook.results.points import FLOW_RATE, ORIFICE, PointResult
+from labbook.results.series import Series, context
 from labbook.scene.quantities import percent
 from labbook.study import Point, Reference
 from labbook.study.paper import of_fit
 
-_NORMAL = 1.96
+NORMAL = 1.96
 """Half of a 95 % interval in standard errors that are known."""
+_NO_POINT = "no finished point has these values"
 NEAR = 0.1
 """Relative difference within which numbers that do not agree are said to be near."""
 
@@ -20,7 +24,8 @@ NEAR = 0.1
 @dataclass(frozen=True)
 class Comparison:
     """A number of the reference and ours, in SI. `ours` is None where we have none; `why` then says so. `points`: those
-    that ours rests on; `says`: the place of the number in the paper."""
+    that ours rests on; `says`: the place of the number in the paper; `measured`: whether it is from a file of
+    measurements, or fitted to them."""
 
     quantity: str
     at: Mapping[str, float | str]
@@ -35,6 +40,7 @@ class Comparison:
     why: str = ""
     points: tuple[PointResult, ...] = ()
     says: str = ""
+    measured: bool = False
 
     @property
     def relative(self) -> float:
@@ -51,7 +57,7 @@ class Comparison:
         if self.ours is None or not (math.isfinite(self.low) or math.isfinite(self.high)):
             return None
         half = self.ours - self.low if self.reference < self.ours else self.high - self.ours
-        return abs(self.ours - self.reference) <= math.hypot(half, _NORMAL * (self.reference_error or 0.0))
+        return abs(self.ours - self.reference) <= math.hypot(half, NORMAL * (self.reference_error or 0.0))
 
     @property
     def n(self) -> int | None:
@@ -78,11 +84,55 @@ def compare(
     """One Comparison for each entry of the reference and each series (`law.parameter`) or point that it speaks of."""
     if reference is None:
         return ()
-    return tuple(
-        replace(found, reference=entry.value, reference_error=entry.error, says=entry.says)
+    published = (
+        replace(found, reference=entry.value, reference_error=entry.error, says=entry.says, measured=entry.measured)
         for entry in reference.entries
         for found in entry_of(entry.quantity, entry.at, points, series, own)
     )
+    return (*published, *(one for each in series for one in _of_measured_fits(reference, each)))
+
+
+def measured_fit(reference: Reference, law: str, series: Series) -> FitResult | None:
+    """Fit a law to the measured flow rates that belong to a series, whether they are simulated or not.
+
+    Grains, packing fraction and outlet are those of the series. The stated errors count as known; if any is missing,
+    the errors are taken from the scatter about the law.
+
+    Args:
+        reference: Has entries from a file of measurements, or none.
+        law: Name of the law.
+        series: Has the points that are simulated.
+
+    Returns:
+        The fit; None where too few values are measured, or they do not determine the law.
+    """
+    mine = [entry for entry in reference.entries if entry.measured and entry.quantity.rpartition(".")[2] == FLOW_RATE]
+    mine = [entry for entry in mine if ORIFICE in entry.at and belongs(entry.at, series)]
+    D, W = (np.array(values, float) for values in ([e.at[ORIFICE] for e in mine], [e.value for e in mine]))
+    error = np.array([math.nan if entry.error is None else entry.error for entry in mine])
+    has_errors = bool((error > 0).all())
+    try:
+        with LAWS.calling(law, FitError):
+            return fit(LAWS[law], D, W, error, context(series.points), None if has_errors else np.ones(len(D), int))
+    except FitError:
+        return None
+
+
+def _of_measured_fits(reference: Reference, series: Series) -> Iterator[Comparison]:
+    """Parameters of laws that are fitted to the measured flow rates of a series, beside ours."""
+    for law in series.fits:
+        if (theirs := measured_fit(reference, law, series)) is None:
+            continue
+        for name, parameter in theirs.parameters.items():
+            base = replace(sought(f"{law}.{name}", series.at), label=series.label, points=series.points)
+            ours = _of_fit(base, law, name, series)
+            says = f"fitted to {len(theirs.D)} measured values"
+            yield replace(ours, reference=parameter.value, reference_error=parameter.error, says=says, measured=True)
+
+
+def belongs(at: Mapping[str, float | str], series: Series) -> bool:
+    """Decide if values of keys are those of a series, whatever the orifice."""
+    return matches({name: value for name, value in at.items() if name != ORIFICE}, series.points[0].point)
 
 
 def at_series(comparisons: Sequence[Comparison], law: str, series: Series) -> dict[str, Comparison]:
@@ -146,7 +196,7 @@ def entry_of(
     else:
         for result in (result for result in points if matches(asked, result.point)):
             found.append(_of_point(replace(base, at=result.at, label=result.label, points=(result,)), result))
-    yield from _merged(found, len(points)) or [replace(base, why="no finished point has these values")]
+    yield from _merged(found, len(points)) or [replace(base, why=_NO_POINT)]
 
 
 def _merged(found: Sequence[Comparison], points: int) -> list[Comparison]:

@@ -33,8 +33,8 @@ def point_at(points: Sequence[Point], at: Mapping[str, Any]) -> Point:
         names = _named(str(key), keys)
         if len(names) != 1:
             raise LookupError(f"at: the study does not sweep {key}; {instead(str(key), keys)}")
-        wanted[names[0]] = _value(names[0], value, points[0])
-    matches = [point for point in points if _has(point.at, wanted)]
+        wanted[names[0]] = value_of_key(names[0], value, points[0])
+    matches = [point for point in points if has(point.at, wanted)]
     if len(matches) == 1:
         return matches[0]
     there = "; ".join(listed([_written(point.at) for point in matches or points]))
@@ -57,8 +57,8 @@ def series_at(series: Sequence[Series], at: Mapping[str, Any] | None, like: Poin
     wanted: dict[str, float | str] = {}
     for key, value in (at or {}).items():
         name = _series_key(series, str(key))
-        wanted[name] = _value(name, value, like)
-    matches = [one for one in series if _has(one.at, wanted)]
+        wanted[name] = value_of_key(name, value, like)
+    matches = [one for one in series if has(one.at, wanted)]
     if len(matches) == 1:
         return matches[0]
     there = "; ".join(listed([_written(one.at) for one in series]))
@@ -87,16 +87,25 @@ def _series_key(series: Sequence[Series], name: str) -> str:
     raise LookupError(f"at: series are not told apart by {name}; {instead(name, keys)}")
 
 
+def key_named(name: str, keys: Sequence[str]) -> str:
+    """Find the key with this name or ending among several. Raises LookupError."""
+    names = _named(name, keys)
+    if len(names) != 1:
+        raise LookupError(f"the study does not sweep {name}; {instead(name, keys)}")
+    return names[0]
+
+
 def _named(name: str, keys: Sequence[str]) -> list[str]:
     """The keys with this name or ending."""
     return [key for key in keys if key == name or key.endswith(f".{name}")]
 
 
-def _has(at: Mapping[str, float | str], wanted: Mapping[str, float | str]) -> bool:
+def has(at: Mapping[str, float | str], wanted: Mapping[str, float | str]) -> bool:
+    """Decide if swept values are the wanted ones, of those keys that these have."""
     return all(_same(at.get(key), value) for key, value in wanted.items())
 
 
-def _value(key: str, value: Any, point: Point) -> float | str:
+def value_of_key(key: str, value: Any, point: Point) -> float | str:
     """A value of a key in SI, or the word that it is; text is read as a study's, with its unit."""
     known = next((one for one in find_keys(key) if one.unit is not None), None)
     if isinstance(value, str) and known is not None:

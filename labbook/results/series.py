@@ -220,10 +220,5 @@ def _lacking(points: Sequence[PointResult]) -> tuple[str, ...]:
 
 def context(points: Sequence[PointResult]) -> Context:
     """What the laws need to know of a series; its packing fraction is the mean over points where it was measured."""
-    scene = points[0].point.scene
     fractions = [r.pooled[PACKING_FRACTION].value for r in points if PACKING_FRACTION in r.pooled]
-    density = scene.grains.mean_density
-    bulk = float(np.mean(fractions)) * density if fractions else None
-    diameter = (6 * scene.grains.mass / (math.pi * density)) ** (1 / 3)  # of a sphere of the grains' volume
-    thickness = float(getattr(scene.container, "thickness", math.nan))
-    return Context(diameter, density, bulk, thickness, scene.gravity)
+    return Context.of(points[0].point.scene, float(np.mean(fractions)) if fractions else None)

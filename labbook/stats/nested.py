@@ -113,8 +113,12 @@ def shares(beds: Beds) -> Shares:
 
 @lru_cache(maxsize=1)
 def _prior() -> np.ndarray:
-    middles = _GRID + (_GRID[1] - _GRID[0]) / 2
-    return middles ** (_PRIOR[0] - 1) * (1 - middles) ** (_PRIOR[1] - 1)
+    return bed_prior(_GRID + (_GRID[1] - _GRID[0]) / 2)
+
+
+def bed_prior(share: np.ndarray) -> np.ndarray:
+    """Density of the share of the bed before a scene is known, at shares of any shape; not normalised."""
+    return share ** (_PRIOR[0] - 1) * (1 - share) ** (_PRIOR[1] - 1)
 
 
 @dataclass(frozen=True)

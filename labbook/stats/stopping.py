@@ -121,7 +121,7 @@ class StoppingRule:
         return students(self.confidence, replicates - 1) / np.sqrt(replicates) * self._widening(replicates)
 
     def _widening(self, replicates: int | np.ndarray) -> float | np.ndarray:
-        return 1 + _WIDENING / replicates if self.sequential else 1.0
+        return widening(replicates) if self.sequential else 1.0
 
     def following(self, n: int, relative: float) -> int:
         """Replicates to add to n whose mean has this relative half width: those that would be missing if the scatter
@@ -132,6 +132,11 @@ class StoppingRule:
             return 0
         missing = self.cap if relative == inf else max(1, ceil(n * ((relative / self.tolerance) ** 2 - 1)))
         return min(missing, max(1, n // 3))
+
+
+def widening(replicates: int | np.ndarray) -> float | np.ndarray:
+    """Factor on an interval from so many replicates whose number depends on their values."""
+    return 1 + _WIDENING / replicates
 
 
 def looks(samples: int) -> int:

@@ -89,8 +89,9 @@ TABLE = (
     Absent(
         "reference reference.* reference.*[]",
         "csv file path data table url dat txt excel",
-        "no file is read: a reference is typed",
-        "write each value, such as flow_rate: [{at: {container.orifice: 30 mm}, value: 57 g/s}]",
+        "a CSV file of measurements is named under reference.file, and no other file is read",
+        "write reference: {file: measured.csv}, or each value: flow_rate: [{at: {container.orifice: 30 mm}, value: 57 "
+        "g/s}]",
     ),
     Absent(
         "grains.sizes.kind",

@@ -134,6 +134,15 @@ def unbroken(source: StudyText, settings: Settings, points: Sequence[Point]) -> 
             return
 
 
+def unadaptable(source: StudyText, settings: Settings, points: Sequence[Point]) -> Iterator[Problem]:
+    """Obstacles of the strategy under `adapt`, such as a range that no sweep states."""
+    if settings.adapt is None or not points:
+        return
+    for fault in settings.adapt.obstacles(settings.measure, points):
+        place = ("adapt", *fault.key.split("."))
+        yield Problem(source.path, source.line(place), ".".join(place), fault.reason, fault.remedy)
+
+
 def undischarged(source: StudyText, settings: Settings, points: Sequence[Point]) -> Iterator[Problem]:
     """Several discharges of a bed at points where a bed has one run at most."""
     if settings.discharges_per_bed == 1:

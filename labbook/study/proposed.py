@@ -39,7 +39,7 @@ def _read(study: Study, assignments: Sequence[Assignment]) -> tuple[Point, ...]:
     if not assignments:
         return ()
     changes: dict[str, Any] = {"points": [written_at(one.at) for one in assignments], "adapt": None}
-    changes |= {"sweep": None} if "sweep" in study.stated else {}
+    changes |= {key: None for key in ("sweep", "reference") if key in study.stated}  # it may speak of other points
     if not (study.window.timed or study.fed):  # with these points alone the window could be another one
         ends = {"start": study.window.opening, "end": study.window.end}
         changes["window"] = {**study.stated.get("window", {}), **ends}

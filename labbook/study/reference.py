@@ -7,10 +7,13 @@ from typing import Any
 
 from labbook.fit import LAWS
 from labbook.measure import MEASURES
+from labbook.scene import attached
+from labbook.scene.attached import AttachedError
 from labbook.scene.quantities import parse
 from labbook.study.absent import absent
 from labbook.study.applicable import unit_of
 from labbook.study.keys import Key, find, nearest
+from labbook.study.measurements import NotAMeasurement, measured_values
 from labbook.study.paper import Wrong
 from labbook.study.point import Point
 from labbook.study.problems import Problem, instead, shown
@@ -25,16 +28,25 @@ _RATES = ("kg/s", "1/s")
 _ENDS = ("from", "to")
 """Ends of a statement."""
 _ENTRY_KEYS = ("at", "value", "error", "from", "to", "says")
+_OWN_KEYS = ("source", "file")
+"""Keys of `reference` that are no quantities."""
 
 
 class ReferenceReader:
     """Reads `reference`; problems are collected in `problems`."""
 
     def __init__(
-        self, source: StudyText, points: Sequence[Point], known: Callable[[], set[str]], settings: Settings | None
+        self,
+        source: StudyText,
+        points: Sequence[Point],
+        known: Callable[[], set[str]],
+        settings: Settings | None,
+        measured: bool = False,
     ):
-        """`settings`: what the study measures and fits; None if that is wrong, and units cannot be told."""
+        """`settings`: what the study measures and fits; None if that is wrong, and units cannot be told. `measured`:
+        whether the source is a line of a file of measurements, which may be for a point that is not simulated."""
         self._source, self._points, self._known, self._settings = source, points, known, settings
+        self._measured = measured
         self.problems: list[Problem] = []
 
     def read(self) -> Reference | None:
@@ -46,12 +58,14 @@ class ReferenceReader:
         if not isinstance(raw, dict):
             self._not_a_mapping(raw, place, "write `source:` and the quantities below it")
             return None
-        source = raw.get("source")
+        source = raw.get("source", raw.get("file"))
         if not isinstance(source, str) or not source.strip():
             self._problem((*place, "source"), "the source is missing", "name the paper, for example Fan et al. 2023")
         entries: list[ReferenceEntry | Statement] = []
+        if "file" in raw:
+            entries += self._of_file(raw["file"], (*place, "file"))
         for name, stated in raw.items():
-            if name == "source" or not self._names_a_quantity(name, (*place, name)):
+            if name in _OWN_KEYS or not self._names_a_quantity(name, (*place, name)):
                 continue
             items = [((*place, name), stated)]
             if isinstance(stated, list):
@@ -64,6 +78,28 @@ class ReferenceReader:
                     entries.append(entry)
         numbers = tuple(entry for entry in entries if isinstance(entry, ReferenceEntry))
         return Reference(str(source), numbers, tuple(entry for entry in entries if isinstance(entry, Statement)))
+
+    def _of_file(self, name: Any, place: Location) -> list[ReferenceEntry | Statement]:
+        """Entries of a file of measurements."""
+        if not isinstance(name, str):
+            self._problem(place, f"{shown(name)} is no name of a file", "write measured.csv")
+            return []
+        try:
+            content = attached.content(self._source.beside.attach(name))
+        except AttachedError as error:
+            self._problem(place, error.reason, error.remedy)
+            return []
+        path, entries = self._source.path.parent / name, list[ReferenceEntry | Statement | None]()
+        try:
+            for row in measured_values(content):
+                line = StudyText(path, {}, {(): row.line})
+                reader = ReferenceReader(line, self._points, self._known, self._settings, measured=True)
+                if reader._names_a_quantity(row.quantity, ("quantity",)):
+                    entries.append(reader._entry(row.quantity, row.entry, ()))
+                self.problems += reader.problems
+        except NotAMeasurement as error:
+            self.problems.append(Problem(path, error.line, error.column, str(error), error.remedy))
+        return [entry for entry in entries if entry is not None]
 
     def _not_a_mapping(self, raw: Any, place: Location, remedy: str) -> None:
         """Neither a mapping nor, as some write instead, the name of a file with numbers."""
@@ -107,7 +143,7 @@ class ReferenceReader:
         if not isinstance(says, str):
             self._problem((*place, "says"), "text is needed", "write its place in the paper, for example eq 14")
             return None
-        return ReferenceEntry(name, at, numbers["value"] or 0.0, numbers.get("error"), says.strip())
+        return ReferenceEntry(name, at, numbers["value"] or 0.0, numbers.get("error"), says.strip(), self._measured)
 
     def _check_keys(self, raw: Mapping[str, Any], place: Location, stated: bool) -> None:
         """Note keys that are unknown, missing or, in a statement (`stated`), without a meaning."""
@@ -203,9 +239,18 @@ class ReferenceReader:
                 at[key] = _condition(stated, meant[0], diameter)
             except ValueError as error:
                 self._problem((*place, key), f"{shown(stated)}: {error}", meant[0].remedy)
-        if at and len(at) == len(raw) and self._points and not any(_is_at(point, at) for point in self._points):
-            self._problem(place, "this study has no such point", "use the values that the study has or sweeps")
+        if at and len(at) == len(raw):
+            self._check_point(at, place)
         return at
+
+    def _check_point(self, at: dict[str, float | str], place: Location) -> None:
+        """Note an entry that is for no point; a measured one may be for other values of swept keys."""
+        varied = {key for point in self._points for key in point.at} if self._measured else set[str]()
+        fixed = {key: value for key, value in at.items() if key not in varied}
+        if self._points and fixed and not any(_is_at(point, fixed) for point in self._points):
+            of = f"{', '.join(fixed)}, which it does not sweep" if self._measured else ""
+            message = f"this study has another value of {of}" if of else "this study has no such point"
+            self._problem(place, message, "use the values that the study has or sweeps")
 
     def _problem(self, place: Location, message: str, remedy: str) -> None:
         line = self._source.line(place)

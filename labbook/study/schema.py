@@ -336,7 +336,8 @@ class Settings(Model):
 class ReferenceEntry:
     """A published number [SI]: `quantity` as `law.parameter` or `measure.quantity`, `at` the points it is for.
 
-    `says`: its place in the paper, such as an equation; empty if it is not stated.
+    `says`: its place in the paper, such as an equation; empty if it is not stated. `measured`: whether it is from a
+    file of measurements, which may have points that are not simulated.
     """
 
     quantity: str
@@ -344,6 +345,7 @@ class ReferenceEntry:
     value: float
     error: float | None = None
     says: str = ""
+    measured: bool = False
 
 
 @dataclass(frozen=True)

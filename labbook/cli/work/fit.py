@@ -1,8 +1,14 @@
-"""Tables of what a study found."""
+"""Tables of what a study found, and the design that gives a wanted value."""
+
+import json
+import math
+from collections.abc import Sequence
+from dataclasses import asdict
 
 import typer
 
 from labbook.api import Results
+from labbook.cli.options import fail
 from labbook.cli.screen import print_table, say, screen
 from labbook.report import tables
 from labbook.report.clogging import clogging_table, law_tables
@@ -15,6 +21,7 @@ from labbook.results import display
 from labbook.results.clogging import clogging
 from labbook.results.frames import to_json
 from labbook.results.reference import at_series
+from labbook.results.surface import NoSurface
 
 
 def show(found: Results, as_json: bool) -> None:
@@ -66,3 +73,31 @@ def show(found: Results, as_json: bool) -> None:
         print_table(console, statement_table(found.judged), f"Statements of {found.source}")
     if found.comparisons:
         print_table(console, tables.comparison_table(found.comparisons), f"Beside {found.source}")
+
+
+def answer(results: Results, want: str, over: str | None, at: Sequence[str], as_json: bool) -> None:
+    """Print the value of a swept key that gives `want`, such as `flow_rate = 50 g/s`; `at`: values of other keys."""
+    quantity, value = _assigned(want, "--want", "'flow_rate = 50 g/s'")
+    fixed = dict(_assigned(one, "--at", "'container.angle = 30 deg'") for one in at)
+    try:
+        design = results.inverse(quantity, value, over, fixed)
+    except (LookupError, NoSurface, ValueError) as problem:
+        fail(problem.args[0] if isinstance(problem, LookupError) and problem.args else problem)
+    if as_json:
+        plain = {name: _finite(value) for name, value in asdict(design).items()}
+        typer.echo(json.dumps({"study": results.study.name, "at": fixed, **plain}, indent=2, allow_nan=False))
+        return
+    console = screen(highlight=False)
+    for line in (f"{design.sentence}.", f"{design.method[:1].upper()}{design.method[1:]}.", *design.notes):
+        console.print(line, markup=False, soft_wrap=True)
+
+
+def _assigned(text: str, option: str, example: str) -> tuple[str, str]:
+    name, equals, value = (part.strip() for part in text.partition("="))
+    if not (name and equals and value):
+        raise typer.BadParameter(f"{text}: write {example}", param_hint=option)
+    return name, value
+
+
+def _finite(value: object) -> object:
+    return None if isinstance(value, float) and not math.isfinite(value) else value

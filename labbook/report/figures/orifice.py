@@ -29,7 +29,7 @@ from labbook.report.style import (
 )
 from labbook.results import display
 from labbook.results.points import ORIFICE, PointResult
-from labbook.results.reference import Comparison, of_reference
+from labbook.results.reference import NORMAL, Comparison, belongs, of_reference
 from labbook.results.series import Series
 
 if TYPE_CHECKING:
@@ -48,7 +48,7 @@ def flow_against_orifice(series: Series, comparisons: Sequence[Comparison] = (),
     (thick) and their own 95 % intervals (thin).
 
     Points outside a law's range or with a remark are hollow, crosses at the foot are outlets without a flow rate;
-    diamonds are flow rates of the reference.
+    diamonds are flow rates of the reference, with 95 % intervals where it states errors.
     """
     from matplotlib.figure import Figure
 
@@ -64,7 +64,10 @@ def flow_against_orifice(series: Series, comparisons: Sequence[Comparison] = (),
             _law(main, fit, diameters, power, label=display.law(law), **style)
             _residuals(below, series, law, style["color"], place)
         _points(main, series.points, series.flagged, power, color=INK, marker="o", label="labbook", words=True)
-        _reference(main, series, comparisons, source, power)
+        theirs = _flow_rates(series, comparisons)
+        _reference(main, theirs, source, power)
+        if series.fits:
+            _their_residuals(below, theirs, next(iter(series.fits.values())))
         _their_law(main, series, comparisons, source, power, diameters)
         below.set_xlabel("orifice, $D$ [mm]")
         if series.fits:
@@ -160,16 +163,34 @@ def _heading(power: str) -> str:
     return f"$W^{{{power}}}$ [(g/s)$^{{{power}}}$]"
 
 
-def _reference(ax: "Axes", series: Series, comparisons: Sequence[Comparison], source: str, power: float) -> None:
-    """Flow rates of the reference at the points of the series."""
+def _flow_rates(series: Series, comparisons: Sequence[Comparison]) -> list[Comparison]:
+    """Flow rates of the reference at the points of a series, and measured ones between them."""
     ours = [result.at for result in series.points]
-    theirs = [c for c in comparisons if c.quantity == "flow_rate" and ORIFICE in c.at and c.at in ours]
+    theirs = [c for c in comparisons if c.quantity == "flow_rate" and ORIFICE in c.at]
+    return [c for c in theirs if c.at in ours or (c.measured and belongs(c.at, series))]
+
+
+def _reference(ax: "Axes", theirs: Sequence[Comparison], source: str, power: float) -> None:
+    """Flow rates of the reference, with 95 % intervals where their errors are known."""
     for marker, says in zip(cycle("Ds^v"), dict.fromkeys(c.says for c in theirs), strict=False):
         some = [c for c in theirs if c.says == says]
         places = [float(c.at[ORIFICE]) * 1e3 for c in some]
-        values = _scaled(np.array([c.reference for c in some]), power)
+        rates = np.array([c.reference for c in some])
+        values, half = _scaled(rates, power), NORMAL * np.array([c.reference_error or 0.0 for c in some])
+        ends = np.abs([_scaled(end, power) - values for end in (rates - half, rates + half)])
         look = {"marker": marker, "markersize": 6, "markerfacecolor": "none", "linestyle": "none", "zorder": 4}
         ax.plot(places, values, color=INK, label=verbatim(f"{source}, {says}" if says else source), **look)
+        ax.errorbar(places, values, ends, color=INK, fmt="none", elinewidth=0.7, zorder=4)
+
+
+def _their_residuals(ax: "Axes", theirs: Sequence[Comparison], fit: FitResult) -> None:
+    """Flow rates of the reference less the fit to ours, where that has points on both sides."""
+    inside = [c for c in theirs if fit.D.min() <= float(c.at[ORIFICE]) <= fit.D.max()]
+    D = np.array([float(c.at[ORIFICE]) for c in inside])
+    if len(D):
+        W, half = np.array([(c.reference, NORMAL * (c.reference_error or 0.0)) for c in inside]).T / fit.band(D)[0]
+        look = {"marker": "D", "markersize": 4, "markerfacecolor": "none", "linestyle": "none", "elinewidth": 0.7}
+        ax.errorbar(1e3 * D, 100 * (W - 1), 100 * half, color=INK, **look)
 
 
 def _their_law(

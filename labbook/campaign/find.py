@@ -1,0 +1,278 @@
+"""The goal `find`: the value of the swept key at which a quantity has a wanted value.
+
+    adapt:
+      find: {container.orifice: {flow_rate: 50 g/s, within: 1 %}}
+
+The quantity is interpolated between all runs so far, with its error (`labbook.stats.response`). New runs are made where
+it has the wanted value, until the distance to it plus the half width of the interval there is within what was asked.
+"""
+
+import math
+from collections import Counter
+from collections.abc import Iterator, Mapping, Sequence
+from typing import Annotated, Any, ClassVar
+
+import numpy as np
+from pydantic import model_validator
+
+from labbook.campaign.goal import (
+    HELD_OUT,
+    SCATTER,
+    Goal,
+    Step,
+    clogged_places,
+    held_out,
+    of_one_key,
+    only_swept,
+    rounded,
+    spread,
+)
+from labbook.campaign.strategy import Assignment, Proposal, Trial, place
+from labbook.fit.interpolation import Interpolation, trend_of_outlets
+from labbook.measure import MEASURES
+from labbook.scene.model import Fault, Internal, refuse
+from labbook.scene.quantities import parse, percent
+from labbook.stats import Tolerance, pool
+from labbook.stats.inverse import NoSetting, setting_for
+from labbook.stats.nested import by_bed, of_beds
+from labbook.stats.pooling import student
+from labbook.stats.response import FEWEST
+from labbook.stats.stopping import widening
+
+_BEDS = 2
+"""Beds of each point of the start."""
+_LEAST = 4
+"""Beds near the answer before the search can end."""
+_NEAR = 1.0
+"""Distance from the wanted value, over what was asked, up to which beds are added to a point that was run: new beds are
+worth more than the same beds at another point."""
+_SHARED = 1.2
+"""Half width at the answer over that at such a point up to which beds there tell as much of the answer."""
+_SEVERAL = 8
+"""Beds of each point until which more are made where the noise gives the value at several settings."""
+
+
+class Find(Goal):
+    """Finds the value of the swept key that gives a quantity."""
+
+    name: ClassVar[str] = "find"
+
+    key: Annotated[str, Internal()]
+    """The swept key."""
+    quantity: Annotated[str, Internal()]
+    """The quantity."""
+    target: Annotated[float, Internal()]
+    """Wanted value of the quantity [SI]."""
+    within: Annotated[float, Internal()]
+    """Largest deviation from it that is promised at 95 %, relative to it."""
+
+    @model_validator(mode="before")
+    @classmethod
+    def _of_mapping(cls, mapping: Any) -> Any:
+        """{key: {quantity: value, within: part}} as fields."""
+        if isinstance(mapping, Mapping) and mapping.keys() >= {"key", "quantity", "target", "within"}:
+            return mapping
+        if not (
+            isinstance(mapping, Mapping) and len(mapping) == 1 and isinstance(next(iter(mapping.values())), Mapping)
+        ):
+            refuse([Fault("", "one swept key with what it shall give is needed", _EXAMPLE)])
+        ((key, wish),) = mapping.items()
+        names = [name for name in wish if name != "within"]
+        if len(names) != 1 or "within" not in wish:
+            refuse([Fault(key, "one quantity and `within` are needed", _EXAMPLE)])
+        (quantity,) = names
+        units = {
+            declared.name: declared.unit
+            for measure in MEASURES.values()
+            for declared in measure.declared
+            if declared.pooled
+        }
+        if quantity not in units:
+            refuse([Fault(f"{key}.{quantity}", "this is no quantity that is pooled over beds", "write flow_rate")])
+        numbers = {"target": _number(wish[quantity], units[quantity], f"{key}.{quantity}")}
+        numbers["within"] = _number(wish["within"], "", f"{key}.within")
+        if not 1e-4 <= numbers["within"] < 1:
+            refuse([Fault(f"{key}.within", "a part from 0.0001 to 1 is needed", "write 1 %")])
+        if numbers["target"] <= 0:
+            refuse([Fault(f"{key}.{quantity}", "a value above 0 is needed", _EXAMPLE)])
+        return {"key": key, "quantity": quantity, **numbers}
+
+    def obstacles(self, measures: Sequence[str], points: Sequence[Any]) -> Iterator[Fault]:
+        """Find what a study lacks for this goal."""
+        yield from of_one_key("find", self.key, points)
+        giving = [
+            name for name, measure in MEASURES.items() if any(one.name == self.quantity for one in measure.declared)
+        ]
+        if not {*giving} & {*measures}:
+            yield Fault("find", f"{self.quantity} is not measured", f"add {giving[0]} to measure")
+
+    def plan_rule(self, study: Any) -> str:
+        """Say when the search ends, and how many runs are expected."""
+        scatter = next((one.choice.scatter for one in study.points if getattr(one, "choice", None)), SCATTER)
+        start = len(self._start(study)) * _BEDS
+        expected = start + math.ceil((student(0.95, math.inf) * scatter / self.within) ** 2)
+        limit = f", at most {self.budget}" if self.budget is not None else ""
+        return (
+            f"{self.key} with {self._amount(self.target)} within {percent(self.within)}. {start} runs over the range, "
+            f"then beds near the answer until the half width of the 95 % interval is {percent(self.within)}, then "
+            f"{HELD_OUT} held-out beds. About {expected + HELD_OUT} runs{limit} (scatter of a run: {percent(scatter)})"
+        )
+
+    def start(self, study: Any) -> Proposal:
+        """Propose a few points over the range, with two beds each."""
+        settings = self._start(study)
+        assignments = tuple(Assignment({self.key: x}, _BEDS) for x in settings)
+        return Proposal(assignments, f"{len(settings)} points over the range, with {_BEDS} beds each")
+
+    def step(self, study: Any, trials: Sequence[Trial]) -> Step:
+        """Propose more beds where the value is reached, or hold beds out once it is known well enough there."""
+        runs = self._values(trials)
+        if len({x for x, _, _ in runs}) < FEWEST:
+            return Step(self._more_points(study, trials, [x for x, _, _ in runs]))
+        curve = self._curve(study, runs)
+        try:
+            root, ends = self._root(study, curve)
+        except NoSetting as reason:
+            why = f"{self._reach(study, reason)}: {reason}"
+            beds = Counter(x for x, _, _ in runs)
+            if reason.several and min(beds.values()) < _SEVERAL:
+                extended = tuple(Assignment({self.key: x}, n + _BEDS) for x, n in sorted(beds.items()) if n < _SEVERAL)
+                return Step(Proposal(extended, f"{why}; {_BEDS} beds more at each"))
+            return Step(Proposal.end(f"{why}; change `sweep`"))
+        x, beds = self._place(curve, runs, root)
+        half = _half_width(curve, root, len(runs))
+        progress = f"{self._amount(self.target)} at {self._setting(study, root)} (95 %: {ends}), known to "
+        progress += f"±{percent(half, '.2f')} from {len(runs)} beds"
+        if beds >= _LEAST and Tolerance(self.within).kept(half):
+            return held_out({self.key: x}, trials, progress)
+        if beds >= study.accuracy.max_replicates:
+            reason = "accuracy.max_replicates allows no more beds, and the promise is not reached"
+            return Step(Proposal.end(f"{reason}: {progress}"))
+        # beds whose mean would be as good, and those that are missing then: half as many again at most, since scatter
+        # and shape are known from few runs
+        worth = (student(0.95, curve.response.freedom) * curve.response.scatter / half) ** 2
+        missing = math.ceil(worth * ((half / self.within) ** 2 - 1))
+        added = max(2, _LEAST - beds, min(missing, max(_LEAST, len(runs) // 2)))
+        number = min(beds + added, study.accuracy.max_replicates)
+        reason = f"{progress}: {number} beds in all at {self._setting(study, x)}"
+        return Step(Proposal((Assignment({self.key: x}, number),), reason))
+
+    def verdict(self, study: Any, trials: Sequence[Trial], withheld: Sequence[Trial]) -> str:
+        """Compare the mean of beds that were held out with what was promised."""
+        runs = self._values(trials)
+        curve = self._curve(study, runs)
+        root, ends = self._root(study, curve)
+        half = _half_width(curve, root, len(runs))
+        answer = f"{self._setting(study, root)} gives {self._amount(self.target)} (95 %: {ends}), known to "
+        answer += f"±{percent(half, '.2f')} from {len(runs)} beds"
+        values = [value for _, value, _ in self._values(withheld)]
+        if len(values) < 2:
+            return f"{answer}. Promise not tested: {len(values)} of {len(withheld)} held-out beds have a value"
+        x = float(withheld[0].at[self.key])
+        mean, expected = pool(values), float(curve.band(np.array([x]))[0][0])
+        off = mean.value / expected - 1
+        word = "kept" if abs(off) - mean.half_width / expected <= self.within else "not kept"
+        tested = f"{len(values)} held-out beds at {self._setting(study, x)} give {self._amount(mean.value)}"
+        tested += f" ±{percent(mean.relative, '.2f')}, and {self._amount(expected)} is expected"
+        return f"{answer}. Promise {word} ({percent(self.within)}): {tested}"
+
+    def _start(self, study: Any) -> tuple[float, ...]:
+        sweep = only_swept(study.points)
+        assert sweep is not None
+        return spread(sweep, FEWEST)
+
+    def _values(self, trials: Sequence[Trial]) -> list[tuple[float, float, int]]:
+        """Setting, quantity and seed of each bed, of points at which no run clogged."""
+        lost, points = clogged_places(trials), dict[float, list[tuple[int, float]]]()
+        for trial in sorted(trials, key=lambda trial: (place(trial.at), trial.seed, trial.discharge)):
+            value = trial.numbers.get(self.quantity, math.nan)
+            if place(trial.at) not in lost and value > 0:
+                points.setdefault(float(trial.at[self.key]), []).append((trial.seed, value))
+        beds = ((x, by_bed(values)) for x, values in points.items())
+        return [(x, value, seed) for x, of in beds for seed, value in zip(of, of_beds(of), strict=True)]
+
+    def _is_length(self, study: Any) -> bool:
+        return study.units.get(self.key) == "m"
+
+    def _curve(self, study: Any, runs: Sequence[tuple[float, float, int]]) -> Interpolation:
+        x, y, seeds = zip(*runs, strict=True)
+        trend = trend_of_outlets(self.quantity, self.key, study.points[0].scene, min(x))
+        return Interpolation.of(x, y, seeds, of_length=self._is_length(study), trend=trend)
+
+    def _root(self, study: Any, curve: Interpolation) -> tuple[float, str]:
+        """Setting at which the target is reached, and its interval in words. Raises NoSetting."""
+        try:
+            setting = setting_for(curve.band, curve.low, curve.high, self.target)
+        except NoSetting as reason:
+            _, (low,), (high,) = curve.band(np.array([reason.nearest]))
+            if reason.several or not low <= self.target <= high:
+                raise
+            return reason.nearest, "at the end of the range"  # more runs there will tell
+        ends = (self._setting(study, end) if math.isfinite(end) else "beyond the range" for end in setting.ends)
+        return setting.value, " to ".join(ends)
+
+    def _place(self, curve: Interpolation, runs: Sequence[tuple[float, float, int]], root: float) -> tuple[float, int]:
+        """Setting of the next beds and how many it has: the point with most beds of those that are near enough to the
+        target, else the root as people write it."""
+        beds = Counter(x for x, _, _ in runs)
+        off = dict(zip(beds, abs(curve.band(np.array([*beds]))[0] / self.target - 1), strict=True))
+        half = dict(zip(beds, curve.at(np.array([*beds]))[1], strict=True))
+        enough = float(curve.at(np.array([root]))[1][0]) / _SHARED
+        near = [x for x in beds if off[x] <= _NEAR * self.within and half[x] >= enough]
+        if near:
+            x = max(near, key=lambda x: (beds[x], -off[x]))
+            return x, beds[x]
+        digits = max(4, 2 + math.ceil(-math.log10(self.within)))
+        x = min(max(rounded(root, digits), min(beds)), max(beds))
+        return x, beds[x]
+
+    def _more_points(self, study: Any, trials: Sequence[Trial], usable: Sequence[float]) -> Proposal:
+        """Propose points between those that have a value and those that have none."""
+        tried = sorted({float(trial.at[self.key]) for trial in trials})
+        if not usable:
+            return Proposal.end(f"no point over the range has a {self.quantity} without a clogged run; change `sweep`")
+        low = max((x for x in tried if x < min(usable)), default=min(usable))
+        high = min((x for x in tried if x > max(usable)), default=max(usable))
+        inner = [rounded(low + (high - low) * k / (FEWEST + 1)) for k in range(1, FEWEST + 1)]
+        new = tuple(Assignment({self.key: x}, _BEDS) for x in inner if x not in tried)
+        if not new:
+            return Proposal.end(f"{self.quantity} has a value at {len({*usable})} points only; change `sweep`")
+        reason = f"{self.quantity} has a value at {len({*usable})} points; {len(new)} more between"
+        return Proposal(new, f"{reason} {self._setting(study, low)} and {self._setting(study, high)}")
+
+    def _reach(self, study: Any, reason: NoSetting) -> str:
+        low, high = (self._amount(end) for end in (reason.smallest, reason.largest))
+        ends = (self._setting(study, x) for x in (self._start(study)[0], self._start(study)[-1]))
+        return f"{low} to {high} over the range from {' to '.join(ends)}"
+
+    def _amount(self, value: float) -> str:
+        """The quantity in the unit that people read."""
+        quantities = [declared for measure in MEASURES.values() for declared in measure.declared]
+        quantity = next(declared for declared in quantities if declared.name == self.quantity)
+        return f"{self.quantity} = {value * quantity.scale:.4g} {quantity.shown or quantity.unit}".rstrip()
+
+    def _setting(self, study: Any, value: float) -> str:
+        if self._is_length(study):
+            return f"{1e3 * value:.4g} mm"
+        return f"{value:.4g} {study.units.get(self.key, '')}".rstrip()
+
+
+def _half_width(curve: Interpolation, x: float, runs: int) -> float:
+    """Half width of the interval at a setting, relative to the quantity, of a search that ends once it is small."""
+    return math.expm1(float(curve.at(np.array([x]))[1][0])) * float(widening(runs))
+
+
+def _number(text: Any, unit: str, key: str) -> float:
+    """A quantity with its unit."""
+    try:
+        if isinstance(text, str):
+            return parse(text, unit)
+        if isinstance(text, bool) or not isinstance(text, int | float) or unit:
+            raise ValueError(f"a quantity in {unit} is needed" if unit else "a number is needed")
+        return float(text)
+    except ValueError as error:
+        refuse([Fault(key, f"{text}: {error}", _EXAMPLE)])
+        raise
+
+
+_EXAMPLE = "write {container.orifice: {flow_rate: 50 g/s, within: 1 %}}"

@@ -1,0 +1,296 @@
+"""The goal `fit`: parameters of a law of the flow rate, each to a stated error.
+
+    adapt:
+      fit: {beverloo: {C: 2 %, k: 2 %}}
+
+Sensitivities of ln W to the parameters decide where beds are worth most: for two parameters at both ends of the range.
+A fifth of the beds stays inside it, for the test of lack of fit. The split between the ends is the one that reaches all
+errors with the fewest beds.
+"""
+
+import math
+from collections.abc import Iterator, Mapping, Sequence
+from typing import Annotated, Any, ClassVar
+
+import numpy as np
+from pydantic import model_validator
+
+from labbook.campaign.goal import (
+    HELD_OUT,
+    SCATTER,
+    Goal,
+    Step,
+    clogged_places,
+    of_one_key,
+    only_swept,
+    rounded,
+    spread,
+)
+from labbook.campaign.strategy import Assignment, Proposal, Trial, place
+from labbook.fit import LAWS, Context, FitError, FitResult, fit, named
+from labbook.fit.profile import derivative
+from labbook.scene.model import Fault, Internal, refuse
+from labbook.scene.quantities import parse, percent
+from labbook.stats import pool
+from labbook.stats.nested import by_bed, of_beds
+from labbook.stats.pooling import student
+from labbook.stats.stopping import widening
+
+ORIFICE = "container.orifice"
+_FLOW, _FRACTION = "flow_rate", "packing_fraction"
+_SETTINGS, _BEDS = 8, 2
+"""Outlets of the start, and beds of each: with fewer outlets, intervals are several times as wide where the points lie
+off the law by chance, since few degrees of freedom tell by how much."""
+_INSIDE = 0.2
+"""Part of the beds at outlets between both ends."""
+_SPLITS = np.linspace(0.1, 0.9, 33)
+"""Parts of the other beds at the narrow end that are compared."""
+_GROWTH = 1.5
+"""Beds after a generation over those before it, at most: scatter and parameters are known from few."""
+_LACK_OF_FIT = 0.01
+"""Probability of the lack of fit from which on a law passes: it is tested after each generation."""
+_MISSES = 1e-4
+"""Probability of the lack of fit below which the law is given up."""
+
+Point = tuple[float, list[float]]
+"""An outlet [m], with the flow rates of its beds [kg/s]."""
+
+
+class FitLaw(Goal):
+    """Fits a law to stated errors of its parameters."""
+
+    name: ClassVar[str] = "fit"
+
+    law: Annotated[str, Internal()]
+    """Name of the law."""
+    errors: Annotated[dict[str, float], Internal()]
+    """Half width of the 95 % interval of each parameter to reach, relative to it."""
+
+    @model_validator(mode="before")
+    @classmethod
+    def _of_mapping(cls, mapping: Any) -> Any:
+        """{law: {parameter: part}} as fields."""
+        if isinstance(mapping, Mapping) and mapping.keys() >= {"law", "errors"}:
+            return mapping
+        if not (isinstance(mapping, Mapping) and len(mapping) == 1):
+            refuse([Fault("", "one law with errors of its parameters is needed", _EXAMPLE)])
+        ((law, errors),) = mapping.items()
+        law = named(str(law))
+        if law not in LAWS:
+            refuse([Fault(str(law), "there is no such law", f"name one of: {', '.join(LAWS)}")])
+        if not isinstance(errors, Mapping) or not errors:
+            refuse([Fault(law, "errors of parameters are needed", _EXAMPLE)])
+        faults, parts = [], {}
+        for name, part in errors.items():
+            if name not in LAWS[law].parameters:
+                names = ", ".join(LAWS[law].parameters)
+                faults.append(Fault(f"{law}.{name}", "the law has no such parameter", f"name one of: {names}"))
+            try:
+                parts[name] = parse(part, "") if isinstance(part, str) else float(part)
+            except (ValueError, TypeError) as error:
+                faults.append(Fault(f"{law}.{name}", f"{part}: {error}", _EXAMPLE))
+            else:
+                if not 1e-4 <= parts[name] < 1:
+                    faults.append(Fault(f"{law}.{name}", "a part from 0.0001 to 1 is needed", "write 2 %"))
+        refuse(faults)
+        return {"law": law, "errors": parts}
+
+    def obstacles(self, measures: Sequence[str], points: Sequence[Any]) -> Iterator[Fault]:
+        """Find what a study lacks for this goal."""
+        faults = of_one_key("fit", ORIFICE, points)
+        yield from faults
+        if faults:
+            return
+        law, scene = LAWS[self.law], points[0].scene
+        if law.outlet not in (scene.container.outlet_form, "any"):
+            yield Fault("fit", f"{self.law} is a law for a {law.outlet}", "name a law for the outlet of this container")
+        if _FLOW not in measures:
+            yield Fault("fit", "flow_rate is not measured", "add flow_rate to measure")
+        reported = {one.name for one in law.reported(Context.of(scene, None))}
+        if {*self.errors} - reported and "packing" not in measures:
+            lacking = ", ".join({*self.errors} - reported)
+            yield Fault("fit", f"{lacking} rests on the packing fraction", "add packing to measure, or name C_particle")
+        low, high = self._range(points)
+        if not low < high:
+            narrowest = law.least_ratio * Context.of(scene, None).d
+            remedy = f"sweep wider outlets: the law holds from {law.least_ratio:g} d, {1e3 * narrowest:.4g} mm"
+            yield Fault("fit", "the sweep has no range in which the law is meant to hold", remedy)
+
+    def plan_rule(self, study: Any) -> str:
+        """Say when the campaign ends, and how many runs are expected."""
+        start = len(self._start(study)) * _BEDS
+        limit = f", at most {self.budget}" if self.budget is not None else ""
+        return (
+            f"{self._wishes()} of {self.law} (half widths of the 95 % intervals). {start} runs over the range, then "
+            f"beds where they are worth most, a fifth of them inside the range, then {HELD_OUT} held-out beds at each "
+            f"end. About {self._expected(study) + 2 * HELD_OUT} runs{limit} (scatter of a run: {percent(SCATTER)})"
+        )
+
+    def start(self, study: Any) -> Proposal:
+        """Propose outlets over the range of the law, with two beds each."""
+        outlets = self._start(study)
+        assignments = tuple(Assignment({ORIFICE: D}, _BEDS) for D in outlets)
+        return Proposal(assignments, f"{len(outlets)} outlets over the range, with {_BEDS} beds each")
+
+    def step(self, study: Any, trials: Sequence[Trial]) -> Step:
+        """Propose beds where they are worth most, or hold beds out once all errors are reached."""
+        points = _points(trials)
+        try:
+            result = self._fit(study, trials, points)
+        except FitError as problem:
+            return Step(Proposal.end(f"no fit: {problem}"))
+        n = np.array([len(values) for _, values in points], float)
+        halves = self._halves(result, int(n.sum()))
+        progress = ", ".join(f"{name} ±{percent(half, '.2f')}" for name, half in halves.items())
+        progress = f"{progress} from {int(n.sum())} beds"
+        if result.p_value < _MISSES:
+            why = (
+                f"{self.law} misses the points (p = {result.p_value:.1g}), so that its parameters do not describe them"
+            )
+            return Step(Proposal.end(f"{why}: {progress}"))
+        if all(halves[name] <= part for name, part in self.errors.items()):
+            return self._held_out(points, trials, progress)
+        cap = study.accuracy.max_replicates
+        target = np.minimum(self._allocation(result, n), cap)
+        if (target <= n).all():
+            reason = "accuracy.max_replicates allows no more beds, and the promise is not reached"
+            return Step(Proposal.end(f"{reason}: {progress}"))
+        assignments = tuple(
+            Assignment({ORIFICE: D}, int(number))
+            for (D, _), number, beds in zip(points, target, n, strict=True)
+            if number > beds
+        )
+        outlets = ", ".join(f"{one.replicates} at {1e3 * float(one.at[ORIFICE]):.4g} mm" for one in assignments)
+        return Step(Proposal(assignments, f"{progress}: beds in all {outlets}"))
+
+    def verdict(self, study: Any, trials: Sequence[Trial], withheld: Sequence[Trial]) -> str:
+        """Compare beds that were held out at both ends with the law."""
+        points = _points(trials)
+        result = self._fit(study, trials, points)
+        halves = self._halves(result, sum(len(values) for _, values in points))
+        values = ", ".join(f"{name} = {result.parameters[name].value:.4g} ±{percent(half, '.2f')}"
+                           for name, half in halves.items())  # fmt: skip
+        answer = f"{values} from {sum(len(values) for _, values in points)} beds"
+        deviations, agrees = [], True
+        for D, rates in _points(withheld):
+            if len(rates) < 2:
+                return f"{answer}. Promise not tested: {len(rates)} held-out beds at {1e3 * D:.4g} mm have a value"
+            mean, expected = pool(rates), float(result.band(np.array([D]))[0][0])
+            off, half = mean.value / expected - 1, mean.half_width / expected
+            agrees &= abs(off) - half <= self._allowed(result, D)
+            deviations.append(f"{percent(off, '+.2f')} ±{percent(half, '.2f')} at {1e3 * D:.4g} mm")
+        if not deviations:
+            return f"{answer}. Promise not tested: no held-out bed has a value"
+        word = "kept" if agrees else "not kept"
+        off = " and ".join(deviations)
+        return f"{answer}. Promise {word}: {HELD_OUT} held-out beds at each end lie off the law by {off}"
+
+    def _wishes(self) -> str:
+        return " and ".join(f"{name} to {percent(part)}" for name, part in self.errors.items())
+
+    def _range(self, points: Sequence[Any]) -> tuple[float, float]:
+        """Outlets of the sweep at which the law is meant to hold."""
+        swept = only_swept(points)
+        assert swept is not None
+        narrowest = LAWS[self.law].least_ratio * Context.of(points[0].scene, None).d
+        low = swept.values[0] if swept.values[0] >= narrowest * (1 - 1e-9) else rounded(narrowest)
+        return low, swept.values[-1]
+
+    def _start(self, study: Any) -> tuple[float, ...]:
+        swept = only_swept(study.points)
+        assert swept is not None
+        low, high = self._range(study.points)
+        return spread(swept.within(low, high), _SETTINGS)
+
+    def _fit(self, study: Any, trials: Sequence[Trial], points: Sequence[Point]) -> FitResult:
+        """Fit the law to the means of points. Raises FitError."""
+        fractions = [trial.numbers[_FRACTION] for trial in trials if _FRACTION in trial.numbers]
+        context = Context.of(study.points[0].scene, float(np.mean(fractions)) if fractions else None)
+        means = [pool(values) for _, values in points]
+        D, W = [D for D, _ in points], [mean.value for mean in means]
+        return fit(LAWS[self.law], D, W, [mean.error for mean in means], context, [mean.n for mean in means])
+
+    def _halves(self, result: FitResult, beds: int) -> dict[str, float]:
+        """Half widths of the intervals of the requested parameters, relative to them."""
+        factor = float(widening(beds)) * _reach(result)
+        return {
+            name: factor * result.parameters[name].error / abs(result.parameters[name].value) for name in self.errors
+        }
+
+    def _sensitivities(self, law: Any, free: np.ndarray, context: Context, D: np.ndarray) -> np.ndarray:
+        """Derivatives of ln W at n outlets by the free parameters, shape [n, p]."""
+        return derivative(lambda values: law.log_flow(D, values, context), free)
+
+    def _relative(self, law: Any, free: np.ndarray, context: Context) -> dict[str, tuple[int, float]]:
+        """Index of the free parameter of each requested one, and its derivative by that over its value."""
+        slopes = {}
+        for parameter in law.reported(context):
+            if parameter.name in self.errors:
+                at, of = float(free[parameter.free]), parameter.of
+                slopes[parameter.name] = parameter.free, (of(at + 1e-6) - of(at - 1e-6)) / 2e-6 / of(at)
+        return slopes
+
+    def _needed(
+        self, law: Any, free: np.ndarray, context: Context, D: np.ndarray, scatter: float, t: float
+    ) -> tuple[float, np.ndarray]:
+        """Fewest beds that reach all errors, and the part of them at each outlet, shape [n]."""
+        J, slopes, inner = self._sensitivities(law, free, context, D), self._relative(law, free, context), len(D) - 2
+        best = math.inf, np.full(len(D), 1 / len(D))
+        for split in _SPLITS:
+            part = np.full(len(D), _INSIDE / inner)
+            part[[0, -1]] = (1 - _INSIDE) * np.array([split, 1 - split])
+            covariance = np.linalg.inv(J.T @ (J * part[:, None])) * scatter**2
+            halves = [t * math.sqrt(covariance[index, index]) * abs(slope) / self.errors[name]
+                      for name, (index, slope) in slopes.items()]  # fmt: skip
+            best = min(best, (max(halves) ** 2, part), key=lambda pair: pair[0])
+        return best
+
+    def _allocation(self, result: FitResult, n: np.ndarray) -> np.ndarray:
+        """Beds at each outlet after the next generation, shape [n]."""
+        scatter = math.sqrt(float(np.mean(result.relative_error**2 * n)))
+        t = _reach(result) * result.widening * float(widening(int(n.sum())))
+        needed, part = self._needed(result.law, result.best, result.context, result.D, scatter, t)
+        number = min(max(needed, n.sum() + 4), _GROWTH * n.sum())
+        return np.maximum(n, np.ceil(part * number))
+
+    def _expected(self, study: Any) -> int:
+        """Beds that are expected before there is any: from the law, started at Beverloo's with k = 1.4."""
+        law, context = LAWS[self.law], Context.of(study.points[0].scene, 0.6)
+        D = np.array(self._start(study))
+        W = context.unit_flow * (D / context.d - 1.4) ** (1.5 if context.Z == context.Z else 2.5)
+        needed, _ = self._needed(law, law.start(D, W, context), context, D, SCATTER, student(0.95, math.inf))
+        return max(len(D) * _BEDS, math.ceil(needed))
+
+    def _held_out(self, points: Sequence[Point], trials: Sequence[Trial], progress: str) -> Step:
+        """Propose beds at both ends that no run so far has."""
+        latest = max(trial.seed for trial in trials)
+        ends = tuple(Assignment({ORIFICE: D}, latest + HELD_OUT) for D in (points[0][0], points[-1][0]))
+        reason = f"{progress}; {HELD_OUT} beds are held out at each end to test the law"
+        return Step(Proposal(ends, reason), holds_out=True)
+
+    def _allowed(self, result: FitResult, D: float) -> float:
+        """Deviation of ln W at an outlet that the promised errors allow: both of them, in quadrature."""
+        (J,) = self._sensitivities(result.law, result.best, result.context, np.array([D]))
+        slopes = self._relative(result.law, result.best, result.context)
+        return math.hypot(*(self.errors[name] / slope * J[index] for name, (index, slope) in slopes.items()))
+
+
+def _reach(result: FitResult) -> float:
+    """Half width of an interval over the standard error of the fit. Where the law passes the test of lack of fit, the
+    errors are those of the replicates, however the points happen to lie about it."""
+    if result.p_value >= _LACK_OF_FIT:
+        return student(0.95, result.error_dof) / result.widening
+    return student(0.95, result.freedom)
+
+
+def _points(trials: Sequence[Trial]) -> list[Point]:
+    """Flow rates of beds by outlet, of outlets at which few runs clogged."""
+    lost, points = clogged_places(trials), dict[float, list[tuple[int, float]]]()
+    for trial in sorted(trials, key=lambda trial: (place(trial.at), trial.seed, trial.discharge)):
+        value = trial.numbers.get(_FLOW, math.nan)
+        if place(trial.at) not in lost and value > 0:
+            points.setdefault(float(trial.at[ORIFICE]), []).append((trial.seed, value))
+    return [(D, of_beds(by_bed(values))) for D, values in sorted(points.items())]
+
+
+_EXAMPLE = "write {beverloo: {C: 2 %, k: 2 %}}"

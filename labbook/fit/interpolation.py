@@ -1,0 +1,108 @@
+"""A measured quantity between the settings of its runs, for any quantity and key: values and intervals, in SI.
+
+Quantities above 0 are interpolated as logarithms, against the logarithm of a length or any other key itself. What is
+known of the flow through an outlet is taken off before: W is proportional to (D - 1.4 d)^n with n of the outlet, to
+which the data add what they show beyond that.
+"""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from labbook.scene.scene import Scene
+from labbook.stats.response import Response
+
+CLOGGED = 0.2
+"""Part of the runs of a point up to which these may clog: of more, those that flowed are no fair sample."""
+_K = 1.4
+"""k of Beverloo's law for spheres (Beverloo et al., Chem. Eng. Sci. 15 (1961) 260)."""
+_POWERS = {"slot": 1.5, "hole": 2.5}
+_NARROWEST = 2.0
+"""Outlet [d] from which on that is used."""
+_RATES = ("flow_rate", "grain_rate")
+Trend = Callable[[np.ndarray], np.ndarray]
+"""Logarithm of a quantity at m settings, up to a constant, shape [m]."""
+
+
+@dataclass(frozen=True, eq=False)
+class Interpolation:
+    """A quantity against a key, fitted to runs.
+
+    Attributes:
+        low: Smallest setting.
+        high: Largest setting.
+        response: What is fitted, in transformed numbers.
+    """
+
+    low: float
+    high: float
+    response: Response
+    _of_length: bool
+    _logarithmic: bool
+    _trend: Trend
+
+    @classmethod
+    def of(
+        cls,
+        settings: Sequence[float] | np.ndarray,
+        values: Sequence[float] | np.ndarray,
+        beds: Sequence[int],
+        *,
+        of_length: bool = False,
+        trend: Trend | None = None,
+    ) -> "Interpolation":
+        """Fit the quantity to runs.
+
+        Args:
+            settings: Of the runs [SI], shape [n].
+            values: Of the runs [SI], shape [n].
+            beds: Seeds of their beds, shape [n].
+            of_length: Whether the key is a length.
+            trend: What is known of the quantity (`trend_of_outlets`); not used where a value is not above 0.
+
+        Raises:
+            ValueError: As for `Response.of`.
+        """
+        x, y = np.asarray(settings, float), np.asarray(values, float)
+        of_length, logarithmic = of_length and bool((x > 0).all()), bool((y > 0).all())
+        trend = trend if trend is not None and logarithmic else np.zeros_like
+        response = Response.of(np.log(x) if of_length else x, (np.log(y) if logarithmic else y) - trend(x), beds)
+        return cls(float(x.min()), float(x.max()), response, of_length, logarithmic, trend)
+
+    def at(self, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Compute the quantity, or its logarithm if it is above 0, at m settings, and the half width of its interval.
+
+        Raises ValueError for a setting outside the range.
+        """
+        x = np.asarray(x, float)
+        mean, half = self.response.at(np.log(x) if self._of_length else x)
+        return mean + self._trend(x), half
+
+    def band(self, x: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Compute the quantity [SI] at m settings, and the ends of its 95 % interval, each of shape [m].
+
+        Raises ValueError for a setting outside the range.
+        """
+        value, half = self.at(x)
+        back = np.exp if self._logarithmic else np.asarray
+        return back(value), back(value - half), back(value + half)
+
+
+def trend_of_outlets(quantity: str, key: str, scene: Scene, narrowest: float) -> Trend | None:
+    """Give what is known of a quantity against a key.
+
+    Args:
+        quantity: Name of the quantity.
+        key: Dotted key.
+        scene: Any of the scenes.
+        narrowest: Smallest setting.
+
+    Returns:
+        The trend of a flow rate against the outlet; None of other quantities and keys, and of outlets about as wide as
+        a grain.
+    """
+    form, d = scene.container.outlet_form, scene.grains.equivalent_diameter
+    if key != "container.orifice" or quantity not in _RATES or form not in _POWERS or narrowest < _NARROWEST * d:
+        return None
+    return lambda x: _POWERS[form] * np.log(x - _K * d)

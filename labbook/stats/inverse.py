@@ -1,0 +1,94 @@
+"""The setting at which a response has a wanted value, with its interval: the settings whose intervals hold the value.
+
+That is Fieller's construction (J. R. Stat. Soc. B 16 (1954) 175), for any response with pointwise intervals.
+"""
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+Band = Callable[[np.ndarray], tuple[np.ndarray, np.ndarray, np.ndarray]]
+"""Values of a response at m settings, and the ends of their intervals, each of shape [m]."""
+_PLACES, _FINE = 129, 17
+"""Settings at which a response is computed, and those between two of them."""
+
+
+class NoSetting(ValueError):
+    """No setting of the range gives the value, or several do.
+
+    Attributes:
+        smallest, largest: Values of the response within the range.
+        nearest: Setting whose value is nearest to the target.
+        several: True if several settings give the value.
+    """
+
+    def __init__(self, message: str, smallest: float, largest: float, nearest: float, several: bool = False):
+        super().__init__(message)
+        self.smallest, self.largest, self.nearest, self.several = smallest, largest, nearest, several
+
+
+@dataclass(frozen=True)
+class Setting:
+    """A setting with its interval. An end that the range does not bound is infinite."""
+
+    value: float
+    low: float
+    high: float
+
+    @property
+    def ends(self) -> tuple[float, float]:
+        """Both ends of its interval."""
+        return self.low, self.high
+
+
+def setting_for(band: Band, low: float, high: float, target: float) -> Setting:
+    """Find where a response has a value.
+
+    Args:
+        band: The response.
+        low: Smallest setting.
+        high: Largest setting.
+        target: The value.
+
+    Returns:
+        The setting, and the settings about it whose intervals hold the value.
+
+    Raises:
+        NoSetting: The value is not reached within the range, or at several settings.
+    """
+    places = np.linspace(low, high, _PLACES)
+
+    def beyond(x: np.ndarray) -> np.ndarray:
+        return band(x)[0] - target
+
+    def inside(x: np.ndarray) -> np.ndarray:
+        """Above 0 where the interval holds the value."""
+        _, lower, upper = band(x)
+        return np.minimum(target - lower, upper - target)
+
+    off = beyond(places)
+    crossings = np.flatnonzero(np.diff(np.sign(off)) != 0)
+    reach = float(off.min() + target), float(off.max() + target), float(places[np.argmin(np.abs(off))])
+    if len(crossings) == 0:
+        raise NoSetting("the value is not reached within the range", *reach)
+    if len(crossings) > 1 and off[crossings[1]] != 0:
+        raise NoSetting(f"{len(crossings)} settings give the value", *reach, several=True)
+    root = _zero(beyond, *places[crossings[0] :][:2].tolist())
+    outside = inside(places) < 0
+    below, above = np.flatnonzero(outside & (places < root)), np.flatnonzero(outside & (places > root))
+    first = _zero(inside, places[below[-1]], min(places[below[-1] + 1], root)) if len(below) else -math.inf
+    last = _zero(inside, max(places[above[0] - 1], root), places[above[0]]) if len(above) else math.inf
+    return Setting(root, first, last)
+
+
+def _zero(function: Callable[[np.ndarray], np.ndarray], start: Any, end: Any) -> float:
+    """Zero of a function that has another sign at the end than at the start: on a straight line between fine places."""
+    places = np.linspace(start, end, _FINE)
+    values = function(places)
+    index = int(np.argmax(np.sign(values) != np.sign(values[0]))) - 1
+    rise = values[index + 1] - values[index]
+    part = np.clip(-values[index] / rise, 0, 1) if rise else 0.0
+    return float(places[index] + part * (places[index + 1] - places[index]))
