@@ -5,7 +5,8 @@
 | lab/runs/KEY/             | a finished run, put in place by one rename                               |
 | lab/packings/KEY/         | a settled packing, put in place by one rename                            |
 | lab/study-files/NAME.yaml | the text of the study NAME as it was last run, and beside it its own      |
-|                           | calibration, if it has one                                               |
+|                           | calibration, if it has one, and the list of the files that it names      |
+| lab/attached/SHA256       | the content of such a file, by its hash                                  |
 | lab/campaigns/NAME-KEY.json | what a strategy has proposed for the study NAME, and why                |
 | lab/notes/studies/        | notes and tags that people gave to studies, NAME.md                      |
 | lab/notes/runs/           | the same of runs, KEY.md                                                 |
@@ -33,6 +34,8 @@ from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import BinaryIO
+
+from labbook.scene import attached
 
 DEFAULT = Path("lab")
 EVALUATION = "measured-"
@@ -184,11 +187,13 @@ class LabFolder:
         self.packings = self.folder / "packings"
         self.works = self.folder / "work"
         self.studies = self.folder / "study-files"
+        self.attached = self.folder / "attached"
         self.campaigns = self.folder / "campaigns"
         self.notes = self.folder / "notes"
         self.live = self.folder / "live"
         self.catalogue = self.folder / "catalogue.db"
         self.server = self.folder / "catalogue.url"
+        attached.search(self.attached)
 
     @property
     def exists(self) -> bool:

@@ -30,6 +30,7 @@ from labbook.lab.records import LONGEST, RunRecord, Unreadable
 from labbook.lab.runs import CHECKPOINT, RECORDING, open_run, picture, read_end
 from labbook.lab.suspect import suspicion
 from labbook.lab.tables import MOST
+from labbook.scene import attached
 from labbook.study.source import MAX_BYTES
 
 _CHUNK = 2**20  # bytes copied at a time
@@ -64,6 +65,7 @@ def merge(index: Index, source: Path) -> Merged:
     if not other.exists:
         raise FileNotFoundError(errno.ENOENT, "not a lab: it has neither runs/ nor packings/", str(source))
     merged = Merged()
+    _take_attached(lab, other, merged)  # before what may need them
     runs = _entries(other.runs)  # before the packings: whoever works there makes a packing before the runs from it
     for names, theirs, take in (
         (_entries(other.packings), other.packings, _take_packing),
@@ -178,12 +180,30 @@ def _whole_packing(folder: Path) -> bool:
     return True
 
 
+def _take_attached(lab: LabFolder, source: LabFolder, merged: Merged) -> None:
+    """Copy the contents of files that studies name, by their hashes. Others are left out."""
+    names = sorted(os.listdir(source.attached)) if source.attached.is_dir() and not source.attached.is_symlink() else []
+    for name in filter(attached.is_hash, names):
+        theirs = source.attached / name
+        try:
+            with _opened(theirs, attached.MOST_BYTES) as (file, _):
+                content = read_bytes(theirs, file)
+            if attached.key_of(content) != name:
+                raise Unreadable(f"{theirs}: it was changed after it was written (wrong checksum)")
+            with _in_the_way(theirs, lab.attached / name):
+                studies.attach_content(lab, content)
+        except Unreadable as problem:
+            merged.left_out.append(str(problem))
+
+
 def _take_study(lab: LabFolder, name: str, theirs: Path, merged: Merged) -> None:
     text = _text(theirs, MAX_BYTES)
     beside = theirs.with_suffix(BESIDE)
     calibration = _text(beside, MAX_BYTES) if beside.exists() else None
+    listed = theirs.with_suffix(attached.LIST)
+    files = _text(listed, MAX_BYTES) if listed.exists() else None
     with _in_the_way(theirs, studies.place(lab, name)):
-        before = studies.add(lab, name, text, calibration)
+        before = studies.add(lab, name, text, calibration, files)
     if before is None:
         merged.studies.append(name)
     elif before != text:

@@ -38,6 +38,7 @@ from labbook.run.slurm import differs, expected
 from labbook.run.stopping import Request
 from labbook.run.summary import Summary
 from labbook.run.watch import Going, Meter, Unwatched, View, Watcher
+from labbook.scene import attached
 from labbook.study import Study
 
 SLICE = 300.0
@@ -72,6 +73,8 @@ class Task:
     slice: float
     stop: str
     """Name of the event that asks all workers to stop."""
+    attached: Mapping[str, bytes] = field(default_factory=dict)
+    """Contents of the files that the study names, by hash."""
 
 
 @dataclass(frozen=True)
@@ -93,6 +96,8 @@ class Back:
 
 def carry_out(task: Task) -> Back:
     """Do a task on this worker, in a temporary folder."""
+    for content in task.attached.values():
+        attached.add(content)
     try:
         backend = load(task.backend)
         if changed := differs(task.expected, task.study, backend.capabilities):
@@ -234,7 +239,9 @@ class Cluster:
         request = Request()
         with room(self.lab.folder):
             index = Index(self.lab)
-            studies.keep(self.lab, self.study.name, self.study.text, self.study.calibration_file)
+            study, files = self.study, self.study.beside.files
+            studies.attach(self.lab, files.values())
+            studies.keep(self.lab, study.name, study.text, study.calibration_file, files)
             try:
                 with request.listening(self.watcher.tell):
                     self._carry_out(client, Event(self._event, client=client), index, request)
@@ -330,6 +337,7 @@ class Cluster:
             },
             slice=self.slice,
             stop=self._event,
+            attached=attached.contents(study.beside.files.values()),
         )
         needed = {} if self.device == "cpu" else {"resources": {"GPU": 1}}
         with warnings.catch_warnings():  # of checkpoints that are large

@@ -194,9 +194,12 @@ class Runner:
         return plan
 
     def _keep_study(self) -> None:
-        """Keep the text of the study in the lab. Raises OSError for a full disk only."""
+        """Keep the text of the study in the lab, and the files that it names. Raises OSError for a full disk, or where
+        such a file cannot be copied; AttachedError where one is gone."""
+        study = self.study
+        studies.attach(self.lab, study.beside.files.values())
         try:
-            studies.keep(self.lab, self.study.name, self.study.text, self.study.calibration_file)
+            studies.keep(self.lab, study.name, study.text, study.calibration_file, study.beside.files)
         except OSError as error:
             if is_full(error):
                 raise

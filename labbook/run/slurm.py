@@ -157,9 +157,10 @@ def stamp(array: Array) -> str:
 
 
 def expected(study: Study, backend: Capabilities) -> str:
-    """The versions of labbook and of a backend, and a hash of what a study says and of its calibration."""
+    """The versions of labbook and of a backend, and a hash of what a study says, of its calibration and its files."""
     beside = study.calibration_file.read_bytes() if study.calibration_file else b""
-    digest = hashlib.sha256(study.text.encode() + beside).hexdigest()[:12]
+    files = "".join(sorted(study.beside.files.values())).encode()
+    digest = hashlib.sha256(study.text.encode() + beside + files).hexdigest()[:12]
     return f"labbook-{__version__}/{backend.name}-{backend.cache_version}/study-{digest}"
 
 

@@ -6,6 +6,7 @@ from typing import Any
 from pydantic import TypeAdapter, ValidationError
 
 from labbook.backend.numerics import Numerics
+from labbook.scene.attached import StudyFolder
 from labbook.scene.grains import Grains, Spheres
 from labbook.scene.scene import Scene
 from labbook.study.explain import Complaint, complaints
@@ -27,15 +28,16 @@ class Draft:
     a wrong one is checked against the nearest thing to it: grains of 1 mm, or the scene without its wrong values.
     """
 
-    def __init__(self, data: Mapping[str, Any]):
-        """data: the sections of the study, with the values of the point in them."""
+    def __init__(self, data: Mapping[str, Any], beside: StudyFolder):
+        """data: the sections of the study, with the values of the point in them; beside: where its files are."""
         self._complaints: list[Complaint] = []
         self.stated: Any = data.get("numerics", {})
         """The section `numerics` as it is written."""
         fill, own = _apart(data.get("fill", {}), "numerics")
 
+        self._context: dict[str, Any] = {"units": "required", "beside": beside}
         self._grains = self._read_grains(data)
-        self._context = {"units": "required", "d": (self._grains or _PLACEHOLDER).diameter}
+        self._context["d"] = (self._grains or _PLACEHOLDER).diameter
         self._scene, self._nearest = self._read_scene(data)
         self._fill: Fill | None = self._validated(Fill, fill, ("fill",))
         self._closed = self._read_closed()
@@ -74,7 +76,7 @@ class Draft:
             self._complaints.append(Complaint(("grains",), "this key is missing", remedy))
             return None
         try:
-            return _GRAINS.validate_python(data["grains"], context={"units": "required"})
+            return _GRAINS.validate_python(data["grains"], context=dict(self._context))
         except ValidationError as error:
             self._complaints += complaints(error, data["grains"], ("grains",))
             return None

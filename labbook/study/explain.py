@@ -98,6 +98,8 @@ def _complain(
         yield Complaint(location, _MISSING, f"add it: {_rule(name, chosen)}")
     elif kind == "extra_forbidden":
         yield _unknown_key(location, chosen, beside)
+    elif kind == "attached":
+        yield Complaint(location, context["reason"], context["remedy"])
     elif kind == "internal":
         yield Complaint(location, "a study cannot set this key", "leave it out")
     elif kind in ("union_tag_not_found", "union_tag_invalid"):

@@ -15,6 +15,7 @@ from labbook.accuracy import load as load_calibration
 from labbook.campaign import Strategy
 from labbook.fit import LAWS
 from labbook.measure import MEASURES
+from labbook.scene.attached import StudyFolder
 from labbook.study.absent import absent
 from labbook.study.applicable import unbroken, undischarged, unfed, unfillable, unfittable, unmeasurable
 from labbook.study.explain import complaints
@@ -98,6 +99,8 @@ class Study:
     """Its own, with the one that ships; None for the latter alone."""
     calibration_file: Path | None = field(default=None, repr=False, compare=False)
     """Where its own calibration is: the file that it names, or the one that a pilot has written beside it."""
+    beside: StudyFolder = field(default_factory=StudyFolder, repr=False, compare=False)
+    """Folder of the files that it names, and those that were read."""
 
     @property
     def fed(self) -> bool:
@@ -114,11 +117,12 @@ class Study:
         """
         new = {**_keys_and_values(changes, "change({'contact.friction': 0.3}), or change(replicates=4)"), **keys}
         stays = not any(str(key).partition(".")[0] == "accuracy" for key in new)
-        return _resolved(changed(self.stated, new), self.calibration_file if stays else None)
+        return _resolved(changed(self.stated, new, self.beside), self.calibration_file if stays else None)
 
     def calibrated(self, file: Path) -> "Study":
         """The study with numerics chosen by another calibration file. Raises StudyError."""
-        return _resolved(StudyText(self.path, dict(self.stated), {}, self.source), file)
+        source = StudyText(self.path, dict(self.stated), {}, self.source, self.beside.again())
+        return _resolved(source, file)
 
     def frame(self) -> "pd.DataFrame":
         """The points: a row each, with `point` (from 1), what was swept [SI, units in `attrs`], and `label`."""
@@ -226,6 +230,7 @@ def _resolved(source: StudyText, calibration_file: Path | None = None) -> Study:
         source=source.text,
         calibration=calibration,
         calibration_file=file,
+        beside=source.beside,
         **stated,
     )
 

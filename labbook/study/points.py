@@ -70,7 +70,7 @@ class PointReader:
     def _point(self, index: int, assignment: Assignment) -> Point | None:
         """The point of an assignment; None if anything is wrong with it, which then is noted."""
         label = _label(assignment)
-        draft = Draft(_assign(self._source.data, assignment))
+        draft = Draft(_assign(self._source.data, assignment), self._source.beside)
         for complaint in draft.complaints:
             self._note(complaint, assignment, label)
         if draft.parts is None:

@@ -4,12 +4,13 @@ read is a StudyError."""
 import os
 import re
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from io import StringIO
 from os import PathLike
 from pathlib import Path
 from typing import Any
 
+from labbook.scene.attached import StudyFolder
 from labbook.study.problems import Problem, StudyError, shown
 
 MAX_BYTES = 2_000_000
@@ -33,6 +34,8 @@ class StudyText:
     lines: dict[Location, int] = field(default_factory=dict)
     text: str = ""
     """The file as it was read; empty for a study given in Python."""
+    beside: StudyFolder = field(default_factory=StudyFolder)
+    """Folder of the files that it names."""
 
     def line(self, location: Location) -> int:
         """Line of the key at `location`, or of what encloses it; 0 when nothing does."""
@@ -73,7 +76,7 @@ def read(path: Path) -> StudyText:
     if not isinstance(data, dict):
         problem = Problem(path, 1, "", "a study is a mapping of keys", "begin with a line such as `name: my-study`")
         raise StudyError([problem])
-    return StudyText(path, data, walker.lines, text)
+    return StudyText(path, data, walker.lines, text, StudyFolder.of(path))
 
 
 def given(stated: Mapping[str, Any], keys: Mapping[str, Any]) -> StudyText:
@@ -84,8 +87,9 @@ def given(stated: Mapping[str, Any], keys: Mapping[str, Any]) -> StudyText:
     return giver.source({**stated, **keys})
 
 
-def changed(stated: Mapping[str, Any], changes: Mapping[str, Any]) -> StudyText:
-    """What was `stated` with `changes` by dotted keys; None leaves a key out. Raises StudyError."""
+def changed(stated: Mapping[str, Any], changes: Mapping[str, Any], beside: StudyFolder) -> StudyText:
+    """What was `stated` with `changes` by dotted keys; None leaves a key out. `beside`: where its files are. Raises
+    StudyError."""
     giver = _Giver(_place({**stated, **changes}))
     data = dict(stated)
     changes = giver.keyed(changes, ())
@@ -102,7 +106,7 @@ def changed(stated: Mapping[str, Any], changes: Mapping[str, Any]) -> StudyText:
         if key in varied:
             said = f"it is varied under {varied[key]}, so this changes nothing"
             giver.problem((key,), said, f"change {varied[key]}, or remove it with None")
-    return giver.source(data)
+    return replace(giver.source(data), beside=beside.again())
 
 
 def written(stated: Mapping[str, Any]) -> str:
