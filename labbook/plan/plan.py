@@ -209,6 +209,11 @@ class Plan:
             f"<table><thead><tr><th>point</th>{heads}</tr></thead><tbody>{''.join(cells)}</tbody></table>{lines}"
         )
 
+    def _meshes(self) -> list[str]:
+        """Size of each mesh among the walls."""
+        parts = (part for point in self.points for part in point.shared.scene.container.parts)
+        return sorted({f"Mesh {part.name}: {part.shape.summary}" for part in parts if part.shape.summary})
+
     def lines(self) -> list[str]:
         """How the runs stand, what is foreseen, and the warnings, line by line."""
         counts = self.counts()
@@ -223,6 +228,7 @@ class Plan:
             until = f"{events_needed(error)} stops are counted (q to {percent(error)})"
             lines.append(f"Up to {self.rule.cap} replicates per point, until {until}")
             lines += [f"Stops: {line}" for line in _at_points(self.stops)]
+        lines += self._meshes()
         if "flow_rate" in self.study.measure:
             lines.append(f"Flow rates from {window_in_words(self.study.window)}")
         lines += filter(None, [recorded_in_words(point.shared for point in self.points)])
