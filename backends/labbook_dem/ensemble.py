@@ -18,6 +18,7 @@ from labbook.scene.packing import Packing
 from labbook.scene.quantities import span, told_apart
 from labbook_dem.features import covers, specialise
 from labbook_dem.ledger import kinetic, status
+from labbook_dem.mesh import TOO_MANY
 from labbook_dem.reading import Readable, read
 from labbook_dem.traction import BinTable
 
@@ -278,6 +279,8 @@ def explain(guard: str, grain: int, step: int, value: float, scene: Scene, numer
     [m/s]; of no meaning for the others.
     """
     where = f"grain {grain} at step {step} ({span(step * numerics.dt)}, dt = {span(numerics.dt)})"
+    if guard == "overlap" and math.isinf(value):
+        return f"{where}: {TOO_MANY}"
     if guard == "overlap":
         overlap, limit = told_apart(value / scene.grains.finest, numerics.overlap_limit)
         return (

@@ -16,7 +16,7 @@ from labbook_dem.coefficients import COEFFICIENTS
 from labbook_dem.dispatch import numbers
 from labbook_dem.laws import LAWS
 from labbook_dem.shapes import SHAPES
-from labbook_dem.walls import WALLS, number
+from labbook_dem.walls import MESH, WALLS, number
 
 SWITCHES = (
     "FRICTION",
@@ -31,6 +31,7 @@ SWITCHES = (
     "CROSSING",
     "LEDGER",
     "ANY_WALLS",
+    "MESHES",
 )
 """Features that are constants of a generated module."""
 FALL = 2.0  # lengths below the outlet at which a grain is dropped: nothing that is still to be counted touches it
@@ -79,6 +80,7 @@ def _features(needs: Needs, precision: str, probes: Sequence[Probe]) -> dict[str
         "MOVING": needs.moving,
         "ORIENTED": SHAPES[grains.shape].oriented,
         "ANY_WALLS": bool(needs.walls),
+        "MESHES": MESH in needs.walls,
         "OUTLET": needs.outlet,
         "CROSSING": any(isinstance(probe, Crossing) for probe in probes),
         "LEDGER": any(isinstance(probe, Ledger) for probe in probes),
@@ -135,6 +137,11 @@ def _rolling_springs(contact: ContactLaw, surfaces: Sequence[Surface]) -> bool:
     return contact.rolling_model == "epsd" and any(s.rolling_friction for s in surfaces)
 
 
+def has_meshes(scene: Scene) -> bool:
+    """True if a wall consists of triangles."""
+    return any(wall.shape.kind == MESH for wall in scene.container.walls())
+
+
 def is_oriented(scene: Scene) -> bool:
     """Whether grains have an orientation."""
     return SHAPES[scene.grains.shape].oriented
@@ -148,10 +155,17 @@ def planes(scene: Scene, probes: Sequence[Probe]) -> tuple[float, float]:
     return (crossed[0] if crossed else 0.0), drop
 
 
-def capabilities(name: str, cache_version: int, precisions: frozenset[str], devices: tuple[str, ...], **more: bool):
-    """What a backend can do that computes with the formulas of this package: all laws, shapes and walls there are."""
-    laws, shapes, walls = frozenset(LAWS), frozenset(SHAPES), frozenset(WALLS)
-    return Capabilities(name, cache_version, shapes, laws, walls, precisions, devices, feeds=True, breaks=True, **more)
+def capabilities(
+    name: str, cache_version: int, precisions: frozenset[str], devices: tuple[str, ...], meshes: bool = False,
+    **more: bool,
+):  # fmt: skip
+    """What a backend can do that computes with the formulas of this package: all laws, shapes and walls there are; of
+    triangles only where it has `meshes`."""
+    walls: list[str] = [*WALLS, *([MESH] if meshes else [])]
+    laws, shapes = frozenset(LAWS), frozenset(SHAPES)
+    return Capabilities(
+        name, cache_version, shapes, laws, frozenset(walls), precisions, devices, feeds=True, breaks=True, **more
+    )
 
 
 def specialise(
@@ -189,7 +203,9 @@ def check(can: Capabilities, needs: Needs, precision: str, probes: Sequence[Prob
             has = ", ".join(sorted(known))
             state = f": state numerics: {{precision: {min(known)}}}" if key == "numerics.precision" else ""
             raise Unsupported(key, f"the backend {can.name} has no {value}; it has {has}{state}")
-    for formulas, names in ((LAWS, (needs.contact.law,)), (WALLS, needs.walls)):
+    if MESH in needs.walls and SHAPES[needs.grains.shape].oriented:
+        raise Unsupported("container", "rods have no contacts with a mesh; use spheres, or plates in place of the mesh")
+    for formulas, names in ((LAWS, (needs.contact.law,)), (WALLS, needs.walls - {MESH})):
         for name in names:
             _ = formulas[name]  # held to its definitions
     if sum(isinstance(probe, Crossing) for probe in probes) > 1:
@@ -233,7 +249,7 @@ def wall_tables(scene: Scene, numerics: Numerics) -> WallTables:
     """What kernels know of the walls of a scene."""
     law, walls, sorts = LAWS[scene.contact.law], scene.container.walls(), range(len(scene.grains.species))
     scale = numerics.stiffness_scale
-    shapes = [numbers(wall.shape) for wall in walls]
+    shapes = [() if wall.shape.kind == MESH else numbers(wall.shape) for wall in walls]
     width = max(map(len, shapes), default=0)
     rows = [law.coefficients(scene.law(w, k), scene.surface(w, k), scale, True) for w in walls for k in sorts]
     return WallTables(

@@ -7,7 +7,7 @@ import numpy as np
 
 from labbook.backend.numerics import Numerics
 from labbook.backend.probes import Table, Traction
-from labbook.scene import Bodies, Scene
+from labbook.scene import Bodies, Scene, TriangleMesh
 from labbook.scene.orientation import axes
 from labbook.scene.packing import Packing
 from labbook_dem import rods, rotation, spheres
@@ -17,10 +17,13 @@ from labbook_dem.contact import rolling_rate
 from labbook_dem.dispatch import PlainWall
 from labbook_dem.features import features, is_oriented
 from labbook_dem.laws import LAWS
+from labbook_dem.mesh import PlainMesh
 from labbook_dem.traction import SUMS, BinTable, Touch, add_touch
 from labbook_dem.words import vec3
 
 NONE = vec3(0.0, 0.0, 0.0)
+NEW = -1
+"""Part of no contact."""
 PARTS = 4
 """Points at which a rod may touch a wall (`labbook_dem.walls`)."""
 Key = tuple[int, ...]
@@ -45,8 +48,9 @@ class GrainState(NamedTuple):
 
 
 class WallContact(NamedTuple):
-    """Contact of a part of a grain with a wall: force [N], torque [N m], branch from its centre [m], unit normal from
-    the wall, and the springs of friction [m] and of rolling resistance [N m] as they are now."""
+    """Contact of a part of a grain with a wall, with a mesh that of a feature: force [N], torque [N m], branch from its
+    centre [m], unit normal from the wall, and the springs of friction [m] and of rolling resistance [N m] as they are
+    now."""
 
     part: int
     overlap: float
@@ -64,7 +68,10 @@ class PlainWalls:
     def __init__(self, scene: Scene, numerics: Numerics):
         self.scene, self.numerics = scene, numerics
         self.walls, self.rods = scene.container.walls(), is_oriented(scene)
-        self.plain = [PlainWall(wall.shape) for wall in self.walls]
+        self.plain = [
+            PlainMesh(wall.shape) if isinstance(wall.shape, TriangleMesh) else PlainWall(wall.shape)
+            for wall in self.walls
+        ]
         self._rolling = bool(features(scene, numerics, ())["ROLLING_SPRING"])
         law, scale = LAWS[scene.contact.law], numerics.stiffness_scale
         self._c = {
@@ -77,7 +84,21 @@ class PlainWalls:
         self, w: int, grain: GrainState, springs: Mapping[Key, vec3], rolling: Mapping[Key, vec3]
     ) -> Iterator[WallContact]:
         """Contacts of a grain with wall w, one for each part that touches; springs and rolling: as they were."""
-        wall, plain = self.walls[w], self.plain[w]
+        plain = self.plain[w]
+        if isinstance(plain, PlainMesh):
+            features = sorted(key[2] for key in springs if len(key) == 3 and key[:2] == (grain.name, w))
+            met, heirs = {}, {}
+            for feature, distance, normal, older in plain.contacts(grain.x, grain.radius, features):
+                met[feature], heirs[feature] = (distance, normal, 0.0), NEW if older is None else older
+        else:
+            met = self._met(plain, grain)
+            was = sum(1 << part for part in range(PARTS) if (grain.name, w, part) in springs)
+            now = sum(1 << part for part in met)
+            heirs = {part: rods.heir(part, was, now) for part in met}
+        yield from self._acting(w, grain, met, heirs, springs, rolling)
+
+    def _met(self, plain: PlainWall, grain: GrainState) -> dict[int, tuple[float, vec3, float]]:
+        """Of each part of a grain that touches a wall: distance [m], unit normal, and where on the segment [m]."""
         radius, half = grain.radius, self.scene.grains.half_length
         met = {}
         for part in range(PARTS if self.rods else 1):
@@ -87,15 +108,21 @@ class PlainWalls:
             )
             if distance < radius:
                 met[part] = distance, normal, s
+        return met
+
+    def _acting(
+        self, w: int, grain: GrainState, met: Mapping[int, tuple[float, vec3, float]], heirs: Mapping[int, int],
+        springs: Mapping[Key, vec3], rolling: Mapping[Key, vec3],
+    ) -> Iterator[WallContact]:  # fmt: skip
+        """Contacts of a grain with wall w at the parts `met`; heirs: of each, the part whose spring it goes on with."""
         if not met:
             return
+        wall, radius = self.walls[w], grain.radius
         name, c = grain.name, self._c[w, grain.kind]
-        was = sum(1 << part for part in range(PARTS) if (name, w, part) in springs)
-        now = sum(1 << part for part in met)
         turning, pushed = vec3(0.0, 0.0, wall.motion.spin), vec3(*wall.motion.velocity)
         rate, dt = rolling_rate(grain.inertia, self.numerics.dt), self.numerics.dt
         for part, (distance, normal, s) in met.items():
-            key = name, w, rods.heir(part, was, now)
+            key = name, w, heirs[part]
             last, advance = (springs[key], dt) if key in springs else (NONE, 0.5 * dt)  # a new one began in the step
             lever = grain.axis * s
             branch = lever - normal * distance
@@ -113,7 +140,7 @@ class PlainWalls:
                 )
             if self._rolling:
                 roll, turned = spheres.rolling_on_wall(
-                    c, radius, mass, overlap, normal, force, grain.spin, turning, rolling.get((name, w, part), NONE),
+                    c, radius, mass, overlap, normal, force, grain.spin, turning, rolling.get(key, NONE),
                     advance, *self.scene.contact.rolling_spring,
                 )  # fmt: skip
                 torque = torque + roll

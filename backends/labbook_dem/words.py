@@ -21,6 +21,11 @@ def func(function: F) -> F:
     return function
 
 
+def kernel(function: F) -> F:
+    """Marks a function of the physics that takes arrays and loops, compiled on its own."""
+    return function
+
+
 def struct(cls: type) -> type:
     """Marks a record that kernels take; in plain Python it is left as it is."""
     return cls

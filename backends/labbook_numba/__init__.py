@@ -22,7 +22,9 @@ class Backend(DemBackend):
     """
 
     requires = ("numba",)
-    capabilities = capabilities("numba", CACHE_VERSION, frozenset({"double", "mixed"}), ("cpu",), mixtures=True)
+    capabilities = capabilities(
+        "numba", CACHE_VERSION, frozenset({"double", "mixed"}), ("cpu",), mixtures=True, meshes=True
+    )
 
     def __init__(self, threads: int | None = None, *, wide: bool = False):
         self._threads, self._wide = threads, wide

@@ -15,7 +15,7 @@ from types import ModuleType
 
 import llvmlite
 import numba
-from labbook_dem import contact, dispatch, generated, motion, source
+from labbook_dem import contact, dispatch, generated, mesh, motion, source
 from labbook_dem import traction as traction_sums
 from labbook_dem.features import constants
 from labbook_dem.formulas import hold
@@ -30,6 +30,7 @@ from labbook_numba.kernels import (
     bodies,
     cells,
     meet,
+    mesh_walls,
     move,
     near,
     neighbours,
@@ -75,6 +76,7 @@ def module_text(spec: Spec) -> str:
     hold(f"the shape {grains} in labbook_numba", shape, own.kernels)
     layout = state.MIXTURES if spec.feature("VARIED") else own.layout
     layout = layout.with_rolling_springs() if spec.feature("ROLLING_SPRING") else layout
+    layout = layout.with_meshes() if spec.feature("MESHES") else layout
     # the numbers by which host and kernels agree on places and return codes; those that kernels index with are unsigned
     shared = _numbers(state) | layout._asdict()
     places = {name: value for module in (blocks, *own.kernels) for name, value in _numbers(module).items()}
@@ -88,12 +90,14 @@ def module_text(spec: Spec) -> str:
         motion,
         *(WALLS[kind] for kind in kinds),
         *PHYSICS[grains].physics,
+        *([mesh] if spec.feature("MESHES") else []),
         traction_sums,
     ]
     walls = dispatch.functions(kinds, rods=layout.ORIENTED, at="walls[{k}]", looks_first=True)
     named["WALL_NUMBERS"] = width = max(map(dispatch.how_many, kinds), default=1)
     numbers = f"@func\ndef wall_numbers(walls, w):\n    return {''.join(f'walls[w, {k}], ' for k in range(width))}\n"
-    modules = [surfaces, numbers, walls, *BEFORE, *own.kernels, *AFTER]
+    meshes = [mesh_walls] if spec.feature("MESHES") else []
+    modules = [surfaces, numbers, walls, *BEFORE, *meshes, *own.kernels, *AFTER]
     text = source.generate(dialect.header(spec.feature("precision")), named, physics, modules)
     # annotations name the backend's Python types, which compiled code has no use for
     return re.sub(r": (State|Params|Lists|Grid|Numbers)\b", "", text)

@@ -6,6 +6,7 @@ from types import ModuleType
 import numpy as np
 from labbook_dem.ensemble import UNKNOWN, Failure, Standing, check_checkpoint, explain, places
 from labbook_dem.features import is_oriented, rolling_springs
+from labbook_dem.mesh import MESH_CONTACTS, SPRING_KEY
 from labbook_dem.reading import Grains, Inside
 from labbook_dem.rotation import axes, momenta
 from labbook_dem.traction import SUMS
@@ -16,6 +17,7 @@ from labbook.backend.probes import SLIDING, Crossing, Traction
 from labbook.scene import Bodies, Packing, Scene
 from labbook_numba import state as S
 from labbook_numba.domains import advance, in_layers
+from labbook_numba.mesh_grid import first_features
 from labbook_numba.parameters import parameters
 from labbook_numba.state import Params
 from labbook_numba.stored import check_state, kept, layout_of
@@ -37,6 +39,7 @@ class Run(Standing):
         self.failure: Failure | None = None
         self._varied, self._rolling = scene.grains.varied, rolling_springs(scene)
         self._kept = kept(scene)
+        self._first_feature = first_features(scene.container.walls())
 
     # how it starts
 
@@ -82,6 +85,12 @@ class Run(Standing):
             at = places(st.wall_grain[first:last], packing.wall_grain[mine])
             found = at >= 0
             entry, part = first + at[found], packing.wall_part[mine][found]
+            first_feature, next_feature = self._first_feature[w : w + 2]
+            if part.max(initial=0) >= (next_feature - first_feature or self.layout.WALL_PARTS):
+                raise ValueError(f"the packing has a spring at part {part.max()} of the wall {name}")
+            if next_feature > first_feature:
+                feature, part = part + first_feature, _occurrence(entry)
+                st.wall_spring[entry * self.layout.WALL_PARTS + part, SPRING_KEY] = feature
             row = entry * self.layout.WALL_PARTS + part
             st.wall_spring[row, :3] = packing.wall_spring[mine][found]
             if self._rolling:
@@ -101,6 +110,7 @@ class Run(Standing):
     def _put_back(self, stored: dict[str, np.ndarray]) -> None:
         empty = S.allocate(len(stored["ids"]), 0, 0, 0, 0, self.numerics.precision, self.layout)
         self.state = empty._replace(**stored)
+        self._list_features()
 
     def checkpoint(self) -> Checkpoint:
         """The exact state, copied."""
@@ -187,6 +197,16 @@ class Run(Standing):
             pairs = max(pairs, int(1.3 * st.count[S.WANT_PAIRS]) + 64)
             walls = max(walls, int(1.3 * st.count[S.WANT_WALLS]) + 64)
         self.state = st._replace(**new._asdict())
+        self._list_features()
+
+    def _list_features(self) -> None:
+        """Find the features of meshes near each entry of the lists; these and positions decide them."""
+        if not self._first_feature[-1]:
+            return
+        first, near = np.zeros(len(self.state.wall_grain) + 1, np.int64), self.state.mesh_near
+        while (length := self.kernels.list_features(self.state, self.params, first, near)) > len(near):
+            near = np.zeros(int(1.3 * length) + 64, np.int32)
+        self.state = self.state._replace(mesh_first=first, mesh_near=near)
 
     # how it is read
 
@@ -240,6 +260,8 @@ class Run(Standing):
         v, w = self.whole_step()
         own, row = self.bodies(), entry * self.layout.WALL_PARTS + part
         roll = slice(S.ROLL, S.ROLL + 3)
+        first_feature, next_feature = self._first_feature[wall[entry]], self._first_feature[wall[entry] + 1]
+        feature = st.wall_spring[row, SPRING_KEY].astype(np.int64) - first_feature
         return Packing(
             x=st.x[:n].copy(),
             v=v,
@@ -251,7 +273,7 @@ class Run(Standing):
             wall_grain=st.wall_grain[:walls][entry].astype(np.int64),
             wall_name=np.array([*self.names, ""], "U40")[wall[entry]],
             wall_spring=st.wall_spring[row, :3],
-            wall_part=part,
+            wall_part=np.where(next_feature > first_feature, feature, part),
             pair_rolling=st.spring[:pairs, roll][held] if self._rolling else None,
             wall_rolling=st.wall_spring[row, roll] if self._rolling else None,
             **(own.carried(self.scene.grains) if own else {}),
@@ -331,6 +353,18 @@ class Run(Standing):
     def _fresh_lists(self) -> None:
         if self.state.sums[S.MOVED] >= 0.5 * self.params.skin:
             self._rebuild()  # lists decide nothing about the motion, so this changes none
+
+
+def _occurrence(entry: np.ndarray) -> np.ndarray:
+    """Count of equal numbers before each in the array, shape as it. Raises ValueError beyond what entries
+    of a list near a mesh have room for."""
+    order = np.argsort(entry, kind="stable")
+    first = np.searchsorted(entry[order], entry[order])
+    before = np.empty(len(entry), np.int64)
+    before[order] = np.arange(len(entry)) - first
+    if before.max(initial=0) >= MESH_CONTACTS:
+        raise ValueError(f"the packing has more than {MESH_CONTACTS} springs of a grain at a mesh")
+    return before
 
 
 def _keys(i: np.ndarray, j: np.ndarray) -> np.ndarray:

@@ -10,6 +10,7 @@ from labbook_dem.rotation import slenderness
 from labbook.backend.numerics import Numerics
 from labbook.backend.probes import Crossing, Probe
 from labbook.scene import Scene
+from labbook_numba.mesh_grid import MeshGrids
 from labbook_numba.state import Params
 
 
@@ -24,6 +25,8 @@ def parameters(scene: Scene, numerics: Numerics, probes: Sequence[Probe], wall_n
     pair_c = features.pair_table(scene, numerics)
     walls = features.wall_tables(scene, numerics)
     rolling_stiffness, rolling_damping = scene.contact.rolling_spring
+    skin = numerics.skin * d
+    meshes = MeshGrids.of(scene.container.walls(), grains.radius + 0.51 * skin)
     spare = wall_numbers - walls.numbers.shape[1]
     return Params(
         c=tuple(pair_c[0].tolist()),
@@ -35,7 +38,7 @@ def parameters(scene: Scene, numerics: Numerics, probes: Sequence[Probe], wall_n
         inertia=grains.inertia,
         gravity=scene.gravity,
         dt=numerics.dt,
-        skin=numerics.skin * d,
+        skin=skin,
         speed_limit=numerics.speed_limit,
         overlap_limit=numerics.overlap_limit * scene.grains.finest,
         plane=plane,
@@ -46,4 +49,9 @@ def parameters(scene: Scene, numerics: Numerics, probes: Sequence[Probe], wall_n
         wall_motion=walls.motion,
         rolling_stiffness=rolling_stiffness,
         rolling_damping=rolling_damping,
+        mesh_features=meshes.features,
+        mesh_conditions=meshes.conditions,
+        mesh_frame=meshes.frame,
+        mesh_cell=meshes.first,
+        mesh_listed=meshes.listed,
     )

@@ -3,6 +3,7 @@
 from typing import NamedTuple
 
 import numpy as np
+from labbook_dem import mesh  # whose numbers are not among those of this module
 from labbook_dem.reading import crossing_columns
 
 # counters, in State.count
@@ -39,7 +40,8 @@ FAR = 1e30
 class Layout(NamedTuple):
     """What equal and unlike spheres and rods take: lengths of rows of grains, columns of blocks and of State.near, and
     points (the parts of a rod) at which a grain may touch one wall, each with its spring. ORIENTED: whether grains have
-    an orientation; VARIED: whether they differ; SPRING: length of a row of springs."""
+    an orientation; VARIED: whether they differ; SPRING: length of a row of springs; SPRING_KEPT: how much of it
+    goes over to a new list."""
 
     GRAIN: int
     BLOCK_COLUMNS: int
@@ -48,10 +50,15 @@ class Layout(NamedTuple):
     ORIENTED: bool
     VARIED: bool = False
     SPRING: int = 4
+    SPRING_KEPT: int = 3
 
     def with_rolling_springs(self) -> "Layout":
         """The same where contacts have rolling springs too."""
-        return self._replace(SPRING=8, BLOCK_COLUMNS=MIXTURES.BLOCK_COLUMNS + 3)
+        return self._replace(SPRING=8, SPRING_KEPT=7, BLOCK_COLUMNS=MIXTURES.BLOCK_COLUMNS + 3)
+
+    def with_meshes(self) -> "Layout":
+        """The same where walls are meshes, at which a grain may have several contacts, each with its feature."""
+        return self._replace(WALL_PARTS=mesh.MESH_CONTACTS, SPRING_KEPT=max(self.SPRING_KEPT, mesh.SPRING_KEY + 1))
 
 
 SPHERES = Layout(GRAIN=16, BLOCK_COLUMNS=21, NEAR_COLUMNS=7, WALL_PARTS=1, ORIENTED=False)
@@ -70,6 +77,9 @@ class State(NamedTuple):
     wall_first[w]..wall_first[w + 1], grains ascending; each has as many springs as a grain may have contacts there, and
     `wall_held` has a bit for each. A row of springs has that of friction, and from ROLL on, where there is one, the
     torque on pair_i of that of rolling resistance [N m].
+
+    Of an entry k at a mesh, mesh_near[mesh_first[k]:mesh_first[k + 1]] are the features that it may touch, and column
+    SPRING_KEY of a row of springs is the feature of its contact (`labbook_dem.mesh`).
 
     Rods have more in their rows: p, the spin predicted for now; q, the orientation, and a, its axis, at whole steps; m,
     the reduced angular momentum half a step before (`labbook_dem.rotation`), of which w is the spin.
@@ -110,6 +120,10 @@ class State(NamedTuple):
     near: np.ndarray
     speed2: np.ndarray
     speed_bits: np.ndarray
+    # at meshes: features near each entry, which are found anew with the lists; contacts of one of them
+    mesh_first: np.ndarray
+    mesh_near: np.ndarray
+    touch: np.ndarray
 
     @property
     def x(self) -> np.ndarray:
@@ -150,8 +164,9 @@ class State(NamedTuple):
 SCRATCH = (
     *("domain", "borrowed_i", "borrowed_j", "borrowed_held", "borrowed_spring", "told", "meetings"),
     *("block", "bits", "block_i", "block_j", "slot", "near", "speed2", "speed_bits"),
+    *("mesh_first", "mesh_near", "touch"),
 )
-"""Arrays that hold nothing from one beat to the next."""
+"""Arrays that hold nothing from one beat to the next that the others do not tell."""
 
 
 class Lists(NamedTuple):
@@ -187,6 +202,8 @@ class Params(NamedTuple):
     walls [W, n]: the numbers that describe each; wall_kind [W]; wall_motion [W, 4]: velocity and spin of its surface.
 
     rolling_stiffness, rolling_damping: of rolling springs (`labbook_dem.spheres.rolling_resistance`).
+
+    mesh_...: of walls that are meshes (`labbook_numba.mesh_grid`).
     """
 
     c: tuple
@@ -209,6 +226,11 @@ class Params(NamedTuple):
     wall_motion: np.ndarray
     rolling_stiffness: float
     rolling_damping: float
+    mesh_features: np.ndarray
+    mesh_conditions: np.ndarray
+    mesh_frame: np.ndarray
+    mesh_cell: np.ndarray
+    mesh_listed: np.ndarray
 
 
 def allocate(
@@ -234,6 +256,8 @@ def allocate(
         domain=np.array([0, 1, 0, 0, 0, 0, 0]),
         told=np.zeros((1, CACHE_LINE)),
         meetings=np.zeros(1, np.int64),
+        mesh_first=np.zeros(1, np.int64),
+        mesh_near=np.zeros(0, np.int32),
         **scratch(n, precision, layout),
     )
 
@@ -292,6 +316,7 @@ def scratch(n: int, precision: str, layout: Layout) -> dict[str, np.ndarray]:
         "block_j": np.zeros(BLOCK + PAD, np.int32),
         "slot": np.zeros(BLOCK + PAD, np.int32),
         "near": _aligned(layout.NEAR_COLUMNS * STRIDE),
+        "touch": np.zeros((mesh.CONTACT_ROWS, mesh.CONTACT_COLUMNS)),
         "speed2": speed2,
         "speed_bits": speed2.view(np.int64),
     }

@@ -4,18 +4,21 @@ from collections.abc import Mapping
 
 import numpy as np
 from labbook_dem.ensemble import LONGEST
-from labbook_dem.features import rolling_springs
+from labbook_dem.features import has_meshes, rolling_springs
+from labbook_dem.mesh import SPRING_KEY
 
 from labbook.backend.numerics import Numerics
 from labbook.scene import Scene
 from labbook_numba import state as S
+from labbook_numba.mesh_grid import first_features
 from labbook_numba.state import Layout, State
 
 
 def layout_of(scene: Scene) -> Layout:
     """Lengths of rows of the grains of a scene."""
     layout = S.MIXTURES if scene.grains.varied else S.LAYOUTS[scene.grains.shape]
-    return layout.with_rolling_springs() if rolling_springs(scene) else layout
+    layout = layout.with_rolling_springs() if rolling_springs(scene) else layout
+    return layout.with_meshes() if has_meshes(scene) else layout
 
 
 def kept(scene: Scene) -> set[str]:
@@ -46,6 +49,7 @@ def check_state(arrays: Mapping[str, np.ndarray], scene: Scene, numerics: Numeri
         raise ValueError(f"cross has room for {lengths['cross']} grains of {rows}")
     _check_counters(arrays, rows, pairs, near)
     _check_lists(arrays, walls)
+    _check_features(arrays, scene, layout)
     _check_grains(arrays, scene)
 
 
@@ -80,6 +84,18 @@ def _check_lists(arrays: Mapping[str, np.ndarray], walls: int) -> None:
     for name, most in (("held", 1), ("wall_held", (1 << parts) - 1)):
         if (arrays[name] > most).any():
             raise ValueError(f"{name} is not within 0 to {most}")
+
+
+def _check_features(arrays: Mapping[str, np.ndarray], scene: Scene, layout: Layout) -> None:
+    """Springs at meshes are of features that these have."""
+    bounds, first = first_features(scene.container.walls()), arrays["wall_first"]
+    for w in np.flatnonzero(np.diff(bounds)):
+        entries = arrays["wall_held"][first[w] : first[w + 1]]
+        bits = (entries[:, None] >> np.arange(layout.WALL_PARTS) & 1).astype(bool).ravel()
+        rows = slice(first[w] * layout.WALL_PARTS, first[w + 1] * layout.WALL_PARTS)
+        feature = arrays["wall_spring"][rows, SPRING_KEY][bits]
+        if not ((feature >= bounds[w]) & (feature < bounds[w + 1])).all():
+            raise ValueError("springs at a mesh are not of its features")
 
 
 def _check_grains(arrays: Mapping[str, np.ndarray], scene: Scene) -> None:

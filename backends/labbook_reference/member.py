@@ -12,6 +12,7 @@ from labbook_dem.dispatch import PlainWall
 from labbook_dem.ensemble import LONGEST, UNKNOWN, Failure, Standing, explain
 from labbook_dem.ensemble import check_checkpoint as check_names
 from labbook_dem.features import features, is_oriented, planes, rolling_springs
+from labbook_dem.mesh import MESH_CONTACTS, PlainMesh, TooManyContacts, mesh_table
 from labbook_dem.plain_walls import NONE, PARTS, GrainState, Key, PlainWalls
 from labbook_dem.reading import CONTACT_COLUMNS, Grains, Inside, crossing_columns
 from labbook_dem.traction import SUMS, add_touch
@@ -21,7 +22,7 @@ from scipy.spatial import KDTree
 from labbook.backend import Capabilities, Checkpoint
 from labbook.backend.numerics import Numerics
 from labbook.backend.probes import Crossing, Probe, Traction
-from labbook.scene import Bodies, Scene
+from labbook.scene import Bodies, Scene, TriangleMesh
 from labbook.scene.orientation import axes, distances
 from labbook.scene.packing import Packing
 
@@ -347,7 +348,7 @@ class Run(Standing):
         near = distances(self.x[i] - self.x[j], a[i], a[j], half) < 2.001 * radius
         return [pair for pair, meets in zip(pairs, near.tolist(), strict=True) if meets]
 
-    def _near(self, w: int, wall: PlainWall) -> list[int]:
+    def _near(self, w: int, wall: PlainWall | PlainMesh) -> list[int]:
         """Grains that may touch a wall: others are farther off than they have moved since they were looked at."""
         half, near = self.scene.grains.half_length, []
         for i in np.flatnonzero(self.clear[w] <= 0).tolist():
@@ -401,7 +402,13 @@ class Run(Standing):
 
     def _wall(self, found: Forces, i: int, w: int, grain: GrainState) -> None:
         """Add what wall w does to grain i at each part that touches."""
-        for one in self._at_walls.contacts(w, grain, self.springs, self.rolling):
+        try:
+            contacts = list(self._at_walls.contacts(w, grain, self.springs, self.rolling))
+        except TooManyContacts:
+            found.add(i, LOST, LOST)
+            found.contacts.append(TouchingPair(i, -1, w, np.inf, LOST, NONE))
+            return
+        for one in contacts:
             key = grain.name, w, one.part
             if one.rolling is not None:
                 found.rolling[key] = one.rolling
@@ -545,7 +552,8 @@ def check_checkpoint(can: Capabilities, scene: Scene, stored: Checkpoint) -> Non
         raise ValueError(f"ids are not those of {scene.grains.count} grains")
     if not 0 <= int(arrays["step"]) < LONGEST:
         raise ValueError(f"it was saved at step {int(arrays['step'])}")
-    most = n * (n + PARTS * len(scene.container.walls()))
+    meshes = [wall.shape for wall in scene.container.walls() if isinstance(wall.shape, TriangleMesh)]
+    most = n * (n + max(PARTS, MESH_CONTACTS) * len(scene.container.walls()))
     if not 0 <= int(arrays["touching"]) <= most:
         raise ValueError(f"{int(arrays['touching'])} contacts are more than {n} grains can have")
     radius, kind = arrays["radius"], arrays["kind"]
@@ -556,7 +564,8 @@ def check_checkpoint(can: Capabilities, scene: Scene, stored: Checkpoint) -> Non
     wall, part = arrays["wall_key"][:, 1], arrays["wall_key"][:, 2]
     if not (np.isin(arrays["pair_key"], ids).all() and np.isin(arrays["wall_key"][:, 0], ids).all()):
         raise ValueError("springs belong to grains that do not exist")
-    if not ((wall >= 0) & (wall < len(scene.container.walls())) & (part >= 0) & (part < PARTS)).all():
+    most_parts = max([PARTS, *(len(mesh_table(shape).features) for shape in meshes)])
+    if not ((wall >= 0) & (wall < len(scene.container.walls())) & (part >= 0) & (part < most_parts)).all():
         raise ValueError("springs are at walls that do not exist")
 
 

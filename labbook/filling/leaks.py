@@ -112,7 +112,7 @@ def _axes(room: Room, plane: float, radius: float, symmetry: str, top: float) ->
     spacing = 2 * radius / _FINE
     for _ in range(60):
         counts = [max(1, math.ceil(side / spacing)) + 1 if side > 0 else 1 for side in sides]
-        if math.prod(counts) <= min(MOST, _BUDGET / len(room.shapes)):
+        if math.prod(counts) <= min(MOST, _BUDGET / sum(shape.effort for shape in room.shapes)):
             break
         spacing *= 1.1
     middle = np.array([(front + back) / 2]) if symmetry != "round" else np.zeros(1)

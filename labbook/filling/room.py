@@ -50,20 +50,22 @@ class Room:
         self.shapes = [wall.shape for wall in closed.walls()]
         self.clearance = clearance
         strips, frustums = self._plates("planar"), self._plates("axial")
+        sheets = self._sheets()
         if strips and frustums:
             raise PlacingError("a container with both strips and frustums cannot be filled; use one kind of plate")
         self.round = bool(frustums)
         limits = [(shape, shape.enclosed) for shape in self.shapes]
         self._vessels = [(shape, box) for shape, box in limits if not all(box.endless) and not shape.half_space]
         if self.round:
-            widest = max(box.high[0] for box in frustums) - clearance
+            reaches = (max(map(abs, (*box.low[:2], *box.high[:2]))) for box in sheets)
+            widest = max([*(box.high[0] for box in frustums), *reaches]) - clearance
             if widest < 0:
                 raise PlacingError("the container is narrower than a grain")
             self.x = self.y = (-widest, widest)
         else:
             boxes = [box for _, box in limits]
-            self.x = self._range(0, [end for box in strips for end in (box.low[0], box.high[0])], boxes)
-            self.y = self._range(1, [], boxes)
+            self.x = self._range(0, [end for box in strips for end in (box.low[0], box.high[0])], boxes, sheets)
+            self.y = self._range(1, [], boxes, sheets)
         self._size = [r[1] - r[0] + 2 * clearance for r in (self.x, self.y)]
         self.flat = flat
         if flat:
@@ -85,9 +87,15 @@ class Room:
         boxes = [shape.bounds for shape in self.shapes if symmetry in shape.symmetries]
         return [box for box in boxes if not any(box.endless[::2])]
 
-    def _range(self, axis: int, ends: list[float], limits: list[Bounds]) -> tuple[float, float]:
+    def _sheets(self) -> list[Bounds]:
+        """The boxes of walls that may be hoppers, such as meshes."""
+        return [shape.bounds for shape in self.shapes if shape.holds]
+
+    def _range(self, axis: int, ends: list[float], limits: list[Bounds], sheets: list[Bounds]) -> tuple[float, float]:
         low = [box.low[axis] for box in limits if math.isfinite(box.low[axis])]
         high = [box.high[axis] for box in limits if math.isfinite(box.high[axis])]
+        if ends or not (low and high):  # within planes they are inserts
+            ends = [*ends, *(end for box in sheets for end in (box.low[axis], box.high[axis]))]
         if not (ends or low) or not (ends or high):
             raise PlacingError(f"the container has no walls across {'xyz'[axis]}: grains would fall beside it")
         first = (min(ends) if ends else max(low)) + self.clearance
@@ -188,7 +196,8 @@ class Room:
         shape [m], if they differ."""
         across = np.linspace(0 if self.round else self.x[0], self.x[1], _COLUMNS)
         u, y = across, np.full(len(across), sum(self.y) / 2)
-        if not self.round and not self.flat and any(not shape.symmetries for shape, _ in self._vessels):
+        unlike = any(not shape.symmetries for shape, _ in self._vessels) or bool(self._sheets())
+        if not self.round and not self.flat and unlike:
             middles = (np.arange(_CROSSED) + 0.5) / _CROSSED - 0.5
             sides = zip((self.x, self.y), self._size, strict=True)
             u, y = (a.ravel() for a in np.meshgrid(*(sum(ends) / 2 + size * middles for ends, size in sides)))

@@ -210,6 +210,11 @@ class Plan:
             f"<table><thead><tr><th>point</th>{heads}</tr></thead><tbody>{''.join(cells)}</tbody></table>{lines}"
         )
 
+    def _meshes(self) -> list[str]:
+        """Size of each mesh among the walls."""
+        parts = (part for point in self.points for part in point.shared.scene.container.parts)
+        return sorted({f"Mesh {part.name}: {part.shape.summary}" for part in parts if part.shape.summary})
+
     def lines(self) -> list[str]:
         """How the runs stand, what is foreseen, and the warnings, line by line."""
         counts = self.counts()
@@ -225,6 +230,7 @@ class Plan:
             lines.append(f"Up to {self.rule.cap} replicates per point, until {until}")
             lines += [f"Stops: {line}" for line in _at_points(self.stops)]
         lines += _at_points(derived(self.study.points), len(self.study.points))
+        lines += self._meshes()
         if "flow_rate" in self.study.measure:
             lines.append(f"Flow rates from {window_in_words(self.study.window)}")
         lines += filter(None, [recorded_in_words(point.shared for point in self.points)])

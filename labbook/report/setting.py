@@ -108,6 +108,10 @@ def _plain(point: Point, part: str) -> Any:
     dumped = point.scene.model_dump(mode="json")
     for key in point.scene.contact.ignored():
         del dumped["contact"][key]
+    for wall, plain in zip(point.scene.container.parts, dumped["container"].get("parts", []), strict=False):
+        if wall.shape.summary:  # in place of coordinates of thousands of vertices
+            numbers = {key: value for key, value in plain["shape"].items() if not isinstance(value, str)}
+            plain["shape"] = {"kind": wall.shape.kind, "surface": wall.shape.summary, **numbers}
     return dumped.get(part)
 
 

@@ -25,6 +25,7 @@ from labbook.scene.container import (
 )
 from labbook.scene.feed import Feed
 from labbook.scene.grains import Grains, Kind, Spheres, Spherocylinders
+from labbook.scene.mesh import TriangleMesh
 from labbook.scene.packing import Packing
 from labbook.scene.restart import Restart
 from labbook.scene.scene import Scene
@@ -66,6 +67,7 @@ __all__ = [
     "Surface",
     "SurfaceChange",
     "SurfaceMotion",
+    "TriangleMesh",
     "Uniform",
     "Wall",
     "WedgeHopper",

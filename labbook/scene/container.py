@@ -10,7 +10,7 @@ from abc import ABC, abstractmethod
 from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import lru_cache
-from typing import TYPE_CHECKING, Annotated, ClassVar, Literal
+from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal
 
 import numpy as np
 from pydantic import Field, StrictBool, model_validator
@@ -20,6 +20,8 @@ from labbook.scene.model import Fault, InternalFlag, Model, refuse
 from labbook.scene.quantities import Angle, Coordinate, Distance, Frequency, Length, told_apart
 from labbook.scene.walls import AT_REST, Frustum, Plane, Strip, SurfaceMotion, Symmetry, Wall, WallShape
 
+Parts = Annotated[tuple[Wall, ...], Field(exclude_if=lambda parts: not parts)]
+"""Walls beside those that a container has of itself; left out of what is stored where there are none."""
 Pair = tuple[float, float]
 Vector = tuple[float, float, float]
 KEPT = 256
@@ -76,11 +78,38 @@ class ContainerShape(Model, ABC):
     """Whether no grain leaves it closed, wherever its walls are."""
     spin_key: ClassVar[str | None] = None
     """The key that turns one of its surfaces, if there is one."""
+    own_walls: ClassVar[tuple[str, ...]] = ()
+    """Names of walls that it may have of itself, open or closed."""
     if TYPE_CHECKING:  # fields of each
         kind: str
         """Its name."""
         closed: bool
         """Whether it is the one in which a packing is made."""
+        parts: tuple[Wall, ...]
+        """Walls that a study lists."""
+
+    @model_validator(mode="after")
+    def _names_differ(self):
+        names = [*self.own_walls, *(part.name for part in self.parts)]
+        if len({*names}) < len(names):
+            refuse([Fault("parts", "two walls have the same name", "give each wall its own name")])
+        return self
+
+    def _with_parts(self, own: tuple[Wall, ...]) -> tuple[Wall, ...]:
+        """Join own walls and parts; opened, without those that open."""
+        if not self.parts:
+            return own
+        return (*own, *(part for part in self.parts if self.closed or part.opens is None))
+
+    def _closed(self, surface_motion: bool, **update: Any) -> Any:
+        """A copy that is closed, with other values of some fields; parts move only if `surface_motion` says so."""
+        if not surface_motion and any(part.motion != AT_REST for part in self.parts):
+            update["parts"] = tuple(part.model_copy(update={"motion": AT_REST}) for part in self.parts)
+        return self.model_copy(update={"closed": True, **update})
+
+    def _clear_of_parts(self, x: np.ndarray) -> np.ndarray:
+        """Points of x [m], shape [n, 3], on the side of the grains of all parts, shape [n]."""
+        return np.all([np.ones(len(x), bool), *(part.shape.inside(x) for part in self._with_parts(()))], axis=0)
 
     @abstractmethod
     def walls(self) -> tuple[Wall, ...]:
@@ -171,6 +200,17 @@ class WedgeHopper(ContainerShape):
     widths: ClassVar[tuple[str, ...]] = ("thickness", "width")
     at_least_a_grain: ClassVar[tuple[str, ...]] = ("thickness", "orifice", "width")
 
+    own_walls: ClassVar[tuple[str, ...]] = (
+        "front",
+        "back",
+        "left",
+        "right",
+        "bottom",
+        "bottom-left",
+        "bottom-right",
+        "lid",
+    )
+
     kind: Literal["wedge-hopper"] = "wedge-hopper"
     width: Length
     """Inner width L between the side walls."""
@@ -185,6 +225,8 @@ class WedgeHopper(ContainerShape):
     gap: Distance | None = None
     """Gap s from the left side wall to the near edge of the outlet, at most (L - D)/2; none: centred."""
     closed: InternalFlag = False
+    parts: Parts = ()
+    """Walls that are listed one by one, beside those that the kind has of itself."""
 
     @model_validator(mode="after")
     def _is_possible(self):
@@ -305,7 +347,8 @@ class WedgeHopper(ContainerShape):
         """Which of the centres x [m], shape [n, 3], lie between the walls, shape [n]; above them too."""
         (left, right), cot = self.outlet, 0.0 if self.flat else 1 / math.tan(self.angle)
         bottom = np.maximum(np.maximum(left - x[:, 0], x[:, 0] - right), 0) * cot
-        return (np.abs(x[:, 0]) <= self.width / 2) & (np.abs(x[:, 1]) <= self.thickness / 2) & (x[:, 2] >= bottom)
+        beside = (np.abs(x[:, 0]) <= self.width / 2) & (np.abs(x[:, 1]) <= self.thickness / 2)
+        return beside & (x[:, 2] >= bottom) & self._clear_of_parts(x)
 
     def lets_out(self, x: np.ndarray) -> np.ndarray:
         """Which of the centres x [m], shape [n, 3], of grains that pass the outlet's plane do so in the outlet."""
@@ -315,10 +358,8 @@ class WedgeHopper(ContainerShape):
     def close(self, surface_motion: bool = False) -> "WedgeHopper":
         """The closed container in which a packing is made; flat bottoms lose their outlet altogether."""
         if self.flat:
-            return self.model_copy(
-                update={"closed": True, "orifice": self.width / 2, "gap": None, "angle": math.pi / 2}
-            )
-        return self.model_copy(update={"closed": True})
+            return self._closed(surface_motion, orifice=self.width / 2, gap=None, angle=math.pi / 2)
+        return self._closed(surface_motion)
 
     @lru_cache(maxsize=KEPT)  # noqa: B019  (at most so many)
     def walls(self) -> tuple[Wall, ...]:
@@ -332,13 +373,13 @@ class WedgeHopper(ContainerShape):
             _strip("right", (half, rise_right), (half, top)),
         ]
         if self.closed and self.flat:
-            return (*walls, _strip("bottom", (-half, 0.0), (half, 0.0)))
+            return self._with_parts((*walls, _strip("bottom", (-half, 0.0), (half, 0.0))))
         if left > -half * (1 - 1e-12):  # a gap of 0 has no left plate
             walls.append(_strip("bottom-left", (-half, rise_left), (left, 0.0)))
         walls.append(_strip("bottom-right", (right, 0.0), (half, rise_right)))
         if self.closed:
             walls.append(_strip("lid", (left, 0.0), (right, 0.0)))
-        return tuple(walls)
+        return self._with_parts(tuple(walls))
 
 
 class RoundSilo(ContainerShape, ABC):
@@ -394,6 +435,8 @@ class CylinderSilo(RoundSilo):
 
     spin_key: ClassVar[str | None] = "rotation"
 
+    own_walls: ClassVar[tuple[str, ...]] = ("side", "bottom")
+
     kind: Literal["cylinder-silo"] = "cylinder-silo"
     diameter: Length
     """Inner diameter D_c of the cylinder."""
@@ -404,6 +447,8 @@ class CylinderSilo(RoundSilo):
     rotation: Frequency = 0.0
     """Rotation frequency f of the bottom after the opening; positive is counter-clockwise seen from above."""
     closed: InternalFlag = False
+    parts: Parts = ()
+    """Walls that are listed one by one, beside those that the kind has of itself."""
 
     @model_validator(mode="after")
     def _is_possible(self):
@@ -420,13 +465,13 @@ class CylinderSilo(RoundSilo):
 
     def inside(self, x: np.ndarray) -> np.ndarray:
         """Which of the centres x [m], shape [n, 3], lie between the walls, shape [n]; above them too."""
-        return (np.hypot(x[:, 0], x[:, 1]) <= self.diameter / 2) & (x[:, 2] >= 0)
+        return (np.hypot(x[:, 0], x[:, 1]) <= self.diameter / 2) & (x[:, 2] >= 0) & self._clear_of_parts(x)
 
     def close(self, surface_motion: bool = False) -> "CylinderSilo":
         """The closed container in which a packing is made; it has no outlet, and its bottom turns only if
         `surface_motion` says so."""
         rotation = self.rotation if surface_motion else 0.0
-        return self.model_copy(update={"closed": True, "orifice": self.diameter / 2, "rotation": rotation})
+        return self._closed(surface_motion, orifice=self.diameter / 2, rotation=rotation)
 
     @lru_cache(maxsize=KEPT)  # noqa: B019  (at most so many)
     def walls(self) -> tuple[Wall, ...]:
@@ -434,14 +479,17 @@ class CylinderSilo(RoundSilo):
         radius, hole = self.diameter / 2, 0.0 if self.closed else self.orifice / 2
         top = 2000 * self.diameter if self.closed else self.height
         turning = SurfaceMotion(spin=2 * math.pi * self.rotation)
-        return (
+        own = (
             _frustum("side", (radius, 0.0), (radius, top)),
             _frustum("bottom", (hole, 0.0), (radius, 0.0), turning),
         )
+        return self._with_parts(own)
 
 
 class ConicalSilo(RoundSilo):
     """Upright cylinder above a cone, with a round outlet at the cone's tip."""
+
+    own_walls: ClassVar[tuple[str, ...]] = ("side", "bottom", "lid")
 
     kind: Literal["conical-silo"] = "conical-silo"
     diameter: Length
@@ -453,6 +501,8 @@ class ConicalSilo(RoundSilo):
     orifice: Length
     """Diameter D of the outlet, less than the cylinder's."""
     closed: InternalFlag = False
+    parts: Parts = ()
+    """Walls that are listed one by one, beside those that the kind has of itself."""
 
     @model_validator(mode="after")
     def _is_possible(self):
@@ -488,11 +538,11 @@ class ConicalSilo(RoundSilo):
         """Which of the centres x [m], shape [n, 3], lie between the walls, shape [n]; above them too."""
         off = np.hypot(x[:, 0], x[:, 1])
         bottom = np.maximum(off - self.orifice / 2, 0) / math.tan(self.angle)
-        return (off <= self.diameter / 2) & (x[:, 2] >= bottom)
+        return (off <= self.diameter / 2) & (x[:, 2] >= bottom) & self._clear_of_parts(x)
 
     def close(self, surface_motion: bool = False) -> "ConicalSilo":
         """The closed container in which a packing is made, with a lid over its outlet."""
-        return self.model_copy(update={"closed": True})
+        return self._closed(surface_motion)
 
     @lru_cache(maxsize=KEPT)  # noqa: B019  (at most so many)
     def walls(self) -> tuple[Wall, ...]:
@@ -503,7 +553,7 @@ class ConicalSilo(RoundSilo):
             _frustum("side", (radius, rise), (radius, top)),
             _frustum("bottom", (hole, 0.0), (radius, rise)),
         )
-        return (*walls, _frustum("lid", (0.0, 0.0), (hole, 0.0))) if self.closed else walls
+        return self._with_parts((*walls, _frustum("lid", (0.0, 0.0), (hole, 0.0))) if self.closed else walls)
 
 
 def _orifice_faults(orifice: float, diameter: float) -> Iterator[Fault]:
@@ -518,6 +568,8 @@ class Box(ContainerShape):
     widths: ClassVar[tuple[str, ...]] = ("depth", "width")
     at_least_a_grain: ClassVar[tuple[str, ...]] = ("width", "depth", "height")
 
+    own_walls: ClassVar[tuple[str, ...]] = ("left", "right", "front", "back", "bottom", "top")
+
     kind: Literal["box"] = "box"
     width: Length
     """Inner size along x."""
@@ -528,6 +580,8 @@ class Box(ContainerShape):
     lid: StrictBool = False
     """Whether a plane closes the top."""
     closed: InternalFlag = False
+    parts: Parts = ()
+    """Walls that are listed one by one, beside those that the kind has of itself."""
 
     @property
     def outlet_plane(self) -> None:
@@ -548,7 +602,8 @@ class Box(ContainerShape):
         """As of any container: its planes, cut at its height."""
         half, high = self.width / 2, self.height
         lines = (((-half, high), (-half, 0.0)), ((-half, 0.0), (half, 0.0)), ((half, 0.0), (half, high)))
-        return (*lines, ((-half, high), (half, high))) if self.lid else lines
+        lines = (*lines, ((-half, high), (half, high))) if self.lid else lines
+        return (*lines, *(line for part in self._with_parts(()) for line in part.shape.section()))
 
     @property
     def across(self) -> float:
@@ -576,11 +631,11 @@ class Box(ContainerShape):
     def inside(self, x: np.ndarray) -> np.ndarray:
         """Which of the centres x [m], shape [n, 3], lie between the walls, shape [n]; without a lid above them too."""
         beside = (np.abs(x[:, 0]) <= self.width / 2) & (np.abs(x[:, 1]) <= self.depth / 2)
-        return beside & (x[:, 2] >= 0) & ((x[:, 2] <= self.height) | (not self.lid))
+        return beside & (x[:, 2] >= 0) & ((x[:, 2] <= self.height) | (not self.lid)) & self._clear_of_parts(x)
 
     def close(self, surface_motion: bool = False) -> "Box":
         """The box as a packing is made in it: without a lid, since grains may start above."""
-        return self.model_copy(update={"closed": True, "lid": False})
+        return self._closed(surface_motion, lid=False)
 
     @lru_cache(maxsize=KEPT)  # noqa: B019  (at most so many)
     def walls(self) -> tuple[Wall, ...]:
@@ -595,7 +650,7 @@ class Box(ContainerShape):
         }
         if self.lid:
             sides["top"] = ((0.0, 0.0, self.height), (0.0, 0.0, -1.0))
-        return tuple(_plane(name, point, normal) for name, (point, normal) in sides.items())
+        return self._with_parts(tuple(_plane(name, point, normal) for name, (point, normal) in sides.items()))
 
 
 class Primitives(ContainerShape):
@@ -606,18 +661,11 @@ class Primitives(ContainerShape):
 
     kind: Literal["primitives"] = "primitives"
     parts: tuple[Wall, ...] = ()
-    """The walls."""
+    """Walls that are listed one by one, beside those that the kind has of itself."""
     outlet_plane: Coordinate | None = None
     """Height z at which grains count as discharged; none: there is no outlet."""
     # only of those closed by parts that open; else it is left out of what is stored
     closed: Annotated[InternalFlag, Field(exclude_if=lambda closed: not closed)] = False
-
-    @model_validator(mode="after")
-    def _names_differ(self):
-        names = [wall.name for wall in self.parts]
-        if len(set(names)) < len(names):
-            refuse([Fault("parts", "two walls have the same name", "give each wall its own name")])
-        return self
 
     @property
     def outlets(self) -> tuple[Outlet, ...]:
@@ -639,7 +687,7 @@ class Primitives(ContainerShape):
 
     def inside(self, x: np.ndarray) -> np.ndarray:
         """Which of the centres x [m], shape [n, 3], lie inside of all walls, shape [n]; plates have no inner side."""
-        return np.all([np.ones(len(x), bool), *(wall.shape.inside(x) for wall in self.walls())], axis=0)
+        return self._clear_of_parts(x)
 
     @property
     def bounds(self) -> Bounds:
@@ -666,7 +714,7 @@ class Primitives(ContainerShape):
 
     def walls(self) -> tuple[Wall, ...]:
         """The walls as given; opened, without those that open."""
-        return self.parts if self.closed else tuple(part for part in self.parts if part.opens is None)
+        return self._with_parts(())
 
 
 def _touch(one: WallShape, other: WallShape) -> bool:

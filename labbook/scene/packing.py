@@ -9,7 +9,7 @@ _EACH = {"diameter": np.float64, "kind": np.int64}
 _OF_SPRINGS = {"pairs": "iu", "pair_spring": "f", "wall_grain": "iu", "wall_name": "U", "wall_spring": "f"}
 _OF_SPRINGS |= {"wall_part": "iu"}
 _ROLLING = {"pair_rolling": "pairs", "wall_rolling": "wall_grain"}
-_WALL_PARTS = 8  # no rod touches a wall at so many points
+_WALL_PARTS = 1 << 31  # rods touch a wall at 4 points, spheres a mesh at as many features as it has
 
 
 @dataclass(frozen=True, eq=False)
@@ -22,8 +22,9 @@ class Packing:
     in the scene's `grains.kinds`), shape [n], or None where all grains are of one diameter d, or of one kind. Friction
     springs [m]: `pair_spring` [m, 3] on the grains (i, j) of `pairs` [m, 2], indices with i < j, acting on i;
     `wall_spring` [k, 3] on grain `wall_grain` [k] at the wall named `wall_name` [k], where a rod may touch at several
-    points: `wall_part` [k] says which (0 for spheres; see `labbook_dem.walls`). Torques [N m] of the rolling springs of
-    the same contacts, acting on i: `pair_rolling` [m, 3] and `wall_rolling` [k, 3], or None where there are none.
+    points: `wall_part` [k] says which (0 for spheres; see `labbook_dem.walls`; at a mesh its feature). Torques [N m] of
+    the rolling springs of the same contacts, acting on i: `pair_rolling` [m, 3] and `wall_rolling` [k, 3], or None
+    where there are none.
 
     Raises ValueError for shapes that do not fit, for indices of grains that are not there, for numbers that are not
     finite and for quaternions that are not of length one: no backend can start from them.

@@ -13,12 +13,14 @@ from labbook.scene.drawing import describe, svg
 from labbook.scene.feed import Feed
 from labbook.scene.grains import Grains, Spherocylinders
 from labbook.scene.material import Material
+from labbook.scene.mesh import TriangleMesh
 from labbook.scene.model import Fault, Model, refuse
 from labbook.scene.quantities import Acceleration
 from labbook.scene.restart import Restart
 from labbook.scene.walls import Wall
 
 STANDARD_GRAVITY = 9.81
+_LONGEST_MESH = 1e4
 _STIFFNESS = ("youngs_modulus", "shear_modulus", "normal_stiffness")
 
 
@@ -64,6 +66,17 @@ class Scene(Model):
             if size < d:
                 reason = f"the {key} ({size * 1e3:g} mm) is less than the grain diameter"
                 yield Fault(f"container.{key}", reason, f"make it {1.01 * d * 1e3:g} mm (1.01 d) or more")
+        for part in c.parts:
+            if isinstance(part.shape, TriangleMesh):
+                yield from self._faults_of_size(part.name, max(part.shape.bounds.size) / d)
+
+    def _faults_of_size(self, name: str, diameters: float) -> Iterator[Fault]:
+        """Faults of a mesh that is some grain diameters long, as in another unit than is meant."""
+        if not 1 <= diameters <= _LONGEST_MESH:
+            amount = "smaller than a grain" if diameters < 1 else f"more than {_LONGEST_MESH:.0f} of them"
+            d = self.grains.diameter
+            reason = f"the mesh {name} is {diameters * d * 1e3:.3g} mm long, and a grain {d * 1e3:.3g} mm: {amount}"
+            yield Fault("container.parts", reason, "check its unit and scale")
 
     def faults_of_law(self, law: ContactLaw) -> Iterator[Fault]:
         """Why grains and walls cannot have this law."""

@@ -23,18 +23,18 @@ class Absent:
     """The key beside it that then is missing, and is not told of as well."""
 
 
-_NO_MESH = "no walls are read from mesh files"
+_NO_MESH = "a surface from a file is a part of a container"
 _SHAPES = (
-    "use the kind of container of that shape (wedge-hopper, cylinder-silo, conical-silo, box), or kind: primitives "
-    "with planes, strips and frustums as parts"
+    "state parts: [{name: hopper, shape: {kind: mesh, file: hopper.stl, unit: mm}}] in a container of kind primitives, "
+    "or, for an insert, of any kind"
 )
 _NO_INFLOW = "grains do not enter at a rate"
 _REINJECT = "use feed: {kind: reinject}, which puts back at the top what leaves, so that the bed keeps its height"
-_OWN_WALLS = "use container: {kind: primitives, parts: [...]} with planes, strips and frustums as walls"
+_OWN_WALLS = "use container: {kind: primitives, parts: [...]} with planes, strips, frustums and meshes as walls"
 
 TABLE = (
     Absent(
-        "container container.kind container.parts[] container.parts[].shape container.parts[].shape.kind walls.*",
+        "container container.kind container.parts[] walls.*",
         "stl mesh meshes stlfile meshfile file path obj msh ply vtk step cad facet facets triangles geometry polygon",
         _NO_MESH,
         _SHAPES,
@@ -56,8 +56,8 @@ TABLE = (
     Absent(
         ". container",
         "insert inserts obstacle obstacles baffle baffles paddle rotor screw",
-        "a container has no inserts",
-        f"{_OWN_WALLS}, the insert among them",
+        "inserts are parts of a container",
+        "state them in container.parts, which every kind of container takes",
     ),
     Absent(
         ". container",

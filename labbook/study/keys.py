@@ -149,13 +149,19 @@ def _union(name: str, discriminator: str, members: list[Any]) -> Iterator[Key]:
     shared = set.intersection(*({*member.model_fields} for member in members))
     seen = {f"{name}.{discriminator}"}
     for tag, member in zip(tags, members, strict=True):
-        for key in walk(member, f"{name}.", f"{discriminator}: {tag}"):
+        own = f"{discriminator}: {tag}"
+        for key in walk(member, f"{name}.", own):
             field = re.split(r"[.[]", key.name.removeprefix(f"{name}."))[0]
             common = field in shared and _same_everywhere(field, members)
             if key.name not in seen:
-                yield replace(key, of="", within="") if common else key
+                yield _of_all(key, own) if common else key
             if common or key.name == f"{name}.{discriminator}":
                 seen.add(key.name)
+
+
+def _of_all(key: Key, own: str) -> Key:
+    """A key of the choice `own` that all choices have; it may belong to a choice within."""
+    return replace(key, of="" if key.of == own else key.of, within="" if key.within == own else key.within)
 
 
 def _same_everywhere(field: str, members: list[Any]) -> bool:

@@ -371,10 +371,11 @@ class ContactKeys(TypedDict, total=False):
 class ContainerPartsShapeKeys(TypedDict, total=False):
     """Section `container.parts[].shape`."""
 
-    kind: Literal["plane", "strip", "frustum"] | object
+    kind: Literal["plane", "strip", "frustum", "mesh"] | object
     """`plane`: The half-space behind an infinite plane; `normal` points to the grains; `strip`: A thin plate: the
     segment from `start` to `end` in the x-z plane [m], infinite along y; `frustum`: A thin plate round the vertical
-    axis x = y = 0: a segment in the plane of radius and height, rotated about it."""
+    axis x = y = 0: a segment in the plane of radius and height, rotated about it; `mesh`: A surface of triangles
+    from a file. Both sides of it are walls, so it may be a thin sheet."""
     point: object
     """A point of the plane [m]."""
     normal: object
@@ -387,6 +388,23 @@ class ContainerPartsShapeKeys(TypedDict, total=False):
     """Radius and z of the inner edge, the rim [m]."""
     upper: object
     """Radius and z of the other edge; its radius is not smaller [m]."""
+    smooth: object
+    """Largest angle between triangles that stand for one curved surface, on which a grain has one contact; 0 deg:
+    none, 15 deg is usual for cylinders and cones [rad]. Range: in [0, 1.0472]."""
+    encloses: object
+    """Grains are within the closed surface, as in a drum; false: around it, or on both sides of a sheet."""
+    file: object
+    """File in the format STL, OBJ or PLY, named from the folder of the study, at most 64 MB."""
+    unit: Literal["m", "cm", "mm", "um", "inch"] | object
+    """Unit of the numbers in the file, which states none."""
+    scale: object
+    """Factor by which it is enlarged. Range: above 0."""
+    rotate: object
+    """Angles of rotations about x, then y, then z [rad]."""
+    at: object
+    """Place of the file's origin [m]."""
+    allow: Literal["non-manifold", "t-junctions", "intersections"] | object
+    """Flaws to accept: non-manifold, t-junctions or intersections."""
 
 
 class ContainerPartsMotionKeys(TypedDict, total=False):
@@ -646,7 +664,8 @@ KEYS = """\
     container: kind, width [m], height [m], thickness [m], angle [rad], orifice [m], gap [m], diameter [m], rotation
         [Hz], depth [m], lid, outlet_plane [m]
     container.parts[]: name, opens
-    container.parts[].shape: kind, point [m], normal, start [m], end [m], lower [m], upper [m]
+    container.parts[].shape: kind, point [m], normal, start [m], end [m], lower [m], upper [m], smooth [rad],
+        encloses, file, unit, scale, rotate [rad], at [m], allow
     container.parts[].motion: velocity [m/s], spin [rad/s]
     walls.*: friction, rolling_friction, restitution, youngs_modulus [Pa], shear_modulus [Pa], poisson_ratio,
         normal_stiffness [N/m]

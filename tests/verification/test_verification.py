@@ -6,6 +6,7 @@ import pytest
 from stands import Bundled, specialised, stands, where
 
 from labbook.backend import Unsupported
+from labbook.checks.verify import mesh
 from labbook.checks.verify.case import Case, Criterion, judge
 from labbook.checks.verify.cases import CASES, chosen
 from labbook.checks.verify.materials import EVERY_LAW
@@ -26,11 +27,13 @@ IN_ONE = {
     "unlike-materials-linear",
     # of three laws no other case is in this shape; test_dem_laws and the other two are in both
     *(f"{case}-{law}" for law in EVERY_LAW for case in ("impacts", "sliding")),
+    # contacts with meshes are found in double in both
     # of the walls at others: turntable-round; the hopper and rim-without-slip; rods of the contract
     "turntable",
     "edge-roll-off",
     "rim-roll-off",
     "edge-without-slip",
+    *(case.name for case in mesh.CASES),
     "rolling-round-a-cylinder",
     "rod-landing",
     "rod-over-rim",
@@ -89,7 +92,7 @@ LONG_IN_ITS_SECOND = {
 BY_THE_REFERENCE = {
     *("restitution-at-study-step", "contact-time", "pair-momenta", "rod-impact", "rod-without-length"),
     *("turning-rim-impact", "energy-cycle-hertz-mindlin", "energy-cycle-linear", "energy-impact"),
-    *("energy-slide", "energy-parts"),
+    *("energy-slide", "energy-parts", "mesh-order", "mesh-valley", "mesh-round"),
     *("unlike-restitution-hertz-mindlin", "unlike-restitution-linear", "unlike-impact-hertz-mindlin"),
     *("unlike-impact-linear", "unlike-momenta-hertz-mindlin", "unlike-momenta-linear"),
     *("unlike-stack-hertz-mindlin", "unlike-stack-linear"),

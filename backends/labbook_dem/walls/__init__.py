@@ -27,8 +27,29 @@ as it is deeper in the rod than the line between the overlaps of the ends: so it
 plate, and nothing of it is left where both ends are on the plate; the force is continuous.
 """
 
+from collections.abc import Iterator, Mapping
+
 from labbook.scene.walls import WALL_SHAPES
 from labbook_dem.formulas import Formulas, identifier
+
+
+class _ByDistance(Mapping[str, type]):
+    """Walls by kind, without those of triangles, whose contacts `labbook_dem.mesh` finds."""
+
+    def __getitem__(self, kind: str) -> type:
+        if kind == MESH:
+            raise KeyError(kind)
+        return WALL_SHAPES[kind]
+
+    def __iter__(self) -> Iterator[str]:
+        return (kind for kind in WALL_SHAPES if kind != MESH)
+
+    def __len__(self) -> int:
+        return len(WALL_SHAPES) - 1
+
+
+MESH = "mesh"
+"""The kind of walls of triangles."""
 
 
 def _required(kind: str) -> tuple[str, ...]:
@@ -36,10 +57,12 @@ def _required(kind: str) -> tuple[str, ...]:
     return "parameters", "PARTS", f"{name}_distance", f"{name}_rod"
 
 
-WALLS = Formulas("wall", __name__, WALL_SHAPES, _required)
+WALLS = Formulas("wall", __name__, _ByDistance(), _required)
 """Modules of the walls by kind."""
+MESH_NUMBER = 1000
+"""By which kernels know walls of triangles."""
 
 
 def number(kind: str) -> int:
     """By which kernels know a kind of walls."""
-    return list(WALLS).index(kind)
+    return MESH_NUMBER if kind == MESH else list(WALLS).index(kind)

@@ -4,6 +4,7 @@ from collections.abc import Callable
 from typing import Any, TypeVar
 
 from labbook_dem.coefficients import COEFFICIENTS  # noqa: F401 - part of the vocabulary of kernels
+from labbook_dem.walls import MESH_NUMBER  # noqa: F401 - part of the vocabulary of kernels
 from labbook_dem.words import FRICTION  # noqa: F401 - part of the vocabulary of kernels
 
 from labbook_numba.state import (  # noqa: F401 - part of the vocabulary of kernels
@@ -70,11 +71,12 @@ def entry(function: Function) -> Function:
 
 MOVING = True  # some wall's surface moves
 ORIENTED = True  # grains have an orientation
-GRAIN, WALL_PARTS, SPRING = RODS.GRAIN, RODS.WALL_PARTS, RODS.SPRING
+GRAIN, WALL_PARTS, SPRING, SPRING_KEPT = RODS.GRAIN, RODS.WALL_PARTS, RODS.SPRING, RODS.SPRING_KEPT
 CROSSING = True  # the first passage of grains through a plane is recorded
 OUTLET = True  # grains far below the outlet are dropped
 LEDGER = True  # contact work and touching contacts are added up
 ANY_WALLS = True
+MESHES = True  # some wall consists of triangles
 KINDS = 1  # kinds of grains
 LANES = 16  # contacts that a law is computed for at a time: as many as compilers were seen to take together
 

@@ -16,7 +16,7 @@ from labbook_numba.kernels.features import (
     PAD,
     PAIRS,
     REBUILDS,
-    SPRING,
+    SPRING_KEPT,
     WALL_PARTS,
     WANT_PAIRS,
     WANT_WALLS,
@@ -66,7 +66,7 @@ def drop_leavers(st: State, p: Params, place):
             st.pair_i[pairs] = a
             st.pair_j[pairs] = b
             st.held[pairs] = st.held[k]
-            for c in range(int64(SPRING) - int64(1)):
+            for c in range(int64(SPRING_KEPT)):
                 st.spring[pairs, c] = st.spring[k, c]
             pairs += 1
     pad_pairs(st.pair_i, st.pair_j, pairs, len(st.grains))
@@ -81,7 +81,7 @@ def drop_leavers(st: State, p: Params, place):
                 st.wall_grain[walls] = a
                 st.wall_held[walls] = st.wall_held[k]
                 for part in range(WALL_PARTS):
-                    for c in range(int64(SPRING) - int64(1)):
+                    for c in range(int64(SPRING_KEPT)):
                         st.wall_spring[walls * WALL_PARTS + part, c] = st.wall_spring[k * WALL_PARTS + part, c]
                 walls += 1
         first = last
@@ -98,7 +98,7 @@ def carry(springs_each, old, old_last, old_i, old_j, old_held, old_spring, first
         if old < old_last and old_i[old] == i and old_j[old] == j:
             held[k] = old_held[old]
             for part in range(springs_each):
-                for c in range(int64(SPRING) - int64(1)):
+                for c in range(int64(SPRING_KEPT)):
                     spring[k * springs_each + part, c] = old_spring[old * springs_each + part, c]
 
 

@@ -7,9 +7,10 @@ from labbook_dem.words import dot, func, narrow, real, sqrt, vec3, wide, wide3
 
 from labbook_numba.kernels.blocks import reals, row_of
 from labbook_numba.kernels.bodies import inertia_of, kind_of, mass_of, radius_of
-from labbook_numba.kernels.features import KINDS, MOVING, T, U, V, W, X
+from labbook_numba.kernels.features import KINDS, MESH_NUMBER, MESHES, MOVING, WALL_PARTS, T, U, V, W, X, int64
+from labbook_numba.kernels.mesh_walls import mesh_now
 from labbook_numba.kernels.surfaces import wall_numbers, wall_velocity
-from labbook_numba.kernels.transfer import advance_of, load, spring_of, write_row
+from labbook_numba.kernels.transfer import advance_of, load, spring_at, spring_of, write_row
 from labbook_numba.state import Params, State
 
 
@@ -39,6 +40,9 @@ def pair_now(st: State, p: Params, i, j, k, dt):
 @func
 def walls_now(st: State, p: Params, w, k, dt, out, found):
     """Write the contact of entry k at wall w, if they touch; how many rows there are then."""
+    if MESHES:  # noqa: SIM102 - compiled code leaves out what one constant decides
+        if p.wall_kind[w] == MESH_NUMBER:
+            return mesh_now(st, p, w, k, dt, out, found)
     zero = real(0.0)
     spin = vec3(zero, zero, real(p.wall_motion[w, 3]))
     i = st.wall_grain[k]
@@ -56,8 +60,8 @@ def walls_now(st: State, p: Params, w, k, dt, out, found):
             reals(row_of(p.wall_c, w * KINDS + kind_of(st.body, i))),
             real(radius), real(mass_of(st.body, i, p.mass)), real(radius - distance), narrow(normal_w),
             narrow(u), narrow(v), narrow(load(st.grains, i, W)), spin,
-            spring_of(st.wall_spring, st.wall_held, k), advance_of(st.wall_held, k, dt),
-            rate_of(st.body, i, p),
+            spring_at(st.wall_spring, int64(k) * int64(WALL_PARTS), wide(st.wall_held[k])),
+            advance_of(st.wall_held, k, dt), rate_of(st.body, i, p),
         )  # fmt: skip
         write_row(out, found, st.ids[i], -1, w, force, -(normal_w * distance))
         found += 1

@@ -37,14 +37,18 @@ from labbook_numba.kernels.features import (
     KINDS,
     LEDGER,
     MAX_OVERLAP,
+    MESH_NUMBER,
+    MESHES,
     MOVING,
     STRIDE,
     TOUCHING,
+    WALL_PARTS,
     X,
     int64,
     kernel,
     uint64,
 )
+from labbook_numba.kernels.mesh_walls import key_springs, pack_mesh
 from labbook_numba.kernels.surfaces import near_here, wall_numbers, wall_velocity
 from labbook_numba.kernels.transfer import (
     eights_at,
@@ -147,13 +151,25 @@ def wall_forces(st: State, p: Params):
         spin = real(p.wall_motion[w, 3])
         start, end = near_here(st.domain, st.wall_grain, st.wall_first[w], st.wall_first[w + uint64(1)])
         last = uint64(end)
-        for k in range(uint64(start), last, BLOCK):
-            near = min(last - k, BLOCK)
-            measure_walls(
-                st.grains, st.body, st.wall_grain, st.near, p.walls, p.wall_kind, p.wall_motion, w, k, near,
-                p.radius,
-            )  # fmt: skip
-            count = pack_walls(st.near, st.wall_grain, st.wall_held, b, i, slot, k, near)
+        k = uint64(start)
+        while k < last:
+            count = uint64(0)
+            a_mesh = False
+            if MESHES:
+                a_mesh = p.wall_kind[w] == MESH_NUMBER
+                if a_mesh:
+                    count, k = pack_mesh(st, p, w, k, last, b, i, slot)
+            if not a_mesh:
+                near = min(last - k, BLOCK)
+                measure_walls(
+                    st.grains, st.body, st.wall_grain, st.near, p.walls, p.wall_kind, p.wall_motion, w, k, near,
+                    p.radius,
+                )  # fmt: skip
+                count = pack_walls(st.near, st.wall_grain, st.wall_held, b, i, slot, k, near)
+                if MESHES:  # which let each entry have several springs
+                    for t in range(count):
+                        slot[t] = slot[t] * int64(WALL_PARTS)
+                k += BLOCK
             fill_up(i, st.block_j, slot, count, ghost, spare)
             gather_grains(st.grains, i, b, count)
             if FRICTION:
@@ -169,6 +185,9 @@ def wall_forces(st: State, p: Params):
             scatter_forces(st.loads, i, st.block_j, b, count, False)
             if FRICTION:
                 scatter_springs(st.wall_spring, slot, b, count)
+                if MESHES:  # noqa: SIM102 - compiled code leaves out what one constant decides
+                    if a_mesh:
+                        key_springs(st, slot, count)
             touching += count
             overlap = largest_depth(b, st.bits, count)
             if not overlap <= deepest:

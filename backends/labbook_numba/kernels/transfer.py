@@ -202,8 +202,13 @@ def load(a, i, c):
 @func
 def spring_of(spring, held, k):
     """The spring of entry k; none if it is not held."""
-    kept = wide(held[k])
-    return narrow(wide3(spring[k, 0] * kept, spring[k, 1] * kept, spring[k, 2] * kept))
+    return spring_at(spring, k, wide(held[k]))
+
+
+@func
+def spring_at(spring, row, kept):
+    """The spring in a row; none if `kept` is 0 and not 1."""
+    return narrow(wide3(spring[row, 0] * kept, spring[row, 1] * kept, spring[row, 2] * kept))
 
 
 @func

@@ -1,12 +1,13 @@
 """All cases, in the order in which they are best read."""
 
-from labbook.checks.stress import counts, frames, geometry, impacts, powers, pushes, steps
+from labbook.checks.stress import counts, frames, geometry, impacts, meshes, powers, pushes, steps
 from labbook.checks.stress.case import StressCase
 
 CASES: tuple[StressCase, ...] = (
     *impacts.CASES,
     *steps.CASES,
     *geometry.CASES,
+    *meshes.CASES,
     *frames.CASES,
     *counts.CASES,
     *powers.CASES,

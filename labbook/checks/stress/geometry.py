@@ -69,7 +69,7 @@ def _on_edges(stand: Stand) -> Iterator[Ending]:
             here = scene(1, LAWS[law](**SOFT[law]), walls, G)
             start = grains_at([[0.0, 0.0, height + 0.1 * D]])
             part = f"{law}, {name}"
-            motion = yield from _rests(stand, part, MemberStart(here, DT[law], start))
+            motion = yield from rests(stand, part, MemberStart(here, DT[law], start))
             yield within(stand, part, "aside", float(np.abs(motion.end.x[0, :2]).max()) / D, limited(1e-12, "d"))
 
 
@@ -98,7 +98,7 @@ def _sums(stand: Stand) -> Iterator[Ending]:
             yield within(stand, part, "force apart", beyond, limited(1e-12, roundings=4))
 
 
-def _rests(stand: Stand, part: str, start: MemberStart) -> Generator[Ending, None, Motion]:
+def rests(stand: Stand, part: str, start: MemberStart) -> Generator[Ending, None, Motion]:
     """What starts at rest comes to rest again, walls bear its weight, and it has gained no energy on the way."""
     motion = sound(follow(stand, start, 40, 1000, [Ledger(), FORCES]))
     table, grains = motion.rows(Ledger()), motion.scene.grains
@@ -166,7 +166,7 @@ def _stacked(stand: Stand) -> Iterator[Ending]:
         sunk = static_overlap(here, count * LONG.mass * G / 2)  # the lowest lies on both its ends
         x = [[0.0, 0.0, R_ROD - sunk + k * d] for k in range(count)]
         part = f"{count} rods along x on one another"
-        motion = yield from _rests(stand, part, MemberStart(here, ROD_DT, rods_at(x, [towards(ALONG_X)] * count)))
+        motion = yield from rests(stand, part, MemberStart(here, ROD_DT, rods_at(x, [towards(ALONG_X)] * count)))
         aside = float(np.abs(motion.end.x[:, :2]).max()) / d
         yield within(stand, part, "aside", aside, limited(1e-6, "d", roundings=1000))
         between = np.diff(motion.end.x[motion.end.rows(np.arange(count)), 2])
@@ -177,12 +177,12 @@ def _stacked(stand: Stand) -> Iterator[Ending]:
     here = rods(15, box, G, friction=0.5, restitution=0.2)
     x = [[0.0, (k - 1) * 1.0003 * d, R_ROD + layer * d] for layer in range(5) for k in range(3)]
     start = MemberStart(here, ROD_DT, rods_at(x, [towards(ALONG_X)] * 15))
-    yield from _rests(stand, "15 parallel rods in a narrow box", start)
+    yield from rests(stand, "15 parallel rods in a narrow box", start)
     upright = Box(width=1.001 * d, depth=1.001 * d, height=1.0)
     here = rods(3, upright, G, friction=0.5, restitution=0.2)
     x = [[0.0, 0.0, LONG.length * (0.5 + k)] for k in range(3)]
     start = MemberStart(here, ROD_DT, rods_at(x, [towards(UPRIGHT)] * 3))
-    yield from _rests(stand, "3 upright rods end to end in a tube", start)
+    yield from rests(stand, "3 upright rods end to end in a tube", start)
 
 
 R_ROD = LONG.radius

@@ -35,7 +35,9 @@ def test_a_law_without_a_module_is_asked_for_it(monkeypatch):
 
 def test_every_law_and_wall_of_labbook_has_its_formulas_under_its_name():
     types, modules = {**CONTACT_LAWS, **WALL_SHAPES}, {**laws.LAWS, **walls.WALLS}
-    own = {name for name in types if not hasattr(types[name], "physics")}
+    own = {name for name in types if not hasattr(types[name], "physics")} - {
+        walls.MESH
+    }  # whose are in labbook_dem.mesh
     assert {"hertz-mindlin", "linear", "plane", "frustum"} <= own
     assert {modules[name].__name__.rpartition(".")[2] for name in own} == {formulas.identifier(name) for name in own}
 

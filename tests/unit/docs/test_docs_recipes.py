@@ -37,3 +37,28 @@ def test_recipes_of_mixtures_and_residence_give_what_they_promise(tmp_path, monk
     page = (report / "report.html").read_text(encoding="utf-8")
     for words in ("Composition of the outflow", "mass in the bed [%]", "Residence times", "first in, first out"):
         assert words in page
+
+
+def test_a_hopper_from_a_file_is_planned_as_its_recipe_says(tmp_path, monkeypatch):
+    pytest.importorskip("trimesh")
+    pytest.importorskip("numba")
+    text = (ROOT / "docs/howto.md").read_text(encoding="utf-8").split("## Use a hopper from an STL file\n")[1]
+    (tmp_path / "hopper.yaml").write_text(text.split("```yaml\n")[1].split("```")[0], encoding="utf-8")
+    corners = [
+        (s * x, s * y, z) for s, z in ((6, 0), (20, 25), (20, 120)) for x, y in ((-1, -1), (1, -1), (1, 1), (-1, 1))
+    ]
+    facets = []
+    for ring in (0, 4):
+        for k in range(4):
+            a, b = ring + k, ring + (k + 1) % 4
+            for t in ((a, b, b + 4), (a, b + 4, a + 4)):
+                places = "\n".join("vertex {} {} {}".format(*corners[n]) for n in t)
+                facets.append(f"facet normal 0 0 0\nouter loop\n{places}\nendloop\nendfacet")
+    (tmp_path / "hopper.stl").write_text("solid h\n" + "\n".join(facets) + "\nendsolid h\n", encoding="utf-8")
+    monkeypatch.chdir(tmp_path)
+    plan, *_ = recipe("Use a hopper from an STL file")
+    shown = " ".join(labbook(*plan).output.split())
+    slant = (25**2 + 14**2) ** 0.5
+    area = (4 * (12 + 40) / 2 * slant + 4 * 40 * 95) / 100
+    assert f"Mesh hopper: 16 triangles, not closed, area {area:.4g} cm^2, 40 x 40 x 120 mm" in shown
+    assert "Warning: hopper.yaml: container.outlet_plane" not in shown

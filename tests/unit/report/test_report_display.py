@@ -1,6 +1,7 @@
 """How numbers are written."""
 
 import math
+from pathlib import Path
 
 import pytest
 
@@ -65,3 +66,16 @@ def test_young_s_modulus_is_shown_as_it_was_stated():
     assert "shear modulus" not in rows["Contact"]
     swept = labbook.define(study, sweep={"contact.youngs_modulus": ["5 MPa", "12 MPa"]})
     assert "modulus" not in dict(common(swept.points))["Contact"]
+
+
+def test_a_mesh_is_described_in_words_and_not_by_its_vertices(monkeypatch):
+    monkeypatch.chdir(Path(__file__).parents[2] / "toy")
+    insert = {"name": "insert", "shape": {"kind": "mesh", "file": "tetrahedron.obj", "unit": "mm", "at": ["0 mm"] * 3}}
+    silo = {"kind": "box", "width": "5 cm", "depth": "5 cm", "height": "9 cm", "parts": [insert]}
+    grains = {"shape": "sphere", "diameter": "3 mm", "density": "2500 kg/m^3", "count": 10}
+    contact = {"law": "linear", "normal_stiffness": "1000 N/m", "restitution": 0.5, "friction": 0.3}
+    study = labbook.define(name="x", grains=grains, contact=contact, container=silo, measure=["packing"])
+    row = dict(common(study.points))["Container"]
+    assert "4 triangles, closed, area 2.366 cm^2, 10 x 10 x 10 mm" in row
+    assert "vertices" not in row
+    assert len(row) < 1000

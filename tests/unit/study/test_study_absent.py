@@ -105,9 +105,9 @@ def test_no_word_is_one_that_labbook_has():
             {"container": {"kind": "mesh", "file": "hopper.stl"}},
             "container.kind",
             "mesh",
-            "wedge-hopper, cylinder-silo",
+            "parts: [{name: hopper, shape: {kind: mesh, file: hopper.stl, unit: mm}}]",
         ),
-        ({"container": {"file": "hopper.stl"}}, "container.file", "mesh files", "primitives"),
+        ({"container": {"file": "hopper.stl"}}, "container.file", "surface from a file", "primitives"),
         ({"contact.surface_energy": "0.1 J/m^2"}, "contact.surface_energy", "no cohesion", "dry"),
         ({"fluid": {"density": "1 kg/m^3"}}, "fluid", "no fluid", "leave it out"),
         ({"grains.sizes": {"kind": "weibull"}}, "grains.sizes.kind", "no such distribution", "lognormal"),
@@ -136,14 +136,14 @@ def test_a_collision_time_is_one_problem_that_names_the_key():
     assert "contact.contact_time" in told.remedy
 
 
-def test_parts_belong_to_primitives():
+def test_an_outlet_plane_belongs_to_primitives():
     base = {key: value for key, value in BASE.items() if key not in ("walls", "feed")}
     for silo in (BASE["container"], {"kind": "cylinder-silo", "diameter": "4 cm", "height": "1 m", "orifice": "2 cm"}):
-        (told,) = problems({**base, "container": {**silo, "parts": []}})
+        (told,) = problems({**base, "container": {**silo, "outlet_plane": "0 mm"}})
         assert told.message == "this key belongs to kind: primitives"
-        assert "parts" not in told.remedy
+        assert "outlet_plane" not in told.remedy
         (told,) = problems({**base, "container": {**silo, "lenght": "1 mm"}})
-        assert "parts" not in told.remedy
+        assert "outlet_plane" not in told.remedy
     (told,) = problems({**base, "container": {**PLATES, "gap": "1 mm"}})
     assert "parts" in told.remedy
     wrong = {**PLATES["parts"][0], "shape": {**PLATES["parts"][0]["shape"], "gap": "1 mm"}}

@@ -5,6 +5,7 @@ units; a turn is 2 pi rad.
 """
 
 import math
+import pathlib
 import re
 from collections.abc import Iterator, Mapping
 from typing import Any
@@ -82,7 +83,15 @@ PLANE = {"kind": "plane", "point": ["0.01 m", "0.02 m", "-0.3 m"], "normal": [0,
 FRUSTUM = {"kind": "frustum", "lower": ["0.01 m", "0 m"], "upper": ["0.05 m", "0.04 m"]}
 STRIP = {"kind": "strip", "start": ["-0.05 m", "0.1 m"], "end": ["-0.04 m", "0.2 m"]}
 
+MESH = {"kind": "mesh", "file": "tetrahedron.obj", "unit": "mm", "smooth": "0.2 rad"}
+MESH |= {"rotate": ["0.1 rad", "0.2 rad", "0.3 rad"], "at": ["0.001 m", "0.002 m", "0.1 m"]}
+
 STUDIES: dict[str, dict[str, Any]] = {
+    "mesh": {
+        "grains": GRAINS,
+        "contact": LINEAR,
+        "container": {**CYLINDER, "parts": [{"name": "insert", "shape": MESH}]},
+    },
     "wedge": {
         "grains": {
             **GRAINS,
@@ -255,6 +264,12 @@ def same(ours: list[Any], expected: list[Any]) -> bool:
         math.isclose(a, b, rel_tol=1e-12, abs_tol=1e-18) if isinstance(b, float) else a == b
         for a, b in zip(ours, expected, strict=True)
     )
+
+
+@pytest.fixture(autouse=True)
+def _beside_a_mesh(monkeypatch):
+    """Files that a study made in Python names lie in the current folder."""
+    monkeypatch.chdir(pathlib.Path(__file__).parents[2] / "toy")
 
 
 PLACES = [(name, *found) for name, data in STUDIES.items() for found in quantities(data)]

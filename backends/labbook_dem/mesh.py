@@ -1,0 +1,358 @@
+"""Contacts of spheres with walls of triangles, for all backends.
+
+A sphere touches a surface at every point at which tests distance from the centre has a local minimum below the radius.
+So each *feature* (a face, an edge, a vertex) decides alone, by conditions on where the centre x lies: with p a point of
+a line and d a direction, (x - p) . d is positive or not.
+
+* face: on the inner side of tests three edges, by unit vectors t within the face
+* edge from p to q along l: between tests ends, and on the inner side of none of tests triangles
+* vertex: not along any of tests edges
+
+The conditions of neighbours hold the same numbers, so that they decide from the same bits. Where the foot of the
+centre lies on an edge or vertex to round-off, both sides or none would count. So conditions hold within 1e-5 R, and
+contacts whose points are less than 1e-3 R apart are one, the deepest.
+
+Springs belong to features: a contact takes over that of the contact of the same grain that ended in this step on a
+feature with a vertex in common, as where a grain rolls over the edge of a triangle.
+
+Evaluating each triangle alone would count an edge once for each of tests triangles, and skipping neighbours that have
+been seen would make forces depend on the order of triangles.
+"""
+
+from collections.abc import Iterator
+from typing import NamedTuple
+
+import numpy as np
+
+from labbook.scene import TriangleMesh
+from labbook.scene.model import once
+from labbook.scene.triangles import Triangles
+from labbook_dem.words import dot, func, kernel, sqrt, wide, wide3
+
+MESH_CONTACTS = 8
+"""Contacts of a grain with one mesh, at most; each has a place for tests spring."""
+OVER = -1
+"""Number of contacts where there are more."""
+# columns of a feature: kind, patch, first condition and behind the last, a point and a unit vector, tests vertices
+F_KIND, F_PATCH, F_FIRST, F_LAST, F_POINT, F_UNIT, F_VERTICES = 0, 1, 2, 3, 4, 7, 10
+FEATURE_COLUMNS = 13
+FACE, EDGE, VERTEX = 0, 1, 2
+# columns of a condition: a point, a direction, and 1 or -1 for positive or not
+C_POINT, C_ALONG, C_SENSE = 0, 3, 6
+CONDITION_COLUMNS = 7
+# columns of a contact: feature, overlap [m], unit normal, place of tests spring, and 1 if the spring is an older one
+K_FEATURE, K_OVERLAP, K_NORMAL, K_PLACE, K_OLDER = 0, 1, 2, 5, 6
+CONTACT_ROWS, CONTACT_COLUMNS = 2 * MESH_CONTACTS, 8
+SPRING_KEY = 3
+"""Column of a row of springs that holds the feature."""
+_FLAT = 1e-6  # |t x t'| of two triangles in one plane
+_NONE = -1.0
+
+
+@func
+def mesh_vector(table: np.ndarray, row: int, column: int):
+    """The vector that starts at a column of a row."""
+    return wide3(table[row, column], table[row, column + 1], table[row, column + 2])
+
+
+@func
+def mesh_away(features: np.ndarray, f: int, x: wide3):
+    """Vector [m] to x from the nearest point of the plane, the line or the point of feature f."""
+    r = x - mesh_vector(features, f, F_POINT)
+    unit = mesh_vector(features, f, F_UNIT)
+    along = unit * dot(r, unit)
+    kind = features[f, F_KIND]
+    return along if kind == FACE else r - along
+
+
+@kernel
+def mesh_holds(features: np.ndarray, conditions: np.ndarray, f: int, x: wide3, within: wide):
+    """True if the conditions of feature f hold at x, or would within a distance [m]."""
+    for c in range(int(features[f, F_FIRST]), int(features[f, F_LAST])):
+        r = x - mesh_vector(conditions, c, C_POINT)
+        if not dot(r, mesh_vector(conditions, c, C_ALONG)) * conditions[c, C_SENSE] > -within:
+            return False
+    return True
+
+
+@kernel
+def mesh_near(features: np.ndarray, conditions: np.ndarray, f: int, x: wide3, radius: wide, moves: wide):
+    """True if a sphere at x may touch feature f before it has moved by a distance [m]."""
+    away = mesh_away(features, f, x)
+    reach = radius + moves
+    return dot(away, away) < reach * reach and mesh_holds(features, conditions, f, x, wide(1e-5) * radius + moves)
+
+
+@kernel
+def mesh_put(contacts: np.ndarray, count: int, f: int, overlap: wide, normal: wide3, radius: wide):
+    """Add a contact to the `count` ones, or let the deeper of two at one place stay; how many there are, OVER if there
+    is no room."""
+    for k in range(count):
+        there = mesh_vector(contacts, k, K_NORMAL) * (radius - contacts[k, K_OVERLAP])
+        apart = there - normal * (radius - overlap)
+        if dot(apart, apart) < wide(1e-6) * radius * radius:
+            if not overlap > contacts[k, K_OVERLAP]:
+                return count
+            mesh_write(contacts, k, f, overlap, normal)
+            return count
+    if count == MESH_CONTACTS:
+        return OVER
+    mesh_write(contacts, count, f, overlap, normal)
+    return count + 1
+
+
+@kernel
+def mesh_write(contacts: np.ndarray, k: int, f: int, overlap: wide, normal: wide3):
+    """Write contact k."""
+    contacts[k, K_FEATURE] = f
+    contacts[k, K_OVERLAP] = overlap
+    contacts[k, K_NORMAL] = normal.x
+    contacts[k, K_NORMAL + 1] = normal.y
+    contacts[k, K_NORMAL + 2] = normal.z
+
+
+@kernel
+def mesh_contacts(
+    features: np.ndarray, conditions: np.ndarray, near: np.ndarray, first: int, last: int, x: wide3, radius: wide,
+    contacts: np.ndarray,
+):  # fmt: skip
+    """Contacts of a sphere at x with the features near[first:last], ascending; how many, OVER if there is no room.
+
+    Those of one smooth patch, whose normals differ by less than 45 deg, form one: of the largest overlap, along
+    the sum of their normals weighted by overlaps.
+    """
+    count = 0
+    smooth = False
+    for k in range(first, last):
+        f = int(near[k])
+        away = mesh_away(features, f, x)
+        distance2 = dot(away, away)
+        if distance2 < radius * radius and mesh_holds(features, conditions, f, x, wide(1e-5) * radius):
+            distance = sqrt(distance2)
+            inverse = wide(1.0) / distance if distance > wide(0.0) else wide(0.0)
+            count = mesh_put(contacts, count, f, radius - distance, away * inverse, radius)
+            if count == OVER:
+                return OVER
+            smooth = smooth or features[f, F_PATCH] >= wide(0.0)
+    return mesh_merged(features, contacts, count) if smooth and count > 1 else count
+
+
+@kernel
+def mesh_merged(features: np.ndarray, contacts: np.ndarray, count: int):
+    """Unite contacts of smooth patches; how many are left, the deepest first."""
+    left = 0
+    for k in range(count):
+        contacts[k, K_PLACE] = wide(0.0)
+    for _ in range(count):
+        deepest = -1
+        for k in range(count):
+            if contacts[k, K_PLACE] == wide(0.0) and (
+                deepest < 0 or contacts[k, K_OVERLAP] > contacts[deepest, K_OVERLAP]
+            ):
+                deepest = k
+        if deepest >= 0:
+            normal = mesh_vector(contacts, deepest, K_NORMAL)
+            total = wide3(wide(0.0), wide(0.0), wide(0.0))
+            patch = features[int(contacts[deepest, K_FEATURE]), F_PATCH]
+            for k in range(count):
+                own = mesh_vector(contacts, k, K_NORMAL)
+                unites = patch >= wide(0.0) and features[int(contacts[k, K_FEATURE]), F_PATCH] == patch
+                joins = k == deepest or (unites and dot(own, normal) > wide(0.70710678))
+                if contacts[k, K_PLACE] == wide(0.0) and joins:
+                    total = total + own * contacts[k, K_OVERLAP]
+                    contacts[k, K_PLACE] = wide(1.0)
+            size = sqrt(dot(total, total))
+            mesh_write(
+                contacts, MESH_CONTACTS + left, int(contacts[deepest, K_FEATURE]), contacts[deepest, K_OVERLAP],
+                total * (wide(1.0) / size),
+            )  # fmt: skip
+            left += 1
+    for k in range(left):
+        for column in range(K_PLACE):
+            contacts[k, column] = contacts[MESH_CONTACTS + k, column]
+    return left
+
+
+@func
+def mesh_meet(features: np.ndarray, f: int, g: int):
+    """True for two features with a vertex in common."""
+    a, b, c = features[f, F_VERTICES], features[f, F_VERTICES + 1], features[f, F_VERTICES + 2]
+    p, q, r = features[g, F_VERTICES], features[g, F_VERTICES + 1], features[g, F_VERTICES + 2]
+    return a in (p, q, r) or b in (p, q, r) or c in (p, q, r)
+
+
+@kernel
+def mesh_places(
+    features: np.ndarray, contacts: np.ndarray, count: int, held_bits: int, spring: np.ndarray, base: int
+):  # fmt: skip
+    """Give each contact the place of tests spring among the rows of `spring` from `base` on; which are held now.
+
+    held_bits: a bit for each place with a spring, whose feature stands in column SPRING_KEY.
+    """
+    now = 0
+    for k in range(count):
+        contacts[k, K_PLACE] = wide(-1.0)
+        contacts[k, K_OLDER] = wide(0.0)
+        for place in range(MESH_CONTACTS):
+            if (held_bits >> place) & 1 and spring[base + place, SPRING_KEY] == contacts[k, K_FEATURE]:
+                contacts[k, K_PLACE] = place
+                contacts[k, K_OLDER] = wide(1.0)
+                now |= 1 << place
+    for k in range(count):
+        if contacts[k, K_PLACE] < wide(0.0):
+            heir = -1
+            for place in range(MESH_CONTACTS):
+                ended = (held_bits >> place) & 1 and not (now >> place) & 1
+                met = ended and mesh_meet(
+                    features, int(contacts[k, K_FEATURE]), int(spring[base + place, SPRING_KEY])
+                )  # fmt: skip
+                if met and (heir < 0 or spring[base + place, SPRING_KEY] < spring[base + heir, SPRING_KEY]):
+                    heir = place
+            if heir >= 0:
+                contacts[k, K_PLACE] = heir
+                contacts[k, K_OLDER] = wide(1.0)
+                now |= 1 << heir
+    for k in range(count):
+        if contacts[k, K_PLACE] < wide(0.0):
+            free = 0
+            while (now >> free) & 1:
+                free += 1
+            contacts[k, K_PLACE] = free
+            now |= 1 << free
+    return now
+
+
+# the host's
+
+
+class MeshTable(NamedTuple):
+    """Features of a surface and their conditions.
+
+    Attributes:
+        features: Shape [n, FEATURE_COLUMNS]: all faces, edges that are no part of a plane, vertices of these.
+        conditions: Of all features, shape [c, CONDITION_COLUMNS].
+        low: Lower corners of boxes around the features [m], shape [n, 3].
+        high: Upper corners [m].
+    """
+
+    features: np.ndarray
+    conditions: np.ndarray
+    low: np.ndarray
+    high: np.ndarray
+
+
+@once(16)
+def mesh_table(shape: TriangleMesh) -> MeshTable:
+    """Features of a mesh and the conditions for contacts with them."""
+    surface, rows, conditions = shape.surface, list[np.ndarray](), list[np.ndarray]()
+    vertices, corners = surface.vertices, surface.corners
+    edges, of = surface.edges
+    p, q = vertices[edges[:, 0]], vertices[edges[:, 1]]
+    along = q - p
+    along /= np.linalg.norm(along, axis=1)[:, None]
+    inward = _inward(surface, along)
+    order = np.argsort(of.ravel(), kind="stable")
+    first = np.searchsorted(of.ravel()[order], np.arange(len(edges) + 1))
+    triangle, side = np.divmod(order, 3)
+    two = np.flatnonzero(np.diff(first) == 2)
+    a, b = ((triangle[first[two] + k], side[first[two] + k]) for k in (0, 1))
+    first_t, second_t = inward[a], inward[b]
+    opposite = np.einsum("nk,nk->n", first_t, second_t) < 0
+    flat = opposite & (np.linalg.norm(np.cross(first_t, second_t), axis=1) < _FLAT)
+    inward[b[0][flat], b[1][flat]] = -first_t[flat]
+    is_flat = np.zeros(len(edges), bool)
+    is_flat[two[flat]] = True
+    smooth = np.zeros(len(edges), bool)
+    bend = np.arctan2(np.linalg.norm(np.cross(first_t, second_t), axis=1), -np.einsum("nk,nk->n", first_t, second_t))
+    smooth[two] = bend <= shape.smooth * (1 + 1e-9)
+    patch = _patches(len(corners), a[0], b[0], smooth[two]) if shape.smooth else np.full(len(corners), _NONE)
+
+    def add(kind: int, patch: float, point, unit, mine: tuple[int, ...], tests: list) -> None:
+        begin = len(conditions)
+        conditions.extend(np.array([*at, *d, sense]) for at, d, sense in tests)
+        spread = (*mine, *mine[-1:] * (3 - len(mine)))
+        rows.append(np.array([kind, patch, begin, len(conditions), *point, *unit, *spread]))
+
+    for k, mine in enumerate(corners.tolist()):
+        tests = [(p[of[k, s]], inward[k, s], 1.0) for s in range(3)]
+        add(FACE, patch[k], vertices[mine[0]], surface.normals[k], tuple(mine), tests)
+    ends: dict[int, list[tuple[np.ndarray, int]]] = {}
+    for e in range(len(edges)):
+        u, v = edges[e].tolist()
+        ends.setdefault(u, []).append((along[e], e))
+        ends.setdefault(v, []).append((-along[e], e))
+    for e in np.flatnonzero(~is_flat).tolist():
+        tests = [(p[e], along[e], 1.0), (q[e], -along[e], 1.0)]
+        tests += [(p[e], inward[triangle[n], side[n]], -1.0) for n in range(first[e], first[e + 1])]
+        of_patch = float(patch[triangle[first[e]]]) if smooth[e] else _NONE
+        add(EDGE, of_patch, p[e], along[e], tuple(edges[e].tolist()), tests)
+    for v in sorted({v for e in np.flatnonzero(~is_flat).tolist() for v in edges[e].tolist()}):
+        tests = [(vertices[v], l, -1.0) for l, _ in ends[v]]
+        mine = [e for _, e in ends[v]]
+        of_patch = float(patch[triangle[first[mine[0]]]]) if smooth[mine].all() else _NONE
+        add(VERTEX, of_patch, vertices[v], (0.0, 0.0, 0.0), (v,), tests)
+    features = np.array(rows)
+    places = vertices[features[:, F_VERTICES:].astype(int)]
+    return MeshTable(features, np.array(conditions), places.min(axis=1), places.max(axis=1))
+
+
+def _inward(surface: Triangles, along: np.ndarray) -> np.ndarray:
+    """Of side s of triangle k, the unit vector within it, perpendicular to that side and into it, shape [m, 3, 3]."""
+    edges, of = surface.edges
+    opposite = surface.places - surface.vertices[edges[of, 0]]
+    l = along[of]
+    t = opposite - np.einsum("msk,msk->ms", opposite, l)[..., None] * l
+    return t / np.linalg.norm(t, axis=2)[..., None]
+
+
+def _patches(triangles: int, left: np.ndarray, right: np.ndarray, joined: np.ndarray) -> np.ndarray:
+    from scipy.sparse import coo_array
+    from scipy.sparse.csgraph import connected_components
+
+    links = coo_array((np.ones(joined.sum()), (left[joined], right[joined])), shape=(triangles,) * 2)
+    return connected_components(links, directed=False)[1].astype(float)
+
+
+class TooManyContacts(ArithmeticError):
+    """A grain has more than MESH_CONTACTS contacts with a mesh."""
+
+
+class PlainMesh:
+    """A mesh in plain Python."""
+
+    def __init__(self, shape: TriangleMesh):
+        self.shape, self.table = shape, mesh_table(shape)
+        self._contacts = np.zeros((CONTACT_ROWS, CONTACT_COLUMNS))
+
+    def distance(self, x: wide3) -> tuple[float, wide3]:
+        """Distance [m] of the point x; the normal is not count."""
+        surface, at = self.shape.surface, np.array([x.x, x.y, x.z])
+        every = np.arange(len(surface.corners))
+        return float(surface.apart(np.tile(at, (len(every), 1)), every).min()), wide3(0.0, 0.0, 0.0)
+
+    def contacts(self, x: wide3, radius: float, features: list[int]) -> Iterator[tuple[int, float, wide3, int | None]]:
+        """Contacts of a sphere at x: feature, distance [m], unit normal, and the feature whose spring it has, of those
+        in `features`; None for a new one. Raises TooManyContacts."""
+        table, contacts, at = self.table, self._contacts, np.array([x.x, x.y, x.z])
+        r = at - table.features[:, F_POINT : F_POINT + 3]
+        unit = table.features[:, F_UNIT : F_UNIT + 3]
+        along = np.einsum("nk,nk->n", r, unit)
+        face = table.features[:, F_KIND] == FACE
+        away = np.where(face, np.abs(along), np.linalg.norm(r - along[:, None] * unit, axis=1))
+        near = np.flatnonzero(away < 1.001 * radius)
+        count = mesh_contacts(table.features, table.conditions, near, 0, len(near), x, radius, contacts)
+        if count == OVER:
+            raise TooManyContacts(TOO_MANY)
+        springs = np.zeros((MESH_CONTACTS, SPRING_KEY + 1))
+        springs[: len(features), SPRING_KEY] = features
+        mesh_places(table.features, contacts, count, (1 << len(features)) - 1, springs, 0)
+        for row in contacts[:count]:
+            older = features[int(row[K_PLACE])] if row[K_OLDER] else None
+            normal = wide3(*row[K_NORMAL : K_NORMAL + 3].tolist())
+            yield int(row[K_FEATURE]), radius - float(row[K_OVERLAP]), normal, older
+
+
+TOO_MANY = (
+    f"a grain touches a mesh at more than {MESH_CONTACTS} places; state smooth of the part, "
+    "or unite triangles much smaller than a grain"
+)

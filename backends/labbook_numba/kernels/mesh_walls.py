@@ -1,0 +1,173 @@
+"""Spheres at walls of triangles: which features are near, and the contacts of now; compiled only for scenes that have
+a mesh."""
+
+import numpy as np
+from labbook_dem.contact import rolling_rate
+from labbook_dem.mesh import (
+    K_FEATURE,
+    K_NORMAL,
+    K_OLDER,
+    K_OVERLAP,
+    K_PLACE,
+    MESH_CONTACTS,
+    OVER,
+    SPRING_KEY,
+    mesh_contacts,
+    mesh_near,
+    mesh_places,
+    mesh_vector,
+)
+from labbook_dem.spheres import sphere_on_wall
+from labbook_dem.words import FRICTION, func, narrow, real, vec3, wide
+
+from labbook_numba.kernels.blocks import DEPTH, HELD, NX, UX, put_vector, reals, row_of
+from labbook_numba.kernels.bodies import inertia_of, kind_of, mass_of, radius_of
+from labbook_numba.kernels.features import (
+    BLOCK,
+    KINDS,
+    MESH_NUMBER,
+    MOVING,
+    WALL_PARTS,
+    U,
+    V,
+    W,
+    X,
+    entry,
+    int64,
+    kernel,
+    uint64,
+)
+from labbook_numba.kernels.surfaces import wall_velocity
+from labbook_numba.kernels.transfer import load, spring_at, write_row
+from labbook_numba.state import Params, State
+
+
+@kernel
+def cell_at(frame, w, x):
+    """The cell of the grid of wall w that holds x; -1 outside of it, where nothing is near."""
+    a = (x.x - frame[w, 0]) * frame[w, 3]
+    b = (x.y - frame[w, 1]) * frame[w, 3]
+    c = (x.z - frame[w, 2]) * frame[w, 3]
+    nx, ny, nz = int64(frame[w, 4]), int64(frame[w, 5]), int64(frame[w, 6])
+    if not (a >= wide(0.0) and b >= wide(0.0) and c >= wide(0.0) and a < nx and b < ny and c < nz):
+        return int64(-1)
+    return int64(frame[w, 7]) + (int64(a) * ny + int64(b)) * nz + int64(c)
+
+
+@kernel
+def near_mesh(p: Params, w, x, radius, moves):
+    """True if a sphere at x may touch mesh w before it has moved by a distance [m]."""
+    cell = cell_at(p.mesh_frame, w, x)
+    if cell >= 0:
+        for k in range(p.mesh_cell[cell], p.mesh_cell[cell + 1]):
+            if mesh_near(p.mesh_features, p.mesh_conditions, p.mesh_listed[k], x, radius, moves):
+                return True
+    return False
+
+
+@entry
+def list_features(st: State, p: Params, first, near):
+    """Fill the lists of features that may be touched before the next rebuild, of each entry near a mesh, ascending;
+    their length, also where `near` is shorter."""
+    moves = wide(0.5000001) * p.skin
+    rows = 0
+    first[0] = 0
+    for w in range(len(p.wall_kind)):
+        for k in range(st.wall_first[w], st.wall_first[w + 1]):
+            if p.wall_kind[w] == MESH_NUMBER:
+                i = st.wall_grain[k]
+                x = load(st.grains, i, X)
+                radius = radius_of(st.body, i, p.radius)
+                cell = cell_at(p.mesh_frame, w, x)
+                if cell >= 0:
+                    for n in range(p.mesh_cell[cell], p.mesh_cell[cell + 1]):
+                        if mesh_near(p.mesh_features, p.mesh_conditions, p.mesh_listed[n], x, radius, moves):
+                            if rows < len(near):
+                                near[rows] = p.mesh_listed[n]
+                            rows += 1
+            first[k + 1] = rows
+    return rows
+
+
+@kernel
+def contacts_at(st: State, p: Params, k, x, radius):
+    """Contacts of entry k, near a mesh, into st.touch; how many there are."""
+    first, last = int(st.mesh_first[k]), int(st.mesh_first[k + 1])
+    return mesh_contacts(p.mesh_features, p.mesh_conditions, st.mesh_near, first, last, x, radius, st.touch)
+
+
+@kernel
+def pack_mesh(st: State, p: Params, w, k, last, b, i, slot):
+    """Bring contacts of the entries from k on with mesh w into the block, as many as fit; how many contacts there are,
+    and the entry that is next."""
+    count = uint64(0)
+    touch = st.touch
+    while k < last and count + uint64(MESH_CONTACTS) <= BLOCK:
+        grain = st.wall_grain[k]
+        x = load(st.grains, grain, X)
+        radius = radius_of(st.body, grain, p.radius)
+        rows = contacts_at(st, p, k, x, radius)
+        if rows == OVER:
+            rows = 1
+            touch[0, K_OVERLAP] = np.inf  # which no guard lets pass
+        if FRICTION:
+            base = int64(k) * int64(WALL_PARTS)
+            st.wall_held[k] = mesh_places(p.mesh_features, touch, rows, int64(st.wall_held[k]), st.wall_spring, base)
+        for n in range(rows):
+            normal = mesh_vector(touch, n, K_NORMAL)
+            put_vector(b, NX + count, normal)
+            b[DEPTH + count] = touch[n, K_OVERLAP]
+            if MOVING:
+                put_vector(b, UX + count, wall_velocity(p.wall_motion, w, x - normal * (radius - touch[n, K_OVERLAP])))
+            i[count] = grain
+            if FRICTION:
+                row = int64(k) * int64(WALL_PARTS) + int64(touch[n, K_PLACE])
+                b[HELD + count] = touch[n, K_OLDER]
+                slot[count] = row
+                st.block_j[count] = touch[n, K_FEATURE]
+            count += uint64(1)
+        k += uint64(1)
+    return count, k
+
+
+@kernel
+def key_springs(st: State, slot, count):
+    """Write the features of the contacts of the block beside their springs."""
+    for t in range(count):
+        st.wall_spring[slot[t], SPRING_KEY] = st.block_j[t]
+
+
+@func
+def mesh_now(st: State, p: Params, w, k, dt, out, rows):
+    """Write the contacts of entry k with mesh w, as `walls_now` does."""
+    zero = real(0.0)
+    spin = vec3(zero, zero, real(p.wall_motion[w, 3]))
+    i = st.wall_grain[k]
+    x = load(st.grains, i, X)
+    radius = radius_of(st.body, i, p.radius)
+    contacts = contacts_at(st, p, k, x, radius)
+    base = int64(k) * int64(WALL_PARTS)
+    if FRICTION:
+        mesh_places(p.mesh_features, st.touch, contacts, int64(st.wall_held[k]), st.wall_spring, base)
+    for n in range(contacts):
+        normal = mesh_vector(st.touch, n, K_NORMAL)
+        overlap = st.touch[n, K_OVERLAP]
+        branch = normal * (overlap - radius)
+        u = load(st.grains, i, U)
+        v = load(st.grains, i, V)
+        if MOVING:
+            surface = wall_velocity(p.wall_motion, w, x + branch)
+            u = u - surface
+            v = v - surface
+        older = st.touch[n, K_OLDER] if FRICTION else wide(0.0)
+        row = base + int64(st.touch[n, K_PLACE]) if FRICTION else base
+        force, _, _ = sphere_on_wall(
+            reals(row_of(p.wall_c, w * KINDS + kind_of(st.body, i))),
+            real(radius), real(mass_of(st.body, i, p.mass)), real(overlap), narrow(normal),
+            narrow(u), narrow(v), narrow(load(st.grains, i, W)), spin,
+            spring_at(st.wall_spring, row, older), real(0.5) * dt * (real(1.0) + real(older)),
+            rolling_rate(real(inertia_of(st.body, i, p.inertia)), real(p.dt)),
+        )  # fmt: skip
+        write_row(out, rows, st.ids[i], -1, w, force, branch)
+        rows += 1
+    return rows

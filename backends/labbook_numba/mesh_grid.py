@@ -1,0 +1,83 @@
+"""A grid over each mesh of a scene, whose cells list the features that a grain in them may touch."""
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+from labbook_dem.mesh import CONDITION_COLUMNS, F_FIRST, F_LAST, F_VERTICES, FEATURE_COLUMNS, mesh_table
+
+from labbook.scene import TriangleMesh, Wall
+
+_MOST_CELLS = 1_000_000  # of a mesh
+_AT_ONCE = 2_000_000
+
+
+class MeshGrids(NamedTuple):
+    """The meshes among W walls.
+
+    Attributes:
+        features: Of all meshes, as `labbook_dem.mesh` has them, shape [n, FEATURE_COLUMNS].
+        conditions: Of these, shape [c, CONDITION_COLUMNS].
+        frame: Of each wall, shape [W, 8]: lower corner of its grid [m], cells per metre, cells along x, y and z, and
+            its first cell.
+        first: First entry of each cell in `listed`, and behind the last, shape [cells + 1].
+        listed: Features, ascending in each cell.
+    """
+
+    features: np.ndarray
+    conditions: np.ndarray
+    frame: np.ndarray
+    first: np.ndarray
+    listed: np.ndarray
+
+    @classmethod
+    def of(cls, walls: Sequence[Wall], reach: float) -> "MeshGrids":
+        """Grids for grains whose centres are no farther from a feature than `reach` [m]."""
+        features, conditions = [np.zeros((0, FEATURE_COLUMNS))], [np.zeros((0, CONDITION_COLUMNS))]
+        frame, begin = np.zeros((len(walls), 8)), first_features(walls)
+        first, listed = [np.zeros(1, np.int64)], [np.zeros(0, np.int64)]
+        for w, wall in enumerate(walls):
+            if not isinstance(wall.shape, TriangleMesh):
+                continue
+            table = mesh_table(wall.shape)
+            cells, size, low, shape = _cells(table.low - reach, table.high + reach, 2 * reach)
+            frame[w] = *low, 1 / size, *shape, sum(map(len, first)) - 1
+            own = table.features.copy()
+            own[:, F_FIRST : F_LAST + 1] += sum(map(len, conditions))
+            own[:, F_VERTICES:] += 3 * begin[w]  # of no other mesh
+            order = np.lexsort(cells[::-1])
+            counts = np.bincount(cells[0], minlength=int(np.prod(shape)))
+            first.append(np.cumsum(counts) + sum(map(len, listed)))
+            listed.append(cells[1][order] + begin[w])
+            features.append(own)
+            conditions.append(table.conditions)
+        arrays = map(np.concatenate, (features, conditions, first, listed))
+        features, conditions, first, listed = arrays
+        return cls(features, conditions, frame, first, listed)
+
+
+def first_features(walls: Sequence[Wall]) -> np.ndarray:
+    """Number of the first feature of each wall among those of all meshes, and behind the last, shape [W + 1]."""
+    shapes = [wall.shape for wall in walls]
+    counts = [len(mesh_table(shape).features) if isinstance(shape, TriangleMesh) else 0 for shape in shapes]
+    return np.cumsum([0, *counts])
+
+
+def _cells(low: np.ndarray, high: np.ndarray, size: float) -> tuple[np.ndarray, float, np.ndarray, np.ndarray]:
+    """Pairs of a cell and a box that reaches into it, shape [2, k]; size [m], lower corner [m], shape of the grid."""
+    corner, far = low.min(axis=0), high.max(axis=0)
+    while np.prod(np.ceil((far - corner) / size) + 1) > _MOST_CELLS:
+        size *= 1.25
+    shape = (np.ceil((far - corner) / size) + 1).astype(np.int64)
+    start, end = (((x - corner) / size).astype(np.int64) for x in (low, high))
+    counts = np.prod(end - start + 1, axis=1)
+    pairs, begin = list[np.ndarray](), 0
+    while begin < len(low):
+        last = begin + max(1, int(np.searchsorted(np.cumsum(counts[begin:]), _AT_ONCE)))
+        box = np.repeat(np.arange(begin, min(last, len(low))), counts[begin:last])
+        k = np.arange(len(box)) - np.repeat(np.cumsum(counts[begin:last]) - counts[begin:last], counts[begin:last])
+        _, ny, nz = (end - start + 1)[box].T
+        at = start[box] + np.stack([k // (ny * nz), k // nz % ny, k % nz], axis=1)
+        pairs.append(np.stack([(at[:, 0] * shape[1] + at[:, 1]) * shape[2] + at[:, 2], box]))
+        begin = last
+    return np.concatenate(pairs, axis=1), size, corner, shape

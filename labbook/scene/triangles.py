@@ -1,0 +1,335 @@
+"""Surfaces of triangles: welded and put into one order, checked, measured, and where points lie beside them.
+
+The order follows from the places of vertices alone, so that files which list the same triangles in another order, from
+another corner or with another sense of rotation give the same surface, to the bit. Which side of a triangle its file
+calls the outer one is ignored.
+"""
+
+import math
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+
+from labbook.scene.geometry import Bounds
+
+WELD = 1e-6
+"""Distance, as a fraction of the diagonal of the box around a surface, below which two vertices are one."""
+_AT_ONCE = 400_000  # pairs of points and triangles in memory
+_SLACK = 1 + 1e-9  # of bounds, against round-off
+
+
+@dataclass(frozen=True)
+class Flaw:
+    """A place at which a surface is not clean.
+
+    Attributes:
+        kind: `non-manifold`, `t-junctions` or `intersections`.
+        count: Number of such places.
+        at: One of them [m].
+    """
+
+    kind: str
+    count: int
+    at: tuple[float, float, float]
+
+
+@dataclass(frozen=True)
+class Welded:
+    """Number of vertices merged, and of triangles dropped because they have no area or repeat another."""
+
+    vertices: int
+    flat: int
+    repeated: int
+
+
+@dataclass(frozen=True, eq=False)
+class Triangles:
+    """A surface of m triangles with n vertices.
+
+    Attributes:
+        vertices: Places [m], shape [n, 3], in ascending order of x, then y, then z.
+        corners: Vertices of each triangle, shape [m, 3], each row and all rows in ascending order.
+    """
+
+    vertices: np.ndarray
+    corners: np.ndarray
+
+    @classmethod
+    def welded(cls, vertices: np.ndarray, corners: np.ndarray) -> "tuple[Triangles, Welded]":
+        """Merge vertices closer than WELD, and drop triangles without area and repeated ones.
+
+        Args:
+            vertices: Places [m], shape [n, 3], in any order; the same place may occur often.
+            corners: Vertices of each triangle, shape [m, 3].
+
+        Returns:
+            The surface, and what was merged and dropped.
+        """
+        from scipy.sparse import coo_array
+        from scipy.sparse.csgraph import connected_components
+        from scipy.spatial import KDTree
+
+        places, first = np.unique(vertices + 0.0, axis=0, return_inverse=True)
+        corners = first.reshape(-1)[corners]
+        near = WELD * float(np.linalg.norm(np.ptp(places, axis=0))) if len(places) else 0.0
+        pairs = KDTree(places).query_pairs(near, output_type="ndarray") if len(places) and near > 0 else []
+        if len(pairs):
+            links = coo_array((np.ones(len(pairs)), np.transpose(pairs)), shape=(len(places),) * 2)
+            _, group = connected_components(links, directed=False)
+            keeper = np.full(group.max() + 1, len(places))
+            np.minimum.at(keeper, group, np.arange(len(places)))  # the first in order stands for its group
+            corners = keeper[group][corners]
+        corners = np.sort(corners, axis=1)
+        a, b, c = (places[corners[:, k]] for k in range(3))
+        longest = np.max([np.linalg.norm(q - p, axis=1) for p, q in ((a, b), (b, c), (a, c))], axis=0, initial=0.0)
+        solid = np.linalg.norm(np.cross(b - a, c - a), axis=1) > near * longest  # else flatter than the weld
+        unlike = np.unique(corners[solid], axis=0)
+        used, corners = np.unique(unlike, return_inverse=True)
+        merged = Welded(len(vertices) - len(places), int(np.sum(~solid)), int(np.sum(solid)) - len(unlike))
+        return cls(places[used], corners.reshape(-1, 3)), merged
+
+    @cached_property
+    def places(self) -> np.ndarray:
+        """Corners [m], shape [m, 3, 3]."""
+        return self.vertices[self.corners]
+
+    @cached_property
+    def normals(self) -> np.ndarray:
+        """Unit normals, shape [m, 3], of arbitrary sense."""
+        a, b, c = np.moveaxis(self.places, 1, 0)
+        normal = np.cross(b - a, c - a)
+        return normal / np.linalg.norm(normal, axis=1)[:, None]
+
+    @property
+    def area(self) -> float:
+        """Sum of the areas of its triangles [m^2]."""
+        a, b, c = np.moveaxis(self.places, 1, 0)
+        return float(np.linalg.norm(np.cross(b - a, c - a), axis=1).sum() / 2)
+
+    @property
+    def bounds(self) -> Bounds:
+        """The box around it."""
+        low, high = self.vertices.min(axis=0).tolist(), self.vertices.max(axis=0).tolist()
+        return Bounds((low[0], low[1], low[2]), (high[0], high[1], high[2]))
+
+    @cached_property
+    def edges(self) -> tuple[np.ndarray, np.ndarray]:
+        """Edges as pairs of vertices, shape [e, 2], ascending; and the edges of each triangle, shape [m, 3], of which
+        edge k lies opposite to corner k."""
+        pairs = self.corners[:, [[1, 2], [0, 2], [0, 1]]].reshape(-1, 2)
+        edges, of = np.unique(pairs, axis=0, return_inverse=True)
+        return edges, of.reshape(-1, 3)
+
+    @property
+    def closed(self) -> bool:
+        """True if every edge belongs to two triangles, so that the surface bounds a volume."""
+        edges, of = self.edges
+        return bool((np.bincount(of.ravel(), minlength=len(edges)) == 2).all())
+
+    # whether it is clean
+
+    def flaws(self) -> Iterator[Flaw]:
+        """Edges of more than two triangles, vertices within other edges, and triangles that cut one another."""
+        for kind, places in (
+            ("non-manifold", self._crowded()),
+            ("t-junctions", self._junctions()),
+            ("intersections", self._cuts()),
+        ):
+            if len(places):
+                x, y, z = places[0].tolist()
+                yield Flaw(kind, len(places), (x, y, z))
+
+    def _crowded(self) -> np.ndarray:
+        edges, of = self.edges
+        crowded = np.bincount(of.ravel(), minlength=len(edges)) > 2
+        return self.vertices[edges[crowded]].mean(axis=1)
+
+    def _junctions(self) -> np.ndarray:
+        from scipy.spatial import KDTree
+
+        edges, _ = self.edges
+        ends = self.vertices[edges]
+        near = WELD * float(np.linalg.norm(self.bounds.size))
+        middle, half = ends.mean(axis=1), np.linalg.norm(ends[:, 1] - ends[:, 0], axis=1) / 2
+        tree, places = KDTree(self.vertices), list[np.ndarray]()
+        for e, inside in enumerate(tree.query_ball_point(middle, half)):
+            inner = np.setdiff1d(inside, edges[e])
+            if len(inner):
+                along = (ends[e, 1] - ends[e, 0]) / (2 * half[e])
+                r = self.vertices[inner] - ends[e, 0]
+                aside = np.linalg.norm(r - np.outer(r @ along, along), axis=1)
+                places += list(self.vertices[inner[aside < near]])
+        return np.array(places).reshape(-1, 3)
+
+    def _cuts(self) -> np.ndarray:
+        """Places at which an edge of one triangle passes through another, of triangles that share no vertex."""
+        near, hits = WELD * float(np.linalg.norm(self.bounds.size)), list[np.ndarray]()
+        for i, j in self._overlapping():
+            apart = ~(self.corners[i][:, :, None] == self.corners[j][:, None, :]).any(axis=(1, 2))
+            for first, second in ((i[apart], j[apart]), (j[apart], i[apart])):
+                p, n = self.places[second], self.normals[second]
+                for k in range(3):
+                    start, end = self.places[first][:, k], self.places[first][:, (k + 1) % 3]
+                    at, to = (_dot(x - p[:, 0], n) for x in (start, end))
+                    through = (at * to < 0) & (np.minimum(np.abs(at), np.abs(to)) > near)
+                    hit = start + (at / np.where(at == to, 1.0, at - to))[:, None] * (end - start)
+                    for c in range(3):
+                        side = p[:, (c + 1) % 3] - p[:, c]
+                        inward = np.cross(n, side)
+                        third = p[:, (c + 2) % 3] - p[:, c]
+                        inward *= np.sign(_dot(inward, third))[:, None]
+                        inward /= np.linalg.norm(inward, axis=1)[:, None]
+                        through &= _dot(hit - p[:, c], inward) > near
+                    hits += list(hit[through])
+        return np.array(hits).reshape(-1, 3)
+
+    def _overlapping(self) -> Iterator[tuple[np.ndarray, np.ndarray]]:
+        """Pairs of triangles whose boxes overlap, some at a time, each of shape [k]."""
+        low, high = self.places.min(axis=1), self.places.max(axis=1)
+        axis = int(np.argmax(np.ptp(self.vertices, axis=0)))
+        order = np.argsort(low[:, axis], kind="stable")
+        low, high = low[order], high[order]
+        last = np.searchsorted(low[:, axis], high[:, axis], side="right")
+        first = np.arange(len(order)) + 1
+        begin = 0
+        while begin < len(order):
+            total = np.cumsum(np.maximum(last[begin:] - first[begin:], 0))
+            end = begin + max(1, int(np.searchsorted(total, _AT_ONCE)))
+            rows = np.arange(begin, min(end, len(order)))
+            counts = np.maximum(last[rows] - first[rows], 0)
+            i = np.repeat(rows, counts)
+            j = np.arange(counts.sum()) - np.repeat(np.cumsum(counts) - counts, counts) + np.repeat(first[rows], counts)
+            meet = (low[i] <= high[j]).all(axis=1) & (low[j] <= high[i]).all(axis=1)
+            yield order[i[meet]], order[j[meet]]
+            begin = end
+
+    # where points lie
+
+    def distance(self, x: np.ndarray) -> np.ndarray:
+        """Distance [m] of points x, shape [n, 3], from the nearest triangle, shape [n]."""
+        distances = np.empty(len(x))
+        self._nearest(x, np.arange(len(x)), np.arange(len(self.corners)), distances)
+        return distances
+
+    @cached_property
+    def _balls(self) -> tuple[np.ndarray, np.ndarray]:
+        """Centroids [m], shape [m, 3], of triangles, and radii of the balls about them that hold these, shape [m]."""
+        middle = self.places.mean(axis=1)
+        return middle, np.linalg.norm(self.places - middle[:, None], axis=2).max(axis=1)
+
+    def _nearest(self, x: np.ndarray, rows: np.ndarray, candidates: np.ndarray, distances: np.ndarray) -> None:
+        """Fill in the distances of the points `rows`; those of smaller boxes of points have fewer candidates."""
+        from scipy.spatial.distance import cdist
+
+        if not len(rows):
+            return
+        low, high = x[rows].min(axis=0), x[rows].max(axis=0)
+        middle, half = (low + high) / 2, float(np.linalg.norm(high - low)) / 2
+        centres, radii = self._balls
+        away = np.linalg.norm(centres[candidates] - middle, axis=1)
+        # a centroid lies on its triangle, so that its distance is a bound from above
+        candidates = candidates[away - radii[candidates] <= (away.min() + 2 * half) * _SLACK]
+        if len(rows) * len(candidates) > _AT_ONCE / 10 and len(rows) > 1 and half > 0:
+            octant = (x[rows] > middle) @ np.array([1, 2, 4])
+            for k in range(8):
+                self._nearest(x, rows[octant == k], candidates, distances)
+            return
+        away = cdist(x[rows], centres[candidates])
+        close = away - radii[candidates] <= away.min(axis=1)[:, None] * _SLACK
+        point, triangle = np.nonzero(close)
+        first = np.searchsorted(point, np.arange(len(rows)))
+        distances[rows] = np.minimum.reduceat(self.apart(x[rows[point]], candidates[triangle]), first)
+
+    def apart(self, x: np.ndarray, triangle: np.ndarray) -> np.ndarray:
+        """Distance [m] of each point of x, shape [n, 3], from a triangle of its own, shape [n]."""
+        places, normal = self.places[triangle], self.normals[triangle]
+        best, inside = np.full(len(x), np.inf), np.ones(len(x), bool)
+        for c in range(3):
+            p, side = places[:, c], places[:, (c + 1) % 3] - places[:, c]
+            r = x - p
+            inward = np.cross(normal, side)
+            inside &= _dot(r, inward) * np.sign(_dot(places[:, (c + 2) % 3] - p, inward)) >= 0
+            r = r - np.clip(_dot(r, side) / _dot(side, side), 0, 1)[:, None] * side
+            best = np.minimum(best, _dot(r, r))
+        return np.where(inside, np.abs(_dot(x - places[:, 0], normal)), np.sqrt(best))
+
+    def crossings(self, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Number of triangles straight above and straight below points x, shape [n, 3]; each of shape [n].
+
+        A vertical line through an edge or a vertex counts as passing on one side of it: which, follows from the same
+        numbers for all triangles there, so that a line meets a closed surface an even number of times.
+        """
+        columns, of = np.unique(x[:, :2], axis=0, return_inverse=True)
+        of = of.reshape(-1)
+        order = np.argsort(of, kind="stable")
+        first = np.searchsorted(of[order], np.arange(len(columns) + 1))
+        above, below = np.zeros(len(x), np.int64), np.zeros(len(x), np.int64)
+        for column, z in self._pierced(columns):
+            rows = order[first[column] : first[column + 1]]
+            z.sort()
+            below[rows] = np.searchsorted(z, x[rows, 2], side="left")
+            above[rows] = len(z) - np.searchsorted(z, x[rows, 2], side="right")
+        return above, below
+
+    def _pierced(self, columns: np.ndarray) -> Iterator[tuple[int, np.ndarray]]:
+        """The heights z [m] at which vertical lines at `columns`, shape [k, 2], meet triangles, line by line."""
+        low, high = self.places[:, :, :2].min(axis=1), self.places[:, :, :2].max(axis=1)
+        size = max(1, 10 * _AT_ONCE // len(self.corners))
+        for begin in range(0, len(columns), size):
+            part = columns[begin : begin + size]
+            near = np.ones((len(part), len(self.corners)), bool)
+            for axis in range(2):
+                near &= (part[:, axis, None] >= low[:, axis]) & (part[:, axis, None] <= high[:, axis])
+            line, triangle = np.nonzero(near)
+            p, q = part[line], self.places[triangle]
+            # corners ascend, so that triangles see an edge between them from the same end
+            sides = [_left(q[:, a], q[:, b], p) for a, b in ((0, 1), (1, 2), (0, 2))]
+            hit = (sides[0] == sides[1]) & (sides[0] != sides[2])
+            line, p, q = line[hit], p[hit], q[hit]
+            normal = np.cross(q[:, 1] - q[:, 0], q[:, 2] - q[:, 0])
+            lean = _dot(p - q[:, 0, :2], normal[:, :2]) / normal[:, 2]
+            z = np.clip(q[:, 0, 2] - lean, q[:, :, 2].min(axis=1), q[:, :, 2].max(axis=1))
+            first = np.searchsorted(line, np.arange(len(part) + 1))
+            for k in np.flatnonzero(np.diff(first)):
+                yield begin + int(k), z[first[k] : first[k + 1]]
+
+    def inside(self, x: np.ndarray) -> np.ndarray:
+        """Points of x, shape [n, 3], within the closed surface, shape [n]: those with an odd number of triangles
+        straight above."""
+        return self.crossings(x)[0] % 2 == 1
+
+    def moved(self, by: Callable[[np.ndarray], np.ndarray]) -> "Triangles":
+        """The surface with its vertices, shape [n, 3], taken elsewhere by a map that is one to one."""
+        places = by(self.vertices) + 0.0
+        order = np.lexsort(places.T[::-1])
+        place = np.empty(len(order), np.int64)
+        place[order] = np.arange(len(order))
+        corners = np.sort(place[self.corners], axis=1)
+        return Triangles(places[order], corners[np.lexsort(corners.T[::-1])])
+
+
+def _dot(a: np.ndarray, b: np.ndarray) -> np.ndarray:
+    return np.einsum("nk,nk->n", a, b)
+
+
+def _left(a: np.ndarray, b: np.ndarray, p: np.ndarray) -> np.ndarray:
+    """True for points p, shape [n, 2], on the left of the line from a to b seen from above, or on it."""
+    return (b[:, 0] - a[:, 0]) * (p[:, 1] - a[:, 1]) - (b[:, 1] - a[:, 1]) * (p[:, 0] - a[:, 0]) >= 0
+
+
+def turn(angles: tuple[float, float, float]) -> np.ndarray:
+    """Matrix [3, 3] of rotations about x, then y, then z, by `angles` [rad]; exact for quarter turns."""
+    matrix = np.eye(3)
+    for axis, angle in enumerate(angles):
+        quarters = angle / (math.pi / 2)
+        exact = abs(quarters - round(quarters)) < 1e-12
+        cos, sin = (
+            ((1, 0), (0, 1), (-1, 0), (0, -1))[round(quarters) % 4] if exact else (math.cos(angle), math.sin(angle))
+        )
+        about = np.eye(3)
+        i, j = (axis + 1) % 3, (axis + 2) % 3
+        about[[i, i, j, j], [i, j, i, j]] = cos, -sin, sin, cos
+        matrix = about @ matrix
+    return matrix

@@ -1,0 +1,107 @@
+"""Grains at walls of triangles by the CPU backend: as by the reference, and the same bits after a restart."""
+
+import labbook_reference
+import numpy as np
+import pytest
+
+pytest.importorskip("numba")
+
+from labbook_numba import Backend
+
+from labbook.backend import Failed
+from labbook.backend.numerics import Numerics
+from labbook.backend.probes import Contacts, Ledger, Sample
+from labbook.checks.verify.materials import D, G, linear, scene, spheres
+from labbook.checks.verify.mesh import of_triangles, sheet
+from labbook.checks.verify.stand import grains_at
+from labbook.scene import Box, Primitives, Scene, TriangleMesh, Wall
+from labbook.scene.triangles import Triangles
+
+pytestmark = pytest.mark.compiles
+
+R = D / 2
+NUMERICS = Numerics(dt=2.5e-6, steps_per_beat=50)
+PROBES = (Sample(fields=("x", "v", "omega")), Contacts(every=1), Ledger(every=10))
+"""As the cases of verification, whose kernels these tests share."""
+
+
+def trough() -> Scene:
+    """Grains in a box, whose floor is a bent sheet of triangles, with planes on the sides."""
+    vertices, triangles = sheet(6, 8 * R)
+    vertices = vertices + np.column_stack([0 * vertices[:, 0], 0 * vertices[:, 0], 0.3 * np.abs(vertices[:, 0])])
+    bent = of_triangles(vertices, triangles)
+    box = Box(width=16 * R, depth=16 * R, height=40 * R)
+    sides = [wall for wall in box.walls() if wall.name != "bottom"]
+    return scene(8, linear(friction=0.4), Primitives(parts=(*sides, bent)), G)
+
+
+def start(of: Scene):
+    rng = np.random.default_rng(2)
+    x = np.array([[a, b, 3.0] for a in (-5, -1.5, 1.5, 5) for b in (-2, 2)]) * R + rng.uniform(-0.1, 0.1, (8, 3)) * R
+    return grains_at(x, rng.uniform(-0.3, 0.3, (8, 3)) - [0, 0, 0.3])
+
+
+def run(backend, of: Scene, packing, beats: int):
+    ensemble = backend.open(backend.specialise(of, NUMERICS, PROBES), 1)
+    member = ensemble.admit(of, NUMERICS, packing)
+    events = ensemble.advance(beats)
+    return ensemble, member, events
+
+
+def test_grains_move_as_by_the_reference_and_go_on_from_its_packing():
+    of, numba = trough(), Backend(wide=True)
+    fallen, member, _ = run(numba, of, start(of), 240)
+    packing = fallen.packing(member)
+    assert len(packing.wall_part) >= 4
+    assert packing.wall_part.max() > 8, "features have numbers of their own"
+    fallen.close()
+    ends = []
+    for backend in (numba, labbook_reference.Backend()):
+        ensemble, member, _ = run(backend, of, packing, 2)
+        ends.append(ensemble.packing(member))
+        ensemble.close()
+    one, other = ends
+    assert np.abs(one.x - packing.x).max() > 1e-3 * R
+    assert np.abs(one.x - other.x).max() < 1e-11 * D
+    keys = [set(zip(p.wall_grain.tolist(), p.wall_name.tolist(), p.wall_part.tolist(), strict=True)) for p in ends]
+    assert keys[0] == keys[1]
+    order = [np.lexsort((p.wall_part, p.wall_name, p.wall_grain)) for p in ends]
+    springs = [p.wall_spring[rows] for p, rows in zip(ends, order, strict=True)]
+    assert np.abs(springs[0]).max() > 1e-9
+    assert np.abs(springs[0] - springs[1]).max() < 1e-11 * D
+
+
+def test_a_restart_changes_no_bit():
+    of, numba = trough(), Backend(wide=True)
+    whole, member, _ = run(numba, of, start(of), 200)
+    end = whole.packing(member)
+    parts, member, _ = run(numba, of, start(of), 120)
+    checkpoint = parts.checkpoint(member)
+    assert checkpoint.arrays["wall_held"].max() > 0
+    again = parts.admit(of, NUMERICS, checkpoint)
+    parts.advance(80)
+    for name, array in end.arrays().items():
+        assert np.array_equal(array, parts.packing(again).arrays()[name]), name
+    damaged = dict(checkpoint.arrays)
+    spring = damaged["wall_spring"].copy()
+    spring[:, 3] = 1e7
+    with pytest.raises(ValueError, match="not of its features"):
+        parts.admit(
+            of,
+            NUMERICS,
+            type(checkpoint)(checkpoint.backend, checkpoint.cache_version, damaged | {"wall_spring": spring}),
+        )
+
+
+def test_the_deepest_contact_with_too_many_sides_fails_with_the_remedy():
+    angles = 2 * np.pi * np.arange(24) / 24
+    ends = np.array([(0.999 * R * np.cos(t), 0.999 * R * np.sin(t), z) for t in angles for z in (-9 * R, 9 * R)])
+    pairs = [(2 * k, 2 * ((k + 1) % 24)) for k in range(24)]
+    tube, _ = Triangles.welded(ends, np.array([t for a, b in pairs for t in ((a, b, b + 1), (a, b + 1, a + 1))]))
+    wall = Wall(name="tube", shape=TriangleMesh.of_surface(tube))
+    of = Scene(grains=spheres(1), contact=linear(friction=0.4), container=Primitives(parts=(wall,)), gravity=0.0)
+    for backend in (Backend(wide=True), labbook_reference.Backend()):
+        ensemble, _, events = run(backend, of, grains_at([0.0, 0.0, 0.3 * R]), 1)
+        ensemble.close()
+        failure = next(event for event in events if isinstance(event, Failed))
+        assert "smooth" in failure.message
