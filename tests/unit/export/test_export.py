@@ -299,4 +299,4 @@ def test_every_rod_of_a_recorded_run_is_there_with_its_axis_and_length(synthetic
             found["axis"], np.stack([np.sin(angle), 0 * angle, np.cos(angle)], axis=1)[order], atol=1e-6
         )
         assert set(found["length"]) == {float(np.float32(0.009))}
-        assert set(found["radius"]) == {0.0015}
+        assert set(found["radius"]) == {float(np.float32(0.0015))}
