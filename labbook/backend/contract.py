@@ -190,10 +190,10 @@ class Ensemble(ABC):
     ) -> Member:
         """Add a member. `settled_below`: report Settled below this kinetic energy per grain [m g d]. `probes`: those
         of the Spec that read it; None: all. Crossing and Ledger, for which kernels are compiled, cannot be
-        left out.
+        left out. A checkpoint may be of a scene that differs in the motion of surfaces (`fill.mobilise`).
 
         Raises ValueError for a packing without grains, for other probes, and for a scene that needs more than the Spec
-        has. A scene that needs less may be accepted or refused."""
+        has. A scene that needs less may be accepted or refused; one whose surfaces merely rest is accepted."""
 
     @abstractmethod
     def advance(self, beats: int = 1) -> Sequence[Event]:

@@ -275,11 +275,16 @@ def tail_goodness(times: np.ndarray, ended: np.ndarray, tail: PowerTail, draws: 
     """
     inside = np.asarray(times, float) >= tail.t_min
     above, over = np.asarray(times, float)[inside], np.asarray(ended, bool)[inside]
-    distance, rng, farther = _distance(above, over, tail.t_min), np.random.default_rng(seed), 0
+
+    def distance(sample: np.ndarray) -> float:
+        function = _survival_function(sample, over)
+        return _distance(sample, over, tail.t_min, function.quantiles, function.probabilities)
+
+    own, rng, farther = distance(above), np.random.default_rng(seed), 0
     for _ in range(draws):
         sample = above.copy()
         sample[over] = tail.t_min * rng.random(tail.n) ** (-1 / (tail.alpha - 1))
-        farther += _distance(sample, over, tail.t_min) >= distance
+        farther += distance(sample) >= own
     return farther / draws
 
 
@@ -306,24 +311,32 @@ def _best_stretch(logs: np.ndarray, ended: np.ndarray) -> float:
 
 def _best_cut(times: np.ndarray, ended: np.ndarray) -> float:
     """t_min [s] with the smallest distance between the tail and its power law."""
-    candidates = np.unique(times[ended & (times > 0)])
-    enough = [t for t in candidates if (ended & (times >= t)).sum() >= FEWEST_TIMES]
-    if not enough:
-        few = int((ended & (times > 0)).sum())
+    observed = np.sort(times[ended & (times > 0)])
+    candidates = np.unique(observed)
+    enough = candidates[len(observed) - np.searchsorted(observed, candidates) >= FEWEST_TIMES]
+    if not len(enough):
+        few = len(observed)
         raise ValueError(f"{few} times were observed, and a power law needs {FEWEST_TIMES}; use longer or more runs")
-    cuts = np.array(enough)[np.unique(np.linspace(0, len(enough) - 1, min(_CUTS, len(enough))).round().astype(int))]
+    cuts = enough[np.unique(np.linspace(0, len(enough) - 1, min(_CUTS, len(enough))).round().astype(int))]
+    function = _survival_function(times, ended)
 
-    return float(min(cuts, key=lambda cut: _distance(times[times >= cut], ended[times >= cut], cut)))
+    def distance(cut: float) -> float:
+        above, first = times >= cut, int(np.searchsorted(function.quantiles, cut))
+        before = function.probabilities[first - 1] if first else 1.0  # the tail has the estimate of all, over that
+        return _distance(
+            times[above], ended[above], cut, function.quantiles[first:], function.probabilities[first:] / before
+        )
+
+    return float(min(cuts, key=distance))
 
 
-def _distance(times: np.ndarray, ended: np.ndarray, cut: float) -> float:
-    """Largest distance between the Kaplan-Meier estimate of times above a cut [s] and the power law fitted to them."""
+def _distance(times: np.ndarray, ended: np.ndarray, cut: float, x: np.ndarray, p: np.ndarray) -> float:
+    """Largest distance between the estimate p of the survival at x of times above a cut [s], and the power law fitted
+    to these times."""
     total = float(np.log(times / cut).sum())
     if not total > 0:
         return math.inf
-    function = _survival_function(times, ended)
-    law, p = (function.quantiles / cut) ** -(ended.sum() / total), function.probabilities
-    before = np.concatenate([[1.0], p[:-1]])
+    law, before = (x / cut) ** -(ended.sum() / total), np.concatenate([[1.0], p[:-1]])
     return float(max(np.abs(law - p).max(), np.abs(law - before).max()))
 
 

@@ -213,6 +213,24 @@ TABLE = (
         "use residence, the residence times of a fed silo, or map and layers of a batch discharge",
     ),
     Absent(
+        "fit",
+        "criticalsize nocriticalsize zuriguel thomasdurian thomas avalanche avalanches clogging powerlawtail",
+        "laws of avalanches are not named here",
+        "add clogging to measure: its laws of D/d are fitted and compared by themselves",
+    ),
+    Absent(
+        "fit",
+        "janssen hydrostatic vanelclement",
+        "laws of the stress on walls are not named here",
+        "add wall_stress to measure: three models of Janssen's law are fitted and compared by themselves",
+    ),
+    Absent(
+        "fill",
+        "lower lowering bottom mobilisation mobilization mobilize lowerbottom piston",
+        "the bottom of a container stays where it is",
+        "use fill.mobilise: {bottom: 0.1 d, velocity: 1 mm/s}, which moves the surfaces of upright walls up instead",
+    ),
+    Absent(
         "measure",
         "profile profiles velocityprofile velocity field fields",
         "there is no profile of the whole bed",

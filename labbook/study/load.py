@@ -327,8 +327,12 @@ def _unknown_names(source: StudyText, settings: Settings) -> Iterator[Problem]:
             continue
         line, needed = source.line(("fit", index)), fits().get(name)
         if needed is None:
-            known = [*LAWS, *fits()]
-            yield Problem(source.path, line, "fit", f"no law is called {shown(name)}", instead(name, known))
+            row, message = absent("fit", name), f"no law is called {shown(name)}"
+            if row is None:
+                remedy = instead(name, [*LAWS, *fits()])
+            else:
+                message, remedy = f"{message}: {row.says}", row.remedy
+            yield Problem(source.path, line, "fit", message, remedy)
         elif needed not in settings.measure:
             message = f"{name} cannot be fitted: {needed} is not measured"
             yield Problem(source.path, line, "fit", message, f"add {needed} to measure")

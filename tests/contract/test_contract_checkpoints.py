@@ -7,6 +7,7 @@ import pytest
 from stands import identical
 
 from labbook.checks.verify.stand import rows_of
+from labbook.filling import lifted
 
 BEATS = 12
 
@@ -52,6 +53,29 @@ def test_taking_it_or_a_packing_changes_nothing(silo, uninterrupted):
         rows = ensemble.drain()
         for probe, table in tables.items():
             assert identical(rows_of(rows[probe], member), table)
+
+
+def test_it_goes_on_in_a_scene_whose_walls_move_otherwise(silo):
+    """The motion of surfaces is no part of the state: it may begin and end (`fill.mobilise`). Velocities at the whole
+    step are predicted by forces, which know it."""
+    moving, ends = lifted(silo.scene, 0.05), []
+    with silo.ensemble(scene=moving) as ensemble:
+        member = silo.admit(ensemble)
+        ensemble.advance(3)
+        checkpoint, before = ensemble.checkpoint(member), ensemble.packing(member)
+        ensemble.retire(member)
+        for scene in (silo.scene, moving):
+            member = ensemble.admit(scene, silo.numerics(), checkpoint)
+            assert np.array_equal(ensemble.packing(member).x, before.x)
+            assert np.array_equal(ensemble.packing(member).wall_spring, before.wall_spring)
+            ensemble.advance(3)
+            ends.append(ensemble.packing(member))
+            ensemble.retire(member)
+    with silo.ensemble() as alone:
+        member = silo.admit(alone, checkpoint)
+        alone.advance(3)
+        assert identical(alone.packing(member), ends[0]), "as by kernels for walls at rest"
+    assert not identical(*ends)
 
 
 def test_it_does_not_follow_the_member(silo):

@@ -1,6 +1,7 @@
 """Friction of walls is mobilised before the opening: a bed rests, its upright walls move up, and it rests again."""
 
 import json
+from dataclasses import replace
 
 import labbook_toy
 import pytest
@@ -75,6 +76,7 @@ def packing_of(lab):
     return folder
 
 
+@pytest.mark.slow
 def test_a_bed_rests_moves_and_rests_again(tmp_path, admitted):
     carry_out(study(tmp_path, orifices="[24]", replicates=1), tmp_path / "plain")
     admitted.clear()
@@ -119,6 +121,30 @@ def test_cut_short_in_any_stage_it_has_the_bits_of_one_in_one_go(tmp_path, monke
     entered = [scene for scene, start in admitted if isinstance(start, Checkpoint)]
     assert entered.count(lifted(closed, 1e-3)) > 2, "once by its stage, and again after each cut within it"
     assert arrays(packing_of(tmp_path / "lab")) == arrays(packing_of(tmp_path / "alone"))
+
+
+class OnDevice(labbook_toy.Backend):
+    """The toy on a device, whose ensemble has all beds."""
+
+    def __init__(self):
+        super().__init__()
+        self.capabilities = replace(self.capabilities, devices=("cpu", "cuda:0"))
+
+    def open(self, spec, slots=None, device="cpu"):
+        return super().open(spec, None, "cpu")
+
+
+@pytest.mark.slow
+def test_beds_side_by_side_are_those_of_one_after_another(tmp_path, admitted):
+    """They share an ensemble, in which each changes its scene when it is at rest."""
+    asked = study(tmp_path, MOBILISE, orifices="[24]", replicates=2)
+    carry_out(asked, tmp_path / "core")
+    admitted.clear()
+    carry_out(asked, tmp_path / "device", backend=OnDevice(), device="cuda:0")
+    closed = next(iter(demands(asked, 1))).shared.closed
+    assert [scene for scene, _ in admitted].count(lifted(closed, 1e-3)) == 2
+    for folder in (tmp_path / "core" / "packings").iterdir():
+        assert arrays(folder) == arrays(tmp_path / "device" / "packings" / folder.name)
 
 
 @pytest.mark.parametrize(

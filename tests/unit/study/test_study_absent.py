@@ -61,6 +61,8 @@ def written(place: str, word: str) -> dict[str, Any]:
         del data["grains"]["sizes"]
     if place == "measure":
         return {**data, "measure": ["flow_rate", word]}
+    if place == "fit":
+        return {**data, "fit": [word]}
     keys = [] if place == "." else place.replace("[]", ".[]").replace("*", "front").split(".")
     if place.startswith("reference."):
         keys = ["reference", "flow_rate", *keys[2:]]
@@ -119,6 +121,8 @@ def test_no_word_is_one_that_labbook_has():
         ({"reference": "data/measured.csv"}, "reference", "under reference.file", "flow_rate: [{at:"),
         ({"reference": {"source": "x", "flow_rate": "w.txt"}}, "reference.flow_rate", "under reference.file", "value"),
         ({"sweep": {"contact.cohesion": [1, 2]}}, "sweep.contact.cohesion", "no such key", "no cohesion"),
+        ({"fit": ["critical_size"]}, "fit", "no law is called critical_size: laws of avalanches", "clogging"),
+        ({"fill": {"bottom": "1 mm"}}, "fill.bottom", "stays where it is", "fill.mobilise"),
         ({"measure": ["wall_force"]}, "measure", "no measurement is called wall_force: forces", "wall_stress"),
     ],
 )
