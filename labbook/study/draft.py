@@ -37,7 +37,8 @@ class Draft:
 
         self._context: dict[str, Any] = {"units": "required", "beside": beside}
         self._grains = self._read_grains(data)
-        self._context["d"] = (self._grains or _PLACEHOLDER).diameter
+        grains = self._grains or _PLACEHOLDER
+        self._context |= {"d": grains.diameter, "grains": grains}
         self._scene, self._nearest = self._read_scene(data)
         self._fill: Fill | None = self._validated(Fill, fill, ("fill",))
         self._closed = self._read_closed()
