@@ -111,11 +111,11 @@ class Find(Goal):
         scatter = next((one.choice.scatter for one in study.points if getattr(one, "choice", None)), SCATTER)
         start = len(self._start(study)) * _BEDS
         expected = start + math.ceil((student(0.95, math.inf) * scatter / self.within) ** 2)
-        limit = f", at most {self.budget}" if self.budget is not None else ""
+        limit = f", at most {self.budget} runs" if self.budget is not None else ""
         return (
-            f"{self.key} with {self._amount(self.target)} within {percent(self.within)}. {start} runs over the range, "
+            f"{self.key} with {self._amount(self.target)} within {percent(self.within)}. {start} beds over the range, "
             f"then beds near the answer until the half width of the 95 % interval is {percent(self.within)}, then "
-            f"{HELD_OUT} held-out beds. About {expected + HELD_OUT} runs{limit} (scatter of a run: {percent(scatter)})"
+            f"{HELD_OUT} held-out beds. About {expected + HELD_OUT} beds{limit} (scatter of a run: {percent(scatter)})"
         )
 
     def start(self, study: Any) -> Proposal:

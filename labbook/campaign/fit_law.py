@@ -60,6 +60,7 @@ class FitLaw(Goal):
     """Fits a law to stated errors of its parameters."""
 
     name: ClassVar[str] = "fit"
+    testing: ClassVar[int] = 2 * HELD_OUT
 
     law: Annotated[str, Internal()]
     """Name of the law."""
@@ -119,11 +120,11 @@ class FitLaw(Goal):
     def plan_rule(self, study: Any) -> str:
         """Say when the campaign ends, and how many runs are expected."""
         start = len(self._start(study)) * _BEDS
-        limit = f", at most {self.budget}" if self.budget is not None else ""
+        limit = f", at most {self.budget} runs" if self.budget is not None else ""
         return (
-            f"{self._wishes()} of {self.law} (half widths of the 95 % intervals). {start} runs over the range, then "
+            f"{self._wishes()} of {self.law} (half widths of the 95 % intervals). {start} beds over the range, then "
             f"beds where they are worth most, a fifth of them inside the range, then {HELD_OUT} held-out beds at each "
-            f"end. About {self._expected(study) + 2 * HELD_OUT} runs{limit} (scatter of a run: {percent(SCATTER)})"
+            f"end. About {self._expected(study) + self.testing} beds{limit} (scatter of a run: {percent(SCATTER)})"
         )
 
     def start(self, study: Any) -> Proposal:

@@ -53,6 +53,8 @@ class Goal(Strategy):
     """A strategy with a promise. It waits for all runs of a generation: each rests on all results so far."""
 
     ahead: ClassVar[int] = 0
+    testing: ClassVar[int] = HELD_OUT
+    """Beds that are held out, at all points together."""
 
     budget: Annotated[int | None, Internal()] = None
     """Largest number of runs, stated beside the goal."""
@@ -94,8 +96,8 @@ class Goal(Strategy):
         step = self.step(study, trials) if generations else Step(self.start(study))
         if self.budget is None or step.proposal.state != "go" or step.holds_out:
             return step
-        left = self.budget - len(trials) - HELD_OUT
-        if new_runs(step.proposal.assignments, trials) <= left:
+        new = new_beds(step.proposal.assignments, trials) + self.testing
+        if len(trials) + new * study.discharges_per_bed <= self.budget:
             return step
         reason = f"the budget of {self.budget} runs does not allow more, and the promise is not reached"
         return Step(Proposal.end(f"{reason}: {step.proposal.reason}"))
@@ -107,7 +109,7 @@ def _trials(generations: Sequence[Generation]) -> list[Trial]:
     return list(runs.values())
 
 
-def new_runs(assignments: Sequence[Assignment], trials: Sequence[Trial]) -> int:
+def new_beds(assignments: Sequence[Assignment], trials: Sequence[Trial]) -> int:
     """Count the beds of assignments that are not among the runs."""
     there = {(place(trial.at), trial.seed) for trial in trials}
     proposed = {(place(one.at), seed) for one in assignments for seed in range(1, one.replicates + 1)}

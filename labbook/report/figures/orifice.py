@@ -202,7 +202,7 @@ def _their_law(
         if isinstance(fit.law, Beverloo) and known.keys() >= {"C_particle", "k"}:
             free = np.array([math.log(known["C_particle"]), known["k"]])
             W = fit.law.flow(D, free, fit.context)
-            label = f"{verbatim(source)}, C = {known['C_particle']:g}, k = {known['k']:g}"
+            label = f"{verbatim(source)}, C = {known['C_particle']:.4g}, k = {known['k']:.4g}"
             ax.plot(D * 1e3, _scaled(W, power), color=INK, linestyle=":", zorder=1, label=label)
 
 

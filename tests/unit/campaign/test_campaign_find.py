@@ -40,6 +40,7 @@ class Toy:
         self.study = SimpleNamespace(
             points=[SimpleNamespace(at={key: x}, scene=scene) for x in values],
             units={key: "m" if key == KEY else ""},
+            discharges_per_bed=1,
             accuracy=SimpleNamespace(max_replicates=100),
         )
         self.law, self.key, self.clogs, self.rng = law, key, clogs, np.random.default_rng(seed)
@@ -133,7 +134,7 @@ def test_held_out_beds_are_new():
     assert len(last.assignments) == 1
     assert max(before) <= last.assignments[0].replicates - HELD_OUT
     assert f"{HELD_OUT} held-out beds" in campaign.lines[-1]
-    assert campaign.lines[0].startswith("Goal: container.orifice with flow_rate = 444.3 g/s within 1 %. 8 runs over")
+    assert campaign.lines[0].startswith("Goal: container.orifice with flow_rate = 444.3 g/s within 1 %. 8 beds over")
 
 
 def test_a_broken_promise_is_reported():

@@ -38,6 +38,7 @@ class Toy:
         self.study = SimpleNamespace(
             points=[SimpleNamespace(at={KEY: D}, scene=SCENE) for D in values],
             units={KEY: "m"},
+            discharges_per_bed=1,
             accuracy=SimpleNamespace(max_replicates=200),
         )
         self.law, self.rng = law, np.random.default_rng(seed)
@@ -123,9 +124,11 @@ def test_a_law_that_misses_is_given_up():
 
 
 def test_the_plan_states_rule_and_runs():
-    rule = Toy().campaign(budget=60)
+    toy = Toy()
+    rule = toy.campaign(budget=60)
+    assert len(toy.runs) <= 60
     assert rule.lines[0].startswith("Goal: C_particle to 2 % and k to 2 % of beverloo_3d")
-    assert "16 runs over the range" in rule.lines[0]
+    assert "16 beds over the range" in rule.lines[0]
     assert "at most 60" in rule.lines[0]
     assert rule.ended is not None
     assert rule.ended.startswith("the budget of 60 runs does not allow more")

@@ -47,6 +47,7 @@ def test_the_measurement_has_a_fit_of_its_own(beside, synthetic):
     assert known["k"].ours == ours.value
     table = fit_table("beverloo", series.fits["beverloo"], known, beside.source)
     assert "bench.csv" in table.headings
+    assert not any("together" in note for note in table.notes), "their errors belong together"
     assert any(row[0] == "k" and row[3].startswith("1.20 ±") for row in table.rows)
 
 
