@@ -46,32 +46,32 @@ def send(values: np.ndarray, array: Any, first: int) -> None:
 
 
 class Outgoing:
-    """What is written to some slots of arrays, on the host, until it is sent to the device."""
+    """Buffers on the host for what is written to some slots of arrays, until it is sent to the device."""
 
-    def __init__(self, slots: int, written: Collection[int]):
-        """slots: how many the arrays have; written: those that may be written to."""
-        self._slots, self._places = slots, {slot: place for place, slot in enumerate(sorted(written))}
-        self._held: dict[int, tuple[Any, Any, np.ndarray, set[int]]] = {}
+    def __init__(self, slots: int, targets: Collection[int]):
+        """slots: how many the arrays have; targets: those that may be written to."""
+        self._slots, self._places = slots, {slot: place for place, slot in enumerate(sorted(targets))}
+        self._buffers: dict[int, tuple[Any, Any, np.ndarray, set[int]]] = {}
         """By pointer, an array on the device, the entries of all these slots for Warp and for NumPy, and the slots
         written to so far."""
 
     def entries(self, array: Any, slot: int) -> np.ndarray:
         """Return the entries that an array is to have for a slot: zeros at first, and to be written to."""
         size = array.shape[0] // self._slots
-        if array.ptr not in self._held:
-            held = wp.zeros(len(self._places) * size, dtype=array.dtype, device="cpu")
-            self._held[array.ptr] = array, held, held.numpy(), set()
-        _, _, entries, slots = self._held[array.ptr]
+        if array.ptr not in self._buffers:
+            buffer = wp.zeros(len(self._places) * size, dtype=array.dtype, device="cpu")
+            self._buffers[array.ptr] = array, buffer, buffer.numpy(), set()
+        _, _, entries, slots = self._buffers[array.ptr]
         slots.add(slot)
         first = self._places[slot] * size
         return entries[first : first + size]
 
     def send(self) -> None:
         """Copy all that was written to the device."""
-        for array, held, _, slots in self._held.values():
+        for array, buffer, _, slots in self._buffers.values():
             size = array.shape[0] // self._slots
             for first, count, _ in _runs(sorted(slots)):
-                wp.copy(array, held, first * size, self._places[first] * size, count * size)
+                wp.copy(array, buffer, first * size, self._places[first] * size, count * size)
 
 
 class Arrays:
@@ -99,7 +99,7 @@ class Arrays:
         self._whole: dict[int, np.ndarray] | None = None
         """Copies on the host, by pointer, within `together`."""
         self._outgoing: Outgoing | None = None
-        """What was written within `written_together`."""
+        """Buffers within `written_together`."""
         self._places: dict[int, int] = {}
         """Place of each slot that is read within `gathered`."""
         self._gathered: dict[int, np.ndarray] = {}

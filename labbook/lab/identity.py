@@ -376,11 +376,11 @@ def _packing(closed: str, filling: Filling, numerics: Numerics, maker: str) -> d
 
 @once(256)
 def _filling(filling: Filling) -> Text:
-    stated = {
+    parts = {
         name: value for name, value in vars(filling).items() if name not in ("moving", "file", "mobilise") or value
     }
     if filling.file is not None:
-        stated["file"] = asdict(filling.file)
+        parts["file"] = asdict(filling.file)
     if filling.mobilise is not None:
-        stated["mobilise"] = filling.mobilise.model_dump()
-    return canonical(stated)
+        parts["mobilise"] = filling.mobilise.model_dump()
+    return canonical(parts)
