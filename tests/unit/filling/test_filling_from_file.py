@@ -166,7 +166,7 @@ def test_what_cannot_be_read_is_named(content, message):
 
 
 @given(st.sampled_from([DUMP, DATA, CSV]), st.data())
-@settings(max_examples=300, deadline=None)
+@settings(max_examples=150, deadline=None)
 def test_a_damaged_file_is_read_or_refused_and_nothing_else(content, data):
     """Bytes are cut out, put in or changed at random places."""
     for _ in range(data.draw(st.integers(1, 4))):
