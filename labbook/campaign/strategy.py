@@ -71,8 +71,8 @@ class Trial:
     """A finished run as strategies see it.
 
     `at`: values of the swept keys [SI]; `key`: of the run; `numbers`: its finite numbers by name of their quantity
-    [SI], and of rates what they are over (EXPOSURE); none of a run that diverged or is suspect: `outcome` says how it ended; `seed`: of its bed, of which it is the
-    first, second ... `discharge`.
+    [SI], and of rates what they are over (EXPOSURE); none of a run that diverged or is suspect: `outcome` says how it
+    ended; `seed`: of its bed, of which it is the first, second ... `discharge`.
     """
 
     at: Values
