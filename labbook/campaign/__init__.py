@@ -21,6 +21,7 @@ from labbook.campaign.strategy import (
     Trial,
     place,
 )
+from labbook.campaign.transition import Transition
 
 __all__ = [
     "STRATEGIES",
@@ -37,6 +38,7 @@ __all__ = [
     "Stops",
     "Strategies",
     "Strategy",
+    "Transition",
     "Trial",
     "place",
 ]

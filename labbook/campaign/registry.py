@@ -10,6 +10,7 @@ from labbook.campaign.find import Find
 from labbook.campaign.fit_law import FitLaw
 from labbook.campaign.goal import Budgeted, Goal
 from labbook.campaign.strategy import Strategy
+from labbook.campaign.transition import Transition
 from labbook.plugins import Registry
 from labbook.scene.model import Fault, refuse
 
@@ -58,5 +59,5 @@ def _only(adapt: Budgeted) -> Strategy:
     return strategy.model_copy(update={"budget": adapt.budget})
 
 
-STRATEGIES = Strategies("labbook.strategies", (Find, FitLaw))
+STRATEGIES = Strategies("labbook.strategies", (Find, FitLaw, Transition))
 """Strategies that a study can name under `adapt`."""

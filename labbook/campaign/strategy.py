@@ -18,6 +18,8 @@ from labbook.scene.quantities import DIGITS
 from labbook.stats import Decision, Pooled, pool
 from labbook.stats.nested import Beds, by_bed, of_beds
 
+EXPOSURE = ".exposure"
+"""End of the names of numbers that rates are over, such as the grains that left of a probability of a stop."""
 Values = Mapping[str, float | str]
 """Dotted keys of a study, with values in SI; the word itself for keys that take words."""
 
@@ -69,8 +71,8 @@ class Trial:
     """A finished run as strategies see it.
 
     `at`: values of the swept keys [SI]; `key`: of the run; `numbers`: its finite numbers by name of their quantity
-    [SI], none of a run that diverged or is suspect: `outcome` says how it ended; `seed`: of its bed, of which it is the
-    first, second ... `discharge`.
+    [SI], and of rates what they are over (EXPOSURE); none of a run that diverged or is suspect: `outcome` says how it
+    ended; `seed`: of its bed, of which it is the first, second ... `discharge`.
     """
 
     at: Values

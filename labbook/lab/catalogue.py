@@ -332,11 +332,19 @@ class Catalogue:
         return found
 
     def values(
-        self, run_keys: Iterable[str], quantity: str, version: int, window: Window, *, suspects: bool
+        self,
+        run_keys: Iterable[str],
+        quantity: str,
+        version: int,
+        window: Window,
+        *,
+        suspects: bool,
+        exposures: bool = False,
     ) -> dict[str, float]:
         """The finite values of one quantity, by run; runs that diverged have none, nor those that are suspect unless
-        `suspects` says so."""
-        query = select(measurements.c.run_key, measurements.c.value).where(
+        `suspects` says so. `exposures`: in place of values of a rate, what they are over."""
+        column = measurements.c.n_effective if exposures else measurements.c.value
+        query = select(measurements.c.run_key, column).where(
             measurements.c.run_key == runs.c.run_key,
             runs.c.outcome != "diverged",
             measurements.c.quantity == quantity,

@@ -14,6 +14,7 @@ from labbook.backend import Capabilities
 from labbook.campaign import Assignment, Generation, History, Proposal, Replicates, Stops, Trial, place
 from labbook.campaign.replicates import QUANTITY, in_words, scatter_of_beds
 from labbook.campaign.stops import COUNT, stops
+from labbook.campaign.strategy import EXPOSURE
 from labbook.commands import command
 from labbook.lab import identity
 from labbook.lab.campaigns import campaign_of
@@ -439,6 +440,12 @@ class Planner:
                 )
                 for key, value in values.items():
                     numbers[key][quantity.name] = value
+                if quantity.estimator == "rate":
+                    over = self.catalogue.values(
+                        run_keys, quantity.name, measure.version, study.window, suspects=suspects, exposures=True
+                    )
+                    for key, value in over.items():
+                        numbers[key][f"{quantity.name}{EXPOSURE}"] = value
         return numbers
 
     def _begun(self, points: Iterable[PointDemand]) -> list[PointPlan]:

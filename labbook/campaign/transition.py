@@ -1,0 +1,235 @@
+"""The goal `transition`: the value of the swept key at which the flow stops before so many grains with a probability.
+
+    adapt:
+      transition: {container.orifice: {clogging: 50 %, grains: 1000, within: 0.1 d}}
+
+The probability q of a stop per grain falls with the width of the outlet: ln q is taken as a concave parabola against
+the key, and P(stop before N grains) = 1 - (1 - q)^N. Stops are a Poisson number of mean q G among the G grains of all
+runs at a setting. Position, slope and bend have a posterior on a grid: a sequential Bayesian design of quantal
+response (Chaloner & Larntz, J. Stat. Plan. Inference 21 (1989) 191) runs at the quartiles of the position.
+"""
+
+import math
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Annotated, Any, ClassVar
+
+import numpy as np
+from pydantic import model_validator
+
+from labbook.campaign.goal import HELD_OUT, Goal, Step, held_out, of_one_key, only_swept, spread
+from labbook.campaign.stops import COUNT
+from labbook.campaign.strategy import EXPOSURE, Assignment, Proposal, Trial
+from labbook.measure.clogging import NAME, PROBABILITY
+from labbook.scene.model import Fault, Internal, refuse
+from labbook.scene.quantities import parse, percent
+from labbook.stats.rates import rate
+
+_SETTINGS, _BEDS = 4, 2
+"""Settings of the start, and beds of each."""
+_BATCH = 6
+"""Beds of a generation after the start."""
+_POSITIONS = 161
+_SLOPES = np.geomspace(0.5, 60, 20)
+"""Falls of ln q over the range of the sweep that are possible a priori, each as likely as any other."""
+_BENDS = np.array([1e-6, 2.0, 5.0, 12.0, 30.0])
+"""Further falls at the end of a range from the transition on: ln q is concave where flows cease to stop at a critical
+width."""
+
+
+@dataclass(frozen=True)
+class Position:
+    """Position of the transition: quartiles and 95 % interval of its posterior [SI]."""
+
+    lower: float
+    median: float
+    upper: float
+    low: float
+    high: float
+
+    @property
+    def half(self) -> float:
+        """Half width of the interval."""
+        return (self.high - self.low) / 2
+
+
+class Transition(Goal):
+    """Finds where the flow stops before so many grains with a probability."""
+
+    name: ClassVar[str] = "transition"
+
+    key: Annotated[str, Internal()]
+    """The swept key."""
+    clogging: Annotated[float, Internal()]
+    """Probability of a stop."""
+    grains: Annotated[int, Internal()]
+    """Grains before which it stops."""
+    within: Annotated[str, Internal()]
+    """Half width of the 95 % interval of the setting to reach, with its unit."""
+
+    @model_validator(mode="before")
+    @classmethod
+    def _of_mapping(cls, mapping: Any) -> Any:
+        """{key: {clogging: part, grains: number, within: width}} as fields."""
+        if isinstance(mapping, Mapping) and mapping.keys() >= {"key", "clogging", "grains", "within"}:
+            return mapping
+        if not (isinstance(mapping, Mapping) and len(mapping) == 1):
+            refuse([Fault("", "one swept key is needed", _EXAMPLE)])
+        ((key, wish),) = mapping.items()
+        if not isinstance(wish, Mapping):
+            refuse([Fault(str(key), "a mapping of keys is needed", _EXAMPLE)])
+        if wish.keys() != {"clogging", "grains", "within"}:
+            refuse([Fault(key, "clogging, grains and within are needed, and nothing else", _EXAMPLE)])
+        try:
+            part = parse(wish["clogging"], "") if isinstance(wish["clogging"], str) else float(wish["clogging"])
+            grains = int(float(wish["grains"]))
+        except (ValueError, TypeError) as error:
+            refuse([Fault(key, str(error), _EXAMPLE)])
+            raise
+        if not 0 < part < 1 or grains < 1:
+            refuse([Fault(key, "a probability between 0 and 1, and a number of grains above 0, are needed", _EXAMPLE)])
+        return {"key": key, "clogging": part, "grains": grains, "within": str(wish["within"])}
+
+    def obstacles(self, measures: Sequence[str], points: Sequence[Any]) -> Iterator[Fault]:
+        """Find what a study lacks for this goal."""
+        faults = of_one_key("transition", self.key, points)
+        yield from faults
+        if NAME not in measures:
+            yield Fault("transition", "stops are not measured", f"add {NAME} to measure")
+        if faults:
+            return
+        try:
+            width = self._width(points)
+        except ValueError as error:
+            yield Fault(f"transition.{self.key}.within", f"{self.within}: {error}", _EXAMPLE)
+            return
+        swept = only_swept(points)
+        assert swept is not None
+        if not 0 < width < swept.values[-1] - swept.values[0]:
+            yield Fault(f"transition.{self.key}.within", "a part of the range of the sweep is needed", _EXAMPLE)
+
+    def plan_rule(self, study: Any) -> str:
+        """Say when the search ends."""
+        limit = f", at most {self.budget} runs" if self.budget is not None else ""
+        return (
+            f"{self.key} at which {percent(self.clogging)} of the flows stop before {self.grains} grains, to "
+            f"±{self.within}. {_SETTINGS * _BEDS} beds over the range, then {_BATCH} at a time at the quartiles of its "
+            f"position until the 95 % interval is so narrow, then {HELD_OUT} held-out beds{limit}"
+        )
+
+    def start(self, study: Any) -> Proposal:
+        """Propose a few settings over the range, with two beds each."""
+        swept = only_swept(study.points)
+        assert swept is not None
+        settings = spread(swept, _SETTINGS)
+        assignments = tuple(Assignment({self.key: x}, _BEDS) for x in settings)
+        return Proposal(assignments, f"{len(settings)} settings over the range, with {_BEDS} beds each")
+
+    def step(self, study: Any, trials: Sequence[Trial]) -> Step:
+        """Propose beds at the quartiles of the position, or hold beds out once it is known well enough."""
+        counts = self._counts(trials)
+        if not sum(exposure for _, exposure in counts.values()):
+            return Step(Proposal.end("no grain counts beyond the transients: use more grains, or wider outlets"))
+        position, width = self._position(study, counts), self._width(study.points)
+        progress = f"{self._setting(study, position.median)} (95 %: {self._setting(study, position.low)} to "
+        progress += f"{self._setting(study, position.high)}) from {len(trials)} beds"
+        beds = {x: len([trial for trial in trials if trial.at[self.key] == x]) for x in counts}
+        if position.half <= width:
+            nearest = min(counts, key=lambda x: (abs(x - position.median) > width, -beds[x]))
+            return held_out({self.key: nearest}, trials, progress)
+        if max(beds.values()) >= study.accuracy.max_replicates:
+            reason = "accuracy.max_replicates allows no more beds, and the promise is not reached"
+            return Step(Proposal.end(f"{reason}: {progress}"))
+        proposed: dict[float, int] = {}
+        for x in (position.lower, position.median, position.upper):
+            setting = self._on_grid(study, x)
+            proposed[setting] = proposed.get(setting, beds.get(setting, 0)) + _BATCH // 3
+        assignments = tuple(Assignment({self.key: x}, number) for x, number in sorted(proposed.items()))
+        return Step(Proposal(assignments, f"{progress}: {_BATCH} beds at its quartiles"))
+
+    def verdict(self, study: Any, trials: Sequence[Trial], withheld: Sequence[Trial]) -> str:
+        """Compare stops of beds that were held out with what the position says."""
+        counts, width = self._counts(trials), self._width(study.points)
+        position = self._position(study, counts)
+        answer = f"{percent(self.clogging)} of the flows stop before {self.grains} grains at "
+        answer += f"{self._setting(study, position.median)} (95 %: {self._setting(study, position.low)} to "
+        answer += f"{self._setting(study, position.high)}) from {len(trials)} beds"
+        observed = self._counts(withheld)
+        if not observed or not sum(exposure for _, exposure in observed.values()):
+            return f"{answer}. Promise not tested: no grain of the held-out beds counts"
+        ((x, (stops, exposure)),) = observed.items()
+        measured = rate(round(stops), exposure)
+        least, most = sorted(self._expected(study, counts, x + shift) for shift in (width, -width))
+        word = "kept" if measured.low <= most and measured.high >= least else "not kept"
+        tested = f"{len(withheld)} held-out beds at {self._setting(study, x)} stop {stops:.0f} times in {exposure:.0f} "
+        tested += f"grains, and {least * exposure:.3g} to {most * exposure:.3g} are expected"
+        return f"{answer}. Promise {word} (±{self.within}): {tested}"
+
+    def _counts(self, trials: Sequence[Trial]) -> dict[float, tuple[float, float]]:
+        """Stops, and grains that left beyond the transients, by setting."""
+        counts: dict[float, tuple[float, float]] = {}
+        for trial in sorted(trials, key=lambda trial: trial.key):
+            x = float(trial.at[self.key])
+            stops, exposure = counts.get(x, (0.0, 0.0))
+            grains = trial.numbers.get(f"{PROBABILITY}{EXPOSURE}", 0.0)
+            counts[x] = stops + (trial.numbers.get(COUNT, 0.0) if grains else 0.0), exposure + grains
+        return counts
+
+    def _posterior(self, study: Any, counts: Mapping[float, tuple[float, float]]) -> tuple[np.ndarray, np.ndarray]:
+        """Positions, and the posterior of these, of slopes and bends, shape [positions, slopes, bends]."""
+        swept = only_swept(study.points)
+        assert swept is not None
+        low, high = swept.values[0], swept.values[-1]
+        positions = np.linspace(low, high, _POSITIONS)
+        x = np.array([*counts])
+        stops, exposures = np.array([*counts.values()]).T
+        log_q = self._log_q(study, x, positions)
+        likelihood = (stops * log_q - exposures * np.exp(log_q)).sum(axis=-1)
+        posterior = np.exp(likelihood - likelihood.max())
+        return positions, posterior / posterior.sum()
+
+    def _log_q(self, study: Any, x: np.ndarray, positions: np.ndarray) -> np.ndarray:
+        """ln q at n settings for each position, slope and bend, shape [positions, slopes, bends, n]."""
+        swept = only_swept(study.points)
+        assert swept is not None
+        off = (x - positions[:, None, None, None]) / (swept.values[-1] - swept.values[0])
+        slope, bend = _SLOPES[:, None, None], _BENDS[:, None]
+        off = np.maximum(off, -slope / (2 * bend))  # the parabola never falls towards narrow outlets
+        return np.minimum(self._level - (slope + bend * off) * off, 0.0)
+
+    def _position(self, study: Any, counts: Mapping[float, tuple[float, float]]) -> Position:
+        positions, posterior = self._posterior(study, counts)
+        cumulative = np.cumsum(posterior.sum(axis=(1, 2)))
+        return Position(*(float(np.interp(part, cumulative, positions)) for part in (0.25, 0.5, 0.75, 0.025, 0.975)))
+
+    def _expected(self, study: Any, counts: Mapping[float, tuple[float, float]], x: float) -> float:
+        """Mean a posteriori of q at a setting."""
+        positions, posterior = self._posterior(study, counts)
+        return float((posterior * np.exp(self._log_q(study, np.array([x]), positions))[..., 0]).sum())
+
+    @property
+    def _level(self) -> float:
+        """ln q at the transition: 1 - (1 - q)^N is the probability."""
+        return math.log(-math.expm1(math.log1p(-self.clogging) / self.grains))
+
+    def _width(self, points: Sequence[Any]) -> float:
+        """Half width to reach [SI]. Raises ValueError."""
+        scene = points[0].scene
+        unit = "m" if self.within.strip().endswith(("d", "m")) else ""
+        return parse(self.within, unit, scene.grains.diameter)
+
+    def _on_grid(self, study: Any, x: float) -> float:
+        """A setting on a grid of half the width to reach, so that beds gather at few settings."""
+        swept = only_swept(study.points)
+        assert swept is not None
+        grid = float(f"{self._width(study.points) / 2:.2g}")
+        low, high = swept.values[0], swept.values[-1]
+        return min(max(float(f"{round(x / grid) * grid:.12g}"), low), high)
+
+    def _setting(self, study: Any, value: float) -> str:
+        if study.units.get(self.key) == "m":
+            return f"{1e3 * value:.4g} mm"
+        return f"{value:.4g} {study.units.get(self.key, '')}".rstrip()
+
+
+_EXAMPLE = "write {container.orifice: {clogging: 50 %, grains: 1000, within: 0.1 d}}"
