@@ -1,12 +1,12 @@
 """Contacts of spheres with walls of triangles, for all backends.
 
-A sphere touches a surface at every point at which tests distance from the centre has a local minimum below the radius.
+A sphere touches a surface at every point at which its distance from the centre has a local minimum below the radius.
 So each *feature* (a face, an edge, a vertex) decides alone, by conditions on where the centre x lies: with p a point of
 a line and d a direction, (x - p) . d is positive or not.
 
-* face: on the inner side of tests three edges, by unit vectors t within the face
-* edge from p to q along l: between tests ends, and on the inner side of none of tests triangles
-* vertex: not along any of tests edges
+* face: on the inner side of its three edges, by unit vectors t within the face
+* edge from p to q along l: between its ends, and on the inner side of none of its triangles
+* vertex: not along any of its edges
 
 The conditions of neighbours hold the same numbers, so that they decide from the same bits. Where the foot of the
 centre lies on an edge or vertex to round-off, both sides or none would count. So conditions hold within 1e-5 R, and
@@ -15,7 +15,7 @@ contacts whose points are less than 1e-3 R apart are one, the deepest.
 Springs belong to features: a contact takes over that of the contact of the same grain that ended in this step on a
 feature with a vertex in common, as where a grain rolls over the edge of a triangle.
 
-Evaluating each triangle alone would count an edge once for each of tests triangles, and skipping neighbours that have
+Evaluating each triangle alone would count an edge once for each of its triangles, and skipping neighbours that have
 been seen would make forces depend on the order of triangles.
 """
 
@@ -30,17 +30,17 @@ from labbook.scene.triangles import Triangles
 from labbook_dem.words import dot, func, kernel, sqrt, wide, wide3
 
 MESH_CONTACTS = 8
-"""Contacts of a grain with one mesh, at most; each has a place for tests spring."""
+"""Contacts of a grain with one mesh, at most; each has a place for its spring."""
 OVER = -1
 """Number of contacts where there are more."""
-# columns of a feature: kind, patch, first condition and behind the last, a point and a unit vector, tests vertices
+# columns of a feature: kind, patch, first condition and behind the last, a point and a unit vector, its vertices
 F_KIND, F_PATCH, F_FIRST, F_LAST, F_POINT, F_UNIT, F_VERTICES = 0, 1, 2, 3, 4, 7, 10
 FEATURE_COLUMNS = 13
 FACE, EDGE, VERTEX = 0, 1, 2
 # columns of a condition: a point, a direction, and 1 or -1 for positive or not
 C_POINT, C_ALONG, C_SENSE = 0, 3, 6
 CONDITION_COLUMNS = 7
-# columns of a contact: feature, overlap [m], unit normal, place of tests spring, and 1 if the spring is an older one
+# columns of a contact: feature, overlap [m], unit normal, place of its spring, and 1 if the spring is an older one
 K_FEATURE, K_OVERLAP, K_NORMAL, K_PLACE, K_OLDER = 0, 1, 2, 5, 6
 CONTACT_ROWS, CONTACT_COLUMNS = 2 * MESH_CONTACTS, 8
 SPRING_KEY = 3
@@ -185,7 +185,7 @@ def mesh_meet(features: np.ndarray, f: int, g: int):
 def mesh_places(
     features: np.ndarray, contacts: np.ndarray, count: int, held_bits: int, spring: np.ndarray, base: int
 ):  # fmt: skip
-    """Give each contact the place of tests spring among the rows of `spring` from `base` on; which are held now.
+    """Give each contact the place of its spring among the rows of `spring` from `base` on; which are held now.
 
     held_bits: a bit for each place with a spring, whose feature stands in column SPRING_KEY.
     """
@@ -325,7 +325,7 @@ class PlainMesh:
         self._contacts = np.zeros((CONTACT_ROWS, CONTACT_COLUMNS))
 
     def distance(self, x: wide3) -> tuple[float, wide3]:
-        """Distance [m] of the point x; the normal is not count."""
+        """Distance [m] of the point x; the normal is of no meaning."""
         surface, at = self.shape.surface, np.array([x.x, x.y, x.z])
         every = np.arange(len(surface.corners))
         return float(surface.apart(np.tile(at, (len(every), 1)), every).min()), wide3(0.0, 0.0, 0.0)
