@@ -108,6 +108,8 @@ def _axes(room: Room, plane: float, radius: float, symmetry: str, top: float) ->
     if not room.prismatic:  # up to where grains start
         high = max(high, top)
     deep = symmetry == "none" and back - front > 0
+    rims = [shape.bounds.high[2] for shape in room.shapes if shape.holds]
+    high = min(high, max(rims, default=math.inf))  # above, a way would lead over the rim
     sides = [right - left, back - front if deep else 0.0, high - low]
     spacing = 2 * radius / _FINE
     for _ in range(60):

@@ -99,32 +99,38 @@ def contacts_at(st: State, p: Params, k, x, radius):
 @kernel
 def pack_mesh(st: State, p: Params, w, k, last, b, i, slot):
     """Bring contacts of the entries from k on with mesh w into the block, as many as fit; how many contacts there are,
-    and the entry that is next."""
+    and the entry that is next.
+
+    Arrays are taken out of the records once: records of so many arrays are dear to pass on.
+    """
     count = uint64(0)
-    touch = st.touch
+    touch, spring, bits, j = st.touch, st.wall_spring, st.wall_held, st.block_j
+    grains, body, listed = st.grains, st.body, st.wall_grain
+    features, conditions = p.mesh_features, p.mesh_conditions
+    near, first, motion = st.mesh_near, st.mesh_first, p.wall_motion
     while k < last and count + uint64(MESH_CONTACTS) <= BLOCK:
-        grain = st.wall_grain[k]
-        x = load(st.grains, grain, X)
-        radius = radius_of(st.body, grain, p.radius)
-        rows = contacts_at(st, p, k, x, radius)
+        grain = listed[k]
+        x = load(grains, grain, X)
+        radius = radius_of(body, grain, p.radius)
+        begin, end = int64(first[k]), int64(first[k + uint64(1)])
+        rows = mesh_contacts(features, conditions, near, begin, end, x, radius, touch)
         if rows == OVER:
             rows = 1
             touch[0, K_OVERLAP] = np.inf  # which no guard lets pass
-        if FRICTION:
+        if FRICTION and (rows > 0 or bits[k] != 0):
             base = int64(k) * int64(WALL_PARTS)
-            st.wall_held[k] = mesh_places(p.mesh_features, touch, rows, int64(st.wall_held[k]), st.wall_spring, base)
+            bits[k] = mesh_places(features, touch, rows, int64(bits[k]), spring, base)
         for n in range(rows):
             normal = mesh_vector(touch, n, K_NORMAL)
             put_vector(b, NX + count, normal)
             b[DEPTH + count] = touch[n, K_OVERLAP]
             if MOVING:
-                put_vector(b, UX + count, wall_velocity(p.wall_motion, w, x - normal * (radius - touch[n, K_OVERLAP])))
+                put_vector(b, UX + count, wall_velocity(motion, w, x - normal * (radius - touch[n, K_OVERLAP])))
             i[count] = grain
             if FRICTION:
-                row = int64(k) * int64(WALL_PARTS) + int64(touch[n, K_PLACE])
                 b[HELD + count] = touch[n, K_OLDER]
-                slot[count] = row
-                st.block_j[count] = touch[n, K_FEATURE]
+                slot[count] = int64(k) * int64(WALL_PARTS) + int64(touch[n, K_PLACE])
+                j[count] = touch[n, K_FEATURE]
             count += uint64(1)
         k += uint64(1)
     return count, k
