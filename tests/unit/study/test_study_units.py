@@ -7,6 +7,7 @@ units; a turn is 2 pi rad.
 import math
 import pathlib
 import re
+import shutil
 from collections.abc import Iterator, Mapping
 from typing import Any
 
@@ -204,9 +205,11 @@ STUDIES: dict[str, dict[str, Any]] = {
 
 @pytest.fixture(autouse=True)
 def _beside(tmp_path, monkeypatch):
-    """The file of a start, in the current folder: 100 grains far from each other and from the walls."""
+    """Files that studies made in Python name lie in the current folder: a mesh, and a start of 100 grains far from each
+    other and from the walls."""
     rows = [f"{10 * (k % 5) - 20},{10 * (k // 5 % 5) - 20},{10 * (k // 25) + 10}" for k in range(100)]
     (tmp_path / "grains.csv").write_text("\n".join(["x [mm],y [mm],z [mm]", *rows]))
+    shutil.copy(pathlib.Path(__file__).parents[2] / "toy" / "tetrahedron.obj", tmp_path)
     monkeypatch.chdir(tmp_path)
 
 
@@ -264,12 +267,6 @@ def same(ours: list[Any], expected: list[Any]) -> bool:
         math.isclose(a, b, rel_tol=1e-12, abs_tol=1e-18) if isinstance(b, float) else a == b
         for a, b in zip(ours, expected, strict=True)
     )
-
-
-@pytest.fixture(autouse=True)
-def _beside_a_mesh(monkeypatch):
-    """Files that a study made in Python names lie in the current folder."""
-    monkeypatch.chdir(pathlib.Path(__file__).parents[2] / "toy")
 
 
 PLACES = [(name, *found) for name, data in STUDIES.items() for found in quantities(data)]
