@@ -76,7 +76,7 @@ def _leak(container: Container, radius: float, volume: float, flat: bool) -> Lea
         if shape.half_space:
             planes = np.minimum(planes, shape.distance(points))
         else:
-            others = np.minimum(others, shape.distance(points))
+            others = np.minimum(others, shape.clearance(points, radius + spacing))
     start = (room.holds(points) & (points[:, 2] > max(plane, room.bottom))).reshape(size)
     diagonal = spacing * math.sqrt(sum(len(axis) > 1 for axis in axes))
     sure = (planes >= radius * (1 - 1e-9)) & (others >= radius + spacing / 2)

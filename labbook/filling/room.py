@@ -110,7 +110,7 @@ class Room:
         clearance = self.clearance if clearance is None else clearance
         inside = np.ones(len(x), bool)
         for shape in self.shapes:
-            inside &= shape.distance(x) >= clearance
+            inside &= shape.clearance(x, float(np.max(clearance))) >= clearance
         for shape, _ in self._vessels:
             inside &= shape.inside(x)
         if self.round:

@@ -116,11 +116,14 @@ class TriangleMesh(WallShape):
 
     def distance(self, x: np.ndarray) -> np.ndarray:
         """Distance [m] of points x, shape [n, 3]: of a closed surface negative on the side without grains."""
-        surface = self.surface
-        away = surface.distance(x)
-        if not surface.closed:
+        return self.clearance(x, math.inf)
+
+    def clearance(self, x: np.ndarray, reach: float) -> np.ndarray:
+        """Distance [m] as `distance` gives it, where it is at most `reach` [m]; further away any number beyond it."""
+        away = self.surface.distance(x, reach)
+        if not self.surface.closed:
             return away
-        return np.where(surface.inside(x) == self.encloses, away, -away)
+        return np.where(self.surface.inside(x) == self.encloses, away, -away)
 
     @property
     def bounds(self) -> Bounds:

@@ -18,6 +18,8 @@ WELD = 1e-6
 """Distance, as a fraction of the diagonal of the box around a surface, below which two vertices are one."""
 _AT_ONCE = 400_000  # pairs of points and triangles in memory
 _SLACK = 1 + 1e-9  # of bounds, against round-off
+_PIECES = 32
+"""Diagonal of a surface over the radius of the largest ball around a piece of it."""
 
 
 @dataclass(frozen=True)
@@ -207,19 +209,34 @@ class Triangles:
 
     # where points lie
 
-    def distance(self, x: np.ndarray) -> np.ndarray:
-        """Distance [m] of points x, shape [n, 3], from the nearest triangle, shape [n]."""
+    def distance(self, x: np.ndarray, reach: float = math.inf) -> np.ndarray:
+        """Distance [m] of points x, shape [n, 3], from the nearest triangle, shape [n]; of those further away than
+        `reach` [m] a smaller one that is beyond it, which takes less time."""
         distances = np.empty(len(x))
-        self._nearest(x, np.arange(len(x)), np.arange(len(self.corners)), distances)
+        self._nearest(x, np.arange(len(x)), np.arange(len(self._balls[1])), distances, reach)
         return distances
 
     @cached_property
-    def _balls(self) -> tuple[np.ndarray, np.ndarray]:
-        """Centroids [m], shape [m, 3], of triangles, and radii of the balls about them that hold these, shape [m]."""
-        middle = self.places.mean(axis=1)
-        return middle, np.linalg.norm(self.places - middle[:, None], axis=2).max(axis=1)
+    def _balls(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Balls that hold pieces of triangles: centroids [m], shape [m, 3], radii [m], and numbers of the triangles.
 
-    def _nearest(self, x: np.ndarray, rows: np.ndarray, candidates: np.ndarray, distances: np.ndarray) -> None:
+        Long triangles are cut into pieces, as the ball around a whole one would have most points near it.
+        """
+        pieces, of = self.places, np.arange(len(self.places))
+        largest = float(np.linalg.norm(self.bounds.size)) / _PIECES
+        small: list[tuple[np.ndarray, np.ndarray, np.ndarray]] = []
+        while len(pieces):
+            middle = pieces.mean(axis=1)
+            radii = np.linalg.norm(pieces - middle[:, None], axis=2).max(axis=1)
+            done = radii <= largest
+            small.append((middle[done], radii[done], of[done]))
+            pieces, of = _halves(pieces[~done]), np.tile(of[~done], 2)
+        middle, radii, of = (np.concatenate(column) for column in zip(*small, strict=True))
+        return middle, radii, of
+
+    def _nearest(
+        self, x: np.ndarray, rows: np.ndarray, candidates: np.ndarray, distances: np.ndarray, reach: float
+    ) -> None:  # fmt: skip
         """Fill in the distances of the points `rows`; those of smaller boxes of points have fewer candidates."""
         from scipy.spatial.distance import cdist
 
@@ -227,20 +244,29 @@ class Triangles:
             return
         low, high = x[rows].min(axis=0), x[rows].max(axis=0)
         middle, half = (low + high) / 2, float(np.linalg.norm(high - low)) / 2
-        centres, radii = self._balls
+        centres, radii, of = self._balls
         away = np.linalg.norm(centres[candidates] - middle, axis=1)
+        if (least := float((away - radii[candidates]).min()) - half) > reach:
+            distances[rows] = least
+            return
         # a centroid lies on its triangle, so that its distance is a bound from above
         candidates = candidates[away - radii[candidates] <= (away.min() + 2 * half) * _SLACK]
-        if len(rows) * len(candidates) > _AT_ONCE / 10 and len(rows) > 1 and half > 0:
+        if len(rows) * len(candidates) > _AT_ONCE and len(rows) > 1 and half > 0:
             octant = (x[rows] > middle) @ np.array([1, 2, 4])
             for k in range(8):
-                self._nearest(x, rows[octant == k], candidates, distances)
+                self._nearest(x, rows[octant == k], candidates, distances, reach)
             return
         away = cdist(x[rows], centres[candidates])
+        bounds = (away - radii[candidates]).min(axis=1)
+        distances[rows] = bounds
+        rows, away = rows[bounds <= reach], away[bounds <= reach]
+        if not len(rows):
+            return
         close = away - radii[candidates] <= away.min(axis=1)[:, None] * _SLACK
-        point, triangle = np.nonzero(close)
+        point, piece = np.nonzero(close)
+        point, triangle = np.divmod(np.unique(point * len(self.corners) + of[candidates[piece]]), len(self.corners))
         first = np.searchsorted(point, np.arange(len(rows)))
-        distances[rows] = np.minimum.reduceat(self.apart(x[rows[point]], candidates[triangle]), first)
+        distances[rows] = np.minimum.reduceat(self.apart(x[rows[point]], triangle), first)
 
     def apart(self, x: np.ndarray, triangle: np.ndarray) -> np.ndarray:
         """Distance [m] of each point of x, shape [n, 3], from a triangle of its own, shape [n]."""
@@ -308,6 +334,15 @@ class Triangles:
         place[order] = np.arange(len(order))
         corners = np.sort(place[self.corners], axis=1)
         return Triangles(places[order], corners[np.lexsort(corners.T[::-1])])
+
+
+def _halves(places: np.ndarray) -> np.ndarray:
+    """Cut triangles, shape [n, 3, 3], at the middle of their longest sides: first halves and then second ones."""
+    rows = np.arange(len(places))
+    longest = np.argmax(np.linalg.norm(np.roll(places, -1, axis=1) - places, axis=2), axis=1)
+    p, q, r = (places[rows, (longest + k) % 3] for k in range(3))
+    middle = (p + q) / 2
+    return np.concatenate([np.stack([p, middle, r], axis=1), np.stack([middle, q, r], axis=1)])
 
 
 def _dot(a: np.ndarray, b: np.ndarray) -> np.ndarray:

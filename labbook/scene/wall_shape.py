@@ -55,6 +55,10 @@ class WallShape(Model, ABC):
     def distance(self, x: np.ndarray) -> np.ndarray:
         """Distance [m] of points x, shape [n, 3], from the wall, shape [n]; behind a plane it is negative."""
 
+    def clearance(self, x: np.ndarray, reach: float) -> np.ndarray:
+        """Distance [m] as `distance` gives it, where it is at most `reach` [m]; further away any number beyond it."""
+        return self.distance(x)
+
     def inside(self, x: np.ndarray) -> np.ndarray:
         """Which of the points x [m], shape [n, 3], lie on the side of the grains, shape [n]: by default those whose
         distance is not negative. Both sides of a thin plate are; a wall that surrounds the grains says so here."""

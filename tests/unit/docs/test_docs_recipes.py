@@ -43,7 +43,7 @@ def test_a_hopper_from_a_file_is_planned_as_its_recipe_says(tmp_path, monkeypatc
     pytest.importorskip("trimesh")
     pytest.importorskip("numba")
     text = (ROOT / "docs/howto.md").read_text(encoding="utf-8").split("## Use a hopper from an STL file\n")[1]
-    (tmp_path / "hopper.yaml").write_text(text.split("```yaml\n")[1].split("```")[0], encoding="utf-8")
+    (tmp_path / "my-hopper.yaml").write_text(text.split("```yaml\n")[1].split("```")[0], encoding="utf-8")
     corners = [
         (s * x, s * y, z) for s, z in ((6, 0), (20, 25), (20, 120)) for x, y in ((-1, -1), (1, -1), (1, 1), (-1, 1))
     ]
@@ -61,4 +61,4 @@ def test_a_hopper_from_a_file_is_planned_as_its_recipe_says(tmp_path, monkeypatc
     slant = (25**2 + 14**2) ** 0.5
     area = (4 * (12 + 40) / 2 * slant + 4 * 40 * 95) / 100
     assert f"Mesh hopper: 16 triangles, not closed, area {area:.4g} cm^2, 40 x 40 x 120 mm" in shown
-    assert "Warning: hopper.yaml: container.outlet_plane" not in shown
+    assert "Warning: my-hopper.yaml: container.outlet_plane" not in shown
