@@ -21,7 +21,7 @@ IN_ONE = {
     *("rods-stacked", "powers", "meshes"),
 }
 """Cases that take long, or kernels of their own: a backend takes them in its first precision only."""
-OF_ITS_OWN = {"pyramid", "size-ratio", "powers"}
+OF_ITS_OWN = {"pyramid", "size-ratio", "powers", "meshes"}
 """Cases whose kernels, which no other case shares, take ten seconds and more to compile: in the ring. The contract and
 `labbook verify` have rolling springs, mixtures and powers too."""
 

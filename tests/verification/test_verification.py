@@ -70,6 +70,7 @@ test_reference_rods has rods over a turning bottom beside the reference."""
 LONG_BY_THE_REFERENCE = {
     *("rod-without-length", "turning-rim-impact", "energy-cycle-hertz-mindlin", "energy-cycle-linear"),
     *("unlike-stack-hertz-mindlin", "unlike-stack-linear", "energy-slide", "energy-parts"),
+    "mesh-order",
 }
 """Cases that plain Python takes more than five seconds for: in the ring."""
 LONG = {

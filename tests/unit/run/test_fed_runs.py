@@ -20,7 +20,6 @@ from labbook.plan.demand import PointDemand
 from labbook.plan.forecast import discharge_time, discharge_work, disk_of
 from labbook.plan.plan import Planner
 from labbook.run.runner import Runner
-from labbook.scene import HertzMindlin
 from labbook.stats.stopping import FIRST_LOOK
 
 FED = "feed: {kind: reinject}"
@@ -41,9 +40,8 @@ def only(lab):
     return record
 
 
-def test_a_run_ends_when_its_own_statistics_are_precise(tmp_path, monkeypatch):
+def test_a_run_ends_when_its_own_statistics_are_precise(tmp_path):
     """One bed is enough: the interval comes from within its run, and holds the rate at which toy grains leave."""
-    monkeypatch.setattr(HertzMindlin, "version", 1)  # with which the calibration that ships was measured
     asked = fed(tmp_path, TO.format("2 %"), LONG)
     summary = carry_out(asked, tmp_path / "lab")
     assert outcomes(summary) == ["precise"]
