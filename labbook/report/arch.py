@@ -40,4 +40,7 @@ _CAPTION = (
     "strongest short chain of contacts between grains on the bottom at either side. Right: grains of an arch; bars: "
     "standard errors over beds; discs: share of the arches with so many grains."
 )
-_TABLE = "Errors are over beds. Grains of an arch include those at both ends, which rest on the bottom."
+_TABLE = (
+    "Errors are over beds. Grains of an arch include those at both ends, which rest on the bottom. A stop that no "
+    "chain from side to side holds has no arch."
+)

@@ -88,4 +88,4 @@ def _sizes(ax: "Axes", points: Sequence[PointArches]) -> None:
     means, errors = ([getattr(point.size, name) for point in points] for name in ("value", "error"))
     ax.errorbar([point.width for point in points], means, errors, color=COLOURS[0], marker="o", linestyle="none")
     ax.set(xlabel="$D/d$", ylabel="grains of an arch")
-    ax.set_ylim(bottom=0)
+    ax.set_ylim(0, max(point.sizes.max() for point in points) + 1)
