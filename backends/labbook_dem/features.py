@@ -159,7 +159,7 @@ def capabilities(
     name: str, cache_version: int, precisions: frozenset[str], devices: tuple[str, ...], meshes: bool = False,
     **more: bool,
 ):  # fmt: skip
-    """What a backend can do that computes with the formulas of this package: all laws, shapes and walls there are; of
+    """Capabilities of a backend that computes with the formulas of this package: all laws, shapes and walls; walls of
     triangles only where it has `meshes`."""
     walls: list[str] = [*WALLS, *([MESH] if meshes else [])]
     laws, shapes = frozenset(LAWS), frozenset(SHAPES)
