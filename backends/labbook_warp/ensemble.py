@@ -3,6 +3,7 @@
 from collections import defaultdict
 from collections.abc import Collection, Mapping, Sequence
 from contextlib import AbstractContextManager
+from typing import Any
 
 import numpy as np
 import warp as wp
@@ -147,6 +148,13 @@ class Ensemble(ensemble.Ensemble[ReadableRun]):
         """Return a context in which these members are read together; see `labbook.backend.Ensemble`."""
         self._stage.seat()
         return self._stage.arrays.reading([self._runs[member].slot for member in members])
+
+    def bed(self, member: Member) -> Packing:
+        """See `labbook.backend.Ensemble`."""
+        run = self._runs[member]
+        now = run.look()
+        own: dict[str, Any] = now.bodies.carried(run.scene.grains) if now.bodies else {}
+        return Packing(x=now.x, v=now.v, omega=now.w, q=now.q, ids=now.ids, **own)
 
     def _put_back(self, returning: Sequence[tuple[ReadableRun, Packing, np.ndarray]]) -> None:
         self._view.put_back(returning)

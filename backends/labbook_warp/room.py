@@ -23,6 +23,8 @@ CACHE = 60_000_000
 """Bytes of what a step moves that stay in a large GPU's second cache, about."""
 LARGE = 20_000
 """Rows of a member from which on it pays to close up those of grains that have left."""
+SPARE = 8
+"""Rows of a member that is fed for each spare one."""
 LARGEST_INDEX = 2**31 - 1  # of an array, in kernels
 USED = 0.8
 """Part of a device's free memory that members may fill; the rest is for what else goes on there."""
@@ -44,6 +46,11 @@ def with_members(sizes: Sizes, seated: int, new: Collection[Run]) -> Sizes:
         walls=max(sizes.walls, *(len(run.names) for run in new)),
         cells=sizes.cells if cells <= sizes.cells else cells + (cells // 8 if sizes.slots > 1 else 0),
     )
+
+
+def with_spare_rows(sizes: Sizes, runs: Collection[Run]) -> Sizes:
+    """Sizes with rows for grains that come back to these members, beside those that have left."""
+    return replace(sizes, cap=max(sizes.cap, *(rounded(run.rows + run.rows // SPARE) for run in runs)))
 
 
 _INSTEAD = "use a thinner numerics.skin, or the backend numba, whose lists are of any length"
@@ -109,8 +116,8 @@ def records_crossings(spec: Spec) -> bool:
 def largest(spec: Spec, scene: Scene) -> Sizes:
     """What one member of a scene may come to need."""
     n = scene.grains.count
-    walls = len(scene.container.walls())
-    return replace(empty(spec, 1), cap=rounded(n), near=MOST_NEAR, walls=walls, cells=most_cells(n), depth=DEPTH + 4)
+    walls, rows = len(scene.container.walls()), n if scene.feed is None else n + n // SPARE
+    return replace(empty(spec, 1), cap=rounded(rows), near=MOST_NEAR, walls=walls, cells=most_cells(n), depth=DEPTH + 4)
 
 
 def capacity(spec: Spec, scene: Scene, device: wp.Device) -> int | None:

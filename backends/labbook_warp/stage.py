@@ -129,9 +129,39 @@ class Stage:
         self._has_changed()
 
     def put_back(self, returning: Sequence[tuple[Run, Packing, np.ndarray]]) -> None:
-        """Give members grains that left again: each with their velocities [m/s] half a step before. What is copied is
-        copied for all members at once. Raises MemoryError, Overflow."""
+        """Give members grains that left again: each with their velocities [m/s] half a step before. Raises MemoryError,
+        Overflow.
+
+        They get rows behind the others. Once there are no rows left, those of grains that left are closed up, and some
+        are added, so that it need not be done after each beat: it moves all of a member's state to the host and back.
+        """
         self.seat()
+        fits = [back for back in returning if back[0].rows + len(back[1]) <= self._sizes.cap]
+        if fits and not self._append(fits):
+            fits = []
+        appended = {run for run, _, _ in fits}
+        if crowded := [back for back in returning if back[0] not in appended]:
+            self._close_up_with(crowded)
+
+    def _append(self, returning: Sequence[tuple[Run, Packing, np.ndarray]]) -> bool:
+        """Put grains into free rows of members. False if their lists have no room; nothing has changed then."""
+        arrays, runs = self.arrays, [run for run, _, _ in returning]
+        arrays.back_up()
+        for run, grains, half_v in returning:
+            plane, _ = features.planes(run.scene, run.probes)
+            transfer.append(arrays, run.slot, run.rows, run.scene, grains, half_v, plane)
+            run.rows += len(grains)
+        if any(self._lists(runs)):
+            for run, grains, _ in returning:
+                run.rows -= len(grains)
+                arrays.restore(run.slot)
+            return False
+        for run in runs:
+            self._has_changed(run)
+        return True
+
+    def _close_up_with(self, returning: Sequence[tuple[Run, Packing, np.ndarray]]) -> None:
+        """Give members grains, and close up the rows of those that left. What is copied is copied for all at once."""
         states = dict[Run, Checkpoint]()
         with self.arrays.reading([run.slot for run, _, _ in returning]):
             for run, grains, half_v in returning:
@@ -139,7 +169,9 @@ class Stage:
                 states[run] = transfer.joined(self.arrays, run.scene, self.stored(run), grains, half_v, plane)
         for run, state in states.items():
             run.takes_up(state)
-        sizes = room.with_members(self._sizes, len(self._seated) - len(states), list(states))
+        sizes = room.with_spare_rows(
+            room.with_members(self._sizes, len(self._seated) - len(states), list(states)), states
+        )
         if sizes == self._sizes:
             with self.arrays.written_together([run.slot for run in states]):
                 for run, state in states.items():
@@ -382,7 +414,7 @@ class Stage:
 
     def bad_value(self, run: Run, grain: int) -> float:
         """Overlap [m] or speed [m/s] with which a grain failed a guard."""
-        row = int(np.flatnonzero(self.arrays.read("ids", run.slot, run.rows) == grain)[0])
+        row = int(np.flatnonzero(self.arrays.read("ids", run.slot, run.rows) == grain)[-1])
         return float(fetch(self.arrays.system.bad, run.slot * self._sizes.cap + row, 1)[0])
 
     def extremes(self) -> np.ndarray:

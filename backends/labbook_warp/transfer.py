@@ -26,6 +26,15 @@ def start(arrays: Arrays, slot: int, scene: Scene, packing: Packing, plane: floa
         arrays.write(name, slot, values[order])
 
 
+def append(
+    arrays: Arrays, slot: int, rows: int, scene: Scene, packing: Packing, v: np.ndarray, plane: float
+) -> None:  # fmt: skip
+    """Put a packing's grains into rows of a slot behind the first `rows`, which no grain has had since the slot was
+    written as a whole; they are in no list yet. v: as in `_entering`."""
+    for name, values in _entering(arrays, scene, packing, v, plane).items():
+        arrays.write_rows(name, slot, rows, values)
+
+
 def _entering(
     arrays: Arrays, scene: Scene, packing: Packing, v: np.ndarray, plane: float
 ) -> dict[str, np.ndarray]:  # fmt: skip
@@ -66,8 +75,8 @@ def joined(
 def set_velocities(arrays: Arrays, slot: int, rows: int, ids: np.ndarray, v: np.ndarray) -> None:
     """Give grains among the first `rows` rows of a slot other velocities v [m/s]."""
     numbers, of_rows = np.array(arrays.read("p", slot, rows)), arrays.read("ids", slot, rows)
-    order = np.argsort(of_rows)
-    place = order[np.searchsorted(of_rows, ids, sorter=order)]
+    order = here(arrays.codec.decode(numbers)[0], of_rows)  # a grain that came back has a second row
+    place = order[np.searchsorted(of_rows[order], ids)]
     numbers[place] = arrays.codec.with_velocities(numbers[place], v)
     arrays.write("p", slot, numbers)
 

@@ -217,6 +217,10 @@ class Ensemble(ABC):
     def packing(self, member: Member) -> Packing:
         """The portable state, in double precision."""
 
+    def bed(self, member: Member) -> Packing:
+        """Return the grains of `packing`, for which springs need not be read: they are most of a state."""
+        return self.packing(member)
+
     def end_state(self, member: Member) -> EndState:
         """Return the state of a member that ends here, copied from the device."""
         return StoredState(self.checkpoint(member), self.packing(member))

@@ -3,7 +3,7 @@ is mobilised before the opening, the opening of the outlet, the kick of a furthe
 come back, and arches that are broken."""
 
 from labbook.filling.breaking import Breaker, still
-from labbook.filling.feeding import Feeder
+from labbook.filling.feeding import Feeder, Refill, refill
 from labbook.filling.from_file import GrainFile
 from labbook.filling.kick import Kick, kicked
 from labbook.filling.mobilising import Mobilise, lifted
@@ -18,9 +18,11 @@ __all__ = [
     "Kick",
     "Mobilise",
     "PlacingError",
+    "Refill",
     "kicked",
     "lifted",
     "opened",
     "place",
+    "refill",
     "still",
 ]

@@ -27,7 +27,7 @@ from labbook.backend.probes import (
 )
 from labbook.campaign import Assignment, Generation, History, PreciseRun, Trial
 from labbook.campaign.precise import HALF_WIDTH
-from labbook.filling import Breaker, Feeder, PlacingError, kicked, opened, still
+from labbook.filling import Breaker, Feeder, PlacingError, Refill, kicked, opened, still
 from labbook.filling.bed import bed_height, parts_of_mass
 from labbook.lab import identity
 from labbook.lab.folder import PICTURE, Claim, stamp
@@ -281,9 +281,10 @@ class DischargeJob(Job):
         """True if grains have left: a state that is saved has those that are put back after its beat."""
         return self._feeder is not None and self._advanced and self.status.grains < self.scene.grains.count
 
-    def returning(self, bed: Packing) -> Packing | None:
-        """Return the grains that come back into this bed; None if none finds a place."""
-        return self._feeder and self._feeder.returning(bed, self._beat)
+    def refill(self, bed: Packing) -> Refill:
+        """Return this bed with the grains that it has lost after this beat."""
+        assert self._feeder is not None
+        return Refill(self._feeder, bed, self._beat)
 
     @property
     def pauses(self) -> bool:

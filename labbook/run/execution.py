@@ -8,6 +8,7 @@ from concurrent.futures import ALL_COMPLETED, FIRST_COMPLETED, Future, wait
 from itertools import chain
 
 from labbook.backend import Backend, EndState, Ensemble, Event, Member, Overflow
+from labbook.filling import refill
 from labbook.run.board import KINDS, Board, Started
 from labbook.run.closing import Closing
 from labbook.run.discharge import DischargeJob
@@ -236,11 +237,11 @@ class Execution:
 
         def beds(members: Sequence[Member]) -> Mapping[Member, Packing]:
             with ensemble.reading(members):
-                return {member: ensemble.packing(member) for member in members}
+                return {member: ensemble.bed(member) for member in members}
 
         fed = beds([member for member, job in jobs.items() if job.lacks_grains])
-        back = {member: jobs[member].returning(bed) for member, bed in fed.items()}
-        ensemble.put_back_all({member: grains for member, grains in back.items() if grains is not None})
+        back = zip(fed, refill([jobs[member].refill(bed) for member, bed in fed.items()]), strict=True)
+        ensemble.put_back_all({member: grains for member, grains in back if grains is not None})
         for member, bed in beds([member for member, job in jobs.items() if job.pauses]).items():
             jobs[member].intervene(ensemble, member, bed)
 
