@@ -61,7 +61,7 @@ def mesh_away(features: np.ndarray, f: int, x: wide3):
     r = x - mesh_vector(features, f, F_POINT)
     unit = mesh_vector(features, f, F_UNIT)
     along = unit * dot(r, unit)
-    kind = features[f, F_KIND]
+    kind = int(features[f, F_KIND])
     return along if kind == FACE else r - along
 
 
@@ -104,7 +104,7 @@ def mesh_put(contacts: np.ndarray, count: int, f: int, overlap: wide, normal: wi
 @kernel
 def mesh_write(contacts: np.ndarray, k: int, f: int, overlap: wide, normal: wide3):
     """Write contact k."""
-    contacts[k, K_FEATURE] = f
+    contacts[k, K_FEATURE] = wide(f)
     contacts[k, K_OVERLAP] = overlap
     contacts[k, K_NORMAL] = normal.x
     contacts[k, K_NORMAL + 1] = normal.y
@@ -121,8 +121,8 @@ def mesh_contacts(
     Those of one smooth patch, whose normals differ by less than 45 deg, form one: of the largest overlap, along
     the sum of their normals weighted by overlaps.
     """
-    count = 0
-    smooth = False
+    count = int(0)
+    smooth = bool(False)
     for k in range(first, last):
         f = int(near[k])
         away = mesh_away(features, f, x)
@@ -134,20 +134,22 @@ def mesh_contacts(
             if count == OVER:
                 return OVER
             smooth = smooth or features[f, F_PATCH] >= wide(0.0)
-    return mesh_merged(features, contacts, count) if smooth and count > 1 else count
+    if smooth and count > 1:
+        return mesh_merged(features, contacts, count)
+    return count
 
 
 @kernel
 def mesh_merged(features: np.ndarray, contacts: np.ndarray, count: int):
     """Unite contacts of smooth patches; how many are left, the deepest first."""
-    left = 0
+    left = int(0)
     for k in range(count):
         contacts[k, K_PLACE] = wide(0.0)
     for _ in range(count):
-        deepest = -1
+        deepest = int(-1)
         for k in range(count):
             if contacts[k, K_PLACE] == wide(0.0) and (
-                deepest < 0 or contacts[k, K_OVERLAP] > contacts[deepest, K_OVERLAP]
+                deepest < 0 or contacts[k, K_OVERLAP] > contacts[max(deepest, 0), K_OVERLAP]
             ):
                 deepest = k
         if deepest >= 0:
@@ -178,7 +180,9 @@ def mesh_meet(features: np.ndarray, f: int, g: int):
     """True for two features with a vertex in common."""
     a, b, c = features[f, F_VERTICES], features[f, F_VERTICES + 1], features[f, F_VERTICES + 2]
     p, q, r = features[g, F_VERTICES], features[g, F_VERTICES + 1], features[g, F_VERTICES + 2]
-    return a in (p, q, r) or b in (p, q, r) or c in (p, q, r)
+    meets_a = a == p or a == q or a == r
+    meets_b = b == p or b == q or b == r
+    return meets_a or meets_b or c == p or c == q or c == r
 
 
 @kernel
@@ -189,37 +193,50 @@ def mesh_places(
 
     held_bits: a bit for each place with a spring, whose feature stands in column SPRING_KEY.
     """
-    now = 0
+    now = int(0)
     for k in range(count):
         contacts[k, K_PLACE] = wide(-1.0)
         contacts[k, K_OLDER] = wide(0.0)
         for place in range(MESH_CONTACTS):
-            if (held_bits >> place) & 1 and spring[base + place, SPRING_KEY] == contacts[k, K_FEATURE]:
-                contacts[k, K_PLACE] = place
+            held = (held_bits >> place) & 1
+            if held != 0 and spring[base + place, SPRING_KEY] == contacts[k, K_FEATURE]:
+                contacts[k, K_PLACE] = wide(place)
                 contacts[k, K_OLDER] = wide(1.0)
-                now |= 1 << place
+                now = now | (1 << place)
     for k in range(count):
         if contacts[k, K_PLACE] < wide(0.0):
-            heir = -1
+            heir = int(-1)
             for place in range(MESH_CONTACTS):
-                ended = (held_bits >> place) & 1 and not (now >> place) & 1
-                met = ended and mesh_meet(
-                    features, int(contacts[k, K_FEATURE]), int(spring[base + place, SPRING_KEY])
-                )  # fmt: skip
-                if met and (heir < 0 or spring[base + place, SPRING_KEY] < spring[base + heir, SPRING_KEY]):
-                    heir = place
+                ended = (held_bits >> place) & ~(now >> place) & 1
+                if ended != 0:
+                    older = spring[base + place, SPRING_KEY]
+                    met = mesh_meet(features, int(contacts[k, K_FEATURE]), int(older))
+                    if met and (heir < 0 or older < spring[base + max(heir, 0), SPRING_KEY]):
+                        heir = int(place)
             if heir >= 0:
-                contacts[k, K_PLACE] = heir
+                contacts[k, K_PLACE] = wide(heir)
                 contacts[k, K_OLDER] = wide(1.0)
-                now |= 1 << heir
+                now = now | (1 << heir)
     for k in range(count):
         if contacts[k, K_PLACE] < wide(0.0):
-            free = 0
-            while (now >> free) & 1:
+            free = int(0)
+            while (now >> free) & 1 != 0:
                 free += 1
-            contacts[k, K_PLACE] = free
-            now |= 1 << free
+            contacts[k, K_PLACE] = wide(free)
+            now = now | (1 << free)
     return now
+
+
+@kernel
+def mesh_cell(frame: np.ndarray, w: int, x: wide3):
+    """The cell that holds x in the grid of a mesh, whose frame is in row w; -1 outside of it, where nothing is near."""
+    a = (x.x - frame[w, 0]) * frame[w, 3]
+    b = (x.y - frame[w, 1]) * frame[w, 3]
+    c = (x.z - frame[w, 2]) * frame[w, 3]
+    zero = wide(0.0)
+    if not (a >= zero and b >= zero and c >= zero and a < frame[w, 4] and b < frame[w, 5] and c < frame[w, 6]):
+        return -1
+    return int(frame[w, 7]) + (int(a) * int(frame[w, 5]) + int(b)) * int(frame[w, 6]) + int(c)
 
 
 # the host's
@@ -311,6 +328,18 @@ def _patches(triangles: int, left: np.ndarray, right: np.ndarray, joined: np.nda
 
     links = coo_array((np.ones(joined.sum()), (left[joined], right[joined])), shape=(triangles,) * 2)
     return connected_components(links, directed=False)[1].astype(float)
+
+
+def spring_places(entry: np.ndarray) -> np.ndarray:
+    """Places of springs of a packing: of each, how many of the same entry of a list come before it, shape as `entry`.
+    Raises ValueError where an entry has more than MESH_CONTACTS."""
+    order = np.argsort(entry, kind="stable")
+    first = np.searchsorted(entry[order], entry[order])
+    before = np.empty(len(entry), np.int64)
+    before[order] = np.arange(len(entry)) - first
+    if before.max(initial=0) >= MESH_CONTACTS:
+        raise ValueError(f"the packing has more than {MESH_CONTACTS} springs of a grain at a mesh")
+    return before
 
 
 class TooManyContacts(ArithmeticError):

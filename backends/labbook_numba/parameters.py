@@ -5,12 +5,12 @@ from math import inf
 
 import numpy as np
 from labbook_dem import features
+from labbook_dem.mesh_grid import MeshGrids, mesh_reach, shapes_of
 from labbook_dem.rotation import slenderness
 
 from labbook.backend.numerics import Numerics
 from labbook.backend.probes import Crossing, Probe
 from labbook.scene import Scene
-from labbook_numba.mesh_grid import MeshGrids
 from labbook_numba.state import Params
 
 
@@ -26,7 +26,8 @@ def parameters(scene: Scene, numerics: Numerics, probes: Sequence[Probe], wall_n
     walls = features.wall_tables(scene, numerics)
     rolling_stiffness, rolling_damping = scene.contact.rolling_spring
     skin = numerics.skin * d
-    meshes = MeshGrids.of(scene.container.walls(), grains.radius + 0.51 * skin)
+    shapes = shapes_of(scene.container.walls())
+    meshes = MeshGrids.of(shapes, [mesh_reach(grains.radius, skin)] * len(shapes))
     spare = wall_numbers - walls.numbers.shape[1]
     return Params(
         c=tuple(pair_c[0].tolist()),

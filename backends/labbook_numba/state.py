@@ -203,7 +203,7 @@ class Params(NamedTuple):
 
     rolling_stiffness, rolling_damping: of rolling springs (`labbook_dem.spheres.rolling_resistance`).
 
-    mesh_...: of walls that are meshes (`labbook_numba.mesh_grid`).
+    mesh_...: of walls that are meshes (`labbook_dem.mesh_grid`).
     """
 
     c: tuple

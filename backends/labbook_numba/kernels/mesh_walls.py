@@ -12,6 +12,7 @@ from labbook_dem.mesh import (
     MESH_CONTACTS,
     OVER,
     SPRING_KEY,
+    mesh_cell,
     mesh_contacts,
     mesh_near,
     mesh_places,
@@ -43,21 +44,9 @@ from labbook_numba.state import Params, State
 
 
 @kernel
-def cell_at(frame, w, x):
-    """The cell of the grid of wall w that holds x; -1 outside of it, where nothing is near."""
-    a = (x.x - frame[w, 0]) * frame[w, 3]
-    b = (x.y - frame[w, 1]) * frame[w, 3]
-    c = (x.z - frame[w, 2]) * frame[w, 3]
-    nx, ny, nz = int64(frame[w, 4]), int64(frame[w, 5]), int64(frame[w, 6])
-    if not (a >= wide(0.0) and b >= wide(0.0) and c >= wide(0.0) and a < nx and b < ny and c < nz):
-        return int64(-1)
-    return int64(frame[w, 7]) + (int64(a) * ny + int64(b)) * nz + int64(c)
-
-
-@kernel
 def near_mesh(p: Params, w, x, radius, moves):
     """True if a sphere at x may touch mesh w before it has moved by a distance [m]."""
-    cell = cell_at(p.mesh_frame, w, x)
+    cell = mesh_cell(p.mesh_frame, w, x)
     if cell >= 0:
         for k in range(p.mesh_cell[cell], p.mesh_cell[cell + 1]):
             if mesh_near(p.mesh_features, p.mesh_conditions, p.mesh_listed[k], x, radius, moves):
@@ -78,7 +67,7 @@ def list_features(st: State, p: Params, first, near):
                 i = st.wall_grain[k]
                 x = load(st.grains, i, X)
                 radius = radius_of(st.body, i, p.radius)
-                cell = cell_at(p.mesh_frame, w, x)
+                cell = mesh_cell(p.mesh_frame, w, x)
                 if cell >= 0:
                     for n in range(p.mesh_cell[cell], p.mesh_cell[cell + 1]):
                         if mesh_near(p.mesh_features, p.mesh_conditions, p.mesh_listed[n], x, radius, moves):
