@@ -198,8 +198,8 @@ def mesh_places(
         contacts[k, K_PLACE] = wide(-1.0)
         contacts[k, K_OLDER] = wide(0.0)
         for place in range(MESH_CONTACTS):
-            held = (held_bits >> place) & 1
-            if held != 0 and spring[base + place, SPRING_KEY] == contacts[k, K_FEATURE]:
+            valid = (held_bits >> place) & 1
+            if valid != 0 and spring[base + place, SPRING_KEY] == contacts[k, K_FEATURE]:
                 contacts[k, K_PLACE] = wide(place)
                 contacts[k, K_OLDER] = wide(1.0)
                 now = now | (1 << place)

@@ -83,7 +83,7 @@ class Arrays:
     def __init__(self, module: ModuleType, sizes: Sizes, device: wp.Device, crossings: bool):
         self.module, self.sizes, self.device = module, sizes, device
         self.codec = Codec(not module.FINE, SHAPES[sizes.shape].shown)
-        self.state = state(sizes.shape, module.VARIED, sizes.listed, module.ROLLING_SPRING)
+        self.state = state(sizes.shape, module.VARIED, sizes.listed, module.ROLLING_SPRING, module.MESHES)
         self.system = system = module.System()
         system.cap, system.near, system.walls = sizes.cap, sizes.near, sizes.walls
         system.seats = sizes.seats

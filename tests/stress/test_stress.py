@@ -33,8 +33,7 @@ def checks():
             continue
         here = where(stand)
         for case in CASES:
-            lacks = case.name == "meshes" and "mesh" not in stand.backend.capabilities.walls
-            if not lacks and not (stand.second and case.name in IN_ONE):
+            if not (stand.second and case.name in IN_ONE):
                 name = stand.backend.capabilities.name if stand.device == "cpu" else ""
                 long = case.slow or case.name in OF_ITS_OWN
                 # kernels of a second precision compile for a minute; the GPU backend's processor takes a step a launch
