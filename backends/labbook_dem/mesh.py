@@ -261,7 +261,7 @@ class MeshTable(NamedTuple):
 @once(16)
 def mesh_table(shape: TriangleMesh) -> MeshTable:
     """Features of a mesh and the conditions for contacts with them."""
-    surface, rows, conditions = shape.surface, list[np.ndarray](), list[np.ndarray]()
+    surface = shape.surface
     vertices, corners = surface.vertices, surface.corners
     edges, of = surface.edges
     p, q = vertices[edges[:, 0]], vertices[edges[:, 1]]
@@ -284,33 +284,56 @@ def mesh_table(shape: TriangleMesh) -> MeshTable:
     smooth[two] = bend <= shape.smooth * (1 + 1e-9)
     patch = _patches(len(corners), a[0], b[0], smooth[two]) if shape.smooth else np.full(len(corners), _NONE)
 
-    def add(kind: int, patch: float, point, unit, mine: tuple[int, ...], tests: list) -> None:
-        begin = len(conditions)
-        conditions.extend(np.array([*at, *d, sense]) for at, d, sense in tests)
-        spread = (*mine, *mine[-1:] * (3 - len(mine)))
-        rows.append(np.array([kind, patch, begin, len(conditions), *point, *unit, *spread]))
+    bent = np.flatnonzero(~is_flat)
+    tips = np.unique(edges[bent])
+    by_vertex = np.argsort(edges.ravel(), kind="stable")
+    begin = np.searchsorted(edges.ravel()[by_vertex], np.arange(len(vertices) + 1))
+    degree, triangles = np.diff(begin)[tips], np.diff(first)[bent]
+    end = by_vertex[_ranges(begin[tips], degree)]  # of an edge at a tip
+    edge, heading = end // 2, along[end // 2] * np.where(end % 2 == 0, 1.0, -1.0)[:, None]
+    beside = _ranges(first[bent], triangles)
 
-    for k, mine in enumerate(corners.tolist()):
-        tests = [(p[of[k, s]], inward[k, s], 1.0) for s in range(3)]
-        add(FACE, patch[k], vertices[mine[0]], surface.normals[k], tuple(mine), tests)
-    ends: dict[int, list[tuple[np.ndarray, int]]] = {}
-    for e in range(len(edges)):
-        u, v = edges[e].tolist()
-        ends.setdefault(u, []).append((along[e], e))
-        ends.setdefault(v, []).append((-along[e], e))
-    for e in np.flatnonzero(~is_flat).tolist():
-        tests = [(p[e], along[e], 1.0), (q[e], -along[e], 1.0)]
-        tests += [(p[e], inward[triangle[n], side[n]], -1.0) for n in range(first[e], first[e + 1])]
-        of_patch = float(patch[triangle[first[e]]]) if smooth[e] else _NONE
-        add(EDGE, of_patch, p[e], along[e], tuple(edges[e].tolist()), tests)
-    for v in sorted({v for e in np.flatnonzero(~is_flat).tolist() for v in edges[e].tolist()}):
-        tests = [(vertices[v], l, -1.0) for l, _ in ends[v]]
-        mine = [e for _, e in ends[v]]
-        of_patch = float(patch[triangle[first[mine[0]]]]) if smooth[mine].all() else _NONE
-        add(VERTEX, of_patch, vertices[v], (0.0, 0.0, 0.0), (v,), tests)
-    features = np.array(rows)
-    places = vertices[features[:, F_VERTICES:].astype(int)]
-    return MeshTable(features, np.array(conditions), places.min(axis=1), places.max(axis=1))
+    of_faces, of_edges, of_tips = np.split(
+        np.arange(len(corners) + len(bent) + len(tips)), [len(corners), len(corners) + len(bent)]
+    )
+    tests = (
+        (np.repeat(of_faces, 3), p[of.ravel()], inward.reshape(-1, 3), 1.0),
+        (of_edges, p[bent], along[bent], 1.0),
+        (of_edges, q[bent], -along[bent], 1.0),
+        (
+            np.repeat(of_edges, triangles),
+            np.repeat(p[bent], triangles, 0),
+            inward[triangle[beside], side[beside]],
+            -1.0,
+        ),
+        (np.repeat(of_tips, degree), np.repeat(vertices[tips], degree, 0), heading, -1.0),
+    )
+    rows = np.concatenate([row for row, *_ in tests])
+    conditions = np.concatenate([np.column_stack([at, d, np.full(len(at), sense)]) for _, at, d, sense in tests])
+    count = np.bincount(rows)
+
+    rough = np.bincount(np.repeat(np.arange(len(tips)), degree), ~smooth[edge], len(tips)) > 0
+    patches = (
+        patch,
+        np.where(smooth, patch[triangle[first[:-1]]], _NONE)[bent],
+        np.where(rough, _NONE, patch[triangle[first[edge[np.cumsum(degree) - degree]]]]),
+    )
+    features = np.empty((len(count), FEATURE_COLUMNS))
+    features[:, F_KIND] = np.repeat([FACE, EDGE, VERTEX], [len(corners), len(bent), len(tips)])
+    features[:, F_PATCH] = np.concatenate(patches)
+    features[:, F_LAST] = np.cumsum(count)
+    features[:, F_FIRST] = features[:, F_LAST] - count
+    features[:, F_POINT:F_UNIT] = np.concatenate([vertices[corners[:, 0]], p[bent], vertices[tips]])
+    features[:, F_UNIT:F_VERTICES] = np.concatenate([surface.normals, along[bent], np.zeros((len(tips), 3))])
+    names = np.concatenate([corners, edges[bent][:, [0, 1, 1]], np.repeat(tips[:, None], 3, axis=1)])
+    features[:, F_VERTICES:] = names
+    low, high = vertices[names].min(axis=1), vertices[names].max(axis=1)
+    return MeshTable(features, conditions[np.argsort(rows, kind="stable")], low, high)
+
+
+def _ranges(first: np.ndarray, count: np.ndarray) -> np.ndarray:
+    """Numbers first, first + 1, ..., `count` of them, of one range after another."""
+    return np.arange(count.sum()) + np.repeat(first - (np.cumsum(count) - count), count)
 
 
 def _inward(surface: Triangles, along: np.ndarray) -> np.ndarray:
