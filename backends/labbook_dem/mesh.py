@@ -65,12 +65,22 @@ def mesh_away(features: np.ndarray, f: int, x: wide3):
     return along if kind == FACE else r - along
 
 
-@kernel
+@func
+def mesh_beyond(conditions: np.ndarray, c: int, x: wide3):
+    """Distance [m] by which condition c holds at x."""
+    r = x - mesh_vector(conditions, c, C_POINT)
+    return dot(r, mesh_vector(conditions, c, C_ALONG)) * conditions[c, C_SENSE]
+
+
+@func
 def mesh_holds(features: np.ndarray, conditions: np.ndarray, f: int, x: wide3, within: wide):
     """True if the conditions of feature f hold at x, or would within a distance [m]."""
-    for c in range(int(features[f, F_FIRST]), int(features[f, F_LAST])):
-        r = x - mesh_vector(conditions, c, C_POINT)
-        if not dot(r, mesh_vector(conditions, c, C_ALONG)) * conditions[c, C_SENSE] > -within:
+    c = int(features[f, F_FIRST])
+    if int(features[f, F_KIND]) == FACE:  # all three, without a branch for each
+        least = min(mesh_beyond(conditions, c, x), mesh_beyond(conditions, c + 1, x))
+        return min(least, mesh_beyond(conditions, c + 2, x)) > -within
+    for k in range(c, int(features[f, F_LAST])):
+        if not mesh_beyond(conditions, k, x) > -within:
             return False
     return True
 
@@ -84,6 +94,21 @@ def mesh_near(features: np.ndarray, conditions: np.ndarray, f: int, x: wide3, ra
 
 
 @kernel
+def mesh_listed(features: np.ndarray, conditions: np.ndarray, f: int, x: wide3, moves: wide):
+    """Entry of a list for feature f near a sphere at x: -1 - f if its conditions hold until the sphere has moved by a
+    distance [m], so that nobody has to look; else f."""
+    return -1 - f if mesh_holds(features, conditions, f, x, -moves) else f
+
+
+@func
+def mesh_normal(away: wide3):
+    """Length [m] and direction of the vector that `mesh_away` gives."""
+    distance = sqrt(dot(away, away))
+    inverse = wide(1.0) / distance if distance > wide(0.0) else wide(0.0)
+    return distance, away * inverse
+
+
+@func
 def mesh_put(contacts: np.ndarray, count: int, f: int, overlap: wide, normal: wide3, radius: wide):
     """Add a contact to the `count` ones, or let the deeper of two at one place stay; how many there are, OVER if there
     is no room."""
@@ -101,7 +126,7 @@ def mesh_put(contacts: np.ndarray, count: int, f: int, overlap: wide, normal: wi
     return count + 1
 
 
-@kernel
+@func
 def mesh_write(contacts: np.ndarray, k: int, f: int, overlap: wide, normal: wide3):
     """Write contact k."""
     contacts[k, K_FEATURE] = wide(f)
@@ -111,12 +136,13 @@ def mesh_write(contacts: np.ndarray, k: int, f: int, overlap: wide, normal: wide
     contacts[k, K_NORMAL + 2] = normal.z
 
 
-@kernel
+@func
 def mesh_contacts(
     features: np.ndarray, conditions: np.ndarray, near: np.ndarray, first: int, last: int, x: wide3, radius: wide,
     contacts: np.ndarray,
 ):  # fmt: skip
-    """Contacts of a sphere at x with the features near[first:last], ascending; how many, OVER if there is no room.
+    """Contacts of a sphere at x with the features near[first:last], ascending, as numbers or as `mesh_listed` gives
+    them; how many, OVER if there is no room.
 
     Those of one smooth patch, whose normals differ by less than 45 deg, form one: of the largest overlap, along
     the sum of their normals weighted by overlaps.
@@ -124,13 +150,15 @@ def mesh_contacts(
     count = int(0)
     smooth = bool(False)
     for k in range(first, last):
-        f = int(near[k])
+        entry = int(near[k])
+        f = max(entry, -1 - entry)
         away = mesh_away(features, f, x)
-        distance2 = dot(away, away)
-        if distance2 < radius * radius and mesh_holds(features, conditions, f, x, wide(1e-5) * radius):
-            distance = sqrt(distance2)
-            inverse = wide(1.0) / distance if distance > wide(0.0) else wide(0.0)
-            count = mesh_put(contacts, count, f, radius - distance, away * inverse, radius)
+        touches = dot(away, away) < radius * radius
+        if touches and entry >= 0:
+            touches = mesh_holds(features, conditions, f, x, wide(1e-5) * radius)
+        if touches:
+            distance, normal = mesh_normal(away)
+            count = mesh_put(contacts, count, f, radius - distance, normal, radius)
             if count == OVER:
                 return OVER
             smooth = smooth or features[f, F_PATCH] >= wide(0.0)
@@ -185,7 +213,7 @@ def mesh_meet(features: np.ndarray, f: int, g: int):
     return meets_a or meets_b or c == p or c == q or c == r
 
 
-@kernel
+@func
 def mesh_places(
     features: np.ndarray, contacts: np.ndarray, count: int, held_bits: int, spring: np.ndarray, base: int
 ):  # fmt: skip
@@ -197,22 +225,25 @@ def mesh_places(
     for k in range(count):
         contacts[k, K_PLACE] = wide(-1.0)
         contacts[k, K_OLDER] = wide(0.0)
-        for place in range(MESH_CONTACTS):
-            valid = (held_bits >> place) & 1
-            if valid != 0 and spring[base + place, SPRING_KEY] == contacts[k, K_FEATURE]:
+        place = int(0)
+        while held_bits >> place != 0:
+            if (held_bits >> place) & 1 != 0 and spring[base + place, SPRING_KEY] == contacts[k, K_FEATURE]:
                 contacts[k, K_PLACE] = wide(place)
                 contacts[k, K_OLDER] = wide(1.0)
                 now = now | (1 << place)
+            place += 1
     for k in range(count):
         if contacts[k, K_PLACE] < wide(0.0):
             heir = int(-1)
-            for place in range(MESH_CONTACTS):
-                ended = (held_bits >> place) & ~(now >> place) & 1
-                if ended != 0:
+            ended = held_bits & ~now
+            place = int(0)
+            while ended >> place != 0:
+                if (ended >> place) & 1 != 0:
                     older = spring[base + place, SPRING_KEY]
                     met = mesh_meet(features, int(contacts[k, K_FEATURE]), int(older))
                     if met and (heir < 0 or older < spring[base + max(heir, 0), SPRING_KEY]):
                         heir = int(place)
+                place += 1
             if heir >= 0:
                 contacts[k, K_PLACE] = wide(heir)
                 contacts[k, K_OLDER] = wide(1.0)

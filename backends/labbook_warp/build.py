@@ -52,9 +52,13 @@ def _system_text(meshes: bool) -> str:
     return f"# {system.__name__}\n{text}"
 
 
+_CALLED = r"@(func|kernel)\n(?=def mesh_(cell|contacts|listed|merged|near|places)\()"
+"""Functions of meshes that are called and not inlined, so that they give the same bits in every kernel."""
+
+
 def _mesh_text() -> str:
-    """Source of `labbook_dem.mesh`: functions that are called, with the types of Warp's arrays."""
-    text = source.device_source(mesh).replace("@kernel\n", "@subroutine\n")
+    """Source of `labbook_dem.mesh`, with the types of Warp's arrays."""
+    text = re.sub(_CALLED, "@subroutine\n", source.device_source(mesh))
     return f"# {mesh.__name__}\n{text.replace('near: np.ndarray', 'near: Ints').replace('np.ndarray', 'Table')}"
 
 

@@ -12,14 +12,17 @@ from labbook_dem.mesh import (
     MESH_CONTACTS,
     OVER,
     SPRING_KEY,
+    mesh_away,
     mesh_cell,
     mesh_contacts,
+    mesh_listed,
     mesh_near,
+    mesh_normal,
     mesh_places,
     mesh_vector,
 )
 from labbook_dem.spheres import sphere_on_wall
-from labbook_dem.words import FRICTION, func, narrow, real, vec3, wide
+from labbook_dem.words import FRICTION, dot, func, narrow, real, vec3, wide
 
 from labbook_numba.kernels.blocks import DEPTH, HELD, NX, UX, put_vector, reals, row_of
 from labbook_numba.kernels.bodies import inertia_of, kind_of, mass_of, radius_of
@@ -70,9 +73,10 @@ def list_features(st: State, p: Params, first, near):
                 cell = mesh_cell(p.mesh_frame, w, x)
                 if cell >= 0:
                     for n in range(p.mesh_cell[cell], p.mesh_cell[cell + 1]):
-                        if mesh_near(p.mesh_features, p.mesh_conditions, p.mesh_listed[n], x, radius, moves):
+                        f = p.mesh_listed[n]
+                        if mesh_near(p.mesh_features, p.mesh_conditions, f, x, radius, moves):
                             if rows < len(near):
-                                near[rows] = p.mesh_listed[n]
+                                near[rows] = mesh_listed(p.mesh_features, p.mesh_conditions, f, x, moves)
                             rows += 1
             first[k + 1] = rows
     return rows
@@ -83,6 +87,20 @@ def contacts_at(st: State, p: Params, k, x, radius):
     """Contacts of entry k, near a mesh, into st.touch; how many there are."""
     first, last = int(st.mesh_first[k]), int(st.mesh_first[k + 1])
     return mesh_contacts(p.mesh_features, p.mesh_conditions, st.mesh_near, first, last, x, radius, st.touch)
+
+
+@func
+def put_contact(b, i, slot, j, count, grain, row, feature, overlap, normal, older, surface):
+    """Bring a contact into the block, as number `count`; row: of its spring; surface: velocity [m/s]."""
+    put_vector(b, NX + count, normal)
+    b[DEPTH + count] = overlap
+    if MOVING:
+        put_vector(b, UX + count, surface)
+    i[count] = grain
+    if FRICTION:
+        b[HELD + count] = older
+        slot[count] = row
+        j[count] = feature
 
 
 @kernel
@@ -102,25 +120,32 @@ def pack_mesh(st: State, p: Params, w, k, last, b, i, slot):
         x = load(grains, grain, X)
         radius = radius_of(body, grain, p.radius)
         begin, end = int64(first[k]), int64(first[k + uint64(1)])
-        rows = mesh_contacts(features, conditions, near, begin, end, x, radius, touch)
-        if rows == OVER:
-            rows = 1
-            touch[0, K_OVERLAP] = np.inf  # which no guard lets pass
-        if FRICTION and (rows > 0 or bits[k] != 0):
-            base = int64(k) * int64(WALL_PARTS)
-            bits[k] = mesh_places(features, touch, rows, int64(bits[k]), spring, base)
-        for n in range(rows):
-            normal = mesh_vector(touch, n, K_NORMAL)
-            put_vector(b, NX + count, normal)
-            b[DEPTH + count] = touch[n, K_OVERLAP]
-            if MOVING:
-                put_vector(b, UX + count, wall_velocity(motion, w, x - normal * (radius - touch[n, K_OVERLAP])))
-            i[count] = grain
+        base = int64(k) * int64(WALL_PARTS)
+        before = int64(bits[k])
+        alone = int64(-1) - int64(near[begin]) if end - begin == 1 else int64(-1)
+        if alone >= 0 and (before == 0 or (before == 1 and spring[base, SPRING_KEY] == alone)):
+            # most grains: one feature is near, and only with it was there a contact
+            away = mesh_away(features, alone, x)
+            bits[k] = 0
+            if dot(away, away) < radius * radius:
+                bits[k] = 1
+                distance, normal = mesh_normal(away)
+                surface = wall_velocity(motion, w, x - normal * distance) if MOVING else normal
+                put_contact(b, i, slot, j, count, grain, base, alone, radius - distance, normal, wide(before), surface)
+                count += uint64(1)
+        else:
+            rows = mesh_contacts(features, conditions, near, begin, end, x, radius, touch)
+            if rows == OVER:
+                rows = 1
+                touch[0, K_OVERLAP] = np.inf  # which no guard lets pass
             if FRICTION:
-                b[HELD + count] = touch[n, K_OLDER]
-                slot[count] = int64(k) * int64(WALL_PARTS) + int64(touch[n, K_PLACE])
-                j[count] = touch[n, K_FEATURE]
-            count += uint64(1)
+                bits[k] = mesh_places(features, touch, rows, before, spring, base)
+            for n in range(rows):
+                normal, overlap = mesh_vector(touch, n, K_NORMAL), touch[n, K_OVERLAP]
+                surface = wall_velocity(motion, w, x - normal * (radius - overlap)) if MOVING else normal
+                row, feature = base + int64(touch[n, K_PLACE]), int64(touch[n, K_FEATURE])
+                put_contact(b, i, slot, j, count, grain, row, feature, overlap, normal, touch[n, K_OLDER], surface)
+                count += uint64(1)
         k += uint64(1)
     return count, k
 
@@ -132,7 +157,7 @@ def key_springs(st: State, slot, count):
         st.wall_spring[slot[t], SPRING_KEY] = st.block_j[t]
 
 
-@func
+@kernel
 def mesh_now(st: State, p: Params, w, k, dt, out, rows):
     """Write the contacts of entry k with mesh w, as `walls_now` does."""
     zero = real(0.0)

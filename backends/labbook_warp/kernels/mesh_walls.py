@@ -21,6 +21,7 @@ from labbook_dem.mesh import (
     SPRING_KEY,
     mesh_cell,
     mesh_contacts,
+    mesh_listed,
     mesh_near,
     mesh_places,
     mesh_vector,
@@ -223,6 +224,7 @@ def list_features(a: System):
     if a.flag[s] == 1 and r < a.rows[s]:
         m = material(a, s)
         reach = body(a, m, i).reach
+        moves = wide(1.0000001) * m.half_skin
         x = a.origin[i]
         near = a.wall_near[i] & wp.uint32(FIRST_PARTS)
         while near != wp.uint32(0):
@@ -235,8 +237,9 @@ def list_features(a: System):
                 count = int(0)
                 for n in range(a.mesh_cell[cell], a.mesh_cell[cell + 1]):
                     f = a.mesh_listed[n]
-                    if mesh_near(a.mesh_features, a.mesh_conditions, f, x, reach, wide(1.0000001) * m.half_skin):
+                    if mesh_near(a.mesh_features, a.mesh_conditions, f, x, reach, moves):
                         if count < MESH_LISTED:
-                            a.mesh_near[at * MESH_LISTED + count] = f
+                            to = at * MESH_LISTED + count
+                            a.mesh_near[to] = mesh_listed(a.mesh_features, a.mesh_conditions, f, x, moves)
                         count = count + 1
                 a.mesh_count[at] = count
