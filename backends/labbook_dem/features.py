@@ -203,8 +203,9 @@ def check(can: Capabilities, needs: Needs, precision: str, probes: Sequence[Prob
             has = ", ".join(sorted(known))
             state = f": state numerics: {{precision: {min(known)}}}" if key == "numerics.precision" else ""
             raise Unsupported(key, f"the backend {can.name} has no {value}; it has {has}{state}")
-    if MESH in needs.walls and SHAPES[needs.grains.shape].oriented:
-        raise Unsupported("container", "rods have no contacts with a mesh; use spheres, or plates in place of the mesh")
+    if MESH in needs.walls and SHAPES[needs.grains.shape].oriented and not can.rods_at_meshes:
+        reason = f"the backend {can.name} has no contacts of rods with a mesh"
+        raise Unsupported("container", f"{reason}; use --backend numba, spheres, or plates in place of the mesh")
     for formulas, names in ((LAWS, (needs.contact.law,)), (WALLS, needs.walls - {MESH})):
         for name in names:
             _ = formulas[name]  # held to its definitions

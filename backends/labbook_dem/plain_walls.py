@@ -18,6 +18,7 @@ from labbook_dem.dispatch import PlainWall
 from labbook_dem.features import features, is_oriented
 from labbook_dem.laws import LAWS
 from labbook_dem.mesh import PlainMesh
+from labbook_dem.mesh_rods import PlainRodMesh
 from labbook_dem.traction import SUMS, BinTable, Touch, add_touch
 from labbook_dem.words import vec3
 
@@ -68,8 +69,9 @@ class PlainWalls:
     def __init__(self, scene: Scene, numerics: Numerics):
         self.scene, self.numerics = scene, numerics
         self.walls, self.rods = scene.container.walls(), is_oriented(scene)
+        of_triangles = PlainRodMesh if self.rods else PlainMesh
         self.plain = [
-            PlainMesh(wall.shape) if isinstance(wall.shape, TriangleMesh) else PlainWall(wall.shape)
+            of_triangles(wall.shape) if isinstance(wall.shape, TriangleMesh) else PlainWall(wall.shape)
             for wall in self.walls
         ]
         self._rolling = bool(features(scene, numerics, ())["ROLLING_SPRING"])
@@ -88,14 +90,25 @@ class PlainWalls:
         if isinstance(plain, PlainMesh):
             features = sorted(key[2] for key in springs if len(key) == 3 and key[:2] == (grain.name, w))
             met, heirs = {}, {}
-            for feature, distance, normal, older in plain.contacts(grain.x, grain.radius, features):
-                met[feature], heirs[feature] = (distance, normal, 0.0), NEW if older is None else older
+            for feature, distance, normal, s, older in self._at_mesh(plain, grain, features):
+                met[feature], heirs[feature] = (distance, normal, s), NEW if older is None else older
         else:
             met = self._met(plain, grain)
             was = sum(1 << part for part in range(PARTS) if (grain.name, w, part) in springs)
             now = sum(1 << part for part in met)
             heirs = {part: rods.heir(part, was, now) for part in met}
         yield from self._acting(w, grain, met, heirs, springs, rolling)
+
+    def _at_mesh(
+        self, plain: PlainMesh, grain: GrainState, features: list[int]
+    ) -> Iterator[tuple[int, float, vec3, float, int | None]]:
+        """Contacts of a grain with a mesh, as `PlainRodMesh.rod_contacts` gives them."""
+        if isinstance(plain, PlainRodMesh):
+            half = self.scene.grains.half_length
+            yield from plain.rod_contacts(grain.x, grain.axis, half, grain.radius, features)
+        else:
+            for feature, distance, normal, older in plain.contacts(grain.x, grain.radius, features):
+                yield feature, distance, normal, 0.0, older
 
     def _met(self, plain: PlainWall, grain: GrainState) -> dict[int, tuple[float, vec3, float]]:
         """Of each part of a grain that touches a wall: distance [m], unit normal, and where on the segment [m]."""

@@ -39,7 +39,7 @@ class Run(Standing):
         self.failure: Failure | None = None
         self._varied, self._rolling = scene.grains.varied, rolling_springs(scene)
         self._kept = kept(scene)
-        self._first_feature = first_features(scene.container.walls())
+        self._first_feature = first_features(scene.container.walls(), self.rods)
 
     # how it starts
 

@@ -5,6 +5,7 @@ from typing import NamedTuple
 
 import numpy as np
 from labbook_dem.mesh import CONDITION_COLUMNS, F_FIRST, F_LAST, F_VERTICES, FEATURE_COLUMNS, mesh_table
+from labbook_dem.mesh_rods import ROD_PARTS, rod_table
 
 from labbook.scene import TriangleMesh, Wall
 
@@ -31,24 +32,25 @@ class MeshGrids(NamedTuple):
     listed: np.ndarray
 
     @classmethod
-    def of(cls, walls: Sequence[Wall], reach: float) -> "MeshGrids":
+    def of(cls, walls: Sequence[Wall], reach: float, rods: bool = False) -> "MeshGrids":
         """Grids for grains whose centres are no farther from a feature than `reach` [m]."""
         features, conditions = [np.zeros((0, FEATURE_COLUMNS))], [np.zeros((0, CONDITION_COLUMNS))]
-        frame, begin = np.zeros((len(walls), 8)), first_features(walls)
+        frame, begin = np.zeros((len(walls), 8)), first_features(walls, rods)
+        parts = ROD_PARTS if rods else 1
         first, listed = [np.zeros(1, np.int64)], [np.zeros(0, np.int64)]
         for w, wall in enumerate(walls):
             if not isinstance(wall.shape, TriangleMesh):
                 continue
-            table = mesh_table(wall.shape)
-            cells, size, low, shape = _cells(table.low - reach, table.high + reach, 2 * reach)
+            table = rod_table(wall.shape) if rods else mesh_table(wall.shape)
+            cells, size, low, shape = _cells(table.low[::parts] - reach, table.high[::parts] + reach, 2 * reach)
             frame[w] = *low, 1 / size, *shape, sum(map(len, first)) - 1
             own = table.features.copy()
             own[:, F_FIRST : F_LAST + 1] += sum(map(len, conditions))
-            own[:, F_VERTICES:] += 3 * begin[w]  # of no other mesh
+            own[:, F_VERTICES:] += 3 * parts * begin[w]  # of no other mesh
             order = np.lexsort(cells[::-1])
             counts = np.bincount(cells[0], minlength=int(np.prod(shape)))
             first.append(np.cumsum(counts) + sum(map(len, listed)))
-            listed.append(cells[1][order] + begin[w])
+            listed.append(parts * cells[1][order] + begin[w])  # of a rod, the first of its parts
             features.append(own)
             conditions.append(table.conditions)
         arrays = map(np.concatenate, (features, conditions, first, listed))
@@ -56,10 +58,11 @@ class MeshGrids(NamedTuple):
         return cls(features, conditions, frame, first, listed)
 
 
-def first_features(walls: Sequence[Wall]) -> np.ndarray:
+def first_features(walls: Sequence[Wall], rods: bool = False) -> np.ndarray:
     """Number of the first feature of each wall among those of all meshes, and behind the last, shape [W + 1]."""
+    table = rod_table if rods else mesh_table
     shapes = [wall.shape for wall in walls]
-    counts = [len(mesh_table(shape).features) if isinstance(shape, TriangleMesh) else 0 for shape in shapes]
+    counts = [len(table(shape).features) if isinstance(shape, TriangleMesh) else 0 for shape in shapes]
     return np.cumsum([0, *counts])
 
 

@@ -26,7 +26,8 @@ def parameters(scene: Scene, numerics: Numerics, probes: Sequence[Probe], wall_n
     walls = features.wall_tables(scene, numerics)
     rolling_stiffness, rolling_damping = scene.contact.rolling_spring
     skin = numerics.skin * d
-    meshes = MeshGrids.of(scene.container.walls(), grains.radius + 0.51 * skin)
+    reach = grains.radius + grains.half_length + 0.51 * skin
+    meshes = MeshGrids.of(scene.container.walls(), reach, features.is_oriented(scene))
     spare = wall_numbers - walls.numbers.shape[1]
     return Params(
         c=tuple(pair_c[0].tolist()),

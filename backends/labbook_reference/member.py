@@ -13,6 +13,7 @@ from labbook_dem.ensemble import LONGEST, UNKNOWN, Failure, Standing, explain
 from labbook_dem.ensemble import check_checkpoint as check_names
 from labbook_dem.features import features, is_oriented, planes, rolling_springs
 from labbook_dem.mesh import MESH_CONTACTS, PlainMesh, TooManyContacts, mesh_table
+from labbook_dem.mesh_rods import rod_table
 from labbook_dem.plain_walls import NONE, PARTS, GrainState, Key, PlainWalls
 from labbook_dem.reading import CONTACT_COLUMNS, Grains, Inside, crossing_columns
 from labbook_dem.traction import SUMS, add_touch
@@ -564,7 +565,8 @@ def check_checkpoint(can: Capabilities, scene: Scene, stored: Checkpoint) -> Non
     wall, part = arrays["wall_key"][:, 1], arrays["wall_key"][:, 2]
     if not (np.isin(arrays["pair_key"], ids).all() and np.isin(arrays["wall_key"][:, 0], ids).all()):
         raise ValueError("springs belong to grains that do not exist")
-    most_parts = max([PARTS, *(len(mesh_table(shape).features) for shape in meshes)])
+    table = rod_table if is_oriented(scene) else mesh_table
+    most_parts = max([PARTS, *(len(table(shape).features) for shape in meshes)])
     if not ((wall >= 0) & (wall < len(scene.container.walls())) & (part >= 0) & (part < most_parts)).all():
         raise ValueError("springs are at walls that do not exist")
 

@@ -1,5 +1,5 @@
-"""Spheres at walls of triangles: which features are near, and the contacts of now; compiled only for scenes that have
-a mesh."""
+"""Grains at walls of triangles: which features are near, and the contacts of spheres of now; compiled only for scenes
+that have a mesh. Those of rods are in `rod_walls`."""
 
 import numpy as np
 from labbook_dem.contact import rolling_rate
@@ -17,6 +17,7 @@ from labbook_dem.mesh import (
     mesh_places,
     mesh_vector,
 )
+from labbook_dem.mesh_rods import mesh_rod_near
 from labbook_dem.spheres import sphere_on_wall
 from labbook_dem.words import FRICTION, func, narrow, real, vec3, wide
 
@@ -27,7 +28,9 @@ from labbook_numba.kernels.features import (
     KINDS,
     MESH_NUMBER,
     MOVING,
+    ORIENTED,
     WALL_PARTS,
+    A,
     U,
     V,
     W,
@@ -54,13 +57,24 @@ def cell_at(frame, w, x):
     return int64(frame[w, 7]) + (int64(a) * ny + int64(b)) * nz + int64(c)
 
 
+@func
+def may_touch(features, conditions, f, grains, i, x, half, radius, moves):
+    """True if grain i at x may touch feature f before a point of it has moved by a distance [m]."""
+    if ORIENTED:
+        return mesh_rod_near(features, conditions, f, x, load(grains, i, A), half, radius, moves)
+    return mesh_near(features, conditions, f, x, radius, moves)
+
+
 @kernel
-def near_mesh(p: Params, w, x, radius, moves):
-    """True if a sphere at x may touch mesh w before it has moved by a distance [m]."""
+def near_mesh(st: State, p: Params, w, i, moves):
+    """True if grain i may touch mesh w before a point of it has moved by a distance [m]."""
+    grains, features, conditions = st.grains, p.mesh_features, p.mesh_conditions
+    x = load(grains, i, X)
+    radius = radius_of(st.body, i, p.radius)
     cell = cell_at(p.mesh_frame, w, x)
     if cell >= 0:
         for k in range(p.mesh_cell[cell], p.mesh_cell[cell + 1]):
-            if mesh_near(p.mesh_features, p.mesh_conditions, p.mesh_listed[k], x, radius, moves):
+            if may_touch(features, conditions, p.mesh_listed[k], grains, i, x, p.half, radius, moves):
                 return True
     return False
 
@@ -70,18 +84,19 @@ def list_features(st: State, p: Params, first, near):
     """Fill the lists of features that may be touched before the next rebuild, of each entry near a mesh, ascending;
     their length, also where `near` is shorter."""
     moves = wide(0.5000001) * p.skin
+    grains, features, conditions = st.grains, p.mesh_features, p.mesh_conditions
     rows = 0
     first[0] = 0
     for w in range(len(p.wall_kind)):
         for k in range(st.wall_first[w], st.wall_first[w + 1]):
             if p.wall_kind[w] == MESH_NUMBER:
                 i = st.wall_grain[k]
-                x = load(st.grains, i, X)
+                x = load(grains, i, X)
                 radius = radius_of(st.body, i, p.radius)
                 cell = cell_at(p.mesh_frame, w, x)
                 if cell >= 0:
                     for n in range(p.mesh_cell[cell], p.mesh_cell[cell + 1]):
-                        if mesh_near(p.mesh_features, p.mesh_conditions, p.mesh_listed[n], x, radius, moves):
+                        if may_touch(features, conditions, p.mesh_listed[n], grains, i, x, p.half, radius, moves):
                             if rows < len(near):
                                 near[rows] = p.mesh_listed[n]
                             rows += 1

@@ -1,5 +1,8 @@
 """Grains at walls of triangles by the CPU backend: as by the reference, and the same bits after a restart."""
 
+import math
+from dataclasses import replace
+
 import labbook_reference
 import numpy as np
 import pytest
@@ -13,8 +16,9 @@ from labbook.backend.numerics import Numerics
 from labbook.backend.probes import Contacts, Ledger, Sample
 from labbook.checks.verify.materials import D, G, linear, scene, spheres
 from labbook.checks.verify.mesh import of_triangles, sheet
+from labbook.checks.verify.rods import towards
 from labbook.checks.verify.stand import grains_at
-from labbook.scene import Box, Primitives, Scene, TriangleMesh, Wall
+from labbook.scene import Box, Primitives, Scene, Spherocylinders, TriangleMesh, Wall
 from labbook.scene.triangles import Triangles
 
 pytestmark = pytest.mark.compiles
@@ -35,10 +39,24 @@ def trough() -> Scene:
     return scene(8, linear(friction=0.4), Primitives(parts=(*sides, bent)), G)
 
 
+def rod_trough() -> Scene:
+    """The same with rods of a length of three radii."""
+    grains = Spherocylinders(diameter=D, length=1.5 * D, density=2500, count=8)
+    return trough().model_copy(update={"grains": grains})
+
+
+SCENES = [pytest.param(trough(), id="spheres"), pytest.param(rod_trough(), id="rods", marks=pytest.mark.ring)]
+"""Kernels of rods at meshes are compiled in the ring only; test_dem_mesh_rods has their contacts."""
+
+
 def start(of: Scene):
     rng = np.random.default_rng(2)
     x = np.array([[a, b, 3.0] for a in (-5, -1.5, 1.5, 5) for b in (-2, 2)]) * R + rng.uniform(-0.1, 0.1, (8, 3)) * R
-    return grains_at(x, rng.uniform(-0.3, 0.3, (8, 3)) - [0, 0, 0.3])
+    fallen = grains_at(x, rng.uniform(-0.3, 0.3, (8, 3)) - [0, 0, 0.3])
+    if isinstance(of.grains, Spherocylinders):
+        q = np.array([towards([math.sin(t), 0.0, math.cos(t)]) for t in rng.uniform(1.2, 1.5, 8)])
+        fallen = replace(fallen, x=fallen.x + np.array([0, 0, R]), q=q)
+    return fallen
 
 
 def run(backend, of: Scene, packing, beats: int):
@@ -48,8 +66,9 @@ def run(backend, of: Scene, packing, beats: int):
     return ensemble, member, events
 
 
-def test_grains_move_as_by_the_reference_and_go_on_from_its_packing():
-    of, numba = trough(), Backend(wide=True)
+@pytest.mark.parametrize("of", SCENES)
+def test_grains_move_as_by_the_reference_and_go_on_from_its_packing(of):
+    numba = Backend(wide=True)
     fallen, member, _ = run(numba, of, start(of), 240)
     packing = fallen.packing(member)
     assert len(packing.wall_part) >= 4
@@ -71,8 +90,9 @@ def test_grains_move_as_by_the_reference_and_go_on_from_its_packing():
     assert np.abs(springs[0] - springs[1]).max() < 1e-11 * D
 
 
-def test_a_restart_changes_no_bit():
-    of, numba = trough(), Backend(wide=True)
+@pytest.mark.parametrize("of", SCENES)
+def test_a_restart_changes_no_bit(of):
+    numba = Backend(wide=True)
     whole, member, _ = run(numba, of, start(of), 200)
     end = whole.packing(member)
     parts, member, _ = run(numba, of, start(of), 120)
