@@ -97,8 +97,8 @@ def mesh_between(
     features: np.ndarray, conditions: np.ndarray, f: int, x: wide3, a: wide3, half: wide, radius: wide,
     contacts: np.ndarray, ends: int,
 ):  # fmt: skip
-    """Where on the segment the edge or vertex f has a contact [m], its overlap beyond what the ends carry [m], and the
-    unit normal; the overlap is negative where there is none.
+    """Place on the segment at which the edge or vertex f has a contact [m], its overlap beyond what the ends carry [m],
+    and the unit normal; the overlap is negative where there is none.
 
     The first `ends` contacts are those of the ends. With D the distance of the lines, or of the vertex from the line,
     and k the sine of their angle, or 1, the distance is sqrt(D^2 + k^2 t^2) at t from their closest points, and the

@@ -30,6 +30,7 @@ class Backend(DemBackend):
         mixtures=True,
         meshes=True,
         rods_at_meshes=True,
+        moving_parts=True,
     )
 
     def __init__(self, threads: int | None = None, *, wide: bool = False):

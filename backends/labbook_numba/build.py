@@ -36,6 +36,7 @@ from labbook_numba.kernels import (
     neighbours,
     observe,
     pairs,
+    poses,
     rod_meshes,
     shape,
     step,
@@ -97,7 +98,7 @@ def module_text(spec: Spec) -> str:
     walls = dispatch.functions(kinds, rods=layout.ORIENTED, at="walls[{k}]", looks_first=True)
     named["WALL_NUMBERS"] = width = max(map(dispatch.how_many, kinds), default=1)
     numbers = f"@func\ndef wall_numbers(walls, w):\n    return {''.join(f'walls[w, {k}], ' for k in range(width))}\n"
-    meshes = [mesh_walls, *([rod_meshes] if layout.ORIENTED else [])] if spec.feature("MESHES") else []
+    meshes = [poses, mesh_walls, *([rod_meshes] if layout.ORIENTED else [])] if spec.feature("MESHES") else []
     modules = [surfaces, numbers, walls, *BEFORE, *meshes, *own.kernels, *AFTER]
     text = source.generate(dialect.header(spec.feature("precision")), named, physics, modules)
     # annotations name the backend's Python types, which compiled code has no use for

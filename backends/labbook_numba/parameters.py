@@ -26,7 +26,9 @@ def parameters(scene: Scene, numerics: Numerics, probes: Sequence[Probe], wall_n
     walls = features.wall_tables(scene, numerics)
     rolling_stiffness, rolling_damping = scene.contact.rolling_spring
     skin = numerics.skin * d
-    reach = grains.radius + grains.half_length + 0.51 * skin
+    # a grain moves by half a skin before lists are rebuilt, and so does a part
+    moves = 1.0 * skin if features.has_moving_parts(scene) else 0.5 * skin
+    reach = grains.radius + grains.half_length + 1.02 * moves
     meshes = MeshGrids.of(scene.container.walls(), reach, features.is_oriented(scene))
     spare = wall_numbers - walls.numbers.shape[1]
     return Params(
@@ -55,4 +57,6 @@ def parameters(scene: Scene, numerics: Numerics, probes: Sequence[Probe], wall_n
         mesh_frame=meshes.frame,
         mesh_cell=meshes.first,
         mesh_listed=meshes.listed,
+        mesh_moves=moves,
+        part_speed=features.part_speed(scene, reach),
     )

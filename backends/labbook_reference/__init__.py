@@ -22,7 +22,14 @@ class Backend(DemBackend):
     """See `labbook.backend.Backend`."""
 
     capabilities = capabilities(
-        "reference", CACHE_VERSION, frozenset({"double"}), ("cpu",), mixtures=True, meshes=True, rods_at_meshes=True
+        "reference",
+        CACHE_VERSION,
+        frozenset({"double"}),
+        ("cpu",),
+        mixtures=True,
+        meshes=True,
+        rods_at_meshes=True,
+        moving_parts=True,
     )
 
     def specialise(self, scene: Scene, numerics: Numerics, probes: Sequence[Probe] = ()) -> Spec:

@@ -324,6 +324,7 @@ class Run(Standing):
         found.f[:, 2] = -self.bodies.mass * self.scene.gravity
         if not self.grains:
             return found
+        self._move_parts()
         with self._law():
             a = axes(self.q) if self.q is not None else np.zeros_like(self.x)
             spins = self._spins(self.m), self._spins(self.y)
@@ -337,6 +338,11 @@ class Run(Standing):
                 for i in self._near(w, wall):
                     self._wall(found, i, w, self._grain(i, a, *spins))
         return found
+
+    def _move_parts(self) -> None:
+        """Bring parts that move to where they are now; grains are then looked at anew."""
+        self._at_walls.move_to(self.step)
+        self.clear[list(self._at_walls.frames)] = 0.0
 
     def _close(self, a: np.ndarray) -> list[tuple[int, int]]:
         """Pairs of grains that may touch: those within reach, and of rods along `a` those that nearly meet."""
@@ -354,7 +360,8 @@ class Run(Standing):
         half, near = self.scene.grains.half_length, []
         for i in np.flatnonzero(self.clear[w] <= 0).tolist():
             x, radius = vec3(*self.x[i].tolist()), float(self.bodies.radius[i])
-            distance, _normal = wall.distance(x)
+            frame = self._at_walls.frames.get(w)
+            distance, _normal = wall.distance(x if frame is None else frame.place(x))
             self.clear[w, i] = distance - radius - half
             if self.clear[w, i] <= 0:
                 near.append(i)
@@ -432,6 +439,7 @@ class Run(Standing):
         sums = np.zeros((table.total, SUMS), np.int64)
         a = axes(self.q) if self.q is not None else np.zeros_like(self.x)
         spins = self._spins(self.m), self._spins(self.y)
+        self._move_parts()
         with self._law():
             for w, wall in enumerate(self._at_walls.plain):
                 for i in self._near(w, wall):

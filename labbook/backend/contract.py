@@ -42,6 +42,8 @@ class Capabilities:
     """True if velocities of grains can be set (`Ensemble.set_velocities`), which scenes with `restart` need."""
     rods_at_meshes: bool = False
     """True if rods have contacts with walls of triangles."""
+    moving_parts: bool = False
+    """True if parts of a container can move (`Wall.moves`)."""
 
 
 @dataclass(frozen=True)

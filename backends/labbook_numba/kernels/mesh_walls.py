@@ -21,7 +21,7 @@ from labbook_dem.mesh_rods import mesh_rod_near
 from labbook_dem.spheres import sphere_on_wall
 from labbook_dem.words import FRICTION, func, narrow, real, vec3, wide
 
-from labbook_numba.kernels.blocks import DEPTH, HELD, NX, UX, put_vector, reals, row_of
+from labbook_numba.kernels.blocks import DEPTH, HELD, NX, UX, VX, put_vector, reals, row_of
 from labbook_numba.kernels.bodies import inertia_of, kind_of, mass_of, radius_of
 from labbook_numba.kernels.features import (
     BLOCK,
@@ -29,6 +29,8 @@ from labbook_numba.kernels.features import (
     MESH_NUMBER,
     MOVING,
     ORIENTED,
+    POSES,
+    STEP,
     WALL_PARTS,
     A,
     U,
@@ -39,6 +41,16 @@ from labbook_numba.kernels.features import (
     int64,
     kernel,
     uint64,
+)
+from labbook_numba.kernels.poses import (
+    in_part,
+    inwards,
+    outwards,
+    part_spin,
+    part_velocity,
+    part_velocity_before,
+    pose_now,
+    spring_outwards,
 )
 from labbook_numba.kernels.surfaces import wall_velocity
 from labbook_numba.kernels.transfer import load, spring_at, write_row
@@ -58,23 +70,37 @@ def cell_at(frame, w, x):
 
 
 @func
-def may_touch(features, conditions, f, grains, i, x, half, radius, moves):
-    """True if grain i at x may touch feature f before a point of it has moved by a distance [m]."""
+def may_touch(features, conditions, f, x, a, half, radius, moves):
+    """True if a grain at x, a rod along a, may touch feature f before a point of it has moved by a distance [m]."""
     if ORIENTED:
-        return mesh_rod_near(features, conditions, f, x, load(grains, i, A), half, radius, moves)
+        return mesh_rod_near(features, conditions, f, x, a, half, radius, moves)
     return mesh_near(features, conditions, f, x, radius, moves)
+
+
+@func
+def placed_at(st: State, w, i):
+    """Place and axis of grain i, in the frame of wall w; of spheres the axis is of no meaning."""
+    x = load(st.grains, i, X)
+    a = x
+    if ORIENTED:
+        a = load(st.grains, i, A)
+    if POSES:
+        now = pose_now(st)
+        x = in_part(st.pose, now, w, x)
+        a = inwards(st.pose, now, w, a)
+    return x, a
 
 
 @kernel
 def near_mesh(st: State, p: Params, w, i, moves):
     """True if grain i may touch mesh w before a point of it has moved by a distance [m]."""
-    grains, features, conditions = st.grains, p.mesh_features, p.mesh_conditions
-    x = load(grains, i, X)
+    features, conditions = p.mesh_features, p.mesh_conditions
+    x, a = placed_at(st, w, i)
     radius = radius_of(st.body, i, p.radius)
     cell = cell_at(p.mesh_frame, w, x)
     if cell >= 0:
         for k in range(p.mesh_cell[cell], p.mesh_cell[cell + 1]):
-            if may_touch(features, conditions, p.mesh_listed[k], grains, i, x, p.half, radius, moves):
+            if may_touch(features, conditions, p.mesh_listed[k], x, a, p.half, radius, moves):
                 return True
     return False
 
@@ -83,20 +109,20 @@ def near_mesh(st: State, p: Params, w, i, moves):
 def list_features(st: State, p: Params, first, near):
     """Fill the lists of features that may be touched before the next rebuild, of each entry near a mesh, ascending;
     their length, also where `near` is shorter."""
-    moves = wide(0.5000001) * p.skin
-    grains, features, conditions = st.grains, p.mesh_features, p.mesh_conditions
+    moves = wide(1.0000002) * p.mesh_moves
+    features, conditions = p.mesh_features, p.mesh_conditions
     rows = 0
     first[0] = 0
     for w in range(len(p.wall_kind)):
         for k in range(st.wall_first[w], st.wall_first[w + 1]):
             if p.wall_kind[w] == MESH_NUMBER:
                 i = st.wall_grain[k]
-                x = load(grains, i, X)
+                x, a = placed_at(st, w, i)
                 radius = radius_of(st.body, i, p.radius)
                 cell = cell_at(p.mesh_frame, w, x)
                 if cell >= 0:
                     for n in range(p.mesh_cell[cell], p.mesh_cell[cell + 1]):
-                        if may_touch(features, conditions, p.mesh_listed[n], grains, i, x, p.half, radius, moves):
+                        if may_touch(features, conditions, p.mesh_listed[n], x, a, p.half, radius, moves):
                             if rows < len(near):
                                 near[rows] = p.mesh_listed[n]
                             rows += 1
@@ -106,7 +132,7 @@ def list_features(st: State, p: Params, first, near):
 
 @kernel
 def contacts_at(st: State, p: Params, k, x, radius):
-    """Contacts of entry k, near a mesh, into st.touch; how many there are."""
+    """Contacts of entry k, near a mesh, in whose frame its grain is at x, into st.touch; how many there are."""
     first, last = int(st.mesh_first[k]), int(st.mesh_first[k + 1])
     return mesh_contacts(p.mesh_features, p.mesh_conditions, st.mesh_near, first, last, x, radius, st.touch)
 
@@ -122,13 +148,18 @@ def pack_mesh(st: State, p: Params, w, k, last, b, i, slot):
     touch, spring, bits, j = st.touch, st.wall_spring, st.wall_held, st.block_j
     grains, body, listed = st.grains, st.body, st.wall_grain
     features, conditions = p.mesh_features, p.mesh_conditions
-    near, first, motion = st.mesh_near, st.mesh_first, p.wall_motion
+    near, first, motion, pose, now = st.mesh_near, st.mesh_first, p.wall_motion, st.pose, int64(0)
+    if POSES:
+        now = pose_now(st)
     while k < last and count + uint64(MESH_CONTACTS) <= BLOCK:
         grain = listed[k]
         x = load(grains, grain, X)
+        at = x
+        if POSES:
+            at = in_part(pose, now, w, x)
         radius = radius_of(body, grain, p.radius)
         begin, end = int64(first[k]), int64(first[k + uint64(1)])
-        rows = mesh_contacts(features, conditions, near, begin, end, x, radius, touch)
+        rows = mesh_contacts(features, conditions, near, begin, end, at, radius, touch)
         if rows == OVER:
             rows = 1
             touch[0, K_OVERLAP] = np.inf  # which no guard lets pass
@@ -137,10 +168,18 @@ def pack_mesh(st: State, p: Params, w, k, last, b, i, slot):
             bits[k] = mesh_places(features, touch, rows, int64(bits[k]), spring, base)
         for n in range(rows):
             normal = mesh_vector(touch, n, K_NORMAL)
+            if POSES:
+                normal = outwards(pose, now, w, normal)
             put_vector(b, NX + count, normal)
             b[DEPTH + count] = touch[n, K_OVERLAP]
             if MOVING:
-                put_vector(b, UX + count, wall_velocity(motion, w, x - normal * (radius - touch[n, K_OVERLAP])))
+                point = x - normal * (radius - touch[n, K_OVERLAP])
+                velocity = wall_velocity(motion, w, point)
+                if POSES:
+                    before = part_velocity_before(pose, now, w, point, p.dt, st.count[STEP])
+                    put_vector(b, VX + count, velocity + before)
+                    velocity = velocity + part_velocity(pose, now, w, point)
+                put_vector(b, UX + count, velocity)
             i[count] = grain
             if FRICTION:
                 b[HELD + count] = touch[n, K_OLDER]
@@ -166,12 +205,17 @@ def mesh_now(st: State, p: Params, w, k, dt, out, rows):
     i = st.wall_grain[k]
     x = load(st.grains, i, X)
     radius = radius_of(st.body, i, p.radius)
-    contacts = contacts_at(st, p, k, x, radius)
+    place, _ = placed_at(st, w, i)
+    contacts = contacts_at(st, p, k, place, radius)
+    if POSES:
+        spin = spin + part_spin(st.pose, pose_now(st), w)
     base = int64(k) * int64(WALL_PARTS)
     if FRICTION:
         mesh_places(p.mesh_features, st.touch, contacts, int64(st.wall_held[k]), st.wall_spring, base)
     for n in range(contacts):
         normal = mesh_vector(st.touch, n, K_NORMAL)
+        if POSES:
+            normal = outwards(st.pose, pose_now(st), w, normal)
         overlap = st.touch[n, K_OVERLAP]
         branch = normal * (overlap - radius)
         u = load(st.grains, i, U)
@@ -180,13 +224,19 @@ def mesh_now(st: State, p: Params, w, k, dt, out, rows):
             surface = wall_velocity(p.wall_motion, w, x + branch)
             u = u - surface
             v = v - surface
+            if POSES:
+                u = u - part_velocity(st.pose, pose_now(st), w, x + branch)
+                v = v - part_velocity_before(st.pose, pose_now(st), w, x + branch, p.dt, st.count[STEP])
         older = st.touch[n, K_OLDER] if FRICTION else wide(0.0)
         row = base + int64(st.touch[n, K_PLACE]) if FRICTION else base
+        spring = spring_at(st.wall_spring, row, older)
+        if POSES:
+            spring = spring_outwards(st.pose, pose_now(st), w, spring)
         force, _, _ = sphere_on_wall(
             reals(row_of(p.wall_c, w * KINDS + kind_of(st.body, i))),
             real(radius), real(mass_of(st.body, i, p.mass)), real(overlap), narrow(normal),
             narrow(u), narrow(v), narrow(load(st.grains, i, W)), spin,
-            spring_at(st.wall_spring, row, older), real(0.5) * dt * (real(1.0) + real(older)),
+            spring, real(0.5) * dt * (real(1.0) + real(older)),
             rolling_rate(real(inertia_of(st.body, i, p.inertia)), real(p.dt)),
         )  # fmt: skip
         write_row(out, rows, st.ids[i], -1, w, force, branch)

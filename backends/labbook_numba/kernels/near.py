@@ -50,7 +50,7 @@ def near_walls(st: State, p: Params, first, grain):
             if MESHES:
                 a_mesh = p.wall_kind[w] == MESH_NUMBER
                 if a_mesh:
-                    near = near_mesh(st, p, w, i, half_skin)
+                    near = near_mesh(st, p, w, i, p.mesh_moves)
             if not a_mesh:
                 near = near_wall(st.grains, st.body, i, p.walls, p.wall_kind, w, p.radius, p.half, half_skin)
             if near:

@@ -16,8 +16,9 @@ from labbook_dem.mesh import (
 from labbook_dem.mesh_rods import mesh_rod_contacts
 from labbook_dem.words import wide
 
-from labbook_numba.kernels.features import FRICTION, WALL_PARTS, A, X, int64, kernel
-from labbook_numba.kernels.transfer import load
+from labbook_numba.kernels.features import FRICTION, POSES, WALL_PARTS, int64, kernel
+from labbook_numba.kernels.mesh_walls import placed_at
+from labbook_numba.kernels.poses import outwards, pose_now
 from labbook_numba.state import Params, State
 
 
@@ -27,9 +28,10 @@ def measure_rod_at_mesh(st: State, p: Params, w, k):
     spring; which touch, and which have an older spring, as bits. Contacts are left in st.touch."""
     i = st.wall_grain[k]
     near, touch = st.near, st.touch
+    x, a = placed_at(st, w, i)
     count = mesh_rod_contacts(
         p.mesh_features, p.mesh_conditions, st.mesh_near, int64(st.mesh_first[k]), int64(st.mesh_first[k + 1]),
-        load(st.grains, i, X), load(st.grains, i, A), p.half, p.radius, touch,
+        x, a, p.half, p.radius, touch,
     )  # fmt: skip
     if count == OVER:
         count = 1
@@ -45,6 +47,8 @@ def measure_rod_at_mesh(st: State, p: Params, w, k):
     for n in range(count):
         place = int64(touch[n, K_PLACE])
         normal = mesh_vector(touch, n, K_NORMAL)
+        if POSES:
+            normal = outwards(st.pose, pose_now(st), w, normal)
         near[place * 5] = p.radius - touch[n, K_OVERLAP]
         near[place * 5 + 1] = normal.x
         near[place * 5 + 2] = normal.y

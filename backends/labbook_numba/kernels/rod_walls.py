@@ -17,6 +17,8 @@ from labbook_numba.kernels.features import (
     MESHES,
     MOVING,
     PLATE_PARTS,
+    POSES,
+    STEP,
     TOUCHING,
     WALL_PARTS,
     A,
@@ -28,6 +30,14 @@ from labbook_numba.kernels.features import (
     W,
     X,
     kernel,
+)
+from labbook_numba.kernels.poses import (
+    part_spin,
+    part_velocity,
+    part_velocity_before,
+    pose_now,
+    spring_inwards,
+    spring_outwards,
 )
 from labbook_numba.kernels.rod_meshes import key_rod_springs, measure_rod_at_mesh
 from labbook_numba.kernels.surfaces import near_here, wall_numbers, wall_velocity
@@ -66,7 +76,8 @@ def measure_rod_at(st: State, p: Params, w, k):
 
 @func
 def wall_contact(st: State, p: Params, w, i, part, spring, dt, rate):
-    """Force and torque of wall w on a measured part of rod i, spring, and branch from the rod's centre [m]."""
+    """Force and torque of wall w on a measured part of rod i, spring, and branch from the rod's centre [m]; springs are
+    in the frame of the wall."""
     c = p.wall_c
     zero = real(0.0)
     distance = st.near[part * 5]
@@ -79,11 +90,21 @@ def wall_contact(st: State, p: Params, w, i, part, spring, dt, rate):
         surface = wall_velocity(p.wall_motion, w, load(st.grains, i, X) + branch)
         u = u - surface
         v = v - surface
+        if POSES:
+            point = load(st.grains, i, X) + branch
+            u = u - part_velocity(st.pose, pose_now(st), w, point)
+            v = v - part_velocity_before(st.pose, pose_now(st), w, point, p.dt, st.count[STEP])
+    spin = vec3(zero, zero, real(p.wall_motion[w, 3]))
+    if POSES:
+        spin = spin + part_spin(st.pose, pose_now(st), w)
+        spring = spring_outwards(st.pose, pose_now(st), w, spring)
     force, torque, kept = rod_on_wall(
         reals((c[w, 0], c[w, 1], c[w, 2], c[w, 3], c[w, 4], c[w, 5], c[w, 6], c[w, 7])), real(p.radius), real(p.mass),
         real(p.radius - distance), narrow(n), narrow(lever), narrow(u), narrow(v), narrow(load(st.grains, i, P)),
-        narrow(load(st.grains, i, W)), vec3(zero, zero, real(p.wall_motion[w, 3])), spring, dt, rate,
+        narrow(load(st.grains, i, W)), spin, spring, dt, rate,
     )  # fmt: skip
+    if POSES:
+        return force, torque, spring_inwards(st.pose, pose_now(st), w, kept), branch
     return force, torque, kept, branch
 
 
@@ -105,7 +126,6 @@ def wall_forces(st: State, p: Params):
     dt = real(0.5) * real(p.dt)
     rate = rolling_rate(rolling_inertia(p.inertia, p.slender), real(p.dt))
     zero = real(0.0)
-    one = real(1.0)
     touching = 0
     for w in range(len(p.wall_kind)):
         a_mesh = MESHES and p.wall_kind[w] == MESH_NUMBER
@@ -137,7 +157,7 @@ def wall_forces(st: State, p: Params):
                             spring, held = heritage(st.wall_spring, k, part, was, now, a_mesh, older)
                     if not FRICTION:
                         spring = vec3(zero, zero, zero)
-                    force, torque, kept, _ = wall_contact(st, p, w, i, part, spring, dt * (one + held), rate)
+                    force, torque, kept, _ = wall_contact(st, p, w, i, part, spring, dt * (real(1.0) + held), rate)
                     st.loads[i, F + 0] += force.x
                     st.loads[i, F + 1] += force.y
                     st.loads[i, F + 2] += force.z
