@@ -40,9 +40,12 @@ FACE, EDGE, VERTEX = 0, 1, 2
 # columns of a condition: a point, a direction, and 1 or -1 for positive or not
 C_POINT, C_ALONG, C_SENSE = 0, 3, 6
 CONDITION_COLUMNS = 7
-# columns of a contact: feature, overlap [m], unit normal, place of its spring, and 1 if the spring is an older one
-K_FEATURE, K_OVERLAP, K_NORMAL, K_PLACE, K_OLDER = 0, 1, 2, 5, 6
-CONTACT_ROWS, CONTACT_COLUMNS = 2 * MESH_CONTACTS, 8
+# columns of a contact: feature, overlap [m], unit normal, place of its spring, and 1 if the spring is an older one;
+# of a rod, where on the segment it is [m]
+K_FEATURE, K_OVERLAP, K_NORMAL, K_PLACE, K_OLDER, K_ALONG = 0, 1, 2, 5, 6, 7
+CONTACT_ROWS, CONTACT_COLUMNS = 3 * MESH_CONTACTS, 8
+SPHERE_ROWS = 2 * MESH_CONTACTS
+"""Rows of contacts that spheres need."""
 SPRING_KEY = 3
 """Column of a row of springs that holds the feature."""
 _FLAT = 1e-6  # |t x t'| of two triangles in one plane
@@ -401,10 +404,10 @@ class TooManyContacts(ArithmeticError):
 
 
 class PlainMesh:
-    """A mesh in plain Python."""
+    """A mesh in plain Python, for spheres, or with the table of `labbook_dem.mesh_rods` for rods."""
 
-    def __init__(self, shape: TriangleMesh):
-        self.shape, self.table = shape, mesh_table(shape)
+    def __init__(self, shape: TriangleMesh, table: MeshTable | None = None):
+        self.shape, self.table = shape, table or mesh_table(shape)
         self._contacts = np.zeros((CONTACT_ROWS, CONTACT_COLUMNS))
 
     def distance(self, x: wide3) -> tuple[float, wide3]:
@@ -416,23 +419,40 @@ class PlainMesh:
     def contacts(self, x: wide3, radius: float, features: list[int]) -> Iterator[tuple[int, float, wide3, int | None]]:
         """Contacts of a sphere at x: feature, distance [m], unit normal, and the feature whose spring it has, of those
         in `features`; None for a new one. Raises TooManyContacts."""
-        table, contacts, at = self.table, self._contacts, np.array([x.x, x.y, x.z])
+        near = self.near(x, radius)
+        count = mesh_contacts(*self.table[:2], near, 0, len(near), x, radius, self._contacts)
+        for feature, distance, normal, _, older in self.with_springs(count, radius, features):
+            yield feature, distance, normal, older
+
+    def near(self, x: wide3, reach: float) -> np.ndarray:
+        """Features whose plane, line or point is within a reach [m] of x, ascending."""
+        table, at = self.table, np.array([x.x, x.y, x.z])
         r = at - table.features[:, F_POINT : F_POINT + 3]
         unit = table.features[:, F_UNIT : F_UNIT + 3]
         along = np.einsum("nk,nk->n", r, unit)
         face = table.features[:, F_KIND] == FACE
         away = np.where(face, np.abs(along), np.linalg.norm(r - along[:, None] * unit, axis=1))
-        near = np.flatnonzero(away < 1.001 * radius)
-        count = mesh_contacts(table.features, table.conditions, near, 0, len(near), x, radius, contacts)
+        return np.flatnonzero(away < 1.001 * reach)
+
+    @property
+    def rows(self) -> np.ndarray:
+        """Room for contacts, which `with_springs` reads."""
+        return self._contacts
+
+    def with_springs(
+        self, count: int, radius: float, features: list[int]
+    ) -> Iterator[tuple[int, float, wide3, float, int | None]]:
+        """The first `count` contacts of `rows`, as `contacts` gives them, with the place on the segment [m] of each,
+        before the spring. Raises TooManyContacts."""
         if count == OVER:
             raise TooManyContacts(TOO_MANY)
         springs = np.zeros((MESH_CONTACTS, SPRING_KEY + 1))
         springs[: len(features), SPRING_KEY] = features
-        mesh_places(table.features, contacts, count, (1 << len(features)) - 1, springs, 0)
-        for row in contacts[:count]:
+        mesh_places(self.table.features, self._contacts, count, (1 << len(features)) - 1, springs, 0)
+        for row in self._contacts[:count]:
             older = features[int(row[K_PLACE])] if row[K_OLDER] else None
             normal = wide3(*row[K_NORMAL : K_NORMAL + 3].tolist())
-            yield int(row[K_FEATURE]), radius - float(row[K_OVERLAP]), normal, older
+            yield int(row[K_FEATURE]), radius - float(row[K_OVERLAP]), normal, float(row[K_ALONG]), older
 
 
 TOO_MANY = (

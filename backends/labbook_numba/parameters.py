@@ -26,8 +26,10 @@ def parameters(scene: Scene, numerics: Numerics, probes: Sequence[Probe], wall_n
     walls = features.wall_tables(scene, numerics)
     rolling_stiffness, rolling_damping = scene.contact.rolling_spring
     skin = numerics.skin * d
-    shapes = shapes_of(scene.container.walls())
-    meshes = MeshGrids.of(shapes, [mesh_reach(grains.radius, skin)] * len(shapes))
+    # a grain moves by half a skin before lists are rebuilt, and so does a part
+    moves = 1.0 * skin if features.has_moving_parts(scene) else 0.5 * skin
+    shapes, reach = shapes_of(scene.container.walls()), mesh_reach(grains.radius + grains.half_length, moves)
+    meshes = MeshGrids.of(shapes, [reach] * len(shapes), features.is_oriented(scene))
     spare = wall_numbers - walls.numbers.shape[1]
     return Params(
         c=tuple(pair_c[0].tolist()),
@@ -55,4 +57,6 @@ def parameters(scene: Scene, numerics: Numerics, probes: Sequence[Probe], wall_n
         mesh_frame=meshes.frame,
         mesh_cell=meshes.first,
         mesh_listed=meshes.listed,
+        mesh_moves=moves,
+        part_speed=features.part_speed(scene, reach),
     )

@@ -54,6 +54,6 @@ class MeshTables:
 def _keys(run: Run) -> list[Key | None]:
     """The mesh of each wall of a member."""
     grains = run.scene.grains
-    reach = mesh_reach(grains.radius, run.numerics.skin * grains.diameter)
+    reach = mesh_reach(grains.radius, 0.5 * run.numerics.skin * grains.diameter)
     shapes = shapes_of(run.scene.container.walls())
     return [(shape, reach) if isinstance(shape, TriangleMesh) else None for shape in shapes]

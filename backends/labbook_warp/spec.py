@@ -26,8 +26,5 @@ def specialise(capabilities: Capabilities, scene: Scene, numerics: Numerics, pro
         remedy = f"the backend warp numbers at most {MOST_GRAINS} grains; use fewer, or the backend numba"
         raise Unsupported("grains.count", remedy)
     found = features.specialise(capabilities, scene, numerics, probes)
-    if found.feature("MESHES") and found.feature("ORIENTED"):
-        remedy = "the backend warp has no contacts of rods with a mesh; use spheres, or the backend numba"
-        raise Unsupported("container", remedy)
     listed = len(scene.container.walls()) * most_parts(found) > MOST_CONTACTS
     return replace(found, features=tuple(sorted((*found.features, ("LISTED", listed)))))

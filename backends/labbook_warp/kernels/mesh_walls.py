@@ -10,7 +10,6 @@ from __future__ import annotations
 from labbook_dem.chosen import wall_distance
 from labbook_dem.mesh import (
     CONTACT_COLUMNS,
-    CONTACT_ROWS,
     K_FEATURE,
     K_NORMAL,
     K_OLDER,
@@ -18,6 +17,7 @@ from labbook_dem.mesh import (
     K_PLACE,
     MESH_CONTACTS,
     OVER,
+    SPHERE_ROWS,
     SPRING_KEY,
     mesh_cell,
     mesh_contacts,
@@ -98,7 +98,7 @@ def at_mesh(
 ):  # fmt: skip
     """`sums` with the contacts with a mesh, whose first entry is k, and at which springs are held; old: were held."""
     bits = wp.uint32(0)
-    contacts = wp.zeros(shape=(CONTACT_ROWS, CONTACT_COLUMNS), dtype=wide)
+    contacts = wp.zeros(shape=(SPHERE_ROWS, CONTACT_COLUMNS), dtype=wide)
     count = touched(a, m, s, r, k, wall, old, g, contacts)
     begin = load_int(a.mesh_begin, load_int(a.mesh_of, wall))
     if count == OVER:
@@ -169,7 +169,7 @@ def at_wall(a: System, m: Material, s: int, r: int, k: int, near: uint32, old: u
     at = entry(a, s, a.seats * WALL_PARTS, k, r)
     c = Contact()
     if is_mesh(a, wall):
-        contacts = wp.zeros(shape=(CONTACT_ROWS, CONTACT_COLUMNS), dtype=wide)
+        contacts = wp.zeros(shape=(SPHERE_ROWS, CONTACT_COLUMNS), dtype=wide)
         n = at_place(a, m, s, r, k, wall, old, g, contacts)
         if n >= 0:
             c = with_feature(a, m, wall, at, n, g, contacts)
@@ -183,7 +183,7 @@ def normal_at(a: System, m: Material, s: int, r: int, k: int, wall: int, near: u
     """Unit normal from a wall to the grain, which touches it at entry k."""
     _distance, normal = wall_distance(a.wall_numbers, wall, load_int(a.wall_kind, wall), g.x)
     if is_mesh(a, wall):
-        contacts = wp.zeros(shape=(CONTACT_ROWS, CONTACT_COLUMNS), dtype=wide)
+        contacts = wp.zeros(shape=(SPHERE_ROWS, CONTACT_COLUMNS), dtype=wide)
         n = at_place(a, m, s, r, k, wall, a.wall_held[g.index], g, contacts)
         normal = mesh_vector(contacts, max(n, 0), K_NORMAL)
     return normal
