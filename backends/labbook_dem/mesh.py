@@ -104,6 +104,12 @@ def mesh_listed(features: np.ndarray, conditions: np.ndarray, f: int, x: wide3, 
 
 
 @func
+def mesh_within(away: wide3, radius: wide):
+    """True if the vector that `mesh_away` gives is shorter than a radius [m]."""
+    return dot(away, away) < radius * radius
+
+
+@func
 def mesh_normal(away: wide3):
     """Length [m] and direction of the vector that `mesh_away` gives."""
     distance = sqrt(dot(away, away))
@@ -156,7 +162,7 @@ def mesh_contacts(
         entry = int(near[k])
         f = max(entry, -1 - entry)
         away = mesh_away(features, f, x)
-        touches = dot(away, away) < radius * radius
+        touches = mesh_within(away, radius)
         if touches and entry >= 0:
             touches = mesh_holds(features, conditions, f, x, wide(1e-5) * radius)
         if touches:

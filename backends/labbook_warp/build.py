@@ -52,7 +52,7 @@ def _system_text(meshes: bool) -> str:
     return f"# {system.__name__}\n{text}"
 
 
-_CALLED = r"@(func|kernel)\n(?=def mesh_(cell|contacts|listed|merged|near|places)\()"
+_CALLED = r"@(func|kernel)\n(?=def mesh_(away|cell|contacts|listed|merged|near|normal|places|within)\()"
 """Functions of meshes that are called and not inlined, so that they give the same bits in every kernel."""
 
 

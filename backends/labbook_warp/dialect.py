@@ -181,6 +181,7 @@ def halved(v: wp.float64, high: int) -> float: ...
 _MESHES = """
 
 Table = wp.array2d(dtype=wp.float64)
+Tables = wp.array3d(dtype=wp.float64)
 subroutine = wp.func(inline=False)
 """
 

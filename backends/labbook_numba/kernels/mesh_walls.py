@@ -20,10 +20,11 @@ from labbook_dem.mesh import (
     mesh_normal,
     mesh_places,
     mesh_vector,
+    mesh_within,
 )
 from labbook_dem.mesh_rods import mesh_rod_near
 from labbook_dem.spheres import sphere_on_wall
-from labbook_dem.words import FRICTION, dot, func, narrow, real, vec3, wide
+from labbook_dem.words import FRICTION, func, narrow, real, vec3, wide
 
 from labbook_numba.kernels.blocks import DEPTH, HELD, NX, UX, VX, put_vector, reals, row_of
 from labbook_numba.kernels.bodies import inertia_of, kind_of, mass_of, radius_of
@@ -189,7 +190,7 @@ def pack_mesh(st: State, p: Params, w, k, last, b, i, slot):
             # most grains: one feature is near, and only with it was there a contact
             away = mesh_away(features, alone, at)
             bits[k] = 0
-            if dot(away, away) < radius * radius:
+            if mesh_within(away, radius):
                 bits[k] = 1
                 distance, normal = mesh_normal(away)
                 overlap = radius - distance

@@ -9,7 +9,6 @@ from __future__ import annotations
 
 from labbook_dem.chosen import wall_distance
 from labbook_dem.mesh import (
-    CONTACT_COLUMNS,
     K_FEATURE,
     K_NORMAL,
     K_OLDER,
@@ -17,16 +16,18 @@ from labbook_dem.mesh import (
     K_PLACE,
     MESH_CONTACTS,
     OVER,
-    SPHERE_ROWS,
     SPRING_KEY,
+    mesh_away,
     mesh_cell,
     mesh_contacts,
     mesh_listed,
     mesh_near,
+    mesh_normal,
     mesh_places,
     mesh_vector,
+    mesh_within,
 )
-from labbook_dem.words import FRICTION, ROLLING_SPRING, func, real, rounded, wide
+from labbook_dem.words import FRICTION, ROLLING_SPRING, func, real, rounded, wide, wide3
 
 from labbook_warp.kernels.bodies import body
 from labbook_warp.kernels.spheres import Grain, at_surface, with_wall
@@ -39,6 +40,7 @@ from labbook_warp.kernels.words import (
     LANES,
     MESH_LISTED,
     MESH_NUMBER,
+    SHARED,
     WALL_PARTS,
     Table,
     first_bit,
@@ -57,13 +59,22 @@ def is_mesh(a: System, wall: int):
 
 
 @func
+def scratch(a: System, s: int, r: int, k: int):
+    """Number of the scratch for the contacts of row r with the wall whose first entry is k."""
+    number = s * a.cap + r
+    if SHARED:
+        number = entry(a, s, a.seats, k // WALL_PARTS, r)
+    return number
+
+
+@func
 def touched(a: System, m: Material, s: int, r: int, k: int, wall: int, old: uint32, g: Grain, contacts: Table):
     """Write the contacts of row r with a mesh, whose first entry is k, into `contacts`, with the places of their
     springs; how many, OVER if there is no room. old: at which springs are held."""
     radius = body(a, m, g.index).reach
     at = entry(a, s, a.seats, k // WALL_PARTS, r)
     mesh = load_int(a.mesh_of, wall)
-    listed = load_int(a.mesh_count, at)
+    listed = a.mesh_count[at]
     crowd = listed > MESH_LISTED
     cell = int(0)
     if crowd:
@@ -84,12 +95,19 @@ def touched(a: System, m: Material, s: int, r: int, k: int, wall: int, old: uint
 
 
 @func
-def with_feature(a: System, m: Material, wall: int, at: int, n: int, g: Grain, contacts: Table):
-    """Contact n of those that `touched` has found with a mesh, whose spring stands at `at`."""
-    overlap = contacts[n, K_OVERLAP]
-    distance = body(a, m, g.index).reach - overlap
-    older = contacts[n, K_OLDER] > wide(0.0)
-    return at_surface(a, m, wall, at, older, g, rounded(overlap), distance, mesh_vector(contacts, n, K_NORMAL))
+def alone(a: System, s: int, r: int, k: int, begin: int, places: int):
+    """The feature that is the only one near row r of a mesh, whose first entry is k, if its conditions hold and no
+    spring but its own is held; else -1. begin: first feature of the mesh; places: of springs that are held, as bits."""
+    at = entry(a, s, a.seats, k // WALL_PARTS, r)
+    feature = int(-1)
+    if a.mesh_count[at] == 1:
+        feature = -1 - a.mesh_near[at * MESH_LISTED]
+        if places > 1:
+            feature = -1
+        elif places == 1:
+            if begin + a.wall_feature[entry(a, s, a.seats * WALL_PARTS, k, r)] != feature:
+                feature = -1
+    return feature
 
 
 @func
@@ -98,21 +116,43 @@ def at_mesh(
 ):  # fmt: skip
     """`sums` with the contacts with a mesh, whose first entry is k, and at which springs are held; old: were held."""
     bits = wp.uint32(0)
-    contacts = wp.zeros(shape=(SPHERE_ROWS, CONTACT_COLUMNS), dtype=wide)
-    count = touched(a, m, s, r, k, wall, old, g, contacts)
     begin = load_int(a.mesh_begin, load_int(a.mesh_of, wall))
-    if count == OVER:
-        sums.deepest = real(CROWDED)
-        bits = wp.uint32(1) << wp.uint32(k)
+    reach = body(a, m, g.index).reach
+    contacts = a.mesh_contacts[scratch(a, s, r, k)]
+    places = int((old >> wp.uint32(k)) & wp.uint32((1 << WALL_PARTS) - 1))
+    feature = alone(a, s, r, k, begin, places)
+    single = feature >= 0
+    q = int(k)
+    count = int(0)
+    older = places == 1
+    overlap = wide(0.0)
+    normal = wide3(wide(0.0), wide(0.0), wide(0.0))
+    if single:  # most grains
+        away = mesh_away(a.mesh_features, feature, g.x)
+        if mesh_within(away, reach):
+            distance, direction = mesh_normal(away)
+            overlap = reach - distance
+            normal = direction
+            count = 1
+    else:
+        count = touched(a, m, s, r, k, wall, old, g, contacts)
+        if count == OVER:
+            sums.deepest = real(CROWDED)
+            bits = wp.uint32(1) << wp.uint32(k)
     for n in range(count):
-        q = k + int(contacts[n, K_PLACE])
+        if not single:
+            q = k + int(contacts[n, K_PLACE])
+            feature = int(contacts[n, K_FEATURE])
+            older = contacts[n, K_OLDER] > wide(0.0)
+            overlap = contacts[n, K_OVERLAP]
+            normal = mesh_vector(contacts, n, K_NORMAL)
         at = entry(a, s, a.seats * WALL_PARTS, q, r)
-        c = with_feature(a, m, wall, at, n, g, contacts)
+        c = at_surface(a, m, wall, at, older, g, rounded(overlap), reach - overlap, normal)
         if c.touches:
             sums = plus(sums, c, m)
             bits = bits | (wp.uint32(1) << wp.uint32(q))
             if keep:
-                a.wall_feature[at] = int(contacts[n, K_FEATURE]) - begin
+                a.wall_feature[at] = feature - begin
             if FRICTION:
                 if keep:
                     a.wall_spring[at] = c.spring
@@ -169,10 +209,13 @@ def at_wall(a: System, m: Material, s: int, r: int, k: int, near: uint32, old: u
     at = entry(a, s, a.seats * WALL_PARTS, k, r)
     c = Contact()
     if is_mesh(a, wall):
-        contacts = wp.zeros(shape=(SPHERE_ROWS, CONTACT_COLUMNS), dtype=wide)
+        contacts = a.mesh_contacts[scratch(a, s, r, k)]
         n = at_place(a, m, s, r, k, wall, old, g, contacts)
         if n >= 0:
-            c = with_feature(a, m, wall, at, n, g, contacts)
+            overlap = contacts[n, K_OVERLAP]
+            older = contacts[n, K_OLDER] > wide(0.0)
+            distance = body(a, m, g.index).reach - overlap
+            c = at_surface(a, m, wall, at, older, g, rounded(overlap), distance, mesh_vector(contacts, n, K_NORMAL))
     else:
         c = with_wall(a, m, wall, at, has_bit(old, k), g)
     return c
@@ -183,7 +226,7 @@ def normal_at(a: System, m: Material, s: int, r: int, k: int, wall: int, near: u
     """Unit normal from a wall to the grain, which touches it at entry k."""
     _distance, normal = wall_distance(a.wall_numbers, wall, load_int(a.wall_kind, wall), g.x)
     if is_mesh(a, wall):
-        contacts = wp.zeros(shape=(SPHERE_ROWS, CONTACT_COLUMNS), dtype=wide)
+        contacts = a.mesh_contacts[scratch(a, s, r, k)]
         n = at_place(a, m, s, r, k, wall, a.wall_held[g.index], g, contacts)
         normal = mesh_vector(contacts, max(n, 0), K_NORMAL)
     return normal

@@ -23,6 +23,7 @@ from labbook_warp.kernels.words import (
     Reals,
     Reals4,
     Table,
+    Tables,
     Vectors,
     Wides,
     Wides3,
@@ -152,6 +153,7 @@ class System:
     mesh_of: Ints  # row of the mesh of each wall, -1 of others
     mesh_count: Ints  # features that a grain may touch at each seat, and which they are, MESH_LISTED each
     mesh_near: Ints
+    mesh_contacts: Tables  # scratch for the contacts of each grain, or of each seat where threads share grains
     mesh_begin: Ints  # first feature of each mesh
     mesh_frame: Table  # see `labbook_dem.mesh_grid.MeshGrids`, as for those below
     mesh_features: Table

@@ -56,7 +56,7 @@ wp: Any = None  # Warp itself
 int64 = uint32 = float32 = Any
 Words = Vectors = Wides = Wides3 = Wides4 = Reals = Reals4 = Floats = Ints = Longs = Bits = Coefs = Motions = Bodies = (
     Quanta
-) = Table = Any
+) = Table = Tables = Any
 real4: Any = None
 widen: Any = None
 load_word: Any = None
