@@ -9,8 +9,9 @@ import numpy as np
 from labbook.backend import Capabilities, Spec, Unsupported
 from labbook.backend.numerics import Numerics
 from labbook.backend.probes import Contacts, Crossing, Dissipation, Film, Ledger, Probe, Sample, Slab, Traction, Zone
-from labbook.scene import ContactLaw, Grains, Scene, Surface
+from labbook.scene import ContactLaw, Grains, Scene, Surface, TriangleMesh
 from labbook.scene.model import once
+from labbook.scene.part_motion import POSE_COLUMNS
 from labbook.scene.walls import AT_REST
 from labbook_dem.coefficients import COEFFICIENTS
 from labbook_dem.dispatch import numbers
@@ -32,6 +33,7 @@ SWITCHES = (
     "LEDGER",
     "ANY_WALLS",
     "MESHES",
+    "POSES",
 )
 """Features that are constants of a generated module."""
 FALL = 2.0  # lengths below the outlet at which a grain is dropped: nothing that is still to be counted touches it
@@ -46,6 +48,8 @@ class Needs(NamedTuple):
     walls: frozenset[str]
     """Their kinds."""
     moving: bool
+    poses: bool
+    """True if parts move as a whole."""
     outlet: bool
 
     @classmethod
@@ -53,8 +57,9 @@ class Needs(NamedTuple):
         """What `scene` needs."""
         walls = scene.container.walls()
         kinds = frozenset([wall.shape.kind for wall in walls])
-        moving = any([wall.motion is not AT_REST and wall.motion != AT_REST for wall in walls])
-        return cls(scene.grains, scene.contact, scene.surfaces, kinds, moving, scene.outlet is not None)
+        poses = any([wall.moves is not None for wall in walls])
+        moving = poses or any([wall.motion is not AT_REST and wall.motion != AT_REST for wall in walls])
+        return cls(scene.grains, scene.contact, scene.surfaces, kinds, moving, poses, scene.outlet is not None)
 
 
 def features(scene: Scene, numerics: Numerics, probes: Sequence[Probe]) -> dict[str, object]:
@@ -81,6 +86,7 @@ def _features(needs: Needs, precision: str, probes: Sequence[Probe]) -> dict[str
         "ORIENTED": SHAPES[grains.shape].oriented,
         "ANY_WALLS": bool(needs.walls),
         "MESHES": MESH in needs.walls,
+        "POSES": needs.poses,
         "OUTLET": needs.outlet,
         "CROSSING": any(isinstance(probe, Crossing) for probe in probes),
         "LEDGER": any(isinstance(probe, Ledger) for probe in probes),
@@ -100,18 +106,19 @@ def superset(found: Mapping[str, object]) -> dict[str, object]:
     """Features with every switch on that changes no motion, so that scenes of one law and shape share a kernel.
 
     Twist is resisted only where the scene has it so: with rolling friction of zero it makes no difference. Rolling
-    resistance has springs only where the scene has them: they take memory.
+    resistance has springs only where the scene has them: they take memory. Parts move only where there are meshes.
     """
     springs = bool(found["ROLLING_SPRING"])
     twist = bool(found["TWIST"] or not (found["ROLLING"] or springs))
-    return {**found, **dict.fromkeys(ALWAYS, True), "ROLLING": not springs, "walls": tuple(WALLS), "TWIST": twist}
+    on = {"ROLLING": not springs, "TWIST": twist, "POSES": found["MESHES"], "walls": tuple(WALLS)}
+    return {**found, **dict.fromkeys(ALWAYS, True), **on}
 
 
 def covers(spec: Spec, needed: Spec) -> bool:
     """Whether kernels of `spec` can move a member that needs no more than `needed`: all that it needs is compiled in,
     and what is beside that changes no motion."""
     has, wanted = dict(spec.features), dict(needed.features)
-    free = {*ALWAYS}
+    free = {*ALWAYS, "POSES"}
     if wanted["ROLLING_SPRING"]:
         free.remove("ROLLING")
     elif not wanted["ROLLING"]:
@@ -140,6 +147,31 @@ def _rolling_springs(contact: ContactLaw, surfaces: Sequence[Surface]) -> bool:
 def has_meshes(scene: Scene) -> bool:
     """True if a wall consists of triangles."""
     return any(wall.shape.kind == MESH for wall in scene.container.walls())
+
+
+def has_moving_parts(scene: Scene) -> bool:
+    """True if a part of the container moves as a whole."""
+    return any(wall.moves is not None for wall in scene.container.walls())
+
+
+def part_speed(scene: Scene, reach: float) -> float:
+    """Largest speed [m/s] of parts that move, out to a reach [m] from them."""
+    speeds = [0.0]
+    for wall in scene.container.walls():
+        if wall.moves is not None and isinstance(wall.shape, TriangleMesh):
+            speeds.append(wall.moves.speed(wall.shape.surface.vertices, reach))
+    return max(speeds)
+
+
+def pose_table(scene: Scene, first: int, last: int, dt: float) -> np.ndarray:
+    """Poses of W walls at steps `first` to `last`, shape [steps, W, POSE_COLUMNS]; those that stand still as they were
+    placed."""
+    times = dt * np.arange(first, last + 1)
+    stands = np.zeros((len(times), POSE_COLUMNS))
+    stands[:, [0, 4, 8]] = 1.0
+    walls = scene.container.walls()
+    poses = [stands if wall.moves is None else wall.moves.poses(times).table() for wall in walls]
+    return np.ascontiguousarray(np.stack(poses, axis=1))
 
 
 def is_oriented(scene: Scene) -> bool:
@@ -203,8 +235,12 @@ def check(can: Capabilities, needs: Needs, precision: str, probes: Sequence[Prob
             has = ", ".join(sorted(known))
             state = f": state numerics: {{precision: {min(known)}}}" if key == "numerics.precision" else ""
             raise Unsupported(key, f"the backend {can.name} has no {value}; it has {has}{state}")
-    if MESH in needs.walls and SHAPES[needs.grains.shape].oriented:
-        raise Unsupported("container", "rods have no contacts with a mesh; use spheres, or plates in place of the mesh")
+    if MESH in needs.walls and SHAPES[needs.grains.shape].oriented and not can.rods_at_meshes:
+        reason = f"the backend {can.name} has no contacts of rods with a mesh"
+        raise Unsupported("container", f"{reason}; use --backend numba, spheres, or plates in place of the mesh")
+    if needs.poses and not can.moving_parts:
+        reason = f"the backend {can.name} has no parts that move"
+        raise Unsupported("container.parts[].moves", f"{reason}; use --backend numba, or leave moves out")
     for formulas, names in ((LAWS, (needs.contact.law,)), (WALLS, needs.walls - {MESH})):
         for name in names:
             _ = formulas[name]  # held to its definitions

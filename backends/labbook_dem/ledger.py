@@ -67,8 +67,9 @@ def totals(
 
 
 def contact_power(
-    scene: Scene, ids: np.ndarray, radius: np.ndarray, x: np.ndarray, v: np.ndarray, w: np.ndarray, contacts: np.ndarray
-) -> dict[str, float]:
+    scene: Scene, ids: np.ndarray, radius: np.ndarray, x: np.ndarray, v: np.ndarray, w: np.ndarray,
+    contacts: np.ndarray, time: float = 0.0,
+) -> dict[str, float]:  # fmt: skip
     """Powers [W] and half the sum of normal force times overlap [J] in the contacts of spheres.
 
     `normal_power` and `tangential_power` are -f.u of both parts of the force, where u is the velocity of one surface
@@ -83,6 +84,7 @@ def contact_power(
         v: velocities [m/s], shape [n, 3].
         w: angular velocities [rad/s], shape [n, 3].
         contacts: rows of the probe `Contacts`: i, j, wall, force on i [N], branch vector [m], shape [k, 9].
+        time: at which parts that move are looked at [s].
     """
     order = np.argsort(ids)
     wall, force, branch = contacts[:, 2].astype(np.int64), contacts[:, 3:6], contacts[:, 6:9]
@@ -94,10 +96,13 @@ def contact_power(
     point = towards * lever[:, None]
     of_grain = v[j] + np.cross(w[j], point - branch)
     moving = np.zeros_like(force)
-    for number, motion in enumerate(surface.motion for surface in scene.container.walls()):
+    for number, surface in enumerate(scene.container.walls()):
         here = wall == number
-        spin = np.array([0.0, 0.0, motion.spin])
-        moving[here] = np.asarray(motion.velocity) + np.cross(spin, x[i[here]] + branch[here])
+        at, motion = x[i[here]] + branch[here], surface.motion
+        moving[here] = np.asarray(motion.velocity) + np.cross([0.0, 0.0, motion.spin], at)
+        if surface.moves is not None:
+            pose = surface.moves.poses(np.array([time]))
+            moving[here] += pose.velocity[0] + np.cross(pose.spin[0], at)
     apart = v[i] + np.cross(w[i], point) - np.where(of_pair[:, None], of_grain, moving)
     pressing = -np.sum(force * towards, axis=1)
     total, normal = -np.sum(force * apart, axis=1), pressing * np.sum(towards * apart, axis=1)

@@ -18,8 +18,9 @@ from labbook_dem.dispatch import PlainWall
 from labbook_dem.features import features, is_oriented
 from labbook_dem.laws import LAWS
 from labbook_dem.mesh import PlainMesh
+from labbook_dem.mesh_rods import PlainRodMesh
 from labbook_dem.traction import SUMS, BinTable, Touch, add_touch
-from labbook_dem.words import vec3
+from labbook_dem.words import cross, vec3, wide3
 
 NONE = vec3(0.0, 0.0, 0.0)
 NEW = -1
@@ -50,7 +51,7 @@ class GrainState(NamedTuple):
 class WallContact(NamedTuple):
     """Contact of a part of a grain with a wall, with a mesh that of a feature: force [N], torque [N m], branch from its
     centre [m], unit normal from the wall, and the springs of friction [m] and of rolling resistance [N m] as they are
-    now."""
+    now, with a part that moves in its frame."""
 
     part: int
     overlap: float
@@ -62,16 +63,63 @@ class WallContact(NamedTuple):
     rolling: vec3 | None
 
 
+class PartFrame:
+    """The frame of a part that moves, at one time: where it is and how fast.
+
+    Args:
+        numbers: A row of `Poses.table`.
+        before: That of the last step; None at the opening.
+        dt: Time between the two [s].
+    """
+
+    def __init__(self, numbers: np.ndarray, before: np.ndarray | None, dt: float):
+        turn, self._shift = numbers[:9].reshape(3, 3), vec3(*numbers[9:12].tolist())
+        self._before, self._dt = None if before is None else PartFrame(before, None, dt), dt
+        self._rows = tuple(vec3(*row.tolist()) for row in turn)
+        self._columns = tuple(vec3(*column.tolist()) for column in turn.T)
+        self.velocity, self.spin = vec3(*numbers[12:15].tolist()), vec3(*numbers[15:18].tolist())
+
+    def outwards(self, v: vec3) -> vec3:
+        """A direction of the part, in space."""
+        x, y, z = self._columns
+        return x * v.x + y * v.y + z * v.z
+
+    def inwards(self, v: vec3) -> vec3:
+        """A direction in space, in the frame of the part."""
+        x, y, z = self._rows
+        return x * v.x + y * v.y + z * v.z
+
+    def place(self, x: wide3) -> wide3:
+        """A point in space, in the frame of the part."""
+        return self.inwards(x - self._shift)
+
+    def speed(self, x: wide3) -> vec3:
+        """Velocity [m/s] of the part at a point in space."""
+        return self.velocity + cross(self.spin, x)
+
+    def speed_before(self, x: wide3) -> vec3:
+        """The same half a step before, of the point of the part that is at x now: springs are advanced by the way that
+        grain and wall went since the last step. At the opening velocities are of that time."""
+        if self._before is None:
+            return self.speed(x)
+        there = self._before.outwards(self.place(x)) + self._before._shift
+        return (x - there) * (1.0 / self._dt)
+
+
 class PlainWalls:
-    """The walls of a scene, with their contact law. Contacts are computed within `choose(LAW)`."""
+    """The walls of a scene, with their contact law. Contacts are computed within `choose(LAW)`. Parts that move are at
+    their places at the opening until `move_to`."""
 
     def __init__(self, scene: Scene, numerics: Numerics):
         self.scene, self.numerics = scene, numerics
         self.walls, self.rods = scene.container.walls(), is_oriented(scene)
+        of_triangles = PlainRodMesh if self.rods else PlainMesh
         self.plain = [
-            PlainMesh(wall.shape) if isinstance(wall.shape, TriangleMesh) else PlainWall(wall.shape)
+            of_triangles(wall.shape) if isinstance(wall.shape, TriangleMesh) else PlainWall(wall.shape)
             for wall in self.walls
         ]
+        self.frames: dict[int, PartFrame] = {}
+        self.move_to(0)
         self._rolling = bool(features(scene, numerics, ())["ROLLING_SPRING"])
         law, scale = LAWS[scene.contact.law], numerics.stiffness_scale
         self._c = {
@@ -79,6 +127,14 @@ class PlainWalls:
             for w, wall in enumerate(self.walls)
             for a in range(len(scene.grains.species))
         }
+
+    def move_to(self, step: int) -> None:
+        """Bring parts that move to where they are at a step."""
+        dt = self.numerics.dt
+        for w, wall in enumerate(self.walls):
+            if wall.moves is not None:
+                before, now = wall.moves.poses(dt * np.arange(step - 1, step + 1)).table()
+                self.frames[w] = PartFrame(now, before if step > 0 else None, dt)
 
     def contacts(
         self, w: int, grain: GrainState, springs: Mapping[Key, vec3], rolling: Mapping[Key, vec3]
@@ -88,14 +144,29 @@ class PlainWalls:
         if isinstance(plain, PlainMesh):
             features = sorted(key[2] for key in springs if len(key) == 3 and key[:2] == (grain.name, w))
             met, heirs = {}, {}
-            for feature, distance, normal, older in plain.contacts(grain.x, grain.radius, features):
-                met[feature], heirs[feature] = (distance, normal, 0.0), NEW if older is None else older
+            frame = self.frames.get(w)
+            for feature, distance, normal, s, older in self._at_mesh(plain, grain, features, frame):
+                normal = frame.outwards(normal) if frame is not None else normal
+                met[feature], heirs[feature] = (distance, normal, s), NEW if older is None else older
         else:
             met = self._met(plain, grain)
             was = sum(1 << part for part in range(PARTS) if (grain.name, w, part) in springs)
             now = sum(1 << part for part in met)
             heirs = {part: rods.heir(part, was, now) for part in met}
         yield from self._acting(w, grain, met, heirs, springs, rolling)
+
+    def _at_mesh(
+        self, plain: PlainMesh, grain: GrainState, features: list[int], frame: PartFrame | None
+    ) -> Iterator[tuple[int, float, vec3, float, int | None]]:
+        """Contacts of a grain with a mesh, as `PlainRodMesh.rod_contacts` gives them, in the frame of the mesh."""
+        x, axis = grain.x, grain.axis
+        if frame is not None:
+            x, axis = frame.place(x), frame.inwards(axis)
+        if isinstance(plain, PlainRodMesh):
+            yield from plain.rod_contacts(x, axis, self.scene.grains.half_length, grain.radius, features)
+        else:
+            for feature, distance, normal, older in plain.contacts(x, grain.radius, features):
+                yield feature, distance, normal, 0.0, older
 
     def _met(self, plain: PlainWall, grain: GrainState) -> dict[int, tuple[float, vec3, float]]:
         """Of each part of a grain that touches a wall: distance [m], unit normal, and where on the segment [m]."""
@@ -120,6 +191,7 @@ class PlainWalls:
         wall, radius = self.walls[w], grain.radius
         name, c = grain.name, self._c[w, grain.kind]
         turning, pushed = vec3(0.0, 0.0, wall.motion.spin), vec3(*wall.motion.velocity)
+        frame = self.frames.get(w)
         rate, dt = rolling_rate(grain.inertia, self.numerics.dt), self.numerics.dt
         for part, (distance, normal, s) in met.items():
             key = name, w, heirs[part]
@@ -128,22 +200,31 @@ class PlainWalls:
             branch = lever - normal * distance
             at = grain.x + branch
             surface = pushed + vec3(-turning.z * at.y, turning.z * at.x, 0.0)
+            about = turning
+            if frame is not None:
+                about, last = turning + frame.spin, frame.outwards(last)
             u, v = grain.u - surface, grain.v - surface
+            if frame is not None:
+                u, v = u - frame.speed(at), v - frame.speed_before(at)
             overlap, mass, turned = radius - distance, grain.mass, None
             if self.rods:
                 force, torque, spring = rods.rod_on_wall(
-                    c, radius, mass, overlap, normal, lever, u, v, grain.soon, grain.spin, turning, last, advance, rate
+                    c, radius, mass, overlap, normal, lever, u, v, grain.soon, grain.spin, about, last, advance, rate
                 )
             else:
                 force, torque, spring = spheres.sphere_on_wall(
-                    c, radius, mass, overlap, normal, u, v, grain.spin, turning, last, advance, rate
+                    c, radius, mass, overlap, normal, u, v, grain.spin, about, last, advance, rate
                 )
             if self._rolling:
+                before = rolling.get(key, NONE)
                 roll, turned = spheres.rolling_on_wall(
-                    c, radius, mass, overlap, normal, force, grain.spin, turning, rolling.get(key, NONE),
+                    c, radius, mass, overlap, normal, force, grain.spin, about,
+                    frame.outwards(before) if frame is not None else before,
                     advance, *self.scene.contact.rolling_spring,
                 )  # fmt: skip
                 torque = torque + roll
+            if frame is not None:
+                spring, turned = frame.inwards(spring), None if turned is None else frame.inwards(turned)
             yield WallContact(part, overlap, force, torque, branch, normal, spring, turned)
 
     def touch(self, w: int, grain: GrainState, contact: WallContact) -> Touch:

@@ -146,7 +146,7 @@ class Readable(ABC):
         """The columns of `Dissipation`."""
         now = self.look()
         radius = np.full(len(now.ids), self.scene.grains.radius) if now.bodies is None else now.bodies.radius
-        return contact_power(self.scene, now.ids, radius, now.x, now.v, now.w, self.contacts())
+        return contact_power(self.scene, now.ids, radius, now.x, now.v, now.w, self.contacts(), self.time)
 
     def frame_steps(self) -> list[int]:
         """Steps of the next beat, without its end, after which frames are due; of the first beat with its beginning."""

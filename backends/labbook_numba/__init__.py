@@ -23,7 +23,14 @@ class Backend(DemBackend):
 
     requires = ("numba",)
     capabilities = capabilities(
-        "numba", CACHE_VERSION, frozenset({"double", "mixed"}), ("cpu",), mixtures=True, meshes=True
+        "numba",
+        CACHE_VERSION,
+        frozenset({"double", "mixed"}),
+        ("cpu",),
+        mixtures=True,
+        meshes=True,
+        rods_at_meshes=True,
+        moving_parts=True,
     )
 
     def __init__(self, threads: int | None = None, *, wide: bool = False):

@@ -15,7 +15,7 @@ from types import ModuleType
 
 import llvmlite
 import numba
-from labbook_dem import contact, dispatch, generated, mesh, motion, source
+from labbook_dem import contact, dispatch, generated, mesh, mesh_rods, motion, source
 from labbook_dem import traction as traction_sums
 from labbook_dem.features import constants
 from labbook_dem.formulas import hold
@@ -36,6 +36,8 @@ from labbook_numba.kernels import (
     neighbours,
     observe,
     pairs,
+    poses,
+    rod_meshes,
     shape,
     step,
     surfaces,
@@ -90,13 +92,13 @@ def module_text(spec: Spec) -> str:
         motion,
         *(WALLS[kind] for kind in kinds),
         *PHYSICS[grains].physics,
-        *([mesh] if spec.feature("MESHES") else []),
+        *([mesh, *([mesh_rods] if layout.ORIENTED else [])] if spec.feature("MESHES") else []),
         traction_sums,
     ]
     walls = dispatch.functions(kinds, rods=layout.ORIENTED, at="walls[{k}]", looks_first=True)
     named["WALL_NUMBERS"] = width = max(map(dispatch.how_many, kinds), default=1)
     numbers = f"@func\ndef wall_numbers(walls, w):\n    return {''.join(f'walls[w, {k}], ' for k in range(width))}\n"
-    meshes = [mesh_walls] if spec.feature("MESHES") else []
+    meshes = [poses, mesh_walls, *([rod_meshes] if layout.ORIENTED else [])] if spec.feature("MESHES") else []
     modules = [surfaces, numbers, walls, *BEFORE, *meshes, *own.kernels, *AFTER]
     text = source.generate(dialect.header(spec.feature("precision")), named, physics, modules)
     # annotations name the backend's Python types, which compiled code has no use for

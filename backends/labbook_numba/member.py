@@ -5,8 +5,9 @@ from types import ModuleType
 
 import numpy as np
 from labbook_dem.ensemble import UNKNOWN, Failure, Standing, check_checkpoint, explain, places
-from labbook_dem.features import is_oriented, rolling_springs
-from labbook_dem.mesh import MESH_CONTACTS, SPRING_KEY
+from labbook_dem.features import has_meshes, is_oriented, pose_table, rolling_springs
+from labbook_dem.mesh import SPRING_KEY, spring_places
+from labbook_dem.mesh_grid import first_features, shapes_of
 from labbook_dem.reading import Grains, Inside
 from labbook_dem.rotation import axes, momenta
 from labbook_dem.traction import SUMS
@@ -17,7 +18,6 @@ from labbook.backend.probes import SLIDING, Crossing, Traction
 from labbook.scene import Bodies, Packing, Scene
 from labbook_numba import state as S
 from labbook_numba.domains import advance, in_layers
-from labbook_numba.mesh_grid import first_features
 from labbook_numba.parameters import parameters
 from labbook_numba.state import Params
 from labbook_numba.stored import check_state, kept, layout_of
@@ -39,7 +39,8 @@ class Run(Standing):
         self.failure: Failure | None = None
         self._varied, self._rolling = scene.grains.varied, rolling_springs(scene)
         self._kept = kept(scene)
-        self._first_feature = first_features(scene.container.walls())
+        self._first_feature = first_features(shapes_of(scene.container.walls()), self.rods)
+        self._posed = has_meshes(scene) and bool(kernels.POSES)
 
     # how it starts
 
@@ -89,7 +90,7 @@ class Run(Standing):
             if part.max(initial=0) >= (next_feature - first_feature or self.layout.WALL_PARTS):
                 raise ValueError(f"the packing has a spring at part {part.max()} of the wall {name}")
             if next_feature > first_feature:
-                feature, part = part + first_feature, _occurrence(entry)
+                feature, part = part + first_feature, spring_places(entry)
                 st.wall_spring[entry * self.layout.WALL_PARTS + part, SPRING_KEY] = feature
             row = entry * self.layout.WALL_PARTS + part
             st.wall_spring[row, :3] = packing.wall_spring[mine][found]
@@ -176,6 +177,7 @@ class Run(Standing):
             self.state = state
 
     def _advance(self, target: int, threads: int) -> int:
+        self._bring_poses(target)
         return advance(self.kernels, self.state, self.params, target, self.layout, threads)
 
     def _drop_leavers(self) -> None:
@@ -188,7 +190,16 @@ class Run(Standing):
         self.failure = Failure("state" if guard == "spin" else guard, self.step, grain, message)
         self._put_back(before)
 
+    def _bring_poses(self, last: int) -> None:
+        """Work out the poses of parts from the last step to `last`, unless they are at hand."""
+        st, before = self.state, self.step - 1
+        if not self._posed or (st.pose_first[0] <= before and last < st.pose_first[0] + len(st.pose)):
+            return
+        pose = pose_table(self.scene, before, max(last, self.step), self.numerics.dt)
+        self.state = st._replace(pose=pose, pose_first=np.array([before]))
+
     def _rebuild(self) -> None:
+        self._bring_poses(self.step)
         st = self.state
         pairs, walls = len(st.pair_j), len(st.wall_grain)
         while not self.kernels.rebuild(
@@ -203,6 +214,7 @@ class Run(Standing):
         """Find the features of meshes near each entry of the lists; these and positions decide them."""
         if not self._first_feature[-1]:
             return
+        self._bring_poses(self.step)
         first, near = np.zeros(len(self.state.wall_grain) + 1, np.int64), self.state.mesh_near
         while (length := self.kernels.list_features(self.state, self.params, first, near)) > len(near):
             near = np.zeros(int(1.3 * length) + 64, np.int32)
@@ -351,20 +363,9 @@ class Run(Standing):
         return sums
 
     def _fresh_lists(self) -> None:
+        self._bring_poses(self.step)
         if self.state.sums[S.MOVED] >= 0.5 * self.params.skin:
             self._rebuild()  # lists decide nothing about the motion, so this changes none
-
-
-def _occurrence(entry: np.ndarray) -> np.ndarray:
-    """Count of equal numbers before each in the array, shape as it. Raises ValueError beyond what entries
-    of a list near a mesh have room for."""
-    order = np.argsort(entry, kind="stable")
-    first = np.searchsorted(entry[order], entry[order])
-    before = np.empty(len(entry), np.int64)
-    before[order] = np.arange(len(entry)) - first
-    if before.max(initial=0) >= MESH_CONTACTS:
-        raise ValueError(f"the packing has more than {MESH_CONTACTS} springs of a grain at a mesh")
-    return before
 
 
 def _keys(i: np.ndarray, j: np.ndarray) -> np.ndarray:

@@ -5,12 +5,12 @@ from math import inf
 
 import numpy as np
 from labbook_dem import features
+from labbook_dem.mesh_grid import MeshGrids, mesh_reach, shapes_of
 from labbook_dem.rotation import slenderness
 
 from labbook.backend.numerics import Numerics
 from labbook.backend.probes import Crossing, Probe
 from labbook.scene import Scene
-from labbook_numba.mesh_grid import MeshGrids
 from labbook_numba.state import Params
 
 
@@ -26,7 +26,10 @@ def parameters(scene: Scene, numerics: Numerics, probes: Sequence[Probe], wall_n
     walls = features.wall_tables(scene, numerics)
     rolling_stiffness, rolling_damping = scene.contact.rolling_spring
     skin = numerics.skin * d
-    meshes = MeshGrids.of(scene.container.walls(), grains.radius + 0.51 * skin)
+    # a grain moves by half a skin before lists are rebuilt, and so does a part
+    moves = 1.0 * skin if features.has_moving_parts(scene) else 0.5 * skin
+    shapes, reach = shapes_of(scene.container.walls()), mesh_reach(grains.radius + grains.half_length, moves)
+    meshes = MeshGrids.of(shapes, [reach] * len(shapes), features.is_oriented(scene))
     spare = wall_numbers - walls.numbers.shape[1]
     return Params(
         c=tuple(pair_c[0].tolist()),
@@ -54,4 +57,6 @@ def parameters(scene: Scene, numerics: Numerics, probes: Sequence[Probe], wall_n
         mesh_frame=meshes.frame,
         mesh_cell=meshes.first,
         mesh_listed=meshes.listed,
+        mesh_moves=moves,
+        part_speed=features.part_speed(scene, reach),
     )

@@ -6,6 +6,8 @@ import numpy as np
 from labbook_dem import mesh  # whose numbers are not among those of this module
 from labbook_dem.reading import crossing_columns
 
+from labbook.scene.part_motion import POSE_COLUMNS
+
 # counters, in State.count
 GRAINS, PAIRS, STEP, CROSSED, REBUILDS, TOUCHING, FAIL_GRAIN, LEAVING, WANT_PAIRS, WANT_WALLS = range(10)
 COUNTERS = 10
@@ -124,6 +126,9 @@ class State(NamedTuple):
     mesh_first: np.ndarray
     mesh_near: np.ndarray
     touch: np.ndarray
+    # of parts that move: poses of walls at steps from pose_first[0] on (`labbook.scene.part_motion`)
+    pose: np.ndarray
+    pose_first: np.ndarray
 
     @property
     def x(self) -> np.ndarray:
@@ -164,7 +169,7 @@ class State(NamedTuple):
 SCRATCH = (
     *("domain", "borrowed_i", "borrowed_j", "borrowed_held", "borrowed_spring", "told", "meetings"),
     *("block", "bits", "block_i", "block_j", "slot", "near", "speed2", "speed_bits"),
-    *("mesh_first", "mesh_near", "touch"),
+    *("mesh_first", "mesh_near", "touch", "pose", "pose_first"),
 )
 """Arrays that hold nothing from one beat to the next that the others do not tell."""
 
@@ -203,7 +208,8 @@ class Params(NamedTuple):
 
     rolling_stiffness, rolling_damping: of rolling springs (`labbook_dem.spheres.rolling_resistance`).
 
-    mesh_...: of walls that are meshes (`labbook_numba.mesh_grid`).
+    mesh_...: of walls that are meshes (`labbook_dem.mesh_grid`); mesh_moves: distance [m] by which a grain may move
+    in the frame of one before lists are rebuilt; part_speed: largest speed [m/s] of parts that move.
     """
 
     c: tuple
@@ -231,6 +237,8 @@ class Params(NamedTuple):
     mesh_frame: np.ndarray
     mesh_cell: np.ndarray
     mesh_listed: np.ndarray
+    mesh_moves: float
+    part_speed: float
 
 
 def allocate(
@@ -258,6 +266,8 @@ def allocate(
         meetings=np.zeros(1, np.int64),
         mesh_first=np.zeros(1, np.int64),
         mesh_near=np.zeros(0, np.int32),
+        pose=np.zeros((0, 0, POSE_COLUMNS)),
+        pose_first=np.full(1, -1),
         **scratch(n, precision, layout),
     )
 

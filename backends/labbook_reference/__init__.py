@@ -21,7 +21,16 @@ CACHE_VERSION = 1
 class Backend(DemBackend):
     """See `labbook.backend.Backend`."""
 
-    capabilities = capabilities("reference", CACHE_VERSION, frozenset({"double"}), ("cpu",), mixtures=True, meshes=True)
+    capabilities = capabilities(
+        "reference",
+        CACHE_VERSION,
+        frozenset({"double"}),
+        ("cpu",),
+        mixtures=True,
+        meshes=True,
+        rods_at_meshes=True,
+        moving_parts=True,
+    )
 
     def specialise(self, scene: Scene, numerics: Numerics, probes: Sequence[Probe] = ()) -> Spec:
         """What members of an ensemble have in common; nothing is compiled. Raises Unsupported."""

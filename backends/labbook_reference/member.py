@@ -13,6 +13,7 @@ from labbook_dem.ensemble import LONGEST, UNKNOWN, Failure, Standing, explain
 from labbook_dem.ensemble import check_checkpoint as check_names
 from labbook_dem.features import features, is_oriented, planes, rolling_springs
 from labbook_dem.mesh import MESH_CONTACTS, PlainMesh, TooManyContacts, mesh_table
+from labbook_dem.mesh_rods import rod_table
 from labbook_dem.plain_walls import NONE, PARTS, GrainState, Key, PlainWalls
 from labbook_dem.reading import CONTACT_COLUMNS, Grains, Inside, crossing_columns
 from labbook_dem.traction import SUMS, add_touch
@@ -323,6 +324,7 @@ class Run(Standing):
         found.f[:, 2] = -self.bodies.mass * self.scene.gravity
         if not self.grains:
             return found
+        self._move_parts()
         with self._law():
             a = axes(self.q) if self.q is not None else np.zeros_like(self.x)
             spins = self._spins(self.m), self._spins(self.y)
@@ -336,6 +338,11 @@ class Run(Standing):
                 for i in self._near(w, wall):
                     self._wall(found, i, w, self._grain(i, a, *spins))
         return found
+
+    def _move_parts(self) -> None:
+        """Bring parts that move to where they are now; grains are then looked at anew."""
+        self._at_walls.move_to(self.step)
+        self.clear[list(self._at_walls.frames)] = 0.0
 
     def _close(self, a: np.ndarray) -> list[tuple[int, int]]:
         """Pairs of grains that may touch: those within reach, and of rods along `a` those that nearly meet."""
@@ -353,7 +360,8 @@ class Run(Standing):
         half, near = self.scene.grains.half_length, []
         for i in np.flatnonzero(self.clear[w] <= 0).tolist():
             x, radius = vec3(*self.x[i].tolist()), float(self.bodies.radius[i])
-            distance, _normal = wall.distance(x)
+            frame = self._at_walls.frames.get(w)
+            distance, _normal = wall.distance(x if frame is None else frame.place(x))
             self.clear[w, i] = distance - radius - half
             if self.clear[w, i] <= 0:
                 near.append(i)
@@ -431,6 +439,7 @@ class Run(Standing):
         sums = np.zeros((table.total, SUMS), np.int64)
         a = axes(self.q) if self.q is not None else np.zeros_like(self.x)
         spins = self._spins(self.m), self._spins(self.y)
+        self._move_parts()
         with self._law():
             for w, wall in enumerate(self._at_walls.plain):
                 for i in self._near(w, wall):
@@ -564,7 +573,8 @@ def check_checkpoint(can: Capabilities, scene: Scene, stored: Checkpoint) -> Non
     wall, part = arrays["wall_key"][:, 1], arrays["wall_key"][:, 2]
     if not (np.isin(arrays["pair_key"], ids).all() and np.isin(arrays["wall_key"][:, 0], ids).all()):
         raise ValueError("springs belong to grains that do not exist")
-    most_parts = max([PARTS, *(len(mesh_table(shape).features) for shape in meshes)])
+    table = rod_table if is_oriented(scene) else mesh_table
+    most_parts = max([PARTS, *(len(table(shape).features) for shape in meshes)])
     if not ((wall >= 0) & (wall < len(scene.container.walls())) & (part >= 0) & (part < most_parts)).all():
         raise ValueError("springs are at walls that do not exist")
 

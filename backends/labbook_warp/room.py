@@ -5,6 +5,8 @@ from dataclasses import replace
 from types import ModuleType
 
 import warp as wp
+from labbook_dem.mesh import MESH_CONTACTS
+from labbook_dem.shapes import SHAPES as PHYSICS
 
 from labbook.backend import Overflow, Spec
 from labbook.backend.probes import Contacts, Crossing, Dissipation
@@ -67,7 +69,8 @@ def grown(sizes: Sizes, near: int, depth: int, walls: int) -> Sizes:
     Raises Overflow where no lists are that long: for neighbours, and for `walls` that a grain is near, if not 0.
     """
     if walls:
-        raise Overflow(f"a grain is near {walls} walls, more than {sizes.seats}; use a thinner numerics.skin")
+        unite = ", or unite meshes into one part" if sizes.parts == MESH_CONTACTS else ""
+        raise Overflow(f"a grain is near {walls} walls, more than {sizes.seats}; use a thinner numerics.skin{unite}")
     if near > MOST_NEAR:
         raise Overflow(f"a grain has {near} near neighbours, more than {MOST_NEAR}; {_INSTEAD}")
     wider = min(MOST_NEAR, near + 4) if near else sizes.near
@@ -92,7 +95,8 @@ def suitable(spec: Spec, sizes: Sizes, uniform: bool, lanes: int) -> ModuleType:
     if many and "frustum" in spec.feature("walls"):
         most += shape.registers_of_rims[precision]
     # one launch more a step would cost more than it saves where grains are few, or walls are quickly met
-    apart = shape.registers_of_walls.get(precision, 0) if many and spec.feature("ANY_WALLS") else 0
+    of_walls = shape.registers_of_meshes if spec.feature("MESHES") else shape.registers_of_walls
+    apart = of_walls.get(precision, 0) if many and spec.feature("ANY_WALLS") else 0
     far = sizes.rows * shape.bytes > CACHE
     asked = shape.asked if many and far and spec.feature("FRICTION") else 0
     assert not asked or asked + 2 <= sizes.near, "lines are asked for whether lists are as long or not"
@@ -104,7 +108,8 @@ def lanes(sizes: Sizes, device: wp.Device, asked: int | None) -> int:
     if not device.is_cuda:
         return 1
     if asked:
-        return max(asked, sizes.parts) if asked > 1 else 1
+        shared = sizes.parts if PHYSICS[sizes.shape].oriented else 1
+        return max(asked, shared) if asked > 1 else 1
     return next((threads for rows, threads in SHAPES[sizes.shape].threads if sizes.rows <= rows), 1)
 
 

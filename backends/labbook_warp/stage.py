@@ -19,6 +19,7 @@ from labbook_warp.arrays import Arrays, SlotState, fetch
 from labbook_warp.beat import Beat
 from labbook_warp.compiling import mixed
 from labbook_warp.layout import EXTREMES, Sizes
+from labbook_warp.meshes import MeshTables
 from labbook_warp.parameters import cell_size, material, place, same_material
 from labbook_warp.report import Report, collect
 from labbook_warp.run import Run
@@ -45,6 +46,7 @@ class Stage:
         """Whether a beat is going on."""
         self._arrays: Arrays | None = None
         self._beats: Beat | None = None
+        self._meshes = MeshTables(device)
         self.changes = 0
         """Rises whenever the state of a member may have changed."""
         self._of_all, self._of_one = 0, dict[int, int]()  # `changes` at the last that concerned all slots, or one
@@ -117,13 +119,14 @@ class Stage:
             for run in new:
                 self._put(run)
         self._counters()
+        self._take_meshes(new)
         fresh = {run: run.begin for run in new if isinstance(run.begin, Packing)}
         self._build_lists(list(fresh))
         if self._spec.feature("FRICTION"):
             slots = [run.slot for run in fresh]
             with self.arrays.reading(slots), self.arrays.written_together(slots):
                 for run, start in fresh.items():
-                    transfer.set_springs(self.arrays, run.slot, start, run.names)
+                    transfer.set_springs(self.arrays, run.slot, run.scene, start, run.names)
         for run in new:
             run.begin = None
         self._has_changed()
@@ -231,6 +234,32 @@ class Stage:
             tables["wall_motion"] = walls.motion
         return tables
 
+    def _take_meshes(self, runs: Sequence[Run]) -> None:
+        """Let kernels know of the meshes of these members, whose grains may be near some."""
+        if not self.arrays.module.MESHES:
+            return
+        if self._meshes.cover(self.runs):
+            self.beats.renew()
+            runs = self.runs
+        self._meshes.put(self.arrays.system)
+        for run in runs:
+            self.arrays.put("mesh_of", run.slot, self._meshes.of(run))
+        self._list_features(runs)
+
+    def _list_features(self, runs: Sequence[Run]) -> None:
+        """List the features near the grains of members that were not stepped to where they are."""
+        if runs and self.arrays.module.MESHES:
+            self._flag(runs)
+            self.beats.list_features()
+            self.arrays.system.flag.zero_()
+
+    def _flag(self, runs: Sequence[Run]) -> None:
+        """Let kernels work on these members, and make lists for them."""
+        flags = np.zeros(self._sizes.slots, np.int32)
+        flags[[run.slot for run in runs]] = 1
+        self.wake(runs)
+        self.arrays.system.flag.assign(flags)
+
     def _counters(self) -> None:
         """Bring the arrays of slots in line with what is known of the members."""
         system, n = self.arrays.system, self._sizes.slots
@@ -251,11 +280,8 @@ class Stage:
     def _lists(self, runs: Sequence[Run]) -> tuple[int, int, int]:
         """Build the lists of members; what they would have needed, as `room.grown` takes it, where they did not fit."""
         system = self.arrays.system
-        flags = np.zeros(self._sizes.slots, np.int32)
-        flags[[run.slot for run in runs]] = 1
         before = fetch(system.rebuilds)
-        self.wake(runs)
-        system.flag.assign(flags)
+        self._flag(runs)
         system.any_flag.fill_(1)
         self.beats.rebuild()
         self.arrays.forget_rows()
@@ -288,6 +314,7 @@ class Stage:
         if whole:
             self._arrays.take_up(whole)
         self._counters()
+        self._take_meshes(self.runs)
         self._has_changed()
 
     def _taken_up_as_a_whole(self) -> dict[str, np.ndarray]:
@@ -410,6 +437,7 @@ class Stage:
         step = fetch(self.arrays.system.step)
         step[run.slot] = run.step
         self.arrays.system.step.assign(step)
+        self._list_features([run])
         self._has_changed(run)
 
     def bad_value(self, run: Run, grain: int) -> float:

@@ -40,6 +40,10 @@ class Capabilities:
     """Whether grains that left can be put back (`Ensemble.put_back`), which fed scenes need."""
     breaks: bool = False
     """True if velocities of grains can be set (`Ensemble.set_velocities`), which scenes with `restart` need."""
+    rods_at_meshes: bool = False
+    """True if rods have contacts with walls of triangles."""
+    moving_parts: bool = False
+    """True if parts of a container can move (`Wall.moves`)."""
 
 
 @dataclass(frozen=True)

@@ -212,6 +212,11 @@ def log_grains(stream, root: str, scene: Scene, start: Packing, frames: Sequence
         if wall.spin:
             turns = [[0, 0, math.sin(wall.spin * t / 2), math.cos(wall.spin * t / 2)] for t in times]
             stream.send_columns(path, [clock], rr.Transform3D.columns(quaternion=turns))
+        if wall.moves is not None:
+            poses = wall.moves.poses(np.array(times))
+            matrices = poses.turn.transpose(0, 2, 1)  # which rerun lists column by column
+            columns = rr.Transform3D.columns(translation=poses.shift, mat3x3=matrices.reshape(-1, 9))
+            stream.send_columns(path, [clock], columns)
 
 
 def frames_of(table: Mapping[str, np.ndarray] | None, most: int = FRAMES) -> list[Frame]:

@@ -10,7 +10,7 @@ import numpy as np
 
 from labbook.export.recording import file_name
 from labbook.export.vtk import write_fields, write_grains, write_series, write_walls
-from labbook.export.wall_shapes import drawn_walls
+from labbook.export.wall_shapes import DrawnWall, drawn_walls
 from labbook.fields import axes
 from labbook.lab.folder import write_bytes
 from labbook.results.frames import frames, inside
@@ -112,8 +112,25 @@ def _grains(result: PointResult, rows, folder: Path) -> list[Path]:
         paths.append(path)
     positions = np.column_stack([np.asarray(rows[axis], float) for axis in "xyz"])
     walls = folder / "walls.vtk"
-    meshes = {wall.name: wall.mesh for wall in drawn_walls(scene, positions)}
-    write_walls(walls, f"walls: {', '.join(meshes)}; {result.label or 'the only point'}", meshes)
+    surfaces = list(drawn_walls(scene, positions))
+    label = result.label or "the only point"
+    write_walls(
+        walls, f"walls: {', '.join(wall.name for wall in surfaces)}; {label}", {w.name: w.mesh for w in surfaces}
+    )
     series = folder / "grains.vtk.series"
     write_series(series, paths, times)
-    return [series, *paths, walls]
+    return [series, *paths, walls, *_moving_walls(folder, surfaces, times, label)]
+
+
+def _moving_walls(folder: Path, surfaces: list[DrawnWall], times: np.ndarray, label: str) -> list[Path]:
+    """Files of all walls at each time [s] and their series, where a part moves."""
+    if all(wall.moves is None for wall in surfaces):
+        return []
+    paths = [folder / f"walls-{number:04d}.vtk" for number in range(len(times))]
+    steps = zip(*(wall.at(times) for wall in surfaces), strict=True)
+    for path, time, meshes in zip(paths, times, steps, strict=True):
+        names = [wall.name for wall in surfaces]
+        write_walls(path, f"walls, t = {time:.6g} s; {label}", dict(zip(names, meshes, strict=True)))
+    series = folder / "walls.vtk.series"
+    write_series(series, paths, times)
+    return [series, *paths]

@@ -1,11 +1,11 @@
 """What walls look like in recordings: their meshes around the bed, plates and panes as polygons."""
 
-from collections.abc import Iterator
-from dataclasses import dataclass
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 
-from labbook.scene import Scene
+from labbook.scene import PartMotion, Scene
 from labbook.scene.geometry import Bounds, Mesh, Point3, Segment
 
 WALL_COLOUR = (120, 130, 150, 70)
@@ -21,7 +21,7 @@ class DrawnWall:
     """A wall as it is drawn: its mesh with lines along its edges, colour, and how fast it turns [rad/s].
 
     spokes: of one that turns, lines [2, 3] by which that is seen; they reach beyond its edge, where no grain hides
-    them.
+    them. moves: motion of a whole part; the mesh is that of the opening.
     """
 
     name: str
@@ -29,6 +29,16 @@ class DrawnWall:
     colour: Colour
     spin: float
     spokes: tuple[np.ndarray, ...] = ()
+    moves: PartMotion | None = None
+
+    def at(self, times: Sequence[float] | np.ndarray) -> Iterator[Mesh]:
+        """Mesh of the wall at times [s]."""
+        if self.moves is None:
+            yield from (self.mesh for _ in times)
+            return
+        poses = self.moves.poses(np.asarray(times, float))
+        for k in range(len(poses.shift)):
+            yield replace(self.mesh, vertices=poses.places(k, self.mesh.vertices))
 
 
 def drawn_walls(scene: Scene, positions: np.ndarray) -> Iterator[DrawnWall]:
@@ -53,7 +63,7 @@ def drawn_walls(scene: Scene, positions: np.ndarray) -> Iterator[DrawnWall]:
             continue
         spin = 0.0 if any(box.endless) else wall.motion.spin
         colour = PANE_COLOUR if wall.shape.pane else WALL_COLOUR
-        yield DrawnWall(wall.name, shown, colour, spin, _spokes(shown, r) if spin else ())
+        yield DrawnWall(wall.name, shown, colour, spin, _spokes(shown, r) if spin else (), wall.moves)
 
 
 def _up_to(top: float, wall: Bounds, low: Point3, high: Point3) -> Bounds:

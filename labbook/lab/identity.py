@@ -139,6 +139,7 @@ def _walls(scene: Scene, made: Versions) -> list[dict[str, Any]]:
     by_kind = bool(scene.grains.kinds)
     return [
         _wall(wall.name, _shape(wall.shape, made), wall.motion, _surfaces(scene, wall), by_kind)
+        | ({} if wall.moves is None else {"moves": _text(wall.moves)})
         for wall in scene.container.walls()
     ]
 

@@ -13,7 +13,6 @@ from labbook.measure.data import RunData
 from labbook.measure.measure import Evaluation, Measure, MeasureError, Quantity, Window
 from labbook.measure.series import crossings, mean_mass
 from labbook.scene import Scene
-from labbook.scene.walls import AT_REST
 from labbook.stats import Measured
 
 NAME = "clogging"
@@ -173,7 +172,7 @@ def avalanches(run: RunData, window: Window) -> Avalanches:
 
 def agitated(scene: Scene) -> bool:
     """True for a container whose walls move, so that arches break by themselves."""
-    return any(wall.motion != AT_REST for wall in scene.container.walls())
+    return any(not wall.is_static for wall in scene.container.walls())
 
 
 def waits(run: RunData) -> dict[str, np.ndarray]:

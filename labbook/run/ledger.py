@@ -51,5 +51,5 @@ def expected_speed(scene: Scene, start: Packing) -> float:
     fall = 2 * scene.gravity * (float(start.x[:, 2].max()) - low)
     push = float(np.max(np.sum(start.v**2, axis=1)))
     reach = float(np.hypot(start.x[:, 0], start.x[:, 1]).max())
-    moving = max((wall.motion.speed(reach) for wall in scene.container.walls()), default=0.0)
+    moving = max((wall.speed(reach) for wall in scene.container.walls()), default=0.0)
     return math.sqrt(fall + push) + moving

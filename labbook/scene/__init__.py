@@ -27,6 +27,7 @@ from labbook.scene.feed import Feed
 from labbook.scene.grains import Grains, Kind, Spheres, Spherocylinders
 from labbook.scene.mesh import TriangleMesh
 from labbook.scene.packing import Packing
+from labbook.scene.part_motion import PartMotion, PartRotation, Vibration
 from labbook.scene.restart import Restart
 from labbook.scene.scene import Scene
 from labbook.scene.sizes import LogNormal, Normal, SizeList, SizeTable, Uniform
@@ -55,6 +56,8 @@ __all__ = [
     "Normal",
     "Outlet",
     "Packing",
+    "PartMotion",
+    "PartRotation",
     "Plane",
     "Primitives",
     "Restart",
@@ -69,6 +72,7 @@ __all__ = [
     "SurfaceMotion",
     "TriangleMesh",
     "Uniform",
+    "Vibration",
     "Wall",
     "WedgeHopper",
 ]

@@ -33,16 +33,20 @@ _FLAT = 1e-12  # rad: an angle this close to 90 deg is a flat bottom
 # what a container of validated sizes is made of needs no validation: 100 000 points have more than a million walls
 @lru_cache(maxsize=KEPT)  # many containers have these in common
 def _plane(name: str, point: Vector, normal: Vector) -> Wall:
-    return Wall.of(name=name, shape=Plane.of(kind="plane", point=point, normal=normal), motion=AT_REST, opens=None)
+    return Wall.of(
+        name=name, shape=Plane.of(kind="plane", point=point, normal=normal), motion=AT_REST, opens=None, moves=None
+    )
 
 
 def _strip(name: str, start: Pair, end: Pair) -> Wall:
-    return Wall.of(name=name, shape=Strip.of(kind="strip", start=start, end=end), motion=AT_REST, opens=None)
+    return Wall.of(
+        name=name, shape=Strip.of(kind="strip", start=start, end=end), motion=AT_REST, opens=None, moves=None
+    )
 
 
 def _frustum(name: str, lower: Pair, upper: Pair, motion: SurfaceMotion = AT_REST) -> Wall:
     shape = Frustum.of(kind="frustum", lower=lower, upper=upper)
-    return Wall.of(name=name, shape=shape, motion=motion, opens=None)
+    return Wall.of(name=name, shape=shape, motion=motion, opens=None, moves=None)
 
 
 @dataclass(frozen=True)
@@ -102,14 +106,17 @@ class ContainerShape(Model, ABC):
         return (*own, *(part for part in self.parts if self.closed or part.opens is None))
 
     def _closed(self, surface_motion: bool, **update: Any) -> Any:
-        """A copy that is closed, with other values of some fields; parts move only if `surface_motion` says so."""
-        if not surface_motion and any(part.motion != AT_REST for part in self.parts):
-            update["parts"] = tuple(part.model_copy(update={"motion": AT_REST}) for part in self.parts)
+        """A copy that is closed, with other values of some fields; surfaces of parts move only if `surface_motion` says
+        so, and parts stand still."""
+        parts = _at_rest(self.parts, surface_motion)
+        if parts is not self.parts:
+            update["parts"] = parts
         return self.model_copy(update={"closed": True, **update})
 
     def _clear_of_parts(self, x: np.ndarray) -> np.ndarray:
-        """Points of x [m], shape [n, 3], on the side of the grains of all parts, shape [n]."""
-        return np.all([np.ones(len(x), bool), *(part.shape.inside(x) for part in self._with_parts(()))], axis=0)
+        """Points of x [m], shape [n, 3], on the side of the grains of all parts that stand still, shape [n]."""
+        still = [part for part in self._with_parts(()) if part.moves is None]
+        return np.all([np.ones(len(x), bool), *(part.shape.inside(x) for part in still)], axis=0)
 
     @abstractmethod
     def walls(self) -> tuple[Wall, ...]:
@@ -704,9 +711,7 @@ class Primitives(ContainerShape):
         Without such parts, itself: nothing is known that could be closed. Surfaces move only if `surface_motion` says
         so.
         """
-        parts = self.parts
-        if not surface_motion and any(part.motion != AT_REST for part in parts):
-            parts = tuple(part.model_copy(update={"motion": AT_REST}) for part in parts)
+        parts = _at_rest(self.parts, surface_motion)
         closed = any(part.opens for part in parts)
         if parts is self.parts and closed == self.closed:
             return self
@@ -715,6 +720,15 @@ class Primitives(ContainerShape):
     def walls(self) -> tuple[Wall, ...]:
         """The walls as given; opened, without those that open."""
         return self._with_parts(())
+
+
+def _at_rest(parts: tuple[Wall, ...], surface_motion: bool) -> tuple[Wall, ...]:
+    """The parts without motion, but for that of their surfaces if `surface_motion` says so; themselves if they have
+    none."""
+    if not any(part.moves is not None or (part.motion != AT_REST and not surface_motion) for part in parts):
+        return parts
+    rest = {"moves": None} if surface_motion else {"moves": None, "motion": AT_REST}
+    return tuple(part.model_copy(update=rest) for part in parts)
 
 
 def _touch(one: WallShape, other: WallShape) -> bool:

@@ -14,6 +14,7 @@ from pydantic import Field, ValidationInfo, model_validator
 from labbook.scene.geometry import Bounds, Mesh, Segment
 from labbook.scene.mesh import TriangleMesh
 from labbook.scene.model import Fault, Model, TaggedModels, refuse
+from labbook.scene.part_motion import PartMotion
 from labbook.scene.quantities import Coordinate, Ratio
 from labbook.scene.wall_shape import AT_REST, SurfaceMotion, Symmetry, WallShape
 
@@ -369,12 +370,28 @@ class Wall(Model):
     # where it is not stated it is left out of what is stored
     opens: Annotated[Literal["start"] | None, Field(exclude_if=lambda opens: opens is None)] = None
     """`start`: the wall stands while the container is filled and vanishes when the discharge starts; none: it stays."""
+    moves: Annotated[PartMotion | None, Field(exclude_if=lambda moves: moves is None)] = None
+    """Motion of the whole part, of kind `mesh`, from the opening on; while the container is filled it stands still."""
 
     @model_validator(mode="after")
     def _moves_along_itself(self, info: ValidationInfo):
         if (info.context or {}).get("units") == "required":  # runs of older versions stay readable
             refuse(self._faults())
+        if self.moves is not None and not isinstance(self.shape, TriangleMesh):
+            reason = f"a {self.shape.kind} cannot move: only walls of triangles do"
+            refuse([Fault("moves", reason, "leave moves out, or make it a part of kind mesh")])
         return self
+
+    @property
+    def is_static(self) -> bool:
+        """True if neither the wall nor its surface moves."""
+        return self.moves is None and self.motion == AT_REST
+
+    def speed(self, reach: float) -> float:
+        """Largest speed [m/s] of the wall at grains that reach no farther than `reach` [m] from the axis x = y = 0."""
+        if self.moves is None or not isinstance(self.shape, TriangleMesh):
+            return self.motion.speed(reach)
+        return self.motion.speed(reach) + self.moves.speed(self.shape.surface.vertices, 0.0)
 
     def _faults(self) -> Iterator[Fault]:
         if self.motion == AT_REST:
@@ -390,4 +407,4 @@ class Wall(Model):
                 key, part = "spin", "turns the surface out of itself"
                 remedy = "spin only horizontal planes and strips, or frustums"
             reason = f"the motion is that of the surface only, the wall itself stays, and this {key} {part}"
-            yield Fault(f"motion.{key}", reason, f"{remedy}; walls that move are not available")
+            yield Fault(f"motion.{key}", reason, f"{remedy}; parts of kind mesh move as a whole by `moves`")

@@ -416,6 +416,39 @@ class ContainerPartsMotionKeys(TypedDict, total=False):
     """Angular velocity of the surface about the vertical axis x = y = 0 [rad/s]."""
 
 
+class ContainerPartsMovesRotationKeys(TypedDict, total=False):
+    """Section `container.parts[].moves.rotation`."""
+
+    axis: object
+    """Direction of the axis, of any length; counter-clockwise seen from its tip."""
+    origin: object
+    """A point of the axis, about which the torque on the part is counted [m]."""
+    rate: object
+    """Angular velocity [rad/s]."""
+
+
+class ContainerPartsMovesVibrationKeys(TypedDict, total=False):
+    """Section `container.parts[].moves.vibration`."""
+
+    direction: object
+    """Direction, of any length."""
+    amplitude: object
+    """Amplitude A [m]. Range: above 0."""
+    frequency: object
+    """Frequency f [Hz]. Range: above 0."""
+    phase: object
+    """Phase φ at the opening [rad]."""
+
+
+class ContainerPartsMovesKeys(TypedDict, total=False):
+    """Section `container.parts[].moves`."""
+
+    velocity: object
+    """Constant velocity along x, y and z [m/s]."""
+    rotation: ContainerPartsMovesRotationKeys | object
+    vibration: ContainerPartsMovesVibrationKeys | object
+
+
 class ContainerPartsKeys(TypedDict, total=False):
     """Section `container.parts[]`."""
 
@@ -426,6 +459,7 @@ class ContainerPartsKeys(TypedDict, total=False):
     stays."""
     shape: ContainerPartsShapeKeys | object
     motion: ContainerPartsMotionKeys | object
+    moves: ContainerPartsMovesKeys | object
 
 
 class ContainerKeys(TypedDict, total=False):
@@ -667,6 +701,9 @@ KEYS = """\
     container.parts[].shape: kind, point [m], normal, start [m], end [m], lower [m], upper [m], smooth [rad],
         encloses, file, unit, scale, rotate [rad], at [m], allow
     container.parts[].motion: velocity [m/s], spin [rad/s]
+    container.parts[].moves: velocity [m/s]
+    container.parts[].moves.rotation: axis, origin [m], rate [rad/s]
+    container.parts[].moves.vibration: direction, amplitude [m], frequency [Hz], phase [rad]
     walls.*: friction, rolling_friction, restitution, youngs_modulus [Pa], shear_modulus [Pa], poisson_ratio,
         normal_stiffness [N/m]
     feed: kind

@@ -18,10 +18,10 @@ from labbook.cli import build
 
 IN_ONE = {
     *("pyramid", "edges", "wall-sums", "time-step", "stiffness", "incline", "units", "size-ratio"),
-    *("rods-stacked", "powers", "meshes"),
+    *("rods-stacked", "powers", "meshes", "moving-parts"),
 }
 """Cases that take long, or kernels of their own: a backend takes them in its first precision only."""
-OF_ITS_OWN = {"pyramid", "size-ratio", "powers", "meshes"}
+OF_ITS_OWN = {"pyramid", "size-ratio", "powers", "meshes", "moving-parts"}
 """Cases whose kernels, which no other case shares, take ten seconds and more to compile: in the ring. The contract and
 `labbook verify` have rolling springs, mixtures and powers too."""
 
@@ -33,7 +33,7 @@ def checks():
             continue
         here = where(stand)
         for case in CASES:
-            lacks = case.name == "meshes" and "mesh" not in stand.backend.capabilities.walls
+            lacks = case.name == "moving-parts" and not stand.backend.capabilities.moving_parts
             if not lacks and not (stand.second and case.name in IN_ONE):
                 name = stand.backend.capabilities.name if stand.device == "cpu" else ""
                 long = case.slow or case.name in OF_ITS_OWN

@@ -6,7 +6,7 @@ import pytest
 from stands import Bundled, specialised, stands, where
 
 from labbook.backend import Unsupported
-from labbook.checks.verify import mesh
+from labbook.checks.verify import mesh, mesh_rods, moving
 from labbook.checks.verify.case import Case, Criterion, judge
 from labbook.checks.verify.cases import CASES, chosen
 from labbook.checks.verify.materials import EVERY_LAW
@@ -33,7 +33,7 @@ IN_ONE = {
     "edge-roll-off",
     "rim-roll-off",
     "edge-without-slip",
-    *(case.name for case in mesh.CASES),
+    *(case.name for case in (*mesh.CASES, *mesh_rods.CASES, *moving.CASES)),
     "rolling-round-a-cylinder",
     "rod-landing",
     "rod-over-rim",
@@ -79,6 +79,10 @@ LONG = {
     *("rolling-spring-mobilised", "flow-outlet"),
     # test_dem_laws and test_dem_one_source have the functions of these laws, hertz-printed its kernels
     *(f"{case}-{law}" for law in ("hertz-lammps", "hertz-liggghts") for case in ("impacts", "sliding")),
+    # a hundred turns, and balances at every step; test_numba_mesh has a box that does all of this beside the reference
+    *("moving-turntable", "moving-balance"),
+    # kernels of rods at meshes are compiled for these only; test_dem_mesh_rods has their contacts
+    *(case.name for case in mesh_rods.CASES),
 }
 """Cases that take twenty seconds and more anywhere on a processor, with kernels of their own or many steps."""
 LONG_IN_ITS_SECOND = {

@@ -77,6 +77,8 @@ OUTLET = True  # grains far below the outlet are dropped
 LEDGER = True  # contact work and touching contacts are added up
 ANY_WALLS = True
 MESHES = True  # some wall consists of triangles
+POSES = True  # parts move as a whole
+PLATE_PARTS = RODS.WALL_PARTS  # parts of a rod at a wall without triangles
 KINDS = 1  # kinds of grains
 LANES = 16  # contacts that a law is computed for at a time: as many as compilers were seen to take together
 

@@ -2,12 +2,10 @@
 
 from labbook_dem.words import wide
 
-from labbook_numba.kernels.bodies import radius_of
 from labbook_numba.kernels.cells import fill_cells
-from labbook_numba.kernels.features import GRAINS, MESH_NUMBER, MESHES, PAD, X, kernel
+from labbook_numba.kernels.features import GRAINS, MESH_NUMBER, MESHES, PAD, kernel
 from labbook_numba.kernels.mesh_walls import near_mesh
 from labbook_numba.kernels.shape import near_grain, near_wall
-from labbook_numba.kernels.transfer import load
 from labbook_numba.state import Params, State
 
 
@@ -52,7 +50,7 @@ def near_walls(st: State, p: Params, first, grain):
             if MESHES:
                 a_mesh = p.wall_kind[w] == MESH_NUMBER
                 if a_mesh:
-                    near = near_mesh(p, w, load(st.grains, i, X), radius_of(st.body, i, p.radius), half_skin)
+                    near = near_mesh(st, p, w, i, p.mesh_moves)
             if not a_mesh:
                 near = near_wall(st.grains, st.body, i, p.walls, p.wall_kind, w, p.radius, p.half, half_skin)
             if near:

@@ -8,8 +8,8 @@ from labbook_dem.words import dot, func, narrow, real, vec3, wide, wide3
 
 from labbook_numba.kernels.blocks import reals
 from labbook_numba.kernels.bodies import rolling_inertia
-from labbook_numba.kernels.features import WALL_PARTS, A, M, P, T, U, V, W, X
-from labbook_numba.kernels.rod_walls import heritage, measure_rod, wall_contact
+from labbook_numba.kernels.features import MESH_NUMBER, MESHES, WALL_PARTS, A, M, P, T, U, V, W, X
+from labbook_numba.kernels.rod_walls import heritage, measure_rod_at, wall_contact
 from labbook_numba.kernels.transfer import advance_of, load, spring_of, write_row
 from labbook_numba.state import Params, State
 
@@ -44,11 +44,12 @@ def walls_now(st: State, p: Params, w, k, dt, out, found):
     rate = rolling_rate(rolling_inertia(p.inertia, p.slender), dt)
     half_dt = real(0.5) * dt
     i = st.wall_grain[k]
-    now = measure_rod(st.grains, st.near, p.walls, p.wall_kind, w, i, p.half, p.radius)
+    a_mesh = MESHES and p.wall_kind[w] == MESH_NUMBER
+    now, older = measure_rod_at(st, p, w, k)
     was = int(st.wall_held[k])
     for part in range(WALL_PARTS):
         if (now >> part) & 1:
-            spring, held = heritage(st.wall_spring, k, part, was, now)
+            spring, held = heritage(st.wall_spring, k, part, was, now, a_mesh, older)
             force, _, _, point = wall_contact(st, p, w, i, part, spring, half_dt * (real(1.0) + held), rate)
             write_row(out, found, st.ids[i], -1, w, force, point)
             found += 1
@@ -56,9 +57,9 @@ def walls_now(st: State, p: Params, w, k, dt, out, found):
 
 
 @func
-def normal_now(st: State, p: Params, w, i, row, rows):
-    """Unit normal from wall w to the part of rod i that makes the contact."""
-    now = measure_rod(st.grains, st.near, p.walls, p.wall_kind, w, i, p.half, p.radius)
+def normal_now(st: State, p: Params, w, k, row, rows):
+    """Unit normal from wall w to the part of the rod of entry k that makes the contact."""
+    now, _ = measure_rod_at(st, p, w, k)
     at, count = 0, 0
     for part in range(WALL_PARTS):
         if (now >> part) & 1:

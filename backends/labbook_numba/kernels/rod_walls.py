@@ -1,4 +1,5 @@
-"""Forces of walls on rods, one rod and wall at a time: few rods are at walls, and each touches at up to four points."""
+"""Forces of walls on rods, one rod and wall at a time: few rods are at walls, and each touches at up to four points, at
+a mesh at up to eight."""
 
 from labbook_dem.chosen import wall_edges, wall_part
 from labbook_dem.contact import rolling_rate
@@ -12,7 +13,12 @@ from labbook_numba.kernels.features import (
     FRICTION,
     LEDGER,
     MAX_OVERLAP,
+    MESH_NUMBER,
+    MESHES,
     MOVING,
+    PLATE_PARTS,
+    POSES,
+    STEP,
     TOUCHING,
     WALL_PARTS,
     A,
@@ -25,6 +31,15 @@ from labbook_numba.kernels.features import (
     X,
     kernel,
 )
+from labbook_numba.kernels.poses import (
+    part_spin,
+    part_velocity,
+    part_velocity_before,
+    pose_now,
+    spring_inwards,
+    spring_outwards,
+)
+from labbook_numba.kernels.rod_meshes import key_rod_springs, measure_rod_at_mesh
 from labbook_numba.kernels.surfaces import near_here, wall_numbers, wall_velocity
 from labbook_numba.kernels.transfer import load
 from labbook_numba.state import Params, State
@@ -38,7 +53,7 @@ def measure_rod(grains, near, walls, kind, w, i, half, radius):
     numbers = wall_numbers(walls, w)
     met, on, other, back = wall_edges(numbers, w, kind[w], x, a, half, radius)
     now = 0
-    for part in range(WALL_PARTS):
+    for part in range(PLATE_PARTS):
         distance, normal, s = wall_part(numbers, w, kind[w], x, a, half, radius, part, met, on, other, back)
         if distance < radius:
             now |= 1 << part
@@ -50,9 +65,19 @@ def measure_rod(grains, near, walls, kind, w, i, half, radius):
     return now
 
 
+@kernel
+def measure_rod_at(st: State, p: Params, w, k):
+    """Measure the rod of entry k at wall w; which parts touch, as bits, and of a mesh which have an older spring."""
+    if MESHES:  # noqa: SIM102 - compiled code leaves out what one constant decides
+        if p.wall_kind[w] == MESH_NUMBER:
+            return measure_rod_at_mesh(st, p, w, k)
+    return measure_rod(st.grains, st.near, p.walls, p.wall_kind, w, st.wall_grain[k], p.half, p.radius), 0
+
+
 @func
 def wall_contact(st: State, p: Params, w, i, part, spring, dt, rate):
-    """Force and torque of wall w on a measured part of rod i, spring, and branch from the rod's centre [m]."""
+    """Force and torque of wall w on a measured part of rod i, spring, and branch from the rod's centre [m]; springs are
+    in the frame of the wall."""
     c = p.wall_c
     zero = real(0.0)
     distance = st.near[part * 5]
@@ -65,18 +90,31 @@ def wall_contact(st: State, p: Params, w, i, part, spring, dt, rate):
         surface = wall_velocity(p.wall_motion, w, load(st.grains, i, X) + branch)
         u = u - surface
         v = v - surface
+        if POSES:
+            point = load(st.grains, i, X) + branch
+            u = u - part_velocity(st.pose, pose_now(st), w, point)
+            v = v - part_velocity_before(st.pose, pose_now(st), w, point, p.dt, st.count[STEP])
+    spin = vec3(zero, zero, real(p.wall_motion[w, 3]))
+    if POSES:
+        spin = spin + part_spin(st.pose, pose_now(st), w)
+        spring = spring_outwards(st.pose, pose_now(st), w, spring)
     force, torque, kept = rod_on_wall(
         reals((c[w, 0], c[w, 1], c[w, 2], c[w, 3], c[w, 4], c[w, 5], c[w, 6], c[w, 7])), real(p.radius), real(p.mass),
         real(p.radius - distance), narrow(n), narrow(lever), narrow(u), narrow(v), narrow(load(st.grains, i, P)),
-        narrow(load(st.grains, i, W)), vec3(zero, zero, real(p.wall_motion[w, 3])), spring, dt, rate,
+        narrow(load(st.grains, i, W)), spin, spring, dt, rate,
     )  # fmt: skip
+    if POSES:
+        return force, torque, spring_inwards(st.pose, pose_now(st), w, kept), branch
     return force, torque, kept, branch
 
 
 @func
-def heritage(spring, k, part, was, now):
-    """Spring that a part goes on with, and 1 if there is one, else 0."""
+def heritage(spring, k, part, was, now, a_mesh, older):
+    """Spring that a part goes on with, and 1 if there is one, else 0; at a mesh its own, if that is `older`."""
     old = heir(part, was, now)
+    if MESHES:
+        mine = part if has(older, part) else -1
+        old = mine if a_mesh else old
     kept = wide(1.0) if old >= 0 else wide(0.0)
     row = k * WALL_PARTS + max(old, 0)
     return narrow(wide3(spring[row, 0] * kept, spring[row, 1] * kept, spring[row, 2] * kept)), real(kept)
@@ -88,22 +126,23 @@ def wall_forces(st: State, p: Params):
     dt = real(0.5) * real(p.dt)
     rate = rolling_rate(rolling_inertia(p.inertia, p.slender), real(p.dt))
     zero = real(0.0)
-    one = real(1.0)
     touching = 0
     for w in range(len(p.wall_kind)):
+        a_mesh = MESHES and p.wall_kind[w] == MESH_NUMBER
         first, last = near_here(st.domain, st.wall_grain, st.wall_first[w], st.wall_first[w + 1])
         for k in range(first, last):
             i = st.wall_grain[k]
-            now = measure_rod(st.grains, st.near, p.walls, p.wall_kind, w, i, p.half, p.radius)
+            now, older = measure_rod_at(st, p, w, k)
             was = int(st.wall_held[k])
             if FRICTION:
                 st.wall_held[k] = now
             if now == 0:
                 continue
-            spring0, held0 = heritage(st.wall_spring, k, 0, was, now)
-            spring1, held1 = heritage(st.wall_spring, k, 1, was, now)
-            spring2, held2 = heritage(st.wall_spring, k, 2, was, now)
-            spring3, held3 = heritage(st.wall_spring, k, 3, was, now)
+            # of plates all are read before one is written: a part may go on with the spring of another
+            spring0, held0 = heritage(st.wall_spring, k, 0, was, now, a_mesh, older)
+            spring1, held1 = heritage(st.wall_spring, k, 1, was, now, a_mesh, older)
+            spring2, held2 = heritage(st.wall_spring, k, 2, was, now, a_mesh, older)
+            spring3, held3 = heritage(st.wall_spring, k, 3, was, now, a_mesh, older)
             for part in range(WALL_PARTS):
                 if has(now, part):
                     spring, held = spring0, held0
@@ -113,9 +152,12 @@ def wall_forces(st: State, p: Params):
                         spring, held = spring2, held2
                     if part == 3:
                         spring, held = spring3, held3
+                    if MESHES:  # noqa: SIM102 - compiled code leaves out what one constant decides
+                        if part > 3:
+                            spring, held = heritage(st.wall_spring, k, part, was, now, a_mesh, older)
                     if not FRICTION:
                         spring = vec3(zero, zero, zero)
-                    force, torque, kept, _ = wall_contact(st, p, w, i, part, spring, dt * (one + held), rate)
+                    force, torque, kept, _ = wall_contact(st, p, w, i, part, spring, dt * (real(1.0) + held), rate)
                     st.loads[i, F + 0] += force.x
                     st.loads[i, F + 1] += force.y
                     st.loads[i, F + 2] += force.z
@@ -132,5 +174,7 @@ def wall_forces(st: State, p: Params):
                         st.sums[MAX_OVERLAP] = overlap
                         if not overlap <= p.overlap_limit:
                             st.count[FAIL_GRAIN] = st.ids[i]
+            if FRICTION and a_mesh:
+                key_rod_springs(st, k, now)
     if LEDGER:
         st.count[TOUCHING] += touching

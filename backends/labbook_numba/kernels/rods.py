@@ -6,7 +6,7 @@ from labbook_dem.rotation import axis, spin, turn
 from labbook_dem.segments import closest
 from labbook_dem.words import dot, func, sqrt, wide, wide3
 
-from labbook_numba.kernels.features import GRAIN, GRAINS, WALL_PARTS, A, F, M, P, Q, T, V, W, X, kernel, uint64
+from labbook_numba.kernels.features import GRAIN, GRAINS, PLATE_PARTS, A, F, M, P, Q, T, V, W, X, kernel, uint64
 from labbook_numba.kernels.surfaces import wall_numbers
 from labbook_numba.kernels.transfer import load
 from labbook_numba.lanes import put_row, row_at, square
@@ -34,7 +34,7 @@ def near_wall(grains, body, i, walls, kind, w, radius, half, skin):
     numbers = wall_numbers(walls, w)
     met, on, other, back = wall_edges(numbers, w, kind[w], x, a, half, reach)
     near = False
-    for part in range(WALL_PARTS):
+    for part in range(PLATE_PARTS):
         distance, _, _ = wall_part(numbers, w, kind[w], x, a, half, reach, part, met, on, other, back)
         near = near or distance < reach
     return near

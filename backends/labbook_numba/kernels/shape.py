@@ -64,8 +64,9 @@ def walls_now(st: State, p: Params, w, k, dt, out, found) -> Any:
     raise NotImplementedError(_OF_SHAPE)
 
 
-def normal_now(st: State, p: Params, w, i, row, rows) -> Any:
-    """Unit normal from wall w to grain i at contact `row` of those that `walls_now` has just written to `rows`."""
+def normal_now(st: State, p: Params, w, k, row, rows) -> Any:
+    """Unit normal from wall w to the grain of entry k at contact `row` of those that `walls_now` has just written to
+    `rows`."""
     raise NotImplementedError(_OF_SHAPE)
 
 

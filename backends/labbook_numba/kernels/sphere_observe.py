@@ -69,8 +69,8 @@ def walls_now(st: State, p: Params, w, k, dt, out, found):
 
 
 @func
-def normal_now(st: State, p: Params, w, i, row, rows):
-    """Unit normal from wall w to sphere i, along the branch to the contact."""
+def normal_now(st: State, p: Params, w, k, row, rows):
+    """Unit normal from wall w to the sphere of entry k, along the branch to the contact."""
     branch = wide3(rows[row, 6], rows[row, 7], rows[row, 8])
     return branch * (wide(-1.0) / sqrt(dot(branch, branch)))
 

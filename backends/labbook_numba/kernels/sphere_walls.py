@@ -40,6 +40,7 @@ from labbook_numba.kernels.features import (
     MESH_NUMBER,
     MESHES,
     MOVING,
+    POSES,
     STRIDE,
     TOUCHING,
     WALL_PARTS,
@@ -49,6 +50,7 @@ from labbook_numba.kernels.features import (
     uint64,
 )
 from labbook_numba.kernels.mesh_walls import key_springs, pack_mesh
+from labbook_numba.kernels.poses import part_spin, pose_now, springs_inwards, springs_outwards
 from labbook_numba.kernels.surfaces import near_here, wall_numbers, wall_velocity
 from labbook_numba.kernels.transfer import (
     eights_at,
@@ -110,24 +112,23 @@ def pack_walls(near, wall_grain, held, b, i, slot, k, near_count):
 
 @kernel
 def wall_law(b, count, coefficients, radius, mass, inertia, dt, spin, stiffness, damping):
-    """Law stage of grain on wall. Unit normal in NX.., overlap in DEPTH; the wall turns with `spin` [rad/s] about z.
+    """Law stage of grain on wall. Unit normal in NX.., overlap in DEPTH; the wall turns with `spin` [rad/s].
 
     radius, mass, inertia: of all, if they are alike. dt: step [s]. stiffness, damping: of rolling springs.
     """
     c = reals(coefficients)
     rate = rolling_rate(inertia, dt)
-    zero = real(0.0)
     for t in range(whole(count)):
         if VARIED:
             radius, mass, rate = b[RI + t], b[MI + t], rolling_rate(b[TI + t], dt)
         force, torque, kept = sphere_on_wall(
             coefficients_at(b, t, c), radius, mass, b[DEPTH + t], vector_at(b, NX + t), vector_at(b, UX + t),
-            vector_at(b, VX + t), vector_at(b, AX + t), vec3(zero, zero, spin), vector_at(b, SX + t), b[DT + t], rate,
+            vector_at(b, VX + t), vector_at(b, AX + t), spin, vector_at(b, SX + t), b[DT + t], rate,
         )  # fmt: skip
         if ROLLING_SPRING:
             roll, turned = rolling_on_wall(
                 coefficients_at(b, t, c), radius, mass, b[DEPTH + t], vector_at(b, NX + t), force, vector_at(b, AX + t),
-                vec3(zero, zero, spin), vector_at(b, GX + t), b[DT + t], stiffness, damping,
+                spin, vector_at(b, GX + t), b[DT + t], stiffness, damping,
             )  # fmt: skip
             torque = torque + roll
             put_vector(b, GX + t, turned)
@@ -148,7 +149,9 @@ def wall_forces(st: State, p: Params):
     a = p.wall_c
     for w in range(uint64(len(p.wall_kind))):
         c = row_of(a, w)
-        spin = real(p.wall_motion[w, 3])
+        spin = vec3(real(0.0), real(0.0), real(p.wall_motion[w, 3]))
+        if POSES:
+            spin = spin + part_spin(st.pose, pose_now(st), w)
         start, end = near_here(st.domain, st.wall_grain, st.wall_first[w], st.wall_first[w + uint64(1)])
         last = uint64(end)
         k = uint64(start)
@@ -171,9 +174,12 @@ def wall_forces(st: State, p: Params):
                         slot[t] = slot[t] * int64(WALL_PARTS)
                 k += BLOCK
             fill_up(i, st.block_j, slot, count, ghost, spare)
-            gather_grains(st.grains, i, b, count)
+            gather_grains(st.grains, i, b, count, a_mesh)
             if FRICTION:
                 gather_springs(st.wall_spring, slot, b, count, half_dt)
+                if POSES:  # noqa: SIM102 - compiled code leaves out what one constant decides
+                    if a_mesh:
+                        springs_outwards(b, st.pose, pose_now(st), w, count)
             if VARIED:
                 gather_bodies(st.body, i, i, b, count, False)
                 if KINDS > 1:
@@ -184,6 +190,9 @@ def wall_forces(st: State, p: Params):
             )  # fmt: skip
             scatter_forces(st.loads, i, st.block_j, b, count, False)
             if FRICTION:
+                if POSES:  # noqa: SIM102 - compiled code leaves out what one constant decides
+                    if a_mesh:
+                        springs_inwards(b, st.pose, pose_now(st), w, count)
                 scatter_springs(st.wall_spring, slot, b, count)
                 if MESHES:  # noqa: SIM102 - compiled code leaves out what one constant decides
                     if a_mesh:

@@ -24,6 +24,7 @@ from labbook_numba.kernels.features import (
     ORIENTED,
     OUTLET,
     OVERLAP,
+    POSES,
     REBUILD,
     SPEED,
     STEP,
@@ -128,5 +129,8 @@ def advance(st: State, p: Params, target):
                     st.count[FAIL_GRAIN] = st.ids[i]
             return BAD_SPEED if fastest2 > limit2 else BAD_STATE
         st.sums[FASTEST2] = max(st.sums[FASTEST2], fastest2)
-        st.sums[MOVED] += sqrt(fastest2) * p.dt
+        fastest = sqrt(fastest2)
+        if POSES:  # the lists of meshes leave room for the motion of both
+            fastest = max(fastest, p.part_speed)
+        st.sums[MOVED] += fastest * p.dt
     return DONE

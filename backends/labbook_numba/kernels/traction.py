@@ -27,7 +27,7 @@ def wall_sums(st: State, p: Params, bins, part, force_unit, torque_unit, rows, s
             for row in range(walls_now(st, p, w, k, dt, rows, 0)):
                 force = wide3(rows[row, 3], rows[row, 4], rows[row, 5])
                 point = x + wide3(rows[row, 6], rows[row, 7], rows[row, 8])
-                normal = normal_now(st, p, w, i, row, rows)
+                normal = normal_now(st, p, w, k, row, rows)
                 first = int(bins[w, 4])
                 at = first + bin_of(along, bins[w, 1], bins[w, 2], int(bins[w, 3]), point)
                 torque = moment(point, force)

@@ -36,6 +36,7 @@ from labbook_numba.kernels.features import (
     LOAD,
     MOVING,
     ORIENTED,
+    POSES,
     ROLL,
     SPRING,
     STRIDE,
@@ -95,8 +96,11 @@ def gather_pairs(g, i, j, b, count):
 
 
 @kernel
-def gather_grains(g, i, b, count):
-    """Velocities relative to the wall, predicted and half a step old, and spins."""
+def gather_grains(g, i, b, count, of_mesh):
+    """Velocities relative to the wall, predicted and half a step old, and spins.
+
+    of_mesh: the velocity of the wall half a step before stands in VX.., where parts may move; else it is that of now.
+    """
     for t in range(uint64(0), count, uint64(8)):
         ux, uy, uz, _ = columns(rows_at(g, i, t, GRAIN, U))
         if FRICTION:
@@ -108,6 +112,11 @@ def gather_grains(g, i, b, count):
             z = eight_at(b, UZ + t)
             ux, uy, uz = ux - x, uy - y, uz - z
             if FRICTION:
+                if POSES:  # noqa: SIM102 - compiled code leaves out what one constant decides
+                    if of_mesh:
+                        x = eight_at(b, VX + t)
+                        y = eight_at(b, VX + t + STRIDE)
+                        z = eight_at(b, VX + t + STRIDE + STRIDE)
                 vx, vy, vz = vx - x, vy - y, vz - z
         if FRICTION:
             put_vectors(b, VX + t, vx, vy, vz)

@@ -1,6 +1,6 @@
 """All cases, in the order in which they are best read."""
 
-from labbook.checks.stress import counts, frames, geometry, impacts, meshes, powers, pushes, steps
+from labbook.checks.stress import counts, frames, geometry, impacts, meshes, moving, powers, pushes, steps
 from labbook.checks.stress.case import StressCase
 
 CASES: tuple[StressCase, ...] = (
@@ -8,6 +8,7 @@ CASES: tuple[StressCase, ...] = (
     *steps.CASES,
     *geometry.CASES,
     *meshes.CASES,
+    *moving.CASES,
     *frames.CASES,
     *counts.CASES,
     *powers.CASES,

@@ -41,7 +41,7 @@ class Ball(WallShape):
 
 
 def wall(shape: WallShape) -> Wall:
-    return Wall.of(name=shape.kind, shape=shape, motion=AT_REST, opens=None)
+    return Wall.of(name=shape.kind, shape=shape, motion=AT_REST, opens=None, moves=None)
 
 
 def scene(*parts: Wall, count=300, **more) -> Scene:

@@ -1,5 +1,8 @@
 """Grains at walls of triangles by the CPU backend: as by the reference, and the same bits after a restart."""
 
+import math
+from dataclasses import replace
+
 import labbook_reference
 import numpy as np
 import pytest
@@ -13,8 +16,20 @@ from labbook.backend.numerics import Numerics
 from labbook.backend.probes import Contacts, Ledger, Sample
 from labbook.checks.verify.materials import D, G, linear, scene, spheres
 from labbook.checks.verify.mesh import of_triangles, sheet
+from labbook.checks.verify.moving import box
+from labbook.checks.verify.rods import towards
 from labbook.checks.verify.stand import grains_at
-from labbook.scene import Box, Primitives, Scene, TriangleMesh, Wall
+from labbook.scene import (
+    Box,
+    PartMotion,
+    PartRotation,
+    Primitives,
+    Scene,
+    Spherocylinders,
+    TriangleMesh,
+    Vibration,
+    Wall,
+)
 from labbook.scene.triangles import Triangles
 
 pytestmark = pytest.mark.compiles
@@ -35,10 +50,24 @@ def trough() -> Scene:
     return scene(8, linear(friction=0.4), Primitives(parts=(*sides, bent)), G)
 
 
+def rod_trough() -> Scene:
+    """The same with rods of a length of three radii."""
+    grains = Spherocylinders(diameter=D, length=1.5 * D, density=2500, count=8)
+    return trough().model_copy(update={"grains": grains})
+
+
+SCENES = [pytest.param(trough(), id="spheres"), pytest.param(rod_trough(), id="rods", marks=pytest.mark.ring)]
+"""Kernels of rods at meshes are compiled in the ring only; test_dem_mesh_rods has their contacts."""
+
+
 def start(of: Scene):
     rng = np.random.default_rng(2)
     x = np.array([[a, b, 3.0] for a in (-5, -1.5, 1.5, 5) for b in (-2, 2)]) * R + rng.uniform(-0.1, 0.1, (8, 3)) * R
-    return grains_at(x, rng.uniform(-0.3, 0.3, (8, 3)) - [0, 0, 0.3])
+    fallen = grains_at(x, rng.uniform(-0.3, 0.3, (8, 3)) - [0, 0, 0.3])
+    if isinstance(of.grains, Spherocylinders):
+        q = np.array([towards([math.sin(t), 0.0, math.cos(t)]) for t in rng.uniform(1.2, 1.5, 8)])
+        fallen = replace(fallen, x=fallen.x + np.array([0, 0, R]), q=q)
+    return fallen
 
 
 def run(backend, of: Scene, packing, beats: int):
@@ -48,8 +77,9 @@ def run(backend, of: Scene, packing, beats: int):
     return ensemble, member, events
 
 
-def test_grains_move_as_by_the_reference_and_go_on_from_its_packing():
-    of, numba = trough(), Backend(wide=True)
+@pytest.mark.parametrize("of", SCENES)
+def test_grains_move_as_by_the_reference_and_go_on_from_its_packing(of):
+    numba = Backend(wide=True)
     fallen, member, _ = run(numba, of, start(of), 240)
     packing = fallen.packing(member)
     assert len(packing.wall_part) >= 4
@@ -71,8 +101,9 @@ def test_grains_move_as_by_the_reference_and_go_on_from_its_packing():
     assert np.abs(springs[0] - springs[1]).max() < 1e-11 * D
 
 
-def test_a_restart_changes_no_bit():
-    of, numba = trough(), Backend(wide=True)
+@pytest.mark.parametrize("of", SCENES)
+def test_a_restart_changes_no_bit(of):
+    numba = Backend(wide=True)
     whole, member, _ = run(numba, of, start(of), 200)
     end = whole.packing(member)
     parts, member, _ = run(numba, of, start(of), 120)
@@ -91,6 +122,68 @@ def test_a_restart_changes_no_bit():
             NUMERICS,
             type(checkpoint)(checkpoint.backend, checkpoint.cache_version, damaged | {"wall_spring": spring}),
         )
+
+
+def turning_box(grains) -> Scene:
+    """Grains in a box of triangles that turns about an axis aside, sinks and vibrates."""
+    motion = PartMotion(
+        velocity=(0.02, 0.0, -0.05),
+        rotation=PartRotation(axis=(0.2, 1.0, 0.1), origin=(0.0, 0.0, R), rate=15.0),
+        vibration=Vibration(direction=(1.0, 0.0, 0.0), amplitude=0.02 * R, frequency=60.0, phase=0.4),
+    )
+    wall = of_triangles(*box(2.21 * R)).model_copy(update={"moves": motion})
+    law = linear(friction=0.4, restitution=0.6)
+    return Scene(grains=grains, contact=law, container=Primitives(parts=(wall,)), gravity=G)
+
+
+BOXES = [
+    pytest.param(turning_box(spheres(8)), id="spheres"),
+    pytest.param(
+        turning_box(Spherocylinders(diameter=1.4 * R, length=2.2 * R, density=2500, count=8)), id="rods",
+        marks=pytest.mark.ring,
+    ),
+]  # fmt: skip
+
+
+def in_the_box(of: Scene):
+    x = np.array([(a, b, c) for a in (-1.2, 1.2) for b in (-1.2, 1.2) for c in (-1.2, 1.2)]) * R
+    packing = grains_at(x, np.random.default_rng(4).uniform(-0.5, 0.5, (8, 3)))
+    if isinstance(of.grains, Spherocylinders):
+        q = np.random.default_rng(5).normal(0, 1, (8, 4))
+        packing = replace(packing, q=q / np.linalg.norm(q, axis=1)[:, None])
+    return packing
+
+
+@pytest.mark.parametrize("of", BOXES)
+def test_in_a_part_that_moves_grains_move_as_by_the_reference(of):
+    ends = []
+    for backend in (Backend(wide=True), labbook_reference.Backend()):
+        ensemble, member, _ = run(backend, of, in_the_box(of), 3 if isinstance(of.grains, Spherocylinders) else 1)
+        ends.append(ensemble.packing(member))
+        ensemble.close()
+    one, other = ends
+    assert len(one.wall_spring) >= 2
+    assert np.abs(one.wall_spring).max() > 1e-9
+    assert np.abs(one.x - other.x).max() < 1e-11 * D
+    assert np.abs(one.v - other.v).max() < 1e-9
+    order = [np.lexsort((p.wall_part, p.wall_grain)) for p in ends]
+    springs = [p.wall_spring[rows] for p, rows in zip(ends, order, strict=True)]
+    assert np.abs(springs[0] - springs[1]).max() < 1e-11 * D
+
+
+@pytest.mark.parametrize("of", BOXES)
+def test_with_a_part_that_moves_a_restart_and_reading_change_no_bit(of):
+    numba = Backend(wide=True)
+    whole, member, _ = run(numba, of, in_the_box(of), 60)
+    parts, again, _ = run(numba, of, in_the_box(of), 23)
+    parts.packing(again)
+    checkpoint = parts.checkpoint(again)
+    assert not {"pose", "pose_first"} & {*checkpoint.arrays}
+    later = parts.admit(of, NUMERICS, checkpoint)
+    parts.advance(37)
+    end = whole.packing(member).arrays()
+    for name, array in parts.packing(later).arrays().items():
+        assert np.array_equal(array, end[name]), name
 
 
 def test_the_deepest_contact_with_too_many_sides_fails_with_the_remedy():

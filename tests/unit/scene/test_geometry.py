@@ -246,7 +246,7 @@ def test_a_thin_wall_of_which_only_the_distance_is_known_has_a_mesh_that_lies_on
 
 
 def lid(name, start, end, z=0.0):
-    return Wall.of(name=name, shape=Strip(start=(start, z), end=(end, z)), motion=AT_REST, opens="start")
+    return Wall.of(name=name, shape=Strip(start=(start, z), end=(end, z)), motion=AT_REST, opens="start", moves=None)
 
 
 def outlets(*parts) -> list[str]:

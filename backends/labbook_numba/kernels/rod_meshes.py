@@ -1,0 +1,70 @@
+"""Rods at walls of triangles, one rod and wall at a time; compiled only for scenes that have both."""
+
+import numpy as np
+from labbook_dem.mesh import (
+    K_ALONG,
+    K_FEATURE,
+    K_NORMAL,
+    K_OLDER,
+    K_OVERLAP,
+    K_PLACE,
+    OVER,
+    SPRING_KEY,
+    mesh_places,
+    mesh_vector,
+)
+from labbook_dem.mesh_rods import mesh_rod_contacts
+from labbook_dem.words import wide
+
+from labbook_numba.kernels.features import FRICTION, POSES, WALL_PARTS, int64, kernel
+from labbook_numba.kernels.mesh_walls import placed_at
+from labbook_numba.kernels.poses import outwards, pose_now
+from labbook_numba.state import Params, State
+
+
+@kernel
+def measure_rod_at_mesh(st: State, p: Params, w, k):
+    """Distance, unit normal and place on the rod of each contact of entry k at mesh w, to st.near at the place of its
+    spring; which touch, and which have an older spring, as bits. Contacts are left in st.touch."""
+    i = st.wall_grain[k]
+    near, touch = st.near, st.touch
+    x, a = placed_at(st, w, i)
+    count = mesh_rod_contacts(
+        p.mesh_features, p.mesh_conditions, st.mesh_near, int64(st.mesh_first[k]), int64(st.mesh_first[k + 1]),
+        x, a, p.half, p.radius, touch,
+    )  # fmt: skip
+    if count == OVER:
+        count = 1
+        touch[0, K_OVERLAP] = np.inf  # which no guard lets pass
+    for n in range(count):
+        touch[n, K_PLACE] = n
+        touch[n, K_OLDER] = wide(0.0)
+    if FRICTION:
+        base = int64(k) * int64(WALL_PARTS)
+        mesh_places(p.mesh_features, touch, count, int64(st.wall_held[k]), st.wall_spring, base)
+    now = 0
+    older = 0
+    for n in range(count):
+        place = int64(touch[n, K_PLACE])
+        normal = mesh_vector(touch, n, K_NORMAL)
+        if POSES:
+            normal = outwards(st.pose, pose_now(st), w, normal)
+        near[place * 5] = p.radius - touch[n, K_OVERLAP]
+        near[place * 5 + 1] = normal.x
+        near[place * 5 + 2] = normal.y
+        near[place * 5 + 3] = normal.z
+        near[place * 5 + 4] = touch[n, K_ALONG]
+        now |= 1 << place
+        older |= int64(touch[n, K_OLDER]) << place
+    return now, older
+
+
+@kernel
+def key_rod_springs(st: State, k, now):
+    """Write the features of the contacts in st.touch, as many as there are bits, beside their springs."""
+    n = 0
+    while now != 0:
+        row = int64(k) * int64(WALL_PARTS) + int64(st.touch[n, K_PLACE])
+        st.wall_spring[row, SPRING_KEY] = st.touch[n, K_FEATURE]
+        now &= now - 1
+        n += 1
