@@ -7,7 +7,7 @@ from labbook.filling import from_file
 from labbook.filling.placing import STARTS
 from labbook.fit import LAWS
 from labbook.measure import MEASURES, MeasureError
-from labbook.scene.container import ContainerShape
+from labbook.scene.container_shape import ContainerShape
 from labbook.scene.model import Fault
 from labbook.scene.quantities import told_apart
 from labbook.scene.scene import Scene
