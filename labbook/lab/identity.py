@@ -129,6 +129,8 @@ def scene_identity(scene: Scene, made: Versions | None = None) -> dict[str, Any]
         "walls": walls,
         "outlet_plane": scene.outlet,
         "gravity": scene.gravity,
+        **({} if scene.sink is None else {"sink": scene.sink}),
+        **({"planes": [plane.model_dump() for plane in planes]} if (planes := scene.container.planes) else {}),
         **({"feed": {**scene.feed.model_dump(), "version": scene.feed.version}} if scene.feed else {}),
         **({"restart": {**scene.restart.model_dump(), "version": scene.restart.version}} if scene.restart else {}),
     }

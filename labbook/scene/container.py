@@ -12,7 +12,7 @@ from labbook.scene.geometry import Bounds, Segment
 from labbook.scene.model import InternalFlag
 from labbook.scene.quantities import Coordinate, Length
 from labbook.scene.round_silos import ConicalSilo, CylinderSilo
-from labbook.scene.walls import AT_REST, Wall, WallShape
+from labbook.scene.walls import Wall, WallShape
 from labbook.scene.wedge_hopper import WedgeHopper
 
 _TOUCH = 1e-9  # m: distance below which two plates touch
@@ -160,13 +160,8 @@ class Primitives(ContainerShape):
         Without such parts, itself: nothing is known that could be closed. Surfaces move only if `surface_motion` says
         so.
         """
-        parts = self.parts
-        if not surface_motion and any(part.motion != AT_REST for part in parts):
-            parts = tuple(part.model_copy(update={"motion": AT_REST}) for part in parts)
-        closed = any(part.opens for part in parts)
-        if parts is self.parts and closed == self.closed:
-            return self
-        return self.model_copy(update={"parts": parts, "closed": closed})
+        closed = self._closed(surface_motion, closed=any(part.opens for part in self.parts))
+        return self if closed == self else closed
 
     def walls(self) -> tuple[Wall, ...]:
         """The walls as given; opened, without those that open."""

@@ -7,6 +7,7 @@ are the same closed container, and share packings.
 
 import math
 from abc import ABC, abstractmethod
+from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import lru_cache
 from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal
@@ -15,15 +16,36 @@ import numpy as np
 from pydantic import Field, model_validator
 
 from labbook.scene.geometry import Bounds, Mesh, Segment
-from labbook.scene.model import Fault, Model, refuse
+from labbook.scene.model import Fault, Model, OrWord, refuse
+from labbook.scene.quantities import Coordinate
 from labbook.scene.walls import AT_REST, Frustum, Plane, Strip, SurfaceMotion, Symmetry, Wall, WallShape
 
 Parts = Annotated[tuple[Wall, ...], Field(exclude_if=lambda parts: not parts)]
 """Walls beside those that a container has of itself; left out of what is stored where there are none."""
 Pair = tuple[float, float]
 Vector = tuple[float, float, float]
+BELOW_PARTS: Literal["below-parts"] = "below-parts"
+"""Value of `sink` for the lowest point of the parts."""
+Sink = Annotated[
+    Annotated[float, OrWord(Coordinate, BELOW_PARTS)] | None,
+    Field(exclude_if=lambda sink: sink is None),
+]
+"""Height z [m] at which grains leave the scene, of a container that goes on below its outlet."""
+
+
+class CountingPlane(Model):
+    """A horizontal plane through which the mass flow is counted, beside the outlet."""
+
+    name: Annotated[str, Field(pattern=r"^[a-z][a-z0-9-]*$", max_length=40)]
+    """Name of the plane in results, `flow_rate_NAME`: lower-case letters, digits and hyphens."""
+    z: Coordinate
+    """Height of the plane."""
+
+
+CountingPlanes = Annotated[tuple[CountingPlane, ...], Field(exclude_if=lambda planes: not planes)]
 KEPT = 256
 """Containers whose walls are kept: each is asked for them again and again, one after another."""
+_TOUCH = 1e-9  # m: by which a part that begins at the outlet may rise above it
 FLAT = 1e-12
 """Angle [rad] from 90 deg below which a bottom is flat."""
 
@@ -85,13 +107,46 @@ class ContainerShape(Model, ABC):
         """Whether it is the one in which a packing is made."""
         parts: tuple[Wall, ...]
         """Walls that a study lists."""
+    sink: Sink = None
+    """Height z of the plane below the outlet at which grains leave the scene, so that it goes on below the outlet;
+    `below-parts`: the lowest point of the parts. None: grains leave just below the outlet."""
+    planes: CountingPlanes = ()
+    """Horizontal planes through which the mass flow is counted, beside the outlet."""
 
     @model_validator(mode="after")
     def _names_differ(self):
         names = [*self.own_walls, *(part.name for part in self.parts)]
         if len({*names}) < len(names):
             refuse([Fault("parts", "two walls have the same name", "give each wall its own name")])
+        if self.sink == BELOW_PARTS:
+            object.__setattr__(self, "sink", min([*map(_lowest, self.parts), self._outlet_height or 0.0]))
+        refuse(self._faults_below())
         return self
+
+    def _faults_below(self) -> Iterator[Fault]:
+        """Faults of the sink below the outlet, and of planes beside it."""
+        names, sink, height = [plane.name for plane in self.planes], self.sink, self._outlet_height
+        if height is None:
+            for key in ("sink", "planes"):
+                if getattr(self, key) not in (None, ()):
+                    yield Fault(key, "without an outlet no grain leaves", f"state outlet_plane, or leave {key} out")
+            return
+        if len({*names}) < len(names):
+            yield Fault("planes", "two planes have the same name", "give each plane its own name")
+        if {*names} & {outlet.name for outlet in self.outlets if names}:
+            yield Fault("planes", "a plane has the name of an outlet", "give it another name")
+        if sink is not None and math.isinf(sink):
+            endless = next(part.name for part in self.parts if _lowest(part) == sink)
+            reason = f"the part {endless} has no lowest point"
+            yield Fault("sink", reason, "state a height, such as -0.5 m, below which grains are removed")
+        elif sink is not None and sink > height:
+            reason = f"a sink at z = {1e3 * sink:g} mm lies above the outlet"
+            yield Fault("sink", reason, f"use a height below {1e3 * height:g} mm")
+
+    @property
+    def _outlet_height(self) -> float | None:
+        """Height z [m] of the outlet; None without any."""
+        return self.outlets[0].plane if self.outlets else None
 
     def _with_parts(self, own: tuple[Wall, ...]) -> tuple[Wall, ...]:
         """Join own walls and parts; opened, without those that open."""
@@ -100,10 +155,19 @@ class ContainerShape(Model, ABC):
         return (*own, *(part for part in self.parts if self.closed or part.opens is None))
 
     def _closed(self, surface_motion: bool, **update: Any) -> Any:
-        """A copy that is closed, with other values of some fields; parts move only if `surface_motion` says so."""
-        if not surface_motion and any(part.motion != AT_REST for part in self.parts):
-            update["parts"] = tuple(part.model_copy(update={"motion": AT_REST}) for part in self.parts)
-        return self.model_copy(update={"closed": True, **update})
+        """A copy that is closed, with other values of some fields, without what lies below the outlet, which so does
+        not count in the key of its packing; parts move only if `surface_motion` says so."""
+        parts = self._above_outlet()
+        if not surface_motion and any(part.motion != AT_REST for part in parts):
+            parts = tuple(part.model_copy(update={"motion": AT_REST}) for part in parts)
+        return self.model_copy(update={"closed": True, "parts": parts, "sink": None, "planes": (), **update})
+
+    def _above_outlet(self) -> tuple[Wall, ...]:
+        """Parts that grains can touch while it is filled: all of them, unless it goes on below the outlet."""
+        if self.sink is None:
+            return self.parts
+        floor = min((_lowest(part) for part in self.parts if part.opens), default=self._outlet_height or 0.0)
+        return tuple(part for part in self.parts if part.opens or part.shape.bounds.high[2] > floor + _TOUCH)
 
     def _clear_of_parts(self, x: np.ndarray) -> np.ndarray:
         """Points of x [m], shape [n, 3], on the side of the grains of all parts, shape [n]."""
@@ -186,3 +250,8 @@ class ContainerShape(Model, ABC):
     def span(self, z: float) -> tuple[float, float] | None:
         """x [m] of its walls on both sides at the height z [m] in the plane y = 0; None where that is unknown."""
         return None
+
+
+def _lowest(part: Wall) -> float:
+    """z [m] of the lowest point of a part: infinite of an upright plane, -infinite of an inclined one."""
+    return part.shape.ground if part.shape.half_space else part.shape.bounds.low[2]

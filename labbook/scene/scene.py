@@ -151,6 +151,11 @@ class Scene(Model):
         return None if self.container.closed else self.container.outlet_plane
 
     @property
+    def sink(self) -> float | None:
+        """z [m] below which grains leave the scene where it goes on below its outlet; else None."""
+        return None if self.container.closed else self.container.sink
+
+    @property
     def wall_names(self) -> set[str]:
         """Names that `walls` may use: `all`, and every wall of the container, open or closed."""
         parts = (*self.container.walls(), *self.container.close().walls())

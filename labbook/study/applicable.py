@@ -286,7 +286,8 @@ def unit_of(quantity: str, settings: Settings, scenes: Iterable[Scene], stated: 
 def _kind(scene: Scene) -> tuple:
     """Properties that determine the quantities of a scene."""
     c, grains = scene.container, scene.grains
-    return c.kind, grains.half_length > 0, grains.varied, c.front_to_back < 2 * grains.diameter, len(c.outlets)
+    thin = c.front_to_back < 2 * grains.diameter
+    return c.kind, grains.half_length > 0, grains.varied, thin, len(c.outlets), c.planes
 
 
 def _units_of(measures: Iterable[str], scenes: Iterable[Scene]) -> dict[str, str]:

@@ -19,9 +19,9 @@ Swept = TypedDict("Swept", {
     "contact.tangential_damping": object, "contact.normal_damping": object, "contact.youngs_modulus": object,
     "contact.tension": object, "contact.normal_stiffness": object, "contact.tangential_stiffness": object,
     "contact.contact_time": object, "contact.largest_overlap": object, "contact.impact_speed": object,
-    "container.kind": object, "container.width": object, "container.height": object, "container.thickness": object,
-    "container.angle": object, "container.orifice": object, "container.gap": object, "container.diameter": object,
-    "container.rotation": object, "container.depth": object, "container.lid": object,
+    "container.kind": object, "container.sink": object, "container.width": object, "container.height": object,
+    "container.thickness": object, "container.angle": object, "container.orifice": object, "container.gap": object,
+    "container.diameter": object, "container.rotation": object, "container.depth": object, "container.lid": object,
     "container.outlet_plane": object, "walls.all.friction": object, "walls.all.rolling_friction": object,
     "walls.all.restitution": object, "walls.all.youngs_modulus": object, "walls.all.shear_modulus": object,
     "walls.all.poisson_ratio": object, "walls.all.normal_stiffness": object, "gravity": object, "feed.kind": object,
@@ -65,9 +65,10 @@ Changed = TypedDict("Changed", {
     "contact.poisson_ratio": object, "contact.tangential_damping": object, "contact.normal_damping": object,
     "contact.youngs_modulus": object, "contact.tension": object, "contact.normal_stiffness": object,
     "contact.tangential_stiffness": object, "contact.contact_time": object, "contact.largest_overlap": object,
-    "contact.impact_speed": object, "container.kind": object, "container.width": object, "container.height": object,
-    "container.thickness": object, "container.angle": object, "container.orifice": object, "container.gap": object,
-    "container.diameter": object, "container.rotation": object, "container.depth": object, "container.lid": object,
+    "contact.impact_speed": object, "container.kind": object, "container.sink": object, "container.width": object,
+    "container.height": object, "container.thickness": object, "container.angle": object,
+    "container.orifice": object, "container.gap": object, "container.diameter": object,
+    "container.rotation": object, "container.depth": object, "container.lid": object,
     "container.outlet_plane": object, "walls.all.friction": object, "walls.all.rolling_friction": object,
     "walls.all.restitution": object, "walls.all.youngs_modulus": object, "walls.all.shear_modulus": object,
     "walls.all.poisson_ratio": object, "walls.all.normal_stiffness": object, "gravity": object, "feed.kind": object,
@@ -100,11 +101,11 @@ Changed = TypedDict("Changed", {
     "sweep.contact.normal_damping": object, "sweep.contact.youngs_modulus": object, "sweep.contact.tension": object,
     "sweep.contact.normal_stiffness": object, "sweep.contact.tangential_stiffness": object,
     "sweep.contact.contact_time": object, "sweep.contact.largest_overlap": object,
-    "sweep.contact.impact_speed": object, "sweep.container.kind": object, "sweep.container.width": object,
-    "sweep.container.height": object, "sweep.container.thickness": object, "sweep.container.angle": object,
-    "sweep.container.orifice": object, "sweep.container.gap": object, "sweep.container.diameter": object,
-    "sweep.container.rotation": object, "sweep.container.depth": object, "sweep.container.lid": object,
-    "sweep.container.outlet_plane": object, "sweep.walls.all.friction": object,
+    "sweep.contact.impact_speed": object, "sweep.container.kind": object, "sweep.container.sink": object,
+    "sweep.container.width": object, "sweep.container.height": object, "sweep.container.thickness": object,
+    "sweep.container.angle": object, "sweep.container.orifice": object, "sweep.container.gap": object,
+    "sweep.container.diameter": object, "sweep.container.rotation": object, "sweep.container.depth": object,
+    "sweep.container.lid": object, "sweep.container.outlet_plane": object, "sweep.walls.all.friction": object,
     "sweep.walls.all.rolling_friction": object, "sweep.walls.all.restitution": object,
     "sweep.walls.all.youngs_modulus": object, "sweep.walls.all.shear_modulus": object,
     "sweep.walls.all.poisson_ratio": object, "sweep.walls.all.normal_stiffness": object, "sweep.gravity": object,
@@ -368,6 +369,15 @@ class ContactKeys(TypedDict, total=False):
     between: Sequence[ContactBetweenKeys | object] | object
 
 
+class ContainerPlanesKeys(TypedDict, total=False):
+    """Section `container.planes[]`."""
+
+    name: object
+    """Name of the plane in results, `flow_rate_NAME`: lower-case letters, digits and hyphens."""
+    z: object
+    """Height of the plane [m]."""
+
+
 class ContainerPartsShapeKeys(TypedDict, total=False):
     """Section `container.parts[].shape`."""
 
@@ -437,6 +447,9 @@ class ContainerKeys(TypedDict, total=False):
     `conical-silo`: Upright cylinder above a cone, with a round outlet at the cone's tip; `box`: Box, centred in x
     and y, with its bottom at z = 0; `lid` closes its top; `primitives`: Walls listed one by one; without walls:
     free space. Parts that open at the start stand only in the closed one."""
+    sink: object
+    """Height z of the plane below the outlet at which grains leave the scene, so that it goes on below the outlet;
+    `below-parts`: the lowest point of the parts. None: grains leave just below the outlet. Range:  or below-parts."""
     width: object
     """kind: wedge-hopper: Inner width L between the side walls [m]. Range: above 0.
 
@@ -476,6 +489,7 @@ class ContainerKeys(TypedDict, total=False):
     """Whether a plane closes the top."""
     outlet_plane: object
     """Height z at which grains count as discharged; none: there is no outlet [m]."""
+    planes: Sequence[ContainerPlanesKeys | object] | object
     parts: Sequence[ContainerPartsKeys | object] | object
 
 
@@ -618,7 +632,7 @@ class StudyKeys(TypedDict, total=False):
     number that is cheapest for `accuracy.flow_rate`, from how much of the scatter beds and flow have each. Range:
     of at least 1 or auto."""
     accuracy: AccuracyKeys | object
-    measure: Sequence[Literal["flow_rate", "outlet_profiles", "packing", "orifice", "contact_stress", "ledger", "outlets", "composition", "residence", "energy", "clogging", "arch", "wall_stress"] | object] | object
+    measure: Sequence[Literal["flow_rate", "outlet_profiles", "packing", "orifice", "contact_stress", "ledger", "outlets", "planes", "composition", "residence", "energy", "clogging", "arch", "wall_stress"] | object] | object
     """Names of the measurements to take."""
     fit: Sequence[Literal["beverloo", "janda", "beverloo_3d", "janda_3d", "power", "exponential"] | object] | object
     """Names of the laws to fit."""
@@ -661,8 +675,9 @@ KEYS = """\
         tension, normal_stiffness [N/m], tangential_stiffness, contact_time [s], largest_overlap [m], impact_speed
         [m/s]
     contact.between[]: friction, rolling_friction, restitution, kinds, normal_stiffness [N/m]
-    container: kind, width [m], height [m], thickness [m], angle [rad], orifice [m], gap [m], diameter [m], rotation
-        [Hz], depth [m], lid, outlet_plane [m]
+    container: kind, sink, width [m], height [m], thickness [m], angle [rad], orifice [m], gap [m], diameter [m],
+        rotation [Hz], depth [m], lid, outlet_plane [m]
+    container.planes[]: name, z [m]
     container.parts[]: name, opens
     container.parts[].shape: kind, point [m], normal, start [m], end [m], lower [m], upper [m], smooth [rad],
         encloses, file, unit, scale, rotate [rad], at [m], allow
