@@ -74,10 +74,10 @@ class PlaneRates(Measure):
 
 def _numbers(run: RunData, window: Window, time: np.ndarray, above: np.ndarray) -> Iterator[Measured]:
     flow, _ = outflow(run, window)
-    total, kept = mean_mass(run) * len(run.start), apart(run)
+    total, suffix = mean_mass(run) * len(run.start), apart(run)
     inside = np.flatnonzero((time >= flow.begin) & (time <= flow.end)) if flow is not None else np.zeros(0, np.int64)
     for place, plane in enumerate(run.scene.container.planes):
-        name = _rate(plane).name + kept
+        name = _rate(plane).name + suffix
         if len(inside) <= BLOCKS:
             note = f"too few samples within the window: {len(inside)}; {BLOCKS + 1} are needed"
             yield Measured(name, math.nan, math.nan, 0, window_in_words(window), "mass above", "kg/s", note)
