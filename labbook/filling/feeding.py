@@ -7,11 +7,10 @@ try reaches a quarter of a grain higher, so that grains fall as short a way as t
 
 import numpy as np
 
-from labbook.filling.placed import Placed
-from labbook.filling.placing import APART, STARTS, free
+from labbook.filling.entering import entering
+from labbook.filling.placing import APART, STARTS
 from labbook.filling.room import PlacingError, Room
-from labbook.scene import Bodies, Packing, Scene, Spherocylinders
-from labbook.scene.orientation import axes, random_turns
+from labbook.scene import Bodies, Packing, Scene
 
 _TRIES = 400
 _ROOM = 4.0
@@ -51,42 +50,13 @@ class Feeder:
         rows = np.flatnonzero(~np.isin(start.ids, there.ids))
         if not len(rows):
             return None
-        x, q, placed = self._places(there, rows, np.random.default_rng([*self._key, beat]))
-        if not len(placed):
-            return None
-        rows, rest = rows[placed], np.zeros((len(placed), 3))
-        q, ids = None if q is None else q[placed], start.ids[rows]
-        diameter, kind = (None if own is None else own[rows] for own in (start.diameter, start.kind))
-        return Packing(x=x[placed], v=rest, omega=rest, q=q, ids=ids, diameter=diameter, kind=kind)
+        rng, level, roof, length = np.random.default_rng([*self._key, beat]), self.level, self._roof, self._length
 
-    def _places(
-        self, there: Packing, rows: np.ndarray, rng: np.random.Generator
-    ) -> tuple[np.ndarray, np.ndarray | None, np.ndarray]:
-        """Centres [m] and orientations of the grains in `rows` of the start, and which of them found a place."""
-        grains, n = self._scene.grains, len(rows)
-        half = grains.half_length
-        high = there.x[:, 2] > self.level - self._length
-        reach = np.concatenate([self._bodies.radius[rows], Bodies.of(grains, there).radius[high]]) * APART
-        x = np.concatenate([np.empty((n, 3)), there.x[high]])
-        q, a = None, None
-        if isinstance(grains, Spherocylinders):
-            assert there.q is not None
-            q = np.concatenate([np.empty((n, 4)), there.q[high]])
-            a = np.concatenate([np.empty((n, 3)), axes(there.q[high])])
-        left, placed, above = np.arange(n), np.arange(n, len(x)), Placed(x[n:])
-        for k in range(_TRIES):
-            if not len(left):
-                break
-            top = min(self.level + (1 + k / 4) * self._length, self._roof - self._length / 2)
-            low = self.level + self._length / 2
-            x[left] = self._room.draw_each(rng, reach[left], max(top, low), low)
-            inside = self._room.holds(x[left], reach[left])
-            if q is not None and a is not None:
-                q[left] = random_turns(rng, len(left))
-                a[left] = axes(q[left])
-                ends = half * a[left]
-                inside = self._room.holds(x[left] + ends, reach[left]) & self._room.holds(x[left] - ends, reach[left])
-            new = free(x, reach, above, placed, left[inside], a, half)
-            above.add(x[new])
-            placed, left = np.concatenate([placed, new]), np.setdiff1d(left, new, assume_unique=True)
-        return x, q, np.setdiff1d(np.arange(n), left, assume_unique=True)
+        def draw(k: int, reach: np.ndarray) -> np.ndarray:
+            low = level + length / 2
+            top = min(level + (1 + k / 4) * length, roof - length / 2)
+            return self._room.draw_each(rng, reach, max(top, low), low)
+
+        high = there.part(there.x[:, 2] > level - length)
+        places = entering(self._room, self._scene.grains, self._bodies.radius[rows], high, rng, draw, _TRIES)
+        return places.packing(start, rows) if len(places.rows) else None

@@ -54,7 +54,7 @@ class Scene(Model):
             lacks = "side walls that end" if self.container.outlets else "outlet"
             reason = f"a {self.container.kind} has no {lacks}, so there are no grains to feed back"
             yield Fault("feed", reason, "leave feed out, or use a wedge-hopper, cylinder-silo or conical-silo")
-        if self.restart is not None and self.feed is None:
+        if self.restart is not None and (self.feed is None or self.feed.kind != "reinject"):
             reason = "arches are broken in a bed of constant height only"
             yield Fault("restart", reason, "state feed: {kind: reinject}, or leave restart out")
         elif self.restart is not None and [math.isfinite(one.width) for one in self.container.outlets] != [True]:
