@@ -27,14 +27,16 @@ from labbook.scene.container_shape import CountingPlane
 from labbook.stats import Measured
 
 NAME = "planes"
+_FEWEST = 4
+"""Parts of the window from which an error is taken, at least."""
 
 
 class PlaneRates(Measure):
     """Mass flow rate W through each plane of `container.planes`, in the window of the outlet.
 
     Quantities: `flow_rate_NAME` [kg/s], the change of the mass above the plane over the window, with an error from
-    twelve parts of it; of a run that clogged `flow_rate_NAME_flowing`. `mass_below_NAME` [kg]: the mass that is below
-    the plane at the last sample or has left, also what stays in a bin.
+    twelve parts of it, or as many as it was sampled in; of a run that clogged `flow_rate_NAME_flowing`.
+    `mass_below_NAME` [kg]: the mass that is below the plane at the last sample or has left, also what stays in a bin.
     Arrays: `time` [s], shape [n], and `above`, the mass [kg] above each plane, shape [n, p].
     """
 
@@ -78,17 +80,18 @@ def _numbers(run: RunData, window: Window, time: np.ndarray, above: np.ndarray) 
     inside = np.flatnonzero((time >= flow.begin) & (time <= flow.end)) if flow is not None else np.zeros(0, np.int64)
     for place, plane in enumerate(run.scene.container.planes):
         name = _rate(plane).name + suffix
-        if len(inside) <= BLOCKS:
-            note = f"too few samples within the window: {len(inside)}; {BLOCKS + 1} are needed"
+        parts = min(BLOCKS, len(inside) - 1)
+        if parts < _FEWEST:
+            note = f"too few samples within the window: {len(inside)}, not {_FEWEST + 1}; lower numerics.steps_per_beat"
             yield Measured(name, math.nan, math.nan, 0, window_in_words(window), "mass above", "kg/s", note)
         else:
-            ends = inside[np.linspace(0, len(inside) - 1, BLOCKS + 1).round().astype(int)]
+            ends = inside[np.linspace(0, len(inside) - 1, parts + 1).round().astype(int)]
             rates = -np.diff(above[ends, place]) / np.diff(time[ends])
             value = (above[ends[0], place] - above[ends[-1], place]) / (time[ends[-1]] - time[ends[0]])
-            error = float(rates.std(ddof=1)) / math.sqrt(BLOCKS)
+            error = float(rates.std(ddof=1)) / math.sqrt(parts)
             where = f"{time[ends[0]]:.4g} s to {time[ends[-1]]:.4g} s"
-            how = f"change of the mass above z = {1e3 * plane.z:g} mm; error from {BLOCKS} parts of the window"
-            yield Measured(name, float(value), error, BLOCKS, where, how, "kg/s", "")
+            how = f"change of the mass above z = {1e3 * plane.z:g} mm; error from {parts} parts of the window"
+            yield Measured(name, float(value), error, parts, where, how, "kg/s", "")
         if len(time):
             where, how = f"at {time[-1]:.4g} s", "mass of all grains less that above the plane"
             yield Measured(_mass(plane).name, total - float(above[-1, place]), math.nan, 1, where, how, "kg", "")
