@@ -50,3 +50,21 @@ def test_grains_flow_through_a_pipe_and_stay_in_a_bin(tmp_path):
     assert within[-1] < 0.2 * COUNT
     assert (under == COUNT).all()
     assert run.measured["mass_below_under"].value == pytest.approx(0, abs=1e-12)
+
+
+@pytest.mark.ring
+def test_a_silo_that_starves_lets_out_what_enters(tmp_path):
+    """The outlet is wide: the bed is gone soon, and the flow rate is that of the inflow, to its error."""
+    rate = 0.02
+    stream = {"rate": f"{rate} kg/s", "low": ["-12 mm", "-12 mm", "80 mm"], "high": ["12 mm", "12 mm", "110 mm"]}
+    asked = define(
+        name="starved", grains=GRAINS | {"count": 200}, contact=LAW, replicates=1, fill={"kind": "dense"},
+        numerics={"dt": "20 us", "steps_per_beat": 100}, container=SILO | {"orifice": "20 mm"},
+        feed={"kind": "rate", "stream": stream}, window={"start": 1}, stop={"max_time": "2 s"},
+    )  # fmt: skip
+    summary = Runner(asked, LabFolder(tmp_path), Backend(wide=True)).run()
+    assert summary.done == 1, summary.tally.failed
+    (point,) = analyse(asked, finished(Catalogue(tmp_path), asked, "numba")).points
+    flow = point.runs[0].measured["flow_rate"]
+    assert flow.error < 0.05 * rate, "so that this is a test"
+    assert flow.value == pytest.approx(rate, abs=4 * flow.error)
