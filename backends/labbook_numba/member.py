@@ -299,17 +299,27 @@ class Run(Standing):
     def put_back(self, grains: Packing, half_v: np.ndarray) -> None:
         """See `Standing`; they get the rows behind the others."""
         self._drop_leavers()
-        st, first = self.state, self.grains
-        last = first + len(grains)
-        if last > len(st.ids):
-            raise ValueError(f"put_back: {last} grains are more than the {len(st.ids)} that it had at its start")
-        new = slice(first, last)
+        first, last = self.grains, self.grains + len(grains)
+        if last > len(self.state.ids):
+            self._grow(self.scene.grains.count)
+        st, new = self.state, slice(first, last)
         st.grains[new], st.loads[new] = 0.0, 0.0
         st.x[new], st.v[new], st.u[new], st.w[new] = grains.x, half_v, grains.v, grains.omega
         st.ids[new], st.gone[new] = grains.ids, grains.x[:, 2] < self.params.plane
         self._make(grains, new)
         st.count[S.GRAINS] = last
         self._rebuild()
+
+    def _grow(self, rows: int) -> None:
+        """Give the arrays room for so many grains: those of a stream were not there at the start."""
+        old, n = self.state, self.grains
+        sizes = rows, PAIRS_PER_GRAIN * rows + 64, len(self.names), WALLS_PER_GRAIN * rows + 64, self._crossings(rows)
+        new = S.allocate(*sizes, self.numerics.precision, self.layout)
+        for name in ("grains", "loads", "body", "ids", "gone"):
+            getattr(new, name)[:n] = getattr(old, name)[:n]
+        new.cross[: len(old.cross)] = old.cross
+        shared = {name: getattr(old, name) for name in (*S.Lists._fields, "count", "sums")}
+        self.state = new._replace(**shared)
 
     def set_velocities(self, ids: np.ndarray, v: np.ndarray) -> None:
         """See `Standing`."""

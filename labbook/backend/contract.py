@@ -238,12 +238,13 @@ class Ensemble(ABC):
 
     @abstractmethod
     def put_back(self, member: Member, grains: Packing) -> None:
-        """Put grains that left back into a member, with positions and velocities from `grains`, without springs.
+        """Put grains that left back into a member, or such that were not there at its start, with positions and
+        velocities from `grains`, without springs.
 
         They keep their ids, and must have the same size and kind as before. Their next passage of a plane is recorded
         as their first was. Nothing else changes, and the result depends on what was put back after which
         beat, but not on its neighbours, its slot, how `advance` is split, or whether it was restored meanwhile.
-        Raises ValueError for grains that have not left."""
+        Raises ValueError for grains that are there."""
 
     def put_back_all(self, grains: Mapping[Member, Packing]) -> None:
         """Put grains that left back into several members, as `put_back` does into each.

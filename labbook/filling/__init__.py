@@ -9,15 +9,18 @@ from labbook.filling.kick import Kick, kicked
 from labbook.filling.mobilising import Mobilise, lifted
 from labbook.filling.opening import opened
 from labbook.filling.placing import place
+from labbook.filling.pouring import Inflow, Pouring
 from labbook.filling.room import PlacingError
 
 __all__ = [
     "Breaker",
     "Feeder",
     "GrainFile",
+    "Inflow",
     "Kick",
     "Mobilise",
     "PlacingError",
+    "Pouring",
     "Refill",
     "kicked",
     "lifted",

@@ -7,15 +7,15 @@ try reaches a quarter of a grain higher, so that grains fall as short a way as t
 
 from collections import defaultdict
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
 import numpy as np
 
-from labbook.filling.placed import Placed
-from labbook.filling.placing import APART, STARTS, free
+from labbook.filling.entering import Search, entering
+from labbook.filling.placing import APART, STARTS
+from labbook.filling.pouring import Inflow
 from labbook.filling.room import PlacingError, Room
-from labbook.scene import Bodies, Packing, Scene, Spherocylinders
-from labbook.scene.orientation import axes, random_turns
+from labbook.scene import Bodies, Packing, Scene
 
 _TRIES = 400
 _ROOM = 4.0
@@ -31,15 +31,13 @@ class Feeder:
     def __init__(self, scene: Scene, start: Packing, fill: str, seed: int):
         assert scene.feed is not None
         assert start.ids is not None
-        grains = scene.grains
-        self._start, self._key = start, (scene.feed.version, seed)
-        self._bodies, self._length, self.half = Bodies.of(grains, start), grains.extent, grains.half_length
-        self.rods = isinstance(grains, Spherocylinders)
-        closed, clearance, flat = scene.container.close(), grains.radius * APART, STARTS[fill].flat
+        self.grains, self.start, self._key = scene.grains, start, (scene.feed.version, seed)
+        self._radius, self._length = Bodies.of(scene.grains, start).radius, scene.grains.extent
+        closed, clearance, flat = scene.container.close(), scene.grains.radius * APART, STARTS[fill].flat
         self.room = Room(closed, clearance, flat)
-        self.like = (closed, clearance, flat, self.half)
-        """The same of runs whose grains find their places in the same room by the same rules."""
-        self.level = float((start.x[:, 2] + self._bodies.radius).max()) + grains.half_length
+        self.like = (closed, clearance, flat, scene.grains.half_length)
+        """The same of runs whose grains look for places in the same room by the same rules."""
+        self.level = float((start.x[:, 2] + self._radius).max()) + scene.grains.half_length
         """z [m] above which grains are put."""
         self._roof = scene.container.roof
         if self._roof - self.level < _ROOM * self._length:
@@ -48,115 +46,50 @@ class Feeder:
                 f"room for fed grains; raise container.height by {_ROOM:g} grains or more, or use fewer grains"
             )
         self._rows = np.full(int(start.ids.max()) + 1, -1)
-        """Row of the start of each grain, by id."""
         self._rows[start.ids] = np.arange(len(start))
 
     def missing(self, there: Packing) -> np.ndarray:
         """Rows of the start whose grains are not there, in their order."""
-        left = np.ones(len(self._start), bool)
+        left = np.ones(len(self.start), bool)
         left[self._rows[there.ids]] = False
         return np.flatnonzero(left)
 
-    def near(self, there: Packing) -> tuple[np.ndarray, np.ndarray]:
-        """Rows of grains in the bed that may be in the way of others, and what each keeps free around it [m]."""
-        high = np.flatnonzero(there.x[:, 2] > self.level - self._length)
-        return high, self._bodies.radius[self._rows[there.ids[high]]] * APART  # pyright: ignore[reportOptionalSubscript]
+    def search(self, rows: np.ndarray, there: Packing, beat: int) -> Search:
+        """Search of places for grains of these rows. Beat and seed alone decide what is drawn."""
+        rng, level, roof, length = np.random.default_rng([*self._key, beat]), self.level, self._roof, self._length
 
-    def reach(self, rows: np.ndarray) -> np.ndarray:
-        """Free radius [m] around each grain of these rows of the start."""
-        return self._bodies.radius[rows] * APART
+        def draw(k: int, reach: np.ndarray) -> np.ndarray:
+            low = level + length / 2
+            top = min(level + (1 + k / 4) * length, roof - length / 2)
+            return self.room.draw_each(rng, reach, max(top, low), low)
 
-    def generator(self, beat: int) -> np.random.Generator:
-        """Random numbers of a beat: the seed and the beat alone decide what is drawn."""
-        return np.random.default_rng([*self._key, beat])
-
-    def heights(self, tried: int) -> tuple[float, float]:
-        """Lowest and highest z [m] of centres at a try."""
-        low = self.level + self._length / 2
-        return low, max(min(self.level + (1 + tried / 4) * self._length, self._roof - self._length / 2), low)
-
-    def at_rest(self, rows: np.ndarray, x: np.ndarray, q: np.ndarray | None) -> Packing:
-        """Grains of these rows of the start, at rest in other places."""
-        start, rest = self._start, np.zeros((len(rows), 3))
-        assert start.ids is not None
-        diameter, kind = (None if own is None else own[rows] for own in (start.diameter, start.kind))
-        return Packing(x=x, v=rest, omega=rest, q=q, ids=start.ids[rows], diameter=diameter, kind=kind)
+        return Search(self._radius[rows], there.part(there.x[:, 2] > level - length), rng, draw)
 
 
-@dataclass(eq=False)
+@dataclass(frozen=True, eq=False)
 class Refill:
     """A bed that has lost grains, after a beat of its run."""
 
-    feeder: Feeder
+    feeder: Feeder | Inflow
     there: Packing
     beat: int
-    rows: np.ndarray = field(init=False)
-    """Rows of the feeder's start whose grains are missing."""
-
-    def __post_init__(self) -> None:
-        self.rows = self.feeder.missing(self.there)
 
 
 def refill(beds: Sequence[Refill]) -> list[Packing | None]:
     """Return the grains that come back into each bed; None where none does.
 
-    Grains that find no place are left out: they wait for the next beat. Beds of one room are looked at together, which
-    takes a small part of the time; each draws as if it were alone.
+    Grains that find no place are left out: they wait for the next beat.
     """
-    alike = defaultdict[tuple[object, ...], list[int]](list)
-    for k, bed in enumerate(beds):
-        if len(bed.rows):
-            alike[bed.feeder.like].append(k)
     back: list[Packing | None] = [None] * len(beds)
-    for group in alike.values():
-        for k, grains in zip(group, _placed([beds[k] for k in group]), strict=True):
-            back[k] = grains
-    return back
-
-
-def _placed(beds: Sequence[Refill]) -> list[Packing | None]:
-    """The missing grains of beds of one room that found places."""
-    first = beds[0].feeder
-    near = [bed.feeder.near(bed.there) for bed in beds]
-    own = np.repeat(np.arange(len(beds)), [len(bed.rows) for bed in beds])
-    ends = np.searchsorted(own, np.arange(len(beds) + 1))
-    n, half, room = len(own), first.half, first.room
-    bed_of = np.concatenate([own, np.repeat(np.arange(len(beds)), [len(high) for high, _ in near])])
-    reach = np.concatenate([*(bed.feeder.reach(bed.rows) for bed in beds), *(free_radius for _, free_radius in near)])
-    x = np.concatenate([np.empty((n, 3)), *(bed.there.x[high] for bed, (high, _) in zip(beds, near, strict=True))])
-    q = a = None
-    if first.rods:
-        turns = [bed.there.q[high] for bed, (high, _) in zip(beds, near, strict=True) if bed.there.q is not None]
-        q = np.concatenate([np.empty((n, 4)), *turns])
-        a = np.concatenate([np.empty((n, 3)), axes(q[n:])])
-    # a fourth coordinate keeps grains of different beds out of each other's way
-    apart = bed_of[:, None] * (4 * (float(reach.max()) + half))
-    left, placed, above = np.arange(n), np.arange(n, len(x)), Placed(np.hstack([x, apart])[n:])
-    draws = [bed.feeder.generator(bed.beat) for bed in beds]
-    for tried in range(_TRIES):
-        if not len(left):
-            break
-        cuts = np.searchsorted(left, ends)
-        for k in np.flatnonzero(np.diff(cuts)).tolist():
-            mine = left[cuts[k] : cuts[k + 1]]
-            low, top = beds[k].feeder.heights(tried)
-            x[mine] = room.draw_each(draws[k], reach[mine], top, low)
-            if q is not None:
-                q[mine] = random_turns(draws[k], len(mine))
-        if q is None or a is None:
-            inside = room.holds(x[left], reach[left])
-        else:
-            a[left] = axes(q[left])
-            tips = half * a[left]
-            inside = room.holds(x[left] + tips, reach[left]) & room.holds(x[left] - tips, reach[left])
-        new = free(x, reach, above, placed, left[inside], a, half, apart)
-        above.add(np.hstack([x[new], apart[new]]))
-        placed, left = np.concatenate([placed, new]), np.setdiff1d(left, new, assume_unique=True)
-    put = np.setdiff1d(np.arange(n), left, assume_unique=True)
-    cuts = np.searchsorted(put, ends)
-    back: list[Packing | None] = []
+    alike = defaultdict[tuple[object, ...], list[tuple[int, Feeder, np.ndarray]]](list)
     for k, bed in enumerate(beds):
-        mine = put[cuts[k] : cuts[k + 1]]
-        turned = None if q is None else q[mine]
-        back.append(bed.feeder.at_rest(bed.rows[mine - ends[k]], x[mine], turned) if len(mine) else None)
+        if isinstance(bed.feeder, Inflow):
+            back[k] = bed.feeder.returning(bed.there, bed.beat)
+        elif len(rows := bed.feeder.missing(bed.there)):
+            alike[bed.feeder.like].append((k, bed.feeder, rows))
+    for group in alike.values():
+        first = group[0][1]
+        searches = [feeder.search(rows, beds[k].there, beds[k].beat) for k, feeder, rows in group]
+        for (k, feeder, rows), places in zip(group, entering(first.room, first.grains, searches, _TRIES), strict=True):
+            back[k] = places.packing(feeder.start, rows) if len(places.rows) else None
     return back

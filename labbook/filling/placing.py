@@ -241,11 +241,22 @@ class FromFile(Start):
         raise PlacingError("fill.file: a start from a file needs the file")
 
 
+class FromStream(Rain):
+    """Grains that a stream brings (`fill.stream`), one after another."""
+
+    name: ClassVar[str] = "stream"
+
+    def place(self, closed: Scene, seed: int) -> Packing:
+        """Raises PlacingError: the stream is not known here, see `labbook.filling.pouring`."""
+        raise PlacingError("fill.stream: a filling by a stream needs the stream")
+
+
 LAYER = 2.0
 """Diameters from front to back below which grains cannot pass one another, and are one layer."""
 
 
-STARTS: Registry[Start] = Registry[Start]("labbook.starts", Start, (Rain(), Gas(), Planar(), Dense(), FromFile()))
+_BUILTIN = (Rain(), Gas(), Planar(), Dense(), FromFile(), FromStream())
+STARTS: Registry[Start] = Registry[Start]("labbook.starts", Start, _BUILTIN)
 """What `fill.kind` can name."""
 
 

@@ -27,7 +27,7 @@ from labbook.backend.probes import (
 )
 from labbook.campaign import Assignment, Generation, History, PreciseRun, Trial
 from labbook.campaign.precise import HALF_WIDTH
-from labbook.filling import Breaker, Feeder, PlacingError, Refill, kicked, opened, still
+from labbook.filling import Breaker, Feeder, Inflow, PlacingError, Refill, kicked, opened, still
 from labbook.filling.bed import bed_height, parts_of_mass
 from labbook.lab import identity
 from labbook.lab.folder import PICTURE, Claim, stamp
@@ -103,7 +103,7 @@ class DischargeJob(Job):
         level = float(packing.x[:, 2].max())
         if level > height:
             raise JobFailed(
-                f"{self.label}: the settled bed stands {level * 1e3:.4g} mm high, above the side walls "
+                f"{self.label}: the bed stands {level * 1e3:.4g} mm high, above the side walls "
                 f"({height * 1e3:.4g} mm), and would spill over them; raise container.height or use fewer grains"
             )
         lowest = self.demand.shared.stop.fill_height
@@ -117,11 +117,13 @@ class DischargeJob(Job):
         return start if kick is None else kicked(start, self.scene, kick, self.demand.seed)
 
     @cached_property
-    def _feeder(self) -> Feeder | None:
+    def _feeder(self) -> Feeder | Inflow | None:
         """What puts grains back; None where none come back. Raises JobFailed."""
         if self.scene.feed is None:
             return None
         try:
+            if self.scene.feed.stream is not None:
+                return Inflow(self.scene, self._packed, self.demand.seed, self.numerics.beat)
             return Feeder(self.scene, self._packed, self.demand.filling.kind, self.demand.seed)
         except PlacingError as error:
             raise JobFailed(f"{self.label}: {error}") from error

@@ -122,6 +122,27 @@ def test_a_grain_that_is_put_back_falls_and_the_others_do_not_know(silo):
             assert np.allclose(now.x[a], alone.x[b], rtol=0, atol=1e-3 * silo.scene.grains.diameter)
 
 
+def test_grains_that_were_not_there_at_the_start_join_it(silo):
+    """As if they had been there: half of the grains start, and the others join them before the first step."""
+    every = silo.start.part(np.arange(len(silo.start)))
+    first = np.arange(len(every)) % 2 == 0
+    with silo.ensemble() as ensemble:
+        whole, joined = silo.admit(ensemble, every), silo.admit(ensemble, every.part(first))
+        ensemble.put_back(joined, every.part(~first))
+        ensemble.advance(1)
+        a, b = ensemble.packing(whole), ensemble.packing(joined)
+        assert np.array_equal(np.sort(a.ids), np.sort(b.ids))
+        close = 1e-3 * silo.scene.grains.diameter  # contacts may be summed in another order
+        assert np.allclose(b.x[b.rows(a.ids)], a.x, rtol=0, atol=close)
+        state = ensemble.checkpoint(joined)
+        ensemble.advance(2)
+        later = ensemble.packing(joined)
+    with silo.ensemble() as ensemble:
+        again = silo.admit(ensemble, state)
+        ensemble.advance(2)
+        assert identical(ensemble.packing(again), later)
+
+
 def test_put_back_together_members_have_the_bits_of_one_after_another(silo):
     ends = []
     for together in (True, False):
