@@ -66,9 +66,9 @@ class Goal(Strategy):
         generations = history.generations
         if generations and self._next(history.study, generations[:-1]).holds_out:
             trials = _trials(generations[:-1])
-            latest = max(trial.seed for trial in trials)
-            withheld = [trial for trial in generations[-1].trials or () if trial.seed > latest]
-            return Proposal.end(self.verdict(history.study, trials, withheld))
+            return Proposal.end(
+                self.verdict(history.study, trials, self.withheld(trials, generations[-1].trials or ()))
+            )
         return self._next(history.study, generations).proposal
 
     @abstractmethod
@@ -86,6 +86,12 @@ class Goal(Strategy):
         Returns:
             More runs, those that are held out, or an end without them, with the reason.
         """
+
+    def withheld(self, trials: Sequence[Trial], latest: Sequence[Trial]) -> list[Trial]:
+        """Pick the held-out runs of the `latest` generation: those at points that no run so far has, or of beds that
+        no run at any point has."""
+        points, seed = {place(trial.at) for trial in trials}, max(trial.seed for trial in trials)
+        return [trial for trial in latest if trial.seed > seed or place(trial.at) not in points]
 
     @abstractmethod
     def verdict(self, study: Any, trials: Sequence[Trial], withheld: Sequence[Trial]) -> str:
