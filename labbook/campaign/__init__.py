@@ -10,6 +10,7 @@ from labbook.campaign.find import Find
 from labbook.campaign.fit_law import FitLaw
 from labbook.campaign.goal import Goal
 from labbook.campaign.inference import Inference, Measurement, NotInferred
+from labbook.campaign.mapping import Map
 from labbook.campaign.precise import PreciseRun
 from labbook.campaign.registry import STRATEGIES, Strategies
 from labbook.campaign.replicates import Replicates
@@ -36,6 +37,7 @@ __all__ = [
     "Goal",
     "History",
     "Inference",
+    "Map",
     "Measurement",
     "NotInferred",
     "PreciseRun",

@@ -18,7 +18,7 @@ import numpy as np
 
 from labbook.campaign.goal import SCATTER, Goal, Step
 from labbook.campaign.inference import REGION, Inference, Measurement, NotInferred
-from labbook.campaign.space import Axis, sobol
+from labbook.campaign.space import Axis, one_bed_more, sobol
 from labbook.campaign.strategy import Assignment, Proposal, Trial, place
 from labbook.scene.model import Internal, Model
 from labbook.scene.quantities import percent
@@ -53,6 +53,8 @@ class Calibrate(Goal):
 
     name: ClassVar[str] = "calibrate"
     testing: ClassVar[int] = _TESTING
+    beds: ClassVar[int] = _BEDS
+    places: ClassVar[str] = "parameter sets"
 
     parameters: Annotated[dict[str, Prior], Internal()]
     """Priors by key."""
@@ -95,11 +97,9 @@ class Calibrate(Goal):
             f"About {self._expected()} runs, at most {self.budget or LIMIT}"
         )
 
-    def start(self, study: Any) -> Proposal:
-        """Propose a Sobol sequence over parameters and conditions, with two beds each."""
-        points = self._settings(sobol(self._first, len(self.parameters) + 1))
-        assignments = tuple(Assignment(at, _BEDS) for at in points)
-        return Proposal(assignments, f"{len(points)} parameter sets over the range, with {_BEDS} beds each")
+    def first(self, study: Any) -> list[dict[str, float]]:
+        """Give a Sobol sequence over parameters and conditions."""
+        return self._settings(sobol(self._first, len(self.parameters) + 1))
 
     def step(self, study: Any, trials: Sequence[Trial]) -> Step:
         """Propose the next round, or hold runs out once the posterior is an answer."""
@@ -123,14 +123,7 @@ class Calibrate(Goal):
             reason = f"{progress}, {share}, most of it of the beds: {self.batch} beds more at a likely point"
             return Step(Proposal((Assignment(at, beds + self.batch),), reason))
         points = self._round(inference, trials)
-        had = {place(trial.at): 0 for trial in trials}
-        for trial in trials:
-            had[place(trial.at)] = max(had[place(trial.at)], trial.seed)
-        assigned: dict[tuple, Assignment] = {}
-        for at in points:
-            before = assigned[place(at)].replicates if place(at) in assigned else had.get(place(at), 0)
-            assigned[place(at)] = Assignment(at, before + 1)
-        return Step(Proposal(tuple(assigned.values()), f"{progress}, {share}: {len(points)} runs more"))
+        return Step(Proposal(one_bed_more(points, trials), f"{progress}, {share}: {len(points)} runs more"))
 
     def verdict(self, study: Any, trials: Sequence[Trial], withheld: Sequence[Trial]) -> str:
         """Compare runs that were held out with the emulators."""

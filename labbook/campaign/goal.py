@@ -7,13 +7,13 @@ are held out: they take no part in the choice, and the last line of the campaign
 import re
 from abc import abstractmethod
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from typing import Annotated, Any, ClassVar
 
 from pydantic import BeforeValidator, Field
 
-from labbook.campaign.strategy import Assignment, Generation, History, Proposal, Strategy, Trial, place
+from labbook.campaign.strategy import Assignment, Generation, History, Proposal, Strategy, Trial, Values, place
 from labbook.fit.interpolation import CLOGGED
 from labbook.scene.model import Fault, Internal, Model
 from labbook.scene.quantities import whole
@@ -55,6 +55,10 @@ class Goal(Strategy):
     ahead: ClassVar[int] = 0
     testing: ClassVar[int] = HELD_OUT
     """Beds that are held out, at all points together."""
+    beds: ClassVar[int] = 2
+    """Beds of each point of the start."""
+    places: ClassVar[str] = "points"
+    """Word for the points of the start."""
 
     budget: Annotated[int | None, Internal()] = None
     """Largest number of runs, stated beside the goal."""
@@ -72,8 +76,36 @@ class Goal(Strategy):
         return self._next(history.study, generations).proposal
 
     @abstractmethod
+    def first(self, study: Any) -> Sequence[Values]:
+        """Give the points of the first generation."""
+
     def start(self, study: Any) -> Proposal:
-        """Propose the first generation."""
+        """Propose the first generation: all its points, with as many beds each."""
+        points = self.first(study)
+        assignments = tuple(Assignment(at, self.beds) for at in points)
+        return Proposal(assignments, f"{len(points)} {self.places} over the range, with {self.beds} beds each")
+
+    def obstacles(self, measures: Sequence[str], points: Sequence[Any]) -> Iterator[Fault]:
+        """Find what a study lacks: a range, what has to be measured, and what only this goal needs."""
+        faults = [*self.range_faults(points)]
+        yield from faults
+        subject, giving = self.needs()
+        if giving and not {*giving} & {*measures}:
+            yield Fault(self.name, f"{subject} not measured", f"add {giving[0]} to measure")
+        if not faults:
+            yield from self.further_faults(measures, points)
+
+    def range_faults(self, points: Sequence[Any]) -> Iterable[Fault]:
+        """Find what a study lacks of the range."""
+        return ()
+
+    def needs(self) -> tuple[str, Sequence[str]]:
+        """Say what has to be measured (`stops are`), and give the measures of which one gives it."""
+        return "", ()
+
+    def further_faults(self, measures: Sequence[str], points: Sequence[Any]) -> Iterable[Fault]:
+        """Find what else a study with a range lacks."""
+        return ()
 
     @abstractmethod
     def step(self, study: Any, trials: Sequence[Trial]) -> Step:

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from labbook.campaign.goal import rounded
-from labbook.campaign.strategy import Trial, place
+from labbook.campaign.strategy import Assignment, Trial, place
 from labbook.fit.interpolation import trend_of_outlets
 from labbook.stats.emulator import Emulator
 from labbook.stats.nested import by_bed, of_beds
@@ -61,6 +61,18 @@ def sobol(number: int, dimensions: int, skip: int = 0, stream: int = 0) -> np.nd
     engine = qmc.Sobol(dimensions, scramble=False)
     points = engine.random_base2(max(1, math.ceil(math.log2(skip + number))))[skip : skip + number]
     return (points + np.random.default_rng([stream, dimensions]).uniform(size=dimensions)) % 1
+
+
+def one_bed_more(points: Sequence[Mapping[str, float]], trials: Sequence[Trial]) -> tuple[Assignment, ...]:
+    """Assign a further bed to each point, and several to one that is listed several times."""
+    beds: dict[tuple, int] = {}
+    for trial in trials:
+        beds[place(trial.at)] = max(beds.get(place(trial.at), 0), trial.seed)
+    assigned: dict[tuple, Assignment] = {}
+    for at in points:
+        beds[place(at)] = beds.get(place(at), 0) + 1
+        assigned[place(at)] = Assignment(at, beds[place(at)])
+    return tuple(assigned.values())
 
 
 @dataclass(frozen=True, eq=False)
