@@ -3,11 +3,14 @@
     python benchmarks/learning.py coverage --repeats 200
     python benchmarks/learning.py stops --repeats 200
     python benchmarks/learning.py map --repeats 200
+    python benchmarks/learning.py twins --repeats 12 --lab twins
 
 `coverage`: parameters are drawn from their priors, measured values from the law, and a whole campaign follows with runs
 of its own and an emulator of its own. The figures are how often 95 % regions and intervals hold the parameters, and
 ranks of the parameters among 99 draws of the posterior (Talts et al., arXiv:1804.06788). `stops`: the same, with a
 tenth of the runs clogged or diverged at random. `map`: a key of friction, one of an angle, and the outlet.
+`twins`: the measured values are means of runs of the backend numba itself, with a friction drawn from the prior. All
+twins share one lab, and so their first runs.
 """
 
 import argparse
@@ -181,17 +184,67 @@ def maps(repeats: int, error: float = 0.02) -> dict[str, float]:
     return {name: float(value) for name, value in figures.items()}
 
 
+TWIN = {
+    "about": "A twin: runs with a friction drawn from the prior stand for an experiment",
+    "grains": {"shape": "sphere", "diameter": "3 mm", "density": "2500 kg/m^3", "count": 400},
+    "contact": {"law": "hertz-mindlin", "shear_modulus": "2 MPa", "poisson_ratio": 0.25, "friction": 0.5,
+                "restitution": 0.5},
+    "container": {"kind": "wedge-hopper", "width": "60 mm", "height": "200 mm", "thickness": "1.01 d",
+                  "orifice": "24 mm"},
+    "window": {"start": 0.15, "end": 0.6},
+    "measure": ["flow_rate"],
+}  # fmt: skip
+TWIN_OUTLETS, TWIN_BEDS = (18, 24, 30), 8
+
+
+def twins(repeats: int, lab: str, backend: str = "numba") -> dict[str, float]:
+    """Calibrate the friction of twins. The outlet in the middle is held out, and is predicted."""
+    import labbook
+
+    place, rng = labbook.Lab(lab, backend), np.random.default_rng(21)
+    sweep = {"container.orifice": [f"{D} mm" for D in TWIN_OUTLETS]}
+    inside, predicted, runs = [], [], []
+    for number in range(repeats):
+        friction = round(float(rng.uniform(0.1, 0.9)), 3)
+        truth = labbook.define(TWIN, name=f"truth-{number}", sweep=sweep, replicates=TWIN_BEDS)
+        truth = truth.change({"contact.friction": friction})
+        place.run(truth, progress=False)
+        entries = [
+            {"at": {"container.orifice": f"{1e3 * row['container.orifice']:.12g} mm"},
+             "value": f"{row['flow_rate']} kg/s", "error": f"{row['flow_rate_error']} kg/s"}
+            for _, row in place.results(truth, progress=False).frame().iterrows()
+        ]  # fmt: skip
+        section = {"parameters": {FRICTION: {"uniform": [0.1, 0.9]}}, "discrepancy": 0,
+                   "predict": [{"container.orifice": f"{TWIN_OUTLETS[1]} mm"}]}  # fmt: skip
+        reference = {"source": "twin", "flow_rate": entries}
+        twin = labbook.define(TWIN, name=f"twin-{number}", sweep=sweep, reference=reference, calibrate=section)
+        place.run(twin, progress=False)
+        calibration = place.results(twin, progress=False).calibration()
+        interval, (prediction,) = calibration.parameters[FRICTION], calibration.predictions
+        inside.append(interval.low <= friction <= interval.high)
+        predicted.append(bool(prediction.agrees))
+        runs.append(len(calibration.inference.trials))
+        print(f"{friction}: {interval.median:.3f} ({interval.low:.3f} to {interval.high:.3f}), held-out W "
+              f"{'inside' if prediction.agrees else 'outside'}, {runs[-1]} runs", flush=True)  # fmt: skip
+    figures = {"twins": repeats, "inside": np.sum(inside), "predicted": np.sum(predicted), "runs": np.mean(runs)}
+    return {name: float(value) for name, value in figures.items()}
+
+
 def main() -> None:
     """Print the figures of one case."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("case", choices=("coverage", "stops", "map"))
+    parser.add_argument("case", choices=("coverage", "stops", "map", "twins"))
     parser.add_argument("--repeats", type=int, default=200)
+    parser.add_argument("--lab", default="twins", help="lab of the twins")
+    parser.add_argument("--backend", default="numba", help="backend of the twins")
     options, start = parser.parse_args(), time.time()
-    figures = (
-        maps(options.repeats)
-        if options.case == "map"
-        else coverage(options.repeats, 0.1 if options.case == "stops" else 0.0)
-    )
+    cases = {
+        "coverage": lambda: coverage(options.repeats),
+        "stops": lambda: coverage(options.repeats, 0.1),
+        "map": lambda: maps(options.repeats),
+        "twins": lambda: twins(options.repeats, options.lab, options.backend),
+    }
+    figures = cases[options.case]()
     for name, value in figures.items():
         print(f"{name}: {value:.4g}")
     print(f"seconds: {time.time() - start:.0f}")
