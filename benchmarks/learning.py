@@ -131,6 +131,8 @@ def coverage(repeats: int, stops: float = 0.0, discrepancy: float = 0.0) -> dict
         shares.append(inference.share)
         kept.append("Promise kept" in (campaign.ended or ""))
         ends.append(not inference.lacking())
+        if number % 20 == 19:
+            print(f"{number + 1}: region {np.mean(inside):.3f}, runs {np.mean(runs):.0f}", flush=True)
     from scipy.stats import chi2
 
     figures = {"repeats": repeats, "region": np.mean(inside), "runs": np.mean(runs), "most runs": np.max(runs),
@@ -179,6 +181,8 @@ def maps(repeats: int, error: float = 0.02) -> dict[str, float]:
         kept.append(shares[-1] >= 0.95)
         tested.append("Promise kept" in (campaign.ended or ""))
         runs.append(len(bench.trials))
+        if number % 20 == 19:
+            print(f"{number + 1}: kept {np.sum(kept)}, runs {np.mean(runs):.0f}", flush=True)
     figures = {"repeats": repeats, "kept": np.sum(kept), "test passed": np.sum(tested), "runs": np.mean(runs),
                "most runs": np.max(runs), "share within the error": np.mean(shares)}  # fmt: skip
     return {name: float(value) for name, value in figures.items()}

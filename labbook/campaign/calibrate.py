@@ -22,7 +22,7 @@ from labbook.campaign.space import Axis, one_bed_more, sobol
 from labbook.campaign.strategy import Assignment, Proposal, Trial, place
 from labbook.scene.model import Internal, Model
 from labbook.scene.quantities import percent
-from labbook.stats.emulator import best_settings
+from labbook.stats.emulator import best_settings, check_installed
 
 BATCH = 32
 """Runs of a round, unless stated."""
@@ -98,7 +98,8 @@ class Calibrate(Goal):
         )
 
     def first(self, study: Any) -> list[dict[str, float]]:
-        """Give a Sobol sequence over parameters and conditions."""
+        """Give a Sobol sequence over parameters and conditions. Raises LearnMissing, before anything runs."""
+        check_installed()
         return self._settings(sobol(self._first, len(self.parameters) + 1))
 
     def step(self, study: Any, trials: Sequence[Trial]) -> Step:

@@ -11,7 +11,7 @@ from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from typing import Annotated, Any, ClassVar
 
-from pydantic import BeforeValidator, Field
+from pydantic import BeforeValidator, Field, PrivateAttr
 
 from labbook.campaign.strategy import Assignment, Generation, History, Proposal, Strategy, Trial, Values, place
 from labbook.fit.interpolation import CLOGGED
@@ -62,6 +62,8 @@ class Goal(Strategy):
 
     budget: Annotated[int | None, Internal()] = None
     """Largest number of runs, stated beside the goal."""
+    _latest: tuple[Any, tuple[str, ...], Step] | None = PrivateAttr(default=None)
+    """Study, keys of all runs, and the step after them."""
 
     def propose(self, history: History) -> Proposal:
         """Propose the next generation; after the runs that are held out, end with what they say of the promise."""
@@ -130,8 +132,15 @@ class Goal(Strategy):
         """Say what the `withheld` runs say of the promise, which rests on `trials`."""
 
     def _next(self, study: Any, generations: Sequence[Generation]) -> Step:
+        """Give the step after some generations; the latest one is remembered, as each is looked at twice."""
         trials = _trials(generations)
-        step = self.step(study, trials) if generations else Step(self.start(study))
+        keys = tuple(trial.key for trial in trials)
+        if self._latest is None or self._latest[0] is not study or self._latest[1] != keys:
+            self._latest = study, keys, self._within_budget(study, trials)
+        return self._latest[2]
+
+    def _within_budget(self, study: Any, trials: Sequence[Trial]) -> Step:
+        step = self.step(study, trials) if trials else Step(self.start(study))
         if self.budget is None or step.proposal.state != "go" or step.holds_out:
             return step
         new = new_beds(step.proposal.assignments, trials) + self.testing

@@ -21,7 +21,7 @@ from labbook.fit.interpolation import CLOGGED
 from labbook.measure import MEASURES
 from labbook.scene.model import Fault, Internal, refuse
 from labbook.scene.quantities import parse, percent
-from labbook.stats.emulator import Emulator, best_settings
+from labbook.stats.emulator import Emulator, best_settings, check_installed
 
 BATCH = 16
 """Runs of a generation after the start."""
@@ -115,7 +115,8 @@ class Map(Goal):
         )
 
     def first(self, study: Any) -> list[dict[str, float]]:
-        """Give the first settings: a Sobol sequence."""
+        """Give the first settings: a Sobol sequence. Raises LearnMissing, before anything runs."""
+        check_installed()
         return self._settings(study, sobol(max(16, 4 * (len(self.over) + 1)), len(self.over)))
 
     def step(self, study: Any, trials: Sequence[Trial]) -> Step:

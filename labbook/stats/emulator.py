@@ -10,6 +10,7 @@ import warnings
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
+from importlib.util import find_spec
 from typing import Any
 
 import numpy as np
@@ -32,6 +33,13 @@ class LearnMissing(ImportError):
 
     def __init__(self, package: str):
         super().__init__(f"emulators need the package {package}: pip install 'labbook[learn]'")
+
+
+def check_installed() -> None:
+    """Find the packages of emulators without importing them. Raises LearnMissing."""
+    for package, module in (("scikit-learn", "sklearn"), ("threadpoolctl", "threadpoolctl")):
+        if find_spec(module) is None:
+            raise LearnMissing(package)
 
 
 @dataclass(frozen=True, eq=False)

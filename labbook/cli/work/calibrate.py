@@ -12,7 +12,6 @@ from labbook.cli.screen import print_table, say, screen
 from labbook.cli.work.run import carry_out
 from labbook.report.calibrated import experiment_table, parameter_table, sensitivity_table
 from labbook.results.calibrated import CalibrationResults, NoPosterior
-from labbook.stats.emulator import LearnMissing
 
 SUFFIX = ".material.yaml"
 
@@ -29,7 +28,7 @@ def run(study: Path, lab: Path, backend: str, device: str, runs: bool, card: Pat
                 say(f"Stopped early; everything is saved: {GO_ON}", err=True)
                 raise typer.Exit(STOPPED)
         calibration = results(study, lab, backend).calibration()
-    except (NoPosterior, LearnMissing) as problem:
+    except NoPosterior as problem:
         fail(problem)
     path = card or study.with_suffix(SUFFIX)
     if not calibration.lacking:

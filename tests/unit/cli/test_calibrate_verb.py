@@ -126,11 +126,10 @@ def test_results_of_another_study_have_no_posterior(tmp_path):
         Lab(tmp_path / "lab", "toy").results(load(study_file(tmp_path)), False).calibration()
 
 
-def test_without_the_extra_the_remedy_is_told(tmp_path, monkeypatch):
-    import numpy as np
-
-    from labbook.stats.emulator import Emulator, LearnMissing
-
-    monkeypatch.setitem(__import__("sys").modules, "sklearn.exceptions", None)
-    with pytest.raises(LearnMissing, match="labbook\\[learn\\]"):
-        Emulator.of(np.zeros((2, 1)), np.zeros(2), 1.0, np.array([1, 2]))
+def test_without_the_extra_the_remedy_is_told_before_anything_runs(tmp_path, monkeypatch):
+    goal = "adapt: {map: {flow_rate: 5 %, over: [container.orifice]}}"
+    monkeypatch.setattr("labbook.stats.emulator.find_spec", lambda module: None)
+    for verb in ("plan", "run"):
+        ended = labbook(verb, study_file(tmp_path, goal), "--lab", tmp_path / "lab", "--backend", "toy", check=False)
+        assert ended.exit_code == 1
+        assert "emulators need the package scikit-learn: pip install 'labbook[learn]'" in ended.output
