@@ -21,6 +21,8 @@ from labbook.lab import LabFolder
 from labbook.lab.records import repeat
 from labbook.report import gallery, page, style, tables
 from labbook.results import display
+from labbook.results.calibrated import CalibrationResults
+from labbook.results.calibrated import calibration as calibration_of
 from labbook.results.frames import frames, known_interval
 from labbook.results.points import FLOW_RATE
 from labbook.results.selection import listed, point_at, series_at
@@ -204,6 +206,14 @@ class Results(StudyResults):
         lacking = f"no finished run of point {number} with {repeat(seed, discharge)}"
         names = "point, seed, discharge" if several else "point, seed"
         raise LookupError(f"{lacking}; there are, as ({names}): {there}")
+
+    def calibration(self) -> CalibrationResults:
+        """Infer the parameters of a study with `calibrate`, from the runs that the lab has.
+
+        Raises NoPosterior (of `labbook.results.calibrated`) for another study, or with too few runs, and LearnMissing
+        (of `labbook.stats.emulator`) without the extra `learn`.
+        """
+        return calibration_of(self)
 
     def report(self, folder: Path | str | None = None) -> Path:
         """Write the report, one HTML file, and its figures as PNG, SVG and PDF, into a folder (None:

@@ -39,7 +39,9 @@ def _read(study: Study, assignments: Sequence[Assignment]) -> tuple[Point, ...]:
     if not assignments:
         return ()
     changes: dict[str, Any] = {"points": [written_at(one.at) for one in assignments], "adapt": None}
-    changes |= {key: None for key in ("sweep", "reference") if key in study.stated}  # it may speak of other points
+    changes |= {
+        key: None for key in ("sweep", "reference", "calibrate") if key in study.stated
+    }  # they may speak of others
     if not (study.window.timed or study.fed):  # with these points alone the window could be another one
         ends = {"start": study.window.opening, "end": study.window.end}
         changes["window"] = {**study.stated.get("window", {}), **ends}

@@ -397,5 +397,5 @@ class Reference:
 
 SCENE_KEYS = tuple(Scene.model_fields)
 SETTING_KEYS = tuple(Settings.model_fields)
-OTHER_KEYS = ("fill", "numerics", "sweep", "points", "reference")
+OTHER_KEYS = ("fill", "numerics", "sweep", "points", "reference", "calibrate", "include")
 TOP_KEYS = (*SETTING_KEYS, *SCENE_KEYS, *OTHER_KEYS)

@@ -739,6 +739,8 @@ class StudyKeys(TypedDict, total=False):
     sweep: Swept | object
     points: Sequence[Swept | object] | object
     reference: Mapping[str, object] | object
+    calibrate: Mapping[str, object] | object
+    include: str | Sequence[str] | object
 
 
 LawName: TypeAlias = Literal["beverloo", "janda", "beverloo_3d", "janda_3d", "power", "exponential"]

@@ -1,11 +1,12 @@
 """Recipes of docs/howto.md, run line by line: on the toy backend, with fewer grains."""
 
+import json
 import re
 import shlex
 from pathlib import Path
 
 import pytest
-from toy_lab import labbook
+from toy_lab import labbook, study_file
 
 ROOT = Path(__file__).parents[3]
 NUMERICS = "numerics: {dt: 10 us, steps_per_beat: 200, precision: double}\n"
@@ -62,3 +63,22 @@ def test_a_hopper_from_a_file_is_planned_as_its_recipe_says(tmp_path, monkeypatc
     area = (4 * (12 + 40) / 2 * slant + 4 * 40 * 95) / 100
     assert f"Mesh hopper: 16 triangles, not closed, area {area:.4g} cm^2, 40 x 40 x 120 mm" in shown
     assert "Warning: my-hopper.yaml: container.outlet_plane" not in shown
+
+
+@pytest.mark.slow
+def test_measured_flow_rates_stand_beside_ours(tmp_path, monkeypatch):
+    """The CSV of the recipe, beside the study that it names: the outlet of 17 mm, which is not simulated, counts in the
+    measurement's own C and k."""
+    section = (ROOT / "docs/howto.md").read_text(encoding="utf-8").split("## Compare with an experiment\n")[1]
+    table, line = section.split("```text\n")[1].split("```")[0], section.split("```yaml\n")[1].split("```")[0]
+    (tmp_path / "experiment.csv").write_text(table)
+    path = study_file(tmp_path, line, "fit: [beverloo]", orifices="[18, 22, 26, 30]", count=160)
+    monkeypatch.chdir(tmp_path)
+    labbook("run", path, "--backend", "toy")
+    shown = labbook("fit", path, "--backend", "toy").output
+    assert "Beside Own measurement" in shown
+    for words in ("16.8", "28.9", "53.0"):
+        assert words in shown
+    plain = json.loads(labbook("fit", path, "--backend", "toy", "--json").stdout)
+    outlets = {row.get("container.orifice") for row in plain["reference"]}
+    assert {0.017, 0.018, 0.022, 0.026, 0.03} <= outlets
