@@ -83,7 +83,10 @@ class Factor:
         return np.exp(x) if self.logarithmic else x
 
     def _coordinate(self, values: Any) -> np.ndarray:
-        return np.log(values) if self.logarithmic else np.asarray(values, float)
+        if not self.logarithmic:
+            return np.asarray(values, float)
+        with np.errstate(divide="ignore", invalid="ignore"):  # of points that are left out, such as a width of 0
+            return np.log(values)
 
 
 @dataclass(frozen=True)

@@ -312,13 +312,17 @@ def _normal(
 ) -> tuple[np.ndarray, float]:
     """Normal equations of x, and of y in the last row and column, under the covariance (1 - share) I + share beds +
     misfit^2 points, and the logarithm of its determinant."""
-    groups = [(beds, share)] + ([(points, misfit**2)] if misfit else [])
-    z = np.concatenate([one for one, _ in groups], axis=1)
-    variance = np.concatenate([np.full(one.shape[1], of) for one, of in groups])
     own, both = 1 - share, np.column_stack([x, y])
-    inner, across = z.T @ z + np.diag(own / variance), z.T @ both  # Woodbury: no matrix of all runs is inverted
-    normal = (both.T @ both - across.T @ np.linalg.solve(inner, across)) / own
-    determinant = (len(y) - len(variance)) * math.log(own) + float(np.log(variance).sum())
+    inner, across = beds.T @ beds + own / share * np.eye(beds.shape[1]), beds.T @ both
+    determinant = (len(y) - beds.shape[1]) * math.log(own) + beds.shape[1] * math.log(share)
+    normal = both.T @ both
+    if misfit:  # Woodbury's identity, with the diagonal block of the designs eliminated before that of the beds
+        weight = 1 / (points.sum(axis=0) + own / misfit**2)
+        sums, shared = points.T @ both, (beds.T @ points) * weight
+        normal = normal - (sums.T * weight) @ sums
+        inner, across = inner - shared @ (beds.T @ points).T, across - shared @ sums
+        determinant += float(np.sum(np.log(misfit**2 / own / weight)))
+    normal = (normal - across.T @ np.linalg.solve(inner, across)) / own
     return normal, determinant + float(np.linalg.slogdet(inner)[1])
 
 

@@ -66,7 +66,7 @@ def study_at(study: Study, points: Sequence[Mapping[str, float | str]], name: st
     Raises:
         StudyError: A point cannot be.
     """
-    dropped = {key: None for key in ("fit", "about") if key in study.stated}  # of the whole sweep
+    dropped = {key: None for key in ("fit", "about", "calibrate") if key in study.stated}  # of the whole sweep
     listed = [{key: _plain(key, value) for key, value in at.items()} for at in points]
     changes = {**_changes(study, points), **dropped, "points": listed, "name": name, "replicates": replicates}
     new = study.change(changes)

@@ -6,7 +6,7 @@ from itertools import product
 import numpy as np
 import pytest
 
-from labbook.stats.polynomial import Polynomial, legendre
+from labbook.stats.polynomial import Polynomial, _normal, legendre
 
 FOUR = np.linspace(-1, 1, 4)
 
@@ -150,3 +150,17 @@ def test_too_little_is_refused(designs, beds, says):
     u, seeds = np.repeat(np.array(designs, float), beds, axis=0), np.tile(np.arange(beds), len(designs))
     with pytest.raises(ValueError, match=says):
         Polynomial.of(u, np.random.default_rng(1).standard_normal(len(u)), seeds)
+
+
+@pytest.mark.parametrize("misfit", [0.0, 0.7, 2.0])
+def test_weights_are_those_of_the_whole_covariance(misfit):
+    """Beds and misfit are eliminated without the matrix of all runs: here that is inverted."""
+    rng, share = np.random.default_rng(10), 0.3
+    x, y = rng.standard_normal((24, 4)), rng.standard_normal(24)
+    beds = (np.tile([0, 1, 2], 8)[:, None] == np.arange(3)).astype(float)
+    points = (np.repeat(np.arange(8), 3)[:, None] == np.arange(8)).astype(float)
+    covariance = (1 - share) * np.eye(24) + share * beds @ beds.T + misfit**2 * points @ points.T
+    both = np.column_stack([x, y])
+    normal, determinant = _normal(x, y, beds, points, share, misfit)
+    assert normal == pytest.approx(both.T @ np.linalg.solve(covariance, both), rel=1e-9, abs=1e-9)
+    assert determinant == pytest.approx(np.linalg.slogdet(covariance)[1], abs=1e-9)
