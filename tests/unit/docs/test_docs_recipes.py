@@ -82,3 +82,23 @@ def test_measured_flow_rates_stand_beside_ours(tmp_path, monkeypatch):
     plain = json.loads(labbook("fit", path, "--backend", "toy", "--json").stdout)
     outlets = {row.get("container.orifice") for row in plain["reference"]}
     assert {0.017, 0.018, 0.022, 0.026, 0.03} <= outlets
+
+
+@pytest.mark.slow
+def test_a_design_is_chosen_from_a_sweep_of_two_keys(tmp_path, monkeypatch):
+    """With fewer points, grains and seeds; the target is in the range of the toy."""
+    commands = recipe("Choose a design from a sweep of several keys")
+    (tmp_path / "studies").mkdir()
+    text = (ROOT / "studies/hopper-angle.yaml").read_text(encoding="utf-8") + NUMERICS
+    text = text.replace("[15, 30, 60, 90]", "[30, 60]").replace("[18, 21, 24, 28, 32]", "[18, 24, 32]")
+    text = text.replace("count: 1000", "count: 400").replace("replicates: 3", "replicates: 2")
+    (tmp_path / "studies/hopper-angle.yaml").write_text(text, encoding="utf-8")
+    monkeypatch.chdir(tmp_path)
+    _, want, explore, site = [labbook(*words, *([] if words[0] == "site" else ["--backend", "toy"])).output
+                              for words in commands]  # fmt: skip
+    assert re.search(r"D = [\d.]+ mm \(95 %: .* gives W = 40", want)
+    assert "angle = 45 deg" in want
+    for words in ("What matters", "What to run next", "name: hopper-angle-next"):
+        assert words in explore
+    assert "hopper/index.html" in site.replace("\n", "")
+    assert (tmp_path / "hopper/study/hopper-angle/explore.html").is_file()
