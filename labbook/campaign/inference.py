@@ -13,7 +13,7 @@ from functools import cached_property
 
 import numpy as np
 
-from labbook.campaign.space import FEWEST_REPEATS, Axis, BedValues, OutletTrend, sobol
+from labbook.campaign.space import FEWEST_REPEATS, Axis, BedValues, SpaceTrend, sobol
 from labbook.campaign.strategy import Trial
 from labbook.fit.interpolation import CLOGGED
 from labbook.scene.model import Model
@@ -115,7 +115,7 @@ class Inference:
     discrepancy: float
     emulators: Mapping[str, Emulator]
     observed: Mapping[str, BedValues]
-    trends: Mapping[str, OutletTrend]
+    trends: Mapping[str, SpaceTrend]
     trials: tuple[Trial, ...]
 
     @classmethod
@@ -146,10 +146,10 @@ class Inference:
         """
         conditions = axes_of([*(entry.at for entry in measurements), *further])
         axes = (*parameters, *conditions)
-        emulators, observations, trends = dict[str, Emulator](), dict[str, BedValues](), dict[str, OutletTrend]()
+        emulators, observations, trends = dict[str, Emulator](), dict[str, BedValues](), dict[str, SpaceTrend]()
         used = dict.fromkeys(entry.quantity for entry in measurements)
         for quantity in dict.fromkeys((*used, *unmeasured)):
-            trend = OutletTrend.of(quantity, axes, scene)
+            trend = SpaceTrend.of(quantity, axes, scene)
             observed = BedValues.of(trials, quantity, axes, trend)
             if observed.repeats < FEWEST_REPEATS or observed.points < 2 * len(axes):
                 if quantity not in used:

@@ -15,7 +15,7 @@ import numpy as np
 from pydantic import model_validator
 
 from labbook.campaign.goal import SCATTER, Goal, Step
-from labbook.campaign.space import FEWEST_REPEATS, Axis, BedValues, OutletTrend, one_bed_more, sobol
+from labbook.campaign.space import FEWEST_REPEATS, Axis, BedValues, SpaceTrend, one_bed_more, sobol
 from labbook.campaign.strategy import Assignment, Proposal, Trial, place
 from labbook.fit.interpolation import CLOGGED
 from labbook.measure import MEASURES
@@ -179,7 +179,7 @@ class Map(Goal):
             f"(root mean square, at most {_LARGEST} is expected), {beyond} of them beyond {_NORMAL} (at most {_BEYOND})"
         )
 
-    def emulator(self, study: Any, trials: Sequence[Trial]) -> tuple[Emulator, BedValues, OutletTrend]:
+    def emulator(self, study: Any, trials: Sequence[Trial]) -> tuple[Emulator, BedValues, SpaceTrend]:
         """Fit the map to runs. Raises LearnMissing."""
         values, trend = self._values(study, trials)
         return values.emulator(), values, trend
@@ -189,9 +189,9 @@ class Map(Goal):
         values = {key: [float(point.at[key]) for point in study.points] for key in self.over}
         return tuple(Axis(key, min(of), max(of)) for key, of in values.items())
 
-    def _values(self, study: Any, trials: Sequence[Trial]) -> tuple[BedValues, OutletTrend]:
+    def _values(self, study: Any, trials: Sequence[Trial]) -> tuple[BedValues, SpaceTrend]:
         axes = self.axes(study)
-        trend = OutletTrend.of(self.quantity, axes, study.points[0].scene)
+        trend = SpaceTrend.of(self.quantity, axes, study.points[0].scene)
         return BedValues.of(trials, self.quantity, axes, trend), trend
 
     def _settings(self, study: Any, points: np.ndarray) -> list[dict[str, float]]:

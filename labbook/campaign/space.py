@@ -96,7 +96,7 @@ class BedValues:
     repeats: int
 
     @classmethod
-    def of(cls, trials: Sequence[Trial], quantity: str, axes: Sequence[Axis], trend: "OutletTrend") -> "BedValues":
+    def of(cls, trials: Sequence[Trial], quantity: str, axes: Sequence[Axis], trend: "SpaceTrend") -> "BedValues":
         """Collect a quantity from runs; those that clogged or diverged have none.
 
         Args:
@@ -164,14 +164,14 @@ def _variances(
 
 
 @dataclass(frozen=True)
-class OutletTrend:
+class SpaceTrend:
     """Known part of the logarithm of a quantity, up to a constant: the dependence of a flow rate on the outlet."""
 
     key: str = ""
     _of: Callable[[np.ndarray], np.ndarray] | None = None
 
     @classmethod
-    def of(cls, quantity: str, axes: Sequence[Axis], scene: object) -> "OutletTrend":
+    def of(cls, quantity: str, axes: Sequence[Axis], scene: object) -> "SpaceTrend":
         """Give the trend of a quantity in a space; none where nothing is known."""
         for axis in axes:
             dependence = trend_of_outlets(quantity, axis.key, scene, axis.low)  # pyright: ignore[reportArgumentType]
