@@ -101,7 +101,7 @@ def conical(grains: int) -> list[Variant]:
     radial = np.column_stack([np.cos(angle), np.sin(angle)])
     foot = np.column_stack([radial * (h * math.tan(STEEP))[:, None], h])
     normal = np.column_stack([-radial * math.cos(STEEP), np.full(grains, math.sin(STEEP))])
-    bottom, top = 0.5 * low, height + low
+    bottom, top = 0.5 * low, height
     exact = Frustum(lower=(bottom * math.tan(STEEP), bottom), upper=(top * math.tan(STEEP), top))
     heights = np.linspace(bottom, top, ROWS + 1)
     turns = 2 * math.pi * np.arange(SIDES) / SIDES
