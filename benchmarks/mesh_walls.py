@@ -78,7 +78,7 @@ def on(wall: Wall, count: int) -> Scene:
 def flat(grains: int, cells: Sequence[int] = CELLS) -> list[Variant]:
     """A plane, and the same as meshes."""
     side = math.isqrt(grains)
-    half = 0.6 * side * D
+    half = (0.55 * (side - 1) + 1.5) * D  # less than LIGGGHTS's box around the grains
     place = 1.1 * D * (np.stack(np.divmod(np.arange(side**2), side), axis=1) - (side - 1) / 2)
     x = np.column_stack([place, np.full(side**2, R - OVERLAP)])
     start = Packing(x=x, v=np.tile([0.05, 0.03, 0.0], (side**2, 1)), omega=np.zeros_like(x))
@@ -101,7 +101,7 @@ def conical(grains: int) -> list[Variant]:
     radial = np.column_stack([np.cos(angle), np.sin(angle)])
     foot = np.column_stack([radial * (h * math.tan(STEEP))[:, None], h])
     normal = np.column_stack([-radial * math.cos(STEEP), np.full(grains, math.sin(STEEP))])
-    bottom, top = 0.5 * low, height + low
+    bottom, top = 0.5 * low, height
     exact = Frustum(lower=(bottom * math.tan(STEEP), bottom), upper=(top * math.tan(STEEP), top))
     heights = np.linspace(bottom, top, ROWS + 1)
     turns = 2 * math.pi * np.arange(SIDES) / SIDES
@@ -216,15 +216,21 @@ def main() -> None:
         numerics = STEPS.model_copy(update={"precision": precision})
         for members in options.members:
             timings += measure(backend, options.device, numerics, variants, members, options.rounds)
+            write(options.out, options.device, timings)
     if options.device == "cpu" and shutil.which("liggghts") and not options.no_peer:
         timings += peer("liggghts", variants, options.rounds)
+        write(options.out, options.device, timings)
+
+
+def write(folder: Path, device: str, timings: Sequence[Timing]) -> None:
+    """Print timings, and write them as JSON and CSV."""
     table = pd.DataFrame([asdict(timing) for timing in timings])
-    print(table.to_string(index=False, float_format=lambda number: f"{number:.3g}"))
-    options.out.mkdir(parents=True, exist_ok=True)
-    table.to_csv(options.out / "mesh_walls.csv", index=False)
-    record = {"date": f"{datetime.now(UTC):%Y-%m-%d}", "hardware": hardware(), "device": options.device}
+    print(table.to_string(index=False, float_format=lambda number: f"{number:.3g}"), flush=True)
+    folder.mkdir(parents=True, exist_ok=True)
+    table.to_csv(folder / "mesh_walls.csv", index=False)
+    record = {"date": f"{datetime.now(UTC):%Y-%m-%d}", "hardware": hardware(), "device": device}
     record["timings"] = table.to_dict("records")
-    (options.out / "mesh_walls.json").write_text(json.dumps(record, indent=1) + "\n", encoding="utf-8")
+    (folder / "mesh_walls.json").write_text(json.dumps(record, indent=1) + "\n", encoding="utf-8")
 
 
 if __name__ == "__main__":

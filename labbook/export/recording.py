@@ -214,8 +214,7 @@ def log_grains(stream, root: str, scene: Scene, start: Packing, frames: Sequence
             stream.send_columns(path, [clock], rr.Transform3D.columns(quaternion=turns))
         if wall.moves is not None:
             poses = wall.moves.poses(np.array(times))
-            matrices = poses.turn.transpose(0, 2, 1)  # which rerun lists column by column
-            columns = rr.Transform3D.columns(translation=poses.shift, mat3x3=matrices.reshape(-1, 9))
+            columns = rr.Transform3D.columns(translation=poses.shift, mat3x3=poses.turn.reshape(-1, 9))
             stream.send_columns(path, [clock], columns)
 
 

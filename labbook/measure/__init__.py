@@ -12,6 +12,7 @@ from labbook.measure.orifice import OrificeMeans
 from labbook.measure.outlet import OutletProfiles
 from labbook.measure.outlets import OutletRates
 from labbook.measure.packing import PackingStructure
+from labbook.measure.part_forces import MovingPartForces
 from labbook.measure.planes import PlaneRates
 from labbook.measure.residence import Residence
 from labbook.measure.stress import ContactStress
@@ -36,6 +37,7 @@ MEASURES: Registry[Measure] = Registry[Measure](
         Clogging(),
         Arch(),
         WallStress(),
+        MovingPartForces(),
     ),
 )
 """The measures that a study can name under `measure`: those built in, and those of other packages."""

@@ -220,7 +220,7 @@ class WallStress(Measure):
         if "traction" not in run.tables:
             raise MeasureError("wall_stress: the run recorded no forces of walls; run it again with this measure")
         frames = _Frames(run)
-        begin, end, words = _window(run, window)
+        begin, end, words = steady_part(run, window)
         within = (frames.time >= begin) & (frames.time <= end) & (frames.time > 0)
         record = _stresses(run, frames, within, (begin, end))
         numbers = [*_at_rest(record, run), *_after_opening(record), *_in_flow(record, run, int(within.sum()), words)]
@@ -254,7 +254,7 @@ class _Frames:
         return np.stack([sums[..., self.wall == k, :].sum(axis=-2) for k in range(len(self.walls))], axis=-2)
 
 
-def _window(run: RunData, window: Window) -> tuple[float, float, str]:
+def steady_part(run: RunData, window: Window) -> tuple[float, float, str]:
     """Begin and end [s] of the steady part, NaN without any, and the same in words."""
     if run.scene.container.outlet_plane is None:
         return run.duration / 2, run.duration, f"{run.duration / 2:.4g} s to {run.duration:.4g} s"

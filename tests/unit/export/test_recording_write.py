@@ -6,6 +6,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from labbook.checks.verify.mesh import of_triangles, sheet
 from labbook.export.colour_bar import speed_colours, speed_ticks
 from labbook.export.recording import (
     CLOCK,
@@ -20,7 +21,17 @@ from labbook.export.recording import (
     write,
 )
 from labbook.export.wall_shapes import drawn_walls
-from labbook.scene import Box, CylinderSilo, LinearSpringDashpot, Packing, Scene, Spherocylinders
+from labbook.scene import (
+    Box,
+    CylinderSilo,
+    LinearSpringDashpot,
+    Packing,
+    PartMotion,
+    PartRotation,
+    Primitives,
+    Scene,
+    Spherocylinders,
+)
 
 rerun = pytest.importorskip("rerun")
 
@@ -298,3 +309,24 @@ def test_round_walls_are_meshes_of_their_surface():
     assert area == pytest.approx(np.pi * (0.095**2 - 0.03**2), rel=1e-3)
     assert (walls[0].spin, len(side.outlines), walls[0].spokes) == (0, 2, ())
     assert walls[1].spin == pytest.approx(0.5 * np.pi)
+
+
+def test_a_part_that_moves_is_drawn_where_it_is_in_each_frame(synthetic, tmp_path):
+    motion = PartMotion(
+        velocity=(0.01, 0.0, 0.02), rotation=PartRotation(axis=(0.0, 1.0, 0.2), origin=(0.0, 0.0, 0.01), rate=0.7)
+    )
+    blade = of_triangles(*sheet(1, 0.02)).model_copy(update={"name": "blade", "moves": motion})
+    scene = synthetic.scene().model_copy(update={"container": Primitives(parts=(blade,))})
+    run = replace(synthetic.observe(synthetic.scene(), seed=1, recorded=True), scene=scene, tables={})
+    columns = {"id": 0, "x": 0.01, "y": 0.02, "z": 0.03, "vx": 0.1, "vy": 0, "vz": 0}
+    times = np.array([0.0, 1.5])
+    table = {"time": times, **{name: np.full(2, value) for name, value in columns.items()}}
+    found = chunks(write(run, table, tmp_path / "a.rrd", name="a", source="1" * 16))
+    drawn = next(wall for wall in drawn_walls(scene, np.array([[0.01, 0.02, 0.03]])) if wall.name == "blade")
+    shifts = column(found["/walls/blade", False], "Transform3D:translation")
+    matrices = column(found["/walls/blade", False], "Transform3D:mat3x3")
+    there = [mesh.vertices for mesh in drawn.at(times)]
+    assert np.abs(there[1] - there[0]).max() > 0.01
+    for place, shift, matrix in zip(there, shifts, matrices, strict=True):
+        columns_of = np.ravel(matrix).reshape(3, 3)  # as rerun stores them
+        assert drawn.mesh.vertices @ columns_of + np.ravel(shift) == pytest.approx(place, abs=1e-7)
