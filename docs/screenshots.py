@@ -54,6 +54,7 @@ def main() -> None:
     pages = {
         "lab": "/",
         "study": "/study/hopper-angle",
+        "explore": "/study/hopper-angle/explore?at=45,25&want=40&over=container.orifice",
         "point": "/study/hopper-angle/point/3",
         "run": rods,
         "runs": "/runs",

@@ -29,9 +29,10 @@ STAND = re.compile(r"(numba|warp)-(double|mixed)-(cpu|cuda:\d+)")
 FILES = {
     "numba-double-cpu": (
         *("test_bench_elongation", "test_fields_packing"),
-        *("test_numba_guards", "test_numba_plain", "test_numba_threads"),
+        *("test_numba_guards", "test_numba_mesh", "test_numba_plain", "test_numba_threads"),
     ),
     "warp-double-cpu": ("test_warp_rods",),
+    "warp-mixed-cpu": ("test_warp_meshes",),
     "studies": ("test_api_tutorial", "test_bench_backend", "test_compare_backends"),
 }
 """Further files that share kernels with one another, or with tests of a stand."""

@@ -8,7 +8,7 @@ import numpy as np
 
 from labbook.backend import Capabilities, Spec, Unsupported
 from labbook.backend.numerics import Numerics
-from labbook.backend.probes import Contacts, Crossing, Dissipation, Film, Ledger, Probe, Sample, Slab, Traction, Zone
+from labbook.backend.probes import Crossing, Dissipation, Film, Ledger, Probe, Sample, Traction, Zone
 from labbook.scene import ContactLaw, Grains, Scene, Surface, TriangleMesh
 from labbook.scene.model import once
 from labbook.scene.part_motion import POSE_COLUMNS
@@ -36,7 +36,7 @@ SWITCHES = (
     "POSES",
 )
 """Features that are constants of a generated module."""
-FALL = 2.0  # lengths below the outlet at which a grain is dropped: nothing that is still to be counted touches it
+FALL = 2.0  # lengths below outlet or sink at which a grain is dropped: nothing that is still to be counted touches it
 
 
 class Needs(NamedTuple):
@@ -182,7 +182,7 @@ def is_oriented(scene: Scene) -> bool:
 def planes(scene: Scene, probes: Sequence[Probe]) -> tuple[float, float]:
     """z [m] of the plane whose crossings are recorded, and z below which grains are dropped."""
     crossed = [probe.plane for probe in probes if isinstance(probe, Crossing)]
-    bottom, size = scene.outlet, scene.grains.extent
+    bottom, size = scene.outlet if scene.sink is None else scene.sink, scene.grains.extent
     drop = 0.0 if bottom is None else min([bottom, *crossed]) - FALL * size
     return (crossed[0] if crossed else 0.0), drop
 
@@ -251,7 +251,7 @@ def check(can: Capabilities, needs: Needs, precision: str, probes: Sequence[Prob
     for probe in probes:
         if isinstance(probe, Sample | Film) and "q" in probe.fields and not SHAPES[needs.grains.shape].oriented:
             raise Unsupported("measure", "only rods have an orientation q; leave q out")
-        if isinstance(probe, Sample | Slab | Zone | Contacts | Traction | Ledger | Dissipation) and probe.every < 1:
+        if not isinstance(probe, Crossing | Film) and probe.every < 1:
             raise Unsupported("measure", "a probe is read once per beat at most; use every >= 1")
         if isinstance(probe, Film) and not 0 < probe.every < math.inf:
             raise Unsupported("measure", "the time between two frames of a film must be positive and finite")

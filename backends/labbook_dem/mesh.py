@@ -44,6 +44,8 @@ CONDITION_COLUMNS = 7
 # of a rod, where on the segment it is [m]
 K_FEATURE, K_OVERLAP, K_NORMAL, K_PLACE, K_OLDER, K_ALONG = 0, 1, 2, 5, 6, 7
 CONTACT_ROWS, CONTACT_COLUMNS = 3 * MESH_CONTACTS, 8
+SPHERE_ROWS = 2 * MESH_CONTACTS
+"""Rows of contacts that spheres need."""
 SPRING_KEY = 3
 """Column of a row of springs that holds the feature."""
 _FLAT = 1e-6  # |t x t'| of two triangles in one plane
@@ -62,16 +64,26 @@ def mesh_away(features: np.ndarray, f: int, x: wide3):
     r = x - mesh_vector(features, f, F_POINT)
     unit = mesh_vector(features, f, F_UNIT)
     along = unit * dot(r, unit)
-    kind = features[f, F_KIND]
+    kind = int(features[f, F_KIND])
     return along if kind == FACE else r - along
 
 
-@kernel
+@func
+def mesh_beyond(conditions: np.ndarray, c: int, x: wide3):
+    """Distance [m] by which condition c holds at x."""
+    r = x - mesh_vector(conditions, c, C_POINT)
+    return dot(r, mesh_vector(conditions, c, C_ALONG)) * conditions[c, C_SENSE]
+
+
+@func
 def mesh_holds(features: np.ndarray, conditions: np.ndarray, f: int, x: wide3, within: wide):
     """True if the conditions of feature f hold at x, or would within a distance [m]."""
-    for c in range(int(features[f, F_FIRST]), int(features[f, F_LAST])):
-        r = x - mesh_vector(conditions, c, C_POINT)
-        if not dot(r, mesh_vector(conditions, c, C_ALONG)) * conditions[c, C_SENSE] > -within:
+    c = int(features[f, F_FIRST])
+    if int(features[f, F_KIND]) == FACE:  # all three, without a branch for each
+        least = min(mesh_beyond(conditions, c, x), mesh_beyond(conditions, c + 1, x))
+        return min(least, mesh_beyond(conditions, c + 2, x)) > -within
+    for k in range(c, int(features[f, F_LAST])):
+        if not mesh_beyond(conditions, k, x) > -within:
             return False
     return True
 
@@ -85,6 +97,27 @@ def mesh_near(features: np.ndarray, conditions: np.ndarray, f: int, x: wide3, ra
 
 
 @kernel
+def mesh_listed(features: np.ndarray, conditions: np.ndarray, f: int, x: wide3, moves: wide):
+    """Entry of a list for feature f near a sphere at x: -1 - f if its conditions hold until the sphere has moved by a
+    distance [m], so that nobody has to look; else f."""
+    return -1 - f if mesh_holds(features, conditions, f, x, -moves) else f
+
+
+@func
+def mesh_within(away: wide3, radius: wide):
+    """True if the vector that `mesh_away` gives is shorter than a radius [m]."""
+    return dot(away, away) < radius * radius
+
+
+@func
+def mesh_normal(away: wide3):
+    """Length [m] and direction of the vector that `mesh_away` gives."""
+    distance = sqrt(dot(away, away))
+    inverse = wide(1.0) / distance if distance > wide(0.0) else wide(0.0)
+    return distance, away * inverse
+
+
+@func
 def mesh_put(contacts: np.ndarray, count: int, f: int, overlap: wide, normal: wide3, radius: wide):
     """Add a contact to the `count` ones, or let the deeper of two at one place stay; how many there are, OVER if there
     is no room."""
@@ -102,53 +135,58 @@ def mesh_put(contacts: np.ndarray, count: int, f: int, overlap: wide, normal: wi
     return count + 1
 
 
-@kernel
+@func
 def mesh_write(contacts: np.ndarray, k: int, f: int, overlap: wide, normal: wide3):
     """Write contact k."""
-    contacts[k, K_FEATURE] = f
+    contacts[k, K_FEATURE] = wide(f)
     contacts[k, K_OVERLAP] = overlap
     contacts[k, K_NORMAL] = normal.x
     contacts[k, K_NORMAL + 1] = normal.y
     contacts[k, K_NORMAL + 2] = normal.z
 
 
-@kernel
+@func
 def mesh_contacts(
     features: np.ndarray, conditions: np.ndarray, near: np.ndarray, first: int, last: int, x: wide3, radius: wide,
     contacts: np.ndarray,
 ):  # fmt: skip
-    """Contacts of a sphere at x with the features near[first:last], ascending; how many, OVER if there is no room.
+    """Contacts of a sphere at x with the features near[first:last], ascending, as numbers or as `mesh_listed` gives
+    them; how many, OVER if there is no room.
 
     Those of one smooth patch, whose normals differ by less than 45 deg, form one: of the largest overlap, along
     the sum of their normals weighted by overlaps.
     """
-    count = 0
-    smooth = False
+    count = int(0)
+    smooth = bool(False)
     for k in range(first, last):
-        f = int(near[k])
+        entry = int(near[k])
+        f = max(entry, -1 - entry)
         away = mesh_away(features, f, x)
-        distance2 = dot(away, away)
-        if distance2 < radius * radius and mesh_holds(features, conditions, f, x, wide(1e-5) * radius):
-            distance = sqrt(distance2)
-            inverse = wide(1.0) / distance if distance > wide(0.0) else wide(0.0)
-            count = mesh_put(contacts, count, f, radius - distance, away * inverse, radius)
+        touches = mesh_within(away, radius)
+        if touches and entry >= 0:
+            touches = mesh_holds(features, conditions, f, x, wide(1e-5) * radius)
+        if touches:
+            distance, normal = mesh_normal(away)
+            count = mesh_put(contacts, count, f, radius - distance, normal, radius)
             if count == OVER:
                 return OVER
             smooth = smooth or features[f, F_PATCH] >= wide(0.0)
-    return mesh_merged(features, contacts, count) if smooth and count > 1 else count
+    if smooth and count > 1:
+        return mesh_merged(features, contacts, count)
+    return count
 
 
 @kernel
 def mesh_merged(features: np.ndarray, contacts: np.ndarray, count: int):
     """Unite contacts of smooth patches; how many are left, the deepest first."""
-    left = 0
+    left = int(0)
     for k in range(count):
         contacts[k, K_PLACE] = wide(0.0)
     for _ in range(count):
-        deepest = -1
+        deepest = int(-1)
         for k in range(count):
             if contacts[k, K_PLACE] == wide(0.0) and (
-                deepest < 0 or contacts[k, K_OVERLAP] > contacts[deepest, K_OVERLAP]
+                deepest < 0 or contacts[k, K_OVERLAP] > contacts[max(deepest, 0), K_OVERLAP]
             ):
                 deepest = k
         if deepest >= 0:
@@ -179,10 +217,12 @@ def mesh_meet(features: np.ndarray, f: int, g: int):
     """True for two features with a vertex in common."""
     a, b, c = features[f, F_VERTICES], features[f, F_VERTICES + 1], features[f, F_VERTICES + 2]
     p, q, r = features[g, F_VERTICES], features[g, F_VERTICES + 1], features[g, F_VERTICES + 2]
-    return a in (p, q, r) or b in (p, q, r) or c in (p, q, r)
+    meets_a = a == p or a == q or a == r
+    meets_b = b == p or b == q or b == r
+    return meets_a or meets_b or c == p or c == q or c == r
 
 
-@kernel
+@func
 def mesh_places(
     features: np.ndarray, contacts: np.ndarray, count: int, held_bits: int, spring: np.ndarray, base: int
 ):  # fmt: skip
@@ -190,37 +230,53 @@ def mesh_places(
 
     held_bits: a bit for each place with a spring, whose feature stands in column SPRING_KEY.
     """
-    now = 0
+    now = int(0)
     for k in range(count):
         contacts[k, K_PLACE] = wide(-1.0)
         contacts[k, K_OLDER] = wide(0.0)
-        for place in range(MESH_CONTACTS):
-            if (held_bits >> place) & 1 and spring[base + place, SPRING_KEY] == contacts[k, K_FEATURE]:
-                contacts[k, K_PLACE] = place
+        place = int(0)
+        while held_bits >> place != 0:
+            if (held_bits >> place) & 1 != 0 and spring[base + place, SPRING_KEY] == contacts[k, K_FEATURE]:
+                contacts[k, K_PLACE] = wide(place)
                 contacts[k, K_OLDER] = wide(1.0)
-                now |= 1 << place
+                now = now | (1 << place)
+            place += 1
     for k in range(count):
         if contacts[k, K_PLACE] < wide(0.0):
-            heir = -1
-            for place in range(MESH_CONTACTS):
-                ended = (held_bits >> place) & 1 and not (now >> place) & 1
-                met = ended and mesh_meet(
-                    features, int(contacts[k, K_FEATURE]), int(spring[base + place, SPRING_KEY])
-                )  # fmt: skip
-                if met and (heir < 0 or spring[base + place, SPRING_KEY] < spring[base + heir, SPRING_KEY]):
-                    heir = place
+            heir = int(-1)
+            ended = held_bits & ~now
+            place = int(0)
+            while ended >> place != 0:
+                if (ended >> place) & 1 != 0:
+                    older = spring[base + place, SPRING_KEY]
+                    met = mesh_meet(features, int(contacts[k, K_FEATURE]), int(older))
+                    if met and (heir < 0 or older < spring[base + max(heir, 0), SPRING_KEY]):
+                        heir = int(place)
+                place += 1
             if heir >= 0:
-                contacts[k, K_PLACE] = heir
+                contacts[k, K_PLACE] = wide(heir)
                 contacts[k, K_OLDER] = wide(1.0)
-                now |= 1 << heir
+                now = now | (1 << heir)
     for k in range(count):
         if contacts[k, K_PLACE] < wide(0.0):
-            free = 0
-            while (now >> free) & 1:
+            free = int(0)
+            while (now >> free) & 1 != 0:
                 free += 1
-            contacts[k, K_PLACE] = free
-            now |= 1 << free
+            contacts[k, K_PLACE] = wide(free)
+            now = now | (1 << free)
     return now
+
+
+@kernel
+def mesh_cell(frame: np.ndarray, w: int, x: wide3):
+    """The cell that holds x in the grid of a mesh, whose frame is in row w; -1 outside of it, where nothing is near."""
+    a = (x.x - frame[w, 0]) * frame[w, 3]
+    b = (x.y - frame[w, 1]) * frame[w, 3]
+    c = (x.z - frame[w, 2]) * frame[w, 3]
+    zero = wide(0.0)
+    if not (a >= zero and b >= zero and c >= zero and a < frame[w, 4] and b < frame[w, 5] and c < frame[w, 6]):
+        return -1
+    return int(frame[w, 7]) + (int(a) * int(frame[w, 5]) + int(b)) * int(frame[w, 6]) + int(c)
 
 
 # the host's
@@ -245,7 +301,7 @@ class MeshTable(NamedTuple):
 @once(16)
 def mesh_table(shape: TriangleMesh) -> MeshTable:
     """Features of a mesh and the conditions for contacts with them."""
-    surface, rows, conditions = shape.surface, list[np.ndarray](), list[np.ndarray]()
+    surface = shape.surface
     vertices, corners = surface.vertices, surface.corners
     edges, of = surface.edges
     p, q = vertices[edges[:, 0]], vertices[edges[:, 1]]
@@ -268,33 +324,56 @@ def mesh_table(shape: TriangleMesh) -> MeshTable:
     smooth[two] = bend <= shape.smooth * (1 + 1e-9)
     patch = _patches(len(corners), a[0], b[0], smooth[two]) if shape.smooth else np.full(len(corners), _NONE)
 
-    def add(kind: int, patch: float, point, unit, mine: tuple[int, ...], tests: list) -> None:
-        begin = len(conditions)
-        conditions.extend(np.array([*at, *d, sense]) for at, d, sense in tests)
-        spread = (*mine, *mine[-1:] * (3 - len(mine)))
-        rows.append(np.array([kind, patch, begin, len(conditions), *point, *unit, *spread]))
+    bent = np.flatnonzero(~is_flat)
+    tips = np.unique(edges[bent])
+    by_vertex = np.argsort(edges.ravel(), kind="stable")
+    begin = np.searchsorted(edges.ravel()[by_vertex], np.arange(len(vertices) + 1))
+    degree, triangles = np.diff(begin)[tips], np.diff(first)[bent]
+    end = by_vertex[_ranges(begin[tips], degree)]  # of an edge at a tip
+    edge, heading = end // 2, along[end // 2] * np.where(end % 2 == 0, 1.0, -1.0)[:, None]
+    beside = _ranges(first[bent], triangles)
 
-    for k, mine in enumerate(corners.tolist()):
-        tests = [(p[of[k, s]], inward[k, s], 1.0) for s in range(3)]
-        add(FACE, patch[k], vertices[mine[0]], surface.normals[k], tuple(mine), tests)
-    ends: dict[int, list[tuple[np.ndarray, int]]] = {}
-    for e in range(len(edges)):
-        u, v = edges[e].tolist()
-        ends.setdefault(u, []).append((along[e], e))
-        ends.setdefault(v, []).append((-along[e], e))
-    for e in np.flatnonzero(~is_flat).tolist():
-        tests = [(p[e], along[e], 1.0), (q[e], -along[e], 1.0)]
-        tests += [(p[e], inward[triangle[n], side[n]], -1.0) for n in range(first[e], first[e + 1])]
-        of_patch = float(patch[triangle[first[e]]]) if smooth[e] else _NONE
-        add(EDGE, of_patch, p[e], along[e], tuple(edges[e].tolist()), tests)
-    for v in sorted({v for e in np.flatnonzero(~is_flat).tolist() for v in edges[e].tolist()}):
-        tests = [(vertices[v], l, -1.0) for l, _ in ends[v]]
-        mine = [e for _, e in ends[v]]
-        of_patch = float(patch[triangle[first[mine[0]]]]) if smooth[mine].all() else _NONE
-        add(VERTEX, of_patch, vertices[v], (0.0, 0.0, 0.0), (v,), tests)
-    features = np.array(rows)
-    places = vertices[features[:, F_VERTICES:].astype(int)]
-    return MeshTable(features, np.array(conditions), places.min(axis=1), places.max(axis=1))
+    of_faces, of_edges, of_tips = np.split(
+        np.arange(len(corners) + len(bent) + len(tips)), [len(corners), len(corners) + len(bent)]
+    )
+    tests = (
+        (np.repeat(of_faces, 3), p[of.ravel()], inward.reshape(-1, 3), 1.0),
+        (of_edges, p[bent], along[bent], 1.0),
+        (of_edges, q[bent], -along[bent], 1.0),
+        (
+            np.repeat(of_edges, triangles),
+            np.repeat(p[bent], triangles, 0),
+            inward[triangle[beside], side[beside]],
+            -1.0,
+        ),
+        (np.repeat(of_tips, degree), np.repeat(vertices[tips], degree, 0), heading, -1.0),
+    )
+    rows = np.concatenate([row for row, *_ in tests])
+    conditions = np.concatenate([np.column_stack([at, d, np.full(len(at), sense)]) for _, at, d, sense in tests])
+    count = np.bincount(rows)
+
+    rough = np.bincount(np.repeat(np.arange(len(tips)), degree), ~smooth[edge], len(tips)) > 0
+    patches = (
+        patch,
+        np.where(smooth, patch[triangle[first[:-1]]], _NONE)[bent],
+        np.where(rough, _NONE, patch[triangle[first[edge[np.cumsum(degree) - degree]]]]),
+    )
+    features = np.empty((len(count), FEATURE_COLUMNS))
+    features[:, F_KIND] = np.repeat([FACE, EDGE, VERTEX], [len(corners), len(bent), len(tips)])
+    features[:, F_PATCH] = np.concatenate(patches)
+    features[:, F_LAST] = np.cumsum(count)
+    features[:, F_FIRST] = features[:, F_LAST] - count
+    features[:, F_POINT:F_UNIT] = np.concatenate([vertices[corners[:, 0]], p[bent], vertices[tips]])
+    features[:, F_UNIT:F_VERTICES] = np.concatenate([surface.normals, along[bent], np.zeros((len(tips), 3))])
+    names = np.concatenate([corners, edges[bent][:, [0, 1, 1]], np.repeat(tips[:, None], 3, axis=1)])
+    features[:, F_VERTICES:] = names
+    low, high = vertices[names].min(axis=1), vertices[names].max(axis=1)
+    return MeshTable(features, conditions[np.argsort(rows, kind="stable")], low, high)
+
+
+def _ranges(first: np.ndarray, count: np.ndarray) -> np.ndarray:
+    """Numbers first, first + 1, ..., `count` of them, of one range after another."""
+    return np.arange(count.sum()) + np.repeat(first - (np.cumsum(count) - count), count)
 
 
 def _inward(surface: Triangles, along: np.ndarray) -> np.ndarray:
@@ -312,6 +391,18 @@ def _patches(triangles: int, left: np.ndarray, right: np.ndarray, joined: np.nda
 
     links = coo_array((np.ones(joined.sum()), (left[joined], right[joined])), shape=(triangles,) * 2)
     return connected_components(links, directed=False)[1].astype(float)
+
+
+def spring_places(entry: np.ndarray) -> np.ndarray:
+    """Places of springs of a packing: of each, how many of the same entry of a list come before it, shape as `entry`.
+    Raises ValueError where an entry has more than MESH_CONTACTS."""
+    order = np.argsort(entry, kind="stable")
+    first = np.searchsorted(entry[order], entry[order])
+    before = np.empty(len(entry), np.int64)
+    before[order] = np.arange(len(entry)) - first
+    if before.max(initial=0) >= MESH_CONTACTS:
+        raise ValueError(f"the packing has more than {MESH_CONTACTS} springs of a grain at a mesh")
+    return before
 
 
 class TooManyContacts(ArithmeticError):

@@ -1,5 +1,6 @@
 """Rows of the probes, from what a backend reads of a member between two beats."""
 
+import math
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from typing import NamedTuple, TypeVar
@@ -8,6 +9,7 @@ import numpy as np
 
 from labbook.backend.numerics import Numerics
 from labbook.backend.probes import (
+    Above,
     Contacts,
     Crossing,
     Dissipation,
@@ -142,6 +144,15 @@ class Readable(ABC):
         found = totals(self.scene, now.x, now.v, now.m, *halves, work, now.q, now.bodies)
         return {"grains": len(now.ids), **found, **counted}
 
+    def above(self, planes: Sequence[float]) -> Mapping[str, np.ndarray]:
+        """The columns of `Above`; sums of masses are exact, so that no order of grains matters."""
+        now = self.look(moving=False)
+        over = [now.x[:, 2] > plane for plane in planes]
+        grains = np.array([int(one.sum()) for one in over])
+        equal = grains * self.scene.grains.mass
+        mass = equal if now.bodies is None else np.array([math.fsum(now.bodies.mass[one]) for one in over])
+        return {"plane": np.arange(len(planes)), "grains": grains, "mass": mass}
+
     def powers(self) -> Mapping[str, float]:
         """The columns of `Dissipation`."""
         now = self.look()
@@ -181,7 +192,7 @@ def read(members: Mapping[int, Readable], steps_per_beat: int) -> Mapping[Probe,
 
 def looking(members: Iterable[M], steps_per_beat: int) -> list[M]:
     """Return those of these members that have a probe due that looks at every grain."""
-    frames = (Sample, Film, Zone, Ledger, Dissipation)
+    frames = (Sample, Film, Zone, Above, Ledger, Dissipation)
     return [
         member
         for member in members
@@ -235,6 +246,8 @@ def _seen(member: Readable, probe: Probe) -> Mapping[str, np.ndarray]:
             fields = ("x", "v") if grains.q is None else ("x", "v", "q")
         case Traction():
             return member.bins[probe].rows(member.wall_sums(probe))
+        case Above():
+            return member.above(probe.planes)
         case Ledger():
             return {name: np.array([value]) for name, value in member.totals().items()}
         case Dissipation():
@@ -244,7 +257,7 @@ def _seen(member: Readable, probe: Probe) -> Mapping[str, np.ndarray]:
 
 def _columns(probe: Probe, seen: Mapping[str, np.ndarray]) -> Table:
     """Columns of a probe, of what `_seen` gave."""
-    if isinstance(probe, Ledger | Dissipation | Traction):
+    if isinstance(probe, Above | Ledger | Dissipation | Traction):
         return seen
     if isinstance(probe, Crossing | Contacts):
         crossing = isinstance(probe, Crossing)

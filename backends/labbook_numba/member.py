@@ -6,7 +6,8 @@ from types import ModuleType
 import numpy as np
 from labbook_dem.ensemble import UNKNOWN, Failure, Standing, check_checkpoint, explain, places
 from labbook_dem.features import has_meshes, is_oriented, pose_table, rolling_springs
-from labbook_dem.mesh import MESH_CONTACTS, SPRING_KEY
+from labbook_dem.mesh import SPRING_KEY, spring_places
+from labbook_dem.mesh_grid import first_features, shapes_of
 from labbook_dem.reading import Grains, Inside
 from labbook_dem.rotation import axes, momenta
 from labbook_dem.traction import SUMS
@@ -17,7 +18,6 @@ from labbook.backend.probes import SLIDING, Crossing, Traction
 from labbook.scene import Bodies, Packing, Scene
 from labbook_numba import state as S
 from labbook_numba.domains import advance, in_layers
-from labbook_numba.mesh_grid import first_features
 from labbook_numba.parameters import parameters
 from labbook_numba.state import Params
 from labbook_numba.stored import check_state, kept, layout_of
@@ -39,7 +39,7 @@ class Run(Standing):
         self.failure: Failure | None = None
         self._varied, self._rolling = scene.grains.varied, rolling_springs(scene)
         self._kept = kept(scene)
-        self._first_feature = first_features(scene.container.walls(), self.rods)
+        self._first_feature = first_features(shapes_of(scene.container.walls()), self.rods)
         self._posed = has_meshes(scene) and bool(kernels.POSES)
 
     # how it starts
@@ -90,7 +90,7 @@ class Run(Standing):
             if part.max(initial=0) >= (next_feature - first_feature or self.layout.WALL_PARTS):
                 raise ValueError(f"the packing has a spring at part {part.max()} of the wall {name}")
             if next_feature > first_feature:
-                feature, part = part + first_feature, _occurrence(entry)
+                feature, part = part + first_feature, spring_places(entry)
                 st.wall_spring[entry * self.layout.WALL_PARTS + part, SPRING_KEY] = feature
             row = entry * self.layout.WALL_PARTS + part
             st.wall_spring[row, :3] = packing.wall_spring[mine][found]
@@ -299,17 +299,27 @@ class Run(Standing):
     def put_back(self, grains: Packing, half_v: np.ndarray) -> None:
         """See `Standing`; they get the rows behind the others."""
         self._drop_leavers()
-        st, first = self.state, self.grains
-        last = first + len(grains)
-        if last > len(st.ids):
-            raise ValueError(f"put_back: {last} grains are more than the {len(st.ids)} that it had at its start")
-        new = slice(first, last)
+        first, last = self.grains, self.grains + len(grains)
+        if last > len(self.state.ids):
+            self._grow(self.scene.grains.count)
+        st, new = self.state, slice(first, last)
         st.grains[new], st.loads[new] = 0.0, 0.0
         st.x[new], st.v[new], st.u[new], st.w[new] = grains.x, half_v, grains.v, grains.omega
         st.ids[new], st.gone[new] = grains.ids, grains.x[:, 2] < self.params.plane
         self._make(grains, new)
         st.count[S.GRAINS] = last
         self._rebuild()
+
+    def _grow(self, rows: int) -> None:
+        """Give the arrays room for so many grains: those of a stream were not there at the start."""
+        old, n = self.state, self.grains
+        sizes = rows, PAIRS_PER_GRAIN * rows + 64, len(self.names), WALLS_PER_GRAIN * rows + 64, self._crossings(rows)
+        new = S.allocate(*sizes, self.numerics.precision, self.layout)
+        for name in ("grains", "loads", "body", "ids", "gone"):
+            getattr(new, name)[:n] = getattr(old, name)[:n]
+        new.cross[: len(old.cross)] = old.cross
+        shared = {name: getattr(old, name) for name in (*S.Lists._fields, "count", "sums")}
+        self.state = new._replace(**shared)
 
     def set_velocities(self, ids: np.ndarray, v: np.ndarray) -> None:
         """See `Standing`."""
@@ -366,18 +376,6 @@ class Run(Standing):
         self._bring_poses(self.step)
         if self.state.sums[S.MOVED] >= 0.5 * self.params.skin:
             self._rebuild()  # lists decide nothing about the motion, so this changes none
-
-
-def _occurrence(entry: np.ndarray) -> np.ndarray:
-    """Count of equal numbers before each in the array, shape as it. Raises ValueError beyond what entries
-    of a list near a mesh have room for."""
-    order = np.argsort(entry, kind="stable")
-    first = np.searchsorted(entry[order], entry[order])
-    before = np.empty(len(entry), np.int64)
-    before[order] = np.arange(len(entry)) - first
-    if before.max(initial=0) >= MESH_CONTACTS:
-        raise ValueError(f"the packing has more than {MESH_CONTACTS} springs of a grain at a mesh")
-    return before
 
 
 def _keys(i: np.ndarray, j: np.ndarray) -> np.ndarray:

@@ -5,12 +5,12 @@ from math import inf
 
 import numpy as np
 from labbook_dem import features
+from labbook_dem.mesh_grid import MeshGrids, mesh_reach, shapes_of
 from labbook_dem.rotation import slenderness
 
 from labbook.backend.numerics import Numerics
 from labbook.backend.probes import Crossing, Probe
 from labbook.scene import Scene
-from labbook_numba.mesh_grid import MeshGrids
 from labbook_numba.state import Params
 
 
@@ -28,8 +28,8 @@ def parameters(scene: Scene, numerics: Numerics, probes: Sequence[Probe], wall_n
     skin = numerics.skin * d
     # a grain moves by half a skin before lists are rebuilt, and so does a part
     moves = 1.0 * skin if features.has_moving_parts(scene) else 0.5 * skin
-    reach = grains.radius + grains.half_length + 1.02 * moves
-    meshes = MeshGrids.of(scene.container.walls(), reach, features.is_oriented(scene))
+    shapes, reach = shapes_of(scene.container.walls()), mesh_reach(grains.radius + grains.half_length, moves)
+    meshes = MeshGrids.of(shapes, [reach] * len(shapes), features.is_oriented(scene))
     spare = wall_numbers - walls.numbers.shape[1]
     return Params(
         c=tuple(pair_c[0].tolist()),

@@ -208,7 +208,7 @@ class Params(NamedTuple):
 
     rolling_stiffness, rolling_damping: of rolling springs (`labbook_dem.spheres.rolling_resistance`).
 
-    mesh_...: of walls that are meshes (`labbook_numba.mesh_grid`); mesh_moves: distance [m] by which a grain may move
+    mesh_...: of walls that are meshes (`labbook_dem.mesh_grid`); mesh_moves: distance [m] by which a grain may move
     in the frame of one before lists are rebuilt; part_speed: largest speed [m/s] of parts that move.
     """
 

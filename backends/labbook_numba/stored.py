@@ -6,11 +6,11 @@ import numpy as np
 from labbook_dem.ensemble import LONGEST
 from labbook_dem.features import has_meshes, is_oriented, rolling_springs
 from labbook_dem.mesh import SPRING_KEY
+from labbook_dem.mesh_grid import first_features, shapes_of
 
 from labbook.backend.numerics import Numerics
 from labbook.scene import Scene
 from labbook_numba import state as S
-from labbook_numba.mesh_grid import first_features
 from labbook_numba.state import Layout, State
 
 
@@ -88,7 +88,8 @@ def _check_lists(arrays: Mapping[str, np.ndarray], walls: int) -> None:
 
 def _check_features(arrays: Mapping[str, np.ndarray], scene: Scene, layout: Layout) -> None:
     """Springs at meshes are of features that these have."""
-    bounds, first = first_features(scene.container.walls(), is_oriented(scene)), arrays["wall_first"]
+    shapes, first = shapes_of(scene.container.walls()), arrays["wall_first"]
+    bounds = first_features(shapes, is_oriented(scene))
     for w in np.flatnonzero(np.diff(bounds)):
         entries = arrays["wall_held"][first[w] : first[w + 1]]
         bits = (entries[:, None] >> np.arange(layout.WALL_PARTS) & 1).astype(bool).ravel()

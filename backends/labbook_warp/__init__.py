@@ -24,6 +24,7 @@ class Backend(DemBackend):
         ("cpu", "cuda:0"),
         mixtures=True,
         single_velocities=True,
+        meshes=True,
     )
 
     def __init__(self, lanes: int | None = None):

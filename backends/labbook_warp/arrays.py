@@ -10,6 +10,7 @@ from typing import Any
 
 import numpy as np
 import warp as wp
+from labbook_dem.mesh import CONTACT_COLUMNS, SPHERE_ROWS
 
 from labbook_warp.codec import Codec, States
 from labbook_warp.kernels.words import NO_FAILURE
@@ -83,7 +84,7 @@ class Arrays:
     def __init__(self, module: ModuleType, sizes: Sizes, device: wp.Device, crossings: bool):
         self.module, self.sizes, self.device = module, sizes, device
         self.codec = Codec(not module.FINE, SHAPES[sizes.shape].shown)
-        self.state = state(sizes.shape, module.VARIED, sizes.listed, module.ROLLING_SPRING)
+        self.state = state(sizes.shape, module.VARIED, sizes.listed, module.ROLLING_SPRING, module.MESHES)
         self.system = system = module.System()
         system.cap, system.near, system.walls = sizes.cap, sizes.near, sizes.walls
         system.seats = sizes.seats
@@ -91,7 +92,10 @@ class Arrays:
         self.bytes = memory(module, sizes, crossings)
         for shape in shapes(module, sizes, crossings):
             owner = self if shape.name in WORDS_OF_STATE else system
-            setattr(owner, shape.name, wp.zeros(shape.length, dtype=shape.dtype, device=device))
+            array = wp.zeros(shape.length, dtype=shape.dtype, device=device)
+            if shape.name == "mesh_contacts":
+                array = array.reshape((-1, SPHERE_ROWS, CONTACT_COLUMNS))
+            setattr(owner, shape.name, array)
         system.fail.fill_(NO_FAILURE)
         missing = set(SOMETIMES) - set(self.state)
         copied = (self.p if name == "p" else getattr(system, name) for name in COPIED if name not in missing)
@@ -242,6 +246,15 @@ class Arrays:
         block = np.zeros((entries, self.sizes.cap, *values.shape[2:]), values.dtype)
         block[: len(values), : values.shape[1]] = values
         self._set(array, slot, block.reshape(-1, *values.shape[2:]))
+
+    def write_rows(self, name: str, slot: int, first: int, values: np.ndarray) -> None:
+        """Overwrite rows of a state array of one entry a row, from `first` on."""
+        array, per = (self.p, self.codec.words) if name == "p" else (getattr(self.system, name), 1)
+        if name == "p":
+            values = values.reshape(-1, array.dtype._length_)
+        else:
+            assert self.state[name] == "one", name
+        send(values, array, (slot * self.sizes.cap + first) * per)
 
     def state_of_all(self) -> dict[str, np.ndarray]:
         """Return copies of the state arrays of all slots, each of shape [slots, entries, cap, ...]."""

@@ -159,8 +159,14 @@ class Beat:
         if self.lanes > 1:
             self._launch(k.gather, self._rows * self.lanes, self.arrays.p)
         self._launch(k.build, self._rows, self.arrays.p)
+        if k.MESHES:
+            self.list_features()
         self._launch(k.finish, self._slots)
         self._line_up()
+
+    def list_features(self) -> None:
+        """List the features of meshes that are near the grains of all members whose flag is set."""
+        self._launch(self.kernels.list_features, self._rows)
 
     def _line_up(self) -> None:
         if self._apart:

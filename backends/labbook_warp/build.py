@@ -1,10 +1,11 @@
 """From features to compiled kernels: one generated module per specialisation; Warp caches what it compiles from it."""
 
+import re
 from functools import lru_cache
 from types import ModuleType
 
 import warp as wp
-from labbook_dem import contact, dispatch, features, generated, motion, source
+from labbook_dem import contact, dispatch, features, generated, mesh, motion, source
 from labbook_dem import traction as traction_sums
 from labbook_dem.formulas import hold
 from labbook_dem.laws import modules_of
@@ -19,6 +20,7 @@ from labbook_warp.kernels import (
     beside,
     bodies,
     forces,
+    mesh_walls,
     neighbours,
     observe,
     shape,
@@ -33,6 +35,8 @@ from labbook_warp.shapes import SHAPES
 from labbook_warp.spec import most_parts
 
 OF_WORDS = ("PARKED", "LOOKS", "BAD_STATE", "BAD_SPEED", "BAD_FORCE", "BAD_OVERLAP", "NO_NUMBER", "REPORTED")
+_UNROLL_OF_MESHES = 4  # loops over places of springs stay loops
+OF_MESHES = ("CROWDED", "MESH_LISTED", "FIRST_PARTS", "MESH_NUMBER")
 
 
 def _edges(parts: int) -> int:
@@ -40,11 +44,30 @@ def _edges(parts: int) -> int:
     return -0x33333334 if parts == 4 else 0  # 0xCCCCCCCC
 
 
+def _system_text(meshes: bool) -> str:
+    """Source of `kernels.system`, without the arrays of meshes where a scene has none."""
+    text = source.device_source(system)
+    if not meshes:
+        text = re.sub(r"    # of scenes with a mesh only.*?\n\n", "\n", text, flags=re.DOTALL)
+    return f"# {system.__name__}\n{text}"
+
+
+_CALLED = r"@(func|kernel)\n(?=def mesh_(away|cell|contacts|listed|merged|near|normal|places|within)\()"
+"""Functions of meshes that are called and not inlined, so that they give the same bits in every kernel."""
+
+
+def _mesh_text() -> str:
+    """Source of `labbook_dem.mesh`, with the types of Warp's arrays."""
+    text = re.sub(_CALLED, "@subroutine\n", source.device_source(mesh))
+    return f"# {mesh.__name__}\n{text.replace('near: np.ndarray', 'near: Ints').replace('np.ndarray', 'Table')}"
+
+
 def module_text(spec: Spec, uniform: bool, lanes: int, registers: int, apart: int, asked: int) -> str:
     """Source of the kernel module of one specialisation; see `kernels`."""
     precision, grains, kinds = spec.feature("precision"), spec.feature("shape"), spec.feature("walls")
-    own = SHAPES[grains]
-    hold(f"the shape {grains} in labbook_warp", shape, own.kernels)
+    own, meshes = SHAPES[grains], bool(spec.feature("MESHES"))
+    of_shape = own.mesh_kernels if meshes else own.kernels
+    hold(f"the shape {grains} in labbook_warp", shape, of_shape)
     codec, parts, turns = Codec(precision == "mixed", own.shown), most_parts(spec), spec.feature("ORIENTED")
     together = [kind for kind in kinds if dispatch.finds_edges_together(kind)]
     named: dict[str, object] = {
@@ -72,16 +95,22 @@ def module_text(spec: Spec, uniform: bool, lanes: int, registers: int, apart: in
     physics = [WALLS[kind] for kind in dict.fromkeys((*kinds, *(("frustum",) if turns else ())))]
     physics = [contact, *modules_of(str(spec.feature("law"))), motion, *physics, *PHYSICS[grains].physics]
     modules = [
-        system,
+        _system_text(meshes),
+        *([_mesh_text()] if meshes else []),
         kernel_text(codec),
         walls,
         dispatch.functions(kinds, turns, "load_wide(walls, w * WALL_NUMBERS + {k})"),
     ]
-    modules += [bodies, sums, *own.kernels, forces, step, neighbours, observe, *([beside] if apart else [])]
+    modules += [bodies, sums, *of_shape, forces, step, neighbours, observe, *([beside] if apart else [])]
     if any(isinstance(probe, Traction) for probe in spec.probes):
         physics, modules = [*physics, traction_sums], [*modules, traction]
         named.update(SUMS=traction_sums.SUMS, WALL_COLUMNS=traction_sums.WALL_COLUMNS)
-    header = dialect.header(precision, registers, apart, own.unroll, several=lanes > 1)
+    unroll = min(own.unroll, _UNROLL_OF_MESHES) if meshes else own.unroll
+    if meshes:
+        numbers = source.named_numbers([mesh, mesh_walls])
+        for name, value in (numbers | {name: getattr(words, name) for name in OF_MESHES}).items():
+            named.setdefault(name, value)
+    header = dialect.header(precision, registers, apart, unroll, several=lanes > 1, meshes=meshes)
     return source.generate(header, named, physics, modules)
 
 

@@ -178,14 +178,24 @@ def joined(low: float, high: float) -> wp.float64: ...
 def halved(v: wp.float64, high: int) -> float: ...
 """
 
+_MESHES = """
 
-def header(precision: str, registers: int = 0, walls: int = 0, unroll: int = 16, several: bool = False) -> str:
+Table = wp.array2d(dtype=wp.float64)
+Tables = wp.array3d(dtype=wp.float64)
+subroutine = wp.func(inline=False)
+"""
+
+
+def header(
+    precision: str, registers: int = 0, walls: int = 0, unroll: int = 16, several: bool = False,
+    meshes: bool = False,
+) -> str:  # fmt: skip
     """The header of a kernel module in `double`, or `mixed` (positions in double, all else in single).
 
     In double, products and sums are not fused: whether a compiler fuses them depends on what else stands around a
     formula, and so would its last bit. registers, walls: how many a thread of the step, or of the walls, may use; 0
     leaves it to the compiler. unroll: loops that are longer are compiled as loops. several: whether a launch may take
-    several steps.
+    several steps. meshes: whether a wall consists of triangles.
     """
     single = precision == "mixed"
     vector, kind = ("float4", "wp::vec4f") if single else ("double2", "wp::vec2d")
@@ -193,7 +203,7 @@ def header(precision: str, registers: int = 0, walls: int = 0, unroll: int = 16,
     load, store = snippets.LOAD, snippets.STORE
     if several:
         load, store = snippets.LOAD_CHANGING, snippets.STORE_CHANGING
-    return _HEADER.format(
+    return (_HEADER + _MESHES if meshes else _HEADER).format(
         block=THREADS,
         coefficients=COEFFICIENTS,
         fast=single,

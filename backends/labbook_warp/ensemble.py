@@ -1,8 +1,10 @@
 """Members of one Spec, stepped side by side on one device."""
 
+import math
 from collections import defaultdict
 from collections.abc import Collection, Mapping, Sequence
 from contextlib import AbstractContextManager
+from typing import Any
 
 import numpy as np
 import warp as wp
@@ -14,7 +16,7 @@ from labbook.backend import Capabilities, Checkpoint, EndState, Event, Load, Mem
 from labbook.backend.numerics import Numerics
 from labbook.scene import Scene
 from labbook.scene.packing import Packing
-from labbook_warp.kernels.words import MOST_GRAINS, NO_FAILURE
+from labbook_warp.kernels.words import MOST_GRAINS, NO_FAILURE, NO_NUMBER
 from labbook_warp.reading import ReadableRun
 from labbook_warp.report import Report
 from labbook_warp.run import Run
@@ -131,6 +133,7 @@ class Ensemble(ensemble.Ensemble[ReadableRun]):
     def _fails(self, run: Run, word: int) -> None:
         step, guard, grain = word >> 26, GUARDS[word >> 24 & 3], word & (MOST_GRAINS - 1)
         value = self._stage.bad_value(run, grain)
+        value = math.inf if value > NO_NUMBER else value
         message = explain(guard, grain, step, value, run.scene, run.numerics)
         run.failure = ensemble.Failure(guard, step, grain, message)
 
@@ -147,6 +150,13 @@ class Ensemble(ensemble.Ensemble[ReadableRun]):
         """Return a context in which these members are read together; see `labbook.backend.Ensemble`."""
         self._stage.seat()
         return self._stage.arrays.reading([self._runs[member].slot for member in members])
+
+    def bed(self, member: Member) -> Packing:
+        """See `labbook.backend.Ensemble`."""
+        run = self._runs[member]
+        now = run.look()
+        own: dict[str, Any] = now.bodies.carried(run.scene.grains) if now.bodies else {}
+        return Packing(x=now.x, v=now.v, omega=now.w, q=now.q, ids=now.ids, **own)
 
     def _put_back(self, returning: Sequence[tuple[ReadableRun, Packing, np.ndarray]]) -> None:
         self._view.put_back(returning)

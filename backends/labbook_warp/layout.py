@@ -6,8 +6,9 @@ from types import ModuleType
 from typing import Any
 
 import warp as wp
+from labbook_dem.mesh import CONTACT_COLUMNS, MESH_CONTACTS, SPHERE_ROWS
 
-from labbook_warp.kernels.words import MOST_CONTACTS
+from labbook_warp.kernels.words import MESH_LISTED, MOST_CONTACTS
 from labbook_warp.shapes import SHAPES
 
 
@@ -54,14 +55,15 @@ class Sizes:
     @property
     def contacts(self) -> int:
         """Rows of contacts for which there is room."""
-        return self.rows * (self.near // 2 + min(self.walls * self.parts, 6)) + 1
+        at_walls = max(6, 2 * self.parts if self.parts == MESH_CONTACTS else 0)
+        return self.rows * (self.near // 2 + min(self.walls * self.parts, at_walls)) + 1
 
 
-def state(shape: str, varied: bool, listed: bool, rolling: bool) -> dict[str, str]:
+def state(shape: str, varied: bool, listed: bool, rolling: bool, meshes: bool) -> dict[str, str]:
     """Arrays that make up a member's state, beside its words, and which of `Sizes.entries` each has; rolling: whether
-    contacts have rolling springs."""
+    contacts have rolling springs; meshes: whether a wall consists of triangles."""
     more = dict(SHAPES[shape].state) | (OF_MIXTURES if varied else {}) | (OF_MANY_WALLS if listed else {})
-    return STATE | more | (OF_ROLLING if rolling else {})
+    return STATE | more | (OF_ROLLING if rolling else {}) | (OF_MESHES if meshes else {})
 
 
 # arrays of grains that make up a member's state, and their entries a grain
@@ -82,6 +84,7 @@ STATE = {
 OF_MIXTURES = {"body": "one"}
 OF_MANY_WALLS = {"wall_seat": "seats"}
 OF_ROLLING = {"rolling": "near", "wall_rolling": "walls"}
+OF_MESHES = {"wall_feature": "walls"}
 BESIDE = ("beside", "wall_touching", "wall_force", "wall_torque", "wall_deep")
 BESIDE_FINE = ("wall_fine_force", "wall_fine_torque")
 SCRATCH = {"found": "one", "new_nbr": "near", "new_key": "near", "new_spring": "near", "bad": "one"}
@@ -91,7 +94,7 @@ OF_SLOTS = ("rows", "material", "place", "step", "flag", "late", "rebuilds", "le
 OF_WALLS = ("wall_kind", "wall_motion")
 WORDS_OF_STATE = ("p", "q")
 OF_SHAPES = tuple(dict.fromkeys(name for shape in SHAPES.values() for name in shape.state))
-SOMETIMES = (*OF_SHAPES, *OF_MANY_WALLS, *OF_ROLLING)
+SOMETIMES = (*OF_SHAPES, *OF_MANY_WALLS, *OF_ROLLING, *OF_MESHES)
 """Arrays that are copied aside where there are any."""
 COPIED = ("p", *(name for name in STATE if name != "ids"), *SOMETIMES, "rebuilds", "left", *EXTREMES)
 """Arrays that are copied aside before every beat."""
@@ -114,7 +117,7 @@ class ArrayShape:
 def shapes(module: ModuleType, sizes: Sizes, crossings: bool) -> Iterator[ArrayShape]:
     """All arrays. module: the kernels' module, which knows the types; crossings: whether they are recorded."""
     rows, slots = sizes.rows, sizes.slots
-    mine = state(sizes.shape, module.VARIED, sizes.listed, module.ROLLING_SPRING)
+    mine = state(sizes.shape, module.VARIED, sizes.listed, module.ROLLING_SPRING, module.MESHES)
     scratch = SCRATCH | (SCRATCH_OF_ROLLING if module.ROLLING_SPRING else {})
     lengths = {name: rows * sizes.entries[of] for name, of in (mine | scratch).items()}
     lengths |= {name: rows if module.APART else 1 for name in BESIDE}
@@ -123,6 +126,10 @@ def shapes(module: ModuleType, sizes: Sizes, crossings: bool) -> Iterator[ArrayS
     lengths |= dict.fromkeys(OF_WALLS, max(1, slots * sizes.walls))
     lengths["wall_numbers"] = max(1, slots * sizes.walls * module.WALL_NUMBERS)
     lengths |= {"wall_c": max(1, slots * sizes.walls * module.KINDS), "pair_c": slots * module.KINDS**2}
+    if module.MESHES:
+        seats = rows * sizes.seats
+        lengths |= {"mesh_of": lengths["wall_kind"], "mesh_count": seats, "mesh_near": seats * MESH_LISTED}
+        lengths["mesh_contacts"] = (seats if module.SHARED else rows) * SPHERE_ROWS * CONTACT_COLUMNS
     lengths |= {"overflow": 3 * slots, "any_flag": 1, "crossed": 1, "cross": module.COLUMNS * rows if crossings else 1}
     lengths |= {"cell_count": slots * sizes.cells, "cell_rows": slots * sizes.cells * sizes.depth}
     for name in WORDS_OF_STATE:

@@ -5,6 +5,8 @@ from dataclasses import replace
 from types import ModuleType
 
 import warp as wp
+from labbook_dem.mesh import MESH_CONTACTS
+from labbook_dem.shapes import SHAPES as PHYSICS
 
 from labbook.backend import Overflow, Spec
 from labbook.backend.probes import Contacts, Crossing, Dissipation
@@ -23,6 +25,8 @@ CACHE = 60_000_000
 """Bytes of what a step moves that stay in a large GPU's second cache, about."""
 LARGE = 20_000
 """Rows of a member from which on it pays to close up those of grains that have left."""
+SPARE = 8
+"""Rows of a member that is fed for each spare one."""
 LARGEST_INDEX = 2**31 - 1  # of an array, in kernels
 USED = 0.8
 """Part of a device's free memory that members may fill; the rest is for what else goes on there."""
@@ -46,6 +50,11 @@ def with_members(sizes: Sizes, seated: int, new: Collection[Run]) -> Sizes:
     )
 
 
+def with_spare_rows(sizes: Sizes, runs: Collection[Run]) -> Sizes:
+    """Sizes with rows for grains that come back to these members, beside those that have left."""
+    return replace(sizes, cap=max(sizes.cap, *(rounded(run.rows + run.rows // SPARE) for run in runs)))
+
+
 _INSTEAD = "use a thinner numerics.skin, or the backend numba, whose lists are of any length"
 
 
@@ -60,7 +69,8 @@ def grown(sizes: Sizes, near: int, depth: int, walls: int) -> Sizes:
     Raises Overflow where no lists are that long: for neighbours, and for `walls` that a grain is near, if not 0.
     """
     if walls:
-        raise Overflow(f"a grain is near {walls} walls, more than {sizes.seats}; use a thinner numerics.skin")
+        unite = ", or unite meshes into one part" if sizes.parts == MESH_CONTACTS else ""
+        raise Overflow(f"a grain is near {walls} walls, more than {sizes.seats}; use a thinner numerics.skin{unite}")
     if near > MOST_NEAR:
         raise Overflow(f"a grain has {near} near neighbours, more than {MOST_NEAR}; {_INSTEAD}")
     wider = min(MOST_NEAR, near + 4) if near else sizes.near
@@ -85,7 +95,8 @@ def suitable(spec: Spec, sizes: Sizes, uniform: bool, lanes: int) -> ModuleType:
     if many and "frustum" in spec.feature("walls"):
         most += shape.registers_of_rims[precision]
     # one launch more a step would cost more than it saves where grains are few, or walls are quickly met
-    apart = shape.registers_of_walls.get(precision, 0) if many and spec.feature("ANY_WALLS") else 0
+    of_walls = shape.registers_of_meshes if spec.feature("MESHES") else shape.registers_of_walls
+    apart = of_walls.get(precision, 0) if many and spec.feature("ANY_WALLS") else 0
     far = sizes.rows * shape.bytes > CACHE
     asked = shape.asked if many and far and spec.feature("FRICTION") else 0
     assert not asked or asked + 2 <= sizes.near, "lines are asked for whether lists are as long or not"
@@ -97,7 +108,8 @@ def lanes(sizes: Sizes, device: wp.Device, asked: int | None) -> int:
     if not device.is_cuda:
         return 1
     if asked:
-        return max(asked, sizes.parts) if asked > 1 else 1
+        shared = sizes.parts if PHYSICS[sizes.shape].oriented else 1
+        return max(asked, shared) if asked > 1 else 1
     return next((threads for rows, threads in SHAPES[sizes.shape].threads if sizes.rows <= rows), 1)
 
 
@@ -109,8 +121,8 @@ def records_crossings(spec: Spec) -> bool:
 def largest(spec: Spec, scene: Scene) -> Sizes:
     """What one member of a scene may come to need."""
     n = scene.grains.count
-    walls = len(scene.container.walls())
-    return replace(empty(spec, 1), cap=rounded(n), near=MOST_NEAR, walls=walls, cells=most_cells(n), depth=DEPTH + 4)
+    walls, rows = len(scene.container.walls()), n if scene.feed is None else n + n // SPARE
+    return replace(empty(spec, 1), cap=rounded(rows), near=MOST_NEAR, walls=walls, cells=most_cells(n), depth=DEPTH + 4)
 
 
 def capacity(spec: Spec, scene: Scene, device: wp.Device) -> int | None:

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 from types import ModuleType
 
 from labbook_warp.codec import GrainFields
-from labbook_warp.kernels import rod_contacts, rod_walls, rods, spheres
+from labbook_warp.kernels import mesh_walls, rod_contacts, rod_walls, rods, sphere_walls, spheres
 
 
 @dataclass(frozen=True)
@@ -14,6 +14,8 @@ class Shape:
 
     kernels: tuple[ModuleType, ...]
     """The modules that define what `labbook_warp.kernels.shape` lists."""
+    mesh_kernels: tuple[ModuleType, ...]
+    """The same for scenes with a mesh; none: it has no contacts with one."""
     shown: GrainFields
     state: Mapping[str, str]
     """Arrays of its state beside those that all shapes have; see `labbook_warp.layout.state`."""
@@ -31,6 +33,8 @@ class Shape:
     """How many more, where a grain may meet a wall that is round."""
     registers_of_walls: Mapping[str, int]
     """Of a kernel that meets walls apart from the step, where that pays; none: walls are met in the step."""
+    registers_of_meshes: Mapping[str, int]
+    """The same in scenes with a mesh."""
     bytes: int
     """What a step moves for a grain, about."""
     asked: int
@@ -42,7 +46,8 @@ class Shape:
 
 SHAPES = {
     "sphere": Shape(
-        kernels=(spheres,),
+        kernels=(spheres, sphere_walls),
+        mesh_kernels=(spheres, mesh_walls),
         shown=GrainFields(("x",), ("v", "w", "u"), rest=True),
         state={},
         reach=1,
@@ -51,12 +56,14 @@ SHAPES = {
         registers_of_few={"mixed": 96, "double": 0},
         registers_of_rims={"mixed": 0, "double": 8},
         registers_of_walls={},
+        registers_of_meshes={"mixed": 128, "double": 168},
         bytes=240,
         asked=6,
         unroll=16,
     ),
     "spherocylinder": Shape(
         kernels=(rods, rod_walls, rod_contacts),
+        mesh_kernels=(),
         shown=GrainFields(("x", "axis"), ("v", "w", "u", "y"), rest=False),
         state={"facing": "one", "turned": "one", "momentum": "one"},
         reach=2,
@@ -65,6 +72,7 @@ SHAPES = {
         registers_of_few={"mixed": 168, "double": 0},
         registers_of_rims={"mixed": 0, "double": 0},
         registers_of_walls={"mixed": 128, "double": 168},
+        registers_of_meshes={},
         bytes=480,
         asked=8,
         unroll=1,

@@ -4,6 +4,7 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 from labbook_dem import dispatch, features
+from labbook_dem.mesh import MESH_CONTACTS
 
 from labbook.backend import Capabilities, Spec, Unsupported
 from labbook.backend.numerics import Numerics
@@ -14,6 +15,8 @@ from labbook_warp.kernels.words import MOST_CONTACTS, MOST_GRAINS
 
 def most_parts(spec: Spec) -> int:
     """Contacts that a grain may have with one wall."""
+    if spec.feature("MESHES"):
+        return MESH_CONTACTS
     return dispatch.most_parts(spec.feature("walls")) if spec.feature("ORIENTED") else 1
 
 

@@ -19,6 +19,7 @@ from labbook_warp.arrays import Arrays, SlotState, fetch
 from labbook_warp.beat import Beat
 from labbook_warp.compiling import mixed
 from labbook_warp.layout import EXTREMES, Sizes
+from labbook_warp.meshes import MeshTables
 from labbook_warp.parameters import cell_size, material, place, same_material
 from labbook_warp.report import Report, collect
 from labbook_warp.run import Run
@@ -45,6 +46,7 @@ class Stage:
         """Whether a beat is going on."""
         self._arrays: Arrays | None = None
         self._beats: Beat | None = None
+        self._meshes = MeshTables(device)
         self.changes = 0
         """Rises whenever the state of a member may have changed."""
         self._of_all, self._of_one = 0, dict[int, int]()  # `changes` at the last that concerned all slots, or one
@@ -117,21 +119,52 @@ class Stage:
             for run in new:
                 self._put(run)
         self._counters()
+        self._take_meshes(new)
         fresh = {run: run.begin for run in new if isinstance(run.begin, Packing)}
         self._build_lists(list(fresh))
         if self._spec.feature("FRICTION"):
             slots = [run.slot for run in fresh]
             with self.arrays.reading(slots), self.arrays.written_together(slots):
                 for run, start in fresh.items():
-                    transfer.set_springs(self.arrays, run.slot, start, run.names)
+                    transfer.set_springs(self.arrays, run.slot, run.scene, start, run.names)
         for run in new:
             run.begin = None
         self._has_changed()
 
     def put_back(self, returning: Sequence[tuple[Run, Packing, np.ndarray]]) -> None:
-        """Give members grains that left again: each with their velocities [m/s] half a step before. What is copied is
-        copied for all members at once. Raises MemoryError, Overflow."""
+        """Give members grains that left again: each with their velocities [m/s] half a step before. Raises MemoryError,
+        Overflow.
+
+        They get rows behind the others. Once there are no rows left, those of grains that left are closed up, and some
+        are added, so that it need not be done after each beat: it moves all of a member's state to the host and back.
+        """
         self.seat()
+        fits = [back for back in returning if back[0].rows + len(back[1]) <= self._sizes.cap]
+        if fits and not self._append(fits):
+            fits = []
+        appended = {run for run, _, _ in fits}
+        if crowded := [back for back in returning if back[0] not in appended]:
+            self._close_up_with(crowded)
+
+    def _append(self, returning: Sequence[tuple[Run, Packing, np.ndarray]]) -> bool:
+        """Put grains into free rows of members. False if their lists have no room; nothing has changed then."""
+        arrays, runs = self.arrays, [run for run, _, _ in returning]
+        arrays.back_up()
+        for run, grains, half_v in returning:
+            plane, _ = features.planes(run.scene, run.probes)
+            transfer.append(arrays, run.slot, run.rows, run.scene, grains, half_v, plane)
+            run.rows += len(grains)
+        if any(self._lists(runs)):
+            for run, grains, _ in returning:
+                run.rows -= len(grains)
+                arrays.restore(run.slot)
+            return False
+        for run in runs:
+            self._has_changed(run)
+        return True
+
+    def _close_up_with(self, returning: Sequence[tuple[Run, Packing, np.ndarray]]) -> None:
+        """Give members grains, and close up the rows of those that left. What is copied is copied for all at once."""
         states = dict[Run, Checkpoint]()
         with self.arrays.reading([run.slot for run, _, _ in returning]):
             for run, grains, half_v in returning:
@@ -139,7 +172,9 @@ class Stage:
                 states[run] = transfer.joined(self.arrays, run.scene, self.stored(run), grains, half_v, plane)
         for run, state in states.items():
             run.takes_up(state)
-        sizes = room.with_members(self._sizes, len(self._seated) - len(states), list(states))
+        sizes = room.with_spare_rows(
+            room.with_members(self._sizes, len(self._seated) - len(states), list(states)), states
+        )
         if sizes == self._sizes:
             with self.arrays.written_together([run.slot for run in states]):
                 for run, state in states.items():
@@ -199,6 +234,32 @@ class Stage:
             tables["wall_motion"] = walls.motion
         return tables
 
+    def _take_meshes(self, runs: Sequence[Run]) -> None:
+        """Let kernels know of the meshes of these members, whose grains may be near some."""
+        if not self.arrays.module.MESHES:
+            return
+        if self._meshes.cover(self.runs):
+            self.beats.renew()
+            runs = self.runs
+        self._meshes.put(self.arrays.system)
+        for run in runs:
+            self.arrays.put("mesh_of", run.slot, self._meshes.of(run))
+        self._list_features(runs)
+
+    def _list_features(self, runs: Sequence[Run]) -> None:
+        """List the features near the grains of members that were not stepped to where they are."""
+        if runs and self.arrays.module.MESHES:
+            self._flag(runs)
+            self.beats.list_features()
+            self.arrays.system.flag.zero_()
+
+    def _flag(self, runs: Sequence[Run]) -> None:
+        """Let kernels work on these members, and make lists for them."""
+        flags = np.zeros(self._sizes.slots, np.int32)
+        flags[[run.slot for run in runs]] = 1
+        self.wake(runs)
+        self.arrays.system.flag.assign(flags)
+
     def _counters(self) -> None:
         """Bring the arrays of slots in line with what is known of the members."""
         system, n = self.arrays.system, self._sizes.slots
@@ -219,11 +280,8 @@ class Stage:
     def _lists(self, runs: Sequence[Run]) -> tuple[int, int, int]:
         """Build the lists of members; what they would have needed, as `room.grown` takes it, where they did not fit."""
         system = self.arrays.system
-        flags = np.zeros(self._sizes.slots, np.int32)
-        flags[[run.slot for run in runs]] = 1
         before = fetch(system.rebuilds)
-        self.wake(runs)
-        system.flag.assign(flags)
+        self._flag(runs)
         system.any_flag.fill_(1)
         self.beats.rebuild()
         self.arrays.forget_rows()
@@ -256,6 +314,7 @@ class Stage:
         if whole:
             self._arrays.take_up(whole)
         self._counters()
+        self._take_meshes(self.runs)
         self._has_changed()
 
     def _taken_up_as_a_whole(self) -> dict[str, np.ndarray]:
@@ -378,11 +437,12 @@ class Stage:
         step = fetch(self.arrays.system.step)
         step[run.slot] = run.step
         self.arrays.system.step.assign(step)
+        self._list_features([run])
         self._has_changed(run)
 
     def bad_value(self, run: Run, grain: int) -> float:
         """Overlap [m] or speed [m/s] with which a grain failed a guard."""
-        row = int(np.flatnonzero(self.arrays.read("ids", run.slot, run.rows) == grain)[0])
+        row = int(np.flatnonzero(self.arrays.read("ids", run.slot, run.rows) == grain)[-1])
         return float(fetch(self.arrays.system.bad, run.slot * self._sizes.cap + row, 1)[0])
 
     def extremes(self) -> np.ndarray:

@@ -4,6 +4,7 @@ from collections.abc import Mapping
 
 import numpy as np
 from labbook_dem.ensemble import LONGEST, check_checkpoint
+from labbook_dem.mesh_grid import first_features, shapes_of
 
 from labbook.backend import Capabilities, Checkpoint, Spec
 from labbook.backend.numerics import Numerics
@@ -20,14 +21,14 @@ _NEWER = frozenset({"most"})
 """Older checkpoints lack these."""
 _WIDE = {"origin": 3, "facing": 3, "turned": 4, "body": 4, "work": 0, "deep": 0}
 _REAL = {"spring": 3, "wall_spring": 3, "rolling": 3, "wall_rolling": 3, "momentum": 4}
-_WHOLE = ("ids", "gone", "count", "nbr", "wall_seat")
+_WHOLE = ("ids", "gone", "count", "nbr", "wall_seat", "wall_feature")
 """Types of arrays, and how many numbers an entry has; other ones are masks of 32 bits."""
 
 
 def check(can: Capabilities, spec: Spec, scene: Scene, numerics: Numerics, stored: Checkpoint) -> None:
     """Raises ValueError, saying what is wrong, for a checkpoint that no member of `scene` with `spec` can have left."""
     listed, rolling = spec.feature("LISTED"), spec.feature("ROLLING_SPRING")
-    entries = state(scene.grains.shape, scene.grains.varied, listed, rolling)
+    entries = state(scene.grains.shape, scene.grains.varied, listed, rolling, spec.feature("MESHES"))
     check_checkpoint(can, {"p", *entries, *_NUMBERS, "past_work", *_NEWER}, stored, _NEWER)
     arrays = {name: np.asarray(array) for name, array in stored.arrays.items()}
     codec, real = (
@@ -80,8 +81,22 @@ def _check_lists(arrays: Mapping[str, np.ndarray], scene: Scene, n: int, near: i
             raise ValueError(f"{name} has bits beyond {most}")
     if not 0 <= arrays["step"] < LONGEST or arrays["rebuilds"] < 0:
         raise ValueError(f"it was saved at step {arrays['step']}")
+    if "wall_feature" in arrays:
+        _check_features(arrays, scene, parts)
     if "body" in arrays and n:
         radius, mass, inertia, kind = arrays["body"].T
         sound = (radius > 0) & (radius <= scene.grains.radius) & (mass > 0) & (inertia > 0)
         if not (sound & np.isin(kind, np.arange(len(scene.grains.species)))).all():
             raise ValueError("body holds grains that the scene does not have")
+
+
+def _check_features(arrays: Mapping[str, np.ndarray], scene: Scene, parts: int) -> None:
+    """Springs at meshes are of features that these have."""
+    features = np.diff(first_features(shapes_of(scene.container.walls())))
+    entries = np.arange(len(arrays["wall_feature"]))[:, None]
+    of = arrays["wall_seat"] if "wall_seat" in arrays else np.arange(len(entries) // parts)[:, None]
+    wall = np.repeat(of, parts, axis=0).clip(max=len(features) - 1)
+    valid = arrays["wall_held"] >> entries.astype(np.uint32) & 1 == 1
+    feature = arrays["wall_feature"]
+    if not ((feature >= 0) & (feature < np.maximum(features[wall], 1)))[valid].all():
+        raise ValueError("springs at a mesh are not of its features")

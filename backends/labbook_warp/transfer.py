@@ -5,11 +5,13 @@ from dataclasses import replace
 
 import numpy as np
 from labbook_dem.features import is_oriented
+from labbook_dem.mesh import spring_places
+from labbook_dem.mesh_grid import first_features, shapes_of
 from labbook_dem.reading import Inside
 from labbook_dem.rotation import momenta, spins
 
 from labbook.backend import Checkpoint
-from labbook.scene import Bodies, Packing, Scene
+from labbook.scene import Bodies, Packing, Scene, TriangleMesh
 from labbook.scene.orientation import axes
 from labbook_warp.arrays import Arrays, SlotState
 from labbook_warp.kernels.words import PARKED
@@ -24,6 +26,15 @@ def start(arrays: Arrays, slot: int, scene: Scene, packing: Packing, plane: floa
     arrays.clear(slot)
     for name, values in _entering(arrays, scene, packing, packing.v, plane).items():
         arrays.write(name, slot, values[order])
+
+
+def append(
+    arrays: Arrays, slot: int, rows: int, scene: Scene, packing: Packing, v: np.ndarray, plane: float
+) -> None:  # fmt: skip
+    """Put a packing's grains into rows of a slot behind the first `rows`, which no grain has had since the slot was
+    written as a whole; they are in no list yet. v: as in `_entering`."""
+    for name, values in _entering(arrays, scene, packing, v, plane).items():
+        arrays.write_rows(name, slot, rows, values)
 
 
 def _entering(
@@ -66,8 +77,8 @@ def joined(
 def set_velocities(arrays: Arrays, slot: int, rows: int, ids: np.ndarray, v: np.ndarray) -> None:
     """Give grains among the first `rows` rows of a slot other velocities v [m/s]."""
     numbers, of_rows = np.array(arrays.read("p", slot, rows)), arrays.read("ids", slot, rows)
-    order = np.argsort(of_rows)
-    place = order[np.searchsorted(of_rows, ids, sorter=order)]
+    order = here(arrays.codec.decode(numbers)[0], of_rows)  # a grain that came back has a second row
+    place = order[np.searchsorted(of_rows[order], ids)]
     numbers[place] = arrays.codec.with_velocities(numbers[place], v)
     arrays.write("p", slot, numbers)
 
@@ -85,7 +96,7 @@ def _in_blocks(arrays: Arrays, x: np.ndarray, cell: float) -> np.ndarray:
     return np.lexsort((*at.T, *part.T))
 
 
-def set_springs(arrays: Arrays, slot: int, packing: Packing, names: Sequence[str]) -> None:
+def set_springs(arrays: Arrays, slot: int, scene: Scene, packing: Packing, names: Sequence[str]) -> None:
     """Put a packing's springs into the lists of a slot, built since: of each pair both sides."""
     n = len(packing)
     if not len(packing.pairs) and not len(packing.wall_grain):
@@ -98,7 +109,7 @@ def set_springs(arrays: Arrays, slot: int, packing: Packing, names: Sequence[str
     nbr = nbr[: count.max()]
     held, spring = arrays.read("held", slot, n), arrays.read("spring", slot, n)
     rolling = arrays.read("rolling", slot, n) if "rolling" in arrays.state else None
-    of_pairs, of_walls = packing.rolling
+    of_pairs, _ = packing.rolling
     i, j = rows[packing.pairs[:, 0]], rows[packing.pairs[:, 1]]
     entries = np.arange(len(nbr))[:, None]
     for a, b, sign in ((i, j, 1.0), (j, i, -1.0)):
@@ -112,35 +123,46 @@ def set_springs(arrays: Arrays, slot: int, packing: Packing, names: Sequence[str
     arrays.write("held", slot, held)
     if rolling is not None:
         arrays.write("rolling", slot, rolling)
-    if not names:
-        return
-    wall_held, wall_spring = arrays.read("wall_held", slot, n), arrays.read("wall_spring", slot, n)
-    wall_rolling = arrays.read("wall_rolling", slot, n) if rolling is not None else None
-    parts = arrays.sizes.parts
-    seat = arrays.read("wall_seat", slot, n) if arrays.sizes.listed else None
-    near = arrays.read("wall_near", slot, n)
-    for name, part in {*zip(packing.wall_name.tolist(), packing.wall_part.tolist(), strict=True)}:
-        if name not in names:
-            continue
-        mine, wall = (packing.wall_name == name) & (packing.wall_part == part), names.index(name)
-        at = rows[packing.wall_grain[mine]]
-        q = np.full(len(at), wall) if seat is None else _seat_of(wall, seat[:, at], near[at], parts)
-        there = q >= 0
-        k, at = q[there] * parts + part, at[there]
-        wall_spring[k, at] = packing.wall_spring[mine][there]
-        if wall_rolling is not None:
-            wall_rolling[k, at] = of_walls[mine][there]
-        wall_held[at] |= np.uint32(1) << k.astype(np.uint32)  # near or not: another part may go on with it
-    wall_held[near == 0] = 0  # where no wall is near nobody would look again
-    arrays.write("wall_spring", slot, wall_spring)
-    if wall_rolling is not None:
-        arrays.write("wall_rolling", slot, wall_rolling)
-    arrays.write("wall_held", slot, wall_held)
+    if names and len(packing.wall_grain):
+        _set_wall_springs(arrays, slot, scene, packing, rows, names)
 
 
-def _seat_of(wall: int, seat: np.ndarray, near: np.ndarray, parts: int) -> np.ndarray:
-    """Which entry at walls of each grain is of this wall, -1 if none. seat: of which wall each entry is, shape
-    [entries, n]; near: which parts are near, as bits, shape [n]."""
+def _set_wall_springs(
+    arrays: Arrays, slot: int, scene: Scene, packing: Packing, rows: np.ndarray, names: Sequence[str]
+) -> None:  # fmt: skip
+    """Put a packing's springs at walls into a slot; rows: of its grains. Raises ValueError for springs of parts that a
+    wall has not."""
+    n, parts = len(packing), arrays.sizes.parts
+    state = {name: arrays.read(name, slot, n) for name in arrays.state if name.startswith("wall_")}
+    at, part = rows[packing.wall_grain], packing.wall_part
+    place = {name: wall for wall, name in enumerate(names)}
+    wall = np.array([place.get(name, -1) for name in packing.wall_name.tolist()], np.int64)
+    feature = None
+    if "wall_feature" in state:
+        features = np.diff(first_features(shapes_of(scene.container.walls())), append=0)[wall]
+        if (beyond := (features > 0) & (part >= features)).any():
+            raise ValueError(f"the packing has a spring at part {part[beyond].max()} of a wall of triangles")
+        meshes = features > 0
+        feature, part = np.where(meshes, part, 0), part.copy()
+        part[meshes] = spring_places(at[meshes] * len(names) + wall[meshes])
+    q = _seat_of(wall, state["wall_seat"][:, at], state["wall_near"][at], parts) if arrays.sizes.listed else wall
+    there = (wall >= 0) & (q >= 0)
+    k, at = (q * parts + part)[there], at[there]
+    state["wall_spring"][k, at] = packing.wall_spring[there]
+    if "wall_rolling" in state:
+        state["wall_rolling"][k, at] = packing.rolling[1][there]
+    if feature is not None:
+        state["wall_feature"][k, at] = feature[there]
+    # near or not: another part may go on with it
+    np.bitwise_or.at(state["wall_held"], at, np.uint32(1) << k.astype(np.uint32))
+    state["wall_held"][state["wall_near"] == 0] = 0  # where no wall is near nobody would look again
+    for name in state.keys() & {"wall_spring", "wall_rolling", "wall_feature", "wall_held"}:
+        arrays.write(name, slot, state[name])
+
+
+def _seat_of(wall: np.ndarray, seat: np.ndarray, near: np.ndarray, parts: int) -> np.ndarray:
+    """Entry at walls of each grain that is of a wall, -1 if none, shape [n] as `wall`. seat: of which wall each entry
+    is, shape [entries, n]; near: which parts are near, as bits, shape [n]."""
     entries = np.arange(len(seat), dtype=np.uint32)[:, None]
     taken = (near >> (entries * np.uint32(parts)) & np.uint32((1 << parts) - 1)) > 0
     mine = taken & (seat == wall)
@@ -165,9 +187,13 @@ def packing(state: SlotState, scene: Scene, v: np.ndarray, m: np.ndarray) -> Pac
     most = min(len(names), state.sizes.seats) * parts
     k_wall, g = np.nonzero(walls[None, :] >> np.arange(most, dtype=np.uint32)[:, None] & 1)
     of = state.read("wall_seat")[k_wall // parts, g] if state.sizes.listed else k_wall // parts
-    by_wall = np.lexsort((place[g], k_wall % parts, of))
+    part = k_wall % parts
+    if "wall_feature" in state.kinds:
+        meshes = np.array([isinstance(shape, TriangleMesh) for shape in shapes_of(scene.container.walls())])[of]
+        part = np.where(meshes, state.read("wall_feature")[k_wall, g], part)
+    by_wall = np.lexsort((place[g], part, of))
     by_wall = by_wall[place[g[by_wall]] >= 0]
-    k_wall, g, of = k_wall[by_wall], g[by_wall], of[by_wall]
+    k_wall, g, of, part = k_wall[by_wall], g[by_wall], of[by_wall], part[by_wall]
     q = None if turned is None else turned[order]
     more: dict[str, np.ndarray | None] = {}
     if "rolling" in state.kinds:
@@ -186,7 +212,7 @@ def packing(state: SlotState, scene: Scene, v: np.ndarray, m: np.ndarray) -> Pac
         wall_grain=place[g],
         wall_name=np.array([*names, ""], "U40")[of],
         wall_spring=state.read("wall_spring")[k_wall, g].astype(np.float64),
-        wall_part=k_wall % parts,
+        wall_part=part,
         **more,
         **(own.carried(scene.grains) if own else {}),
     )

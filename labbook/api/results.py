@@ -21,6 +21,10 @@ from labbook.lab import LabFolder
 from labbook.lab.records import repeat
 from labbook.report import gallery, page, style, tables
 from labbook.results import display
+from labbook.results.calibrated import CalibrationResults
+from labbook.results.calibrated import calibration as calibration_of
+from labbook.results.explore import DesignSurface, inverse
+from labbook.results.explore import explore as explored
 from labbook.results.frames import frames, known_interval
 from labbook.results.points import FLOW_RATE
 from labbook.results.selection import listed, point_at, series_at
@@ -133,10 +137,20 @@ class Results(StudyResults):
         """The value of a swept key that gives a wanted value of a quantity (text with a unit, or a number in SI), with
         its 95 % interval: `results.inverse("flow_rate", "50 g/s")`.
 
-        over, at: as for `surface`. Raises what `surface` does; NoSurface also where the wanted value is not reached
+        over, at: as for `surface`; where no point has the values `at`, a surface over all keys answers (`explore`).
+        Raises what `surface` does; NoSurface also where the wanted value is not reached
         within the swept range, or at several places; ValueError for text that is no such quantity.
         """
-        return self.surface(quantity, over, at).inverse(value)
+        return inverse(self, quantity, value, over, at)
+
+    def explore(self, quantity: str = FLOW_RATE, at: Mapping[str, Any] | None = None) -> DesignSurface:
+        """A quantity over all swept keys of numbers at once: `predict(design)` and `inverse(value, over, others)` with
+        intervals, `influences` (what matters), `next_runs` and `next_study` (what to run next, with its gain).
+
+        at: values of the swept keys that take words or belong to numerics. Raises LookupError for keys and values that
+        the study does not have, and NoSurface (of `labbook.results.surface`) where the points do not determine it.
+        """
+        return explored(self, quantity, at)
 
     def figures(self, at: Mapping[str, Any] | None = None) -> tuple[str, ...]:
         """Names of the figures that `plot` can draw. at: only figures of this series (None: of all series)."""
@@ -204,6 +218,14 @@ class Results(StudyResults):
         lacking = f"no finished run of point {number} with {repeat(seed, discharge)}"
         names = "point, seed, discharge" if several else "point, seed"
         raise LookupError(f"{lacking}; there are, as ({names}): {there}")
+
+    def calibration(self) -> CalibrationResults:
+        """Infer the parameters of a study with `calibrate`, from the runs that the lab has.
+
+        Raises NoPosterior (of `labbook.results.calibrated`) for another study, or with too few runs, and LearnMissing
+        (of `labbook.stats.emulator`) without the extra `learn`.
+        """
+        return calibration_of(self)
 
     def report(self, folder: Path | str | None = None) -> Path:
         """Write the report, one HTML file, and its figures as PNG, SVG and PDF, into a folder (None:

@@ -221,6 +221,10 @@ class Ensemble(ABC):
     def packing(self, member: Member) -> Packing:
         """The portable state, in double precision."""
 
+    def bed(self, member: Member) -> Packing:
+        """Return the grains of `packing`, for which springs need not be read: they are most of a state."""
+        return self.packing(member)
+
     def end_state(self, member: Member) -> EndState:
         """Return the state of a member that ends here, copied from the device."""
         return StoredState(self.checkpoint(member), self.packing(member))
@@ -234,12 +238,13 @@ class Ensemble(ABC):
 
     @abstractmethod
     def put_back(self, member: Member, grains: Packing) -> None:
-        """Put grains that left back into a member, with positions and velocities from `grains`, without springs.
+        """Put grains that left back into a member, or such that were not there at its start, with positions and
+        velocities from `grains`, without springs.
 
         They keep their ids, and must have the same size and kind as before. Their next passage of a plane is recorded
         as their first was. Nothing else changes, and the result depends on what was put back after which
         beat, but not on its neighbours, its slot, how `advance` is split, or whether it was restored meanwhile.
-        Raises ValueError for grains that have not left."""
+        Raises ValueError for grains that are there."""
 
     def put_back_all(self, grains: Mapping[Member, Packing]) -> None:
         """Put grains that left back into several members, as `put_back` does into each.

@@ -150,6 +150,17 @@ SLIDING = 0.95
 
 
 @dataclass(frozen=True)
+class Above:
+    """Grains whose centres lie above each of the `planes` z [m], every `every` beats.
+
+    Columns: plane (its place among `planes`), grains, mass [kg].
+    """
+
+    planes: tuple[float, ...]
+    every: int = 1
+
+
+@dataclass(frozen=True)
 class Ledger:
     """Totals every `every` beats.
 
@@ -173,7 +184,7 @@ class Dissipation:
     every: int = 1
 
 
-Probe = Crossing | Sample | Film | Slab | Zone | Contacts | Traction | Ledger | Dissipation
+Probe = Crossing | Sample | Film | Slab | Zone | Contacts | Traction | Above | Ledger | Dissipation
 
 
 def due(probe: Probe, beat: int) -> bool:
@@ -185,7 +196,7 @@ def due(probe: Probe, beat: int) -> bool:
 
 _VECTORS = {"x": "x y z", "v": "vx vy vz", "omega": "wx wy wz", "q": "qw qx qy qz"}
 _WHOLE = frozenset(
-    ["member", "step", "id", "i", "j", "wall", "bin", "contacts", "sliding", "grains", "touching", "rebuilds"]
+    ["member", "step", "id", "i", "j", "wall", "bin", "contacts", "sliding", "grains", "touching", "rebuilds", "plane"]
 )
 _TRACTION_SUMS = "contacts sliding fx fy fz tx ty tz normal along across mx my mz"
 TRACTION_SUMS = tuple(_TRACTION_SUMS.split())
@@ -210,6 +221,8 @@ def columns(probe: Probe, rods: bool = False) -> dict[str, type]:
             names = "i j wall fx fy fz bx by bz"
         case Traction():
             names = f"wall bin {_TRACTION_SUMS}"
+        case Above():
+            names = "plane grains mass"
         case Ledger():
             names = "grains kinetic potential contact_work mass max_overlap touching rebuilds px py pz lx ly lz"
         case Dissipation():
@@ -247,14 +260,15 @@ _KINDS: dict[str, type[Probe]] = {
     "zone": Zone,
     "contacts": Contacts,
     "traction": Traction,
+    "above": Above,
     "ledger": Ledger,
     "dissipation": Dissipation,
 }
 
 
 def table_name(probe: Probe) -> str:
-    """Name of a probe's table: `crossing`, `sample`, `film`, `slab`, `zone`, `contacts`, `traction`, `ledger` or
-    `dissipation`."""
+    """Name of a probe's table: `crossing`, `sample`, `film`, `slab`, `zone`, `contacts`, `traction`, `above`, `ledger`
+    or `dissipation`."""
     return type(probe).__name__.lower()
 
 

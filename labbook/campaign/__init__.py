@@ -4,10 +4,13 @@ A strategy proposes runs, generation by generation (`strategy.py`). `Campaign` a
 knows when it has ended (`campaign.py`). How runs are made is not known here.
 """
 
+from labbook.campaign.calibrate import Calibrate, Prior
 from labbook.campaign.campaign import Campaign
 from labbook.campaign.find import Find
 from labbook.campaign.fit_law import FitLaw
 from labbook.campaign.goal import Goal
+from labbook.campaign.inference import Inference, Measurement, NotInferred
+from labbook.campaign.mapping import Map
 from labbook.campaign.precise import PreciseRun
 from labbook.campaign.registry import STRATEGIES, Strategies
 from labbook.campaign.replicates import Replicates
@@ -26,13 +29,19 @@ from labbook.campaign.transition import Transition
 __all__ = [
     "STRATEGIES",
     "Assignment",
+    "Calibrate",
     "Campaign",
     "Find",
     "FitLaw",
     "Generation",
     "Goal",
     "History",
+    "Inference",
+    "Map",
+    "Measurement",
+    "NotInferred",
     "PreciseRun",
+    "Prior",
     "Proposal",
     "Replicates",
     "Stops",

@@ -9,7 +9,7 @@ it has the wanted value, until the distance to it plus the half width of the int
 
 import math
 from collections import Counter
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from typing import Annotated, Any, ClassVar
 
 import numpy as np
@@ -27,7 +27,7 @@ from labbook.campaign.goal import (
     rounded,
     spread,
 )
-from labbook.campaign.strategy import Assignment, Proposal, Trial, place
+from labbook.campaign.strategy import Assignment, Proposal, Trial, Values, place
 from labbook.fit.interpolation import Interpolation, trend_of_outlets
 from labbook.measure import MEASURES
 from labbook.scene.model import Fault, Internal, refuse
@@ -39,8 +39,6 @@ from labbook.stats.pooling import student
 from labbook.stats.response import FEWEST
 from labbook.stats.stopping import widening
 
-_BEDS = 2
-"""Beds of each point of the start."""
 _LEAST = 4
 """Beds near the answer before the search can end."""
 _NEAR = 1.0
@@ -97,19 +95,19 @@ class Find(Goal):
             refuse([Fault(f"{key}.{quantity}", "a value above 0 is needed", _EXAMPLE)])
         return {"key": key, "quantity": quantity, **numbers}
 
-    def obstacles(self, measures: Sequence[str], points: Sequence[Any]) -> Iterator[Fault]:
-        """Find what a study lacks for this goal."""
-        yield from of_one_key("find", self.key, points)
-        giving = [
-            name for name, measure in MEASURES.items() if any(one.name == self.quantity for one in measure.declared)
-        ]
-        if not {*giving} & {*measures}:
-            yield Fault("find", f"{self.quantity} is not measured", f"add {giving[0]} to measure")
+    def range_faults(self, points: Sequence[Any]) -> list[Fault]:
+        """Find what a study lacks of the range."""
+        return of_one_key("find", self.key, points)
+
+    def needs(self) -> tuple[str, Sequence[str]]:
+        """Name the quantity, and the measures that give it."""
+        giving = (name for name, measure in MEASURES.items() if any(q.name == self.quantity for q in measure.declared))
+        return f"{self.quantity} is", tuple(giving)
 
     def plan_rule(self, study: Any) -> str:
         """Say when the search ends, and how many runs are expected."""
         scatter = next((one.choice.scatter for one in study.points if getattr(one, "choice", None)), SCATTER)
-        start = len(self._start(study)) * _BEDS
+        start = len(self._start(study)) * self.beds
         expected = start + math.ceil((student(0.95, math.inf) * scatter / self.within) ** 2)
         limit = f", at most {self.budget} runs" if self.budget is not None else ""
         return (
@@ -118,11 +116,9 @@ class Find(Goal):
             f"{HELD_OUT} held-out beds. About {expected + HELD_OUT} beds{limit} (scatter of a run: {percent(scatter)})"
         )
 
-    def start(self, study: Any) -> Proposal:
-        """Propose a few points over the range, with two beds each."""
-        settings = self._start(study)
-        assignments = tuple(Assignment({self.key: x}, _BEDS) for x in settings)
-        return Proposal(assignments, f"{len(settings)} points over the range, with {_BEDS} beds each")
+    def first(self, study: Any) -> list[Values]:
+        """Give a few points over the range."""
+        return [{self.key: x} for x in self._start(study)]
 
     def step(self, study: Any, trials: Sequence[Trial]) -> Step:
         """Propose more beds where the value is reached, or hold beds out once it is known well enough there."""
@@ -136,8 +132,10 @@ class Find(Goal):
             why = f"{self._reach(study, reason)}: {reason}"
             beds = Counter(x for x, _, _ in runs)
             if reason.several and min(beds.values()) < _SEVERAL:
-                extended = tuple(Assignment({self.key: x}, n + _BEDS) for x, n in sorted(beds.items()) if n < _SEVERAL)
-                return Step(Proposal(extended, f"{why}; {_BEDS} beds more at each"))
+                extended = tuple(
+                    Assignment({self.key: x}, n + self.beds) for x, n in sorted(beds.items()) if n < _SEVERAL
+                )
+                return Step(Proposal(extended, f"{why}; {self.beds} beds more at each"))
             return Step(Proposal.end(f"{why}; change `sweep`"))
         x, beds = self._place(curve, runs, root)
         half = _half_width(curve, root, len(runs))
@@ -234,7 +232,7 @@ class Find(Goal):
         low = max((x for x in tried if x < min(usable)), default=min(usable))
         high = min((x for x in tried if x > max(usable)), default=max(usable))
         inner = [rounded(low + (high - low) * k / (FEWEST + 1)) for k in range(1, FEWEST + 1)]
-        new = tuple(Assignment({self.key: x}, _BEDS) for x in inner if x not in tried)
+        new = tuple(Assignment({self.key: x}, self.beds) for x in inner if x not in tried)
         if not new:
             return Proposal.end(f"{self.quantity} has a value at {len({*usable})} points only; change `sweep`")
         reason = f"{self.quantity} has a value at {len({*usable})} points; {len(new)} more between"

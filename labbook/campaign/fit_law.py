@@ -26,7 +26,7 @@ from labbook.campaign.goal import (
     rounded,
     spread,
 )
-from labbook.campaign.strategy import Assignment, Proposal, Trial, place
+from labbook.campaign.strategy import Assignment, Proposal, Trial, Values, place
 from labbook.fit import LAWS, Context, FitError, FitResult, fit, named
 from labbook.fit.profile import derivative
 from labbook.scene.model import Fault, Internal, refuse
@@ -38,8 +38,8 @@ from labbook.stats.stopping import widening
 
 ORIFICE = "container.orifice"
 _FLOW, _FRACTION = "flow_rate", "packing_fraction"
-_SETTINGS, _BEDS = 8, 2
-"""Outlets of the start, and beds of each: with fewer outlets, intervals are several times as wide where the points lie
+_SETTINGS = 8
+"""Outlets of the start: with fewer outlets, intervals are several times as wide where the points lie
 off the law by chance, since few degrees of freedom tell by how much."""
 _INSIDE = 0.2
 """Part of the beds at outlets between both ends."""
@@ -60,6 +60,7 @@ class FitLaw(Goal):
     """Fits a law to stated errors of its parameters."""
 
     name: ClassVar[str] = "fit"
+    places: ClassVar[str] = "outlets"
     testing: ClassVar[int] = 2 * HELD_OUT
 
     law: Annotated[str, Internal()]
@@ -96,17 +97,19 @@ class FitLaw(Goal):
         refuse(faults)
         return {"law": law, "errors": parts}
 
-    def obstacles(self, measures: Sequence[str], points: Sequence[Any]) -> Iterator[Fault]:
-        """Find what a study lacks for this goal."""
-        faults = of_one_key("fit", ORIFICE, points)
-        yield from faults
-        if faults:
-            return
+    def range_faults(self, points: Sequence[Any]) -> list[Fault]:
+        """Find what a study lacks of the range."""
+        return of_one_key("fit", ORIFICE, points)
+
+    def needs(self) -> tuple[str, Sequence[str]]:
+        """Name the measure of the flow rate."""
+        return "flow_rate is", (_FLOW,)
+
+    def further_faults(self, measures: Sequence[str], points: Sequence[Any]) -> Iterator[Fault]:
+        """Find a law that does not hold here, or has a parameter that is not measured."""
         law, scene = LAWS[self.law], points[0].scene
         if law.outlet not in (scene.container.outlet_form, "any"):
             yield Fault("fit", f"{self.law} is a law for a {law.outlet}", "name a law for the outlet of this container")
-        if _FLOW not in measures:
-            yield Fault("fit", "flow_rate is not measured", "add flow_rate to measure")
         reported = {one.name for one in law.reported(Context.of(scene, None))}
         if {*self.errors} - reported and "packing" not in measures:
             lacking = ", ".join({*self.errors} - reported)
@@ -119,7 +122,7 @@ class FitLaw(Goal):
 
     def plan_rule(self, study: Any) -> str:
         """Say when the campaign ends, and how many runs are expected."""
-        start = len(self._start(study)) * _BEDS
+        start = len(self._start(study)) * self.beds
         limit = f", at most {self.budget} runs" if self.budget is not None else ""
         return (
             f"{self._wishes()} of {self.law} (half widths of the 95 % intervals). {start} beds over the range, then "
@@ -127,11 +130,9 @@ class FitLaw(Goal):
             f"end. About {self._expected(study) + self.testing} beds{limit} (scatter of a run: {percent(SCATTER)})"
         )
 
-    def start(self, study: Any) -> Proposal:
-        """Propose outlets over the range of the law, with two beds each."""
-        outlets = self._start(study)
-        assignments = tuple(Assignment({ORIFICE: D}, _BEDS) for D in outlets)
-        return Proposal(assignments, f"{len(outlets)} outlets over the range, with {_BEDS} beds each")
+    def first(self, study: Any) -> list[Values]:
+        """Give outlets over the range of the law."""
+        return [{ORIFICE: D} for D in self._start(study)]
 
     def step(self, study: Any, trials: Sequence[Trial]) -> Step:
         """Propose beds where they are worth most, or hold beds out once all errors are reached."""
@@ -260,7 +261,7 @@ class FitLaw(Goal):
         D = np.array(self._start(study))
         W = context.unit_flow * (D / context.d - 1.4) ** (1.5 if context.Z == context.Z else 2.5)
         needed, _ = self._needed(law, law.start(D, W, context), context, D, SCATTER, student(0.95, math.inf))
-        return max(len(D) * _BEDS, math.ceil(needed))
+        return max(len(D) * self.beds, math.ceil(needed))
 
     def _held_out(self, points: Sequence[Point], trials: Sequence[Trial], progress: str) -> Step:
         """Propose beds at both ends that no run so far has."""

@@ -7,13 +7,13 @@ are held out: they take no part in the choice, and the last line of the campaign
 import re
 from abc import abstractmethod
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from typing import Annotated, Any, ClassVar
 
-from pydantic import BeforeValidator, Field
+from pydantic import BeforeValidator, Field, PrivateAttr
 
-from labbook.campaign.strategy import Assignment, Generation, History, Proposal, Strategy, Trial, place
+from labbook.campaign.strategy import Assignment, Generation, History, Proposal, Strategy, Trial, Values, place
 from labbook.fit.interpolation import CLOGGED
 from labbook.scene.model import Fault, Internal, Model
 from labbook.scene.quantities import whole
@@ -55,9 +55,15 @@ class Goal(Strategy):
     ahead: ClassVar[int] = 0
     testing: ClassVar[int] = HELD_OUT
     """Beds that are held out, at all points together."""
+    beds: ClassVar[int] = 2
+    """Beds of each point of the start."""
+    places: ClassVar[str] = "points"
+    """Word for the points of the start."""
 
     budget: Annotated[int | None, Internal()] = None
     """Largest number of runs, stated beside the goal."""
+    _latest: tuple[Any, tuple[str, ...], Step] | None = PrivateAttr(default=None)
+    """Study, keys of all runs, and the step after them."""
 
     def propose(self, history: History) -> Proposal:
         """Propose the next generation; after the runs that are held out, end with what they say of the promise."""
@@ -66,14 +72,42 @@ class Goal(Strategy):
         generations = history.generations
         if generations and self._next(history.study, generations[:-1]).holds_out:
             trials = _trials(generations[:-1])
-            latest = max(trial.seed for trial in trials)
-            withheld = [trial for trial in generations[-1].trials or () if trial.seed > latest]
-            return Proposal.end(self.verdict(history.study, trials, withheld))
+            return Proposal.end(
+                self.verdict(history.study, trials, self.withheld(trials, generations[-1].trials or ()))
+            )
         return self._next(history.study, generations).proposal
 
     @abstractmethod
+    def first(self, study: Any) -> Sequence[Values]:
+        """Give the points of the first generation."""
+
     def start(self, study: Any) -> Proposal:
-        """Propose the first generation."""
+        """Propose the first generation: all its points, with as many beds each."""
+        points = self.first(study)
+        assignments = tuple(Assignment(at, self.beds) for at in points)
+        return Proposal(assignments, f"{len(points)} {self.places} over the range, with {self.beds} beds each")
+
+    def obstacles(self, measures: Sequence[str], points: Sequence[Any]) -> Iterator[Fault]:
+        """Find what a study lacks: a range, what has to be measured, and what only this goal needs."""
+        faults = [*self.range_faults(points)]
+        yield from faults
+        subject, giving = self.needs()
+        if giving and not {*giving} & {*measures}:
+            yield Fault(self.name, f"{subject} not measured", f"add {giving[0]} to measure")
+        if not faults:
+            yield from self.further_faults(measures, points)
+
+    def range_faults(self, points: Sequence[Any]) -> Iterable[Fault]:
+        """Find what a study lacks of the range."""
+        return ()
+
+    def needs(self) -> tuple[str, Sequence[str]]:
+        """Say what has to be measured (`stops are`), and give the measures of which one gives it."""
+        return "", ()
+
+    def further_faults(self, measures: Sequence[str], points: Sequence[Any]) -> Iterable[Fault]:
+        """Find what else a study with a range lacks."""
+        return ()
 
     @abstractmethod
     def step(self, study: Any, trials: Sequence[Trial]) -> Step:
@@ -87,13 +121,26 @@ class Goal(Strategy):
             More runs, those that are held out, or an end without them, with the reason.
         """
 
+    def withheld(self, trials: Sequence[Trial], latest: Sequence[Trial]) -> list[Trial]:
+        """Pick the held-out runs of the `latest` generation: those at points that no run so far has, or of beds that
+        no run at any point has."""
+        points, seed = {place(trial.at) for trial in trials}, max(trial.seed for trial in trials)
+        return [trial for trial in latest if trial.seed > seed or place(trial.at) not in points]
+
     @abstractmethod
     def verdict(self, study: Any, trials: Sequence[Trial], withheld: Sequence[Trial]) -> str:
         """Say what the `withheld` runs say of the promise, which rests on `trials`."""
 
     def _next(self, study: Any, generations: Sequence[Generation]) -> Step:
+        """Give the step after some generations; the latest one is remembered, as each is looked at twice."""
         trials = _trials(generations)
-        step = self.step(study, trials) if generations else Step(self.start(study))
+        keys = tuple(trial.key for trial in trials)
+        if self._latest is None or self._latest[0] is not study or self._latest[1] != keys:
+            self._latest = study, keys, self._within_budget(study, trials)
+        return self._latest[2]
+
+    def _within_budget(self, study: Any, trials: Sequence[Trial]) -> Step:
+        step = self.step(study, trials) if trials else Step(self.start(study))
         if self.budget is None or step.proposal.state != "go" or step.holds_out:
             return step
         new = new_beds(step.proposal.assignments, trials) + self.testing

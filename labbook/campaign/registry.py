@@ -9,6 +9,7 @@ from pydantic_core import CoreSchema, core_schema
 from labbook.campaign.find import Find
 from labbook.campaign.fit_law import FitLaw
 from labbook.campaign.goal import Budgeted, Goal
+from labbook.campaign.mapping import Map
 from labbook.campaign.strategy import Strategy
 from labbook.campaign.transition import Transition
 from labbook.plugins import Registry
@@ -59,5 +60,5 @@ def _only(adapt: Budgeted) -> Strategy:
     return strategy.model_copy(update={"budget": adapt.budget})
 
 
-STRATEGIES = Strategies("labbook.strategies", (Find, FitLaw, Transition))
+STRATEGIES = Strategies("labbook.strategies", (Find, FitLaw, Transition, Map))
 """Strategies that a study can name under `adapt`."""

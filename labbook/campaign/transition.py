@@ -19,14 +19,14 @@ from pydantic import model_validator
 
 from labbook.campaign.goal import HELD_OUT, Goal, Step, held_out, of_one_key, only_swept, spread
 from labbook.campaign.stops import COUNT
-from labbook.campaign.strategy import EXPOSURE, Assignment, Proposal, Trial
+from labbook.campaign.strategy import EXPOSURE, Assignment, Proposal, Trial, Values
 from labbook.measure.clogging import NAME, PROBABILITY
 from labbook.scene.model import Fault, Internal, refuse
 from labbook.scene.quantities import parse, percent
 from labbook.stats.rates import rate
 
-_SETTINGS, _BEDS = 4, 2
-"""Settings of the start, and beds of each."""
+_SETTINGS = 4
+"""Settings of the start."""
 _BATCH = 6
 """Beds of a generation after the start."""
 _POSITIONS = 161
@@ -57,6 +57,7 @@ class Transition(Goal):
     """Finds where the flow stops before so many grains with a probability."""
 
     name: ClassVar[str] = "transition"
+    places: ClassVar[str] = "settings"
 
     key: Annotated[str, Internal()]
     """The swept key."""
@@ -90,14 +91,16 @@ class Transition(Goal):
             refuse([Fault(key, "a probability between 0 and 1, and a number of grains above 0, are needed", _EXAMPLE)])
         return {"key": key, "clogging": part, "grains": grains, "within": str(wish["within"])}
 
-    def obstacles(self, measures: Sequence[str], points: Sequence[Any]) -> Iterator[Fault]:
-        """Find what a study lacks for this goal."""
-        faults = of_one_key("transition", self.key, points)
-        yield from faults
-        if NAME not in measures:
-            yield Fault("transition", "stops are not measured", f"add {NAME} to measure")
-        if faults:
-            return
+    def range_faults(self, points: Sequence[Any]) -> list[Fault]:
+        """Find what a study lacks of the range."""
+        return of_one_key("transition", self.key, points)
+
+    def needs(self) -> tuple[str, Sequence[str]]:
+        """Name the measure of stops."""
+        return "stops are", (NAME,)
+
+    def further_faults(self, measures: Sequence[str], points: Sequence[Any]) -> Iterator[Fault]:
+        """Find a width that is no part of the range."""
         try:
             width = self._width(points)
         except ValueError as error:
@@ -113,17 +116,15 @@ class Transition(Goal):
         limit = f", at most {self.budget} runs" if self.budget is not None else ""
         return (
             f"{self.key} at which {percent(self.clogging)} of the flows stop before {self.grains} grains, to "
-            f"±{self.within}. {_SETTINGS * _BEDS} beds over the range, then {_BATCH} at a time at the quartiles of its "
-            f"position until the 95 % interval is so narrow, then {HELD_OUT} held-out beds{limit}"
+            f"±{self.within}. {_SETTINGS * self.beds} beds over the range, then {_BATCH} at a time at the quartiles of "
+            f"its position until the 95 % interval is so narrow, then {HELD_OUT} held-out beds{limit}"
         )
 
-    def start(self, study: Any) -> Proposal:
-        """Propose a few settings over the range, with two beds each."""
+    def first(self, study: Any) -> list[Values]:
+        """Give a few settings over the range."""
         swept = only_swept(study.points)
         assert swept is not None
-        settings = spread(swept, _SETTINGS)
-        assignments = tuple(Assignment({self.key: x}, _BEDS) for x in settings)
-        return Proposal(assignments, f"{len(settings)} settings over the range, with {_BEDS} beds each")
+        return [{self.key: x} for x in spread(swept, _SETTINGS)]
 
     def step(self, study: Any, trials: Sequence[Trial]) -> Step:
         """Propose beds at the quartiles of the position, or hold beds out once it is known well enough."""

@@ -27,6 +27,7 @@ VERBS = (
     "plan",
     "run",
     "pilot",
+    "calibrate",
     "status",
     "runs",
     "show",
@@ -45,10 +46,6 @@ VERBS = (
     "stress",
     "bench",
 )
-
-
-MOVED = {"calibrate": "pilot"}
-"""Earlier names of verbs, and what they are called now."""
 
 
 class Verbs(TyperGroup):
@@ -70,13 +67,6 @@ class Verbs(TyperGroup):
             if line is None:
                 raise
             fail(line)
-
-    def resolve_command(self, ctx, args):
-        """The verb that was asked for; one that has another name now ends with a line that gives it."""
-        if args and args[0] in MOVED:
-            now = MOVED[args[0]]
-            fail(f"labbook {args[0]} is now labbook {now}, with the same arguments: labbook {now} --help")
-        return super().resolve_command(ctx, args)
 
 
 def _show_version(asked: bool) -> None:

@@ -62,6 +62,11 @@ def told(error: Exception) -> str | None:
     """Meaning of an error of the storage or of an extension, and the remedy, in a line; None for any other error."""
     if isinstance(error, BrokenPlugin):
         return str(error)
+    if "labbook.stats.emulator" in sys.modules:
+        from labbook.stats.emulator import LearnMissing
+
+        if isinstance(error, LearnMissing):
+            return str(error)
     if isinstance(error, OSError):
         return _of_files(error) if error.errno not in (None, errno.EPIPE) else None
     if "labbook.lab" in sys.modules:

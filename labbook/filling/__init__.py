@@ -3,24 +3,29 @@ is mobilised before the opening, the opening of the outlet, the kick of a furthe
 come back, and arches that are broken."""
 
 from labbook.filling.breaking import Breaker, still
-from labbook.filling.feeding import Feeder
+from labbook.filling.feeding import Feeder, Refill, refill
 from labbook.filling.from_file import GrainFile
 from labbook.filling.kick import Kick, kicked
 from labbook.filling.mobilising import Mobilise, lifted
 from labbook.filling.opening import opened
 from labbook.filling.placing import place
+from labbook.filling.pouring import Inflow, Pouring
 from labbook.filling.room import PlacingError
 
 __all__ = [
     "Breaker",
     "Feeder",
     "GrainFile",
+    "Inflow",
     "Kick",
     "Mobilise",
     "PlacingError",
+    "Pouring",
+    "Refill",
     "kicked",
     "lifted",
     "opened",
     "place",
+    "refill",
     "still",
 ]

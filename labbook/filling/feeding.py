@@ -5,13 +5,17 @@ the bed keeps its height but for those that fall. Places are tried one after ano
 try reaches a quarter of a grain higher, so that grains fall as short a way as there is room for.
 """
 
+from collections import defaultdict
+from collections.abc import Sequence
+from dataclasses import dataclass
+
 import numpy as np
 
-from labbook.filling.placed import Placed
-from labbook.filling.placing import APART, STARTS, free
+from labbook.filling.entering import Search, entering
+from labbook.filling.placing import APART, STARTS
+from labbook.filling.pouring import Inflow
 from labbook.filling.room import PlacingError, Room
-from labbook.scene import Bodies, Packing, Scene, Spherocylinders
-from labbook.scene.orientation import axes, random_turns
+from labbook.scene import Bodies, Packing, Scene
 
 _TRIES = 400
 _ROOM = 4.0
@@ -26,12 +30,14 @@ class Feeder:
 
     def __init__(self, scene: Scene, start: Packing, fill: str, seed: int):
         assert scene.feed is not None
-        grains = scene.grains
-        self._scene, self._start, self._key = scene, start, (scene.feed.version, seed)
-        self._bodies = Bodies.of(grains, start)
-        self._room = Room(scene.container.close(), grains.radius * APART, STARTS[fill].flat)
-        self._length = grains.extent
-        self.level = float((start.x[:, 2] + self._bodies.radius).max()) + grains.half_length
+        assert start.ids is not None
+        self.grains, self.start, self._key = scene.grains, start, (scene.feed.version, seed)
+        self._radius, self._length = Bodies.of(scene.grains, start).radius, scene.grains.extent
+        closed, clearance, flat = scene.container.close(), scene.grains.radius * APART, STARTS[fill].flat
+        self.room = Room(closed, clearance, flat)
+        self.like = (closed, clearance, flat, scene.grains.half_length)
+        """The same of runs whose grains look for places in the same room by the same rules."""
+        self.level = float((start.x[:, 2] + self._radius).max()) + scene.grains.half_length
         """z [m] above which grains are put."""
         self._roof = scene.container.roof
         if self._roof - self.level < _ROOM * self._length:
@@ -39,54 +45,51 @@ class Feeder:
                 f"the bed reaches up to {self.level * 1e3:.4g} mm, and the side walls to {self._roof * 1e3:.4g} mm: no "
                 f"room for fed grains; raise container.height by {_ROOM:g} grains or more, or use fewer grains"
             )
+        self._rows = np.full(int(start.ids.max()) + 1, -1)
+        self._rows[start.ids] = np.arange(len(start))
 
-    def returning(self, there: Packing, beat: int) -> Packing | None:
-        """The grains that are not `there`, as they come back after this beat; None if none does.
+    def missing(self, there: Packing) -> np.ndarray:
+        """Rows of the start whose grains are not there, in their order."""
+        left = np.ones(len(self.start), bool)
+        left[self._rows[there.ids]] = False
+        return np.flatnonzero(left)
 
-        Grains that find no place are left out: they wait for the next beat. Beat and seed alone decide what is drawn.
-        """
-        start = self._start
-        assert start.ids is not None
-        assert there.ids is not None
-        rows = np.flatnonzero(~np.isin(start.ids, there.ids))
-        if not len(rows):
-            return None
-        x, q, placed = self._places(there, rows, np.random.default_rng([*self._key, beat]))
-        if not len(placed):
-            return None
-        rows, rest = rows[placed], np.zeros((len(placed), 3))
-        q, ids = None if q is None else q[placed], start.ids[rows]
-        diameter, kind = (None if own is None else own[rows] for own in (start.diameter, start.kind))
-        return Packing(x=x[placed], v=rest, omega=rest, q=q, ids=ids, diameter=diameter, kind=kind)
+    def search(self, rows: np.ndarray, there: Packing, beat: int) -> Search:
+        """Search of places for grains of these rows. Beat and seed alone decide what is drawn."""
+        rng, level, roof, length = np.random.default_rng([*self._key, beat]), self.level, self._roof, self._length
 
-    def _places(
-        self, there: Packing, rows: np.ndarray, rng: np.random.Generator
-    ) -> tuple[np.ndarray, np.ndarray | None, np.ndarray]:
-        """Centres [m] and orientations of the grains in `rows` of the start, and which of them found a place."""
-        grains, n = self._scene.grains, len(rows)
-        half = grains.half_length
-        high = there.x[:, 2] > self.level - self._length
-        reach = np.concatenate([self._bodies.radius[rows], Bodies.of(grains, there).radius[high]]) * APART
-        x = np.concatenate([np.empty((n, 3)), there.x[high]])
-        q, a = None, None
-        if isinstance(grains, Spherocylinders):
-            assert there.q is not None
-            q = np.concatenate([np.empty((n, 4)), there.q[high]])
-            a = np.concatenate([np.empty((n, 3)), axes(there.q[high])])
-        left, placed, above = np.arange(n), np.arange(n, len(x)), Placed(x[n:])
-        for k in range(_TRIES):
-            if not len(left):
-                break
-            top = min(self.level + (1 + k / 4) * self._length, self._roof - self._length / 2)
-            low = self.level + self._length / 2
-            x[left] = self._room.draw_each(rng, reach[left], max(top, low), low)
-            inside = self._room.holds(x[left], reach[left])
-            if q is not None and a is not None:
-                q[left] = random_turns(rng, len(left))
-                a[left] = axes(q[left])
-                ends = half * a[left]
-                inside = self._room.holds(x[left] + ends, reach[left]) & self._room.holds(x[left] - ends, reach[left])
-            new = free(x, reach, above, placed, left[inside], a, half)
-            above.add(x[new])
-            placed, left = np.concatenate([placed, new]), np.setdiff1d(left, new, assume_unique=True)
-        return x, q, np.setdiff1d(np.arange(n), left, assume_unique=True)
+        def draw(k: int, reach: np.ndarray) -> np.ndarray:
+            low = level + length / 2
+            top = min(level + (1 + k / 4) * length, roof - length / 2)
+            return self.room.draw_each(rng, reach, max(top, low), low)
+
+        return Search(self._radius[rows], there.part(there.x[:, 2] > level - length), rng, draw)
+
+
+@dataclass(frozen=True, eq=False)
+class Refill:
+    """A bed that has lost grains, after a beat of its run."""
+
+    feeder: Feeder | Inflow
+    there: Packing
+    beat: int
+
+
+def refill(beds: Sequence[Refill]) -> list[Packing | None]:
+    """Return the grains that come back into each bed; None where none does.
+
+    Grains that find no place are left out: they wait for the next beat.
+    """
+    back: list[Packing | None] = [None] * len(beds)
+    alike = defaultdict[tuple[object, ...], list[tuple[int, Feeder, np.ndarray]]](list)
+    for k, bed in enumerate(beds):
+        if isinstance(bed.feeder, Inflow):
+            back[k] = bed.feeder.returning(bed.there, bed.beat)
+        elif len(rows := bed.feeder.missing(bed.there)):
+            alike[bed.feeder.like].append((k, bed.feeder, rows))
+    for group in alike.values():
+        first = group[0][1]
+        searches = [feeder.search(rows, beds[k].there, beds[k].beat) for k, feeder, rows in group]
+        for (k, feeder, rows), places in zip(group, entering(first.room, first.grains, searches, _TRIES), strict=True):
+            back[k] = places.packing(feeder.start, rows) if len(places.rows) else None
+    return back

@@ -40,5 +40,6 @@ def lifted(closed: Scene, velocity: float) -> Scene:
 
     plane = closed.container.outlet_plane
     parts = tuple(map(moved, closed.container.walls()))
-    container = Primitives.of(kind="primitives", parts=parts, outlet_plane=plane, closed=closed.container.closed)
+    walls = {"parts": parts, "outlet_plane": plane, "closed": closed.container.closed}
+    container = Primitives.of(kind="primitives", sink=None, planes=(), **walls)
     return closed.model_copy(update={"container": container})

@@ -13,7 +13,8 @@ class Placed:
     """
 
     def __init__(self, x: np.ndarray):
-        self._x = np.empty((max(len(x), 16), 3))
+        """x: the first [m], shape [n, 3], or [n, 4] with a coordinate that keeps groups apart."""
+        self._x = np.empty((max(len(x), 16), x.shape[1]))
         self._count = 0
         self._trees, self._old = [], 0
         self.add(x)
@@ -34,7 +35,7 @@ class Placed:
             return
         total = self._count + len(x)
         if total > len(self._x):
-            grown = np.empty((max(total, 2 * len(self._x)), 3))
+            grown = np.empty((max(total, 2 * len(self._x)), x.shape[1]))
             grown[: self._count] = self.x
             self._x = grown
         self._x[self._count : total] = x

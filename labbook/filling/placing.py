@@ -241,11 +241,22 @@ class FromFile(Start):
         raise PlacingError("fill.file: a start from a file needs the file")
 
 
+class FromStream(Rain):
+    """Grains that a stream brings (`fill.stream`), one after another."""
+
+    name: ClassVar[str] = "stream"
+
+    def place(self, closed: Scene, seed: int) -> Packing:
+        """Raises PlacingError: the stream is not known here, see `labbook.filling.pouring`."""
+        raise PlacingError("fill.stream: a filling by a stream needs the stream")
+
+
 LAYER = 2.0
 """Diameters from front to back below which grains cannot pass one another, and are one layer."""
 
 
-STARTS: Registry[Start] = Registry[Start]("labbook.starts", Start, (Rain(), Gas(), Planar(), Dense(), FromFile()))
+_BUILTIN = (Rain(), Gas(), Planar(), Dense(), FromFile(), FromStream())
+STARTS: Registry[Start] = Registry[Start]("labbook.starts", Start, _BUILTIN)
 """What `fill.kind` can name."""
 
 
@@ -392,11 +403,14 @@ def free(
     trying: np.ndarray,
     a: np.ndarray | None = None,
     half: float = 0.0,
+    apart: np.ndarray | None = None,
 ) -> np.ndarray:
     """Those of the grains `trying`, in their order, that are in the way of neither grains `placed` nor each other.
 
     x: centres [m], shape [n, 3]; reach [m], shape [n]: what each keeps free around it; there: the centres of those
-    placed. Of rods also their axes `a`, shape [n, 3], and half the length of their segments [m].
+    placed. Of rods also their axes `a`, shape [n, 3], and half the length of their segments [m]. Where grains lie in
+    beds of their own, `apart` [m], shape [n, 1], is a fourth coordinate, by which beds are out of each other's reach;
+    `there` has it too.
     """
     from scipy.spatial import KDTree
 
@@ -405,13 +419,14 @@ def free(
 
     def meet(one: np.ndarray, other: np.ndarray) -> np.ndarray:
         branch = x[one] - x[other]
-        apart = np.linalg.norm(branch, axis=1) if a is None else distances(branch, a[one], a[other], half)
-        return apart < reach[one] + reach[other]
+        gap = np.linalg.norm(branch, axis=1) if a is None else distances(branch, a[one], a[other], half)
+        return gap < reach[one] + reach[other]
 
     kept, most = np.ones(len(trying), bool), reach[trying].max() + half
-    i, j = there.near(x[trying], most + reach.max() + half)
+    where = x[trying] if apart is None else np.hstack([x[trying], apart[trying]])
+    i, j = there.near(where, most + reach.max() + half)
     kept[j[meet(placed[i], trying[j])]] = False
-    pairs = KDTree(x[trying]).query_pairs(2 * most, output_type="ndarray")
+    pairs = KDTree(where).query_pairs(2 * most, output_type="ndarray")
     first_come(kept, pairs[meet(*trying[pairs].T)])
     return trying[kept]
 

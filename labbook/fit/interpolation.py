@@ -89,7 +89,23 @@ class Interpolation:
         return back(value), back(value - half), back(value + half)
 
 
-def trend_of_outlets(quantity: str, key: str, scene: Scene, narrowest: float) -> Trend | None:
+@dataclass(frozen=True)
+class OutletTrend:
+    """Logarithm of a flow rate against the outlet, up to a constant: power ln(D - offset).
+
+    Attributes:
+        power: Of Beverloo's law.
+        offset: Width of the outlet without flow [m].
+    """
+
+    power: float
+    offset: float
+
+    def __call__(self, D: np.ndarray) -> np.ndarray:
+        return self.power * np.log(D - self.offset)
+
+
+def trend_of_outlets(quantity: str, key: str, scene: Scene, narrowest: float) -> OutletTrend | None:
     """Give what is known of a quantity against a key.
 
     Args:
@@ -105,4 +121,4 @@ def trend_of_outlets(quantity: str, key: str, scene: Scene, narrowest: float) ->
     form, d = scene.container.outlet_form, scene.grains.equivalent_diameter
     if key != "container.orifice" or quantity not in _RATES or form not in _POWERS or narrowest < _NARROWEST * d:
         return None
-    return lambda x: _POWERS[form] * np.log(x - _K * d)
+    return OutletTrend(_POWERS[form], _K * d)

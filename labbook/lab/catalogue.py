@@ -57,12 +57,22 @@ class Entry:
     """When it ended (UTC, ISO 8601)."""
     suspect: str = ""
     """Why it is suspect (`labbook.lab.suspect`); empty if it is not."""
+    wall_time: float = 0.0
+    """Time spent stepping [s]."""
+    filling_time: float = 0.0
+    """The same of the packing that it started from, where the index has it [s]."""
 
     @classmethod
     def of(cls, record: RunRecord, stamp: int) -> "Entry":
         """What a run says of itself; `stamp`: of its folder."""
         said = {name: getattr(record, name) for name in _SAID}
-        return cls(coverage=record.coverage, stamp=stamp, suspect=suspicion(record.ledger), **said)
+        return cls(
+            coverage=record.coverage,
+            stamp=stamp,
+            suspect=suspicion(record.ledger),
+            wall_time=record.wall_time,
+            **said,
+        )
 
     @property
     def frame_interval(self) -> float | None:
@@ -72,6 +82,11 @@ class Entry:
 
 _SAID = ("run_key", "lineage_key", "cache_version", "outcome", "packing_key", "backend", "device", "finished")
 """Of a run, in its record as in the index."""
+_FILLING = packings.c.wall_time.label("filling_time")
+_ENTRIES = select(
+    *(_FILLING if name == _FILLING.name else runs.c[name] for name in Entry.__dataclass_fields__)
+).select_from(runs.outerjoin(packings, packings.c.packing_key == runs.c.packing_key))
+"""Rows from which entries are made."""
 
 
 @dataclass(frozen=True)
@@ -241,7 +256,7 @@ class Catalogue:
 
     def entries(self, run_keys: Iterable[str] = (), lineages: Iterable[str] = ()) -> list[Entry]:
         """What is known of runs with these keys or of these lineages."""
-        query = select(*(runs.c[name] for name in Entry.__dataclass_fields__))
+        query = _ENTRIES
         with self._asking() as connection:
             rows = among(connection, query, runs.c.run_key, run_keys)
             rows += among(connection, query, runs.c.lineage_key, lineages)
@@ -249,7 +264,7 @@ class Catalogue:
 
     def damaged(self) -> list[Entry]:
         """What is known of runs that cannot be read."""
-        query = select(*(runs.c[name] for name in Entry.__dataclass_fields__)).where(runs.c.problem.is_not(None))
+        query = _ENTRIES.where(runs.c.problem.is_not(None))
         with self._asking() as connection:
             return [_entry(row) for row in connection.execute(query)]
 
@@ -393,7 +408,8 @@ def _entry(row: Row) -> Entry:
     """A row of the index; what a damaged run does not tell is empty."""
     said: dict[str, Any] = {name: getattr(row, name) or ("" if name != "cache_version" else 0) for name in _SAID}
     coverage = Coverage.model_validate_json(row.coverage) if row.coverage else None
-    return Entry(coverage=coverage, problem=row.problem, stamp=row.stamp, suspect=row.suspect, **said)
+    times: dict[str, Any] = {name: getattr(row, name) or 0.0 for name in ("wall_time", "filling_time")}
+    return Entry(coverage=coverage, problem=row.problem, stamp=row.stamp, suspect=row.suspect, **said, **times)
 
 
 def _problem_of_run(folder: Path) -> str | None:

@@ -19,11 +19,12 @@ from pydantic import Field
 
 from labbook.backend import Capabilities
 from labbook.backend.numerics import Numerics
-from labbook.filling import GrainFile, Kick, Mobilise
+from labbook.filling import GrainFile, Kick, Mobilise, pouring
 from labbook.lab.formulas import source_hash
 from labbook.scene import CONTACT_LAWS, ContactLaw, Scene, Surface, Wall
 from labbook.scene.material import OwnMaterial
 from labbook.scene.model import Model, Text, canonical, digest, once
+from labbook.scene.stream import Stream
 from labbook.scene.walls import WALL_SHAPES, Frustum, Plane, Strip, SurfaceMotion, WallShape
 
 _GUARDS = ("speed_limit", "overlap_limit")
@@ -129,6 +130,8 @@ def scene_identity(scene: Scene, made: Versions | None = None) -> dict[str, Any]
         "walls": walls,
         "outlet_plane": scene.outlet,
         "gravity": scene.gravity,
+        **({} if scene.sink is None else {"sink": scene.sink}),
+        **({"planes": [plane.model_dump() for plane in planes]} if (planes := scene.container.planes) else {}),
         **({"feed": {**scene.feed.model_dump(), "version": scene.feed.version}} if scene.feed else {}),
         **({"restart": {**scene.restart.model_dump(), "version": scene.restart.version}} if scene.restart else {}),
     }
@@ -260,6 +263,10 @@ class Filling:
     """File of the grains; part of the key where there is one."""
     mobilise: Annotated[Mobilise | None, Field(exclude_if=lambda mobilise: mobilise is None)] = None
     """Motion of the bottom against the upright walls after the rest; part of the key where there is one."""
+    stream: Annotated[Stream | None, Field(exclude_if=lambda stream: stream is None)] = None
+    """Stream by which grains enter; part of the key where there is one."""
+    until: Annotated[float | None, Field(exclude_if=lambda until: until is None)] = None
+    """Time [s] at which the filling ends, whether the bed rests or not; part of the key where it is stated."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -377,9 +384,12 @@ def _packing(closed: str, filling: Filling, numerics: Numerics, maker: str) -> d
 
 @once(256)
 def _filling(filling: Filling) -> Text:
-    parts = {
-        name: value for name, value in vars(filling).items() if name not in ("moving", "file", "mobilise") or value
-    }
+    optional = ("moving", "file", "mobilise", "stream", "until")
+    parts = {name: value for name, value in vars(filling).items() if name not in optional or value}
+    if filling.until is not None:
+        parts["until"] = filling.until
+    if filling.stream is not None:
+        parts["stream"] = filling.stream.model_dump(mode="json") | {"version": pouring.VERSION}
     if filling.file is not None:
         parts["file"] = asdict(filling.file)
     if filling.mobilise is not None:

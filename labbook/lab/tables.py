@@ -13,7 +13,7 @@ from numpy.lib import format as npy
 
 from labbook.backend import Checkpoint
 from labbook.backend.numerics import Numerics
-from labbook.backend.probes import Crossing, Dissipation, Film, Ledger, Probe, Table, columns
+from labbook.backend.probes import Above, Crossing, Dissipation, Film, Ledger, Probe, Table, columns
 from labbook.lab.folder import open_file, write_bytes
 from labbook.scene import Scene, Spheres
 from labbook.scene.quantities import told_apart
@@ -143,7 +143,9 @@ def most_bytes(probe: Probe, scene: Scene, numerics: Numerics, steps: int) -> fl
         rows = (steps * numerics.dt / probe.every + 2) * scene.grains.count
     else:
         frames = 2 * (steps // (probe.every * numerics.steps_per_beat) + 1)
-        rows = frames * (1 if isinstance(probe, Ledger | Dissipation) else _CONTACTS * scene.grains.count)
+        single = isinstance(probe, Above | Ledger | Dissipation)
+        planes = len(probe.planes) if isinstance(probe, Above) else 1
+        rows = frames * (planes if single else _CONTACTS * scene.grains.count)
     return min(MOST, 2**16 + 8 * rows * len(columns(probe, rods=True)))
 
 

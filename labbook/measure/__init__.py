@@ -13,6 +13,7 @@ from labbook.measure.outlet import OutletProfiles
 from labbook.measure.outlets import OutletRates
 from labbook.measure.packing import PackingStructure
 from labbook.measure.part_forces import MovingPartForces
+from labbook.measure.planes import PlaneRates
 from labbook.measure.residence import Residence
 from labbook.measure.stress import ContactStress
 from labbook.measure.wall_stress import WallStress
@@ -29,6 +30,7 @@ MEASURES: Registry[Measure] = Registry[Measure](
         ContactStress(),
         EnergyLedger(),
         OutletRates(),
+        PlaneRates(),
         Composition(),
         Residence(),
         EnergyBalance(),

@@ -16,10 +16,11 @@ class RunData:
     """A discharge as it was observed.
 
     `tables`: rows of the probes by their lower-case names (`crossing`, `sample`, `slab`, `zone`, `contacts`,
-    `traction`, `ledger`, `dissipation`), columns as `labbook.backend.probes` lists them; and `restart` of a run with
-    restarts, with the columns `stopped` (when the last grain before a stop left) and `time` (when the arch was broken)
-    [s]. `duration`: simulated time covered since the opening [s]. `outcome`: how it ended (finished, precise, emptied,
-    clogged, diverged, time-limit). `recorded`: reads the frames of a run that was recorded; None without any.
+    `traction`, `above`, `ledger`, `dissipation`), columns as `labbook.backend.probes` lists them; and `restart` of
+    a run with restarts, with the columns `stopped` (when the last grain before a stop left) and `time` (when the
+    arch was broken) [s]. `duration`: simulated time covered since the opening [s]. `outcome`: how it ended
+    (finished, precise, emptied, clogged, diverged, time-limit). `recorded`: reads the frames of a run that was
+    recorded; None without any.
     """
 
     scene: Scene

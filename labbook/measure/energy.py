@@ -78,6 +78,9 @@ class EnergyBalance(Measure):
         if scene.feed is not None:
             reason = "energy is the balance of a discharge, and this silo is fed"
             raise MeasureError(reason, "take energy out of measure, or leave out feed")
+        if scene.sink is not None:
+            reason = "energy is the balance of what lies above the outlet, and this container goes on below it"
+            raise MeasureError(reason, "take energy out of measure, or leave out container.sink")
         if scene.gravity == 0:
             reason = "energy is sampled at a multiple of sqrt(d/g), and there is no gravity"
             raise MeasureError(reason, "take energy out of measure, or use a gravity above 0 m/s^2")

@@ -4,7 +4,7 @@ from collections import defaultdict
 from collections.abc import Iterable, Mapping, Sequence
 from typing import NamedTuple
 
-from labbook.backend.probes import UNEVEN, Crossing, Probe, Sample, Slab, Traction, Zone, parse_probe, table_name
+from labbook.backend.probes import UNEVEN, Above, Crossing, Probe, Sample, Slab, Traction, Zone, parse_probe, table_name
 from labbook.lab import identity
 from labbook.lab.catalogue import Catalogue, Entry
 from labbook.lab.evaluations import FinishedRun
@@ -97,6 +97,8 @@ def _covers(had: Probe, asked: Probe) -> bool:
         if not (wide and had.low <= asked.low + near and pairs):
             return False
     if isinstance(had, Traction) and isinstance(asked, Traction) and had.size != asked.size:
+        return False
+    if isinstance(had, Above) and isinstance(asked, Above) and had.planes != asked.planes:
         return False
     if isinstance(had, Crossing | Slab) or isinstance(asked, Crossing | Slab):
         return had == asked

@@ -194,7 +194,13 @@ class PointDemand:
     @property
     def longest_filling(self) -> float:
         """Time [s] after which a bed that still moves is an error."""
-        return self.point.fill.max_time or LONGEST * gravity_time(self.scene)
+        return self.point.fill.max_time or LONGEST * gravity_time(self.scene) + self.pouring_time
+
+    @property
+    def pouring_time(self) -> float:
+        """Time [s] in which a stream brings all grains; 0 without one."""
+        stream, grains = self.point.fill.stream, self.scene.grains
+        return 0.0 if stream is None else grains.count * grains.volume * grains.mean_density / stream.rate
 
     @property
     def stop(self) -> StopRule:
@@ -325,7 +331,8 @@ class Demand:
                 scene.grains, fill.contact or scene.contact
             )
             moving = start.moving if rolls else 0.0
-        return Filling(fill.kind, self.seed, fill.settled_below, start.version, moving, fill.grain_file, fill.mobilise)
+        optional = fill.grain_file, fill.mobilise, fill.stream, fill.until
+        return Filling(fill.kind, self.seed, fill.settled_below, start.version, moving, *optional)
 
     @property
     def film(self) -> Film | None:

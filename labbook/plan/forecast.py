@@ -344,7 +344,9 @@ def settling_time(demand: Demand) -> float:
     kind = demand.point.fill.kind
     top = placing.STARTS[kind].drop * placing.column(scene, kind)
     fall = math.sqrt(2 * top / scene.gravity) if scene.gravity > 0 else math.inf
-    return min(demand.shared.longest_filling, SETTLING * fall)
+    expected = demand.shared.pouring_time + SETTLING * fall
+    until = demand.point.fill.until
+    return min(demand.shared.longest_filling, expected if until is None else max(until, demand.shared.filled_by.beat))
 
 
 def disk_of(demand: Demand) -> float:

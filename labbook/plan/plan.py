@@ -32,6 +32,7 @@ from labbook.plan.beds import filling_cost
 from labbook.plan.coverage import made_by, shortfall
 from labbook.plan.demand import Demand, PackingsOf, PointDemand, discharges, recorded_in_words, stopping_rule
 from labbook.plan.derived import derived
+from labbook.plan.meshes import mesh_lines
 from labbook.scene.quantities import duration, percent, size, value_range
 from labbook.stats import Decision, StoppingRule
 from labbook.stats.nested import TYPICAL, by_bed, of_beds, shares
@@ -211,11 +212,6 @@ class Plan:
             f"<table><thead><tr><th>point</th>{heads}</tr></thead><tbody>{''.join(cells)}</tbody></table>{lines}"
         )
 
-    def _meshes(self) -> list[str]:
-        """Size of each mesh among the walls."""
-        parts = (part for point in self.points for part in point.shared.scene.container.parts)
-        return sorted({f"Mesh {part.name}: {part.shape.summary}" for part in parts if part.shape.summary})
-
     def lines(self) -> list[str]:
         """How the runs stand, what is foreseen, and the warnings, line by line."""
         counts = self.counts()
@@ -231,7 +227,7 @@ class Plan:
             lines.append(f"Up to {self.rule.cap} replicates per point, until {until}")
             lines += [f"Stops: {line}" for line in _at_points(self.stops)]
         lines += _at_points(derived(self.study.points), len(self.study.points))
-        lines += self._meshes()
+        lines += mesh_lines(point.shared.scene for point in self.points)
         if "flow_rate" in self.study.measure:
             lines.append(f"Flow rates from {window_in_words(self.study.window)}")
         lines += filter(None, [recorded_in_words(point.shared for point in self.points)])

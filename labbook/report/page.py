@@ -12,11 +12,13 @@ from functools import lru_cache
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from labbook.campaign import Calibrate
 from labbook.lab.folder import write_bytes
 from labbook.report import figures, tables
 from labbook.report.against import against_sections
 from labbook.report.arch import arch_sections
 from labbook.report.blocks import Block, Folded, Picture, Section, Verbatim, anchored, picture, slug
+from labbook.report.calibrated import calibrated_sections
 from labbook.report.clogging import clogging_sections
 from labbook.report.composition import composition_sections
 from labbook.report.energy import energy_sections
@@ -52,7 +54,9 @@ def write(results: StudyResults, folder: Path, today: date | None = None) -> Pat
     """
     folder.mkdir(parents=True, exist_ok=True)
     study = results.study
-    sections = anchored([section for part in PARTS for section in part(results, folder)], {"result", "contents"})
+    sections = anchored(
+        [section for part in _parts(results) for section in part(results, folder)], {"result", "contents"}
+    )
     text = (
         environment()
         .get_template("report.html.j2")
@@ -183,6 +187,14 @@ PARTS: tuple[Part, ...] = (
     _outcomes,
     _provenance,
 )
+
+OF_CALIBRATIONS: tuple[Part, ...] = (calibrated_sections, _outcomes, _provenance)
+"""Parts of the report of a calibration, whose points differ in parameters that have no meaning alone."""
+
+
+def _parts(results: StudyResults) -> tuple[Part, ...]:
+    return OF_CALIBRATIONS if isinstance(results.study.adapt, Calibrate) else PARTS
+
 
 _OVERVIEW = "Flow rates of all series with 95 % intervals."
 _BESIDE = " Points at one D are drawn side by side."

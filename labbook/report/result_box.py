@@ -3,7 +3,7 @@
 import math
 from collections.abc import Callable, Iterator, Sequence
 
-from labbook.campaign import Goal
+from labbook.campaign import Calibrate, Goal
 from labbook.commands import command
 from labbook.fit import NOT_DETERMINED, FitResult
 from labbook.measure.clogging import PROBABILITY
@@ -68,6 +68,8 @@ def _counted(results: StudyResults) -> str:
 
 
 def _found(results: StudyResults) -> list[Row]:
+    if isinstance(results.study.adapt, Calibrate):  # its points differ in parameters that have no meaning alone
+        return [*_goal(results)]
     rows = [*_goal(results), *_flow_rates(results), *_clogging(results)]
     tested = numerics_summed_up(results.numerical)
     swept = [one for one in found_against(results) if not (tested and one.key.startswith(NUMERICS))]

@@ -116,6 +116,11 @@ class RunResult:
         return self.run.entry.device
 
     @property
+    def cost(self) -> float:
+        """Run time [s] of it and of the packing that it started from, as far as the index knows."""
+        return self.run.entry.wall_time + self.run.entry.filling_time
+
+    @property
     def provenance(self) -> Mapping[str, Any]:
         """What made it."""
         return self.run.provenance

@@ -178,8 +178,8 @@ def surface(
     key = _key(results.points, over)
     fixed = _fixed(results.points, key, at or {})
     there = [one for one in results.points if has(one.at, fixed) and key in one.at]
-    usable = [one for one in there if one.pooled.get(quantity) is not None and not _is_clogged(one)]
-    notes = tuple(filter(None, (_remark(one, quantity, one in usable) for one in there)))
+    usable = [one for one in there if one.pooled.get(quantity) is not None and not is_clogged(one)]
+    notes = tuple(filter(None, (remark_on(one, quantity, one in usable) for one in there)))
     places = sorted({float(one.at[key]) for one in usable})
     if len(places) < 2:
         why = f" ({'; '.join(notes)})" if notes else ""
@@ -251,13 +251,14 @@ def _fixed(points: Sequence[PointResult], key: str, at: Mapping[str, Any]) -> di
     return fixed
 
 
-def _is_clogged(point: PointResult) -> bool:
+def is_clogged(point: PointResult) -> bool:
+    """Decide if so many runs of a point clogged that the others are no fair sample."""
     return point.outcomes["clogged"] > CLOGGED * len(point.runs)
 
 
-def _remark(point: PointResult, quantity: str, used: bool) -> str:
+def remark_on(point: PointResult, quantity: str, used: bool) -> str:
     """Reason for leaving a point out, or a warning about one that is used; empty if there is neither."""
     clogged = f"{point.outcomes['clogged']} of {len(point.runs)} runs clogged"
     if used:
         return f"{point.label}: {clogged}, and the others are biased to fast flow" if point.outcomes["clogged"] else ""
-    return f"{point.label} is left out: {clogged if _is_clogged(point) else point.lacking or f'no {quantity}'}"
+    return f"{point.label} is left out: {clogged if is_clogged(point) else point.lacking or f'no {quantity}'}"

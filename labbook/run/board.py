@@ -323,7 +323,7 @@ class Board:
         with _given_back(claim):
             if not self._there(key):
                 placed = None  # a file is read in this process, which knows where its content is
-                placing = placing if demand.filling.file is None else None
+                placing = placing if demand.filling.file is None and demand.filling.stream is None else None
                 if placing and demand.shared.packings_of is None and not (lab.work(key) / PROGRESS).exists():
                     placed = placing.place(demand.shared.closed, demand.filling.kind, demand.seed)
                 return FillJob(self._bench, demand, item.keys, claim, self._served(key), placed)

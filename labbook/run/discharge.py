@@ -27,7 +27,7 @@ from labbook.backend.probes import (
 )
 from labbook.campaign import Assignment, Generation, History, PreciseRun, Trial
 from labbook.campaign.precise import HALF_WIDTH
-from labbook.filling import Breaker, Feeder, PlacingError, kicked, opened, still
+from labbook.filling import Breaker, Feeder, Inflow, PlacingError, Refill, kicked, opened, still
 from labbook.filling.bed import bed_height, parts_of_mass
 from labbook.lab import identity
 from labbook.lab.folder import PICTURE, Claim, stamp
@@ -103,7 +103,7 @@ class DischargeJob(Job):
         level = float(packing.x[:, 2].max())
         if level > height:
             raise JobFailed(
-                f"{self.label}: the settled bed stands {level * 1e3:.4g} mm high, above the side walls "
+                f"{self.label}: the bed stands {level * 1e3:.4g} mm high, above the side walls "
                 f"({height * 1e3:.4g} mm), and would spill over them; raise container.height or use fewer grains"
             )
         lowest = self.demand.shared.stop.fill_height
@@ -117,11 +117,13 @@ class DischargeJob(Job):
         return start if kick is None else kicked(start, self.scene, kick, self.demand.seed)
 
     @cached_property
-    def _feeder(self) -> Feeder | None:
+    def _feeder(self) -> Feeder | Inflow | None:
         """What puts grains back; None where none come back. Raises JobFailed."""
         if self.scene.feed is None:
             return None
         try:
+            if self.scene.feed.stream is not None:
+                return Inflow(self.scene, self._packed, self.demand.seed, self.numerics.beat)
             return Feeder(self.scene, self._packed, self.demand.filling.kind, self.demand.seed)
         except PlacingError as error:
             raise JobFailed(f"{self.label}: {error}") from error
@@ -281,9 +283,10 @@ class DischargeJob(Job):
         """True if grains have left: a state that is saved has those that are put back after its beat."""
         return self._feeder is not None and self._advanced and self.status.grains < self.scene.grains.count
 
-    def returning(self, bed: Packing) -> Packing | None:
-        """Return the grains that come back into this bed; None if none finds a place."""
-        return self._feeder and self._feeder.returning(bed, self._beat)
+    def refill(self, bed: Packing) -> Refill:
+        """Return this bed with the grains that it has lost after this beat."""
+        assert self._feeder is not None
+        return Refill(self._feeder, bed, self._beat)
 
     @property
     def pauses(self) -> bool:

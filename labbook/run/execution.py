@@ -5,9 +5,9 @@ import time
 from collections import defaultdict
 from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import ALL_COMPLETED, FIRST_COMPLETED, Future, wait
-from itertools import chain
 
 from labbook.backend import Backend, EndState, Ensemble, Event, Member, Overflow
+from labbook.filling import refill
 from labbook.run.board import KINDS, Board, Started
 from labbook.run.closing import Closing
 from labbook.run.discharge import DischargeJob
@@ -29,8 +29,6 @@ _SAVING = 0.05  # part of the time since the start, at most, that goes into savi
 _LONG = 1.0  # s of saving that are allowed from the start
 _MOST_UNSAVED = 2**28  # bytes of rows of a job that wait in memory for its next save
 _POLL = 0.5  # s: how often claims that others hold are tried again
-_BEGUN = 8
-"""One in so many members of a lane, at most, is begun while others are stepped: about as many as end in a beat."""
 _MANY = 10_000  # grains that take a while to place
 _TRACE = logging.getLogger("labbook.turns")
 _BEFORE_STEPS = ("placing", "compiling", "preparing")
@@ -100,19 +98,16 @@ class Execution:
                 if not self._board.todo and (self._device == "cpu" or not self._board.going):
                     self._board.widen()
                 busy = [lane for lane, _ in turns.values()]
-                going = len(turns)
                 for lane in lanes if not (self._shared and busy) else ():
                     if lane not in busy:
                         turns |= self._next_turn(lane, turns)
                 settled = self._closing.settle()  # now, while lanes are at work
                 self._board.place_ahead()
-                if self._shared and (settled or len(turns) > going):
-                    self._begin_ahead(turns)
                 if self._request.made:
                     break
                 if settled and len(turns) < len(lanes):  # there may be runs whose packings are made
                     continue
-                if not (turns or self._closing.jobs or self._board.waiting or any(lane.begun for lane in lanes)):
+                if not (turns or self._closing.jobs or self._board.waiting):
                     if not self._board.todo:
                         return
                     self.report()
@@ -144,21 +139,10 @@ class Execution:
         completed = [turn for turn in turns if turn.done()]
         return [] if self._shared and len(completed) < len(turns) else completed
 
-    def _begin_ahead(self, turns: "Turns") -> None:
-        """Begin the next jobs of lanes that are at work, until a turn is taken: a GPU would wait for it afterwards."""
-        for lane, new in turns.values():
-            jobs = self._board.jobs(new[0].spec if new else lane.spec, lane.kinds)
-            while len(lane.begun) < lane.slots // _BEGUN and not (self._request.made or self._completed(turns)):
-                started = next(jobs, None)
-                if started is None:
-                    break
-                lane.begun.append(started)
-
     def _next_turn(self, lane: Lane, turns: "Turns") -> "Turns":
         new: list[Started] = []
         room = self._room(lane, turns)
-        spec = lane.spec if lane.jobs else lane.begun[0].spec if lane.begun else None
-        jobs = chain(lane.take_begun(), self._board.jobs(spec, lane.kinds))
+        jobs = self._board.jobs(lane.spec if lane.jobs else None, lane.kinds)
         while len(lane.jobs) + len(new) < room and not self._request.made:
             started = next(jobs, None)
             if started is None:
@@ -236,11 +220,11 @@ class Execution:
 
         def beds(members: Sequence[Member]) -> Mapping[Member, Packing]:
             with ensemble.reading(members):
-                return {member: ensemble.packing(member) for member in members}
+                return {member: ensemble.bed(member) for member in members}
 
         fed = beds([member for member, job in jobs.items() if job.lacks_grains])
-        back = {member: jobs[member].returning(bed) for member, bed in fed.items()}
-        ensemble.put_back_all({member: grains for member, grains in back.items() if grains is not None})
+        back = zip(fed, refill([jobs[member].refill(bed) for member, bed in fed.items()]), strict=True)
+        ensemble.put_back_all({member: grains for member, grains in back if grains is not None})
         for member, bed in beds([member for member, job in jobs.items() if job.pauses]).items():
             jobs[member].intervene(ensemble, member, bed)
 
@@ -347,7 +331,6 @@ class Execution:
         """What every job is at."""
         compiling = self._backend.compiling()
         at_work = {job for lane in self._lanes if not lane.preparing for job in list(lane.jobs.values())}
-        at_work |= {started.job for lane in self._lanes for started in lane.begun}
         found, closing, waiting = [], dict.fromkeys(self._closing.jobs), {*self._board.waiting.values()}
         for job in (*(job for job in self._board.going.values() if job not in closing), *closing):
             if job in closing:

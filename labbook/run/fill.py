@@ -11,9 +11,10 @@ from typing import Any
 import numpy as np
 
 from labbook.backend import Checkpoint, EndState, Ensemble, Event, Failed, Member, Settled, Status
+from labbook.backend.contract import StoredState
 from labbook.backend.numerics import Numerics
 from labbook.backend.probes import Probe, Table
-from labbook.filling import PlacingError, place
+from labbook.filling import PlacingError, Pouring, place
 from labbook.filling.bed import astray, at_rest
 from labbook.filling.placing import STARTS
 from labbook.lab import identity
@@ -70,6 +71,23 @@ class FillJob(Job):
         self._levels: tuple[tuple[float, float], ...] = ()
         self._seen: tuple[float, Packing] | None = None
         self._lost = ""
+        self._until = demand.filling.until
+        self._start: Packing | None = None
+        """The grains as they were placed, if this is all of the filling."""
+        self._poured = 0 if demand.filling.stream else self.scene.grains.count
+        """Grains that have entered; `_stepped` of them before the last beat."""
+        self._stepped = self._poured
+        self._advanced = False
+
+    @cached_property
+    def _pouring(self) -> Pouring | None:
+        """The stream that brings the grains; None where all are placed at once. Raises JobFailed."""
+        if (stream := self.demand.filling.stream) is None:
+            return None
+        try:
+            return Pouring(self.scene, stream, self.demand.filling.seed, self.numerics.beat)
+        except PlacingError as error:
+            raise JobFailed(f"{self.label}: {error}") from error
 
     def begin(self) -> Packing | Checkpoint:
         """As every job, but a backend never fills in another one's place. Raises JobFailed."""
@@ -125,7 +143,13 @@ class FillJob(Job):
         placed, self._placed = self._placed, None
         try:
             filling = self.demand.filling
-            return placed.result() if placed else place(self.scene, filling.kind, filling.seed, filling.file)
+            if self._pouring is not None:
+                first = self._pouring.first()
+                self._poured = len(first)
+                return first
+            start = placed.result() if placed else place(self.scene, filling.kind, filling.seed, filling.file)
+            self._start = start if self._until == 0 else None
+            return start
         except PlacingError as error:
             raise JobFailed(f"{self.label}: {error}") from error
 
@@ -140,21 +164,46 @@ class FillJob(Job):
             if stage not in ((0,) if self._lifted is None else (0, 1, 2)) or not 0 <= since < math.inf:
                 raise Unreadable(f"{self.journal.folder / PROGRESS}: state.stage: stage {stage} since {since} s")
             self._quiet, self._stage, self._since, self._fell = quiet, stage, since, since
+            poured, count = saved.state.get("poured", self.scene.grains.count), self.scene.grains.count
+            if type(poured) is not int or not 0 < poured <= count or (self._pouring is None and poured != count):
+                raise Unreadable(f"{self.journal.folder / PROGRESS}: state.poured: {poured} of {count} grains")
+            self._poured = poured
         return saved
 
     def state(self) -> dict[str, Any]:
         """How often on end it was found at rest; its stage, after the first; why a guard stopped it, if one did."""
         stage = {"stage": self._stage, "since": self._since} if self._stage else {}
-        return {"quiet": self._quiet, **stage} | ({"failed": self._failure.message} if self._failure else {})
+        poured = {} if self._pouring is None else {"poured": self._poured}
+        return {"quiet": self._quiet, **stage, **poured} | ({"failed": self._failure.message} if self._failure else {})
 
     def after(
         self, status: Status, tables: Mapping[Probe, Table], wall: float, process: float, grain_steps: float
     ) -> None:
         """As every job; when the kinetic energy last fell to half of what it had been is noted."""
+        self._advanced, self._stepped = status.step > self.status.step, self._poured
         super().after(status, tables, wall, process, grain_steps)
-        if status.kinetic <= self._lowest / 2:
+        if self._enters:
+            self._watch_from(math.inf)
+        elif status.kinetic <= self._lowest / 2:
             self._watch_from(status.kinetic)
         self._most = max(self._most, status.kinetic)
+
+    @property
+    def _enters(self) -> bool:
+        """True while grains of a stream are still to enter."""
+        return self._poured < self.scene.grains.count
+
+    @property
+    def lacks_grains(self) -> bool:
+        """True while grains of a stream are still to enter, after a beat that went well."""
+        return self._enters and self._advanced and self.status.grains == self._stepped
+
+    def returning(self, bed: Packing) -> Packing | None:
+        """Return the grains of the stream that enter this bed; None if none does."""
+        assert self._pouring is not None
+        new = self._pouring.returning(bed, self.status.step // self.numerics.steps_per_beat)
+        self._poured += 0 if new is None else len(new)
+        return new
 
     @property
     def stalled(self) -> bool:
@@ -217,14 +266,16 @@ class FillJob(Job):
     def may_save(self) -> bool:
         """Not while the backend counts beats at rest: that count is not in a checkpoint."""
         assert self.settled_below is not None
-        return self._walls_move or self.status.kinetic >= self.settled_below
+        return self._until != 0 and (self._walls_move or self._enters or self.status.kinetic >= self.settled_below)
 
     @property
     def looks(self) -> bool:
         """True if grains have left, or it is time to look: at every _LOOK_EVERY beats where some grains may move, which
         decides when the bed is at rest; else only once the filling takes much longer than expected."""
-        if self.status.grains < self.scene.grains.count:
+        if self.status.grains < self._stepped:
             return True
+        if self._enters or self._until == 0:
+            return False
         if self.status.step % (_LOOK_EVERY * self.numerics.steps_per_beat):
             return False
         return self.demand.filling.moving > 0 or self._for > 2 * self._usual
@@ -233,7 +284,7 @@ class FillJob(Job):
         """Look at each grain: whether it is still in the container, how high the bed stands, and where some grains may
         move, at their speeds."""
         packing = ensemble.packing(member)
-        self._lost = self._lost or losses(self.scene, self.status.time, packing, self._seen)
+        self._lost = self._lost or losses(self.scene, self.status.time, packing, self._seen, self._poured)
         self._seen = self.status.time, packing
         if len(packing):
             level = self.status.time, float(packing.x[:, 2].mean())
@@ -243,7 +294,7 @@ class FillJob(Job):
         if moving == 0:
             return
         assert self.settled_below is not None
-        calm = not self._walls_move and at_rest(self.scene, packing, self.settled_below, moving)
+        calm = not (self._walls_move or self._enters) and at_rest(self.scene, packing, self.settled_below, moving)
         self._quiet = self._quiet + 1 if calm else 0
 
     def verdict(self, events: Sequence[Event]) -> str | None:
@@ -268,6 +319,11 @@ class FillJob(Job):
             mobilise = self.demand.filling.mobilise
             assert mobilise is not None
             return self._for >= mobilise.time
+        if self._until is not None:
+            return self.status.time >= self._until
+        return not self._enters and self._rests(events)
+
+    def _rests(self, events: Sequence[Event]) -> bool:
         return self._quiet >= _LOOKS or any(isinstance(event, Settled) for event in events)
 
     def kept(self, verdict: str, left: EndState) -> "KeptPacking":
@@ -275,6 +331,15 @@ class FillJob(Job):
         if self._lost:
             raise JobFailed(needs_all(self.label, self._lost, self._closing()))
         if verdict == "settled":
+            if self._enters:
+                raise JobFailed(
+                    f"{self.label}: {self._poured} of {self.scene.grains.count} grains have entered by fill.until "
+                    f"({self._until:g} s); use a later time, or a larger fill.stream.rate"
+                )
+            if self._start is not None:
+                own = self.bench.backend.capabilities
+                left = StoredState(Checkpoint(own.name, own.cache_version, {}), self._start)
+                self.status = Status(0, 0.0, len(self._start), self.status.kinetic)
             return KeptPacking(
                 self.bench.lab,
                 self.key,
@@ -348,6 +413,9 @@ class FillJob(Job):
                 f"mobilising the friction of walls: {self._for:.2f} of {mobilise.time:.3g} s",
                 f"{self.status.time:.2f} s",
             )
+        if self._enters:
+            entered = f"{self._poured} of {self.scene.grains.count} grains have entered"
+            return entered, f"{self.status.time:.2f} s"
         now, below = short(self.status.kinetic), short(self.settled_below)
         return f"settling: {now} of m g d, rests below {below}", f"{self.status.time:.2f} of {self._longest:.3g} s"
 
@@ -399,7 +467,9 @@ def needs_all(label: str, lost: str, remedy: str) -> str:
     return f"{label}: {lost}. A discharge needs all grains: {remedy}"
 
 
-def losses(scene: Scene, time: float, packing: Packing, before: tuple[float, Packing] | None) -> str:
+def losses(
+    scene: Scene, time: float, packing: Packing, before: tuple[float, Packing] | None, entered: int | None = None
+) -> str:
     """Say how many grains have left the container, which, where and since when; empty if all are there.
 
     Args:
@@ -407,10 +477,11 @@ def losses(scene: Scene, time: float, packing: Packing, before: tuple[float, Pac
         time: When [s] its grains were as in `packing`.
         packing: Its grains now.
         before: An earlier time [s], and its grains then.
+        entered: How many grains have entered; None: all of them.
     """
     assert packing.ids is not None
-    count, plane = scene.grains.count, scene.container.outlet_plane
-    missing = np.setdiff1d(np.arange(count), packing.ids)
+    count, plane = entered or scene.grains.count, scene.container.outlet_plane
+    missing = np.setdiff1d(np.arange(scene.grains.count), packing.ids)[: max(0, count - len(packing))]
     out = packing.ids[astray(scene, packing)]
     number = len(missing) + len(out)
     if not number:

@@ -10,6 +10,7 @@ from typing import Any, ClassVar
 from labbook.backend import Backend, Checkpoint, EndState, Ensemble, Event, Failed, Member, Status
 from labbook.backend.numerics import Numerics
 from labbook.backend.probes import Probe, Table
+from labbook.filling import Refill
 from labbook.lab.folder import Claim, LabFolder, room
 from labbook.lab.identity import Keys
 from labbook.lab.index import RunRows
@@ -175,9 +176,9 @@ class Job(ABC):
         """True if grains that left come back after this beat."""
         return False
 
-    def returning(self, bed: Packing) -> Packing | None:
-        """Return the grains that come back into this bed; None if none does."""
-        return None
+    def refill(self, bed: Packing) -> Refill:
+        """Return this bed with the grains that it has lost, where they come back. Only of a job that lacks grains."""
+        raise NotImplementedError
 
     @property
     def pauses(self) -> bool:

@@ -7,8 +7,7 @@ turns: runs go on while other beds settle, and grains of further ones are placed
 
 import threading
 import time
-from collections import deque
-from collections.abc import Callable, Collection, Iterator, Sequence
+from collections.abc import Callable, Collection, Sequence
 from concurrent.futures import Future
 from contextlib import nullcontext
 from dataclasses import dataclass, field
@@ -99,8 +98,6 @@ class Lane:
     kinds: Collection[str]
     hand: Hand
     opened: int = 0
-    begun: deque[Started] = field(default_factory=deque)
-    """The next jobs, of the Spec that it had when they were begun."""
     jobs: dict[Member, Job] = field(default_factory=dict)
     spec: Spec | None = None
     ensemble: Ensemble | None = None
@@ -108,11 +105,6 @@ class Lane:
     """Whether its kernels are being compiled or loaded. Its jobs have taken no step then: there is nothing to save."""
     saving: float = 0.0
     """Wall time that went into saving its jobs while they were going on [s]."""
-
-    def take_begun(self) -> Iterator[Started]:
-        """Take one of the next jobs after another that were begun before their turn."""
-        while self.begun:
-            yield self.begun.popleft()
 
     def start(self, new: Sequence[Started], expected: int = 0) -> "Future[Turn]":
         """Admit `new` and take one beat, in the lane's thread.

@@ -45,7 +45,7 @@ def ledger(
 def expected_speed(scene: Scene, start: Packing) -> float:
     """Speed [m/s] that gravity gives a grain from the top of the start, and from a push as large as any of its speeds,
     on its way to where it is dropped; and that of the fastest wall."""
-    plane = scene.container.outlet_plane
+    plane = scene.container.outlet_plane if scene.sink is None else scene.sink
     size = scene.grains.extent
     low = float(start.x[:, 2].min()) if plane is None else plane - _DROPPED * size
     fall = 2 * scene.gravity * (float(start.x[:, 2].max()) - low)

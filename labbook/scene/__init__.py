@@ -13,25 +13,19 @@ from labbook.scene.contact import (
     Surface,
     SurfaceChange,
 )
-from labbook.scene.container import (
-    Box,
-    ConicalSilo,
-    Container,
-    ContainerShape,
-    CylinderSilo,
-    Outlet,
-    Primitives,
-    WedgeHopper,
-)
+from labbook.scene.container import Box, Container, Primitives
+from labbook.scene.container_shape import ContainerShape, Outlet
 from labbook.scene.feed import Feed
 from labbook.scene.grains import Grains, Kind, Spheres, Spherocylinders
 from labbook.scene.mesh import TriangleMesh
 from labbook.scene.packing import Packing
 from labbook.scene.part_motion import PartMotion, PartRotation, Vibration
 from labbook.scene.restart import Restart
+from labbook.scene.round_silos import ConicalSilo, CylinderSilo
 from labbook.scene.scene import Scene
 from labbook.scene.sizes import LogNormal, Normal, SizeList, SizeTable, Uniform
 from labbook.scene.walls import Frustum, Plane, Strip, SurfaceMotion, Wall
+from labbook.scene.wedge_hopper import WedgeHopper
 
 __all__ = [
     "CONTACT_LAWS",

@@ -116,6 +116,11 @@ class Packing:
         order = np.argsort(self.ids)
         return order[np.searchsorted(self.ids, ids, sorter=order)]
 
+    def part(self, rows: np.ndarray) -> "Packing":
+        """Return the grains of these rows, or of a mask, without springs."""
+        arrays = {name: getattr(self, name) for name in (*_DOUBLE, "ids", "q", *_EACH)}
+        return Packing(**{name: array[rows] for name, array in arrays.items() if array is not None})
+
     def mirrored(self) -> "Packing":
         """The mirror image in x = 0: x and v_x change sign, omega (an axial vector) and the rotation q in y and z.
 

@@ -324,6 +324,7 @@ _npm, _npm_ = quantity("N/m")
 _hz, _hz_ = quantity("Hz")
 _v, _v_ = quantity("m/s")
 _w, _w_ = quantity("rad/s")
+_flow, _flow_ = quantity("kg/s")
 
 _whole_ = BeforeValidator(whole)
 
@@ -357,6 +358,7 @@ Instant = Annotated[float, _s, _s_, Field(ge=0, le=1e9)]
 Frequency = Annotated[float, _hz, _hz_, Field(ge=-1e9, le=1e9)]
 Speed = Annotated[float, _v, _v_, Field(ge=-1e8, le=1e8)]
 AngularSpeed = Annotated[float, _w, _w_, Field(ge=-1e9, le=1e9)]
+MassRate = Annotated[float, _flow, _flow_, Field(ge=1e-18, le=1e12)]
 Ratio = Annotated[float, _one, _one_, Field(ge=-1e6, le=1e6)]
 Coefficient = Annotated[float, _one, _one_, Field(ge=0, le=1e6)]
 Whole = Annotated[int, Field(strict=True), _whole_]

@@ -54,7 +54,7 @@ class Scene(Model):
             lacks = "side walls that end" if self.container.outlets else "outlet"
             reason = f"a {self.container.kind} has no {lacks}, so there are no grains to feed back"
             yield Fault("feed", reason, "leave feed out, or use a wedge-hopper, cylinder-silo or conical-silo")
-        if self.restart is not None and self.feed is None:
+        if self.restart is not None and (self.feed is None or self.feed.kind != "reinject"):
             reason = "arches are broken in a bed of constant height only"
             yield Fault("restart", reason, "state feed: {kind: reinject}, or leave restart out")
         elif self.restart is not None and [math.isfinite(one.width) for one in self.container.outlets] != [True]:
@@ -149,6 +149,11 @@ class Scene(Model):
     def outlet(self) -> float | None:
         """z [m] of the plane that grains leave through, or None if the container is closed or has none."""
         return None if self.container.closed else self.container.outlet_plane
+
+    @property
+    def sink(self) -> float | None:
+        """z [m] below which grains leave the scene where it goes on below its outlet; else None."""
+        return None if self.container.closed else self.container.sink
 
     @property
     def wall_names(self) -> set[str]:

@@ -10,7 +10,7 @@ from typing import Literal
 
 import numpy as np
 
-from labbook.scene.container import ContainerShape
+from labbook.scene.container_shape import ContainerShape
 from labbook.scene.scene import Scene
 from labbook.scene.walls import Frustum, Plane, Strip, Wall, WallShape
 

@@ -28,8 +28,9 @@ _SHAPES = (
     "state parts: [{name: hopper, shape: {kind: mesh, file: hopper.stl, unit: mm}}] in a container of kind primitives, "
     "or, for an insert, of any kind"
 )
-_NO_INFLOW = "grains do not enter at a rate"
-_REINJECT = "use feed: {kind: reinject}, which puts back at the top what leaves, so that the bed keeps its height"
+_STREAM = "stream: {rate: 50 g/s, low: [-20 mm, -20 mm, 300 mm], high: [20 mm, 20 mm, 320 mm]}}"
+_INFLOW = "an inflow is a feed of grains that have left"
+_FEED = f"use feed: {{kind: rate, {_STREAM}, or kind: reinject, by which the bed keeps its height"
 _OWN_WALLS = "use container: {kind: primitives, parts: [...]} with planes, strips, frustums and meshes as walls"
 
 TABLE = (
@@ -114,26 +115,26 @@ TABLE = (
     Absent(
         "grains.kinds[] fill grains",
         "layer layers layered layering",
-        "there are no layers: kinds are mixed at random",
-        "leave it out; pictures of a run colour the grains by the height at which they rested",
+        "layers are those of a stream that fills the container",
+        "use fill: {kind: stream, stream: {rate: ..., low: ..., high: ..., layers: [a, b]}} with the names of kinds",
     ),
     Absent(
         "feed feed.kind",
-        "rate stream inflow inlet insertion insertrate insertionrate feedrate massrate massflow source pour",
-        _NO_INFLOW,
-        _REINJECT,
+        "inflow inlet insertion insertrate insertionrate feedrate massrate massflow source pour",
+        _INFLOW,
+        _FEED,
     ),
     Absent(
         ".",
         "inflow inlet insertion insertrate insertionrate feedrate massrate factory generator",
-        _NO_INFLOW,
-        _REINJECT,
+        _INFLOW,
+        _FEED,
     ),
     Absent(
         "fill fill.kind",
-        "stream rate insertrate insertionrate fillrate massrate pour pouring batch batches velocity source nozzle",
-        "a bed is not filled by a stream",
-        "use fill: {kind: rain}, or gas, planar or dense; the outlet opens when the bed is at rest, after any filling",
+        "rate insertrate insertionrate fillrate massrate pour pouring batch batches velocity source nozzle",
+        "a rate belongs to a filling by a stream",
+        f"use fill: {{kind: stream, {_STREAM}",
     ),
     Absent(
         "fill fill.kind",

@@ -3,11 +3,11 @@
 import math
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 
-from labbook.filling import from_file
+from labbook.filling import PlacingError, Pouring, from_file
 from labbook.filling.placing import STARTS
 from labbook.fit import LAWS
 from labbook.measure import MEASURES, MeasureError
-from labbook.scene.container import ContainerShape
+from labbook.scene.container_shape import ContainerShape
 from labbook.scene.model import Fault
 from labbook.scene.quantities import told_apart
 from labbook.scene.scene import Scene
@@ -72,6 +72,8 @@ def unfillable(source: StudyText, settings: Settings, points: Sequence[Point]) -
             *_restless(point),
             *_immobile(point),
             *_too_high(point.scene, settings.stop.fill_height),
+            *_unrested(point, settings.measure),
+            *_blocked(point),
         )
         for key, reason, remedy in (*found, *((one.key, one.reason, one.remedy) for one in start)):
             if key not in told:
@@ -231,6 +233,27 @@ def _too_high(scene: Scene, stop: float | None) -> Iterator[tuple[str, str, str]
         yield "stop.fill_height", reason, f"use less than {highest / 2 * 1e3:.3g} mm, or more grains"
 
 
+def _unrested(point: Point, measures: Sequence[str]) -> Iterator[tuple[str, str, str]]:
+    """Measures of a bed at rest, where the outlet opens at a time that is stated."""
+    for name in ("packing", "wall_stress"):
+        if point.fill.until is not None and name in measures:
+            reason = f"{name} is measured in a bed at rest, and this one may move when the outlet opens"
+            yield "fill.until", reason, f"leave it out, or take {name} out of measure"
+
+
+def _blocked(point: Point) -> Iterator[tuple[str, str, str]]:
+    """Streams that bring no grain."""
+    feed = point.scene.feed
+    for section, stream in (("fill", point.fill.stream), ("feed", None if feed is None else feed.stream)):
+        if stream is None:
+            continue
+        try:
+            Pouring(point.scene.close(), stream, 1, point.numerics.beat).first()
+        except PlacingError as error:
+            reason, _, remedy = str(error).partition("; ")
+            yield f"{section}.stream", reason, remedy
+
+
 def flat_area(container: ContainerShape) -> float | None:
     """Area [m^2] of the bottom of a flat-bottomed silo; None of other containers."""
     return container.area if container.outlets and container.rise == 0 else None
@@ -286,7 +309,8 @@ def unit_of(quantity: str, settings: Settings, scenes: Iterable[Scene], stated: 
 def _kind(scene: Scene) -> tuple:
     """Properties that determine the quantities of a scene."""
     c, grains = scene.container, scene.grains
-    return c.kind, grains.half_length > 0, grains.varied, c.front_to_back < 2 * grains.diameter, len(c.outlets)
+    thin = c.front_to_back < 2 * grains.diameter
+    return c.kind, grains.half_length > 0, grains.varied, thin, len(c.outlets), c.planes
 
 
 def _units_of(measures: Iterable[str], scenes: Iterable[Scene]) -> dict[str, str]:

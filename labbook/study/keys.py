@@ -57,6 +57,7 @@ EXAMPLES = {
     "Hz": "0.5 Hz",
     "m/s": "1 m/s",
     "rad/s": "1 rad/s",
+    "kg/s": "50 g/s",
 }
 
 
@@ -174,10 +175,10 @@ def _same_everywhere(field: str, members: list[Any]) -> bool:
 
 
 def _leaf(name: str, field: FieldInfo, base: Any, metadata: list[Any], of: str) -> Key:
-    unit = next((mark.symbol for mark in metadata if isinstance(mark, Unit)), None)
     length, word = "", next((mark for mark in metadata if isinstance(mark, OrWord)), None)
     if word is not None:
         base, metadata = _unwrap(word.number, metadata)
+    unit = next((mark.symbol for mark in metadata if isinstance(mark, Unit)), None)
     if get_origin(base) is tuple:
         parts = get_args(base)
         inner, inner_metadata = _unwrap(parts[0], [])
@@ -192,7 +193,7 @@ def _leaf(name: str, field: FieldInfo, base: Any, metadata: list[Any], of: str) 
         name,
         length or ("choice" if choices else kinds[base]),
         None if length and unit is None else unit,
-        _limits(metadata) + (f" or {word.word}" if word is not None else ""),
+        (_limits(metadata) + (f" or {word.word}" if word is not None else "")).strip(),
         choices,
         None if any(isinstance(mark, Stated) for mark in metadata) else _default(field, unit),
         " ".join((field.description or ("Time integrator; the only choice." if len(choices) == 1 else "")).split()),

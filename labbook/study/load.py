@@ -18,8 +18,10 @@ from labbook.measure import MEASURES
 from labbook.scene.attached import StudyFolder
 from labbook.study.absent import absent
 from labbook.study.applicable import unadaptable, unbroken, undischarged, unfed, unfillable, unfittable, unmeasurable
+from labbook.study.calibrate import CalibrateReader
 from labbook.study.explain import complaints
 from labbook.study.habits import habit
+from labbook.study.include import with_included
 from labbook.study.keys import all_keys, find, nearest
 from labbook.study.notebook import study_html
 from labbook.study.paper import fits, words
@@ -200,6 +202,7 @@ def _keys_and_values(stated: Any, instead: str) -> Mapping[str, Any]:
 
 
 def _resolved(source: StudyText, calibration_file: Path | None = None) -> Study:
+    source = with_included(source)
     problems = _unknown_keys(source)
     unknown = [key for key in source.data if key not in TOP_KEYS]
     misspelled = {meant(key, TOP_KEYS) for key in unknown[:_COMPARED]}
@@ -211,7 +214,9 @@ def _resolved(source: StudyText, calibration_file: Path | None = None) -> Study:
     points = reader.read(sweep if sweep.size <= MAX_POINTS else islice(sweep, 1))
     reference = ReferenceReader(source, points, known_names, settings)
     published = reference.read()
-    problems += [*sweep.problems, *reader.problems, *reference.problems]
+    calibrate = CalibrateReader(source, points, published, settings)
+    strategy = calibrate.read()
+    problems += [*sweep.problems, *reader.problems, *reference.problems, *calibrate.problems]
     if settings is not None:
         problems += _unknown_names(source, settings)
         problems += _too_many_runs(source, settings, len(points))
@@ -227,6 +232,7 @@ def _resolved(source: StudyText, calibration_file: Path | None = None) -> Study:
     if problems or settings is None:
         raise StudyError(problems)
     stated = {name: getattr(settings, name) for name in SETTING_KEYS} | {"window": window, "stop": stop}
+    stated["adapt"] = strategy or settings.adapt
     return Study(
         path=source.path,
         points=points,

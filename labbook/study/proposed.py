@@ -1,5 +1,6 @@
 """A study with other points than its author stated: those that a strategy has proposed, or those of a pilot."""
 
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from typing import Any
@@ -9,6 +10,7 @@ from labbook.scene.quantities import DIGITS, parse
 from labbook.study.keys import find
 from labbook.study.load import Study
 from labbook.study.point import Point
+from labbook.study.source import written
 
 
 def with_points(study: Study, assignments: Sequence[Assignment]) -> Study:
@@ -36,14 +38,51 @@ def with_points(study: Study, assignments: Sequence[Assignment]) -> Study:
 
 def _read(study: Study, assignments: Sequence[Assignment]) -> tuple[Point, ...]:
     """Points that the study does not state, read as if it did."""
-    if not assignments:
-        return ()
-    changes: dict[str, Any] = {"points": [written_at(one.at) for one in assignments], "adapt": None}
-    changes |= {key: None for key in ("sweep", "reference") if key in study.stated}  # it may speak of other points
+    return study.change(_changes(study, [one.at for one in assignments])).points if assignments else ()
+
+
+def _changes(study: Study, points: Sequence[Mapping[str, float | str]]) -> dict[str, Any]:
+    """Changes of a study that give it these points, and leave their keys of runs as they are."""
+    changes: dict[str, Any] = {"points": [written_at(at) for at in points], "adapt": None}
+    changes |= {
+        key: None for key in ("sweep", "reference", "calibrate") if key in study.stated
+    }  # they may speak of others
     if not (study.window.timed or study.fed):  # with these points alone the window could be another one
         ends = {"start": study.window.opening, "end": study.window.end}
         changes["window"] = {**study.stated.get("window", {}), **ends}
-    return study.change(changes).points
+    return changes
+
+
+def study_at(study: Study, points: Sequence[Mapping[str, float | str]], name: str, replicates: int) -> tuple[str, str]:
+    """Write a study of other points of the same scene as YAML.
+
+    Args:
+        study: As its author stated it.
+        points: Values of keys [SI], within the range of the study.
+        name: Of the new study.
+        replicates: Beds of each point.
+
+    Returns:
+        The text up to its points, and the text of its points: together the study.
+
+    Raises:
+        StudyError: A point cannot be.
+    """
+    dropped = {key: None for key in ("fit", "about", "calibrate") if key in study.stated}  # of the whole sweep
+    listed = [{key: _plain(key, value) for key, value in at.items()} for at in points]
+    changes = {**_changes(study, points), **dropped, "points": listed, "name": name, "replicates": replicates}
+    new = study.change(changes)
+    head = written({key: value for key, value in new.stated.items() if key != "points"})
+    lines = ("- {" + ", ".join(f"{key}: {value}" for key, value in at.items()) + "}\n" for at in listed)
+    return head, "points:\n" + "".join(lines)
+
+
+def _plain(key: str, value: float | str) -> str:
+    """A value as people write it: angles in degrees, numbers without a unit as they are."""
+    ((_, text),) = written_at({key: value}).items()
+    if not isinstance(value, str) and text.endswith(" rad"):
+        return f"{math.degrees(value):.9g} deg"
+    return text
 
 
 def written_at(at: Mapping[str, float | str]) -> dict[str, str]:

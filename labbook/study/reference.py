@@ -236,7 +236,7 @@ class ReferenceReader:
                 self._problem((*place, key), "there is no such key", nearest(key))
                 continue
             try:
-                at[key] = _condition(stated, meant[0], diameter)
+                at[key] = condition(stated, meant[0], diameter)
             except ValueError as error:
                 self._problem((*place, key), f"{shown(stated)}: {error}", meant[0].remedy)
         if at and len(at) == len(raw):
@@ -257,7 +257,7 @@ class ReferenceReader:
         self.problems.append(Problem(self._source.path, line, shown(dotted(place)), message, remedy))
 
 
-def _condition(stated: Any, key: Key, diameter: float | None) -> float | str:
+def condition(stated: Any, key: Key, diameter: float | None) -> float | str:
     """A value of `key`, in SI. Raises ValueError."""
     if key.type not in ("quantity", "integer"):
         return str(stated).lower() if isinstance(stated, bool) else str(stated)

@@ -20,17 +20,20 @@ from labbook.backend.numerics import Numerics
 from labbook.campaign import STRATEGIES, Strategy
 from labbook.filling import GrainFile
 from labbook.filling.mobilising import Mobilise
-from labbook.filling.placing import STARTS, FromFile
+from labbook.filling.placing import STARTS, FromFile, FromStream
 from labbook.fit import named
 from labbook.scene.attached import AttachedFile
 from labbook.scene.contact import AnyLaw
 from labbook.scene.model import Among, Fault, Model, OrWord, refuse
 from labbook.scene.quantities import Coefficient, Coordinate, Duration, Instant, Length, Ratio, Whole
 from labbook.scene.scene import Scene
+from labbook.scene.stream import Stream
 
 AUTO: Literal["auto"] = "auto"
 """Value of `discharges_per_bed` for which the cheapest number is chosen, and of `window.start` for the end of the
 start-up."""
+PLACED: Literal["placed"] = "placed"
+"""Value of `fill.until` for an outlet that is open from the start."""
 Fraction = Annotated[Ratio, Field(ge=0, le=1)]
 Name = Annotated[str, Field(pattern=r"^[A-Za-z][A-Za-z0-9_-]*$", max_length=80)]
 
@@ -71,13 +74,20 @@ class Fill(Model):
     kind: Annotated[str, Among(STARTS)] = "rain"
     """Start of the grains: `rain`, a loose column of slow grains; `gas`, a denser one of fast grains; `planar`, a rain
     in the middle plane between front and back walls; `dense`, a bed pushed together that has little left to fall;
-    `file`, at the positions in `fill.file`."""
+    `file`, at the positions in `fill.file`; `stream`, one after another through the region of `fill.stream`."""
     # where they are not stated they are left out of what is stored
     file: Annotated[AttachedFile | None, Field(exclude_if=lambda file: file is None)] = None
     """File of the grains, in the folder of the study (kind: file): a CSV file, a text dump of LAMMPS or LIGGGHTS, or a
     data file of LAMMPS."""
     shift: Annotated[_Vector | None, Field(exclude_if=lambda shift: shift is None)] = None
     """Displacement of all grains of the file; none: they stay where they are."""
+    stream: Annotated[Stream | None, Field(exclude_if=lambda stream: stream is None)] = None
+    """Stream by which grains enter (kind: stream)."""
+    until: Annotated[
+        Annotated[float, OrWord(Duration, PLACED)] | None, Field(exclude_if=lambda until: until is None)
+    ] = None
+    """Time after the start of the filling at which the outlet opens, whether the bed rests or not; `placed`: at once,
+    so that grains fall into an open container. None: when the bed is at rest."""
     friction: Coefficient | None = None
     """Friction coefficient of grains and walls during filling; none: as in the study."""
     # where it is not stated it is left out of what is stored
@@ -102,6 +112,21 @@ class Fill(Model):
     then it comes to rest again. None: no such motion."""
     max_time: Duration | None = None
     """Longest filling; a bed that moves after this time is an error."""
+
+    @model_validator(mode="after")
+    def _has_a_stream_where_one_flows(self):
+        if self.until == PLACED:  # a filling of no time
+            object.__setattr__(self, "until", 0.0)
+        flows = self.kind == FromStream.name
+        if flows and self.stream is None:
+            refuse([Fault("stream", "this key is missing", "state rate, low and high of the stream")])
+        if not flows and self.stream is not None:
+            refuse([Fault("stream", f"a {self.kind} start has no stream", "leave it out, or use kind: stream")])
+        if self.until is not None and self.mobilise is not None:
+            refuse([Fault("until", "friction is mobilised in a bed at rest", "leave until or mobilise out")])
+        if self.until == 0 and flows:
+            refuse([Fault("until", "a stream takes time", "state a time after which all grains have entered")])
+        return self
 
     @model_validator(mode="after")
     def _has_a_file_where_one_is_read(self):
@@ -372,5 +397,5 @@ class Reference:
 
 SCENE_KEYS = tuple(Scene.model_fields)
 SETTING_KEYS = tuple(Settings.model_fields)
-OTHER_KEYS = ("fill", "numerics", "sweep", "points", "reference")
+OTHER_KEYS = ("fill", "numerics", "sweep", "points", "reference", "calibrate", "include")
 TOP_KEYS = (*SETTING_KEYS, *SCENE_KEYS, *OTHER_KEYS)

@@ -68,6 +68,12 @@ def given_path(path: Path | str, what: str) -> Path:
 def read(path: Path) -> StudyText:
     """Read a study file. Raises StudyError if it cannot be read, is not YAML, or repeats keys."""
     text = _text(path)
+    data, lines = parsed(path, text)
+    return StudyText(path, data, lines, text, StudyFolder.of(path))
+
+
+def parsed(path: Path, text: str) -> tuple[dict[str, Any], dict[Location, int]]:
+    """Parse the text of a file as a mapping of keys, with their lines. Raises StudyError."""
     root = _compose(path, text)
     walker = _Walker(path)
     data = walker.plain(root, (), ())
@@ -76,7 +82,7 @@ def read(path: Path) -> StudyText:
     if not isinstance(data, dict):
         problem = Problem(path, 1, "", "a study is a mapping of keys", "begin with a line such as `name: my-study`")
         raise StudyError([problem])
-    return StudyText(path, data, walker.lines, text, StudyFolder.of(path))
+    return data, walker.lines
 
 
 def given(stated: Mapping[str, Any], keys: Mapping[str, Any]) -> StudyText:

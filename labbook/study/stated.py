@@ -19,16 +19,17 @@ Swept = TypedDict("Swept", {
     "contact.tangential_damping": object, "contact.normal_damping": object, "contact.youngs_modulus": object,
     "contact.tension": object, "contact.normal_stiffness": object, "contact.tangential_stiffness": object,
     "contact.contact_time": object, "contact.largest_overlap": object, "contact.impact_speed": object,
-    "container.kind": object, "container.width": object, "container.height": object, "container.thickness": object,
-    "container.angle": object, "container.orifice": object, "container.gap": object, "container.diameter": object,
-    "container.rotation": object, "container.depth": object, "container.lid": object,
+    "container.kind": object, "container.sink": object, "container.width": object, "container.height": object,
+    "container.thickness": object, "container.angle": object, "container.orifice": object, "container.gap": object,
+    "container.diameter": object, "container.rotation": object, "container.depth": object, "container.lid": object,
     "container.outlet_plane": object, "walls.all.friction": object, "walls.all.rolling_friction": object,
     "walls.all.restitution": object, "walls.all.youngs_modulus": object, "walls.all.shear_modulus": object,
     "walls.all.poisson_ratio": object, "walls.all.normal_stiffness": object, "gravity": object, "feed.kind": object,
-    "restart.kind": object, "restart.wait": object, "fill.kind": object, "fill.friction": object,
-    "fill.contact.law": object, "fill.contact.friction": object, "fill.contact.rolling_friction": object,
-    "fill.contact.restitution": object, "fill.contact.damping": object, "fill.contact.rolling": object,
-    "fill.contact.rolling_model": object, "fill.contact.rolling_stiffness": object,
+    "feed.stream.rate": object, "feed.stream.every": object, "restart.kind": object, "restart.wait": object,
+    "fill.kind": object, "fill.stream.rate": object, "fill.stream.every": object, "fill.until": object,
+    "fill.friction": object, "fill.contact.law": object, "fill.contact.friction": object,
+    "fill.contact.rolling_friction": object, "fill.contact.restitution": object, "fill.contact.damping": object,
+    "fill.contact.rolling": object, "fill.contact.rolling_model": object, "fill.contact.rolling_stiffness": object,
     "fill.contact.rolling_damping": object, "fill.contact.shear_modulus": object,
     "fill.contact.poisson_ratio": object, "fill.contact.tangential_damping": object,
     "fill.contact.normal_damping": object, "fill.contact.youngs_modulus": object, "fill.contact.tension": object,
@@ -65,13 +66,18 @@ Changed = TypedDict("Changed", {
     "contact.poisson_ratio": object, "contact.tangential_damping": object, "contact.normal_damping": object,
     "contact.youngs_modulus": object, "contact.tension": object, "contact.normal_stiffness": object,
     "contact.tangential_stiffness": object, "contact.contact_time": object, "contact.largest_overlap": object,
-    "contact.impact_speed": object, "container.kind": object, "container.width": object, "container.height": object,
-    "container.thickness": object, "container.angle": object, "container.orifice": object, "container.gap": object,
-    "container.diameter": object, "container.rotation": object, "container.depth": object, "container.lid": object,
+    "contact.impact_speed": object, "container.kind": object, "container.sink": object, "container.width": object,
+    "container.height": object, "container.thickness": object, "container.angle": object,
+    "container.orifice": object, "container.gap": object, "container.diameter": object,
+    "container.rotation": object, "container.depth": object, "container.lid": object,
     "container.outlet_plane": object, "walls.all.friction": object, "walls.all.rolling_friction": object,
     "walls.all.restitution": object, "walls.all.youngs_modulus": object, "walls.all.shear_modulus": object,
     "walls.all.poisson_ratio": object, "walls.all.normal_stiffness": object, "gravity": object, "feed.kind": object,
+    "feed.stream.rate": object, "feed.stream.low": object, "feed.stream.high": object,
+    "feed.stream.velocity": object, "feed.stream.every": object, "feed.stream.layers": object,
     "restart.kind": object, "restart.wait": object, "fill.kind": object, "fill.file": object, "fill.shift": object,
+    "fill.stream.rate": object, "fill.stream.low": object, "fill.stream.high": object,
+    "fill.stream.velocity": object, "fill.stream.every": object, "fill.stream.layers": object, "fill.until": object,
     "fill.friction": object, "fill.contact.law": object, "fill.contact.friction": object,
     "fill.contact.rolling_friction": object, "fill.contact.restitution": object, "fill.contact.damping": object,
     "fill.contact.rolling": object, "fill.contact.rolling_model": object, "fill.contact.rolling_stiffness": object,
@@ -100,35 +106,37 @@ Changed = TypedDict("Changed", {
     "sweep.contact.normal_damping": object, "sweep.contact.youngs_modulus": object, "sweep.contact.tension": object,
     "sweep.contact.normal_stiffness": object, "sweep.contact.tangential_stiffness": object,
     "sweep.contact.contact_time": object, "sweep.contact.largest_overlap": object,
-    "sweep.contact.impact_speed": object, "sweep.container.kind": object, "sweep.container.width": object,
-    "sweep.container.height": object, "sweep.container.thickness": object, "sweep.container.angle": object,
-    "sweep.container.orifice": object, "sweep.container.gap": object, "sweep.container.diameter": object,
-    "sweep.container.rotation": object, "sweep.container.depth": object, "sweep.container.lid": object,
-    "sweep.container.outlet_plane": object, "sweep.walls.all.friction": object,
+    "sweep.contact.impact_speed": object, "sweep.container.kind": object, "sweep.container.sink": object,
+    "sweep.container.width": object, "sweep.container.height": object, "sweep.container.thickness": object,
+    "sweep.container.angle": object, "sweep.container.orifice": object, "sweep.container.gap": object,
+    "sweep.container.diameter": object, "sweep.container.rotation": object, "sweep.container.depth": object,
+    "sweep.container.lid": object, "sweep.container.outlet_plane": object, "sweep.walls.all.friction": object,
     "sweep.walls.all.rolling_friction": object, "sweep.walls.all.restitution": object,
     "sweep.walls.all.youngs_modulus": object, "sweep.walls.all.shear_modulus": object,
     "sweep.walls.all.poisson_ratio": object, "sweep.walls.all.normal_stiffness": object, "sweep.gravity": object,
-    "sweep.feed.kind": object, "sweep.restart.kind": object, "sweep.restart.wait": object,
-    "sweep.fill.kind": object, "sweep.fill.friction": object, "sweep.fill.contact.law": object,
-    "sweep.fill.contact.friction": object, "sweep.fill.contact.rolling_friction": object,
-    "sweep.fill.contact.restitution": object, "sweep.fill.contact.damping": object,
-    "sweep.fill.contact.rolling": object, "sweep.fill.contact.rolling_model": object,
-    "sweep.fill.contact.rolling_stiffness": object, "sweep.fill.contact.rolling_damping": object,
-    "sweep.fill.contact.shear_modulus": object, "sweep.fill.contact.poisson_ratio": object,
-    "sweep.fill.contact.tangential_damping": object, "sweep.fill.contact.normal_damping": object,
-    "sweep.fill.contact.youngs_modulus": object, "sweep.fill.contact.tension": object,
-    "sweep.fill.contact.normal_stiffness": object, "sweep.fill.contact.tangential_stiffness": object,
-    "sweep.fill.contact.contact_time": object, "sweep.fill.contact.largest_overlap": object,
-    "sweep.fill.contact.impact_speed": object, "sweep.fill.numerics.dt": object,
-    "sweep.fill.numerics.precision": object, "sweep.fill.numerics.integrator": object,
-    "sweep.fill.numerics.skin": object, "sweep.fill.numerics.steps_per_beat": object,
-    "sweep.fill.numerics.stiffness_scale": object, "sweep.fill.numerics.speed_limit": object,
-    "sweep.fill.numerics.overlap_limit": object, "sweep.fill.settled_below": object, "sweep.fill.moving": object,
-    "sweep.fill.surface_motion": object, "sweep.fill.mobilise.bottom": object,
-    "sweep.fill.mobilise.velocity": object, "sweep.fill.max_time": object, "sweep.numerics.dt": object,
-    "sweep.numerics.precision": object, "sweep.numerics.integrator": object, "sweep.numerics.skin": object,
-    "sweep.numerics.steps_per_beat": object, "sweep.numerics.stiffness_scale": object,
-    "sweep.numerics.speed_limit": object, "sweep.numerics.overlap_limit": object,
+    "sweep.feed.kind": object, "sweep.feed.stream.rate": object, "sweep.feed.stream.every": object,
+    "sweep.restart.kind": object, "sweep.restart.wait": object, "sweep.fill.kind": object,
+    "sweep.fill.stream.rate": object, "sweep.fill.stream.every": object, "sweep.fill.until": object,
+    "sweep.fill.friction": object, "sweep.fill.contact.law": object, "sweep.fill.contact.friction": object,
+    "sweep.fill.contact.rolling_friction": object, "sweep.fill.contact.restitution": object,
+    "sweep.fill.contact.damping": object, "sweep.fill.contact.rolling": object,
+    "sweep.fill.contact.rolling_model": object, "sweep.fill.contact.rolling_stiffness": object,
+    "sweep.fill.contact.rolling_damping": object, "sweep.fill.contact.shear_modulus": object,
+    "sweep.fill.contact.poisson_ratio": object, "sweep.fill.contact.tangential_damping": object,
+    "sweep.fill.contact.normal_damping": object, "sweep.fill.contact.youngs_modulus": object,
+    "sweep.fill.contact.tension": object, "sweep.fill.contact.normal_stiffness": object,
+    "sweep.fill.contact.tangential_stiffness": object, "sweep.fill.contact.contact_time": object,
+    "sweep.fill.contact.largest_overlap": object, "sweep.fill.contact.impact_speed": object,
+    "sweep.fill.numerics.dt": object, "sweep.fill.numerics.precision": object,
+    "sweep.fill.numerics.integrator": object, "sweep.fill.numerics.skin": object,
+    "sweep.fill.numerics.steps_per_beat": object, "sweep.fill.numerics.stiffness_scale": object,
+    "sweep.fill.numerics.speed_limit": object, "sweep.fill.numerics.overlap_limit": object,
+    "sweep.fill.settled_below": object, "sweep.fill.moving": object, "sweep.fill.surface_motion": object,
+    "sweep.fill.mobilise.bottom": object, "sweep.fill.mobilise.velocity": object, "sweep.fill.max_time": object,
+    "sweep.numerics.dt": object, "sweep.numerics.precision": object, "sweep.numerics.integrator": object,
+    "sweep.numerics.skin": object, "sweep.numerics.steps_per_beat": object,
+    "sweep.numerics.stiffness_scale": object, "sweep.numerics.speed_limit": object,
+    "sweep.numerics.overlap_limit": object,
 }, total=False)
 """Dotted keys that `Study.change` takes."""
 
@@ -368,6 +376,15 @@ class ContactKeys(TypedDict, total=False):
     between: Sequence[ContactBetweenKeys | object] | object
 
 
+class ContainerPlanesKeys(TypedDict, total=False):
+    """Section `container.planes[]`."""
+
+    name: object
+    """Name of the plane in results, `flow_rate_NAME`: lower-case letters, digits and hyphens."""
+    z: object
+    """Height of the plane [m]."""
+
+
 class ContainerPartsShapeKeys(TypedDict, total=False):
     """Section `container.parts[].shape`."""
 
@@ -471,6 +488,10 @@ class ContainerKeys(TypedDict, total=False):
     `conical-silo`: Upright cylinder above a cone, with a round outlet at the cone's tip; `box`: Box, centred in x
     and y, with its bottom at z = 0; `lid` closes its top; `primitives`: Walls listed one by one; without walls:
     free space. Parts that open at the start stand only in the closed one."""
+    sink: object
+    """Height z of the plane below the outlet at which grains leave the scene, so that it goes on below the outlet;
+    `below-parts`: the lowest point of the parts. None: grains leave just below the outlet [m]. Range: or
+    below-parts."""
     width: object
     """kind: wedge-hopper: Inner width L between the side walls [m]. Range: above 0.
 
@@ -510,6 +531,7 @@ class ContainerKeys(TypedDict, total=False):
     """Whether a plane closes the top."""
     outlet_plane: object
     """Height z at which grains count as discharged; none: there is no outlet [m]."""
+    planes: Sequence[ContainerPlanesKeys | object] | object
     parts: Sequence[ContainerPartsKeys | object] | object
 
 
@@ -532,11 +554,32 @@ class WallsKeys(TypedDict, total=False):
     """Normal stiffness k_n at this wall (law linear) [N/m]. Range: above 0."""
 
 
+class FeedStreamKeys(TypedDict, total=False):
+    """Section `feed.stream`."""
+
+    rate: object
+    """Mass that enters per time, as long as the region has free places [kg/s]. Range: above 0."""
+    low: object
+    """Corner of the region with the least x, y and z: grains lie entirely within [m]."""
+    high: object
+    """Corner of the region with the largest x, y and z [m]."""
+    velocity: object
+    """Velocity of the grains as they enter [m/s]."""
+    every: object
+    """Time between two batches, each as large as the rate says; none: grains enter at every beat [s]. Range: above
+    0."""
+    layers: object
+    """Kinds of grains in the order in which they enter, such as `[a, b, a, b]`: grains of a kind are shared equally
+    among its layers; none: in random order."""
+
+
 class FeedKeys(TypedDict, total=False):
     """Section `feed`."""
 
-    kind: Literal["reinject"] | object
-    """`reinject`: grains that left fall onto the bed again, from random free places above it."""
+    kind: Literal["reinject", "rate"] | object
+    """`reinject`: grains that left fall onto the bed again, from random free places above it. `rate`: they enter
+    again by `stream`, which brings less than its rate while no grain waits or its region is full."""
+    stream: FeedStreamKeys | object
 
 
 class RestartKeys(TypedDict, total=False):
@@ -548,6 +591,25 @@ class RestartKeys(TypedDict, total=False):
     wait: object
     """Time without a leaving grain after which the flow counts as stopped, if no grain within 2 D of the outlet is
     faster than 0.01 `√(g d*)` [s]. Range: above 0."""
+
+
+class FillStreamKeys(TypedDict, total=False):
+    """Section `fill.stream`."""
+
+    rate: object
+    """Mass that enters per time, as long as the region has free places [kg/s]. Range: above 0."""
+    low: object
+    """Corner of the region with the least x, y and z: grains lie entirely within [m]."""
+    high: object
+    """Corner of the region with the largest x, y and z [m]."""
+    velocity: object
+    """Velocity of the grains as they enter [m/s]."""
+    every: object
+    """Time between two batches, each as large as the rate says; none: grains enter at every beat [s]. Range: above
+    0."""
+    layers: object
+    """Kinds of grains in the order in which they enter, such as `[a, b, a, b]`: grains of a kind are shared equally
+    among its layers; none: in random order."""
 
 
 class FillNumericsKeys(TypedDict, total=False):
@@ -586,15 +648,18 @@ class FillMobiliseKeys(TypedDict, total=False):
 class FillKeys(TypedDict, total=False):
     """Section `fill`."""
 
-    kind: Literal["rain", "gas", "planar", "dense", "file"] | object
+    kind: Literal["rain", "gas", "planar", "dense", "file", "stream"] | object
     """Start of the grains: `rain`, a loose column of slow grains; `gas`, a denser one of fast grains; `planar`, a
     rain in the middle plane between front and back walls; `dense`, a bed pushed together that has little left to
-    fall; `file`, at the positions in `fill.file`."""
+    fall; `file`, at the positions in `fill.file`; `stream`, one after another through the region of `fill.stream`."""
     file: object
     """File of the grains, in the folder of the study (kind: file): a CSV file, a text dump of LAMMPS or LIGGGHTS,
     or a data file of LAMMPS."""
     shift: object
     """Displacement of all grains of the file; none: they stay where they are [m]."""
+    until: object
+    """Time after the start of the filling at which the outlet opens, whether the bed rests or not; `placed`: at
+    once, so that grains fall into an open container. None: when the bed is at rest [s]. Range: above 0 or placed."""
     friction: object
     """Friction coefficient of grains and walls during filling; none: as in the study. Range: of at least 0."""
     contact: ContactKeys | object
@@ -611,6 +676,7 @@ class FillKeys(TypedDict, total=False):
     """Whether surfaces of walls (`container.rotation`, `container.parts[].motion`) move already during filling."""
     max_time: object
     """Longest filling; a bed that moves after this time is an error [s]. Range: above 0."""
+    stream: FillStreamKeys | object
     numerics: FillNumericsKeys | object
     mobilise: FillMobiliseKeys | object
 
@@ -652,7 +718,7 @@ class StudyKeys(TypedDict, total=False):
     number that is cheapest for `accuracy.flow_rate`, from how much of the scatter beds and flow have each. Range:
     of at least 1 or auto."""
     accuracy: AccuracyKeys | object
-    measure: Sequence[Literal["flow_rate", "outlet_profiles", "packing", "orifice", "contact_stress", "ledger", "outlets", "composition", "residence", "energy", "clogging", "arch", "wall_stress", "part_forces"] | object] | object
+    measure: Sequence[Literal["flow_rate", "outlet_profiles", "packing", "orifice", "contact_stress", "ledger", "outlets", "planes", "composition", "residence", "energy", "clogging", "arch", "wall_stress", "part_forces"] | object] | object
     """Names of the measurements to take."""
     fit: Sequence[Literal["beverloo", "janda", "beverloo_3d", "janda_3d", "power", "exponential"] | object] | object
     """Names of the laws to fit."""
@@ -673,6 +739,8 @@ class StudyKeys(TypedDict, total=False):
     sweep: Swept | object
     points: Sequence[Swept | object] | object
     reference: Mapping[str, object] | object
+    calibrate: Mapping[str, object] | object
+    include: str | Sequence[str] | object
 
 
 LawName: TypeAlias = Literal["beverloo", "janda", "beverloo_3d", "janda_3d", "power", "exponential"]
@@ -695,8 +763,9 @@ KEYS = """\
         tension, normal_stiffness [N/m], tangential_stiffness, contact_time [s], largest_overlap [m], impact_speed
         [m/s]
     contact.between[]: friction, rolling_friction, restitution, kinds, normal_stiffness [N/m]
-    container: kind, width [m], height [m], thickness [m], angle [rad], orifice [m], gap [m], diameter [m], rotation
-        [Hz], depth [m], lid, outlet_plane [m]
+    container: kind, sink [m], width [m], height [m], thickness [m], angle [rad], orifice [m], gap [m], diameter
+        [m], rotation [Hz], depth [m], lid, outlet_plane [m]
+    container.planes[]: name, z [m]
     container.parts[]: name, opens
     container.parts[].shape: kind, point [m], normal, start [m], end [m], lower [m], upper [m], smooth [rad],
         encloses, file, unit, scale, rotate [rad], at [m], allow
@@ -707,8 +776,10 @@ KEYS = """\
     walls.*: friction, rolling_friction, restitution, youngs_modulus [Pa], shear_modulus [Pa], poisson_ratio,
         normal_stiffness [N/m]
     feed: kind
+    feed.stream: rate [kg/s], low [m], high [m], velocity [m/s], every [s], layers
     restart: kind, wait [s]
-    fill: kind, file, shift [m], friction, contact, settled_below, moving, surface_motion, max_time [s]
+    fill: kind, file, shift [m], until [s], friction, contact, settled_below, moving, surface_motion, max_time [s]
+    fill.stream: rate [kg/s], low [m], high [m], velocity [m/s], every [s], layers
     fill.numerics: dt [s], precision, integrator, skin, steps_per_beat, stiffness_scale, speed_limit [m/s],
         overlap_limit
     fill.mobilise: bottom [m], velocity [m/s]

@@ -32,6 +32,8 @@ _OTHER = {
     "points": "Sequence[Swept | object] | object",
     "reference": "Mapping[str, object] | object",
     "adapt": "Mapping[str, object] | object",
+    "calibrate": "Mapping[str, object] | object",
+    "include": "str | Sequence[str] | object",
 }
 """Keys of a study that no model has."""
 _NAMES = {"measure": MEASURES, "fit": LAWS}

@@ -9,6 +9,7 @@ from stands import identical, specialised
 from labbook.backend.probes import (
     SLIDING,
     TRACTION_SUMS,
+    Above,
     Contacts,
     Crossing,
     Dissipation,
@@ -28,7 +29,8 @@ SAMPLE, CONTACTS = Sample(fields=("x", "v", "omega")), Contacts()
 SLAB = Slab(low=-0.0015, high=0.0015)
 ZONE = Zone(radius=0.012, low=-0.002, high=0.006, core=0.006, top=0.03)
 TRACTION = Traction(size=0.006)
-EVERYTHING = (Crossing(), Ledger(), SAMPLE, SLAB, ZONE, CONTACTS, TRACTION, Dissipation())
+ABOVE = Above(planes=(0.0, 0.01))
+EVERYTHING = (Crossing(), Ledger(), SAMPLE, SLAB, ZONE, CONTACTS, TRACTION, ABOVE, Dissipation())
 
 
 def test_declaring_and_reading_them_changes_no_bit(silo):
@@ -92,6 +94,7 @@ COLUMNS = {
     "Contacts": "i j wall fx fy fz bx by bz",
     "Dissipation": "normal_power tangential_power wall_power elastic",
     "Traction": f"wall bin {' '.join(TRACTION_SUMS)}",
+    "Above": "plane grains mass",
     "Ledger": "grains kinetic potential contact_work mass max_overlap touching rebuilds px py pz lx ly lz",
 }
 
@@ -106,7 +109,7 @@ def test_tables_have_the_columns_of_the_contract(silo):
         assert set(table) == {"member", "step", "time", *COLUMNS[type(probe).__name__].split()}
         assert len({len(column) for column in table.values()}) == 1
         for name, column in table.items():
-            whole = name in ("member", "step", "id", "i", "j", "wall", "bin", "contacts", "sliding")
+            whole = name in ("member", "step", "id", "i", "j", "wall", "bin", "contacts", "sliding", "plane", "grains")
             assert not whole or np.issubdtype(column.dtype, np.integer), name
 
 
@@ -194,6 +197,21 @@ def test_a_zone_has_the_rows_of_the_sample_around_and_above_the_outlet(silo):
     assert (around | above).sum() < len(z) / 2
     for name, column in zone.items():
         assert np.array_equal(column, sample[name][around | above])
+
+
+def test_the_mass_above_a_plane_is_that_of_the_grains_of_the_sample_there(silo):
+    with silo.ensemble(probes=EVERYTHING) as ensemble:
+        silo.admit(ensemble)
+        ensemble.advance(BEATS)
+        tables = ensemble.drain()
+    sample, above = tables[SAMPLE], tables[ABOVE]
+    for place, plane in enumerate(ABOVE.planes):
+        mine = above["plane"] == place
+        steps, grains = above["step"][mine], above["grains"][mine]
+        assert len(steps) == BEATS
+        assert list(grains) == [int((sample["z"][sample["step"] == step] > plane).sum()) for step in steps]
+        assert 0 < grains[-1] < grains[0]
+        assert np.allclose(above["mass"][mine], grains * silo.scene.grains.mass, rtol=1e-14)
 
 
 def test_touching_and_overlap_of_the_ledger_are_those_of_the_contacts(silo):
@@ -302,6 +320,21 @@ def test_a_grain_that_starts_below_does_not_cross(silo):
     scene, start = falling(silo, np.array([-1e-3, 1e-3]), np.array([0.3, 0.0]))
     rows = silo.stand.run(MemberStart(scene, DT, start), 5, 1000, [silo.crossing]).rows(silo.crossing)
     assert list(rows["id"]) == [1]
+
+
+def test_grains_fall_on_below_the_outlet_as_far_as_the_sink(silo):
+    """Two lengths below the sink they are dropped, in the next beat at the latest; the outlet counts them as ever."""
+    scene, start = falling(silo, np.array([0.01]), np.array([0.0]))
+    deep = scene.model_copy(update={"container": VAST.model_copy(update={"sink": -0.06})})
+    crossed, low = [], []
+    for one in (scene, deep):
+        motion = silo.stand.run(MemberStart(one, DT, start), 20, 250, [silo.crossing, SAMPLE])
+        crossed.append(motion.rows(silo.crossing))
+        low.append(motion.rows(SAMPLE)["z"].min())
+    assert identical(*crossed)
+    beat, size = 250 * DT * math.sqrt(2 * scene.gravity * 0.08), 2 * scene.grains.diameter
+    for end, lowest in zip((0.0, -0.06), low, strict=True):
+        assert end - size - beat < lowest < end - size + beat, "the way within a beat"
 
 
 def test_only_the_first_passage_counts(silo):

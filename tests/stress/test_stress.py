@@ -33,9 +33,7 @@ def checks():
             continue
         here = where(stand)
         for case in CASES:
-            can = stand.backend.capabilities
-            lacks = case.name == "meshes" and "mesh" not in can.walls
-            lacks |= case.name == "moving-parts" and not can.moving_parts
+            lacks = case.name == "moving-parts" and not stand.backend.capabilities.moving_parts
             if not lacks and not (stand.second and case.name in IN_ONE):
                 name = stand.backend.capabilities.name if stand.device == "cpu" else ""
                 long = case.slow or case.name in OF_ITS_OWN

@@ -52,6 +52,7 @@ def keys_of(lab: Path) -> list[str]:
 def pages(lab: Path, study: str, points: int) -> list[str]:
     """Addresses of all pages of a lab with one study, without those of twins."""
     found = ["/", "/runs", f"/study/{study}"]
+    found += [f"/study/{study}/explore"] if points > 1 else []
     found += [f"/study/{study}/point/{number}" for number in range(1, points + 1)]
     keys = keys_of(lab)
     found += [f"/run/{key[:16]}" for key in keys]

@@ -11,9 +11,12 @@ import numpy as np
 import pandas as pd
 import pytest
 from PIL import Image
+from toy_explore import ANSWERS, compare, questions
 from toy_lab import labbook, start, study_file
 from toy_web import ORIFICES, client, keys_of, make, serving
 
+from labbook import Lab, load
+from labbook.api import Results
 from labbook.lab import LabFolder, notes
 
 CHROMIUM = Path("/usr/bin/chromium")
@@ -268,6 +271,108 @@ def test_figures_are_drawn_when_they_come_into_sight(page):
     assert image.evaluate("node => node.decode().then(() => node.naturalWidth)") > 100
 
 
+# exploring
+
+
+def explored(page: Page, name: str, query: str = "") -> Page:
+    """The page that explores a study, drawn."""
+    page.goto(f"/study/{name}/explore{query}")
+    expect(page.locator("#field svg")).to_be_visible()
+    expect(page.locator("#field")).to_have_attribute("data-blocks", re.compile("[1-9]"))
+    return page
+
+
+def test_sliders_move_the_design_and_the_address(page):
+    explored(page, PLANE, "?at=27,75")
+    expect(page.locator("#interval")).to_contain_text("95 %:")
+    before = float(page.locator("#value").inner_text())
+    slider = page.locator('#sliders input[data-key="container.orifice"]')
+    slider.focus()
+    slider.press("End")
+    expect(page).to_have_url(re.compile(r"at=30(%2C|,)75"))
+    assert float(page.locator("#value").inner_text()) > before
+    exact = page.locator('#sliders input[data-exact="container.orifice"]')
+    expect(exact).to_have_value("30")
+    exact.fill("99")
+    exact.press("Tab")
+    expect(exact).to_have_value("30")  # nothing is asked beyond the swept range
+    page.reload()
+    expect(exact).to_have_value("30")
+
+
+def test_the_map_has_all_points_and_bars_those_that_clogged(page, lab):
+    explored(page, PLANE)
+    table = frame(lab, f"/study/{PLANE}.csv")
+    expect(page.locator("#field a[data-point]")).to_have_count(len(table))
+    expect(page.locator("#field circle.barred")).to_have_count(len(table) - len(table.dropna(subset=["flow_rate"])))
+    page.locator('#field a[data-point="4"]').click()
+    expect(page).to_have_url(re.compile(rf"/study/{PLANE}/point/4$"))
+
+
+def test_a_click_on_the_map_moves_the_design(page):
+    explored(page, PLANE, "?at=27,75")
+    area = page.locator("#field .hit").bounding_box()
+    assert area
+    page.mouse.click(area["x"] + 0.93 * area["width"], area["y"] + 0.5 * area["height"])
+    expect(page.locator('#sliders input[data-exact="container.orifice"]')).not_to_have_value("27")
+
+
+def test_a_wanted_value_is_answered_or_refused(page, lab):
+    explored(page, STUDY, "?want=40")
+    answer = page.locator("#answer")
+    expect(answer).to_contain_text("W = 40 g/s needs D = ")
+    said = float(re.search(r"D = ([\d.]+)", answer.inner_text())[1])  # pyright: ignore[reportOptionalSubscript]
+    surface = labbook_results(lab, STUDY).explore()
+    assert said == pytest.approx(1e3 * surface.inverse("40 g/s", "orifice").value, abs=0.05)
+    page.locator("#want-number").fill("4000")
+    page.locator("#want-number").press("Tab")
+    expect(answer).to_contain_text("W = 4000 g/s is not reached")
+
+
+def labbook_results(lab: Path, name: str) -> Results:
+    return Lab(lab, backend="toy").results(load(lab / f"study-files/{name}.yaml"))
+
+
+@pytest.mark.parametrize("name", [STUDY, PLANE])
+def test_the_arithmetic_in_chromium_is_that_of_python(page, lab, name):
+    explored(page, name)
+    surface = labbook_results(lab, name).explore()
+    designs, targets = questions(surface, np.random.default_rng(2))
+    view = page.evaluate("labbook.data().views[0]")
+    answers = page.evaluate(f"(given) => ({ANSWERS.strip()})(...given)", [view, designs, targets])
+    compare(surface, answers, designs, targets)
+
+
+def test_what_to_run_next_is_saved_as_a_study(page, tmp_path):
+    explored(page, STUDY)
+    with page.expect_download() as going:
+        page.locator("section", has_text="What to run next").last.get_by_role("button", name="Download").click()
+    assert going.value.suggested_filename == f"{STUDY}-next.yaml"
+    path = tmp_path / "next.yaml"
+    path.write_text(Path(going.value.path()).read_text())
+    assert load(path).name == f"{STUDY}-next"
+    page.get_by_text("This design as a study").click()
+    with page.expect_download() as going:
+        page.locator("#design-save").click()
+    path.write_text(Path(going.value.path()).read_text())
+    (point,) = load(path).points
+    assert 0.018 <= float(point.at["container.orifice"]) <= 0.03
+
+
+def test_a_site_explores_without_a_server(chromium, lab, tmp_path):
+    labbook("site", tmp_path / "out", lab / f"study-files/{PLANE}.yaml", "--lab", lab)
+    context = chromium.new_context(viewport=DESKTOP)
+    page, wrong = context.new_page(), []
+    page.on("console", lambda said: wrong.append(said.text) if said.type == "error" else None)
+    page.goto((tmp_path / f"out/study/{PLANE}/explore.html").as_uri())
+    expect(page.locator("#field circle.point")).to_have_count(4)
+    expect(page.locator("#interval")).to_contain_text("95 %:")
+    page.locator('#field a[data-point="4"]').click()
+    expect(page.get_by_role("heading", level=1)).to_contain_text("Point 4")
+    context.close()
+    assert wrong == []
+
+
 # runs, comparisons, downloads, notes
 
 
@@ -412,7 +517,8 @@ def addresses(lab: Path) -> list[str]:
     """One page of each kind, and pages that refuse."""
     keys = keys_of(lab)
     return [
-        "/", f"/study/{STUDY}", f"/study/{PLANE}", f"/study/{STUDY}/point/1", f"/study/{PLANE}/point/1",
+        "/", f"/study/{STUDY}", f"/study/{PLANE}", f"/study/{STUDY}/explore", f"/study/{PLANE}/explore",
+        f"/study/{STUDY}/point/1", f"/study/{PLANE}/point/1",
         f"/run/{keys[0][:16]}", "/runs", "/runs?study=none", "/compare", f"/?q={'none' * 20}",
         f"/compare?item=run:{keys[0][:16]}&item=run:{keys[1][:16]}",
         f"/compare?item=study:{STUDY}&item=study:{PLANE}",

@@ -72,7 +72,7 @@ def frame(answer) -> pd.DataFrame:
 
 def test_every_page_answers_in_every_form(done, asked):
     shown = pages(done / "lab", STUDY, POINTS)
-    assert len(shown) == 3 + POINTS + POINTS * REPLICATES + 4
+    assert len(shown) == 4 + POINTS + POINTS * REPLICATES + 4
     for page in shown:
         answer = asked.get(page)
         assert (answer.status_code, answer.headers["content-type"]) == (200, "text/html; charset=utf-8"), page

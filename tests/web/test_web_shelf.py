@@ -217,7 +217,10 @@ def test_readers_neither_hold_up_nor_break_a_study_that_runs(tmp_path):
         answer = shelf_of.get(address)
         answered = time.perf_counter()
         seen[answer.status_code] += 1
-        if answer.status_code >= 400 and not (answer.status_code == 404 and "point" in address):
+        not_yet = answer.status_code == 404 and (
+            "point" in address or "explore" in address
+        )  # of the first outlet alone
+        if answer.status_code >= 400 and not not_yet:
             wrong.append((address, answer.status_code, answer.text[-300:]))
         if address == "/runs.json" and answer.status_code == 200:
             totals.append((asked, answered, answer.json()["total"]))

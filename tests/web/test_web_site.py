@@ -70,7 +70,7 @@ def sound(out: Path) -> int:
 
 
 def test_a_site_lacks_nothing(site, done):
-    assert sound(site) == 1 + 1 + POINTS + POINTS * REPLICATES
+    assert sound(site) == 1 + 1 + 1 + POINTS + POINTS * REPLICATES
     assert (site / MARK).is_file()
     reached, ahead = set(), [site / "index.html"]
     while ahead:
@@ -102,7 +102,7 @@ def test_every_page_has_its_twins(site, done):
 
 def test_pages_show_what_the_server_shows(site, done):
     somebody = client(done / "lab")
-    for path in (f"study/{STUDY}", *(f"study/{STUDY}/point/{n + 1}" for n in range(POINTS))):
+    for path in (f"study/{STUDY}", f"study/{STUDY}/explore", *(f"study/{STUDY}/point/{n + 1}" for n in range(POINTS))):
         written, served = Read((site / f"{path}.html").read_text()), Read(somebody.get(f"/{path}").text)
         assert written.data == served.data, path
     points = Read((site / f"study/{STUDY}.html").read_text()).rows["points"]
@@ -154,7 +154,7 @@ def test_two_studies_stand_side_by_side(two, tmp_path):
     lab, files = two
     out = tmp_path / "out"
     labbook("site", out, *files, "--lab", lab)
-    assert sound(out) == 1 + 2 + 3 + len(keys_of(lab))
+    assert sound(out) == 1 + 2 + 1 + 3 + len(keys_of(lab)), "a study of one point has nothing to explore"
     index = Read((out / "index.html").read_text())
     assert {f"study/{STUDY}.html", "study/other.html"} <= set(index.links("href"))
     told = json.loads((out / "index.json").read_text())

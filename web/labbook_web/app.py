@@ -32,6 +32,7 @@ from labbook_web.guard import LARGEST_BODY, Guard
 from labbook_web.page import Links, Page
 from labbook_web.pages import lab, run, runs, study
 from labbook_web.pages.compare import Malformed, compare_page
+from labbook_web.pages.explore import explore_page
 from labbook_web.pages.lab import card, lab_page
 from labbook_web.pages.point import point_page
 from labbook_web.pages.run import file_of, key_of, run_page
@@ -50,6 +51,7 @@ _ALLOWED = {
     "lab": {"q", "page", "token"},
     "study": {"backend", "as", "x", "y", "scale", "fits", "brush", "sort", "find"},
     "point": {"backend"},
+    "explore": {"backend", "view", "at", "want", "over", "x", "y"},
     "run": set[str](),
     "runs": {*runs.FILTERS, "sort", "page"},
     "compare": {"item"},
@@ -71,6 +73,7 @@ class App:
         name = "/study/{name:str}"
         pages: list[tuple[str, Callable[[Request], Page]]] = [
             (name + "/point/{number:int}", self._point),
+            (name + "/explore", self._explore),
             (name, self._study),
             ("/runs", self._runs),
             ("/run/{key:str}", self._run),
@@ -160,6 +163,9 @@ class App:
 
     def _study(self, request: Request) -> Page:
         return study_page(self.shelf, request.path_params["name"], asked(request, "study"))
+
+    def _explore(self, request: Request) -> Page:
+        return explore_page(self.shelf, request.path_params["name"], asked(request, "explore"))
 
     def _point(self, request: Request) -> Page:
         number = request.path_params["number"]

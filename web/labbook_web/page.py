@@ -98,6 +98,10 @@ class Links:
         """A point of a study, counted from 1."""
         return self.at(f"study/{name}/point/{number}", query)
 
+    def explore(self, name: str, **query: Any) -> str:
+        """The page that explores a study."""
+        return self.at(f"study/{name}/explore", query)
+
     def run(self, key: str) -> str:
         """A run, by the beginning of its key."""
         return self.at(f"run/{key[:16]}")

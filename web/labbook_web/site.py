@@ -19,6 +19,7 @@ from labbook_web import viewer
 from labbook_web.app import asset, assets
 from labbook_web.page import FileLinks, Page
 from labbook_web.pages import study as study_module
+from labbook_web.pages.explore import explorable, explore_page
 from labbook_web.pages.lab import card, lab_page, outcomes
 from labbook_web.pages.point import point_page
 from labbook_web.pages.run import run_page, sketch
@@ -82,6 +83,7 @@ class _Writer:
             for name, found in self._found.items()
             for one in found.results.points
         ]
+        places += [f"study/{name}/explore" for name, found in self._found.items() if explorable(found.study)]
         self._have = frozenset(
             ["index", *(f"study/{name}" for name in names), *places, *(f"run/{key[:16]}" for key in self._runs)]
         )
@@ -108,6 +110,8 @@ class _Writer:
         for name, found in self._found.items():
             self._say(f"{name}: {len(found.results.points)} points")
             self._study(name)
+            if explorable(found.study):
+                self._page(explore_page(self._shelf, name, {}))
             for one in found.results.points:
                 self._page(point_page(self._shelf, name, one.point.index + 1, {}))
         for place, key in enumerate(self._runs, 1):

@@ -12,10 +12,15 @@ from labbook_dem.mesh import (
     MESH_CONTACTS,
     OVER,
     SPRING_KEY,
+    mesh_away,
+    mesh_cell,
     mesh_contacts,
+    mesh_listed,
     mesh_near,
+    mesh_normal,
     mesh_places,
     mesh_vector,
+    mesh_within,
 )
 from labbook_dem.mesh_rods import mesh_rod_near
 from labbook_dem.spheres import sphere_on_wall
@@ -57,18 +62,6 @@ from labbook_numba.kernels.transfer import load, spring_at, write_row
 from labbook_numba.state import Params, State
 
 
-@kernel
-def cell_at(frame, w, x):
-    """The cell of the grid of wall w that holds x; -1 outside of it, where nothing is near."""
-    a = (x.x - frame[w, 0]) * frame[w, 3]
-    b = (x.y - frame[w, 1]) * frame[w, 3]
-    c = (x.z - frame[w, 2]) * frame[w, 3]
-    nx, ny, nz = int64(frame[w, 4]), int64(frame[w, 5]), int64(frame[w, 6])
-    if not (a >= wide(0.0) and b >= wide(0.0) and c >= wide(0.0) and a < nx and b < ny and c < nz):
-        return int64(-1)
-    return int64(frame[w, 7]) + (int64(a) * ny + int64(b)) * nz + int64(c)
-
-
 @func
 def may_touch(features, conditions, f, x, a, half, radius, moves):
     """True if a grain at x, a rod along a, may touch feature f before a point of it has moved by a distance [m]."""
@@ -97,7 +90,7 @@ def near_mesh(st: State, p: Params, w, i, moves):
     features, conditions = p.mesh_features, p.mesh_conditions
     x, a = placed_at(st, w, i)
     radius = radius_of(st.body, i, p.radius)
-    cell = cell_at(p.mesh_frame, w, x)
+    cell = mesh_cell(p.mesh_frame, w, x)
     if cell >= 0:
         for k in range(p.mesh_cell[cell], p.mesh_cell[cell + 1]):
             if may_touch(features, conditions, p.mesh_listed[k], x, a, p.half, radius, moves):
@@ -119,12 +112,15 @@ def list_features(st: State, p: Params, first, near):
                 i = st.wall_grain[k]
                 x, a = placed_at(st, w, i)
                 radius = radius_of(st.body, i, p.radius)
-                cell = cell_at(p.mesh_frame, w, x)
+                cell = mesh_cell(p.mesh_frame, w, x)
                 if cell >= 0:
                     for n in range(p.mesh_cell[cell], p.mesh_cell[cell + 1]):
-                        if may_touch(features, conditions, p.mesh_listed[n], x, a, p.half, radius, moves):
+                        f = p.mesh_listed[n]
+                        if may_touch(features, conditions, f, x, a, p.half, radius, moves):
                             if rows < len(near):
-                                near[rows] = p.mesh_listed[n]
+                                near[rows] = f
+                                if not ORIENTED:
+                                    near[rows] = mesh_listed(features, conditions, f, x, moves)
                             rows += 1
             first[k + 1] = rows
     return rows
@@ -135,6 +131,33 @@ def contacts_at(st: State, p: Params, k, x, radius):
     """Contacts of entry k, near a mesh, in whose frame its grain is at x, into st.touch; how many there are."""
     first, last = int(st.mesh_first[k]), int(st.mesh_first[k + 1])
     return mesh_contacts(p.mesh_features, p.mesh_conditions, st.mesh_near, first, last, x, radius, st.touch)
+
+
+@func
+def put_normal(b, count, pose, now, w, motion, x, radius, overlap, normal, dt, step):
+    """Bring overlap and normal of a contact with mesh w, and its velocities, into the block, as number `count`."""
+    if POSES:
+        normal = outwards(pose, now, w, normal)
+    put_vector(b, NX + count, normal)
+    b[DEPTH + count] = overlap
+    if MOVING:
+        point = x - normal * (radius - overlap)
+        velocity = wall_velocity(motion, w, point)
+        if POSES:
+            before = part_velocity_before(pose, now, w, point, dt, step)
+            put_vector(b, VX + count, velocity + before)
+            velocity = velocity + part_velocity(pose, now, w, point)
+        put_vector(b, UX + count, velocity)
+
+
+@func
+def put_spring(b, i, slot, j, count, grain, row, feature, older):
+    """Bring the grain of a contact, and the row of its spring, into the block."""
+    i[count] = grain
+    if FRICTION:
+        b[HELD + count] = older
+        slot[count] = row
+        j[count] = feature
 
 
 @kernel
@@ -149,6 +172,7 @@ def pack_mesh(st: State, p: Params, w, k, last, b, i, slot):
     grains, body, listed = st.grains, st.body, st.wall_grain
     features, conditions = p.mesh_features, p.mesh_conditions
     near, first, motion, pose, now = st.mesh_near, st.mesh_first, p.wall_motion, st.pose, int64(0)
+    step = st.count[STEP]
     if POSES:
         now = pose_now(st)
     while k < last and count + uint64(MESH_CONTACTS) <= BLOCK:
@@ -159,33 +183,33 @@ def pack_mesh(st: State, p: Params, w, k, last, b, i, slot):
             at = in_part(pose, now, w, x)
         radius = radius_of(body, grain, p.radius)
         begin, end = int64(first[k]), int64(first[k + uint64(1)])
-        rows = mesh_contacts(features, conditions, near, begin, end, at, radius, touch)
-        if rows == OVER:
-            rows = 1
-            touch[0, K_OVERLAP] = np.inf  # which no guard lets pass
-        if FRICTION and (rows > 0 or bits[k] != 0):
-            base = int64(k) * int64(WALL_PARTS)
-            bits[k] = mesh_places(features, touch, rows, int64(bits[k]), spring, base)
-        for n in range(rows):
-            normal = mesh_vector(touch, n, K_NORMAL)
-            if POSES:
-                normal = outwards(pose, now, w, normal)
-            put_vector(b, NX + count, normal)
-            b[DEPTH + count] = touch[n, K_OVERLAP]
-            if MOVING:
-                point = x - normal * (radius - touch[n, K_OVERLAP])
-                velocity = wall_velocity(motion, w, point)
-                if POSES:
-                    before = part_velocity_before(pose, now, w, point, p.dt, st.count[STEP])
-                    put_vector(b, VX + count, velocity + before)
-                    velocity = velocity + part_velocity(pose, now, w, point)
-                put_vector(b, UX + count, velocity)
-            i[count] = grain
+        base = int64(k) * int64(WALL_PARTS)
+        before = int64(bits[k])
+        alone = int64(-1) - int64(near[begin]) if end - begin == 1 else int64(-1)
+        if alone >= 0 and (before == 0 or (before == 1 and spring[base, SPRING_KEY] == alone)):
+            # most grains: one feature is near, and only with it was there a contact
+            away = mesh_away(features, alone, at)
+            bits[k] = 0
+            if mesh_within(away, radius):
+                bits[k] = 1
+                distance, normal = mesh_normal(away)
+                overlap = radius - distance
+                put_normal(b, count, pose, now, w, motion, x, radius, overlap, normal, p.dt, step)
+                put_spring(b, i, slot, j, count, grain, base, alone, wide(before))
+                count += uint64(1)
+        else:
+            rows = mesh_contacts(features, conditions, near, begin, end, at, radius, touch)
+            if rows == OVER:
+                rows = 1
+                touch[0, K_OVERLAP] = np.inf  # which no guard lets pass
             if FRICTION:
-                b[HELD + count] = touch[n, K_OLDER]
-                slot[count] = int64(k) * int64(WALL_PARTS) + int64(touch[n, K_PLACE])
-                j[count] = touch[n, K_FEATURE]
-            count += uint64(1)
+                bits[k] = mesh_places(features, touch, rows, before, spring, base)
+            for n in range(rows):
+                normal, overlap = mesh_vector(touch, n, K_NORMAL), touch[n, K_OVERLAP]
+                put_normal(b, count, pose, now, w, motion, x, radius, overlap, normal, p.dt, step)
+                row = base + int64(touch[n, K_PLACE])
+                put_spring(b, i, slot, j, count, grain, row, int64(touch[n, K_FEATURE]), touch[n, K_OLDER])
+                count += uint64(1)
         k += uint64(1)
     return count, k
 
@@ -197,7 +221,7 @@ def key_springs(st: State, slot, count):
         st.wall_spring[slot[t], SPRING_KEY] = st.block_j[t]
 
 
-@func
+@kernel
 def mesh_now(st: State, p: Params, w, k, dt, out, rows):
     """Write the contacts of entry k with mesh w, as `walls_now` does."""
     zero = real(0.0)

@@ -9,7 +9,6 @@ from __future__ import annotations
 from labbook_dem.chosen import wall_distance
 from labbook_dem.spheres import rolling_on_sphere, rolling_on_wall, sphere_on_sphere, sphere_on_wall
 from labbook_dem.words import (
-    FRICTION,
     ROLLING_SPRING,
     dot,
     func,
@@ -25,10 +24,10 @@ from labbook_dem.words import (
 
 from labbook_warp.kernels.bodies import between, body, touching2, with_plate
 from labbook_warp.kernels.shown import motion, put, rest, spot
-from labbook_warp.kernels.sums import Contact, Sums, plus, rolling_before, spring_before
-from labbook_warp.kernels.system import Material, System, entry, has_bit
-from labbook_warp.kernels.walls import wall_at, wall_velocity
-from labbook_warp.kernels.words import LANES, MOVING, Words, first_bit, load_int, uint32, widen, without_first, wp
+from labbook_warp.kernels.sums import Contact, rolling_before, spring_before
+from labbook_warp.kernels.system import Material, System
+from labbook_warp.kernels.walls import wall_velocity
+from labbook_warp.kernels.words import MOVING, Words, load_int, widen
 
 
 @struct
@@ -168,13 +167,21 @@ def with_neighbour(a: System, p: Words, m: Material, at: int, j: int, held: bool
 @func
 def with_wall(a: System, m: Material, wall: int, at: int, held: bool, g: Grain):
     """The contact with a wall, whose spring stands at `at` and is valid if `held`."""
-    c = Contact()
     distance, normal = wall_distance(a.wall_numbers, wall, load_int(a.wall_kind, wall), g.x)
+    overlap = rounded(body(a, m, g.index).reach - distance)
+    return at_surface(a, m, wall, at, held, g, overlap, distance, normal)
+
+
+@func
+def at_surface(
+    a: System, m: Material, wall: int, at: int, older: bool, g: Grain, overlap: real, distance: wide, normal: wide3
+):  # fmt: skip
+    """The contact with a wall at a distance [m] along a unit normal; older: whether it has a spring at `at`."""
+    c = Contact()
     one = body(a, m, g.index)
-    overlap = rounded(one.reach - distance)
     c.touches = overlap > real(0.0)
     if c.touches:
-        last, advance = spring_before(a.wall_spring, at, held, real(wide(0.5) * m.dt))
+        last, advance = spring_before(a.wall_spring, at, older, real(wide(0.5) * m.dt))
         surface = vec3(real(0.0), real(0.0), real(0.0))
         turning = vec3(real(0.0), real(0.0), real(0.0))
         if MOVING:
@@ -187,7 +194,7 @@ def with_wall(a: System, m: Material, wall: int, at: int, held: bool, g: Grain):
         if ROLLING_SPRING:
             roll, turned = rolling_on_wall(
                 with_plate(a, wall, one), one.radius, one.mass, overlap, narrow(normal), f, g.w, turning,
-                rolling_before(a.wall_rolling, at, held), advance, m.rolling_stiffness, m.rolling_damping,
+                rolling_before(a.wall_rolling, at, older), advance, m.rolling_stiffness, m.rolling_damping,
             )  # fmt: skip
             t = t + roll
             c.rolling = turned
@@ -197,44 +204,6 @@ def with_wall(a: System, m: Material, wall: int, at: int, held: bool, g: Grain):
         c.spring = kept
         c.branch = -(normal * distance)
     return c
-
-
-@func
-def at_wall(a: System, m: Material, s: int, r: int, k: int, near: uint32, old: uint32, g: Grain):
-    """The contact of row r at entry k of its walls; `old`: at which springs are held."""
-    return with_wall(a, m, wall_at(a, s, r, k), entry(a, s, a.seats, k, r), has_bit(old, k), g)
-
-
-@func
-def normal_at(a: System, m: Material, s: int, r: int, k: int, wall: int, near: uint32, g: Grain):
-    """Unit normal from a wall to the grain."""
-    _distance, normal = wall_distance(a.wall_numbers, wall, load_int(a.wall_kind, wall), g.x)
-    return normal
-
-
-@func
-def at_walls(
-    a: System, m: Material, s: int, r: int, lane: int, g: Grain, near: uint32, old: uint32, sums: Sums, keep: bool
-):  # fmt: skip
-    """`sums` with the contacts with all walls that are `near`, and at which springs are held; old: were held."""
-    held = wp.uint32(0)
-    # each grain by its own first, second, ... near wall: side by side, whichever walls these are
-    near = without_first(near, lane)
-    while near != wp.uint32(0):
-        q = first_bit(near)
-        near = without_first(near, LANES)
-        at = entry(a, s, a.seats, q, r)
-        c = with_wall(a, m, wall_at(a, s, r, q), at, has_bit(old, q), g)
-        if c.touches:
-            sums = plus(sums, c, m)
-            held = held | (wp.uint32(1) << wp.uint32(q))
-            if FRICTION:
-                if keep:
-                    a.wall_spring[at] = c.spring
-            if ROLLING_SPRING:
-                if keep:
-                    a.wall_rolling[at] = c.rolling
-    return sums, held
 
 
 # lists
@@ -259,13 +228,3 @@ def apart2(p: Words, m: Material, g: Grain, j: int):
     """Square of the distance [m^2] from grain j: of their centres."""
     away = g.x - spot(p, j).x
     return dot(away, away)
-
-
-@func
-def parts_near(a: System, m: Material, g: Grain, wall: int):
-    """1 if the grain may touch a wall before its list is built again, else 0."""
-    near = wp.uint32(0)
-    distance, _normal = wall_distance(a.wall_numbers, wall, load_int(a.wall_kind, wall), g.x)
-    if distance < body(a, m, g.index).reach + m.half_skin:
-        near = wp.uint32(1)
-    return near

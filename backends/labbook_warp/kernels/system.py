@@ -22,6 +22,8 @@ from labbook_warp.kernels.words import (
     Quanta,
     Reals,
     Reals4,
+    Table,
+    Tables,
     Vectors,
     Wides,
     Wides3,
@@ -146,6 +148,18 @@ class System:
     bad: Wides
     crossed: Ints
     cross: Wides
+    # of scenes with a mesh only, from here on (`labbook_warp.meshes`)
+    wall_feature: Ints  # of a spring at a mesh, the feature of its contact, counted from the first of this mesh
+    mesh_of: Ints  # row of the mesh of each wall, -1 of others
+    mesh_count: Ints  # features that a grain may touch at each seat, and which they are, MESH_LISTED each
+    mesh_near: Ints
+    mesh_contacts: Tables  # scratch for the contacts of each grain, or of each seat where threads share grains
+    mesh_begin: Ints  # first feature of each mesh
+    mesh_frame: Table  # see `labbook_dem.mesh_grid.MeshGrids`, as for those below
+    mesh_features: Table
+    mesh_conditions: Table
+    mesh_cell: Ints
+    mesh_listed: Ints
 
 
 @func

@@ -3,6 +3,8 @@
 from collections.abc import Callable
 from typing import Any, NamedTuple, TypeVar
 
+from labbook_dem.walls import MESH_NUMBER as MESH_NUMBER
+
 F = TypeVar("F", bound=Callable)
 
 
@@ -54,7 +56,7 @@ wp: Any = None  # Warp itself
 int64 = uint32 = float32 = Any
 Words = Vectors = Wides = Wides3 = Wides4 = Reals = Reals4 = Floats = Ints = Longs = Bits = Coefs = Motions = Bodies = (
     Quanta
-) = Any
+) = Table = Tables = Any
 real4: Any = None
 widen: Any = None
 load_word: Any = None
@@ -94,6 +96,8 @@ FRUSTUM = 2  # the kind of these
 WALL_NUMBERS = 6  # that a wall takes up
 LISTED = False  # whether members have more walls than a grain has entries for
 
+FIRST_PARTS = 0x01010101  # bits of the first entry of each wall, where walls of triangles have several
+
 APART = False  # whether walls are met by a kernel of their own
 KINDS = 1  # kinds of grains a member
 LANES = 1  # threads that share a grain: many where grains are few
@@ -118,5 +122,9 @@ NO_NUMBER = 1.0e30
 NO_FAILURE = (1 << 62) - 1
 MOST_GRAINS = 1 << 24
 """Of one member: the word of a failure has 24 bits for the grain, 2 for what was found, the rest for the step."""
+CROWDED = 2.0e30
+"""An overlap [m] that stands for more contacts with a mesh than there is room for."""
+MESH_LISTED = 16
+"""Features of a mesh in the list of a grain, at most; one that is near more takes those of a cell."""
 MOST_CONTACTS = 32
 """Entries of a grain at walls: bits of a mask."""

@@ -4,6 +4,7 @@ import json
 import math
 from collections.abc import Sequence
 from dataclasses import asdict
+from typing import Any
 
 import typer
 
@@ -12,6 +13,7 @@ from labbook.cli.options import fail
 from labbook.cli.screen import print_table, say, screen
 from labbook.report import tables
 from labbook.report.clogging import clogging_table, law_tables
+from labbook.report.explored import influence_table, next_table, runs_and_time
 from labbook.report.fitted_tables import fit_table
 from labbook.report.page import summary
 from labbook.report.paper import tables_of_all
@@ -19,6 +21,7 @@ from labbook.report.statement_tables import statement_digest, statement_table
 from labbook.report.tables import numerical_table
 from labbook.results import display
 from labbook.results.clogging import clogging
+from labbook.results.explore import DesignSurface
 from labbook.results.frames import to_json
 from labbook.results.reference import at_series
 from labbook.results.surface import NoSurface
@@ -90,6 +93,48 @@ def answer(results: Results, want: str, over: str | None, at: Sequence[str], as_
     console = screen(highlight=False)
     for line in (f"{design.sentence}.", f"{design.method[:1].upper()}{design.method[1:]}.", *design.notes):
         console.print(line, markup=False, soft_wrap=True)
+
+
+def show_explored(results: Results, quantity: str, at: Sequence[str], as_json: bool) -> None:
+    """Print what matters for a quantity, and what to run next; `at`: values of keys that take words."""
+    fixed = dict(_assigned(one, "--at", "'contact.law = linear'") for one in at)
+    try:
+        surface = results.explore(quantity, fixed)
+    except (LookupError, NoSurface, ValueError) as problem:
+        fail(problem.args[0] if isinstance(problem, LookupError) and problem.args else problem)
+    if as_json:
+        typer.echo(json.dumps(as_plain(surface), indent=2, allow_nan=False))
+        return
+    console = screen(highlight=False)
+    console.print(f"{surface.method[:1].upper()}{surface.method[1:]}.", markup=False, soft_wrap=True)
+    for note in surface.notes:
+        console.print(note, markup=False, soft_wrap=True)
+    print_table(console, influence_table(surface), "What matters")
+    print_table(console, next_table(surface), "What to run next")
+    if surface.next_study:
+        console.print(f"As a study ({runs_and_time(surface.next_runs)}):\n", markup=False)
+        console.print(surface.next_study, markup=False, soft_wrap=True)
+
+
+def as_plain(surface: DesignSurface) -> dict[str, object]:
+    """Give what matters and what to run next to programs: SI, None for unknown numbers."""
+
+    def plain(one: Any, **more: float) -> dict[str, object]:
+        return {name: _finite(value) for name, value in (asdict(one) | more).items()}
+
+    return {
+        "study": surface.results.study.name,
+        "quantity": surface.quantity,
+        "unit": surface.unit,
+        "at": dict(surface.at),
+        "method": surface.method,
+        "lack_of_fit": _finite(surface.fit.lack_of_fit),
+        "notes": list(surface.notes),
+        "verdict": surface.verdict,
+        "influences": [plain(one) for one in surface.influences],
+        "next": [plain(one, per_second=one.per_second) for one in surface.next_runs],
+        "next_study": surface.next_study,
+    }
 
 
 def _assigned(text: str, option: str, example: str) -> tuple[str, str]:

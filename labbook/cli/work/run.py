@@ -16,6 +16,7 @@ from labbook.measure import MeasureError
 from labbook.plan.demand import Conflict
 from labbook.results.calibrating import PilotStopped
 from labbook.run.cluster import ClusterFailed
+from labbook.run.execution import CHECKPOINT_EVERY
 from labbook.run.progress import Bar
 from labbook.run.shard import Shard
 from labbook.run.slurm import differs
@@ -46,26 +47,8 @@ def run(
         fail("--cluster: the workers share the whole study; leave out --shard and --base")
     if expect is not None and (told_apart := unexpected(expect, asked, backend)):
         fail(f"{told_apart} since the script was written: write the script again with labbook slurm")
-    console, place = screen(highlight=False, markup=False), Lab(lab, backend, device)
-    try:
-        with Bar(screen(stderr=True)) as bar:
-            summary = place.run(asked, bar, checkpoint_every, shard, base, cluster, pilot)
-    except PilotStopped:
-        with suppress(OSError):
-            say(f"Stopped early, in the pilot; everything is saved: {GO_ON}", err=True)
-        leave(STOPPED)
-    except PermissionError as problem:
-        elsewhere = command("pilot", asked.path, "--out", "FILE", lab=lab, backend=backend)
-        fail(f"{problem.filename}: {problem.strerror}; give {elsewhere} and name FILE as accuracy.calibration, or "
-             "give --no-pilot")  # fmt: skip
-    except (BackendMissing, NoCatalogue, Unsupported, Conflict, MeasureError) as problem:
-        fail(problem)
-    except (DiskFull, ClusterFailed, PilotNeeded) as problem:
-        fail(problem)
-    except KeyboardInterrupt:
-        with suppress(OSError):
-            say(f"Stopped at once; the last checkpoints are kept: {GO_ON}", err=True)
-        leave(STOPPED)
+    console = screen(highlight=False, markup=False)
+    summary = carry_out(asked, Lab(lab, backend, device), checkpoint_every, shard, base, cluster, pilot)
     with suppress(OSError):  # the terminal is gone: all is saved, and nobody reads it
         for line in told(summary):
             console.print(line, soft_wrap=not console.is_terminal)
@@ -77,6 +60,37 @@ def run(
         raise typer.Exit(STOPPED)
     if summary.failed or summary.diverged or summary.suspect or summary.no_flow:
         raise typer.Exit(1)
+
+
+def carry_out(
+    definition: Study,
+    place: Lab,
+    checkpoint_every: float = CHECKPOINT_EVERY,
+    shard: str | None = None,
+    base: Path | None = None,
+    cluster: str | None = None,
+    pilot: bool = True,
+) -> Summary:
+    """Make the runs that a study still needs; what hinders them is printed, and ends the program."""
+    try:
+        with Bar(screen(stderr=True)) as bar:
+            return place.run(definition, bar, checkpoint_every, shard, base, cluster, pilot)
+    except PilotStopped:
+        with suppress(OSError):
+            say(f"Stopped early, in the pilot; everything is saved: {GO_ON}", err=True)
+        leave(STOPPED)
+    except PermissionError as problem:
+        elsewhere = command("pilot", definition.path, "--out", "FILE", lab=Path(place.folder), backend=place.backend)
+        fail(f"{problem.filename}: {problem.strerror}; give {elsewhere} and name FILE as accuracy.calibration, or "
+             "give --no-pilot")  # fmt: skip
+    except (BackendMissing, NoCatalogue, Unsupported, Conflict, MeasureError) as problem:
+        fail(problem)
+    except (DiskFull, ClusterFailed, PilotNeeded) as problem:
+        fail(problem)
+    except KeyboardInterrupt:
+        with suppress(OSError):
+            say(f"Stopped at once; the last checkpoints are kept: {GO_ON}", err=True)
+        leave(STOPPED)
 
 
 def unexpected(expect: str, study: Study, backend: str) -> str | None:

@@ -10,6 +10,7 @@ from labbook.report.figures.flow import flow_against_time
 from labbook.report.figures.orifice import flow_against_orifice, overview
 from labbook.report.figures.parameters import parameters_against
 from labbook.report.figures.pattern import flow_patterns
+from labbook.report.figures.posterior import posterior_figure
 from labbook.report.figures.residence import residence_distributions, residence_maps
 from labbook.report.figures.starts import parameters_against_start
 
@@ -27,6 +28,7 @@ __all__ = [
     "overview",
     "parameters_against",
     "parameters_against_start",
+    "posterior_figure",
     "ratio_heading",
     "residence_distributions",
     "residence_maps",

@@ -31,6 +31,7 @@ from labbook import backend as contract
 from labbook.backend import Capabilities, Checkpoint, Emptied, Failed, Member, Settled, Spec, Status, Unsupported
 from labbook.backend.probes import (
     TRACTION_SUMS,
+    Above,
     Contacts,
     Crossing,
     Dissipation,
@@ -408,6 +409,10 @@ class Glass:
             return self._bottom()
         if isinstance(probe, Ledger):
             return self._totals()
+        if isinstance(probe, Above):
+            n = np.array([(self.x[:, 2] > plane).sum() for plane in probe.planes])
+            rows = {"plane": np.arange(len(n)), "grains": n, "mass": n * self.scene.grains.mass}
+            return rows | {"step": np.full(len(n), self.step), "time": np.full(len(n), self.time)}
         if isinstance(probe, Dissipation):
             row = {
                 "normal_power": 1e-3,

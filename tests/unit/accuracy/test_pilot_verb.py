@@ -106,14 +106,6 @@ def test_the_verb_writes_a_file_that_the_study_can_name(tmp_path):
     assert "Chosen for 10 %" in labbook("plan", path, "--lab", tmp_path / "lab", "--backend", "toy").output
 
 
-@pytest.mark.parametrize("words", [[], ["study.yaml", "--seeds", 4], ["--help"]])
-def test_the_earlier_name_of_the_verb_says_where_it_went(words):
-    ended = labbook("calibrate", *words, check=False)
-    assert ended.exit_code == 1
-    assert "labbook calibrate is now labbook pilot" in ended.output
-    assert "calibrate" not in labbook("--help").output
-
-
 @pytest.mark.slow
 def test_python_has_one_method_for_pilots(tmp_path):
     asked, lab = load(study_file(tmp_path, orifices="[24]", count=200)), Lab(tmp_path / "lab", "toy")

@@ -15,7 +15,7 @@ from labbook.campaign.goal import HELD_OUT
 from labbook.lab import Catalogue
 from labbook.results.find import find
 from labbook.scene import HertzMindlin, Scene, Spheres
-from labbook.scene.container import CylinderSilo
+from labbook.scene.round_silos import CylinderSilo
 from labbook.study import StudyError, load
 
 KEY, C, K, d = "container.orifice", 0.58, 1.4, 3e-3

@@ -1,6 +1,7 @@
 """Contacts of a rod with triangles: which there are, how deep, and whose springs they go on with."""
 
 import math
+from typing import Any
 
 import numpy as np
 import pytest
@@ -79,7 +80,7 @@ def across_an_edge() -> tuple[np.ndarray, np.ndarray, float, float]:
         a /= np.linalg.norm(a)
         if min(apart(x - HALF * a, 3.0), apart(x + HALF * a, 3.0)) < 1:
             continue
-        nearest = minimize_scalar(
+        nearest: Any = minimize_scalar(
             lambda s, x=x, a=a: apart(x + s * a, 3.0), bounds=(-HALF, HALF), method="bounded", options={"xatol": 1e-11}
         )
         if 0.5 < nearest.fun < 1.1 and abs(nearest.fun - 1) > 1e-6:

@@ -1,11 +1,12 @@
 """Recipes of docs/howto.md, run line by line: on the toy backend, with fewer grains."""
 
+import json
 import re
 import shlex
 from pathlib import Path
 
 import pytest
-from toy_lab import labbook
+from toy_lab import labbook, study_file
 
 ROOT = Path(__file__).parents[3]
 NUMERICS = "numerics: {dt: 10 us, steps_per_beat: 200, precision: double}\n"
@@ -62,3 +63,42 @@ def test_a_hopper_from_a_file_is_planned_as_its_recipe_says(tmp_path, monkeypatc
     area = (4 * (12 + 40) / 2 * slant + 4 * 40 * 95) / 100
     assert f"Mesh hopper: 16 triangles, not closed, area {area:.4g} cm^2, 40 x 40 x 120 mm" in shown
     assert "Warning: my-hopper.yaml: container.outlet_plane" not in shown
+
+
+@pytest.mark.slow
+def test_measured_flow_rates_stand_beside_ours(tmp_path, monkeypatch):
+    """The CSV of the recipe, beside the study that it names: the outlet of 17 mm, which is not simulated, counts in the
+    measurement's own C and k."""
+    section = (ROOT / "docs/howto.md").read_text(encoding="utf-8").split("## Compare with an experiment\n")[1]
+    table, line = section.split("```text\n")[1].split("```")[0], section.split("```yaml\n")[1].split("```")[0]
+    (tmp_path / "experiment.csv").write_text(table)
+    path = study_file(tmp_path, line, "fit: [beverloo]", orifices="[18, 22, 26, 30]", count=160)
+    monkeypatch.chdir(tmp_path)
+    labbook("run", path, "--backend", "toy")
+    shown = labbook("fit", path, "--backend", "toy").output
+    assert "Beside Own measurement" in shown
+    for words in ("16.8", "28.9", "53.0"):
+        assert words in shown
+    plain = json.loads(labbook("fit", path, "--backend", "toy", "--json").stdout)
+    outlets = {row.get("container.orifice") for row in plain["reference"]}
+    assert {0.017, 0.018, 0.022, 0.026, 0.03} <= outlets
+
+
+@pytest.mark.slow
+def test_a_design_is_chosen_from_a_sweep_of_two_keys(tmp_path, monkeypatch):
+    """With fewer points, grains and seeds; the target is in the range of the toy."""
+    commands = recipe("Choose a design from a sweep of several keys")
+    (tmp_path / "studies").mkdir()
+    text = (ROOT / "studies/hopper-angle.yaml").read_text(encoding="utf-8") + NUMERICS
+    text = text.replace("[15, 30, 60, 90]", "[30, 60]").replace("[18, 21, 24, 28, 32]", "[18, 24, 32]")
+    text = text.replace("count: 1000", "count: 400").replace("replicates: 3", "replicates: 2")
+    (tmp_path / "studies/hopper-angle.yaml").write_text(text, encoding="utf-8")
+    monkeypatch.chdir(tmp_path)
+    _, want, explore, site = [labbook(*words, *([] if words[0] == "site" else ["--backend", "toy"])).output
+                              for words in commands]  # fmt: skip
+    assert re.search(r"D = [\d.]+ mm \(95 %: .* gives W = 40", want)
+    assert "angle = 45 deg" in want
+    for words in ("What matters", "What to run next", "name: hopper-angle-next"):
+        assert words in explore
+    assert "hopper/index.html" in site.replace("\n", "")
+    assert (tmp_path / "hopper/study/hopper-angle/explore.html").is_file()

@@ -22,7 +22,7 @@ AUTHORS = "The labbook authors"
 BACKENDS = ("labbook_reference", "labbook_numba")
 REVEALED = ['labbook.load("study.yaml")', *(f"{name}.Backend()" for name in BACKENDS)]
 DECLARED = {
-    "labbook": ("numba", "viewer", "cluster", "mesh"),
+    "labbook": ("numba", "viewer", "cluster", "mesh", "learn"),
     "backends/labbook_dem": (),
     "backends/labbook_reference": (),
     "backends/labbook_numba": ("numba",),

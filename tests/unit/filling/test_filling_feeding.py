@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 from scipy.spatial import KDTree
 
-from labbook.filling import Feeder, PlacingError, place
+from labbook.filling import Feeder, PlacingError, Refill, place, refill
 from labbook.scene import (
     ConicalSilo,
     CylinderSilo,
@@ -56,12 +56,16 @@ SCENES = [
 ]
 
 
+def returning(feeder: Feeder, there: Packing, beat: int) -> Packing | None:
+    return refill([Refill(feeder, there, beat)])[0]
+
+
 @pytest.mark.parametrize(("scene", "fill"), SCENES)
 def test_grains_come_back_free_of_all_others(scene, fill):
     start = place(scene.close(), fill, 1)
     away = np.arange(0, len(start), 3)
     feeder, there = Feeder(scene, start, fill, 1), without(start, away)
-    back = feeder.returning(there, 5)
+    back = returning(feeder, there, 5)
     assert back is not None
     assert np.array_equal(back.ids, away), "all of them find a place"
     half, radius = scene.grains.half_length, scene.grains.radius
@@ -94,11 +98,28 @@ def test_beat_and_seed_decide_where():
     start = place(scene.close(), "rain", 1)
     there = without(start, np.arange(10))
     feeder = Feeder(scene, start, "rain", 1)
-    first, again = feeder.returning(there, 3), Feeder(scene, start, "rain", 1).returning(there, 3)
+    first, again = returning(feeder, there, 3), returning(Feeder(scene, start, "rain", 1), there, 3)
     assert np.array_equal(first.x, again.x)
-    assert not np.array_equal(first.x, feeder.returning(there, 4).x)
-    assert not np.array_equal(first.x, Feeder(scene, start, "rain", 2).returning(there, 3).x)
-    assert feeder.returning(start, 3) is None
+    assert not np.array_equal(first.x, returning(feeder, there, 4).x)
+    assert not np.array_equal(first.x, returning(Feeder(scene, start, "rain", 2), there, 3).x)
+    assert returning(feeder, start, 3) is None
+
+
+@pytest.mark.parametrize("scene", [fed(FLAT), fed(CylinderSilo(diameter=0.05, height=0.6, orifice=0.03), RODS)])
+def test_beds_that_are_refilled_together_do_not_see_each_other(scene):
+    """Beds of one room, of another one, and a full one: each gets what it gets alone, to the last bit."""
+    beds = []
+    for seed, within in [(1, scene), (2, scene), (3, fed(ROUND)), (4, scene)]:
+        start = place(within.close(), "rain", seed)
+        there = start if seed == 4 else without(start, np.arange(0, len(start), 1 + seed))
+        beds.append(Refill(Feeder(within, start, "rain", seed), there, 7))
+    together = refill(beds)
+    assert [grains is None for grains in together] == [False, False, False, True]
+    for bed, grains in zip(beds[:3], together, strict=False):
+        alone = returning(bed.feeder, bed.there, bed.beat)
+        assert np.array_equal(grains.x, alone.x)
+        assert np.array_equal(grains.ids, alone.ids)
+        assert grains.q is None or np.array_equal(grains.q, alone.q)
 
 
 def test_they_are_spread_evenly_and_fall_a_short_way():
@@ -106,7 +127,7 @@ def test_they_are_spread_evenly_and_fall_a_short_way():
     scene = fed(FLAT)
     start = place(scene.close(), "rain", 1)
     feeder, there = Feeder(scene, start, "rain", 1), without(start, np.arange(40))
-    x = np.concatenate([feeder.returning(there, beat).x for beat in range(1, 40)])
+    x = np.concatenate([returning(feeder, there, beat).x for beat in range(1, 40)])
     assert x[:, 2].max() < feeder.level + 8 * D
     assert abs(x[:, 0].mean()) < 4 * 0.06 / math.sqrt(12 * len(x))
 
@@ -120,14 +141,14 @@ def test_grains_that_find_no_place_wait():
     away = np.arange(100)
     there = without(start, away)
     feeder = Feeder(low, start, "rain", 1)
-    first = feeder.returning(there, 1)
+    first = returning(feeder, there, 1)
     assert 20 < len(first) < 100
     assert (first.x[:, 2] < low.container.height).all()
     both = replace(
         there,
         **{name: np.concatenate([getattr(there, name), getattr(first, name)]) for name in ("x", "v", "omega", "ids")},
     )
-    second = feeder.returning(both, 2)
+    second = returning(feeder, both, 2)
     assert second is None or len(second) < 10
 
 

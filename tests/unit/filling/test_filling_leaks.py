@@ -137,7 +137,8 @@ def test_walls_of_other_packages_count_by_their_distance():
     def plugged(radius):
         ball = Wall.of(name="ball", shape=Ball(radius=radius), motion=AT_REST, opens=None, moves=None)
         scene, walls = closed(*slot(4 * D, depth=3 * D)), slot(4 * D, depth=3 * D)
-        silo = Primitives.of(kind="primitives", parts=(*walls, ball), outlet_plane=0.0, closed=False)
+        more = {"closed": False, "sink": None, "planes": ()}
+        silo = Primitives.of(kind="primitives", parts=(*walls, ball), outlet_plane=0.0, **more)
         return scene.model_copy(update={"container": silo})
 
     assert leak(plugged(2.5 * D)) is None

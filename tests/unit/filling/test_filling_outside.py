@@ -46,7 +46,8 @@ def wall(shape: WallShape) -> Wall:
 
 def scene(*parts: Wall, count=300, **more) -> Scene:
     law = HertzMindlin(shear_modulus=1e7, poisson_ratio=0.25)
-    container = Primitives.of(kind="primitives", parts=parts, closed=False, **{"outlet_plane": None, **more})
+    fields = {"closed": False, "sink": None, "planes": (), "outlet_plane": None, **more}
+    container = Primitives.of(kind="primitives", parts=parts, **fields)
     grains = Spheres(diameter=D, density=2500, count=count)
     return Scene.of(grains=grains, contact=law, container=container, walls={}, gravity=9.81, feed=None)
 

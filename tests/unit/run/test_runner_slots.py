@@ -1,7 +1,6 @@
 """On a GPU runs go on while other beds settle and grains are placed: no more at once than there is memory for."""
 
 import threading
-import time
 from dataclasses import replace
 from typing import Any
 
@@ -9,7 +8,7 @@ import labbook_toy
 import pytest
 from toy_lab import arrays, carry_out, study, study_file
 
-from labbook.run import board, closing, execution
+from labbook.run import board, closing
 from labbook.run.fill import FillJob
 from labbook.run.lane import Lane
 from labbook.run.stopping import Request
@@ -191,48 +190,6 @@ def test_a_stop_gives_back_the_beds_that_are_being_placed(tmp_path, monkeypatch)
     assert not [*(tmp_path / "lab/work").glob("*.lock")], "no key is held"
     monkeypatch.undo()
     assert carry_out(asked, tmp_path / "lab", backend=Device(None), device="cuda:0").complete
-
-
-@pytest.fixture
-def ahead(monkeypatch):
-    """Numbers of jobs that were begun by the end of each turn, before their own."""
-    numbers, turn = [], Lane._turn
-
-    def slow(self, *given):
-        time.sleep(0.02)
-        took = turn(self, *given)
-        numbers.append(len(self.begun))
-        return took
-
-    monkeypatch.setattr(Lane, "_turn", slow)
-    monkeypatch.setattr(execution, "_BEGUN", 1)
-    return numbers
-
-
-def test_jobs_are_begun_while_others_are_stepped_with_the_same_bits(tmp_path, ahead):
-    asked = study(tmp_path, replicates=8, orifices="[24]")
-    carry_out(asked, tmp_path / "cpu")
-    assert not any(ahead), "each lane of a CPU takes one when it has room"
-    assert carry_out(asked, tmp_path / "gpu", backend=Device(4), device="cuda:0").complete
-    assert 0 < max(ahead) <= 4
-    folders = [path.relative_to(tmp_path / "cpu") for path in (tmp_path / "cpu").glob("[rp]*s/*")]
-    assert len(folders) == 16
-    assert all(arrays(tmp_path / "gpu" / folder) == arrays(tmp_path / "cpu" / folder) for folder in folders)
-
-
-def test_a_stop_gives_back_the_jobs_that_were_begun_ahead(tmp_path, ahead, monkeypatch):
-    request, begin = Request(), execution.Execution._begin_ahead
-
-    def stopped(self, turns):
-        begin(self, turns)
-        request.made = any(lane.begun for lane in self._lanes)
-
-    monkeypatch.setattr(execution.Execution, "_begin_ahead", stopped)
-    asked = study(tmp_path, replicates=8, orifices="[24]")
-    assert carry_out(asked, tmp_path / "lab", backend=Device(4), device="cuda:0", request=request).stopped
-    assert not [*(tmp_path / "lab/work").glob("*.lock")], "no key is held"
-    monkeypatch.undo()
-    assert carry_out(asked, tmp_path / "lab", backend=Device(4), device="cuda:0").complete
 
 
 @pytest.mark.parametrize("holds", [1, 2, 3])

@@ -20,7 +20,7 @@ from labbook.scene import (
     Wall,
     WedgeHopper,
 )
-from labbook.scene.container import ContainerShape
+from labbook.scene.container_shape import ContainerShape
 from labbook.scene.geometry import Bounds, contour, extent, stands_over
 from labbook.scene.walls import AT_REST, WallShape
 

@@ -128,7 +128,8 @@ def expected(container: str, grains: str) -> tuple[list[str], list[str], list[st
     measures |= dict.fromkeys(("orifice", "contact_stress"), hole and not varied)
     measures |= {"ledger": True, "wall_stress": True}
     measures["energy"] = flows and not rods
-    measures |= {"outlets": False, "composition": flows and varied, "residence": flows}  # no container has two outlets
+    # no container has two outlets, or planes
+    measures |= {"outlets": False, "planes": False, "composition": flows and varied, "residence": flows}
     measures |= {"clogging": flows, "arch": container == "layer" and not rods, "part_forces": False}
     fits = dict.fromkeys(("beverloo", "janda"), slot) | dict.fromkeys(("beverloo_3d", "janda_3d"), hole)
     fits |= dict.fromkeys(("power", "exponential"), slot or hole)

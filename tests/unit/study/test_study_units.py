@@ -49,6 +49,7 @@ SPELLINGS: dict[str, dict[str, float]] = {
         "deg/s": 1 / 360,
         "°/s": 1 / 360,
     },
+    "kg/s": {"kg/s": 1, "g/s": 1e-3, "kg/h": 1 / 3600, "t/h": 1 / 3.6},
     "rad/s": {
         "rad/s": 1,
         "deg/s": math.pi / 180,
@@ -86,6 +87,9 @@ STRIP = {"kind": "strip", "start": ["-0.05 m", "0.1 m"], "end": ["-0.04 m", "0.2
 
 MESH = {"kind": "mesh", "file": "tetrahedron.obj", "unit": "mm", "smooth": "0.2 rad"}
 MESH |= {"rotate": ["0.1 rad", "0.2 rad", "0.3 rad"], "at": ["0.001 m", "0.002 m", "0.1 m"]}
+
+STREAM = {"rate": "0.1 kg/s", "low": ["-0.02 m", "-0.02 m", "0.3 m"], "high": ["0.02 m", "0.02 m", "0.35 m"]}
+STREAM |= {"velocity": ["0.01 m/s", "0.02 m/s", "-0.5 m/s"], "every": "0.1 s"}
 
 STUDIES: dict[str, dict[str, Any]] = {
     "mesh": {
@@ -180,6 +184,14 @@ STUDIES: dict[str, dict[str, Any]] = {
         "restart": {"kind": "break", "wait": "0.3 s"},
         "stop": {"max_time": "10 s"},
         "measure": ["clogging"],
+    },
+    "poured": {
+        "grains": GRAINS,
+        "contact": HERTZ,
+        "container": {**CYLINDER, "sink": "-0.2 m", "planes": [{"name": "below", "z": "-0.1 m"}]},
+        "feed": {"kind": "rate", "stream": STREAM},
+        "fill": {"kind": "stream", "stream": STREAM, "until": "2 s"},
+        "stop": {"max_time": "10 s"},
     },
     "walls": {
         "grains": {

@@ -180,6 +180,33 @@ def test_grains_come_back_into_several_members_with_the_copies_of_one(monkeypatc
     ensemble.close()
 
 
+def test_grains_that_get_free_rows_move_as_after_rows_were_closed_up(monkeypatch):
+    """The quick way to put grains back, and the one that moves all of the state, leave the same bits."""
+    scene, how = of_spheres(60), numerics("mixed")
+    whole, backend, ends = falling(scene, how, "cpu"), Backend(), []
+    assert whole.ids is not None
+    start = Packing(x=whole.x[:57], v=whole.v[:57], omega=whole.omega[:57], ids=whole.ids[:57])
+    back = Packing(x=whole.x[57:] + np.array([0, 0, 0.1]), v=whole.v[57:], omega=whole.omega[57:], ids=whole.ids[57:])
+    closed_up, calls = stage.Stage._close_up_with, []
+    monkeypatch.setattr(stage.Stage, "_close_up_with", lambda *given: calls.append(given) or closed_up(*given))
+    for quick in (True, False):
+        if not quick:
+            monkeypatch.setattr(stage.Stage, "_append", lambda *_: False)
+        ensemble = backend.open(backend.specialise(scene, how, [Crossing()]), 2, "cpu")
+        member = ensemble.admit(scene, how, start)
+        ensemble.advance(1)
+        ensemble.put_back(member, back)
+        assert len(calls) == (not quick)
+        ensemble.advance(2)
+        ends.append((ensemble.packing(member), ensemble.checkpoint(member).arrays))
+        ensemble.close()
+    (one, state), (other, again) = ends
+    assert identical(one, other)
+    assert {name: np.asarray(array).tobytes() for name, array in state.items() if name != "rebuilds"} == {
+        name: np.asarray(array).tobytes() for name, array in again.items() if name != "rebuilds"
+    }
+
+
 def test_members_that_come_together_are_written_in_one_copy_of_each_array(monkeypatch):
     """Slots that others have left are filled again; the state of those who stay is not touched."""
     scene, how = of_spheres(5), numerics("mixed")

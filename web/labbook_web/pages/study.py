@@ -31,6 +31,7 @@ from labbook.results.points import ORIFICE, PointResult, followers, names_scene
 from labbook.results.reference import at_series
 from labbook.results.series import Series
 from labbook_web.page import Page, embedded
+from labbook_web.pages.explore import explorable
 from labbook_web.pages.lab import outcomes, progress
 from labbook_web.pages.sheet import sheet
 from labbook_web.shelf import Compared, Found, NotThere, Shelf
@@ -94,6 +95,7 @@ def _shown(found: Found) -> dict[str, Any]:
         "figures": figures(found),
         "compared": verdicts(found.compared),
         "copied": copied(found.text, found.study.name),
+        "explorable": explorable(results.study),
         "parallel": len({name for result in results.points for name in result.at}) > 1,
     }
 

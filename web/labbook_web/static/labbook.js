@@ -111,6 +111,14 @@ document.addEventListener("click", (event) => {
     const items = [...document.querySelectorAll("input.choose:checked")].map((one) => "item=" + encodeURIComponent(one.value));
     location.assign(compare.dataset.address + "?" + items.join("&"));
   }
+  const save = event.target.closest("button.save");
+  if (save) {
+    const link = document.createElement("a"), address = URL.createObjectURL(new Blob([save.dataset.save], { type: "text/yaml" }));
+    link.href = address;
+    link.download = save.dataset.file;
+    link.click();
+    URL.revokeObjectURL(address);
+  }
   const copy = event.target.closest("button.copy");
   if (copy) {
     const said = copy.parentElement.querySelector(".copied");

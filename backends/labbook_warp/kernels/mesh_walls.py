@@ -1,0 +1,288 @@
+"""Spheres at walls of which some are triangles: in place of `sphere_walls`, for scenes that have a mesh.
+
+Each near mesh has all entries of a wall, one for each contact that a grain may have with it. Which of its features a
+grain may touch is listed with the neighbours; a grain with more than MESH_LISTED takes all that its cell of the grid
+lists. The list decides no bit.
+"""
+
+from __future__ import annotations
+
+from labbook_dem.chosen import wall_distance
+from labbook_dem.mesh import (
+    K_FEATURE,
+    K_NORMAL,
+    K_OLDER,
+    K_OVERLAP,
+    K_PLACE,
+    MESH_CONTACTS,
+    OVER,
+    SPRING_KEY,
+    mesh_away,
+    mesh_cell,
+    mesh_contacts,
+    mesh_listed,
+    mesh_near,
+    mesh_normal,
+    mesh_places,
+    mesh_vector,
+    mesh_within,
+)
+from labbook_dem.words import FRICTION, ROLLING_SPRING, func, real, rounded, wide, wide3
+
+from labbook_warp.kernels.bodies import body
+from labbook_warp.kernels.spheres import Grain, at_surface, with_wall
+from labbook_warp.kernels.sums import Contact, Sums, plus
+from labbook_warp.kernels.system import Material, System, entry, has_bit, material
+from labbook_warp.kernels.walls import wall_at
+from labbook_warp.kernels.words import (
+    CROWDED,
+    FIRST_PARTS,
+    LANES,
+    MESH_LISTED,
+    MESH_NUMBER,
+    SHARED,
+    WALL_PARTS,
+    Table,
+    first_bit,
+    kernel,
+    load_int,
+    uint32,
+    without_first,
+    wp,
+)
+
+
+@func
+def is_mesh(a: System, wall: int):
+    """True for a wall of triangles."""
+    return load_int(a.wall_kind, wall) == MESH_NUMBER
+
+
+@func
+def scratch(a: System, s: int, r: int, k: int):
+    """Number of the scratch for the contacts of row r with the wall whose first entry is k."""
+    number = s * a.cap + r
+    if SHARED:
+        number = entry(a, s, a.seats, k // WALL_PARTS, r)
+    return number
+
+
+@func
+def touched(a: System, m: Material, s: int, r: int, k: int, wall: int, old: uint32, g: Grain, contacts: Table):
+    """Write the contacts of row r with a mesh, whose first entry is k, into `contacts`, with the places of their
+    springs; how many, OVER if there is no room. old: at which springs are held."""
+    radius = body(a, m, g.index).reach
+    at = entry(a, s, a.seats, k // WALL_PARTS, r)
+    mesh = load_int(a.mesh_of, wall)
+    listed = a.mesh_count[at]
+    crowd = listed > MESH_LISTED
+    cell = int(0)
+    if crowd:
+        cell = max(mesh_cell(a.mesh_frame, mesh, g.x), 0)
+    first = wp.where(crowd, a.mesh_cell[cell], at * MESH_LISTED)
+    last = wp.where(crowd, a.mesh_cell[cell + 1], at * MESH_LISTED + listed)
+    near = wp.where(crowd, a.mesh_listed, a.mesh_near)
+    count = mesh_contacts(a.mesh_features, a.mesh_conditions, near, first, last, g.x, radius, contacts)
+    if count > 0:
+        begin = load_int(a.mesh_begin, mesh)
+        # rows of contacts that are free by now stand for the springs
+        for place in range(MESH_CONTACTS):
+            feature = a.wall_feature[entry(a, s, a.seats * WALL_PARTS, k + place, r)]
+            contacts[MESH_CONTACTS + place, SPRING_KEY] = wide(begin + feature)
+        bits = int((old >> wp.uint32(k)) & wp.uint32((1 << WALL_PARTS) - 1))
+        mesh_places(a.mesh_features, contacts, count, bits, contacts, MESH_CONTACTS)
+    return count
+
+
+@func
+def alone(a: System, s: int, r: int, k: int, begin: int, places: int):
+    """The feature that is the only one near row r of a mesh, whose first entry is k, if its conditions hold and no
+    spring but its own is held; else -1. begin: first feature of the mesh; places: of springs that are held, as bits."""
+    at = entry(a, s, a.seats, k // WALL_PARTS, r)
+    feature = int(-1)
+    if a.mesh_count[at] == 1:
+        feature = -1 - a.mesh_near[at * MESH_LISTED]
+        if places > 1:
+            feature = -1
+        elif places == 1:
+            if begin + a.wall_feature[entry(a, s, a.seats * WALL_PARTS, k, r)] != feature:
+                feature = -1
+    return feature
+
+
+@func
+def at_mesh(
+    a: System, m: Material, s: int, r: int, k: int, wall: int, g: Grain, old: uint32, sums: Sums, keep: bool
+):  # fmt: skip
+    """`sums` with the contacts with a mesh, whose first entry is k, and at which springs are held; old: were held."""
+    bits = wp.uint32(0)
+    begin = load_int(a.mesh_begin, load_int(a.mesh_of, wall))
+    reach = body(a, m, g.index).reach
+    contacts = a.mesh_contacts[scratch(a, s, r, k)]
+    places = int((old >> wp.uint32(k)) & wp.uint32((1 << WALL_PARTS) - 1))
+    feature = alone(a, s, r, k, begin, places)
+    single = feature >= 0
+    q = int(k)
+    count = int(0)
+    older = places == 1
+    overlap = wide(0.0)
+    normal = wide3(wide(0.0), wide(0.0), wide(0.0))
+    if single:  # most grains
+        away = mesh_away(a.mesh_features, feature, g.x)
+        if mesh_within(away, reach):
+            distance, direction = mesh_normal(away)
+            overlap = reach - distance
+            normal = direction
+            count = 1
+    else:
+        count = touched(a, m, s, r, k, wall, old, g, contacts)
+        if count == OVER:
+            sums.deepest = real(CROWDED)
+            bits = wp.uint32(1) << wp.uint32(k)
+    for n in range(count):
+        if not single:
+            q = k + int(contacts[n, K_PLACE])
+            feature = int(contacts[n, K_FEATURE])
+            older = contacts[n, K_OLDER] > wide(0.0)
+            overlap = contacts[n, K_OVERLAP]
+            normal = mesh_vector(contacts, n, K_NORMAL)
+        at = entry(a, s, a.seats * WALL_PARTS, q, r)
+        c = at_surface(a, m, wall, at, older, g, rounded(overlap), reach - overlap, normal)
+        if c.touches:
+            sums = plus(sums, c, m)
+            bits = bits | (wp.uint32(1) << wp.uint32(q))
+            if keep:
+                a.wall_feature[at] = feature - begin
+            if FRICTION:
+                if keep:
+                    a.wall_spring[at] = c.spring
+            if ROLLING_SPRING:
+                if keep:
+                    a.wall_rolling[at] = c.rolling
+    return sums, bits
+
+
+@func
+def at_walls(
+    a: System, m: Material, s: int, r: int, lane: int, g: Grain, near: uint32, old: uint32, sums: Sums, keep: bool
+):  # fmt: skip
+    """`sums` with the contacts with all walls that are `near`, and at which springs are held; old: were held."""
+    bits = wp.uint32(0)
+    near = without_first(near & wp.uint32(FIRST_PARTS), lane)
+    while near != wp.uint32(0):
+        k = first_bit(near)
+        near = without_first(near, LANES)
+        wall = wall_at(a, s, r, k // WALL_PARTS)
+        if is_mesh(a, wall):
+            sums, places = at_mesh(a, m, s, r, k, wall, g, old, sums, keep)
+            bits = bits | places
+        else:
+            at = entry(a, s, a.seats * WALL_PARTS, k, r)
+            c = with_wall(a, m, wall, at, has_bit(old, k), g)
+            if c.touches:
+                sums = plus(sums, c, m)
+                bits = bits | (wp.uint32(1) << wp.uint32(k))
+                if FRICTION:
+                    if keep:
+                        a.wall_spring[at] = c.spring
+                if ROLLING_SPRING:
+                    if keep:
+                        a.wall_rolling[at] = c.rolling
+    return sums, bits
+
+
+@func
+def at_place(a: System, m: Material, s: int, r: int, k: int, wall: int, old: uint32, g: Grain, contacts: Table):
+    """Number of the contact with a mesh whose spring has entry k, of those in `contacts`; -1 if there is none."""
+    place = k % WALL_PARTS
+    number = int(-1)
+    for n in range(touched(a, m, s, r, k - place, wall, old, g, contacts)):
+        if int(contacts[n, K_PLACE]) == place:
+            number = n
+    return number
+
+
+@func
+def at_wall(a: System, m: Material, s: int, r: int, k: int, near: uint32, old: uint32, g: Grain):
+    """The contact of row r at entry k of its walls; `old`: at which springs are held."""
+    wall = wall_at(a, s, r, k // WALL_PARTS)
+    at = entry(a, s, a.seats * WALL_PARTS, k, r)
+    c = Contact()
+    if is_mesh(a, wall):
+        contacts = a.mesh_contacts[scratch(a, s, r, k)]
+        n = at_place(a, m, s, r, k, wall, old, g, contacts)
+        if n >= 0:
+            overlap = contacts[n, K_OVERLAP]
+            older = contacts[n, K_OLDER] > wide(0.0)
+            distance = body(a, m, g.index).reach - overlap
+            c = at_surface(a, m, wall, at, older, g, rounded(overlap), distance, mesh_vector(contacts, n, K_NORMAL))
+    else:
+        c = with_wall(a, m, wall, at, has_bit(old, k), g)
+    return c
+
+
+@func
+def normal_at(a: System, m: Material, s: int, r: int, k: int, wall: int, near: uint32, g: Grain):
+    """Unit normal from a wall to the grain, which touches it at entry k."""
+    _distance, normal = wall_distance(a.wall_numbers, wall, load_int(a.wall_kind, wall), g.x)
+    if is_mesh(a, wall):
+        contacts = a.mesh_contacts[scratch(a, s, r, k)]
+        n = at_place(a, m, s, r, k, wall, a.wall_held[g.index], g, contacts)
+        normal = mesh_vector(contacts, max(n, 0), K_NORMAL)
+    return normal
+
+
+# lists
+
+
+@func
+def parts_near(a: System, m: Material, g: Grain, wall: int):
+    """The first entry of a wall, or all of a mesh, as bits, if the grain may touch it before its list is built again;
+    else 0."""
+    near = wp.uint32(0)
+    reach = body(a, m, g.index).reach
+    if is_mesh(a, wall):
+        cell = mesh_cell(a.mesh_frame, load_int(a.mesh_of, wall), g.x)
+        if cell >= 0:
+            k = a.mesh_cell[cell]
+            while k < a.mesh_cell[cell + 1]:
+                if mesh_near(a.mesh_features, a.mesh_conditions, a.mesh_listed[k], g.x, reach, m.half_skin):
+                    near = wp.uint32((1 << WALL_PARTS) - 1)
+                    k = a.mesh_cell[cell + 1]
+                k = k + 1
+    else:
+        distance, _normal = wall_distance(a.wall_numbers, wall, load_int(a.wall_kind, wall), g.x)
+        if distance < reach + m.half_skin:
+            near = wp.uint32(1)
+    return near
+
+
+@kernel
+def list_features(a: System):
+    """List the features that each grain near a mesh may touch before its list is built again, ascending: of members
+    with a flag, by where their grains were as lists were built."""
+    i = wp.tid()
+    s = i // a.cap
+    r = i - s * a.cap
+    if a.flag[s] == 1 and r < a.rows[s]:
+        m = material(a, s)
+        reach = body(a, m, i).reach
+        moves = wide(1.0000001) * m.half_skin
+        x = a.origin[i]
+        near = a.wall_near[i] & wp.uint32(FIRST_PARTS)
+        while near != wp.uint32(0):
+            k = first_bit(near)
+            near = without_first(near, 1)
+            wall = wall_at(a, s, r, k // WALL_PARTS)
+            if is_mesh(a, wall):
+                at = entry(a, s, a.seats, k // WALL_PARTS, r)
+                cell = max(mesh_cell(a.mesh_frame, load_int(a.mesh_of, wall), x), 0)
+                count = int(0)
+                for n in range(a.mesh_cell[cell], a.mesh_cell[cell + 1]):
+                    f = a.mesh_listed[n]
+                    if mesh_near(a.mesh_features, a.mesh_conditions, f, x, reach, moves):
+                        if count < MESH_LISTED:
+                            to = at * MESH_LISTED + count
+                            a.mesh_near[to] = mesh_listed(a.mesh_features, a.mesh_conditions, f, x, moves)
+                        count = count + 1
+                a.mesh_count[at] = count

@@ -1,0 +1,258 @@
+"""Promises of `labbook calibrate` and of the goal `map`, in simulation: how often they are kept, and what they cost.
+
+    python benchmarks/learning.py coverage --repeats 200
+    python benchmarks/learning.py stops --repeats 200
+    python benchmarks/learning.py map --repeats 200
+    python benchmarks/learning.py twins --repeats 12 --lab twins
+
+`coverage`: parameters are drawn from their priors, measured values from the law, and a whole campaign follows with runs
+of its own and an emulator of its own. The figures are how often 95 % regions and intervals hold the parameters, and
+ranks of the parameters among 99 draws of the posterior (Talts et al., arXiv:1804.06788). `stops`: the same, with a
+tenth of the runs clogged or diverged at random. `map`: a key of friction, one of an angle, and the outlet.
+`twins`: the measured values are means of runs of the backend numba itself, with a friction drawn from the prior. All
+twins share one lab, and so their first runs.
+"""
+
+import argparse
+import math
+import time
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+
+from labbook.campaign import Campaign, Generation, Map, Trial
+from labbook.campaign.calibrate import Calibrate, Prior
+from labbook.campaign.inference import Inference, Measurement
+from labbook.campaign.space import sobol
+
+SCATTER = 0.022
+MEASURED = 0.02
+OUTLETS = (0.018, 0.03, 0.045)
+FRICTION, ROLLING = "contact.friction", "contact.rolling_friction"
+ANGLE, OUTLET = "container.angle", "container.orifice"
+d = 3e-3
+
+
+def flow(friction, rolling, D):
+    """Flow rate [kg/s], with C and k that depend on two frictions."""
+    C = 0.5 + 0.2 * np.exp(-friction / 0.25) + 0.05 * np.exp(-rolling / 0.02)
+    k = 1.3 + 0.5 * friction / (friction + 0.3) + 3 * rolling
+    return C * 1500 * math.sqrt(9.81) * d * (D - k * d) ** 1.5
+
+
+def fraction(friction, rolling):
+    """Packing fraction."""
+    return 0.64 - 0.05 * friction / (friction + 0.2) - 0.35 * rolling
+
+
+class Bench:
+    """A study without a lab, whose runs are draws from a law. `stops`: part of the runs without a number."""
+
+    def __init__(self, law, seed, stops=0.0):
+        container: Any = SimpleNamespace(outlet_form="slot")
+        scene = SimpleNamespace(container=container, grains=SimpleNamespace(equivalent_diameter=d))
+        self.study = SimpleNamespace(
+            points=[SimpleNamespace(at={}, scene=scene)],
+            units={OUTLET: "m"},
+            discharges_per_bed=1,
+            accuracy=SimpleNamespace(max_replicates=100),
+        )
+        self.law, self.stops, self.rng = law, stops, np.random.default_rng(seed)
+        self.runs = {}
+
+    def run(self, at, seed):
+        key = (*sorted(at.items()), seed)
+        if key not in self.runs:
+            number = f"{len(self.runs):05d}"
+            numbers = {
+                name: value * math.exp(scatter * self.rng.normal()) for name, (value, scatter) in self.law(at).items()
+            }
+            outcome = "finished"
+            if self.rng.random() < self.stops:
+                outcome, numbers = ("clogged", {name: 0.7 * value for name, value in numbers.items()}) if (
+                    self.rng.random() < 0.5) else ("diverged", {})  # fmt: skip
+            self.runs[key] = Trial(at, seed, number, outcome, numbers)
+        return self.runs[key]
+
+    def evaluate(self, generation: Generation):
+        return tuple(self.run(one.at, seed) for one in generation.assignments for seed in range(1, one.replicates + 1))
+
+    def campaign(self, goal) -> Campaign:
+        campaign = Campaign(goal, self.study)
+        campaign.advance(self.evaluate)
+        return campaign
+
+    @property
+    def trials(self):
+        return list(self.runs.values())
+
+
+PRIORS = {FRICTION: Prior(low=0.1, high=0.9), ROLLING: Prior(low=0.001, high=0.1, logarithmic=True)}
+
+
+def both(at):
+    """Flow rate and packing fraction with their scatter."""
+    mu, rolling = at[FRICTION], at[ROLLING]
+    return {"flow_rate": (flow(mu, rolling, at[OUTLET]), SCATTER), "packing_fraction": (fraction(mu, rolling), 0.004)}
+
+
+def measured(truth, rng, error=MEASURED, discrepancy=0.0) -> tuple[Measurement, ...]:
+    """Measured values of `both` at all outlets, and the packing fraction at the last."""
+    values = []
+    for D in OUTLETS:
+        value = flow(truth[0], truth[1], D) * math.exp(math.hypot(error, discrepancy) * rng.normal())
+        values.append(Measurement(quantity="flow_rate", at={OUTLET: D}, value=value, error=error * value))
+    value = fraction(truth[0], truth[1]) * math.exp(math.hypot(0.005, discrepancy) * rng.normal())
+    return (*values, Measurement(quantity="packing_fraction", at={OUTLET: D}, value=value, error=0.005 * value))
+
+
+def coverage(repeats: int, stops: float = 0.0, discrepancy: float = 0.0) -> dict[str, float]:
+    """Calibrate again and again."""
+    rng = np.random.default_rng(3)
+    inside, held, runs, ends, ranks, kept, shares = [], [], [], [], [], [], []
+    for number in range(repeats):
+        u = rng.uniform(size=2)
+        goal = Calibrate(parameters=PRIORS, measurements=(), discrepancy=discrepancy, accuracy={})
+        truth = [float(axis.value(one)) for axis, one in zip(goal.axes, u, strict=True)]
+        goal = goal.model_copy(update={"measurements": measured(truth, rng, discrepancy=discrepancy)})
+        bench = Bench(both, [number, 5], stops)
+        campaign = bench.campaign(goal)
+        inference: Inference = goal.infer(bench.study, bench.trials)
+        posterior = inference.posterior
+        density = math.exp(float(inference.log_likelihood(u[None])[0]) - inference._largest)
+        inside.append(density >= posterior.threshold(0.95))
+        low, high = posterior.quantiles(np.array([0.025, 0.975]))
+        held.append((low <= u) & (u <= high))
+        draws = posterior.samples(99, rng)
+        likelihoods = inference.log_likelihood(np.vstack([u, draws]))
+        ranks.append([*(draws < u).sum(axis=0), int((likelihoods[1:] < likelihoods[0]).sum())])
+        runs.append(len(bench.trials))
+        shares.append(inference.share)
+        kept.append("Promise kept" in (campaign.ended or ""))
+        ends.append(not inference.lacking())
+        if number % 20 == 19:
+            print(f"{number + 1}: region {np.mean(inside):.3f}, runs {np.mean(runs):.0f}", flush=True)
+    from scipy.stats import chi2
+
+    figures = {"repeats": repeats, "region": np.mean(inside), "runs": np.mean(runs), "most runs": np.max(runs),
+               "share": np.mean(shares), "answers": np.mean(ends), "promise kept": np.mean(kept)}  # fmt: skip
+    for index, name in enumerate((FRICTION, ROLLING)):
+        figures[f"interval of {name}"] = np.mean([one[index] for one in held])
+    for index, name in enumerate((FRICTION, ROLLING, "log-likelihood")):
+        counts = np.histogram([one[index] for one in ranks], bins=20, range=(-0.5, 99.5))[0]
+        expected = repeats / 20
+        figures[f"p of ranks, {name}"] = chi2.sf(((counts - expected) ** 2 / expected).sum(), 19)
+    return {name: float(value) for name, value in figures.items()}
+
+
+KEYS = (FRICTION, ANGLE, OUTLET)
+RANGES = {FRICTION: (0.1, 0.9), ANGLE: (15.0, 90.0), OUTLET: (0.018, 0.06)}
+
+
+def hopper(at):
+    """Flow rate from a hopper of an angle [deg] with its scatter."""
+    mu, angle, D = (at[key] for key in KEYS)
+    C = (0.52 + 0.2 * math.exp(-mu / 0.22)) * (1 + 0.28 * math.exp(-(angle - 15) / 18))
+    k = 1.5 + 0.5 * mu / (mu + 0.3)
+    return {"flow_rate": (C * 1500 * math.sqrt(9.81) * d * (D - k * d) ** 1.5, SCATTER)}
+
+
+def maps(repeats: int, error: float = 0.02) -> dict[str, float]:
+    """Map a flow rate over three keys again and again. A promise is kept if the map is off by no more than the error on
+    95 % of 1024 settings all over the range."""
+    kept, tested, runs, shares = [], [], [], []
+    goal = Map(quantity="flow_rate", error=error, over=KEYS, on=0.95)
+    for number in range(repeats):
+        bench = Bench(hopper, [number, 8])
+        scene = bench.study.points[0].scene
+        ends = zip(*(RANGES[key] for key in KEYS), strict=True)
+        bench.study.points = [SimpleNamespace(at=dict(zip(KEYS, end, strict=True)), scene=scene) for end in ends]
+        campaign = bench.campaign(goal)
+        held = len(campaign.generations[-1].assignments)
+        emulator, _, trend = goal.emulator(bench.study, bench.trials[:-held])
+        units = sobol(1024, 3, stream=11)
+        truth = []
+        for u in units:
+            at = {axis.key: float(axis.value(x)) for axis, x in zip(goal.axes(bench.study), u, strict=True)}
+            truth.append(math.log(hopper(at)["flow_rate"][0]) - trend.at(at))
+        off = np.abs(np.expm1(emulator.at(units)[0] - truth))
+        shares.append(float(np.mean(off <= error)))
+        kept.append(shares[-1] >= 0.95)
+        tested.append("Promise kept" in (campaign.ended or ""))
+        runs.append(len(bench.trials))
+        if number % 20 == 19:
+            print(f"{number + 1}: kept {np.sum(kept)}, runs {np.mean(runs):.0f}", flush=True)
+    figures = {"repeats": repeats, "kept": np.sum(kept), "test passed": np.sum(tested), "runs": np.mean(runs),
+               "most runs": np.max(runs), "share within the error": np.mean(shares)}  # fmt: skip
+    return {name: float(value) for name, value in figures.items()}
+
+
+TWIN = {
+    "about": "A twin: runs with a friction drawn from the prior stand for an experiment",
+    "grains": {"shape": "sphere", "diameter": "3 mm", "density": "2500 kg/m^3", "count": 400},
+    "contact": {"law": "hertz-mindlin", "shear_modulus": "2 MPa", "poisson_ratio": 0.25, "friction": 0.5,
+                "restitution": 0.5},
+    "container": {"kind": "wedge-hopper", "width": "60 mm", "height": "200 mm", "thickness": "1.01 d",
+                  "orifice": "24 mm"},
+    "window": {"start": 0.15, "end": 0.6},
+    "measure": ["flow_rate"],
+}  # fmt: skip
+TWIN_OUTLETS, TWIN_BEDS = (18, 24, 30), 8
+
+
+def twins(repeats: int, lab: str, backend: str = "numba") -> dict[str, float]:
+    """Calibrate the friction of twins. The outlet in the middle is held out, and is predicted."""
+    import labbook
+
+    place, rng = labbook.Lab(lab, backend), np.random.default_rng(21)
+    sweep = {"container.orifice": [f"{D} mm" for D in TWIN_OUTLETS]}
+    inside, predicted, runs = [], [], []
+    for number in range(repeats):
+        friction = round(float(rng.uniform(0.1, 0.9)), 3)
+        truth = labbook.define(TWIN, name=f"truth-{number}", sweep=sweep, replicates=TWIN_BEDS)
+        truth = truth.change({"contact.friction": friction})
+        place.run(truth, progress=False)
+        entries = [
+            {"at": {"container.orifice": f"{1e3 * row['container.orifice']:.12g} mm"},
+             "value": f"{row['flow_rate']} kg/s", "error": f"{row['flow_rate_error']} kg/s"}
+            for _, row in place.results(truth, progress=False).frame().iterrows()
+        ]  # fmt: skip
+        section = {"parameters": {FRICTION: {"uniform": [0.1, 0.9]}}, "discrepancy": 0,
+                   "predict": [{"container.orifice": f"{TWIN_OUTLETS[1]} mm"}]}  # fmt: skip
+        reference = {"source": "twin", "flow_rate": entries}
+        twin = labbook.define(TWIN, name=f"twin-{number}", sweep=sweep, reference=reference, calibrate=section)
+        place.run(twin, progress=False)
+        calibration = place.results(twin, progress=False).calibration()
+        interval, (prediction,) = calibration.parameters[FRICTION], calibration.predictions
+        inside.append(interval.low <= friction <= interval.high)
+        predicted.append(bool(prediction.agrees))
+        runs.append(len(calibration.inference.trials))
+        print(f"{friction}: {interval.median:.3f} ({interval.low:.3f} to {interval.high:.3f}), held-out W "
+              f"{'inside' if prediction.agrees else 'outside'}, {runs[-1]} runs", flush=True)  # fmt: skip
+    figures = {"twins": repeats, "inside": np.sum(inside), "predicted": np.sum(predicted), "runs": np.mean(runs)}
+    return {name: float(value) for name, value in figures.items()}
+
+
+def main() -> None:
+    """Print the figures of one case."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("case", choices=("coverage", "stops", "map", "twins"))
+    parser.add_argument("--repeats", type=int, default=200)
+    parser.add_argument("--lab", default="twins", help="lab of the twins")
+    parser.add_argument("--backend", default="numba", help="backend of the twins")
+    options, start = parser.parse_args(), time.time()
+    cases = {
+        "coverage": lambda: coverage(options.repeats),
+        "stops": lambda: coverage(options.repeats, 0.1),
+        "map": lambda: maps(options.repeats),
+        "twins": lambda: twins(options.repeats, options.lab, options.backend),
+    }
+    figures = cases[options.case]()
+    for name, value in figures.items():
+        print(f"{name}: {value:.4g}")
+    print(f"seconds: {time.time() - start:.0f}")
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,264 @@
+"""The strategy behind `calibrate`: parameters of the contact law from measurements.
+
+    calibrate:
+      parameters: {contact.friction: {uniform: [0.1, 0.9]}, contact.rolling_friction: {loguniform: [0.001, 0.1]}}
+      discrepancy: 3 %
+      accuracy: {contact.friction: 5 %}
+
+Runs start as a space-filling design over parameters and conditions. Each further round goes to the 99 % region of the
+posterior so far, where runs lower the error of the emulators most, and a fifth of it over the whole range. It ends once
+the emulators are good enough (`Inference.lacking`) and the errors are reached, or no emulator could reach them.
+"""
+
+import math
+from collections.abc import Mapping, Sequence
+from typing import Annotated, Any, ClassVar
+
+import numpy as np
+
+from labbook.campaign.goal import SCATTER, Goal, Step
+from labbook.campaign.inference import REGION, Inference, Measurement, NotInferred
+from labbook.campaign.space import Axis, one_bed_more, sobol
+from labbook.campaign.strategy import Assignment, Proposal, Trial, place
+from labbook.scene.model import Internal, Model
+from labbook.scene.quantities import percent
+from labbook.stats.emulator import best_settings, check_installed
+
+BATCH = 32
+"""Runs of a round, unless stated."""
+LIMIT = 2000
+"""Largest number of runs, unless `budget` is stated."""
+_BEDS = 4
+"""Beds of each point of the start, which tell the scatter of runs and what beds of one seed have in common."""
+_ALL_OVER = 0.2
+"""Part of a round that goes over the whole range."""
+_CANDIDATES = 800
+"""Settings among which the runs of a round are chosen."""
+_TESTING = 16
+"""Runs that are held out."""
+_LARGEST_RESIDUAL = 1.46
+"""Root of the mean square of 16 standardised residuals that is exceeded in 0.5 % of all cases."""
+
+
+class Prior(Model):
+    """A uniform prior, of the logarithm if `logarithmic`, between two values [SI]."""
+
+    low: float
+    high: float
+    logarithmic: bool = False
+
+
+class Calibrate(Goal):
+    """Finds the parameters with which the model gives the measured values."""
+
+    name: ClassVar[str] = "calibrate"
+    testing: ClassVar[int] = _TESTING
+    beds: ClassVar[int] = _BEDS
+    places: ClassVar[str] = "parameter sets"
+
+    parameters: Annotated[dict[str, Prior], Internal()]
+    """Priors by key."""
+    measurements: Annotated[tuple[Measurement, ...], Internal()]
+    """Measured values."""
+    discrepancy: Annotated[float, Internal()]
+    """Relative standard deviation between the model and reality."""
+    accuracy: Annotated[dict[str, float], Internal()]
+    """Half width of the 95 % interval of each parameter to reach, over its median."""
+    predict: Annotated[tuple[dict[str, float], ...], Internal()] = ()
+    """Conditions to predict [SI], whose measurements take no part."""
+    batch: Annotated[int, Internal()] = BATCH
+    """Runs of a round."""
+
+    @property
+    def axes(self) -> tuple[Axis, ...]:
+        """Axes of the parameters."""
+        return tuple(Axis(key, entry.low, entry.high, entry.logarithmic) for key, entry in self.parameters.items())
+
+    @property
+    def conditions(self) -> list[dict[str, float]]:
+        """Conditions at which runs are made, each once."""
+        every = [*(entry.at for entry in self.measurements), *self.predict]
+        return list({place(at): dict(at) for at in every}.values())
+
+    def infer(self, study: Any, trials: Sequence[Trial], unmeasured: Sequence[str] = ()) -> Inference:
+        """Compute the posterior from runs. Raises NotInferred, LearnMissing."""
+        scene = study.points[0].scene
+        return Inference.of(self.axes, self.measurements, self.discrepancy, trials, scene, unmeasured, self.predict)
+
+    def plan_rule(self, study: Any) -> str:
+        """Say when the campaign ends, and how many runs are expected."""
+        errors = " and ".join(f"{key} to {percent(part)}" for key, part in self.accuracy.items())
+        used = sum(not entry.withheld for entry in self.measurements)
+        reached = " and these errors are reached, or cannot be" if errors else ""
+        return (
+            f"{', '.join(self.parameters)} from {used} measured values{f', {errors}' if errors else ''}. "
+            f"{_BEDS * self._first} runs over the range, then rounds of {self.batch} until the emulator's variance is "
+            f"at most a quarter of that of the measurements{reached}, then {_TESTING} held-out runs. "
+            f"About {self._expected()} runs, at most {self.budget or LIMIT}"
+        )
+
+    def first(self, study: Any) -> list[dict[str, float]]:
+        """Give a Sobol sequence over parameters and conditions. Raises LearnMissing, before anything runs."""
+        check_installed()
+        return self._settings(sobol(self._first, len(self.parameters) + 1))
+
+    def step(self, study: Any, trials: Sequence[Trial]) -> Step:
+        """Propose the next round, or hold runs out once the posterior is an answer."""
+        try:
+            inference = self.infer(study, trials)
+        except NotInferred as problem:
+            if len(trials) > _BEDS * self._first + 2 * self.batch:
+                return Step(Proposal.end(f"no emulator: {problem}"))
+            points = self._settings(sobol(self.batch // _BEDS, len(self.parameters) + 1, skip=len(trials)))
+            return Step(Proposal(tuple(Assignment(at, _BEDS) for at in points), f"{problem}: more over the range"))
+        progress = f"{self._in_words(inference)} from {len(trials)} runs"
+        lacking = inference.lacking()
+        if not lacking and (self._reached(inference) or not self._reachable(inference)):
+            return self._held_out(inference, trials, progress)
+        if len(trials) + self.batch > LIMIT and self.budget is None:
+            reason = f"{LIMIT} runs are made without a stated budget, and the promise is not reached"
+            return Step(Proposal.end(f"{reason}: {lacking or progress}"))
+        share = f"emulator's variance {inference.share:.2g} of that of the measurements"
+        if self._lacks_beds(inference):
+            at, beds = self._central(inference, trials)
+            reason = f"{progress}, {share}, most of it of the beds: {self.batch} beds more at a likely point"
+            return Step(Proposal((Assignment(at, beds + self.batch),), reason))
+        points = self._round(inference, trials)
+        return Step(Proposal(one_bed_more(points, trials), f"{progress}, {share}: {len(points)} runs more"))
+
+    def verdict(self, study: Any, trials: Sequence[Trial], withheld: Sequence[Trial]) -> str:
+        """Compare runs that were held out with the emulators."""
+        inference = self.infer(study, trials)
+        answer = f"{self._in_words(inference)} from {len(trials)} runs"
+        if self.accuracy and not self._reached(inference):
+            answer += "; the measurements do not allow the requested error"
+        squares = self._residuals(inference, withheld) ** 2
+        if len(squares) < 4:
+            return f"{answer}. Promise not tested: {len(squares)} values of held-out runs"
+        rms = math.sqrt(float(np.mean(squares)))
+        word = "kept" if rms <= _LARGEST_RESIDUAL else "not kept"
+        return (
+            f"{answer}. Promise {word} (emulator): the residuals of {len(withheld)} held-out runs are {rms:.2f} "
+            f"standard errors (root mean square), and at most {_LARGEST_RESIDUAL} is expected"
+        )
+
+    @property
+    def _first(self) -> int:
+        """Points of the start."""
+        return max(self.batch // 2, 4 * (len(self.parameters) + 1))
+
+    def _settings(self, points: np.ndarray) -> list[dict[str, float]]:
+        """Values of keys of points in the unit cube, whose last coordinate chooses the condition."""
+        conditions = self.conditions
+        return [self._at(entry[:-1], conditions[int(entry[-1] * len(conditions))]) for entry in points]
+
+    def _at(self, parameters: np.ndarray, condition: Mapping[str, float]) -> dict[str, float]:
+        return {
+            **condition,
+            **{axis.key: axis.setting(float(u)) for axis, u in zip(self.axes, parameters, strict=True)},
+        }
+
+    def _round(self, inference: Inference, trials: Sequence[Trial]) -> list[dict[str, float]]:
+        """Runs of the next round."""
+        over, conditions = round(_ALL_OVER * self.batch), self.conditions
+        sets = self._region(inference, max(16, _CANDIDATES // len(conditions)), len(trials))
+        candidates = [(entry, at) for entry in sets for at in conditions]
+        covariances, noises, weights = [], [], []
+        for quantity in dict.fromkeys(entry.quantity for entry in self.measurements):
+            settings = np.array([
+                [*entry, *(float(axis.unit(at[axis.key])) for axis in inference.conditions)] for entry, at in candidates
+            ])  # fmt: skip
+            covariances.append(inference.emulators[quantity].covariance(settings))
+            noises.append(inference.observed[quantity].variance)
+            weight = {
+                place(entry.at): 1 / inference.variance(entry)
+                for entry in self.measurements
+                if entry.quantity == quantity and not entry.withheld
+            }
+            weights.append(np.array([weight.get(place(at), 0.0) for _, at in candidates]))
+        picks = best_settings(covariances, noises, weights, self.batch - over)
+        rest = self._settings(sobol(over, len(self.parameters) + 1, skip=len(trials)))
+        return [*(self._at(*candidates[index]) for index in picks), *rest]
+
+    def _lacks_beds(self, inference: Inference) -> bool:
+        """Decide if beds that points share make most of the variance of an emulator, which only further beds lower."""
+        draws, conditions = inference.draws(), self.conditions
+        for quantity, observed in inference.observed.items():
+            _, covariance = inference.joint(quantity, draws, conditions)
+            if observed.of_bed_means > 0.5 * float(np.diagonal(covariance, axis1=1, axis2=2).mean()):
+                return True
+        return False
+
+    def _central(self, inference: Inference, trials: Sequence[Trial]) -> tuple[dict[str, float], int]:
+        """The point of the runs next to the mean of the posterior, and the number of its beds."""
+        off = {
+            place(trial.at): sum(
+                float(axis.unit(float(trial.at[axis.key])) - mean) ** 2
+                for axis, mean in zip(self.axes, inference.posterior.mean, strict=True)
+            )
+            for trial in trials
+            if trial.outcome not in ("clogged", "diverged")
+        }
+        nearest = min(off, key=lambda at: off[at])
+        beds = max(trial.seed for trial in trials if place(trial.at) == nearest)
+        return {key: float(value) for key, value in nearest}, beds
+
+    def _region(self, inference: Inference, number: int, stream: int) -> np.ndarray:
+        """Parameter sets that fill the region of the posterior, shape [number, p]."""
+        posterior = inference.posterior
+        inside = posterior.places[posterior.region(REGION)]
+        rng = np.random.default_rng([stream, 7])
+        sets = inside[np.linspace(0, len(inside) - 1, number).round().astype(int)]
+        return np.clip(sets + posterior.cell * rng.uniform(-0.5, 0.5, sets.shape), 0, 1)
+
+    def _held_out(self, inference: Inference, trials: Sequence[Trial], progress: str) -> Step:
+        sets = inference.draws()[:: len(inference.draws()) // _TESTING][:_TESTING]
+        conditions = self.conditions
+        tried = {place(trial.at) for trial in trials}
+        points = [self._at(entry, conditions[index % len(conditions)]) for index, entry in enumerate(sets)]
+        new = {place(at): Assignment(at, 1) for at in points if place(at) not in tried}
+        return Step(
+            Proposal(tuple(new.values()), f"{progress}; {len(new)} runs are held out to test the emulator"), True
+        )
+
+    def _residuals(self, inference: Inference, withheld: Sequence[Trial]) -> np.ndarray:
+        """Residuals of runs about the emulators, over their standard errors."""
+        residuals = []
+        for quantity in dict.fromkeys(entry.quantity for entry in self.measurements):
+            noise = inference.observed[quantity].variance + inference.observed[quantity].of_beds
+            for trial in withheld:
+                value = trial.numbers.get(quantity, math.nan)
+                if trial.outcome == "clogged" or not value > 0:
+                    continue
+                where = np.array([[float(axis.unit(float(trial.at[axis.key]))) for axis in inference.parameters]])
+                at = {axis.key: float(trial.at[axis.key]) for axis in inference.conditions}
+                mean, covariance = inference.joint(quantity, where, [at])
+                off = math.log(value) - inference.trends[quantity].at(trial.at) - mean[0, 0]
+                residuals.append(off / math.sqrt(covariance[0, 0, 0] + noise))
+        return np.array(residuals)
+
+    def _reached(self, inference: Inference) -> bool:
+        intervals = inference.intervals()
+        return all(intervals[key].relative <= part for key, part in self.accuracy.items())
+
+    def _reachable(self, inference: Inference) -> bool:
+        """Decide if emulators without an error would reach the stated errors."""
+        best = inference.intervals(inference.exact)
+        return all(best[key].relative <= part for key, part in self.accuracy.items())
+
+    def _in_words(self, inference: Inference) -> str:
+        return ", ".join(
+            f"{key} = {entry.median:.4g} (95 %: {entry.low:.4g} to {entry.high:.4g})"
+            for key, entry in inference.intervals().items()
+        )
+
+    def _expected(self) -> int:
+        """Runs that are expected: each parameter of an emulator needs as many as make its variance a quarter of that of
+        the measurements, for a response of second order."""
+        d = len(self.parameters) + (len(self.conditions) > 1)
+        coefficients = (d + 1) * (d + 2) // 2
+        flows = [entry for entry in self.measurements if entry.quantity == "flow_rate"] or self.measurements
+        variance = min((entry.error / entry.value) ** 2 + self.discrepancy**2 for entry in flows)
+        needed = math.ceil(4 * coefficients * SCATTER**2 / variance)
+        rounds = max(0, math.ceil((needed - _BEDS * self._first) / self.batch))
+        return _BEDS * self._first + rounds * self.batch + _TESTING

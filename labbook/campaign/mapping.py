@@ -1,0 +1,216 @@
+"""The goal `map`: a quantity over several swept keys, to a stated error on most of their range.
+
+    adapt:
+      map: {flow_rate: 2 %, over: [contact.friction, container.angle], on: 95 %}
+
+The quantity has an emulator over the keys (`labbook.stats.emulator`). Runs are made where they lower its error most,
+until the half width of the 95 % interval is small enough on the stated part of 1024 settings all over the range.
+"""
+
+import math
+from collections.abc import Iterator, Mapping, Sequence
+from typing import Annotated, Any, ClassVar
+
+import numpy as np
+from pydantic import model_validator
+
+from labbook.campaign.goal import SCATTER, Goal, Step
+from labbook.campaign.space import FEWEST_REPEATS, Axis, BedValues, SpaceTrend, one_bed_more, sobol
+from labbook.campaign.strategy import Assignment, Proposal, Trial, place
+from labbook.fit.interpolation import CLOGGED
+from labbook.measure import MEASURES
+from labbook.scene.model import Fault, Internal, refuse
+from labbook.scene.quantities import parse, percent
+from labbook.stats.emulator import Emulator, best_settings, check_installed
+
+BATCH = 16
+"""Runs of a generation after the start."""
+LIMIT = 2000
+"""Largest number of runs, unless `budget` is stated."""
+_BEDS = 4
+_TESTING = 32
+"""Runs that are held out."""
+_LARGEST, _BEYOND = 1.33, 5
+"""Root of the mean square of 32 standardised residuals, and number of those beyond 1.96, that are exceeded in 0.5 % of
+all cases each."""
+_PLACES, _CANDIDATES = 1024, 512
+"""Settings at which the error is looked at, and those among which runs are chosen."""
+_DONE = 0.1
+"""Weight of settings that are known well enough, over that of the others."""
+_NORMAL = 1.96
+
+
+class Map(Goal):
+    """Maps a quantity over several swept keys."""
+
+    name: ClassVar[str] = "map"
+    testing: ClassVar[int] = _TESTING
+    beds: ClassVar[int] = _BEDS
+
+    quantity: Annotated[str, Internal()]
+    """The quantity."""
+    error: Annotated[float, Internal()]
+    """Half width of the 95 % interval to reach, relative to the quantity."""
+    over: Annotated[tuple[str, ...], Internal()]
+    """The swept keys."""
+    on: Annotated[float, Internal()]
+    """Part of the range on which it is reached."""
+
+    @model_validator(mode="before")
+    @classmethod
+    def _of_mapping(cls, mapping: Any) -> Any:
+        """{quantity: part, over: [key, ...], on: part} as fields."""
+        if isinstance(mapping, Mapping) and mapping.keys() >= {"quantity", "error", "over", "on"}:
+            return mapping
+        names = [name for name in mapping if name not in ("over", "on")] if isinstance(mapping, Mapping) else []
+        if len(names) != 1 or "over" not in mapping:
+            refuse([Fault("", "one quantity with its error, and `over` are needed", _EXAMPLE)])
+        (quantity,) = names
+        pooled = {
+            q.name for measure in MEASURES.values() for q in measure.declared if q.pooled and q.estimator == "mean"
+        }
+        if quantity not in pooled:
+            refuse([Fault(str(quantity), "this is no quantity that is pooled over beds", "write flow_rate")])
+        over = mapping["over"]
+        over = [over] if isinstance(over, str) else over
+        if not isinstance(over, list | tuple) or not over or not all(isinstance(key, str) for key in over):
+            refuse([Fault("over", "a list of swept keys is needed", _EXAMPLE)])
+        error = _part(mapping[quantity], str(quantity), 1e-3)
+        return {
+            "quantity": quantity,
+            "error": error,
+            "over": tuple(over),
+            "on": _part(mapping.get("on", 0.95), "on", 0.1),
+        }
+
+    def range_faults(self, points: Sequence[Any]) -> Iterator[Fault]:
+        """Find what a study lacks of the range."""
+        swept = dict.fromkeys(key for point in points for key in point.at)
+        for key in dict.fromkeys((*self.over, *swept)):
+            values = {point.at.get(key) for point in points}
+            if key not in swept:
+                yield Fault(
+                    "map.over", f"the range of {key} is that of `sweep`, which does not have it", f"sweep {key}"
+                )
+            elif key not in self.over:
+                yield Fault("map.over", f"{key} is swept as well", "add it to over, or leave it out of `sweep`")
+            elif len(values) < 2 or any(isinstance(value, str) or value is None for value in values):
+                yield Fault("map.over", f"the sweep of {key} is no range", "sweep two numbers or more")
+
+    def needs(self) -> tuple[str, tuple[str, ...]]:
+        """Name what has to be measured, and the measures of which one gives it."""
+        giving = (name for name, measure in MEASURES.items() if any(q.name == self.quantity for q in measure.declared))
+        return f"{self.quantity} is", tuple(giving)
+
+    def plan_rule(self, study: Any) -> str:
+        """Say when the campaign ends, and how many runs are expected."""
+        d = len(self.over)
+        needed = math.ceil(2 * (d + 1) * (d + 2) * (_NORMAL * SCATTER / self.error) ** 2)
+        expected = max(_BEDS * len(self.first(study)), needed) + _TESTING
+        return (
+            f"{self.quantity} to {percent(self.error)} (half width of the 95 % interval) on {percent(self.on)} of the "
+            f"range of {', '.join(self.over)}. {_BEDS * len(self.first(study))} runs over the range, then {BATCH} at a "
+            f"time where they lower the error most, then {_TESTING} held-out runs. About {expected} runs, at most "
+            f"{self.budget or LIMIT} (scatter of a run: {percent(SCATTER)})"
+        )
+
+    def first(self, study: Any) -> list[dict[str, float]]:
+        """Give the first settings: a Sobol sequence. Raises LearnMissing, before anything runs."""
+        check_installed()
+        return self._settings(study, sobol(max(16, 4 * (len(self.over) + 1)), len(self.over)))
+
+    def step(self, study: Any, trials: Sequence[Trial]) -> Step:
+        """Propose runs where they lower the error most, or hold runs out once it is small enough."""
+        values, _ = self._values(study, trials)
+        clogged = sum(trial.outcome == "clogged" for trial in trials)
+        if clogged > CLOGGED * len(trials):
+            reason = f"{clogged} of {len(trials)} runs clogged, so that the others are no fair sample"
+            return Step(Proposal.end(f"{reason}; sweep a range without clogging"))
+        if values.repeats < FEWEST_REPEATS or values.points < 2 * len(self.over):
+            reason = (
+                f"{self.quantity} has a value in {len(values.values)} of {len(trials)} runs, too few for an emulator"
+            )
+            return Step(Proposal.end(f"{reason}; change `sweep`"))
+        emulator = values.emulator()
+        _, errors = emulator.at(sobol(_PLACES, len(self.over), stream=5))
+        reached = float(np.mean(_NORMAL * errors <= math.log1p(self.error)))
+        progress = f"{percent(self.error)} on {percent(reached)} of the range from {len(trials)} runs"
+        if reached >= self.on:
+            tested = self._settings(study, sobol(_TESTING, len(self.over), stream=6))
+            new = {place(at): Assignment(at, 1) for at in tested if place(at) not in {place(t.at) for t in trials}}
+            reason = f"{progress}; {len(new)} runs are held out to test it"
+            return Step(Proposal(tuple(new.values()), reason), holds_out=True)
+        if self.budget is None and len(trials) + BATCH > LIMIT:
+            reason = f"{LIMIT} runs are made without a stated budget, and the promise is not reached"
+            return Step(Proposal.end(f"{reason}: {progress}"))
+        if values.of_bed_means > 0.5 * (math.log1p(self.error) / _NORMAL) ** 2:
+            middle = min(trials, key=lambda trial: (self._off(study, trial), trial.key))
+            beds = max(trial.seed for trial in trials if place(trial.at) == place(middle.at))
+            reason = f"{progress}, limited by what beds have in common: {BATCH} beds more in the middle"
+            return Step(Proposal((Assignment(middle.at, beds + BATCH),), reason))
+        candidates = sobol(_CANDIDATES, len(self.over), skip=len(trials), stream=7)
+        covariance = emulator.covariance(candidates)
+        wide = _NORMAL * np.sqrt(np.diag(covariance)) > math.log1p(self.error)
+        picks = best_settings([covariance], [values.variance], [np.where(wide, 1.0, _DONE)], BATCH)
+        assignments = one_bed_more(self._settings(study, candidates[picks]), trials)
+        return Step(Proposal(assignments, f"{progress}: {len(picks)} runs where they lower its error most"))
+
+    def verdict(self, study: Any, trials: Sequence[Trial], withheld: Sequence[Trial]) -> str:
+        """Compare runs that were held out with the map."""
+        emulator, values, trend = self.emulator(study, trials)
+        _, errors = emulator.at(sobol(_PLACES, len(self.over), stream=5))
+        reached = float(np.mean(_NORMAL * errors <= math.log1p(self.error)))
+        answer = f"{self.quantity} is known to {percent(self.error)} on {percent(reached)} of the range "
+        answer += f"from {len(trials)} runs"
+        axes, residuals = self.axes(study), list[float]()
+        for trial in withheld:
+            value = trial.numbers.get(self.quantity, math.nan)
+            if trial.outcome == "clogged" or not value > 0:
+                continue
+            mean, error = emulator.at(np.array([[float(axis.unit(float(trial.at[axis.key]))) for axis in axes]]))
+            spread = math.sqrt(float(error[0]) ** 2 + values.variance + values.of_beds)
+            residuals.append((math.log(value) - trend.at(trial.at) - float(mean[0])) / spread)
+        if len(residuals) < _TESTING // 2:
+            return f"{answer}. Promise not tested: {len(residuals)} of {len(withheld)} held-out runs have a value"
+        rms, beyond = math.sqrt(float(np.mean(np.square(residuals)))), int(np.sum(np.abs(residuals) > _NORMAL))
+        word = "kept" if rms <= _LARGEST and beyond <= _BEYOND else "not kept"
+        return (
+            f"{answer}. Promise {word}: the residuals of {len(residuals)} held-out runs are {rms:.2f} standard errors "
+            f"(root mean square, at most {_LARGEST} is expected), {beyond} of them beyond {_NORMAL} (at most {_BEYOND})"
+        )
+
+    def emulator(self, study: Any, trials: Sequence[Trial]) -> tuple[Emulator, BedValues, SpaceTrend]:
+        """Fit the map to runs. Raises LearnMissing."""
+        values, trend = self._values(study, trials)
+        return values.emulator(), values, trend
+
+    def axes(self, study: Any) -> tuple[Axis, ...]:
+        """Give the axes of the keys, with the ranges of the sweep."""
+        values = {key: [float(point.at[key]) for point in study.points] for key in self.over}
+        return tuple(Axis(key, min(of), max(of)) for key, of in values.items())
+
+    def _values(self, study: Any, trials: Sequence[Trial]) -> tuple[BedValues, SpaceTrend]:
+        axes = self.axes(study)
+        trend = SpaceTrend.of(self.quantity, axes, study.points[0].scene)
+        return BedValues.of(trials, self.quantity, axes, trend), trend
+
+    def _settings(self, study: Any, points: np.ndarray) -> list[dict[str, float]]:
+        axes = self.axes(study)
+        return [{axis.key: axis.setting(float(u)) for axis, u in zip(axes, point, strict=True)} for point in points]
+
+    def _off(self, study: Any, trial: Trial) -> float:
+        """Square of the distance of a run from the middle of the range."""
+        return sum((float(axis.unit(float(trial.at[axis.key]))) - 0.5) ** 2 for axis in self.axes(study))
+
+
+def _part(raw: Any, key: str, least: float) -> float:
+    try:
+        part = parse(raw, "") if isinstance(raw, str) else float(raw)
+    except (ValueError, TypeError):
+        part = math.nan
+    if not least <= part < 1:
+        refuse([Fault(key, f"{raw}: a part from {least:g} to 1 is needed", "write 2 %")])
+    return part
+
+
+_EXAMPLE = "write {flow_rate: 2 %, over: [contact.friction, container.angle], on: 95 %}"

@@ -1,0 +1,184 @@
+"""The space of several keys in which runs are chosen: numbers from 0 to 1 for each key, and the runs made there."""
+
+import math
+from collections import defaultdict
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from labbook.campaign.goal import rounded
+from labbook.campaign.strategy import Assignment, Trial, place
+from labbook.fit.interpolation import trend_of_outlets
+from labbook.stats.emulator import Emulator
+from labbook.stats.nested import by_bed, of_beds
+
+FEWEST_REPEATS = 8
+"""Degrees of freedom of the scatter of runs below which no emulator is fitted: its noise would not be known."""
+
+
+@dataclass(frozen=True)
+class Axis:
+    """A key with its range [SI]; `logarithmic`: numbers from 0 to 1 follow its logarithm."""
+
+    key: str
+    low: float
+    high: float
+    logarithmic: bool = False
+
+    def unit(self, value: float | np.ndarray) -> np.ndarray:
+        """Convert values to numbers from 0 to 1."""
+        low, high, x = self._ends(np.asarray(value, float))
+        return (x - low) / (high - low)
+
+    def value(self, unit: float | np.ndarray) -> np.ndarray:
+        """Convert numbers from 0 to 1 to values."""
+        low, high, _ = self._ends(np.array(1.0))
+        x = low + (high - low) * np.asarray(unit, float)
+        return np.exp(x) if self.logarithmic else x
+
+    def setting(self, unit: float) -> float:
+        """Convert a number from 0 to 1 to a value of four digits within the range."""
+        return min(max(rounded(float(self.value(unit))), self.low), self.high)
+
+    def _ends(self, x: np.ndarray) -> tuple[float, float, np.ndarray]:
+        if self.logarithmic:
+            return math.log(self.low), math.log(self.high), np.log(x)
+        return self.low, self.high, x
+
+
+def sobol(number: int, dimensions: int, skip: int = 0, stream: int = 0) -> np.ndarray:
+    """Compute points of a Sobol sequence in the unit cube, shape [number, dimensions].
+
+    Args:
+        number: Of points.
+        dimensions: Of the cube.
+        skip: Points of the sequence before them.
+        stream: Number of a shift of the whole sequence (modulo 1): other streams have other points.
+    """
+    from scipy.stats import qmc
+
+    engine = qmc.Sobol(dimensions, scramble=False)
+    points = engine.random_base2(max(1, math.ceil(math.log2(skip + number))))[skip : skip + number]
+    return (points + np.random.default_rng([stream, dimensions]).uniform(size=dimensions)) % 1
+
+
+def one_bed_more(points: Sequence[Mapping[str, float]], trials: Sequence[Trial]) -> tuple[Assignment, ...]:
+    """Assign a further bed to each point, and several to one that is listed several times."""
+    beds: dict[tuple, int] = {}
+    for trial in trials:
+        beds[place(trial.at)] = max(beds.get(place(trial.at), 0), trial.seed)
+    assigned: dict[tuple, Assignment] = {}
+    for at in points:
+        beds[place(at)] = beds.get(place(at), 0) + 1
+        assigned[place(at)] = Assignment(at, beds[place(at)])
+    return tuple(assigned.values())
+
+
+@dataclass(frozen=True, eq=False)
+class BedValues:
+    """Logarithms of a quantity of n beds, each at one point.
+
+    Attributes:
+        settings: Of the points, shape [n, d].
+        values: With the trend taken off, shape [n].
+        beds: Seeds, shape [n].
+        variance: Of the noise of a bed at a point.
+        of_beds: Variance of what beds of one seed have in common at all points, as points may share packings.
+        repeats: Degrees of freedom of the variance.
+    """
+
+    settings: np.ndarray
+    values: np.ndarray
+    beds: np.ndarray
+    variance: float
+    of_beds: float
+    repeats: int
+
+    @classmethod
+    def of(cls, trials: Sequence[Trial], quantity: str, axes: Sequence[Axis], trend: "SpaceTrend") -> "BedValues":
+        """Collect a quantity from runs; those that clogged or diverged have none.
+
+        Args:
+            trials: Runs.
+            quantity: Name of a quantity, above 0 in all runs that are used.
+            axes: Of the space.
+            trend: Known part of the quantity's logarithm.
+        """
+        points: dict[tuple, list[tuple[int, float]]] = defaultdict(list)
+        where: dict[tuple, Mapping[str, float | str]] = {}
+        for trial in sorted(trials, key=lambda trial: (place(trial.at), trial.seed, trial.discharge)):
+            value = trial.numbers.get(quantity, math.nan)
+            if trial.outcome != "clogged" and value > 0:
+                points[place(trial.at)].append((trial.seed, math.log(value) - trend.at(trial.at)))
+                where[place(trial.at)] = trial.at
+        rows = list[tuple[int, int, float]]()
+        for index, of in enumerate(points.values()):
+            beds = by_bed(of)
+            rows += [(index, seed, value) for seed, value in zip(beds, of_beds(beds), strict=True)]
+        index, seeds, values = (np.array(column) for column in zip(*rows, strict=True)) if rows else ([], [], [])
+        settings = [[float(axis.unit(float(at[axis.key]))) for axis in axes] for at in where.values()]
+        settings = np.array(settings).reshape(len(where), len(axes))[np.asarray(index, int)]
+        return cls(settings, np.asarray(values), np.asarray(seeds), *_variances(index, seeds, values))
+
+    @property
+    def of_bed_means(self) -> float:
+        """Variance that the beds leave in the mean of all runs."""
+        return self.of_beds / max(1, len(np.unique(self.beds)))
+
+    @property
+    def points(self) -> int:
+        """Number of points that differ."""
+        return len(np.unique(self.settings, axis=0))
+
+    def emulator(self) -> Emulator:
+        """Fit an emulator. Raises LearnMissing."""
+        return Emulator.of(self.settings, self.values, self.variance, self.beds, self.of_beds)
+
+
+def _variances(
+    points: Sequence[int] | np.ndarray, seeds: Sequence[int] | np.ndarray, values: Sequence[float] | np.ndarray
+) -> tuple[float, float, int]:
+    """Analyse the variance of beds at points: of the noise, of what beds of one seed have in common, and the degrees of
+    freedom of the first."""
+    points, seeds, values = np.asarray(points), np.asarray(seeds), np.asarray(values)
+    _, where, counts = np.unique(points, return_inverse=True, return_counts=True)
+    several = counts[where] > 1 if len(points) else np.zeros(0, bool)
+    if not several.any():
+        return math.nan, 0.0, 0
+    _, where = np.unique(points[several], return_inverse=True)
+    beds, columns = np.unique(seeds[several], return_inverse=True)
+    y, design = values[several], np.eye(len(beds))[columns]
+    of_point = np.eye(where.max() + 1)[where]
+    mean = of_point / of_point.sum(axis=0)
+    off, own = y - of_point @ (mean.T @ y), design - of_point @ (mean.T @ design)
+    effects, _, rank, _ = np.linalg.lstsq(own, off, rcond=None)
+    repeats = len(y) - of_point.shape[1] - int(rank)
+    if repeats < 1:
+        return math.nan, 0.0, 0
+    variance = float(np.sum((off - own @ effects) ** 2)) / repeats
+    runs = design.sum(axis=0)
+    often = runs >= runs.max() / 2
+    common = float(np.var(effects[often], ddof=1) - variance * np.mean(1 / runs[often])) if often.sum() > 1 else 0.0
+    return variance, max(common, 0.0), repeats
+
+
+@dataclass(frozen=True)
+class SpaceTrend:
+    """Known part of the logarithm of a quantity, up to a constant: the dependence of a flow rate on the outlet."""
+
+    key: str = ""
+    _of: Callable[[np.ndarray], np.ndarray] | None = None
+
+    @classmethod
+    def of(cls, quantity: str, axes: Sequence[Axis], scene: object) -> "SpaceTrend":
+        """Give the trend of a quantity in a space; none where nothing is known."""
+        for axis in axes:
+            dependence = trend_of_outlets(quantity, axis.key, scene, axis.low)  # pyright: ignore[reportArgumentType]
+            if dependence is not None:
+                return cls(axis.key, dependence)
+        return cls()
+
+    def at(self, at: Mapping[str, float | str]) -> float:
+        """Compute it at values of keys."""
+        return float(self._of(np.array(float(at[self.key])))) if self._of is not None else 0.0

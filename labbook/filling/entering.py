@@ -1,0 +1,106 @@
+"""Free places for grains that enter a bed: for those that come back, and for those of a stream."""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from labbook.filling.placed import Placed
+from labbook.filling.placing import APART, free
+from labbook.filling.room import Room
+from labbook.scene import Bodies, Grains, Packing, Spherocylinders
+from labbook.scene.orientation import axes, random_turns
+
+Draw = Callable[[int, np.ndarray], np.ndarray]
+"""Centres [m] that round k tries for grains of which `reach` [m] is kept free, shape [n, 3]."""
+
+
+@dataclass(frozen=True, eq=False)
+class Entering:
+    """Places of grains that enter: centres [m], of rods orientations, and which of the grains found one."""
+
+    x: np.ndarray
+    q: np.ndarray | None
+    rows: np.ndarray
+
+    def packing(self, every: Packing, rows: np.ndarray, v: tuple[float, float, float] = (0.0, 0.0, 0.0)) -> Packing:
+        """Return those of the grains `rows` of the packing `every` that found a place, with the velocity v [m/s]."""
+        assert every.ids is not None
+        mine = rows[self.rows]
+        q = None if self.q is None else self.q[self.rows]
+        diameter, kind = (None if own is None else own[mine] for own in (every.diameter, every.kind))
+        rest = np.zeros((len(mine), 3))
+        return Packing(
+            x=self.x[self.rows], v=rest + v, omega=rest, q=q, ids=every.ids[mine], diameter=diameter, kind=kind
+        )
+
+
+@dataclass(frozen=True, eq=False)
+class Search:
+    """Grains that look for places in a bed.
+
+    Attributes:
+        radius: Radius [m] of each grain that enters, shape [n].
+        there: Grains that may be in their way.
+        rng: Draws orientations of rods.
+        draw: Draws centres.
+    """
+
+    radius: np.ndarray
+    there: Packing
+    rng: np.random.Generator
+    draw: Draw
+
+
+def entering(room: Room, grains: Grains, searches: Sequence[Search], rounds: int) -> list[Entering]:
+    """Search places where grains touch neither walls nor each other nor those there, one try each a round.
+
+    Beds of scenes that share a room are searched together, which takes a small part of the time; each draws as if it
+    were alone.
+
+    Args:
+        room: Inside of the containers.
+        grains: Of one of the scenes: rods of all have the same length.
+        searches: For each bed.
+        rounds: Tries of each grain.
+    """
+    half, beds = grains.half_length, np.arange(len(searches))
+    own = np.repeat(beds, [len(search.radius) for search in searches])
+    there = [search.there for search in searches]
+    n, ends = len(own), np.searchsorted(own, np.arange(len(searches) + 1))
+    radii = [*(search.radius for search in searches), *(Bodies.of(grains, bed).radius for bed in there)]
+    reach = np.concatenate(radii) * APART
+    x = np.concatenate([np.empty((n, 3)), *(bed.x for bed in there)])
+    q, a = None, None
+    if isinstance(grains, Spherocylinders):
+        turns = [bed.q for bed in there if bed.q is not None]
+        q = np.concatenate([np.empty((n, 4)), *turns])
+        a = np.concatenate([np.empty((n, 3)), axes(q[n:])])
+    # a fourth coordinate keeps grains of different beds out of each other's way
+    bed_of = np.concatenate([own, np.repeat(beds, [len(bed) for bed in there])])
+    apart = bed_of[:, None] * (4 * (float(reach.max()) + half))
+    left, placed, above = np.arange(n), np.arange(n, len(x)), Placed(np.hstack([x, apart])[n:])
+    for k in range(rounds):
+        if not len(left):
+            break
+        cuts = np.searchsorted(left, ends)
+        for bed in np.flatnonzero(np.diff(cuts)).tolist():
+            mine, search = left[cuts[bed] : cuts[bed + 1]], searches[bed]
+            x[mine] = search.draw(k, reach[mine])
+            if q is not None:
+                q[mine] = random_turns(search.rng, len(mine))
+        if q is None or a is None:
+            inside = room.holds(x[left], reach[left])
+        else:
+            a[left] = axes(q[left])
+            tips = half * a[left]
+            inside = room.holds(x[left] + tips, reach[left]) & room.holds(x[left] - tips, reach[left])
+        new = free(x, reach, above, placed, left[inside], a, half, apart)
+        above.add(np.hstack([x[new], apart[new]]))
+        placed, left = np.concatenate([placed, new]), np.setdiff1d(left, new, assume_unique=True)
+    rows = np.setdiff1d(np.arange(n), left, assume_unique=True)
+    cuts = np.searchsorted(rows, ends)
+    return [
+        Entering(x[first:last], None if q is None else q[first:last], rows[cuts[bed] : cuts[bed + 1]] - first)
+        for bed, (first, last) in enumerate(zip(ends[:-1].tolist(), ends[1:].tolist(), strict=True))
+    ]

@@ -1,0 +1,141 @@
+"""Grains that a stream brings into a scene, a few after every beat."""
+
+import math
+
+import numpy as np
+
+from labbook.filling.entering import Search, entering
+from labbook.filling.placing import APART, assort
+from labbook.filling.room import PlacingError, Room
+from labbook.scene import Bodies, Packing, Scene, Spheres, Spherocylinders
+from labbook.scene.bodies import masses
+from labbook.scene.stream import Stream
+
+VERSION = 1
+"""Part of the key of what a stream made; it rises whenever a seed puts grains to other places than before."""
+_TRIES = 60
+"""Places that a grain tries after a beat."""
+
+
+class Pouring:
+    """A stream into one scene. What it brings follows from the seed, the beat and the grains that are there.
+
+    Attributes:
+        every: All grains of the scene, by id; positions mean nothing.
+        order: Ids in the order in which they enter, shape [n].
+    """
+
+    def __init__(self, scene: Scene, stream: Stream, seed: int, beat: float, every: Packing | None = None):
+        """Prepare a stream into the closed `scene`; `beat` [s] is the time between two looks. `every`: what each grain
+        is; None: the seed decides.
+
+        Raises PlacingError if no grain fits into its region, or a kind of its layers is unknown.
+        """
+        grains = scene.grains
+        self._scene, self._stream, self._key, self._beat = scene, stream, (VERSION, seed), beat
+        self._room = Room(scene.container, grains.radius * APART)
+        none = np.zeros((grains.count, 3))
+        diameter, kind = None, None
+        if isinstance(grains, Spheres) and grains.varied:
+            diameter, kind = assort(grains, VERSION, seed)
+        q = np.tile([1.0, 0, 0, 0], (grains.count, 1)) if isinstance(grains, Spherocylinders) else None
+        self.every = every or Packing(x=none, v=none, omega=none, q=q, diameter=diameter, kind=kind)
+        self.order = _order(scene, stream, self.every.kind, np.random.default_rng([VERSION, seed, 1]))
+        mass = np.broadcast_to(masses(grains, self.every), grains.count)[self.order]
+        self._brought = np.cumsum(mass)
+        self._radius = Bodies.of(grains, self.every).radius
+        self._mean = float(np.mean(mass))
+        clear = self._room.clearance
+        sides = [(first - clear, last + clear) for first, last in (self._room.x, self._room.y)]
+        self._low = np.maximum(stream.low, [*(side[0] for side in sides), -math.inf])
+        self._high = np.minimum(stream.high, [*(side[1] for side in sides), math.inf])
+        for axis, width in zip("xyz", self._high - self._low, strict=True):
+            if width < 2 * (clear + grains.half_length):
+                reason = f"between the walls, the region of the stream is narrower than a grain along {axis}"
+                raise PlacingError(f"{reason}; make it {2e3 * (clear + grains.half_length):.4g} mm or more")
+
+    @property
+    def time(self) -> float:
+        """Time [s] in which all grains enter, if the region always has room."""
+        return float(self._brought[-1]) / self._stream.rate
+
+    def due(self, beat: int) -> int:
+        """Number of grains that are to have entered after this beat, one at least."""
+        brought = self._stream.rate * self._time(beat) * (1 + 1e-12)
+        return max(1, int(np.searchsorted(self._brought, brought, "right")))
+
+    def number(self, beat: int) -> int:
+        """Number of grains of mean mass that the stream brings after this beat."""
+        before, now = (math.floor(self._stream.rate * self._time(at) / self._mean) for at in (beat - 1, beat))
+        return now - before
+
+    def _time(self, beat: int) -> float:
+        """Time [s] for which the stream has flowed by the end of the next beat; of batches in whole batches."""
+        time, every = (beat + 1) * self._beat, self._stream.every
+        return time if every is None else (math.floor(time / every * (1 + 1e-12)) + 1) * every
+
+    def first(self) -> Packing:
+        """The grains with which it begins. Raises PlacingError where none finds a place."""
+        nobody = self.every.part(np.zeros(0, np.int64))
+        grains = self.entering(nobody, self.order[: self.due(0)], 0)
+        if grains is None:
+            raise PlacingError(
+                "no grain finds a place in the region of the stream; move fill.stream.low and high between the walls"
+            )
+        return grains
+
+    def returning(self, there: Packing, beat: int) -> Packing | None:
+        """The grains that enter a bed after this beat; None if none does. Those without a place wait."""
+        assert there.ids is not None
+        due = self.order[: self.due(beat)]
+        waiting = due[~np.isin(due, there.ids)]
+        return self.entering(there, waiting, beat) if len(waiting) else None
+
+    def entering(self, there: Packing, rows: np.ndarray, beat: int) -> Packing | None:
+        """Return those of the grains `rows` that find a place among those that are there; None if none does."""
+        stream, rng = self._stream, np.random.default_rng([*self._key, 2, beat])
+        half = self._scene.grains.half_length
+        low, high = self._low + half, self._high - half
+
+        def draw(_: int, reach: np.ndarray) -> np.ndarray:
+            return rng.uniform(low + reach[:, None], high - reach[:, None])
+
+        near = 2 * (self._scene.grains.radius + half)
+        close = np.all((there.x > self._low - near) & (there.x < self._high + near), axis=1)
+        bed = there.part(np.flatnonzero(close))
+        [places] = entering(self._room, self._scene.grains, [Search(self._radius[rows], bed, rng, draw)], _TRIES)
+        return places.packing(self.every, rows, stream.velocity) if len(places.rows) else None
+
+
+class Inflow:
+    """Return of grains that left, at the rate of a stream (`feed.stream`)."""
+
+    def __init__(self, scene: Scene, start: Packing, seed: int, beat: float):
+        """Prepare the inflow into an open scene whose bed at the opening was `start`. Raises PlacingError."""
+        assert scene.feed is not None
+        assert scene.feed.stream is not None
+        assert start.ids is not None
+        self._pouring = Pouring(scene.close(), scene.feed.stream, seed, beat, start.renumbered(np.argsort(start.ids)))
+
+    def returning(self, there: Packing, beat: int) -> Packing | None:
+        """The grains that enter again after this beat; None if none does. What finds no place now stays outside."""
+        assert there.ids is not None
+        waiting = self._pouring.order[~np.isin(self._pouring.order, there.ids)]
+        rows = waiting[: self._pouring.number(beat)]
+        return self._pouring.entering(there, rows, beat) if len(rows) else None
+
+
+def _order(scene: Scene, stream: Stream, kind: np.ndarray | None, rng: np.random.Generator) -> np.ndarray:
+    """Ids in the order in which they enter: at random, or in layers of kinds. Raises PlacingError."""
+    count = scene.grains.count
+    if not stream.layers:
+        return rng.permutation(count)
+    names = [one.name for one in scene.grains.kinds]
+    strange = [name for name in stream.layers if name not in names]
+    lacking = [name for name in names if name not in stream.layers]
+    if kind is None or strange or lacking:
+        wrong = f"no kind is called {strange[0]}" if strange else f"no layer is of the kind {(lacking or ['?'])[0]}"
+        raise PlacingError(f"stream.layers: {wrong}; name each of grains.kinds, as {names}")
+    shares = {name: np.array_split(rng.permutation(np.flatnonzero(kind == place)), stream.layers.count(name))
+              for place, name in enumerate(names)}  # fmt: skip
+    return np.concatenate([shares[name].pop(0) for name in stream.layers])

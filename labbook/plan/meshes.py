@@ -1,0 +1,41 @@
+"""Lines of a plan on meshes: their size, their outlets, and the built-in containers that they are nearest to."""
+
+import math
+from collections.abc import Iterable, Iterator
+
+from labbook.scene import ContainerShape, Scene, TriangleMesh
+from labbook.scene.likeness import likeness, outlets
+
+_LENGTHS = ("width", "diameter", "height", "thickness", "orifice", "gap")
+
+
+def mesh_lines(scenes: Iterable[Scene]) -> list[str]:
+    """Describe the meshes of scenes, each once."""
+    meshes = {(part.name, part.shape): None for scene in scenes for part in scene.container.parts
+              if isinstance(part.shape, TriangleMesh)}  # fmt: skip
+    return [line for name, mesh in sorted(meshes, key=lambda named: named[0]) for line in _lines(name, mesh)]
+
+
+def _lines(name: str, mesh: TriangleMesh) -> Iterator[str]:
+    yield f"Mesh {name}: {mesh.summary}"
+    for hole in outlets(mesh.surface):
+        area, diameter, z = 1e4 * hole.area, 1e3 * hole.diameter, 1e3 * hole.z
+        yield f"Mesh {name}: outlet at z = {z:.4g} mm of {area:.4g} cm^2, as a circle of {diameter:.4g} mm"
+    near = likeness(mesh)
+    if near is not None:
+        x, y, z = (1e3 * place for place in near.origin)
+        turned = ", turned by 90 deg about z" if near.turned else ""
+        yield (
+            f"Mesh {name}: within {1e3 * near.difference:.3g} mm of container: {_keys(near.container)} with its "
+            f"outlet at x, y, z = {x:.4g}, {y:.4g}, {z:.4g} mm{turned}"
+        )
+
+
+def _keys(container: ContainerShape) -> str:
+    """Write a container as a study has it."""
+    sizes = [f"kind: {container.kind}"]
+    for key in (*_LENGTHS, "angle"):
+        value = getattr(container, key, None)
+        if value is not None:
+            sizes.append(f"{key}: {math.degrees(value):.4g} deg" if key == "angle" else f"{key}: {1e3 * value:.4g} mm")
+    return f"{{{', '.join(sizes)}}}"

@@ -1,0 +1,270 @@
+"""The base of all containers: the geometry of which filling, pictures, recordings and measures ask.
+
+Each container knows its walls when open and when closed. A closed container's outlet carries a lid and its
+side walls reach up as far as a filling needs, so that flat-bottomed silos that differ only in their outlets
+are the same closed container, and share packings.
+"""
+
+import math
+from abc import ABC, abstractmethod
+from collections.abc import Iterator
+from dataclasses import dataclass
+from functools import lru_cache
+from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal
+
+import numpy as np
+from pydantic import Field, model_validator
+
+from labbook.scene.geometry import Bounds, Mesh, Segment
+from labbook.scene.model import Fault, Model, OrWord, refuse
+from labbook.scene.quantities import Coordinate
+from labbook.scene.walls import AT_REST, Frustum, Plane, Strip, SurfaceMotion, Symmetry, Wall, WallShape
+
+Parts = Annotated[tuple[Wall, ...], Field(exclude_if=lambda parts: not parts)]
+"""Walls beside those that a container has of itself; left out of what is stored where there are none."""
+Pair = tuple[float, float]
+Vector = tuple[float, float, float]
+BELOW_PARTS: Literal["below-parts"] = "below-parts"
+"""Value of `sink` for the lowest point of the parts."""
+Sink = Annotated[
+    Annotated[float, OrWord(Coordinate, BELOW_PARTS)] | None,
+    Field(exclude_if=lambda sink: sink is None),
+]
+"""Height z [m] at which grains leave the scene, of a container that goes on below its outlet."""
+
+
+class CountingPlane(Model):
+    """A horizontal plane through which the mass flow is counted, beside the outlet."""
+
+    name: Annotated[str, Field(pattern=r"^[a-z][a-z0-9-]*$", max_length=40)]
+    """Name of the plane in results, `flow_rate_NAME`: lower-case letters, digits and hyphens."""
+    z: Coordinate
+    """Height of the plane."""
+
+
+CountingPlanes = Annotated[tuple[CountingPlane, ...], Field(exclude_if=lambda planes: not planes)]
+KEPT = 256
+"""Containers whose walls are kept: each is asked for them again and again, one after another."""
+_TOUCH = 1e-9  # m: by which a part that begins at the outlet may rise above it
+FLAT = 1e-12
+"""Angle [rad] from 90 deg below which a bottom is flat."""
+
+
+# what a container of validated sizes is made of needs no validation: 100 000 points have more than a million walls
+@lru_cache(maxsize=KEPT)  # many containers have these in common
+def plane_wall(name: str, point: Vector, normal: Vector) -> Wall:
+    return Wall.of(
+        name=name, shape=Plane.of(kind="plane", point=point, normal=normal), motion=AT_REST, opens=None, moves=None
+    )
+
+
+def strip_wall(name: str, start: Pair, end: Pair) -> Wall:
+    return Wall.of(
+        name=name, shape=Strip.of(kind="strip", start=start, end=end), motion=AT_REST, opens=None, moves=None
+    )
+
+
+def frustum_wall(name: str, lower: Pair, upper: Pair, motion: SurfaceMotion = AT_REST) -> Wall:
+    shape = Frustum.of(kind="frustum", lower=lower, upper=upper)
+    return Wall.of(name=name, shape=shape, motion=motion, opens=None, moves=None)
+
+
+@dataclass(frozen=True)
+class Outlet:
+    """An opening that grains leave through, at the height `plane` [m].
+
+    `form`, `width` [m] (of a slot its width, of a hole its diameter) and `centre` (its x [m]) are None, NaN and 0 where
+    a container does not say. `lid`: the wall that would close it, if that is known.
+    """
+
+    name: str
+    plane: float
+    form: Literal["slot", "hole"] | None = None
+    width: float = math.nan
+    centre: float = 0.0
+    lid: WallShape | None = None
+
+
+class ContainerShape(Model, ABC):
+    """The base of all containers: the geometry of which filling, pictures, recordings and measures ask.
+
+    Each answers `walls`, `close`, `inside`, `outlets` and `outlet_plane`, the height z [m] at which grains count as
+    discharged, or None; what else is asked has a default that says that nothing is known.
+    """
+
+    symmetry: ClassVar[Symmetry | None] = None
+    """`planar`: quasi-2D, seen from the front; `axial`: about x = y = 0; None: neither, or unknown."""
+    widths: ClassVar[tuple[str, ...]] = ()
+    """Keys of a study for the sizes that make it wider, the narrowest first."""
+    at_least_a_grain: ClassVar[tuple[str, ...]] = ()
+    """Keys of sizes that are not less than a grain's diameter."""
+    closes: ClassVar[bool] = True
+    """Whether no grain leaves it closed, wherever its walls are."""
+    spin_key: ClassVar[str | None] = None
+    """The key that turns one of its surfaces, if there is one."""
+    own_walls: ClassVar[tuple[str, ...]] = ()
+    """Names of walls that it may have of itself, open or closed."""
+    if TYPE_CHECKING:  # fields of each
+        kind: str
+        """Its name."""
+        closed: bool
+        """Whether it is the one in which a packing is made."""
+        parts: tuple[Wall, ...]
+        """Walls that a study lists."""
+    sink: Sink = None
+    """Height z of the plane below the outlet at which grains leave the scene, so that it goes on below the outlet;
+    `below-parts`: the lowest point of the parts. None: grains leave just below the outlet."""
+    planes: CountingPlanes = ()
+    """Horizontal planes through which the mass flow is counted, beside the outlet."""
+
+    @model_validator(mode="after")
+    def _names_differ(self):
+        names = [*self.own_walls, *(part.name for part in self.parts)]
+        if len({*names}) < len(names):
+            refuse([Fault("parts", "two walls have the same name", "give each wall its own name")])
+        if self.sink == BELOW_PARTS:
+            object.__setattr__(self, "sink", min([*map(_lowest, self.parts), self._outlet_height or 0.0]))
+        refuse(self._faults_below())
+        return self
+
+    def _faults_below(self) -> Iterator[Fault]:
+        """Faults of the sink below the outlet, and of planes beside it."""
+        names, sink, height = [plane.name for plane in self.planes], self.sink, self._outlet_height
+        if height is None:
+            for key in ("sink", "planes"):
+                if getattr(self, key) not in (None, ()):
+                    yield Fault(key, "without an outlet no grain leaves", f"state outlet_plane, or leave {key} out")
+            return
+        if len({*names}) < len(names):
+            yield Fault("planes", "two planes have the same name", "give each plane its own name")
+        if {*names} & {outlet.name for outlet in self.outlets if names}:
+            yield Fault("planes", "a plane has the name of an outlet", "give it another name")
+        if sink is not None and math.isinf(sink):
+            endless = next(part.name for part in self.parts if _lowest(part) == sink)
+            reason = f"the part {endless} has no lowest point"
+            yield Fault("sink", reason, "state a height, such as -0.5 m, below which grains are removed")
+        elif sink is not None and sink > height:
+            reason = f"a sink at z = {1e3 * sink:g} mm lies above the outlet"
+            yield Fault("sink", reason, f"use a height below {1e3 * height:g} mm")
+
+    @property
+    def _outlet_height(self) -> float | None:
+        """Height z [m] of the outlet; None without any."""
+        return self.outlets[0].plane if self.outlets else None
+
+    def _with_parts(self, own: tuple[Wall, ...]) -> tuple[Wall, ...]:
+        """Join own walls and parts; opened, without those that open."""
+        if not self.parts:
+            return own
+        return (*own, *(part for part in self.parts if self.closed or part.opens is None))
+
+    def _closed(self, surface_motion: bool, **update: Any) -> Any:
+        """A copy that is closed, with other values of some fields, without what lies below the outlet, which so does
+        not count in the key of its packing; surfaces of parts move only if `surface_motion` says so, and parts stand
+        still."""
+        parts = _at_rest(self._above_outlet(), surface_motion)
+        return self.model_copy(update={"closed": True, "parts": parts, "sink": None, "planes": (), **update})
+
+    def _above_outlet(self) -> tuple[Wall, ...]:
+        """Parts that grains can touch while it is filled: all of them, unless it goes on below the outlet."""
+        if self.sink is None:
+            return self.parts
+        floor = min((_lowest(part) for part in self.parts if part.opens), default=self._outlet_height or 0.0)
+        return tuple(part for part in self.parts if part.opens or part.shape.bounds.high[2] > floor + _TOUCH)
+
+    def _clear_of_parts(self, x: np.ndarray) -> np.ndarray:
+        """Points of x [m], shape [n, 3], on the side of the grains of all parts that stand still, shape [n]."""
+        still = [part for part in self._with_parts(()) if part.moves is None]
+        return np.all([np.ones(len(x), bool), *(part.shape.inside(x) for part in still)], axis=0)
+
+    @abstractmethod
+    def walls(self) -> tuple[Wall, ...]:
+        """Its walls, as it stands: open or closed."""
+
+    @abstractmethod
+    def close(self, surface_motion: bool = False) -> "ContainerShape":
+        """The container in which a packing is made; its surfaces move only if `surface_motion` says so."""
+
+    @abstractmethod
+    def inside(self, x: np.ndarray) -> np.ndarray:
+        """Which of the centres x [m], shape [n, 3], lie between the walls, shape [n]; above them too."""
+
+    @property
+    @abstractmethod
+    def outlets(self) -> tuple[Outlet, ...]:
+        """The openings that grains leave through, also of the closed one."""
+
+    @property
+    def outlet_form(self) -> Literal["slot", "hole"] | None:
+        """The form of its only outlet, if there is one of known width."""
+        return self.outlets[0].form if len(self.outlets) == 1 else None
+
+    def lets_out(self, x: np.ndarray) -> np.ndarray:
+        """Which of the centres x [m], shape [n, 3], of grains that pass the outlet's plane do so in an outlet."""
+        return self.inside(x) if self.outlets else np.zeros(len(x), bool)
+
+    @property
+    def bounds(self) -> Bounds:
+        """The box around its inside, up to the upper end of its walls; infinite where they leave it open."""
+        boxes = [wall.shape.enclosed for wall in self.walls()]
+        low, high = np.full(3, -np.inf), np.full(3, np.inf)
+        for box in boxes:
+            low, high = np.maximum(low, box.low), np.minimum(high, box.high)
+        return Bounds((low[0], low[1], low[2]), (high[0], high[1], high[2]))
+
+    def section(self) -> tuple[Segment, ...]:
+        """Lines (x, z) [m] in which the plane y = 0 cuts its walls, those without end left out."""
+        return tuple(line for wall in self.walls() for line in wall.shape.section())
+
+    def mesh(self, within: Bounds) -> dict[str, Mesh]:
+        """Its walls as triangles, by name, at least as far as they lie in the box `within`."""
+        meshes = ((wall.name, wall.shape.mesh(within)) for wall in self.walls())
+        return {name: mesh for name, mesh in meshes if mesh is not None}
+
+    @property
+    def across(self) -> float | None:
+        """Inner width [m] along x of its widest part; None where that is unknown."""
+        return None
+
+    @property
+    def front_to_back(self) -> float:
+        """Distance [m] between a front and a back wall; infinite without these."""
+        return math.inf
+
+    @property
+    def area(self) -> float | None:
+        """Area [m^2] of its widest horizontal section; None where that is unknown."""
+        return None
+
+    @property
+    def rise(self) -> float:
+        """Height [m] of the highest point of its bottom above the outlet's plane, or above z = 0."""
+        return 0.0
+
+    @property
+    def roof(self) -> float:
+        """z [m] up to which its side walls reach: infinite without an end."""
+        return math.inf
+
+    def volume_below(self, z: float) -> float | None:
+        """Volume [m^3] between its walls, which go on upwards, from the outlet (or the bottom) up to a height z [m], at
+        least 0; None where that is unknown."""
+        return None
+
+    def span(self, z: float) -> tuple[float, float] | None:
+        """x [m] of its walls on both sides at the height z [m] in the plane y = 0; None where that is unknown."""
+        return None
+
+
+def _lowest(part: Wall) -> float:
+    """z [m] of the lowest point of a part: infinite of an upright plane, -infinite of an inclined one."""
+    return part.shape.ground if part.shape.half_space else part.shape.bounds.low[2]
+
+
+def _at_rest(parts: tuple[Wall, ...], surface_motion: bool) -> tuple[Wall, ...]:
+    """The parts without motion, but for that of their surfaces if `surface_motion` says so; themselves if they have
+    none."""
+    if not any(part.moves is not None or (part.motion != AT_REST and not surface_motion) for part in parts):
+        return parts
+    rest = {"moves": None} if surface_motion else {"moves": None, "motion": AT_REST}
+    return tuple(part.model_copy(update=rest) for part in parts)

@@ -1,0 +1,207 @@
+"""A quasi-2D silo with a slot at the foot of two inclined plates."""
+
+import math
+from collections.abc import Iterator
+from functools import lru_cache
+from typing import ClassVar, Literal
+
+import numpy as np
+from pydantic import model_validator
+
+from labbook.scene.container_shape import FLAT, KEPT, ContainerShape, Outlet, Parts, plane_wall, strip_wall
+from labbook.scene.geometry import Bounds
+from labbook.scene.model import Fault, InternalFlag, refuse
+from labbook.scene.quantities import Angle, Distance, Length, told_apart
+from labbook.scene.walls import Strip, Symmetry, Wall
+
+
+class WedgeHopper(ContainerShape):
+    """Quasi-2D silo between a front and a back wall (Fan et al. 2023, Fig. 1).
+
+    Its outlet lies at the foot of a bottom whose plates are inclined by the same angle.
+    """
+
+    symmetry: ClassVar[Symmetry | None] = "planar"
+    widths: ClassVar[tuple[str, ...]] = ("thickness", "width")
+    at_least_a_grain: ClassVar[tuple[str, ...]] = ("thickness", "orifice", "width")
+
+    own_walls: ClassVar[tuple[str, ...]] = (
+        "front",
+        "back",
+        "left",
+        "right",
+        "bottom",
+        "bottom-left",
+        "bottom-right",
+        "lid",
+    )
+
+    kind: Literal["wedge-hopper"] = "wedge-hopper"
+    width: Length
+    """Inner width L between the side walls."""
+    height: Length
+    """Height H of the side walls above the outlet; grains may start above it."""
+    thickness: Length
+    """Distance Z between the front and the back wall."""
+    angle: Angle = math.pi / 2
+    """Angle α of the bottom from the vertical, 1 to 90 deg: 90 deg is flat, 15 deg a steep funnel."""
+    orifice: Length
+    """Width D of the outlet, less than the width of the hopper."""
+    gap: Distance | None = None
+    """Gap s from the left side wall to the near edge of the outlet, at most (L - D)/2; none: centred."""
+    closed: InternalFlag = False
+    parts: Parts = ()
+    """Walls that are listed one by one, beside those that the kind has of itself."""
+
+    @model_validator(mode="after")
+    def _is_possible(self):
+        refuse(self._faults())
+        return self
+
+    def _faults(self) -> Iterator[Fault]:
+        angle_fits = math.radians(1) * (1 - FLAT) <= self.angle <= math.pi / 2 + FLAT
+        if not angle_fits:
+            reason = f"the angle of the bottom from the vertical cannot be {math.degrees(self.angle):g} deg"
+            yield Fault("angle", reason, "use 1 to 90 deg; 90 deg is a flat bottom")
+        limit = (self.width - self.orifice) / 2
+        if limit <= 1e-9 * self.width:
+            sizes = f"{self.orifice * 1e3:g} mm against {self.width * 1e3:g} mm"
+            reason = f"the orifice is not narrower than the hopper ({sizes})"
+            yield Fault("orifice", reason, "make the orifice smaller or the hopper wider")
+            return
+        if self.gap is not None and self.gap > limit * (1 + 1e-12):
+            gap, most = told_apart(self.gap * 1e3, limit * 1e3, digits=6)
+            reason = f"a gap of {gap} mm is beyond (L - D)/2 = {most} mm"
+            mirrored = 2 * limit - self.gap
+            mirror = f", or {mirrored * 1e3:g} mm, of which it is the mirror image" if mirrored >= 0 else ""
+            yield Fault("gap", reason, f"use at most {limit * 1e3:g} mm{mirror}")
+            return
+        if angle_fits and max(self._rises) >= self.height:
+            rise = f"{max(self._rises) * 1e3:g} mm"
+            reason = f"the inclined bottom rises {rise} and leaves no side wall"
+            yield Fault("height", reason, f"make the hopper higher than {rise}, or the angle larger")
+
+    @property
+    def flat(self) -> bool:
+        """Whether the bottom is flat."""
+        return abs(self.angle - math.pi / 2) <= FLAT
+
+    @property
+    def eccentricity(self) -> float:
+        """e [m]: from the hopper's axis to the centre of the outlet; negative is to the left."""
+        return 0.0 if self.gap is None else self.gap + self.orifice / 2 - self.width / 2
+
+    @property
+    def outlet(self) -> tuple[float, float]:
+        """x [m] of the left and right edge of the outlet."""
+        e = self.eccentricity
+        return e - self.orifice / 2, e + self.orifice / 2
+
+    @property
+    def outlet_plane(self) -> float:
+        """As of any container."""
+        return 0.0
+
+    @property
+    def outlets(self) -> tuple[Outlet, ...]:
+        """The slot."""
+        lid = Strip.of(kind="strip", start=(self.outlet[0], 0.0), end=(self.outlet[1], 0.0))
+        return (Outlet("outlet", 0.0, "slot", self.orifice, self.eccentricity, lid),)
+
+    @property
+    def bounds(self) -> Bounds:
+        """As of any container."""
+        half, depth = self.width / 2, self.thickness / 2
+        return Bounds((-half, -depth, 0.0), (half, depth, self.top))
+
+    @property
+    def across(self) -> float:
+        """As of any container."""
+        return self.width
+
+    @property
+    def front_to_back(self) -> float:
+        """As of any container."""
+        return self.thickness
+
+    @property
+    def area(self) -> float:
+        """As of any container."""
+        return self.width * self.thickness
+
+    @property
+    def rise(self) -> float:
+        """As of any container."""
+        return max(self._rises)
+
+    @property
+    def roof(self) -> float:
+        """As of any container."""
+        return self.height
+
+    def volume_below(self, z: float) -> float:
+        """As of any container."""
+        if self.flat:
+            return self.width * self.thickness * z
+        slope, (left, right) = math.tan(self.angle), self.outlet
+        area = self.orifice * z
+        for side in (left + self.width / 2, self.width / 2 - right):
+            foot = min(z, side / slope)  # up to here the plate recedes
+            area += slope * foot**2 / 2 + side * (z - foot)
+        return area * self.thickness
+
+    def span(self, z: float) -> tuple[float, float]:
+        """As of any container."""
+        half, (left, right) = self.width / 2, self.outlet
+        slope = math.inf if self.flat else math.tan(self.angle)
+        return max(-half, left - slope * z), min(half, right + slope * z)
+
+    @property
+    def _rises(self) -> tuple[float, float]:
+        """Heights [m] that the left and the right bottom plate rise from the outlet to the side walls."""
+        left, right = self.outlet
+        cot = 0.0 if self.flat else 1 / math.tan(self.angle)
+        return (left + self.width / 2) * cot, (self.width / 2 - right) * cot
+
+    @property
+    def top(self) -> float:
+        """z [m] up to which the side walls reach: `height`; closed, as high as any filling (2000 widths)."""
+        return 2000 * self.width if self.closed else self.height
+
+    def inside(self, x: np.ndarray) -> np.ndarray:
+        """Which of the centres x [m], shape [n, 3], lie between the walls, shape [n]; above them too."""
+        (left, right), cot = self.outlet, 0.0 if self.flat else 1 / math.tan(self.angle)
+        bottom = np.maximum(np.maximum(left - x[:, 0], x[:, 0] - right), 0) * cot
+        beside = (np.abs(x[:, 0]) <= self.width / 2) & (np.abs(x[:, 1]) <= self.thickness / 2)
+        return beside & (x[:, 2] >= bottom) & self._clear_of_parts(x)
+
+    def lets_out(self, x: np.ndarray) -> np.ndarray:
+        """Which of the centres x [m], shape [n, 3], of grains that pass the outlet's plane do so in the outlet."""
+        left, right = self.outlet
+        return (x[:, 0] >= left) & (x[:, 0] <= right) & (np.abs(x[:, 1]) <= self.thickness / 2)
+
+    def close(self, surface_motion: bool = False) -> "WedgeHopper":
+        """The closed container in which a packing is made; flat bottoms lose their outlet altogether."""
+        if self.flat:
+            return self._closed(surface_motion, orifice=self.width / 2, gap=None, angle=math.pi / 2)
+        return self._closed(surface_motion)
+
+    @lru_cache(maxsize=KEPT)  # noqa: B019  (at most so many)
+    def walls(self) -> tuple[Wall, ...]:
+        """Wall primitives: front, back, left, right, and the bottom plates (closed: with the lid)."""
+        half, depth = self.width / 2, self.thickness / 2
+        (left, right), (rise_left, rise_right), top = self.outlet, self._rises, self.top
+        walls = [
+            plane_wall("front", (0.0, -depth, 0.0), (0.0, 1.0, 0.0)),
+            plane_wall("back", (0.0, depth, 0.0), (0.0, -1.0, 0.0)),
+            strip_wall("left", (-half, rise_left), (-half, top)),
+            strip_wall("right", (half, rise_right), (half, top)),
+        ]
+        if self.closed and self.flat:
+            return self._with_parts((*walls, strip_wall("bottom", (-half, 0.0), (half, 0.0))))
+        if left > -half * (1 - 1e-12):  # a gap of 0 has no left plate
+            walls.append(strip_wall("bottom-left", (-half, rise_left), (left, 0.0)))
+        walls.append(strip_wall("bottom-right", (right, 0.0), (half, rise_right)))
+        if self.closed:
+            walls.append(strip_wall("lid", (left, 0.0), (right, 0.0)))
+        return self._with_parts(tuple(walls))

@@ -1,0 +1,195 @@
+"""The page that answers questions asked backwards: a quantity over all swept keys, by sliders, and its inverse."""
+
+from collections.abc import Mapping, Sequence
+from itertools import product
+from typing import Any
+
+import pandas as pd
+
+from labbook.commands import command
+from labbook.report.explored import influence_table, next_table, runs_and_time
+from labbook.report.result_box import no_number
+from labbook.results import display
+from labbook.results.explore import DesignSurface, explore, swept_keys
+from labbook.results.points import FLOW_RATE, PointResult
+from labbook.results.study import StudyResults
+from labbook.results.surface import NoSurface
+from labbook.scene.quantities import parse
+from labbook.study import Study
+from labbook.study.proposed import study_at
+from labbook_web.page import Page
+from labbook_web.shelf import Found, NotThere, Shelf
+
+_QUANTITIES, _CHOICES = 4, 12
+"""Quantities, and values of keys that take words, of which a page has surfaces."""
+
+
+def explorable(study: Study) -> bool:
+    """Decide if a study has a page to explore: it sweeps a key of numbers."""
+    return bool(swept_keys(study.points)[0])
+
+
+def explore_page(shelf: Shelf, name: str, query: Mapping[str, str]) -> Page:
+    """The page of a study on one backend. Raises NotThere for a study that sweeps no key of numbers."""
+    contents = shelf.found(name, shelf.backend_of(name, query.get("backend")))
+    if not explorable(contents.study):
+        raise NotThere(f"{name} sweeps no key of numbers: there is nothing to explore")
+    views = contents.once("explored", lambda: _views(contents))
+    numbers = [one["numbers"] for one in views]
+    return Page(
+        "explore.html.j2",
+        f"study/{name}/explore",
+        f"Explore {name}",
+        lambda: {"study": name, "backend": contents.backend, "views": numbers},
+        lambda: _frame(views),
+        {"found": contents, "views": views, "named": f"{name}-design", "command": command},
+        {"study": name, "views": numbers},
+        {"backend": query["backend"]} if "backend" in query else {},
+    )
+
+
+def _views(of_study: Found) -> list[dict[str, Any]]:
+    """Each quantity at each value of the keys that take words: what scripts draw, and the tables beside it."""
+    results = of_study.results
+    _, fixed = swept_keys(results.points)
+    several = [name for name in fixed if len({one.at.get(name) for one in results.points}) > 1]
+    values = [list(dict.fromkeys(one.at[name] for one in results.points if name in one.at)) for name in several]
+    choices = [dict(zip(several, one, strict=True)) for one in product(*values)][:_CHOICES]
+    names = dict.fromkeys(name for one in results.points for name in one.pooled)
+    names = sorted(names, key=lambda name: name != FLOW_RATE)
+    views: list[dict[str, Any]] = []
+    problems: list[dict[str, Any]] = []
+    for at in choices:
+        count = 0
+        for quantity in names:
+            if count == _QUANTITIES:
+                break
+            try:
+                surface = explore(results, quantity, at)
+            except (LookupError, NoSurface) as problem:
+                problems.append(_without(results, quantity, at, f"{problem.args[0]}."))
+                continue
+            count += 1
+            views.append(_view(surface, label=display.label(at)))
+    return (
+        views or problems[:1] or [_without(results, FLOW_RATE, {}, no_number(results) or "No run gave a number yet.")]
+    )
+
+
+def _without(results: StudyResults, quantity: str, at: Mapping[str, float | str], why: str) -> dict[str, Any]:
+    """A view without a surface: the points, and the reason."""
+    how = display.quantity(quantity)
+    keys = swept_keys(results.points)[0]
+    numbers = {
+        "label": how.heading,
+        "quantity": {"name": quantity, "label": how.name, "unit": how.unit, "scale": how.scale},
+        "why": why,
+        "factors": [],
+        "points": [_point(one, quantity, keys, used=False) for one in results.points],
+    }
+    return {"numbers": numbers, "surface": None, "why": why, "label": display.label(at)}
+
+
+def _view(surface: DesignSurface, label: str) -> dict[str, Any]:
+    how = display.quantity(surface.quantity, surface.unit)
+    first = {**surface.at, **{one.key: one.low for one in surface.factors}}
+    study = surface.results.study
+    head, _ = study_at(study, [first], f"{study.name}-design", max(2, study.replicates))
+    numbers = {
+        "label": f"{how.heading}{f', {label}' if label else ''}",
+        "quantity": {"name": surface.quantity, "label": how.name, "unit": how.unit, "scale": how.scale},
+        "at": dict(surface.at),
+        "why": "",
+        "method": surface.method,
+        "factors": [_factor(surface, place) for place in range(len(surface.factors))],
+        "surface": surface.numbers(),
+        "points": [
+            _point(result, surface.quantity, surface.keys, used=result in surface.points)
+            for result in (*surface.points, *surface.left_out)
+            if all(key in result.at for key in surface.keys)
+        ],
+        "influences": [vars(one) for one in surface.influences],
+        "next": [{**vars(one), "per_second": one.per_second} for one in surface.next_runs],
+        "study": head,
+    }
+    return {
+        "numbers": numbers,
+        "surface": surface,
+        "why": "",
+        "label": label,
+        "matters": influence_table(surface),
+        "bars": _bars(surface),
+        "remarks": f"{len(surface.notes)} point{' has' if len(surface.notes) == 1 else 's have'} a remark",
+        "next": next_table(surface),
+        "cost": runs_and_time(surface.next_runs),
+    }
+
+
+def _bars(surface: DesignSurface) -> list[dict[str, Any]]:
+    """Name, share and change over its range, in words, of each key."""
+    quantity, ranges = display.quantity(surface.quantity, surface.unit).name, {one.key: one for one in surface.factors}
+    bars = []
+    for row, influence in zip(influence_table(surface).rows, surface.influences, strict=True):
+        change = ""
+        if influence.key:
+            low, high = (
+                display.amount(influence.key, end) for end in (ranges[influence.key].low, ranges[influence.key].high)
+            )
+            change = f"{quantity}: {row[-1]} from {low} to {high} {display.key(influence.key).unit}".rstrip()
+        bars.append({"name": row[0], "share": row[1] if len(row) > 2 else "", "change": change, "influence": influence})
+    return bars
+
+
+def _factor(surface: DesignSurface, place: int) -> dict[str, Any]:
+    """A key as scripts show it, and as a study file has it."""
+    factor = surface.factors[place]
+    how = display.key(factor.key)
+    values = sorted({float(one.at[factor.key]) for one in (*surface.points, *surface.left_out) if factor.key in one.at})
+    try:
+        unit = how.unit if not how.unit or parse(f"1 {how.unit}", None) else ""
+        scale = how.scale
+    except ValueError:  # a unit that is shown by a sign of its own
+        unit, scale = surface.results.study.units.get(factor.key, ""), 1.0
+    return {
+        "key": factor.key,
+        "label": how.name,
+        "spoken": display.spoken(factor.key),
+        "unit": how.unit,
+        "scale": how.scale,
+        "low": factor.low,
+        "high": factor.high,
+        "logarithmic": factor.logarithmic,
+        "values": values,
+        "yaml": {"unit": unit, "scale": scale},
+    }
+
+
+def _point(result: PointResult, quantity: str, keys: Sequence[str], *, used: bool) -> dict[str, Any]:
+    pooled = result.pooled.get(quantity)
+    clogged = result.outcomes["clogged"]
+    return {
+        "n": result.point.index + 1,
+        "at": [result.at.get(key) for key in keys],
+        "label": result.label,
+        "value": None if pooled is None else [pooled.value, pooled.low, pooled.high, pooled.n],
+        "used": used,
+        "clogged": f"{clogged} of {len(result.runs)} clogged" if clogged else "",
+    }
+
+
+def _frame(views: Sequence[Mapping[str, Any]]) -> pd.DataFrame:
+    """Every point with the surface there: quantity, point, keys, mean and surface with their intervals [SI]."""
+    rows = []
+    for view in views:
+        surface: DesignSurface | None = view["surface"]
+        if surface is None:
+            continue
+        for result in surface.points:
+            pooled = result.pooled[surface.quantity]
+            value, low, high = surface.predict({key: result.at[key] for key in surface.keys})
+            rows.append({
+                "quantity": surface.quantity, "unit": surface.unit, "point": result.point.index + 1, **result.at,
+                "mean": pooled.value, "low": pooled.low, "high": pooled.high,
+                "surface": value, "surface_low": low, "surface_high": high,
+            })  # fmt: skip
+    return pd.DataFrame(rows)

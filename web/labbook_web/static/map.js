@@ -1,0 +1,215 @@
+// A map of a quantity over two keys, or its curve over one: points with their own mean, the surface only between them.
+"use strict";
+
+const maps = (() => {
+  const VIRIDIS = ["#440154", "#46327e", "#365c8d", "#277f8e", "#1fa187", "#4ac16d", "#a0da39", "#fde725"]
+    .map((one) => [1, 3, 5].map((k) => parseInt(one.slice(k, k + 2), 16)));
+  const BLOCK = 3, LARGE = 6, MANY = 30; // pixels of the map for each evaluation of the surface, and of one of more terms
+  const WIDE = 0.15; // half width of an interval, over the value, from which on a point has a ring
+  const SVG = "http://www.w3.org/2000/svg";
+
+  function colour(part) {
+    const place = Math.min(Math.max(part, 0), 1) * (VIRIDIS.length - 1), at = Math.min(Math.floor(place), VIRIDIS.length - 2);
+    return VIRIDIS[at].map((one, k) => Math.round(one + (place - at) * (VIRIDIS[at + 1][k] - one)));
+  }
+
+  function element(parent, name, attributes, text) {
+    const made = document.createElementNS(SVG, name);
+    for (const [key, value] of Object.entries(attributes)) made.setAttribute(key, value);
+    if (text !== undefined) made.textContent = text;
+    parent.append(made);
+    return made;
+  }
+
+  // Round numbers within a range, about `count` of them.
+  function ticks(low, high, count) {
+    const rough = (high - low) / count, power = 10 ** Math.floor(Math.log10(rough));
+    const step = [1, 2, 5, 10].map((one) => one * power).find((one) => one >= rough * 0.999);
+    const found = [];
+    for (let n = Math.ceil(low / step - 1e-9); n * step <= high + 1e-9 * step; n += 1) found.push(Number((n * step).toPrecision(12)));
+    return found;
+  }
+
+  const plain = (value) => Number(value.toPrecision(4)).toString().replace("-", "−");
+  const heading = (one) => (one.unit ? `${one.label} [${one.unit}]` : one.label);
+
+  // Ticks of a key: its swept values while they have room, else round numbers.
+  function places(factor, length) {
+    const room = factor.values.length * 34 <= length ? factor.values : ticks(factor.low * factor.scale, factor.high * factor.scale, 5).map((one) => one / factor.scale);
+    return room.filter((one) => one > 0 || !factor.logarithmic);
+  }
+
+  function frame(holder, label) {
+    holder.replaceChildren();
+    const width = Math.max(holder.clientWidth, 260), height = Math.round(Math.min(Math.max(width * 0.72, 300), 540));
+    const canvas = document.createElement("canvas"), svg = document.createElementNS(SVG, "svg");
+    svg.setAttribute("viewBox", `0 0 ${width} ${height}`);
+    svg.setAttribute("height", height);
+    svg.setAttribute("role", "group");
+    svg.setAttribute("aria-label", label);
+    holder.append(canvas, svg);
+    return { width, height, canvas, svg };
+  }
+
+  // Where the axes begin and end in scaled keys: room for points beyond the surface, such as clogged ones.
+  function extent(factor) {
+    const all = factor.values.map((one) => surfaces.scaled(factor, one)).filter(Number.isFinite);
+    const low = Math.min(-1, ...all), high = Math.max(1, ...all), room = 0.06 * (high - low);
+    return [low - room, high + room];
+  }
+
+  function axes(svg, box, X, Y, x, y) {
+    const { left, right, top, bottom } = box;
+    for (const one of x.ticks) {
+      element(svg, "line", { class: "axis", x1: X(one), x2: X(one), y1: bottom, y2: bottom + 4 });
+      element(svg, "text", { x: X(one), y: bottom + 18, "text-anchor": "middle" }, plain(one * x.scale));
+    }
+    for (const one of y.ticks) {
+      element(svg, "line", { class: "axis", x1: left - 4, x2: left, y1: Y(one), y2: Y(one) });
+      element(svg, "text", { x: left - 7, y: Y(one) + 4, "text-anchor": "end" }, plain(one * y.scale));
+    }
+    element(svg, "path", { class: "axis", d: `M${left},${top}V${bottom}H${right}` });
+    element(svg, "text", { x: (left + right) / 2, y: bottom + 37, "text-anchor": "middle" }, heading(x));
+    element(svg, "text", { transform: `translate(13 ${(top + bottom) / 2}) rotate(-90)`, "text-anchor": "middle" }, heading(y));
+  }
+
+  // A point that clogged or has no number: a circle with a bar through it.
+  function barred(parent, x, y) {
+    element(parent, "circle", { class: "barred", cx: x, cy: y, r: 7 });
+    element(parent, "line", { class: "barred", x1: x - 5, x2: x + 5, y1: y + 5, y2: y - 5 });
+  }
+
+  function linked(svg, view, point, href) {
+    const shown = view.quantity, said = (value) => plain(value * shown.scale);
+    const value = point.value === null ? "no value" : `${said(point.value[0])} ${shown.unit}` + (point.value[1] === null ? "" : ` (${said(point.value[1])} to ${said(point.value[2])}), n = ${point.value[3]}`);
+    const text = `Point ${point.n}: ${point.label}: ${value}${point.clogged ? `; ${point.clogged}` : ""}`;
+    const link = element(svg, "a", { href: href(point.n), "aria-label": text, "data-point": point.n });
+    element(link, "title", {}, text);
+    return link;
+  }
+
+  const range = (view) => {
+    const values = view.points.filter((one) => one.used).map((one) => one.value[0]);
+    return [Math.min(...values), Math.max(...values)];
+  };
+
+  // Over two keys. `state`: values of all keys, wanted value, numbers of the keys on the axes; `moved`: told of new values.
+  function map(holder, view, state, href, moved) {
+    const { width, height, canvas, svg } = frame(holder, `Map of ${view.quantity.label} over ${view.factors[state.x].label} and ${view.factors[state.y].label}; the table of points on the page of the study has its numbers`);
+    const box = { left: 58, right: width - 64, top: 10, bottom: height - 46 };
+    const fx = view.factors[state.x], fy = view.factors[state.y], [x0, x1] = extent(fx), [y0, y1] = extent(fy);
+    const ofX = (u) => box.left + (u - x0) / (x1 - x0) * (box.right - box.left), ofY = (u) => box.bottom - (u - y0) / (y1 - y0) * (box.bottom - box.top);
+    const X = (value) => ofX(surfaces.scaled(fx, value)), Y = (value) => ofY(surfaces.scaled(fy, value));
+    const [low, high] = range(view), part = (value) => (value - low) / (high - low || 1);
+
+    // The surface, in blocks: transparent outside of the points, lighter where its interval holds the wanted value.
+    const block = view.surface.coefficients.length > MANY ? LARGE : BLOCK;
+    const columns = Math.ceil((box.right - box.left) / block), rows = Math.ceil((box.bottom - box.top) / block);
+    canvas.width = columns; canvas.height = rows;
+    canvas.style.cssText = `left:${100 * box.left / width}%;top:${100 * box.top / height}%;width:${100 * (box.right - box.left) / width}%;height:${100 * (box.bottom - box.top) / height}%`;
+    const picture = canvas.getContext("2d"), image = picture.createImageData(columns, rows);
+    const u = view.factors.map((factor, k) => surfaces.scaled(factor, state.at[k]));
+    let drawn = 0;
+    for (let row = 0; row < rows; row += 1) for (let column = 0; column < columns; column += 1) {
+      u[state.x] = x0 + (column + 0.5) / columns * (x1 - x0);
+      u[state.y] = y1 - (row + 0.5) / rows * (y1 - y0);
+      if (!surfaces.inside(view.surface, u)) continue;
+      const [value, lower, upper] = surfaces.band(view, u), light = lower <= state.want && state.want <= upper ? 0.6 : 0;
+      const rgb = colour(part(value)), at = 4 * (row * columns + column);
+      rgb.forEach((one, k) => { image.data[at + k] = one + light * (255 - one); });
+      image.data[at + 3] = 255;
+      drawn += 1;
+    }
+    picture.putImageData(image, 0, 0);
+    holder.dataset.blocks = drawn;
+
+    axes(svg, box, X, Y, { ...fx, ticks: places(fx, box.right - box.left) }, { ...fy, ticks: places(fy, box.bottom - box.top) });
+    const hit = element(svg, "rect", { class: "hit", x: box.left, y: box.top, width: box.right - box.left, height: box.bottom - box.top });
+
+    // Of points at one place of the map the one that is nearest in the other keys is drawn, fainter if it is elsewhere.
+    const here = view.factors.map((factor, k) => surfaces.scaled(factor, state.at[k])), nearest = new Map();
+    const away = (point) => Math.hypot(...view.factors.map((factor, k) => (k === state.x || k === state.y ? 0 : surfaces.scaled(factor, point.at[k]) - here[k])));
+    for (const point of view.points) {
+      const id = `${point.at[state.x]} ${point.at[state.y]}`, other = nearest.get(id);
+      if (!other || away(point) < away(other) - 1e-9) nearest.set(id, point);
+    }
+    for (const point of nearest.values()) {
+      const x = X(point.at[state.x]), y = Y(point.at[state.y]);
+      if (!Number.isFinite(x) || !Number.isFinite(y)) continue;
+      const link = linked(svg, view, point, href);
+      link.setAttribute("opacity", away(point) < 1e-6 ? 1 : 0.55);
+      if (!point.used) { barred(link, x, y); continue; }
+      const [value, lower, upper] = point.value;
+      if (lower === null || (upper - lower) / 2 > WIDE * Math.abs(value)) element(link, "circle", { class: "wide-interval", cx: x, cy: y, r: 11.5 });
+      element(link, "circle", { class: "rim", cx: x, cy: y, r: 8.3 });
+      element(link, "circle", { class: "point", cx: x, cy: y, r: 7, fill: `rgb(${colour(part(value))})` });
+    }
+    const x = X(state.at[state.x]), y = Y(state.at[state.y]);
+    for (const name of ["halo", "core"]) element(svg, "path", { class: name, d: `M${x - 11},${y}H${x + 11}M${x},${y - 11}V${y + 11}`, "pointer-events": "none" });
+
+    // The colours.
+    const shades = element(element(svg, "defs", {}), "linearGradient", { id: "shades", x1: 0, x2: 0, y1: 1, y2: 0 });
+    for (let k = 0; k <= 12; k += 1) element(shades, "stop", { offset: k / 12, "stop-color": `rgb(${colour(k / 12)})` });
+    element(svg, "rect", { x: box.right + 14, y: box.top, width: 12, height: box.bottom - box.top, fill: "url(#shades)" });
+    const scale = view.quantity.scale;
+    for (const one of ticks(low * scale, high * scale, 5)) element(svg, "text", { x: box.right + 30, y: box.bottom - part(one / scale) * (box.bottom - box.top) + 4 }, plain(one));
+    drag(hit, svg, (px, py) => {
+      const values = [...state.at];
+      values[state.x] = surfaces.unscaled(fx, Math.min(Math.max(x0 + (px - box.left) / (box.right - box.left) * (x1 - x0), -1), 1));
+      values[state.y] = surfaces.unscaled(fy, Math.min(Math.max(y1 - (py - box.top) / (box.bottom - box.top) * (y1 - y0), -1), 1));
+      moved(values);
+    });
+  }
+
+  // Over one key: curve, band, points with their intervals, and what gives the wanted value.
+  function curve(holder, view, state, href, moved) {
+    const { width, height, svg } = frame(holder, `${view.quantity.label} against ${view.factors[0].label}; the table of points on the page of the study has its numbers`);
+    const box = { left: 58, right: width - 14, top: 10, bottom: height - 46 }, factor = view.factors[0];
+    const all = [factor.low, factor.high, ...factor.values], room = 0.04 * (Math.max(...all) - Math.min(...all));
+    const x0 = Math.min(...all) - room, x1 = Math.max(...all) + room;
+    const s = view.surface, places_ = Array.from({ length: 129 }, (_, k) => factor.low + (factor.high - factor.low) * k / 128), values = places_.map((one) => surfaces.predict(view, [one]));
+    const tops = [...values.map((one) => one[2]), ...view.points.filter((one) => one.value).map((one) => one.value[2] ?? one.value[0])];
+    const bottoms = [...values.map((one) => one[1]), ...view.points.filter((one) => one.value).map((one) => one.value[1] ?? one.value[0])];
+    const top = Math.max(...tops), least = Math.min(0, ...bottoms), y0 = least, y1 = top + 0.05 * (top - least);
+    const X = (value) => box.left + (value - x0) / (x1 - x0) * (box.right - box.left), Y = (value) => box.bottom - (value - y0) / (y1 - y0) * (box.bottom - box.top);
+    const scale = view.quantity.scale, levels = ticks(y0 * scale, y1 * scale, 6).map((one) => one / scale);
+    for (const one of levels) element(svg, "line", { class: "grid", x1: box.left, x2: box.right, y1: Y(one), y2: Y(one) });
+    axes(svg, box, X, Y, { ...factor, ticks: places(factor, box.right - box.left) }, { ...view.quantity, ticks: levels });
+    const path = (index) => values.map((one, k) => `${X(places_[k]).toFixed(1)},${Y(one[index]).toFixed(1)}`);
+    element(svg, "path", { class: "band", d: `M${path(1).join("L")}L${path(2).reverse().join("L")}Z` });
+    element(svg, "path", { class: "law", d: `M${path(0).join("L")}` });
+    const answer = surfaces.inverse(view, state.want, 0, state.at);
+    if (answer.value !== undefined) {
+      const from = X(answer.low ?? factor.low), to = X(answer.high ?? factor.high);
+      element(svg, "rect", { class: "wanted-range", x: from, width: Math.max(to - from, 1), y: Y(state.want), height: box.bottom - Y(state.want) });
+      element(svg, "path", { class: "wanted", d: `M${box.left},${Y(state.want)}H${X(answer.value)}V${box.bottom}` });
+    }
+    const hit = element(svg, "rect", { class: "hit", x: box.left, y: box.top, width: box.right - box.left, height: box.bottom - box.top });
+    for (const point of view.points) {
+      const link = linked(svg, view, point, href), x = X(point.at[0]);
+      if (!point.used) { barred(link, x, box.bottom - 12); continue; }
+      const [value, lower, upper] = point.value;
+      if (lower !== null) element(link, "path", { class: "bar-line", d: `M${x},${Y(lower)}V${Y(upper)}M${x - 3},${Y(lower)}h6M${x - 3},${Y(upper)}h6` });
+      element(link, "circle", { class: "point", cx: x, cy: Y(value), r: 5.5, fill: "var(--accent)" });
+    }
+    const here = surfaces.predict(view, state.at);
+    if (here) for (const name of ["halo", "core"]) element(svg, "path", { class: name, d: `M${X(state.at[0]) - 10},${Y(here[0])}h20M${X(state.at[0])},${Y(here[0]) - 10}v20`, "pointer-events": "none" });
+    holder.dataset.blocks = s ? values.length : 0;
+    drag(hit, svg, (px) => moved([Math.min(Math.max(x0 + (px - box.left) / (box.right - box.left) * (x1 - x0), factor.low), factor.high)]));
+  }
+
+  function drag(hit, svg, moved) {
+    const tell = (event) => {
+      const seen = svg.getBoundingClientRect(), box = svg.viewBox.baseVal;
+      moved((event.clientX - seen.left) * box.width / seen.width, (event.clientY - seen.top) * box.height / seen.height);
+    };
+    hit.addEventListener("pointerdown", (event) => {
+      const move = (one) => tell(one), stop = () => { window.removeEventListener("pointermove", move); window.removeEventListener("pointerup", stop); };
+      window.addEventListener("pointermove", move); // the map is drawn anew while it is dragged
+      window.addEventListener("pointerup", stop);
+      tell(event);
+    });
+  }
+
+  return { map, curve, range, plain, heading, ticks };
+})();
