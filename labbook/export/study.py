@@ -119,10 +119,10 @@ def _grains(result: PointResult, rows, folder: Path) -> list[Path]:
     )
     series = folder / "grains.vtk.series"
     write_series(series, paths, times)
-    return [series, *paths, walls, *_moving_walls(folder, surfaces, times, label)]
+    return [series, *paths, walls, *moving_walls(folder, surfaces, times, label)]
 
 
-def _moving_walls(folder: Path, surfaces: list[DrawnWall], times: np.ndarray, label: str) -> list[Path]:
+def moving_walls(folder: Path, surfaces: list[DrawnWall], times: np.ndarray, label: str) -> list[Path]:
     """Files of all walls at each time [s] and their series, where a part moves."""
     if all(wall.moves is None for wall in surfaces):
         return []

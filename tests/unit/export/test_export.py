@@ -9,12 +9,14 @@ import pandas as pd
 import pytest
 from toy_results import analyse
 
-from labbook.export.study import NoParquet, write_numbers, write_recordings
+from labbook.export.study import NoParquet, moving_walls, write_numbers, write_recordings
 from labbook.export.vtk import write_fields, write_grains
+from labbook.export.wall_shapes import DrawnWall
 from labbook.fields import ContactRows, GrainRows, Layer, Ring, Space, coarse_grain
 from labbook.lab.evaluations import evaluate
 from labbook.results.frames import frames
-from labbook.scene import Kind, Spherocylinders
+from labbook.scene import Kind, PartMotion, Spherocylinders
+from labbook.scene.geometry import Mesh
 from labbook.study.schema import Reference, ReferenceEntry, Statement
 
 
@@ -300,3 +302,15 @@ def test_every_rod_of_a_recorded_run_is_there_with_its_axis_and_length(synthetic
         )
         assert set(found["length"]) == {float(np.float32(0.009))}
         assert set(found["radius"]) == {float(np.float32(0.0015))}
+
+
+def test_walls_are_written_for_each_frame_only_where_a_part_moves(tmp_path):
+    sheet_at_rest = Mesh(np.array([[0.0, 0, 0], [1, 0, 0], [0, 1, 0]]), np.array([[0, 1, 2]]))
+    still = DrawnWall("floor", sheet_at_rest, (0, 0, 0, 0), 0.0)
+    rising = replace(still, name="plate", moves=PartMotion(velocity=(0.0, 0.0, 2.0)))
+    assert moving_walls(tmp_path, [still], np.array([0.0, 0.5]), "") == []
+    series, first, last = moving_walls(tmp_path, [still, rising], np.array([0.0, 0.5]), "")
+    assert series.name == "walls.vtk.series"
+    points = [path.read_bytes().split(b"POINTS 6 float\n")[1][: 6 * 12] for path in (first, last)]
+    before, after = (np.frombuffer(block, ">f4").reshape(6, 3) for block in points)
+    assert (after - before).tolist() == [[0, 0, 0]] * 3 + [[0, 0, 1]] * 3

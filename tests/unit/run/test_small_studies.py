@@ -39,7 +39,7 @@ from labbook.study import Accuracy, Fill, Point, Stop, Study, load
 
 STUDIES = sorted((Path(__file__).parents[3] / "studies").glob("*.yaml"))
 RECORDED = Path(__file__).with_name("small_studies.json")
-QUANTITIES = ("flow_rate", "packing_fraction", "wall_friction_flow", "drag.blade")
+QUANTITIES = ("flow_rate", "packing_fraction", "wall_friction_flow", "drag.blade", "torque.drum")
 SEEDS = 2
 FACTOR = 4.0
 SPHERES, RODS = 300, 180
