@@ -355,6 +355,12 @@ class FillJob(Job):
             self._write(left.checkpoint)
         if verdict == "late":
             self.max_time = self._longest
+            if self._enters:
+                raise JobFailed(
+                    f"{self.label}: only {self._poured} of {self.scene.grains.count} grains have entered by "
+                    f"{self.status.time:.3g} s. Raise fill.max_time (the filling goes on from here); if the bed has "
+                    "risen into the region of fill.stream, move it up or use fewer grains."
+                )
             raise JobFailed(
                 f"{self.label}: not at rest after {self.status.time:.3g} s: {self._standing()}. "
                 f"Raise fill.max_time (the filling goes on from here). If it never rests, {self._remedy()}."

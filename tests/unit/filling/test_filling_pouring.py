@@ -129,6 +129,7 @@ def test_an_empty_region_is_refused():
         Feed(kind="reinject", stream=stream(1.0))
 
 
+@pytest.mark.slow
 def test_grains_that_left_enter_again_at_the_rate():
     """While enough wait; what a beat could not bring is not made up for."""
     rate, mass = 0.02, EQUAL.mass
