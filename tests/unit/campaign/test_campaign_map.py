@@ -120,9 +120,9 @@ def test_mistakes_are_told(tmp_path, goal, message):
 
 @pytest.mark.ring
 def test_the_promise_is_kept():
-    """A9: maps of three keys to 2 % on 95 % of the range: in 46 or more of 50 at 95 %, with a probability of 96 %. The
+    """A9: maps of three keys to 2 % on 95 % of the range: in 26 or more of 30 at 95 %, with a probability of 98 %. The
     grid has 1920 runs."""
     assert {FRICTION, ANGLE, OUTLET} == {*KEYS}
-    figures = maps(50)
-    assert figures["kept"] >= 46
+    figures = maps(30)
+    assert figures["kept"] >= 26
     assert figures["runs"] < 240
