@@ -1,10 +1,16 @@
-"""Tables of what matters and what to run next: the same for the page and for the terminal."""
+"""The map of two swept keys in a report, and tables of what matters and what to run next."""
 
 import math
+from pathlib import Path
 
+from labbook.report import figures
+from labbook.report.blocks import Block, Prose, Section, picture
 from labbook.report.tables import Table
 from labbook.results import display
-from labbook.results.explore import DesignSurface, Influence, NextRuns
+from labbook.results.explore import DesignSurface, Influence, NextRuns, explore, swept_keys
+from labbook.results.points import FLOW_RATE
+from labbook.results.study import StudyResults
+from labbook.results.surface import NoSurface
 from labbook.scene.quantities import duration, percent
 
 SHARES = (
@@ -14,6 +20,39 @@ SHARES = (
 GAINS = (
     "Interval: 95 %, of the surface at the design. Gain: part of the surface’s mean variance that the runs remove, "
     "with the designs above in place. Time: as that of stored runs on one lane, fillings included."
+)
+
+
+def mapped(results: StudyResults) -> bool:
+    """Decide if the flow rate of a study has a map: exactly two keys of numbers are swept, and no others."""
+    keys, choices = swept_keys(results.points)
+    several = any(len({result.at.get(name) for result in results.points}) > 1 for name in choices)
+    return (
+        len(keys) == 2 and not several and sum(FLOW_RATE in result.pooled for result in results.points) > len(keys) + 1
+    )
+
+
+def map_sections(results: StudyResults, folder: Path) -> list[Section]:
+    """A section with the map of two swept keys, and what matters; none where the points do not determine a surface."""
+    if not mapped(results):
+        return []
+    try:
+        surface = explore(results)
+    except NoSurface:
+        return []
+    names = " and ".join(display.spoken(key) for key in surface.keys)
+    title = f"Flow rate over {names}"
+    blocks: list[Block] = [
+        picture(figures.design_map(surface), folder / "map", title.lower(), CAPTION),
+        Prose(f"{surface.method[:1].upper()}{surface.method[1:]}.", note=True),
+        influence_table(surface),
+    ]
+    return [Section(title, tuple(blocks))]
+
+
+CAPTION = (
+    "Circles: points, filled by their own mean; a ring marks a 95 % interval wider than ±15 %. Crosses: points that "
+    "clogged or have no value. Colours and lines between the points: the surface, drawn only within their hull."
 )
 
 

@@ -9,11 +9,14 @@ from labbook.report.against import found_against
 from labbook.report.blocks import slug
 from labbook.report.composition import compositions
 from labbook.report.energy import balanced
+from labbook.report.explored import mapped
 from labbook.report.paper import Draw, figures_of_all
 from labbook.report.residence import residence_of
+from labbook.results.explore import explore
 from labbook.results.recorded import acceleration, flow_patterns
 from labbook.results.series import Series
 from labbook.results.study import StudyResults
+from labbook.results.surface import NoSurface
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -29,6 +32,7 @@ FigureName: TypeAlias = Literal[
     "patterns",
     "acceleration",
     "overview",
+    "map",
     "composition",
     "energy",
     "residence",
@@ -51,6 +55,8 @@ def of_results(results: StudyResults) -> dict[str, Draw]:
     fitted = [one for one in results.series if one.used]
     if len(fitted) > 1 and len({result.orifice for one in fitted for result in one.points}) > 1:
         found["overview"] = lambda: figures.overview(fitted)
+    if mapped(results):
+        found["map"] = lambda: _map(results)
     for one in found_against(results):
         found[f"against_{slug(one.key)}"] = lambda one=one: figures.against_key(one)
     if Composition.name in results.study.measure and (points := compositions(results)):
@@ -78,6 +84,13 @@ def of_series(results: StudyResults, series: Series) -> dict[str, Draw]:
         found["patterns"] = lambda: _patterns(series)
         found["acceleration"] = lambda: _acceleration(series)
     return found | figures_of_all(results, series)
+
+
+def _map(results: StudyResults) -> "Figure":
+    try:
+        return figures.design_map(explore(results))
+    except NoSurface as problem:
+        raise NothingToShow(f"map: {problem}") from None
 
 
 def _patterns(series: Series) -> "Figure":

@@ -22,6 +22,7 @@ from labbook.report.calibrated import calibrated_sections
 from labbook.report.clogging import clogging_sections
 from labbook.report.composition import composition_sections
 from labbook.report.energy import energy_sections
+from labbook.report.explored import map_sections
 from labbook.report.figures.orifice import side_by_side
 from labbook.report.formulas import mathml
 from labbook.report.paper import sections_of_all
@@ -168,6 +169,7 @@ def _provenance(results: StudyResults, folder: Path) -> list[Section]:
 
 
 PARTS: tuple[Part, ...] = (
+    map_sections,
     against_sections,
     _overview,
     _reference,

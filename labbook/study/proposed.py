@@ -70,6 +70,8 @@ def study_at(study: Study, points: Sequence[Mapping[str, float | str]], name: st
     """
     dropped = {key: None for key in ("fit", "about", "calibrate") if key in study.stated}  # of the whole sweep
     listed = [{key: _plain(key, value) for key, value in at.items()} for at in points]
+    if study.record is not None and study.record.replicates > replicates:
+        dropped["record"] = None
     changes = {**_changes(study, points), **dropped, "points": listed, "name": name, "replicates": replicates}
     new = study.change(changes)
     head = written({key: value for key, value in new.stated.items() if key != "points"})

@@ -18,6 +18,7 @@ from toy_web import Read, client, make
 
 import labbook as package
 from labbook.api import Results
+from labbook.study.proposed import study_at
 
 STUDY, PLANE = "toy-study", "plane"
 NODE = shutil.which("node")
@@ -104,14 +105,27 @@ def test_studies_of_the_page_run_as_they_are(plane, tmp_path):
 
 
 def test_a_point_that_was_run_is_written_as_it_was(plane):
-    from labbook.study.proposed import study_at
-
     study = results(plane, "plane.yaml").study
     chosen = [study.points[3], study.points[4]]
     head, points = study_at(study, [one.at for one in chosen], "again", 2)
     assert points == "points:\n- {container.orifice: 18 mm, container.angle: 90 deg}\n" \
                      "- {container.orifice: 24 mm, container.angle: 40 deg}\n"  # fmt: skip
     assert [one.scene for one in _read(head + points).points] == [one.scene for one in chosen]
+
+
+SHIPPED = sorted((Path(__file__).parents[2] / "studies").glob("fan2023*.yaml"))
+SHIPPED += [SHIPPED[0].with_name(f"{name}.yaml") for name in ("pongo2022-maps", "hopper-angle")]
+
+
+@pytest.mark.parametrize("shipped", SHIPPED, ids=lambda path: path.stem)
+def test_points_of_shipped_studies_are_written_as_they_are(shipped):
+    """Two of its points as a study of their own: the same scenes, so that the lab has their runs."""
+    study = package.load(shipped)
+    chosen = [study.points[0], study.points[-1]]
+    again = _read("".join(study_at(study, [one.at for one in chosen], "again", 2)))
+    assert [(one.scene, one.fill, one.numerics) for one in again.points] == [
+        (one.scene, one.fill, one.numerics) for one in chosen
+    ]
 
 
 def _read(text: str):

@@ -7,6 +7,7 @@ from labbook.report.figures.clogging import clogging_figure
 from labbook.report.figures.composition import composition_against_discharge
 from labbook.report.figures.energy import energy_balance
 from labbook.report.figures.flow import flow_against_time
+from labbook.report.figures.map import design_map
 from labbook.report.figures.orifice import flow_against_orifice, overview
 from labbook.report.figures.parameters import parameters_against
 from labbook.report.figures.pattern import flow_patterns
@@ -20,6 +21,7 @@ __all__ = [
     "arch_figure",
     "clogging_figure",
     "composition_against_discharge",
+    "design_map",
     "energy_balance",
     "flow_against_orifice",
     "flow_against_time",
