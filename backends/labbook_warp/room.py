@@ -51,8 +51,9 @@ def with_members(sizes: Sizes, seated: int, new: Collection[Run]) -> Sizes:
 
 
 def with_spare_rows(sizes: Sizes, runs: Collection[Run]) -> Sizes:
-    """Sizes with rows for grains that come back to these members, beside those that have left."""
-    return replace(sizes, cap=max(sizes.cap, *(rounded(run.rows + run.rows // SPARE) for run in runs)))
+    """Sizes with rows for all grains of these members, and for some that come back beside those that have left."""
+    most = max(max(run.rows, run.scene.grains.count) for run in runs)
+    return replace(sizes, cap=max(sizes.cap, rounded(most + most // SPARE)))
 
 
 _INSTEAD = "use a thinner numerics.skin, or the backend numba, whose lists are of any length"

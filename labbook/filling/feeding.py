@@ -13,7 +13,7 @@ import numpy as np
 
 from labbook.filling.entering import Search, entering
 from labbook.filling.placing import APART, STARTS
-from labbook.filling.pouring import Inflow
+from labbook.filling.pouring import Inflow, Pouring
 from labbook.filling.room import PlacingError, Room
 from labbook.scene import Bodies, Packing, Scene
 
@@ -68,22 +68,22 @@ class Feeder:
 
 @dataclass(frozen=True, eq=False)
 class Refill:
-    """A bed that has lost grains, after a beat of its run."""
+    """A bed that lacks grains after a beat, and what brings them."""
 
-    feeder: Feeder | Inflow
+    feeder: Feeder | Inflow | Pouring
     there: Packing
     beat: int
 
 
 def refill(beds: Sequence[Refill]) -> list[Packing | None]:
-    """Return the grains that come back into each bed; None where none does.
+    """Return the grains that enter each bed; None where none does.
 
     Grains that find no place are left out: they wait for the next beat.
     """
     back: list[Packing | None] = [None] * len(beds)
     alike = defaultdict[tuple[object, ...], list[tuple[int, Feeder, np.ndarray]]](list)
     for k, bed in enumerate(beds):
-        if isinstance(bed.feeder, Inflow):
+        if not isinstance(bed.feeder, Feeder):
             back[k] = bed.feeder.returning(bed.there, bed.beat)
         elif len(rows := bed.feeder.missing(bed.there)):
             alike[bed.feeder.like].append((k, bed.feeder, rows))

@@ -223,8 +223,11 @@ class Execution:
                 return {member: ensemble.bed(member) for member in members}
 
         fed = beds([member for member, job in jobs.items() if job.lacks_grains])
-        back = zip(fed, refill([jobs[member].refill(bed) for member, bed in fed.items()]), strict=True)
-        ensemble.put_back_all({member: grains for member, grains in back if grains is not None})
+        places = zip(fed, refill([jobs[member].refill(bed) for member, bed in fed.items()]), strict=True)
+        entering = {member: grains for member, grains in places if grains is not None}
+        ensemble.put_back_all(entering)
+        for member, grains in entering.items():
+            jobs[member].refilled(grains)
         for member, bed in beds([member for member, job in jobs.items() if job.pauses]).items():
             jobs[member].intervene(ensemble, member, bed)
 

@@ -14,7 +14,7 @@ from labbook.backend import Checkpoint, EndState, Ensemble, Event, Failed, Membe
 from labbook.backend.contract import StoredState
 from labbook.backend.numerics import Numerics
 from labbook.backend.probes import Probe, Table
-from labbook.filling import PlacingError, Pouring, place
+from labbook.filling import PlacingError, Pouring, Refill, place
 from labbook.filling.bed import astray, at_rest
 from labbook.filling.placing import STARTS
 from labbook.lab import identity
@@ -198,12 +198,14 @@ class FillJob(Job):
         """True while grains of a stream are still to enter, after a beat that went well."""
         return self._enters and self._advanced and self.status.grains == self._stepped
 
-    def returning(self, bed: Packing) -> Packing | None:
-        """Return the grains of the stream that enter this bed; None if none does."""
+    def refill(self, bed: Packing) -> Refill:
+        """Return this bed, which grains of the stream enter after this beat."""
         assert self._pouring is not None
-        new = self._pouring.returning(bed, self.status.step // self.numerics.steps_per_beat)
-        self._poured += 0 if new is None else len(new)
-        return new
+        return Refill(self._pouring, bed, self.status.step // self.numerics.steps_per_beat)
+
+    def refilled(self, grains: Packing) -> None:
+        """Count the grains that have entered."""
+        self._poured += len(grains)
 
     @property
     def stalled(self) -> bool:

@@ -177,8 +177,12 @@ class Job(ABC):
         return False
 
     def refill(self, bed: Packing) -> Refill:
-        """Return this bed with the grains that it has lost, where they come back. Only of a job that lacks grains."""
+        """Return this bed and what brings its grains. Only of a job that lacks grains."""
         raise NotImplementedError
+
+    def refilled(self, grains: Packing) -> None:
+        """Note that these grains have entered."""
+        return
 
     @property
     def pauses(self) -> bool:
