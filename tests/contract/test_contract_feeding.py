@@ -228,7 +228,13 @@ def rods() -> Scene:
     return Scene(grains=grains, contact=law, container=silo, gravity=9.81, feed=FED)
 
 
-@pytest.mark.parametrize(("scene", "dt"), [(graded_hopper(80), 1e-5), (rods(), 1e-5)], ids=["mixture", "rods"])
+@pytest.mark.parametrize(
+    ("scene", "dt"),
+    [
+        pytest.param(graded_hopper(80), 1e-5, id="mixture"),
+        pytest.param(rods(), 1e-5, id="rods", marks=pytest.mark.ring),  # kernels that no other test needs
+    ],
+)
 def test_grains_come_back_as_what_they_were(stand, scene, dt):
     """Grains of many sizes and kinds, and rods: none overlaps another or a wall where it is put."""
     if stand.second:

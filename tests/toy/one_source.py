@@ -65,11 +65,14 @@ def device_functions(module: ModuleType) -> list[str]:
     return [node.name for node in tree.body if isinstance(node, ast.FunctionDef)]
 
 
+LEFT_OUT = (".words", ".source", ".mesh", ".mesh_rods")
+
+
 def physics() -> list[ModuleType]:
     """Every module of labbook_dem that has something to compile, but for meshes: their functions take the tables of a
     surface, and tests/unit/numba/test_numba_mesh.py has whole scenes of them beside the reference."""
     names = [m.name for m in pkgutil.walk_packages(labbook_dem.__path__, "labbook_dem.")]
-    modules = [importlib.import_module(name) for name in names if not name.endswith((".words", ".source", ".mesh"))]
+    modules = [importlib.import_module(name) for name in names if not name.endswith(LEFT_OUT)]
     return [module for module in modules if device_functions(module)]
 
 

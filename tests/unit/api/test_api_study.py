@@ -14,6 +14,8 @@ from labbook.scene import Primitives, Scene
 
 ROOT = Path(__file__).parents[3]
 STUDIES = sorted((ROOT / "studies").glob("*.yaml"))
+OF_THEMSELVES = [path for path in STUDIES if path.stem not in ("blade", "drum")]
+"""Those without a file beside them, which a study from Python has not."""
 PLAIN = {
     "name": "hopper",
     "grains": {"shape": "sphere", "diameter": "3 mm", "density": "2500 kg/m^3", "count": 200},
@@ -49,7 +51,7 @@ def units():
 loaded = cache(labbook.load)
 
 
-@pytest.mark.parametrize("path", STUDIES, ids=lambda path: path.stem)
+@pytest.mark.parametrize("path", OF_THEMSELVES, ids=lambda path: path.stem)
 def test_a_study_from_python_has_the_runs_of_its_file(path):
     file = loaded(path)
     made = labbook.define(json.loads(json.dumps(file.stated)))
@@ -167,7 +169,8 @@ def test_points_are_a_frame_with_units():
     assert frame.attrs["units"] == {"container.orifice": "m"}
 
 
-@pytest.mark.parametrize("path", STUDIES, ids=lambda path: path.stem)
+# not of the drum: a picture of what is not filled yet has no grains in a mesh that lies
+@pytest.mark.parametrize("path", [path for path in STUDIES if path.stem != "drum"], ids=lambda path: path.stem)
 def test_a_study_shows_its_sweep_and_its_scene(path):
     from xml.etree import ElementTree
 

@@ -51,13 +51,19 @@ def assembly(law: str, precision: str, kinds: int) -> dict[str, str]:
     numbers = [np.float32(1) if real is np.float32 else 1.0] * 7
     block = np.ones(20_000, np.float32 if precision == "mixed" else float)
     found = {}
-    for name, given in (("pair_law", numbers[:6]), ("wall_law", numbers)):
-        kernel = getattr(module, name)
+    pairs, walls, vec3 = module.pair_law, module.wall_law, module.vec3
 
-        @njit
-        def caller(b, count, coefficients, numbers, kernel=kernel):  # kernels are called by kernels only
-            kernel(b, count, coefficients, *numbers)
+    @njit
+    def of_pairs(b, count, coefficients, numbers):  # kernels are called by kernels only
+        pairs(b, count, coefficients, *numbers)
 
+    @njit
+    def of_walls(b, count, coefficients, numbers):
+        radius, mass, inertia, dt, spin, stiffness, damping = numbers
+        spins = vec3(spin, spin, spin)
+        walls(b, count, coefficients, radius, mass, inertia, dt, spins, stiffness, damping)
+
+    for name, caller, given in (("pair_law", of_pairs, numbers[:6]), ("wall_law", of_walls, numbers)):
         caller(block, np.uint64(64), (1.0,) * 8, tuple(given))
         found[name] = "\n".join(caller.inspect_asm().values())
     return found

@@ -12,7 +12,7 @@ from labbook.results.surface import surface
 from labbook.run.runner import Runner
 from labbook.study import define
 
-pytestmark = [pytest.mark.compiles, pytest.mark.slow]
+pytestmark = [pytest.mark.compiles, pytest.mark.ring]  # test_campaign_find has the goal on the toy backend
 
 
 def test_the_outlet_that_gives_a_flow_rate(tmp_path):

@@ -290,7 +290,7 @@ def test_defaults_on_the_page_are_those_of_the_models(tmp_path):
 
 
 def test_examples_on_the_page_load(tmp_path):
-    first, grains, contact, materials, springs, parts, *others = (
+    first, grains, contact, materials, springs, parts, below, *others = (
         block.split("```")[0] for block in PAGE.split("```yaml\n")[1:]
     )
     file = tmp_path / "orifices.yaml"
@@ -322,6 +322,10 @@ def test_examples_on_the_page_load(tmp_path):
     (silo,) = load(file).points
     assert [wall.name for wall in silo.scene.container.close().walls()] == ["floor", "lid"]
     assert [wall.name for wall in silo.scene.container.walls()] == ["floor"]
+    file.write_text(plain + "\n" + below)
+    (silo,) = load(file).points
+    assert silo.scene.sink is not None
+    assert silo.scene.sink < silo.scene.outlet
 
 
 def test_problems_on_the_page_are_what_is_told(tmp_path, monkeypatch):

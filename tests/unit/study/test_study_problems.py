@@ -192,7 +192,7 @@ from wrong_study import BASE, problems
             "did you mean friction?",
         ),
         ("diameter: 3 mm", "diameter: 1 d", 2, "grains.diameter", "d (grain diameter) cannot", "30 mm"),
-        ("30 mm", "30 mm\nfill: {kind: pour}", 11, "fill.kind", "pour is unknown", "rain"),
+        ("30 mm", "30 mm\nfill: {kind: pour}", 11, "fill.kind", "pour is unknown", "stream"),
         ("30 mm", "30 mm\nfill: 0.01", 11, "fill", "a mapping of keys is needed", "friction"),
         ("30 mm", "30 mm\nnumerics: {dt: 0.1 raleigh}", 11, "numerics.dt", "no time scale", "did you mean rayleigh?"),
         (
