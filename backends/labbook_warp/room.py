@@ -52,8 +52,8 @@ def with_members(sizes: Sizes, seated: int, new: Collection[Run]) -> Sizes:
 
 def with_spare_rows(sizes: Sizes, runs: Collection[Run]) -> Sizes:
     """Sizes with rows for all grains of these members, and for some that come back beside those that have left."""
-    most = max(max(run.rows, run.scene.grains.count) for run in runs)
-    return replace(sizes, cap=max(sizes.cap, rounded(most + most // SPARE)))
+    rows = max(max(run.rows, run.scene.grains.count) for run in runs)
+    return replace(sizes, cap=max(sizes.cap, rounded(rows + rows // SPARE)))
 
 
 _INSTEAD = "use a thinner numerics.skin, or the backend numba, whose lists are of any length"
