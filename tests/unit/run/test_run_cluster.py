@@ -215,6 +215,7 @@ def test_a_cluster_of_this_machine_is_started_by_its_verb(tmp_path):
 
 
 @pytest.mark.slow
+@pytest.mark.ring
 def test_ctrl_c_ends_a_cluster_of_this_machine_without_words_of_its_workers():
     """A terminal sends it to all processes."""
     psutil = pytest.importorskip("psutil")
