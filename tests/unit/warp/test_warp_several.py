@@ -181,8 +181,8 @@ def test_grains_come_back_into_several_members_with_the_copies_of_one(monkeypatc
 
 
 def test_grains_that_get_free_rows_move_as_after_rows_were_closed_up(monkeypatch):
-    """The quick way to put grains back, the one that moves all of the state, and the quick one after which springs found
-    no room in their lists, leave the same bits."""
+    """The quick way to put grains back, the one that moves all of the state, and the quick one after which springs
+    found no room in their lists, leave the same bits."""
     scene, how = of_spheres(60), numerics("mixed")
     whole, backend, ends = falling(scene, how, "cpu"), Backend(), []
     assert whole.ids is not None
