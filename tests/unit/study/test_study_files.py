@@ -324,8 +324,10 @@ def test_examples_on_the_page_load(tmp_path):
     assert [wall.name for wall in silo.scene.container.walls()] == ["floor"]
     file.write_text(plain + "\n" + below)
     (silo,) = load(file).points
-    assert silo.scene.sink is not None
-    assert silo.scene.sink < silo.scene.outlet
+    sink, outlet = silo.scene.sink, silo.scene.outlet
+    assert sink is not None
+    assert outlet is not None
+    assert sink < outlet
 
 
 def test_problems_on_the_page_are_what_is_told(tmp_path, monkeypatch):
