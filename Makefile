@@ -42,7 +42,7 @@ define style
 	$(BIN)/python tests/language.py
 endef
 
-# pyright goes on beside the tests that $(1) chooses: it takes one core half a minute
+# pyright goes on beside the tests that $(1) chooses: it takes one core a minute and more
 define all-checks
 	$(style)
 	@$(BIN)/pyright > $(VENV)/types 2>&1 & types=$$!; \

@@ -75,6 +75,8 @@ LONG_BY_THE_REFERENCE = {
 """Cases that plain Python takes more than five seconds for: in the ring."""
 LONG = {
     *("resting-bed-round", "resting-mixture", "flow-friction", "rolling-spring", "rolling-spring-pyramid"),
+    # test_contract_rolling has rolling springs beside the reference
+    "rolling-spring-rests",
     # flow-height and the contract have the outlet
     *("rolling-spring-mobilised", "flow-outlet"),
     # test_dem_laws and test_dem_one_source have the functions of these laws, hertz-printed its kernels

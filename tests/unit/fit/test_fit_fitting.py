@@ -108,7 +108,7 @@ def test_true_parameters_are_within_the_joint_region_as_often_as_it_says():
         ("beverloo", 1000),
         ("power", 1000),
         ("exponential", 1000),
-        ("janda", 600),
+        pytest.param("janda", 600, marks=pytest.mark.ring),
         pytest.param("beverloo_3d", 2000, marks=pytest.mark.ring),
         pytest.param("janda_3d", 600, marks=pytest.mark.ring),
     ],
