@@ -79,7 +79,7 @@ def drawn(
     view: "Raster | None" = None,
     colour: np.ndarray | None = None,
     walls: Sequence[Segment] | None = None,
-    links: "Strokes | None" = None,
+    strokes: "Strokes | None" = None,
     finest: int = _FINE,
 ) -> np.ndarray:
     """Pixels of the bed `now` before their colours are reduced.
@@ -92,7 +92,7 @@ def drawn(
         view: Part of the plane that is seen; None: as `Raster.of` chooses it.
         colour: Colours of the grains of `now` from 0 to 1, shape [n, 3]; None: those of their layers and kinds.
         walls: Lines (x, z) [m] of the walls; None: those of the section of the container as it opens.
-        links: Lines over grains and walls; None: none.
+        strokes: Lines over grains and walls; None: none.
         finest: Most points along x and along z that a pixel is the mean of.
 
     Returns:
@@ -106,8 +106,8 @@ def drawn(
     picture = sum(parts[:, i, :, j] for i in range(fine) for j in range(fine)) / np.float32(fine * fine)
     lines = view.lines(scene.container.section() if walls is None else walls)[..., None]
     picture += lines * (np.append(np.array(WALL, np.float32) / 255, np.float32(1)) - picture)
-    if links is not None:
-        view.link(picture, links)
+    if strokes is not None:
+        view.draw(picture, strokes)
     picture[..., :3] /= np.maximum(picture[..., 3:], 1e-6)
     return np.rint(picture * 255).astype(np.uint8)
 
@@ -339,9 +339,9 @@ class Raster:
             np.maximum(box, part, out=box)
         return covered
 
-    def link(self, picture: np.ndarray, links: Strokes) -> None:
-        """Draw links into a picture, shape [down, across, 4], of colours times coverage."""
-        for ends, width, colour in zip(links.ends, links.width.tolist(), links.colour, strict=True):
+    def draw(self, picture: np.ndarray, strokes: Strokes) -> None:
+        """Draw lines into a picture, shape [down, across, 4], of colours times coverage."""
+        for ends, width, colour in zip(strokes.ends, strokes.width.tolist(), strokes.colour, strict=True):
             rows, columns, part = self._stroke(ends.tolist(), width)
             box = picture[rows, columns]
             box += part[..., None] * (np.append(colour, 1).astype(np.float32) - box)

@@ -94,7 +94,7 @@ class Run(RunResult):
 
         Args:
             path: File to write, with the ending .webp, .gif or .mp4 (needs ffmpeg); None: a WebP in LAB/films.
-            colour: Property that grains are coloured by: layers, speed, species or orientation.
+            colour: Property that grains are coloured by: layers, speed, force, species or orientation.
             seconds: Duration of the film.
             size: Pixels of the longer side of the bed.
 

@@ -20,7 +20,7 @@ def register(app: typer.Typer) -> None:
             int | None, typer.Option(min=1, help="Only this point of the study, counted from 1.", show_default=False)
         ] = None,
         colour: Annotated[
-            str, typer.Option(help="Colour of the grains: layers, speed, species or orientation.")
+            str, typer.Option(help="Colour of the grains: layers, speed, force, species or orientation.")
         ] = "layers",
         grid: Annotated[
             bool,

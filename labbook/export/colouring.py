@@ -12,7 +12,7 @@ from labbook.picture import KIND_COLOURS, layer_colours
 from labbook.scene import Bodies, Packing, Scene, Spheres
 from labbook.scene.orientation import axes
 
-COLOURS = ("layers", "speed", "species", "orientation")
+COLOURS = ("layers", "speed", "force", "species", "orientation")
 """Properties that grains can be coloured by."""
 PALE = (226, 230, 236)
 """Grains behind lines of contact forces."""
@@ -61,9 +61,9 @@ class Colouring:
         if by not in COLOURS:
             raise NoColouring(f"no colouring is called {by}; use one of {', '.join(COLOURS)}")
         if by == "orientation" and isinstance(scene.grains, Spheres):
-            raise NoColouring("spheres have no orientation; use layers or speed")
+            raise NoColouring("spheres have no orientation; use layers, speed or force")
         if by == "species" and not scene.grains.kinds:
-            raise NoColouring("the grains are of one kind only; use layers or speed")
+            raise NoColouring("the grains are of one kind only; use layers, speed or force")
         return cls(by, scene, start, top_speed(scene, frames) if by == "speed" else top)
 
     def of_frame(self, frame: Frame) -> np.ndarray:

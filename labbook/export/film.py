@@ -6,8 +6,8 @@ Frames are drawn by `labbook.picture` and written by Pillow (WebP, GIF), or by f
 import math
 import shutil
 import subprocess
-from collections.abc import Iterator, Mapping, Sequence
-from functools import cache, cached_property
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from functools import cache, cached_property, partial
 from importlib import import_module
 from importlib.util import find_spec
 from io import BytesIO
@@ -17,8 +17,10 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
+from labbook.backend import load_to_plan
 from labbook.export.colour_bar import BACKGROUND
-from labbook.export.colouring import Colouring, Legend
+from labbook.export.colouring import Colouring, Legend, force_colours
+from labbook.export.forces import PairForces, packing_of, pair_forces, scale_of
 from labbook.export.frames import Frame, frames_of_run
 from labbook.export.recording import titled
 from labbook.export.wall_shapes import DrawnWall, drawn_walls
@@ -27,7 +29,7 @@ from labbook.lab.folder import write_bytes
 from labbook.lab.runs import read_recording, run_data
 from labbook.measure import RunData
 from labbook.measure.series import flow_curve
-from labbook.picture import Raster, Strokes, drawn
+from labbook.picture import Raster, Strokes, drawn, front
 from labbook.results import display
 from labbook.scene import Packing, Scene
 from labbook.scene.geometry import Segment
@@ -45,6 +47,10 @@ _RATE = 25
 _INK, _QUIET, _CURVE, _SHADE = (38, 44, 54), (96, 104, 116), "#0072b2", "#0072b222"
 _SPOKE = np.array((213, 94, 0)) / 255
 _SECTORS = 8
+_MARK = 4.0  # pixels: width of marks of a turning bottom
+_FAINT, _THINNEST, _WIDEST = 0.02, 0.7, 0.4  # of forces: least part of the scale; width in pixels, and in diameters
+_OF_STROKES = ("ends", "width", "colour")
+_SCALED = 12  # frames by which a scale of forces is chosen
 _PAD, _LINE, _BAR = 12, 22, 40  # pixels: around everything, of a line of text, of a legend
 _CHART = (340, 230)  # pixels beside an upright bed
 _LOW = 140  # pixels: height of a chart below a wide bed
@@ -67,18 +73,27 @@ class Shot(NamedTuple):
         frames: Its frames, by time.
         colouring: Colours of its grains.
         title: Heading of its picture.
+        forces: Contact forces in a frame, which are drawn as lines; None: none are.
     """
 
     data: RunData
     frames: Sequence[Frame]
     colouring: Colouring
     title: str
+    forces: Callable[[Frame], PairForces] | None = None
 
     @classmethod
-    def of(cls, data: RunData, sample: Mapping[str, np.ndarray] | None, by: str, title: str) -> "Shot":
-        """The run with its recorded frames (`read_recording`). Raises NotRecorded or NoColouring."""
-        frames = frames_of_run(data, sample, _LIMIT)
-        return cls(data, frames, Colouring.of(by, data.scene, data.start, frames), title)
+    def of(
+        cls, data: RunData, sample: Mapping[str, np.ndarray] | None, by: str, title: str, backend: str
+    ) -> "Shot":  # fmt: skip
+        """The run of a backend with its recorded frames (`read_recording`). Raises NotRecorded, NoColouring, NoForces
+        or BackendMissing."""
+        frames, forces, top = frames_of_run(data, sample, _LIMIT), None, 0.0
+        if by == "force":
+            made_by = load_to_plan(backend)
+            forces = partial(pair_forces, made_by, data.scene, data.numerics, data.start)
+            top = scale_of([forces(frame) for frame in frames[:: -(-len(frames) // _SCALED)]])
+        return cls(data, frames, Colouring.of(by, data.scene, data.start, frames, top), title, forces)
 
     @property
     def end(self) -> float:
@@ -151,9 +166,11 @@ def sweep_film(
 
 def shot_of_run(folder: Path, by: str, study: str | None = None, point: Point | None = None) -> Shot:
     """The recorded run in `folder`, for a film; study, point: for which it is shown (None: for which it was made).
-    Raises Unreadable (of labbook.lab), NotRecorded or NoColouring."""
+    Raises Unreadable (of labbook.lab) and what `Shot.of` does."""
     record = RunRecord.read(folder)
-    return Shot.of(run_data(folder, record), read_recording(folder, record), by, titled(record, study, point))
+    return Shot.of(
+        run_data(folder, record), read_recording(folder, record), by, titled(record, study, point), record.backend
+    )
 
 
 def of_sweep(
@@ -227,15 +244,16 @@ class Camera:
 
     def pixels(self, frame: Frame) -> np.ndarray:
         """RGB bytes of a frame, shape [height, width, 3], on the background of films."""
-        n = len(frame.ids)
-        now = Packing(
-            x=frame.x.astype(float), v=np.zeros((n, 3)), omega=np.zeros((n, 3)), ids=frame.ids,
-            q=None if frame.q is None else _unit(frame.q),
-        )  # fmt: skip
         pixels = drawn(
-            self.scene, self.start, now, view=self.view, colour=self.shot.colouring.of_frame(frame) / 255,
-            walls=self._walls(frame.time), links=self._links(frame), finest=_FINE,
-        )  # fmt: skip
+            self.scene,
+            self.start,
+            packing_of(self.start, frame),
+            view=self.view,
+            colour=self.shot.colouring.of_frame(frame) / 255,
+            walls=self._walls(frame.time),
+            strokes=self._strokes(frame),
+            finest=_FINE,
+        )
         part = pixels[..., 3:].astype(np.float32) / 255
         return np.rint(pixels[..., :3] * part + np.array(BACKGROUND, np.float32) * (1 - part)).astype(np.uint8)
 
@@ -243,26 +261,35 @@ class Camera:
         """Lines of the walls at a time [s]."""
         return [*self._still, *(line for wall in self._moving for mesh in wall.at([time]) for line in mesh.section())]
 
-    def _links(self, frame: Frame) -> Strokes | None:
-        """Marks by which a turning bottom is seen to turn."""
-        ends = [line for wall in self._turning for line in _marks(wall, frame.time)]
-        if not ends:
-            return None
-        return Strokes(np.array(ends), np.full(len(ends), 4.0), np.tile(_SPOKE, (len(ends), 1)))
+    def _strokes(self, frame: Frame) -> Strokes | None:
+        """Contact forces, and marks by which a turning bottom is seen to turn."""
+        marks = np.array([line for wall in self._turning for line in _marks(wall, frame.time)]).reshape(-1, 2, 2)
+        strokes = [Strokes(marks, np.full(len(marks), _MARK), np.tile(_SPOKE, (len(marks), 1)))]
+        if self.shot.forces is not None:
+            strokes.insert(0, self._chains(self.shot.forces(frame)))
+        ends, width, colour = (np.concatenate([getattr(one, name) for one in strokes]) for name in _OF_STROKES)
+        return Strokes(ends, width, colour) if len(ends) else None
 
-
-def _unit(q: np.ndarray) -> np.ndarray:
-    """Quaternions of single precision, as a packing takes them."""
-    q = np.asarray(q, float)
-    return q / np.linalg.norm(q, axis=1)[:, None]
+    def _chains(self, forces: PairForces) -> Strokes:
+        """Lines between the grains of the foremost layer that touch, wider and darker the larger the force."""
+        grains = self.scene.grains
+        deep = forces.ends[:, :, 1] - front(self.scene, self.start)
+        part = np.minimum(forces.size / self.shot.colouring.top, 1.0)
+        foremost = ((deep >= -grains.radius) & (deep <= grains.diameter * grains.aspect_ratio)).all(axis=1)
+        rows = np.flatnonzero(foremost & (part > _FAINT))
+        rows = rows[np.argsort(part[rows], kind="stable")]
+        widest = _WIDEST * grains.diameter * self.view.scale
+        width = np.maximum(_THINNEST, widest * part[rows])
+        return Strokes(forces.ends[rows][:, :, [0, 2]], width, force_colours(part[rows]) / 255)
 
 
 def _view(scene: Scene, start: Packing, frames: Sequence[Frame], size: int) -> Raster:
     """The part of the plane that holds the bed in all frames."""
     if scene.container.outlet_plane is not None:
         return Raster.of(scene, start, start, size)
-    x = np.concatenate([frame.x for frame in frames]).astype(float)
-    q = None if frames[0].q is None else _unit(np.concatenate([np.asarray(frame.q) for frame in frames]))
+    beds = [packing_of(start, frame) for frame in frames]
+    x = np.concatenate([bed.x for bed in beds])
+    q = np.concatenate([bed.q for bed in beds if bed.q is not None]) if beds[0].q is not None else None
     return Raster.of(scene, start, Packing(x=x, v=np.zeros_like(x), omega=np.zeros_like(x), q=q), size)
 
 
@@ -501,14 +528,14 @@ def _write_mp4(images: Sequence["Image"], path: Path, seconds: float) -> None:
     """A film as MP4, in place by one rename. Raises NoFilm."""
     program = encoder()
     assert program is not None
-    (width, height), partial = images[0].size, path.with_name(f".{path.name}.partial.mp4")
+    (width, height), unfinished = images[0].size, path.with_name(f".{path.name}.partial.mp4")
     command = [program, "-y", "-loglevel", "error", "-f", "rawvideo", "-pix_fmt", "rgb24", "-s", f"{width}x{height}",
                "-r", f"{len(images) / seconds:.6g}", "-i", "-", "-pix_fmt", "yuv420p", "-crf", "20",
-               "-movflags", "+faststart", str(partial)]  # fmt: skip
+               "-movflags", "+faststart", str(unfinished)]  # fmt: skip
     try:
         done = subprocess.run(command, input=b"".join(image.tobytes() for image in images), capture_output=True)
         if done.returncode:
             raise NoFilm(f"ffmpeg could not write {path.name}: {done.stderr.decode(errors='replace').strip()[-300:]}")
-        partial.replace(path)
+        unfinished.replace(path)
     finally:
-        partial.unlink(missing_ok=True)
+        unfinished.unlink(missing_ok=True)

@@ -2,11 +2,13 @@
 
 from pathlib import Path
 
+from labbook.backend import BackendMissing
 from labbook.cli.options import fail
 from labbook.cli.screen import say
 from labbook.cli.work.recorded import Recorded, of_recorded
 from labbook.export.colouring import NoColouring
 from labbook.export.film import SIZE, TILE, FilmFile, NoFilm, Shot, check, film, of_sweep, shot_of_run
+from labbook.export.forces import NoForces
 from labbook.export.frames import NotRecorded
 from labbook.export.recording import path_of
 from labbook.lab import NoCatalogue, RunRecord, Unreadable
@@ -33,7 +35,7 @@ def movie(
             path = out or path_of(lab / "films", record, run.study, run.point, f"-{colour}.webp")
             shot = shot_of_run(run.folder, colour, run.study, run.point)
             _say(film(shot, path, seconds=seconds, size=size or SIZE), shot)
-    except (NoCatalogue, Unreadable, NotRecorded, NoColouring, NoFilm) as error:
+    except (NoCatalogue, Unreadable, NotRecorded, NoColouring, NoForces, NoFilm, BackendMissing) as error:
         fail(error)
 
 

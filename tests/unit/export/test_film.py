@@ -217,6 +217,41 @@ def test_marks_turn_with_the_bottom(time):
             assert any(low <= x <= high for (low, high), _ in lines) == (turned < math.pi / 8), angle
 
 
+def touching(deep=2e-5) -> tuple[Shot, float]:
+    """Two grains that overlap in the last of two frames, and their force [N]; a third one is alone."""
+    x = np.array([(-0.005, 0, 0.02), (-0.005 + D - deep, 0, 0.02), (0.01, 0, 0.03)])
+    bare = run_of([frame(), frame(0.1, x)])
+    frames = {name: np.concatenate([getattr(one, name) for one in bare.frames]) for name in ("ids", "x")}
+    table = {"id": frames["ids"], "time": np.repeat([0.0, 0.1], 3), **dict(zip("xyz", frames["x"].T, strict=True))}
+    table |= {name: np.zeros(6) for name in ("vx", "vy", "vz")}
+    shot = Shot.of(bare.data, table, "force", "a run", "reference")
+    return shot, 4 / 3 * LAW.shear_modulus / 0.75 * math.sqrt(D / 4) * deep**1.5  # E* = G/(1 - nu)
+
+
+def test_forces_of_a_contact_are_those_of_its_law():
+    """Places are stored in single precision: 1e-9 m of 2e-5 m of overlap."""
+    shot, size = touching()
+    assert shot.forces is not None
+    assert len(shot.forces(shot.frames[0]).size) == 0
+    found = shot.forces(shot.frames[1])
+    assert found.size == pytest.approx([size], rel=1e-3)
+    assert sorted(found.ends[0, :, 0]) == pytest.approx([-0.005, -0.005 + D - 2e-5], abs=1e-8)
+    assert shot.colouring.top == pytest.approx(size, rel=1e-3)
+
+
+def test_a_contact_force_is_a_dark_line_between_its_grains():
+    shot, _ = touching()
+    camera = Camera(shot, 300)
+    seen = camera.pixels(shot.frames[1]).astype(int)
+    places = (-0.0035, 0.02), (-0.0035, 0.0212), (0.01, 0.03)
+    inside, beside, alone = (colour_at(camera, seen, *place).sum() for place in places)
+    assert inside < 150 < 500 < min(beside, alone)
+    legend = shot.colouring.legend()
+    assert legend is not None
+    weight = 2500 * math.pi / 6 * D**3 * 9.81
+    assert legend.ticks[-1][1] == f"≥ {shot.colouring.top / weight:.2g}"
+
+
 def without_encoder(monkeypatch):
     monkeypatch.setattr(films.shutil, "which", lambda name: None)
     monkeypatch.setattr(films, "find_spec", lambda name: None)
@@ -249,7 +284,7 @@ def test_an_encoder_gets_every_pixel_of_every_frame(monkeypatch, tmp_path):
 def test_w_grows_with_the_film(synthetic, tmp_path):
     run = synthetic.observe(synthetic.scene(count=200), seed=1, recorded=True)
     run = replace(run, recorded=lambda: run.tables["sample"])
-    shot = Shot.of(run, run.tables["sample"], "layers", "a run")
+    shot = Shot.of(run, run.tables["sample"], "layers", "a run", "numba")
     curve = films.flow_curve(run)
     assert curve is not None
     chart = films.Chart(*curve, float(curve[0][-1]), 340, 230)
