@@ -10,13 +10,13 @@ Every pixel belongs to the grain whose surface is nearest there (a z-buffer); it
 
 import io
 import math
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
 from labbook.scene.bodies import Bodies
-from labbook.scene.container import Container
+from labbook.scene.geometry import Segment
 from labbook.scene.orientation import axes
 from labbook.scene.packing import Packing
 from labbook.scene.scene import Scene
@@ -70,18 +70,52 @@ def bed(scene: Scene, start: Packing, now: Packing, size: int = SIZE) -> bytes:
     return stored.getvalue()
 
 
-def drawn(scene: Scene, start: Packing, now: Packing, size: int = SIZE) -> np.ndarray:
-    """As `bed`, but the pixels themselves before their colours are reduced: RGBA bytes, shape [height, width, 4]."""
-    view = Raster.of(scene, start, now, size)
-    grains = _shown(scene, start, now, view)
-    fine = _FINE if grains.area * (view.scale * _FINE) ** 2 <= _MANY else _COARSE
+def drawn(
+    scene: Scene,
+    start: Packing,
+    now: Packing,
+    size: int = SIZE,
+    *,
+    view: "Raster | None" = None,
+    colour: np.ndarray | None = None,
+    walls: Sequence[Segment] | None = None,
+    strokes: "Strokes | None" = None,
+    finest: int = _FINE,
+) -> np.ndarray:
+    """Pixels of the bed `now` before their colours are reduced.
+
+    Args:
+        scene: What is simulated.
+        start: The settled bed, as of `bed`.
+        now: The bed, as of `bed`.
+        size: Most pixels of the width and the height, if there is no `view`.
+        view: Part of the plane that is seen; None: as `Raster.of` chooses it.
+        colour: Colours of the grains of `now` from 0 to 1, shape [n, 3]; None: those of their layers and kinds.
+        walls: Lines (x, z) [m] of the walls; None: those of the section of the container as it opens.
+        strokes: Lines over grains and walls; None: none.
+        finest: Most points along x and along z that a pixel is the mean of.
+
+    Returns:
+        RGBA bytes, shape [height, width, 4]. Raises ValueError as `bed` does.
+    """
+    view = Raster.of(scene, start, now, size) if view is None else view
+    grains = _shown(scene, start, now, view, colour)
+    fine = finest if grains.area * (view.scale * finest) ** 2 <= _MANY else _COARSE
     picture = view.finer(fine).shaded(grains)
     parts = picture.reshape(view.down, fine, view.across, fine, 4)
     picture = sum(parts[:, i, :, j] for i in range(fine) for j in range(fine)) / np.float32(fine * fine)
-    lines = view.lines(scene.container)[..., None]
+    lines = view.lines(scene.container.section() if walls is None else walls)[..., None]
     picture += lines * (np.append(np.array(WALL, np.float32) / 255, np.float32(1)) - picture)
+    if strokes is not None:
+        view.draw(picture, strokes)
     picture[..., :3] /= np.maximum(picture[..., 3:], 1e-6)
     return np.rint(picture * 255).astype(np.uint8)
+
+
+def layer_colours(scene: Scene, start: Packing, rows: np.ndarray) -> np.ndarray:
+    """Colours from 0 to 1, shape [n, 3], of grains by layers and kinds; rows [n]: of `start`."""
+    layer = layers(scene, start)[rows]
+    return _of_kinds(Bodies.of(scene.grains, start).kind[rows], layer) if scene.grains.kinds else _of_layers(layer)
 
 
 def layers(scene: Scene, start: Packing) -> np.ndarray:
@@ -98,6 +132,21 @@ def cut(scene: Scene, start: Packing) -> bool:
     grains = scene.grains
     deep = float(np.ptp(start.x[:, 1])) + grains.diameter > _DEEP * grains.diameter * grains.aspect_ratio
     return scene.container.symmetry == "axial" or deep
+
+
+def front(scene: Scene, start: Packing) -> float:
+    """y [m] of the cut, or of the foremost centres of a bed that is not cut."""
+    return 0.0 if cut(scene, start) else float(start.x[:, 1].min())
+
+
+@dataclass(frozen=True, eq=False)
+class Strokes:
+    """Lines over a picture, later ones over earlier ones: ends (x, z) [m], shape [k, 2, 2], width in pixels [k], and
+    colours from 0 to 1 [k, 3]."""
+
+    ends: np.ndarray
+    width: np.ndarray
+    colour: np.ndarray
 
 
 @dataclass(frozen=True, eq=False)
@@ -125,9 +174,9 @@ class _Grains:
         return float((4 * reach[:, 0] * reach[:, 2]).sum())
 
 
-def _shown(scene: Scene, start: Packing, now: Packing, view: "Raster") -> _Grains:
-    """The grains that are in the view, and behind the cut if there is one. Raises ValueError for ids that are not
-    those of `start`."""
+def _shown(scene: Scene, start: Packing, now: Packing, view: "Raster", colour: np.ndarray | None) -> _Grains:
+    """The grains that are in the view, and behind the cut if there is one; colour: as of `drawn`. Raises ValueError for
+    ids that are not those of `start`."""
     assert start.ids is not None
     assert now.ids is not None
     if not np.isin(now.ids, start.ids).all():
@@ -148,13 +197,13 @@ def _shown(scene: Scene, start: Packing, now: Packing, view: "Raster") -> _Grain
         seen &= now.x[:, 1] >= 0
     kept = np.flatnonzero(seen)
     rows = start.rows(now.ids[kept])
-    bodies, layer = Bodies.of(grains, start), layers(scene, start)[rows]
+    bodies = Bodies.of(grains, start)
     return _Grains(
         x=now.x[kept].astype(np.float32),
         radius=bodies.radius[rows].astype(np.float32),
         half=None if half is None else half[kept].astype(np.float32),
-        colour=_of_kinds(bodies.kind[rows], layer) if grains.kinds else _of_layers(layer),
-        front=0.0 if is_cut else float(start.x[:, 1].min()),
+        colour=layer_colours(scene, start, rows) if colour is None else colour[kept].astype(np.float32),
+        front=front(scene, start),
         depth=_FADING * grains.diameter,
     )
 
@@ -281,23 +330,36 @@ class Raster:
         level = ((y.ravel()[hit] + (centre[:, 1] - start)[one]) / step).astype(np.int64)
         np.minimum.at(key, place, (level << 32) + rows[one])
 
-    def lines(self, container: Container) -> np.ndarray:
-        """How much of each pixel the section of the walls covers, shape [down, across]."""
-        across, down, scale = self.across, self.down, self.scale
-        covered = np.zeros((down, across), np.float32)
-        for segment in container.section():
-            (x0, z0), (x1, z1) = (
-                ((x - self.x) * scale + across / 2, (self.z - z) * scale + down / 2) for x, z in segment
-            )
-            left, right = (int(np.clip(x, 0, across)) for x in (min(x0, x1) - _LINE, max(x0, x1) + _LINE + 1))
-            top, low = (int(np.clip(z, 0, down)) for z in (min(z0, z1) - _LINE, max(z0, z1) + _LINE + 1))
-            px, pz = np.arange(left, right) + 0.5 - x0, np.arange(top, low)[:, None] + 0.5 - z0
-            ax, az = x1 - x0, z1 - z0
-            part = np.clip((px * ax + pz * az) / max(ax * ax + az * az, 1e-12), 0, 1)
-            away = np.hypot(px - part * ax, pz - part * az)
-            box = covered[top:low, left:right]
-            np.maximum(box, np.clip(_LINE / 2 + 0.5 - away, 0, 1), out=box)
+    def lines(self, segments: Sequence[Segment]) -> np.ndarray:
+        """How much of each pixel lines (x, z) [m] of walls cover, shape [down, across]."""
+        covered = np.zeros((self.down, self.across), np.float32)
+        for segment in segments:
+            rows, columns, part = self._stroke(segment, _LINE)
+            box = covered[rows, columns]
+            np.maximum(box, part, out=box)
         return covered
+
+    def draw(self, picture: np.ndarray, strokes: Strokes) -> None:
+        """Draw lines into a picture, shape [down, across, 4], of colours times coverage."""
+        for ends, width, colour in zip(strokes.ends, strokes.width.tolist(), strokes.colour, strict=True):
+            rows, columns, part = self._stroke(ends.tolist(), width)
+            box = picture[rows, columns]
+            box += part[..., None] * (np.append(colour, 1).astype(np.float32) - box)
+
+    def _stroke(self, segment: Segment, width: float) -> tuple[slice, slice, np.ndarray]:
+        """Rows and columns around a line (x, z) [m] of a width in pixels, and how much of each of these pixels it
+        covers."""
+        across, down, scale = self.across, self.down, self.scale
+        (x0, z0), (x1, z1) = (
+            ((x - self.x) * scale + across / 2, (self.z - z) * scale + down / 2) for x, z in segment
+        )  # fmt: skip
+        left, right = (int(np.clip(x, 0, across)) for x in (min(x0, x1) - width, max(x0, x1) + width + 1))
+        top, low = (int(np.clip(z, 0, down)) for z in (min(z0, z1) - width, max(z0, z1) + width + 1))
+        px, pz = np.arange(left, right) + 0.5 - x0, np.arange(top, low)[:, None] + 0.5 - z0
+        ax, az = x1 - x0, z1 - z0
+        part = np.clip((px * ax + pz * az) / max(ax * ax + az * az, 1e-12), 0, 1)
+        away = np.hypot(px - part * ax, pz - part * az)
+        return slice(top, low), slice(left, right), np.clip(width / 2 + 0.5 - away, 0, min(width, 1))
 
 
 def _alike(rows: np.ndarray, width: np.ndarray, height: np.ndarray) -> Iterator[np.ndarray]:

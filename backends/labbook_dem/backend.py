@@ -17,6 +17,12 @@ class DemBackend(backend.Backend):
 
         return at_rest(scene, numerics, packing, probe)
 
+    def elastic_forces(self, scene: Scene, numerics: Numerics, packing: Packing, time: float = 0.0) -> Table:
+        """See `labbook.backend.Backend`."""
+        from labbook_dem.elastic import elastic_forces
+
+        return elastic_forces(scene, numerics, packing, time)
+
     def describe(self, scene: Scene, numerics: Numerics) -> Mapping[str, float]:
         """Asked and realised restitution of two grains (mean over ten phases of the step), and the damping used."""
         from labbook_dem.describe import describe

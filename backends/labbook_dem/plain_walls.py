@@ -20,7 +20,7 @@ from labbook_dem.laws import LAWS
 from labbook_dem.mesh import PlainMesh
 from labbook_dem.mesh_rods import PlainRodMesh
 from labbook_dem.traction import SUMS, BinTable, Touch, add_touch
-from labbook_dem.words import cross, vec3, wide3
+from labbook_dem.words import coefs, cross, vec3, wide3
 
 NONE = vec3(0.0, 0.0, 0.0)
 NEW = -1
@@ -226,6 +226,10 @@ class PlainWalls:
             if frame is not None:
                 spring, turned = frame.inwards(spring), None if turned is None else frame.inwards(turned)
             yield WallContact(part, overlap, force, torque, branch, normal, spring, turned)
+
+    def coefficients(self, w: int, kind: int) -> coefs:
+        """Coefficients of contacts of wall w with grains of a kind."""
+        return self._c[w, kind]
 
     def touch(self, w: int, grain: GrainState, contact: WallContact) -> Touch:
         """The contact, as it is added up in bins."""

@@ -9,9 +9,11 @@ from typing import TYPE_CHECKING
 
 from labbook import html
 from labbook.backend.probes import UNITS
-from labbook.export.recording import NotRecorded, of_run
+from labbook.export.film import SECONDS, SIZE, film, shot_of_run
+from labbook.export.frames import NotRecorded
+from labbook.export.recording import of_run, path_of
 from labbook.export.viewer import show
-from labbook.lab import LabFolder
+from labbook.lab import LabFolder, RunRecord
 from labbook.lab.runs import picture
 from labbook.measure.trajectories import Trajectories
 from labbook.results import display
@@ -74,7 +76,7 @@ class Run(RunResult):
         return made
 
     def trajectories(self) -> Trajectories:
-        """Trajectories of the grains, as arrays. Raises NotRecorded (of `labbook.export.recording`)."""
+        """Trajectories of the grains, as arrays. Raises NotRecorded (of `labbook.export.frames`)."""
         found = Trajectories.of(self.run.data())
         if found is None:
             remedy = "add record={'every': '10 ms', 'replicates': ...} to the study and run it"
@@ -84,6 +86,32 @@ class Run(RunResult):
     def recording(self) -> Path:
         """The file (.rrd) for the rerun viewer, written if it does not exist. Raises NotRecorded or ViewerMissing."""
         return of_run(self.folder, self.place.folder, self.study.name, self.point)
+
+    def film(
+        self, path: Path | str | None = None, *, colour: str = "layers", seconds: float = SECONDS, size: int = SIZE
+    ) -> Path:
+        """Write a film of the run.
+
+        Args:
+            path: File to write, with the ending .webp, .gif or .mp4 (needs ffmpeg); None: a WebP in LAB/films.
+            colour: Property that grains are coloured by: layers, speed, force, species or orientation.
+            seconds: Duration of the film.
+            size: Pixels of the longer side of the bed.
+
+        Returns:
+            The file.
+
+        Raises:
+            NotRecorded: The run kept no frames.
+            NoColouring: Its grains cannot be coloured so.
+            NoFilm: The format is unknown or needs an encoder that is not installed.
+        """
+        name, point = self.study.name, self.point
+        record = RunRecord.read(self.folder)
+        out = (
+            path_of(self.place.folder / "films", record, name, point, f"-{colour}.webp") if path is None else Path(path)
+        )
+        return film(shot_of_run(self.folder, colour, name, point), out, seconds=seconds, size=size).path
 
     def view(self) -> None:
         """Open the rerun viewer and wait until it is closed. Raises NotRecorded, ViewerMissing or ViewerFailed."""

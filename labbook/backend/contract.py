@@ -380,6 +380,14 @@ class Backend(ABC):
         """
         return None
 
+    def elastic_forces(self, scene: Scene, numerics: Numerics, packing: Packing, time: float = 0.0) -> Table | None:
+        """Rows of the probe `Contacts` with the elastic normal forces of a packing, as its grains overlap.
+
+        time: since the opening [s], for parts that move. None, the default, where a backend cannot tell. Nothing is
+        compiled for it.
+        """
+        return None
+
     def survey(self) -> Survey:
         """Versions of libraries, and the devices of this machine; here those in `capabilities`, of unknown names."""
         return Survey({}, tuple(Device(alias, "") for alias in self.capabilities.devices))

@@ -37,6 +37,7 @@ VERBS = (
     "cite",
     "compare",
     "view",
+    "movie",
     "doctor",
     "reindex",
     "import_",

@@ -10,61 +10,41 @@ import os
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 
 from labbook.export.colour_bar import BACKGROUND, colour_bar, kind_colours, speed_colours
+from labbook.export.frames import FRAMES, Frame, frames_of_run, top_speed
 from labbook.export.wall_shapes import drawn_walls, wall_points
 from labbook.lab import RunRecord
 from labbook.lab.runs import read_recording, run_data
 from labbook.measure import RunData
-from labbook.measure.series import crossing_times, smooth_flow
+from labbook.measure.series import flow_curve
 from labbook.scene import Bodies, Packing, Scene
 from labbook.scene.orientation import axes
 from labbook.study import Point
 
 VERSION = 3
 """Raised when recordings made before are no longer what would be written now."""
-FRAMES, POSITIONS = 200, 4_000_000
-"""Most frames of a recording, or positions of grains in all its frames, whichever are more frames: its size is
-16 bytes a position, of rods 32. Of more frames every second, third ... is shown."""
+POSITIONS = 4_000_000
+"""Most positions of grains in all frames of a recording, if these are more than FRAMES frames: its size is 16 bytes a
+position, of rods 32. Of more frames every second, third ... is shown."""
 CLOCK = "sim_time"
 """Name of the timeline: seconds since the opening."""
 EDGE_COLOUR = (60, 66, 80)
 SPOKE_COLOUR = (213, 94, 0)  # of one spoke of a wall that turns: whole turns can be counted by it
 FLOW_COLOUR = (86, 180, 233)
-_GRAINS_SMOOTHED = 30
 _EDGE = 1.2  # points on the screen: half the width of an edge, however large the silo is
 _BAR = "colours"
 _FIELD_OF_VIEW = math.radians(55)  # vertical, of rerun's eye: it cannot be set, nor can a parallel projection
 _NARROWEST = 0.9  # width over height of a view that shows all
 _MARGIN = 1.08
 _SEEN_FROM = math.radians(12)
-Q_COLUMNS = ("qw", "qx", "qy", "qz")
-
-
-class Frame(NamedTuple):
-    """Time [s], positions [n, 3] (single precision), speeds [n] and ids [n] of a frame; orientations [n, 4] of rods."""
-
-    time: float
-    x: np.ndarray
-    speed: np.ndarray
-    ids: np.ndarray
-    q: np.ndarray | None = None
-
-    def empty(self, time: float) -> "Frame":
-        """Such a frame at another time, without any grain."""
-        q = None if self.q is None else self.q[:0]
-        return Frame(time, self.x[:0], self.speed[:0], self.ids[:0], q)
 
 
 class ViewerMissing(Exception):
     """rerun is not installed; the message says how to get it."""
-
-
-class NotRecorded(Exception):
-    """The run kept no frames; the message says how to ask for them."""
 
 
 def file_name(point: int, seed: int, discharge: int = 1) -> str:
@@ -81,14 +61,26 @@ def of_run(folder: Path, lab: Path, study: str | None = None, point: Point | Non
     """
 
     record = RunRecord.read(folder)
-    name = study or record.study
-    index, label = (record.point, record.label) if point is None else (point.index, point.label)
-    path = lab / "recordings" / name / f"{file_name(index, record.seed, record.discharge)}-{record.backend}.rrd"
+    path = path_of(lab / "recordings", record, study, point, ".rrd")
     source = source_of(record)
     if holds(path, source):
         return path
-    title = f"{name}: {label}, {record.repeat}"
+    title = titled(record, study, point)
     return write(run_data(folder, record), read_recording(folder, record), path, name=title, source=source)
+
+
+def path_of(folder: Path, record: RunRecord, study: str | None, point: Point | None, ending: str) -> Path:
+    """File for a recording or a film of a run: FOLDER/STUDY/point-1-seed-1-BACKEND and an ending. study, point: for
+    which the run is shown; None: for which it was made."""
+    index = record.point if point is None else point.index
+    name = f"{file_name(index, record.seed, record.discharge)}-{record.backend}{ending}"
+    return folder / (study or record.study) / name
+
+
+def titled(record: RunRecord, study: str | None = None, point: Point | None = None) -> str:
+    """Title of a run, `rods: rotation 0.5 Hz, seed 1`; study, point: as of `path_of`."""
+    at, label = (record.at, record.label) if point is None else (point.at, point.label)
+    return f"{study or record.study}: {f'{label}, ' if at else ''}{record.repeat}"
 
 
 def source_of(record: RunRecord) -> str:
@@ -124,13 +116,7 @@ def write(data: RunData, sample: Mapping[str, np.ndarray] | None, path: Path, *,
     `sample`: the run's recorded frames, columns id, time, x, y, z, vx, vy, vz as the probe `Film` lists them.
     Raises ViewerMissing, or NotRecorded if there are none.
     """
-    late = sample is not None and float(np.min(sample["time"], initial=math.inf)) > 0
-    most = max(FRAMES, POSITIONS // data.scene.grains.count)
-    shown = frames_of(sample, most - late - (data.outcome == "emptied"))
-    if late:
-        shown.insert(0, at_opening(data.start, shown[0].q is not None))  # or nothing would be seen at first
-    if data.outcome == "emptied" and data.duration > shown[-1].time:
-        shown.append(shown[-1].empty(data.duration))  # or the last grains would be seen until the end
+    shown = frames_of_run(data, sample, max(FRAMES, POSITIONS // data.scene.grains.count))
     rr = need_rerun()
     fastest = top_speed(data.scene, shown)
     views = front_view(data.scene, shown, name=name)
@@ -218,41 +204,6 @@ def log_grains(stream, root: str, scene: Scene, start: Packing, frames: Sequence
             stream.send_columns(path, [clock], columns)
 
 
-def frames_of(table: Mapping[str, np.ndarray] | None, most: int = FRAMES) -> list[Frame]:
-    """At most `most` frames of a sample: all, every second, every third ... from the first on. Raises NotRecorded if
-    there are none."""
-    if table is None or not len(table["time"]):
-        raise NotRecorded(
-            "this run kept no frames: add `record: {every: 10 ms, replicates: 1}` to its study and run it"
-        )
-    times, starts = np.unique(table["time"], return_index=True)
-    ends = np.append(starts[1:], len(table["time"]))
-    frames = []
-    for k in range(0, len(times), math.ceil(len(times) / most)):
-        rows = slice(starts[k], ends[k])
-        x = np.stack([table[c][rows] for c in ("x", "y", "z")], axis=1)
-        v = np.stack([table[c][rows] for c in ("vx", "vy", "vz")], axis=1)
-        q = np.stack([table[c][rows] for c in Q_COLUMNS], axis=1) if "qw" in table else None
-        frames.append(Frame(float(times[k]), x.astype(np.float32), np.linalg.norm(v, axis=1), table["id"][rows], q))
-    return frames
-
-
-def at_opening(start: Packing, oriented: bool) -> Frame:
-    """The frame of the packing that a run started from."""
-    assert start.ids is not None
-    q = start.q.astype(np.float32) if oriented and start.q is not None else None
-    return Frame(0.0, start.x.astype(np.float32), np.linalg.norm(start.v, axis=1), start.ids, q)
-
-
-def top_speed(scene: Scene, frames: Sequence[Frame]) -> float:
-    """Speed [m/s] at the upper end of the colours: only one grain in 200 exceeds it.
-
-    It is at least a hundredth of sqrt(g d), so that the last trembling of a bed at rest is not seen as motion.
-    """
-    rest = 0.01 * math.sqrt(scene.gravity * scene.grains.diameter)
-    return max(rest, float(np.quantile(np.concatenate([frame.speed for frame in frames]), 0.995)))
-
-
 def front_view(scene: Scene, frames: Sequence[Frame], *, origin: str = "", name: str):
     """A view from the front of the grains and walls below the entity `origin`, all of them in all `frames`.
 
@@ -326,23 +277,16 @@ def _flow_rate_views(data: RunData) -> list:
     """W(t), if grains have left."""
     import rerun.blueprint as rrb
 
-    if not _flows(data):
+    if flow_curve(data) is None:
         return []
     return [rrb.TimeSeriesView(origin="/flow_rate", name="W [g/s]", plot_legend=rrb.PlotLegend(visible=False))]
 
 
-def _flows(data: RunData) -> bool:
-    return "crossing" in data.tables and len(crossing_times(data)) >= 2
-
-
 def send_flow_rate(rr, stream, data: RunData) -> None:
     """W(t), smoothed over about 30 grains, as scalars on the clock of the grains."""
-    if not _flows(data):
+    if (curve := flow_curve(data)) is None:
         return
-    times = crossing_times(data)
-    at = np.linspace(0, data.duration, 500)
-    width = _GRAINS_SMOOTHED / math.sqrt(2 * math.pi) * (times[-1] - times[0]) / (len(times) - 1)
-    rate = smooth_flow(data, at, width) * 1e3
+    at, rate = curve
     stream.log("flow_rate", rr.SeriesLines(colors=FLOW_COLOUR, widths=1.5, names="W [g/s]"), static=True)
     stream.send_columns("flow_rate", [rr.TimeColumn(CLOCK, duration=at)], rr.Scalars.columns(scalars=rate))
 

@@ -75,6 +75,19 @@ def smooth_flow(run: RunData, at: np.ndarray, width: float) -> np.ndarray:
     return mean_mass(run) * rate / (math.sqrt(2 * math.pi) * width * within)
 
 
+def flow_curve(run: RunData) -> tuple[np.ndarray, np.ndarray] | None:
+    """W(t) as pictures show it: times from the opening to the end [s] and rates [g/s], each of shape [n], smoothed over
+    about 30 grains; None where fewer than two grains left."""
+    if "crossing" not in run.tables or len(times := crossing_times(run)) < 2:
+        return None
+    width = _GRAINS_SMOOTHED / math.sqrt(2 * math.pi) * float(times[-1] - times[0]) / (len(times) - 1)
+    at = np.linspace(0, run.duration, _TIMES)
+    return (at, smooth_flow(run, at, width) * 1e3) if width > 0 else None
+
+
+_GRAINS_SMOOTHED, _TIMES = 30, 500
+
+
 def discharged(run: RunData) -> tuple[np.ndarray, np.ndarray]:
     """Times [s] of all crossings and mass [kg] discharged just after each, each of shape [n]."""
     times, weights = crossings(run)

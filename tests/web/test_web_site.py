@@ -11,7 +11,7 @@ from labbook_web.site import MARK, CannotWrite, write
 from toy_lab import labbook, study_file
 from toy_web import ORIFICES, REPLICATES, Read, client, keys_of, listing, make
 
-from labbook.export.recording import NotRecorded
+from labbook.export.frames import NotRecorded
 
 STUDY, POINTS = "toy-study", len(ORIFICES)
 

@@ -20,7 +20,8 @@ from starlette.responses import FileResponse, HTMLResponse, RedirectResponse, Re
 from starlette.routing import Route
 
 from labbook.backend import BackendMissing
-from labbook.export.recording import NotRecorded, ViewerMissing
+from labbook.export.frames import NotRecorded
+from labbook.export.recording import ViewerMissing
 from labbook.lab import LabError, Unreadable, notes
 from labbook.lab.catalogue import RUN_COLUMNS
 from labbook.lab.evaluations import NotEvaluated

@@ -11,7 +11,8 @@ from pathlib import Path
 from typing import Any
 
 from labbook.commands import command
-from labbook.export.recording import NotRecorded, ViewerMissing
+from labbook.export.frames import NotRecorded
+from labbook.export.recording import ViewerMissing
 from labbook.lab import LabError, LabFolder, Unreadable
 from labbook.lab.runs import picture_content
 from labbook.study import StudyError

@@ -16,7 +16,8 @@ from importlib.metadata import PackageNotFoundError
 from importlib.metadata import version as installed_version
 from pathlib import Path
 
-from labbook.export.recording import NotRecorded, holds, recording_id, source_of, write
+from labbook.export.frames import NotRecorded
+from labbook.export.recording import holds, recording_id, source_of, write
 from labbook.export.viewer import viewer_command
 from labbook.lab import RunRecord
 from labbook.lab.runs import read_recording, run_data

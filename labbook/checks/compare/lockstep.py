@@ -18,17 +18,8 @@ from labbook.backend.numerics import Numerics
 from labbook.backend.probes import Sample, Table, film_probe
 from labbook.checks.compare.sides import Pair, Side, from_shared
 from labbook.checks.compare.verdict import Divergence
-from labbook.export.recording import (
-    FRAMES,
-    at_opening,
-    frames_of,
-    front_view,
-    log_bar,
-    log_grains,
-    need_rerun,
-    top_speed,
-    written,
-)
+from labbook.export.frames import FRAMES, at_opening, frames_of, top_speed
+from labbook.export.recording import front_view, log_bar, log_grains, need_rerun, written
 from labbook.filling import opened
 from labbook.lab.folder import LabFolder
 from labbook.lab.packings import load_packing

@@ -94,7 +94,7 @@ def test_the_wheel_states_licence_author_platform_and_version(wheel):
 
 def test_the_archive_of_the_sources_is_small_and_builds_the_same_wheel(built, wheel, tmp_path):
     (archive,) = built.glob("*.tar.gz")
-    assert archive.stat().st_size < 3_100_000, (
+    assert archive.stat().st_size < 3_200_000, (
         "keep measured data and pictures out of it (tool.hatch.build.targets.sdist)"
     )
     with tarfile.open(archive) as packed:

@@ -8,18 +8,8 @@ import pytest
 
 from labbook.checks.verify.mesh import of_triangles, sheet
 from labbook.export.colour_bar import speed_colours, speed_ticks
-from labbook.export.recording import (
-    CLOCK,
-    FRAMES,
-    Frame,
-    NotRecorded,
-    ViewerMissing,
-    frames_of,
-    log_grains,
-    seen_from,
-    top_speed,
-    write,
-)
+from labbook.export.frames import FRAMES, Frame, NotRecorded, frames_of, top_speed
+from labbook.export.recording import CLOCK, ViewerMissing, log_grains, seen_from, write
 from labbook.export.wall_shapes import drawn_walls
 from labbook.scene import (
     Box,

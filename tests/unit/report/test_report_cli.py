@@ -115,6 +115,32 @@ def test_damaged_frames_are_named_with_a_remedy(toy, done, tmp_path):
     assert "make them again: labbook run" in " ".join(said.output.split())
 
 
+@pytest.mark.slow
+def test_films_of_a_study_of_a_run_and_of_its_sweep(toy, done, tmp_path):
+    from PIL import Image
+
+    study, lab, where = done
+    short = ("--seconds", 0.2, "--size", 60)
+    said = toy.labbook("movie", study, *short, *where).stdout
+    written = sorted((lab / "films/toy-study").iterdir())
+    assert [path.name for path in written] == [f"point-{k}-seed-1-toy-layers.webp" for k in range(1, 5)]
+    assert said.count("Film: ") == 4
+    key = next(lab.glob("runs/*/recording.npz")).parent.name
+    toy.labbook("movie", key[:12], *short, "--colour", "speed", "--out", tmp_path / "one.gif", "--lab", lab)
+    toy.labbook("movie", study, *short, "--grid", "--out", tmp_path / "sweep.webp", *where)
+    one, sweep = (Image.open(tmp_path / name) for name in ("one.gif", "sweep.webp"))
+    assert sweep.width > 4 * 60  # four outlets beside one another
+    assert one.height > 60
+    for words, remedy in (
+        ((study, "--out", tmp_path / "a.gif"), "choose one with --point"),
+        ((study, "--colour", "orientation"), "spheres have no orientation"),
+        ((key[:12], "--grid"), "no study file"),
+    ):
+        refused = toy.labbook("movie", *words, *short, *where, check=False)
+        assert refused.exit_code == 1
+        assert remedy in refused.output
+
+
 def test_view_of_one_point(toy, done):
     pytest.importorskip("rerun")
     study, _, where = done

@@ -1,0 +1,80 @@
+"""Frames of a recorded run, as films and recordings show them."""
+
+import math
+from collections.abc import Mapping, Sequence
+from typing import NamedTuple
+
+import numpy as np
+
+from labbook.measure import RunData
+from labbook.scene import Packing, Scene
+
+FRAMES = 200
+"""Most frames that are shown of a run, unless it has few grains."""
+Q_COLUMNS = ("qw", "qx", "qy", "qz")
+
+
+class NotRecorded(Exception):
+    """The run kept no frames; the message says how to ask for them."""
+
+
+class Frame(NamedTuple):
+    """Time [s], positions [n, 3] (single precision), speeds [n] and ids [n] of a frame; orientations [n, 4] of rods."""
+
+    time: float
+    x: np.ndarray
+    speed: np.ndarray
+    ids: np.ndarray
+    q: np.ndarray | None = None
+
+    def empty(self, time: float) -> "Frame":
+        """Such a frame at another time, without any grain."""
+        q = None if self.q is None else self.q[:0]
+        return Frame(time, self.x[:0], self.speed[:0], self.ids[:0], q)
+
+
+def frames_of_run(data: RunData, sample: Mapping[str, np.ndarray] | None, limit: int) -> list[Frame]:
+    """At most `limit` frames of a run from its opening to its end; sample: its recorded frames, columns id, time, x, y,
+    z, vx, vy, vz as the probe `Film` lists them. Raises NotRecorded if there are none."""
+    late = sample is not None and float(np.min(sample["time"], initial=math.inf)) > 0
+    shown = frames_of(sample, limit - late - (data.outcome == "emptied"))
+    if late:
+        shown.insert(0, at_opening(data.start, shown[0].q is not None))  # or nothing would be seen at first
+    if data.outcome == "emptied" and data.duration > shown[-1].time:
+        shown.append(shown[-1].empty(data.duration))  # or the last grains would be seen until the end
+    return shown
+
+
+def frames_of(table: Mapping[str, np.ndarray] | None, limit: int = FRAMES) -> list[Frame]:
+    """At most `limit` frames of a sample: all, every second, every third ... from the first on. Raises NotRecorded if
+    there are none."""
+    if table is None or not len(table["time"]):
+        raise NotRecorded(
+            "this run kept no frames: add `record: {every: 10 ms, replicates: 1}` to its study and run it"
+        )
+    times, starts = np.unique(table["time"], return_index=True)
+    ends = np.append(starts[1:], len(table["time"]))
+    frames = []
+    for k in range(0, len(times), math.ceil(len(times) / limit)):
+        rows = slice(starts[k], ends[k])
+        x = np.stack([table[c][rows] for c in ("x", "y", "z")], axis=1)
+        v = np.stack([table[c][rows] for c in ("vx", "vy", "vz")], axis=1)
+        q = np.stack([table[c][rows] for c in Q_COLUMNS], axis=1) if "qw" in table else None
+        frames.append(Frame(float(times[k]), x.astype(np.float32), np.linalg.norm(v, axis=1), table["id"][rows], q))
+    return frames
+
+
+def at_opening(start: Packing, oriented: bool) -> Frame:
+    """The frame of the packing that a run started from."""
+    assert start.ids is not None
+    q = start.q.astype(np.float32) if oriented and start.q is not None else None
+    return Frame(0.0, start.x.astype(np.float32), np.linalg.norm(start.v, axis=1), start.ids, q)
+
+
+def top_speed(scene: Scene, frames: Sequence[Frame]) -> float:
+    """Speed [m/s] at the upper end of the colours: only one grain in 200 exceeds it.
+
+    It is at least a hundredth of sqrt(g d), so that the last trembling of a bed at rest is not seen as motion.
+    """
+    rest = 0.01 * math.sqrt(scene.gravity * scene.grains.diameter)
+    return max(rest, float(np.quantile(np.concatenate([frame.speed for frame in frames]), 0.995)))
