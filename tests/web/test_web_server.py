@@ -345,7 +345,7 @@ def test_a_study_whose_runs_gave_no_number_says_why(few):
     page = Read(somebody.get(f"/study/{STUDY}").text)
     why = page.data["nothing"]
     assert re.fullmatch("No flow rate at .*: fewer than 60 grains flowed out .* more grains or a wider window.*", why)
-    assert page.words.count(why) == 2, "in the box of the result and in place of the chart"
+    assert page.words.count(why) == 3, "in a tile, in the result in words and in place of the chart"
     assert "chart" not in [given.get("id") for _, given in page.elements]
     assert why in somebody.get(f"/card/{STUDY}").text
     assert "No run gave a number" in somebody.get(f"/study/{STUDY}/point/1").text

@@ -31,9 +31,10 @@ from labbook.results.points import ORIFICE, PointResult, followers, names_scene
 from labbook.results.reference import at_series
 from labbook.results.series import Series
 from labbook_web.page import Page, embedded
-from labbook_web.pages.explore import explorable
+from labbook_web.pages.explore import explorable, map_view
 from labbook_web.pages.lab import outcomes, progress
 from labbook_web.pages.sheet import sheet
+from labbook_web.pages.tiles import tiles
 from labbook_web.shelf import Compared, Found, NotThere, Shelf
 
 
@@ -46,6 +47,8 @@ def study_page(shelf: Shelf, name: str, query: Mapping[str, str]) -> Page:
     path = f"study/{name}"
     asked = {"backend": query["backend"]} if "backend" in query else {}
     linked = query.get("as")
+    now = progress(found, going)
+    labels = [job.label for process in now["running"] for job in process["jobs"]]
     return Page(
         "study.html.j2",
         path,
@@ -61,15 +64,17 @@ def study_page(shelf: Shelf, name: str, query: Mapping[str, str]) -> Page:
         results.frame,
         {
             **found.once("study", lambda: _shown(found)),
+            "tiles": found.once(f"tiles of {now}", lambda: tiles(results, now)) if results.points else None,
+            "sheet": sheet(results, labels) if labels else found.once("sheet", lambda: sheet(results)),
             "found": found,
             "backends": sorted({backend, *next((one.backends for one in shelf.listed() if one.name == name), ())}),
-            "progress": progress(found, going),
+            "progress": now,
             "note": shelf.note("study", name),
             "linked": linked,
             "outdated": linked is not None and linked != found.state,
             "command": command("run", study.path, lab=shelf.lab.folder, backend=backend),
         },
-        found.once("plotted", lambda: embedded(plotted(results))),
+        found.once("plotted", lambda: embedded({**plotted(results), "map": _map(found)})),
         asked,
     )
 
@@ -83,7 +88,6 @@ def _shown(found: Found) -> dict[str, Any]:
         "nothing": no_number(results),
         "constants": _constants(results),
         "outcomes": outcomes(results),
-        "sheet": sheet(results),
         "flow": tables.flow_table(results) if results.points else None,
         "further": tables.further_table(results),
         "fits": _fits(results),
@@ -96,8 +100,14 @@ def _shown(found: Found) -> dict[str, Any]:
         "compared": verdicts(found.compared),
         "copied": copied(found.text, found.study.name),
         "explorable": explorable(results.study),
+        "mapped": _map(found),
         "parallel": len({name for result in results.points for name in result.at}) > 1,
     }
+
+
+def _map(found: Found) -> dict[str, Any] | None:
+    """Numbers of the map of two swept keys, as `static/map.js` draws it; None for other studies."""
+    return found.once("map", lambda: map_view(found.results))
 
 
 def _fits(results: Results) -> list[tuple[str, str, Law, Table]]:
@@ -110,7 +120,7 @@ def _fits(results: Results) -> list[tuple[str, str, Law, Table]]:
 
 
 def verdicts(compared: Sequence[Compared]) -> list[dict[str, Any]]:
-    """What the page shows of comparisons of backends: sentences, means, and whether there is a recording."""
+    """Comparisons of backends as the page shows them: sentences, means, and whether there is a recording."""
     return [
         {
             "name": one.name,
@@ -160,7 +170,7 @@ def drawn(shown_of: Found) -> dict[str, tuple[str, Draw]]:
 
 
 _CHARTED = ("flow_rate", "flow_over_time", "overview")
-"""What the chart of the page, or the pages of its points, show already."""
+"""Figures that the chart of the page, or the pages of its points, show already."""
 
 
 def draw(found: Found, address: str) -> "tuple[str, Draw]":
@@ -190,14 +200,14 @@ _drawing = threading.Lock()  # matplotlib's settings are those of the whole proc
 
 
 def why_not(error: Exception, found: Found) -> str:
-    """Why a figure cannot be drawn, and what to do."""
+    """Reason why a figure cannot be drawn, and the remedy."""
     if isinstance(error, NotEvaluated):
         return f"Not drawn, since {error}: {command('report', found.study.path.name)} evaluates it."
     return f"{str(error)[:1].upper()}{str(error)[1:]}."
 
 
 CANNOT_DRAW = (NotEvaluated, LookupError, MeasureError, ImportError, ExtensionError)
-"""What drawing a figure may raise of results that lack something."""
+"""Errors of drawing a figure of results that lack something."""
 
 
 def _title(name: str) -> str:

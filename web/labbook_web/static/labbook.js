@@ -129,6 +129,22 @@ document.addEventListener("click", (event) => {
   }
 });
 
+// An address names a part of the page: if it is folded, it opens.
+function unfold() {
+  const part = location.hash.length > 1 && document.getElementById(decodeURIComponent(location.hash.slice(1)));
+  if (part && part.tagName === "DETAILS") part.open = true;
+}
+window.addEventListener("hashchange", unfold);
+
+// What was opened stays open when the page is shown anew.
+let opened = [];
+document.addEventListener("htmx:beforeSwap", (event) => {
+  if (event.detail.target && event.detail.target.id === "main") opened = [...document.querySelectorAll("main details[id]")].map((one) => [one.id, one.open]);
+});
+document.addEventListener("htmx:afterSettle", (event) => {
+  if (event.detail.target && event.detail.target.id === "main") for (const [id, open] of opened) { const part = document.getElementById(id); if (part) part.open = open; }
+});
+
 // A page that shows a study which runs now is shown anew when more runs are there.
 let lastDone = null, lastShown = performance.now();
 document.addEventListener("htmx:afterSettle", () => {
@@ -176,5 +192,6 @@ labbook.ready((root) => {
   }
   comparing();
   viewers();
+  unfold();
 });
 document.addEventListener("labbook:chosen", filterPoints);
