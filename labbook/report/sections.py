@@ -8,6 +8,7 @@ from labbook.fields.pattern import SLOW
 from labbook.report import figures
 from labbook.report.blocks import Beside, Block, Formula, Picture, Prose, Section, picture
 from labbook.report.figures.flow import drawn
+from labbook.report.figures.orifice import zero_of
 from labbook.report.fitted_tables import fit_table
 from labbook.report.paper import beds_shown_by_all, blocks_of_all
 from labbook.report.tables import orifice_table
@@ -74,6 +75,7 @@ def _flow(series: Series, folder: Path, suffix: str, where: str) -> Picture:
 
 def fit_caption(series: Series) -> str:
     fits = f"; {_FITS}" if series.fits else "."
+    fits += _ZERO if any(zero_of(fit) is not None for fit in series.fits.values()) else ""
     return f"{_POINTS}{fits}{marks(series.points, series.flagged if series.fits else frozenset())}"
 
 
@@ -139,6 +141,7 @@ _FITS = (
     "seeds; below: relative residuals with their 95 % intervals (thin) and with the standard errors that fit and test "
     "use, pooled over points (thick)."
 )
+_ZERO = " Bar on the axis: k d of Beverloo’s law with its 95 % interval, where the line meets zero."
 _FLOW = "W(t) of every replicate."
 _WINDOW = "Shaded: the window, between the requested fractions of mass discharged (mean over replicates)"
 
