@@ -13,7 +13,7 @@ import pytest
 from PIL import Image
 from toy_explore import ANSWERS, compare, questions
 from toy_lab import labbook, start, study_file
-from toy_web import ORIFICES, client, keys_of, make, serving
+from toy_web import ORIFICES, client, keys_of, make, serving, twin_table
 
 from labbook import Lab, load
 from labbook.api import Results
@@ -109,7 +109,7 @@ def column(page: Page, heading: str) -> list[str]:
 
 def frame(lab: Path, address: str) -> pd.DataFrame:
     """The table of a page, as the app gives it to who asks without a browser."""
-    return pd.read_csv(io.StringIO(client(lab).get(address).text))
+    return twin_table(client(lab).get(address).text)
 
 
 def marks(page: Page) -> Locator:

@@ -212,4 +212,6 @@ def _frame(views: Sequence[Mapping[str, Any]]) -> pd.DataFrame:
                 "mean": pooled.value, "low": pooled.low, "high": pooled.high,
                 "surface": value, "surface_low": low, "surface_high": high,
             })  # fmt: skip
-    return pd.DataFrame(rows)
+    frame = pd.DataFrame(rows)
+    frame.attrs["units"] = views[0]["surface"].results.study.units if rows else {}
+    return frame

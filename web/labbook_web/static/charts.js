@@ -305,6 +305,22 @@
     if (labbook.once(holder, "listening")) scheme.addEventListener("change", () => drawLedger(holder, ledger));
   }
 
+  // A chart as it is drawn, on the colour of the page.
+  document.addEventListener("click", (event) => {
+    const button = event.target.closest("button.plot"), chart = button && document.getElementById(button.dataset.plot);
+    if (!chart || !chart.layout) return;
+    const width = chart.clientWidth, height = chart.clientHeight, file = `${button.dataset.file}.${button.dataset.kind}`;
+    const figure = { data: chart.data, layout: { ...chart.layout, paper_bgcolor: theme().paper, plot_bgcolor: theme().paper }, config: CONFIG };
+    Plotly.toImage(figure, { format: "svg", width, height }).then((address) => {
+      if (button.dataset.kind === "svg") { labbook.save(new Blob([decodeURIComponent(address.slice(address.indexOf(",") + 1))], { type: "image/svg+xml" }), file); return; }
+      const image = new Image(), canvas = document.createElement("canvas"); // Plotly's own way needs images from blob:, which the policy of the page refuses
+      canvas.width = 3 * width;
+      canvas.height = 3 * height;
+      image.onload = () => { canvas.getContext("2d").drawImage(image, 0, 0, canvas.width, canvas.height); canvas.toBlob((content) => labbook.save(content, file)); };
+      image.src = address;
+    });
+  });
+
   labbook.ready(() => {
     const data = labbook.data();
     if (!data || typeof Plotly === "undefined") return;

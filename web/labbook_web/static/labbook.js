@@ -31,6 +31,13 @@ const labbook = {
     labbook.chosen = points;
     document.dispatchEvent(new CustomEvent("labbook:chosen"));
   },
+  save(content, file) {
+    const link = document.createElement("a"), address = URL.createObjectURL(content);
+    link.href = address;
+    link.download = file;
+    link.click();
+    URL.revokeObjectURL(address);
+  },
   once(element, name) {
     if (!element || element.dataset[name]) return false;
     element.dataset[name] = "1";
@@ -112,13 +119,7 @@ document.addEventListener("click", (event) => {
     location.assign(compare.dataset.address + "?" + items.join("&"));
   }
   const save = event.target.closest("button.save");
-  if (save) {
-    const link = document.createElement("a"), address = URL.createObjectURL(new Blob([save.dataset.save], { type: "text/yaml" }));
-    link.href = address;
-    link.download = save.dataset.file;
-    link.click();
-    URL.revokeObjectURL(address);
-  }
+  if (save) labbook.save(new Blob([save.dataset.save], { type: "text/yaml" }), save.dataset.file);
   const copy = event.target.closest("button.copy");
   if (copy) {
     const said = copy.parentElement.querySelector(".copied");

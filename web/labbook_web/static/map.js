@@ -233,3 +233,19 @@ labbook.ready(() => {
   document.addEventListener("labbook:chosen", render);
   window.addEventListener("resize", render);
 });
+
+// A map as it is drawn: its colours as an image within the drawing, styles of the page as attributes.
+document.addEventListener("click", (event) => {
+  const button = event.target.closest("button.drawing"), holder = button && document.getElementById(button.dataset.drawing);
+  if (!holder) return;
+  const svg = holder.querySelector("svg"), canvas = holder.querySelector("canvas"), copy = svg.cloneNode(true), box = svg.viewBox.baseVal;
+  const from = [...svg.querySelectorAll("*")], to = [...copy.querySelectorAll("*")];
+  from.forEach((one, k) => { const style = getComputedStyle(one); for (const name of ["fill", "stroke", "stroke-width", "font-size", "font-family", "text-anchor", "opacity"]) to[k].setAttribute(name, style.getPropertyValue(name)); });
+  const node = (name, attributes) => { const made = document.createElementNS("http://www.w3.org/2000/svg", name); for (const [key, value] of Object.entries(attributes)) made.setAttribute(key, value); return made; };
+  const part = (name, length) => (parseFloat(canvas.style[name]) / 100) * length;
+  copy.prepend(node("image", { href: canvas.toDataURL(), x: part("left", box.width), y: part("top", box.height), width: part("width", box.width), height: part("height", box.height), preserveAspectRatio: "none", opacity: getComputedStyle(canvas).opacity }));
+  copy.prepend(node("rect", { width: box.width, height: box.height, fill: getComputedStyle(document.documentElement).getPropertyValue("--paper").trim() }));
+  copy.setAttribute("xmlns", "http://www.w3.org/2000/svg");
+  copy.setAttribute("width", box.width);
+  labbook.save(new Blob([new XMLSerializer().serializeToString(copy)], { type: "image/svg+xml" }), `${button.dataset.file}.svg`);
+});
