@@ -3,23 +3,26 @@
 labbook bench accuracy --out benchmarks/results/2026-11-23-accuracy-contacts.json
 python benchmarks/accuracy.py benchmarks/results/2026-11-23-accuracy-contacts.json docs
 
-and, of flow rates against numerics, from the runs of studies/accuracy-hopper, accuracy-hole and accuracy-rods:
+and those of flow rates against stiffness, step, precision and cost, from the runs of the calibration:
 
-python benchmarks/accuracy.py --runs benchmarks/results/2026-11-23-accuracy-runs-h200.csv \\
-    --rods benchmarks/results/2026-11-23-rods-runs-h200.csv docs
+python benchmarks/accuracy.py --runs benchmarks/results/2026-11-27-calibration docs
 """
 
 import argparse
+import csv
 import json
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from calibration import STUDIES, scenes
 
-from labbook.report.style import COLOURS, FAINT, MARKERS, MILLIMETRE, PAGE, for_a_screen, house
+import labbook
+from labbook.report.style import COLOURS, DASHES, FAINT, MARKERS, MILLIMETRE, PAGE, for_a_screen, house
+from labbook.results.calibrating import are_mixed
 from labbook.stats.pooling import student
 
 if TYPE_CHECKING:
@@ -82,103 +85,186 @@ def beds(rows: Sequence[dict[str, Any]]) -> "Figure":
     return figure
 
 
-SCENE = ["outlet", "law", "orifice_mm", "friction", "restitution", "rolling_friction"]
-SETTING = ["stiffness_scale", "dt_us", "filled_stiffness_scale", "filled_dt_us"]
-FAN = "outlet == 'slot' and law == 'hertz-mindlin' and orifice_mm == 45"
-RODS = "study == 'accuracy-rods' and outcome == 'finished'"
-FINEST = {"hertz": 0.02, "rods": 0.015}
-"""The first and finest setting of the studies, dt/t_c."""
-SOFTENED = {"hertz": 2 / 5, "rods": 1 / 2}
-"""A collision lasts as one over this power of the stiffness, by Hertz's law and by the linear one."""
-PAPERS = {"hertz": 0.021, "rods": 1 / 122.9}
-"""dt/t_c of Fan et al. (0.1 of the Rayleigh time) and of Pongo et al. (1 us)."""
+SETTINGS = {"finest": 0, "long step": 1, "stiffness 0.1": 2, "stiffness 0.01": 3}
+"""Numbers of the settings of accuracy-hopper and accuracy-hole that start from the same packings."""
+SOFT = {
+    "friction": ("accuracy-hopper", {3: "0.2", 4: "0.8"}),
+    "restitution": ("accuracy-hopper", {5: "0.6", 6: "0.9"}),
+    "rolling friction": ("accuracy-hopper", {7: "0", 8: "0.1"}),
+    "slot, D/d": ("accuracy-hopper", {1: "10", 2: "15"}),
+    "slot, hertz-printed, D/d": ("accuracy-hopper", {9: "8", 10: "12", 11: "20"}),
+    "hole, D/d": ("accuracy-hole", {1: "8", 2: "10", 3: "12"}),
+}
+"""Panels of the figure of softness: study, and numbers of its scenes with what tells them apart."""
+FAN = ("accuracy-hopper", 2)
+FAN_STEP = 0.021
+"""dt/t_c of Fan et al., 0.1 of the Rayleigh time."""
 
 
 @dataclass(frozen=True)
-class Setting:
-    """One setting of one scene: dt over the t_c of the stated stiffness and over its own, stiffness scales, change of
-    ln W against the finest with the half width of its interval at 95 %, and the scatter of ln W between its runs."""
+class Change:
+    """Change of ln W by a setting, bed by bed: mean and half width of its 95 % interval."""
 
-    dt: float
-    step: float
-    scale: float
-    filled: float
-    change: float
+    mean: float
     width: float
-    scatter: float
 
-    def after(self, runs: np.ndarray) -> np.ndarray:
-        """|bias| with the half width of its interval, and that of the mean of so many runs."""
-        return abs(self.change) + self.width + 1.96 * self.scatter / np.sqrt(runs)
+    @property
+    def percent(self) -> float:
+        """Change of W [%]."""
+        return 100 * math.expm1(self.mean)
 
-
-def settings(runs: Any, kind: str) -> list[Setting]:
-    """Those of one scene, the finest first, from a row a run. Seed by seed, since those that fill alike share beds."""
-    import pandas as pd
-
-    finest, power = FINEST[kind], SOFTENED[kind]
-
-    by = {key: pd.Series(np.log(some.W_g_per_s.to_numpy()), some.seed) for key, some in runs.groupby(SETTING)}
-    first = min((key for key in by if key[0] == 1), key=lambda key: key[1])
-    t_c = first[1] / finest
-    found = []
-    for key, one in by.items():
-        change = (one - by[first]).dropna()
-        width = student(0.95, len(change) - 1) * float(np.std(change, ddof=1)) / math.sqrt(len(change))
-        dt, scale = key[1] / t_c, key[0]
-        found.append(
-            Setting(dt, dt * scale**power, scale, key[2], float(np.mean(change)), width, float(np.std(one, ddof=1)))
-        )
-    return sorted(found, key=lambda one: (-one.scale, one.step, -one.filled))
+    @property
+    def half_width(self) -> float:
+        """Half width of the 95 % interval of the change of W [%]."""
+        return 100 * self.width * math.exp(self.mean)
 
 
-def _scenes(runs: Any) -> Iterator[tuple[str, Any]]:
-    for (outlet, law, orifice, friction, restitution, rolling), some in runs.groupby(SCENE):
-        usual = {"µ": (friction, 0.5), "e": (restitution, 0.2), "µ$_r$": (rolling, 0.01)}
-        other = [f"{name} = {value:g}" for name, (value, common) in usual.items() if value != common]
-        yield ", ".join([outlet, law.removeprefix("hertz-"), f"{orifice / 3:.0f} d", *other]), some
+@dataclass(frozen=True)
+class Scene:
+    """Runs of one scene of the calibration. `rates`: ln W by setting and bed; `points`: one a setting."""
+
+    points: Sequence[Any]
+    rates: dict[int, dict[str, float]]
+
+    def change(self, setting: int, finest: int = 0) -> Change:
+        """Change from the finest setting, in the beds that both have."""
+        first, other = self.rates[finest], self.rates[setting]
+        change = np.array([other[bed] - first[bed] for bed in other if bed in first])
+        error = float(np.std(change, ddof=1)) / math.sqrt(len(change))
+        return Change(float(np.mean(change)), student(0.95, len(change) - 1) * error)
+
+    def unpaired(self, setting: int, finest: int = 0) -> Change:
+        """Change from the finest setting, whose beds are others."""
+        first, other = (np.array(list(self.rates[k].values())) for k in (finest, setting))
+        variances = [float(np.var(one, ddof=1)) / len(one) for one in (first, other)]
+        return Change(float(np.mean(other) - np.mean(first)), 1.96 * math.sqrt(sum(variances)))
+
+    def scatter(self, setting: int) -> float:
+        """Standard deviation of ln W between runs."""
+        return float(np.std(list(self.rates[setting].values()), ddof=1))
 
 
-def flow(runs: Any, rods: Any) -> "Figure":
-    """What settings do to W, and what error a number of runs with each leaves at what cost; from a row a run."""
+def scene(folder: Path, study: str, number: int) -> Scene:
+    """The runs of a scene that count, by bed or, where each run has its own, by seed."""
+    points = scenes(labbook.load(STUDIES / f"{study}.yaml"))[number - 1]
+    rates: dict[int, dict[str, float]] = {}
+    with (folder / f"{study}-{number}.csv").open(newline="", encoding="utf-8") as file:
+        for row in csv.DictReader(file):
+            if row["W_g_per_s"]:
+                rates.setdefault(int(row["setting"]), {})[row["bed"]] = math.log(float(row["W_g_per_s"]))
+    return Scene(points, rates)
+
+
+def softness(folder: Path) -> "Figure":
+    """Change of W against the stiffness during the discharge, from beds that were filled at the stated one."""
     import matplotlib.pyplot as plt
 
-    figure, (left, middle, right) = plt.subplots(1, 3, figsize=(PAGE, 78 * MILLIMETRE))
-    for index, (name, some) in enumerate([*_scenes(runs), ("rods, hole, 3 L", rods)]):
-        of = settings(some, "rods" if some is rods else "hertz")
-        alike = sorted((one for one in of if one.filled == 1 and one.scale < 1), key=lambda one: (one.scale, one.step))
-        at = [one.scale * 1.04 ** (index - 6) for one in alike]
-        values, widths = ([100 * getattr(one, key) for one in alike] for key in ("change", "width"))
-        colour, shape = COLOURS[index % len(COLOURS)], MARKERS[index % len(MARKERS)]
-        filled = colour if index < len(COLOURS) else "none"
-        left.errorbar(at, values, widths, fmt=shape, color=colour, ms=3, lw=0.7, mfc=filled, label=name)
-    left.set_xscale("log")
-    left.axhline(0, color=FAINT, lw=0.6, zorder=0)
-    left.set_xlabel("stiffness, parts of the stated one")
-    left.set_ylabel("change of W [%]")
-    _front(middle, settings(runs.query(FAN), "hertz"), PAPERS["hertz"], "Fan et al., D/d = 15")
-    _front(right, settings(rods, "rods"), PAPERS["rods"], "rods, D = 3 L")
-    middle.set_ylabel("error of W at 95 % [%]")
-    figure.legend(*left.get_legend_handles_labels(), loc="outside lower left", ncols=4, fontsize=5)
+    figure, axes = plt.subplots(2, 3, figsize=(PAGE, 96 * MILLIMETRE), sharex=True, sharey=True)
+    for ax, (title, (study, numbers)) in zip(axes.flat, SOFT.items(), strict=True):
+        for k, (number, name) in enumerate(numbers.items()):
+            of = scene(folder, study, number)
+            stiff = [of.points[setting].numerics.stiffness_scale for setting in (2, 3)]
+            changes = [of.change(setting) for setting in (2, 3)]
+            x = np.array([1.0, *stiff]) * 1.06 ** (k - (len(numbers) - 1) / 2)
+            y = np.array([0.0, *(one.percent for one in changes)])
+            bars = [0.0, *(one.half_width for one in changes)]
+            ax.errorbar(x, y, bars, color=COLOURS[k], marker=MARKERS[k], linestyle=DASHES[k], label=name)
+        ax.axhline(0, color=FAINT, linewidth=0.6, zorder=0)
+        ax.set_xscale("log")
+        ax.set_title(title)
+        ax.legend(*ax.get_legend_handles_labels(), loc="lower left")
+    axes[0, 0].set_xlim(1.6, 0.006)
+    axes[0, 0].set_xticks([1, 0.1, 0.01], ["1", "0.1", "0.01"])
+    for ax in axes[-1]:
+        ax.set_xlabel("stiffness, parts of the stated one")
+    for ax in axes[:, 0]:
+        ax.set_ylabel("change of W [%]")
     return figure
 
 
-def _front(ax: "Axes", found: Sequence[Setting], paper: float, title: str) -> None:
-    """Error against cost, in steps of one run at the paper's step; what no other setting undercuts is drawn wide."""
-    cost = np.geomspace(0.3, 1000, 400)
-    errors = []
-    for index, one in enumerate(found):
-        runs = cost * one.dt / paper
-        errors.append(np.where(runs >= 2, 100 * one.after(np.maximum(runs, 2)), np.nan))
-        name = f"{one.scale:g}{'' if one.filled == 1 else ' filled'}, {one.step:.2g} t$_c$"
-        dashes = "-" if index < len(COLOURS) else "--"
-        ax.loglog(cost, errors[-1], color=COLOURS[index % len(COLOURS)], lw=0.8, label=name, ls=dashes)
-    unbiased = 196 * found[0].scatter / np.sqrt(cost)
-    ax.loglog(cost, np.where(cost >= 2, unbiased, np.nan), color="k", lw=0.8, ls=":", label="the paper's, if unbiased")
-    ax.loglog(cost, np.nanmin(errors, axis=0), color=FAINT, lw=4, alpha=0.35, zorder=0)
-    ax.set_xlabel("steps, in runs at the paper's step")
-    ax.set_title(title)
-    ax.legend(fontsize=4.5, frameon=False, handlelength=1.2, labelspacing=0.2)
+def steps(folder: Path) -> "Figure":
+    """Change of W by a long step, and by the precision `mixed`, a row a scene."""
+    import matplotlib.pyplot as plt
+
+    rows = [scene(folder, "accuracy-steps", number) for number in range(1, 13)]
+    rows = [scene(folder, "accuracy-outlets", number) for number in (1, 2, 3)] + rows
+    precise = [scene(folder, "accuracy-precision", number) for number in range(1, 10)]
+    figure, (left, right) = plt.subplots(1, 2, figsize=(PAGE, 92 * MILLIMETRE))
+    rows, precise = (sorted(some, key=_order) for some in (rows, precise))
+    _forest(left, [(_named(one), one.change(1)) for one in rows])
+    left.set_title("step of 0.06 instead of 0.02 $t_c$")
+    _forest(right, [(_named(one), one.unpaired(*_in_mixed(one))) for one in precise])
+    right.set_title("precision mixed instead of double")
+    for ax in (left, right):
+        ax.set_xlabel("change of W [%]")
+        ax.set_xlim(-2.2, 2.2)
+    return figure
+
+
+def _forest(ax: "Axes", rows: Sequence[tuple[str, Change]]) -> None:
+    """Changes with 95 % intervals, one below the other; below a line their mean."""
+    for place, (_, change) in enumerate(rows):
+        ax.errorbar(change.percent, place, xerr=change.half_width, color=COLOURS[0], marker="o", markersize=3)
+    weights = np.array([change.width**-2 for _, change in rows])
+    mean = float(np.average([change.mean for _, change in rows], weights=weights))
+    width = 100 / math.sqrt(float(weights.sum()))
+    ax.errorbar(100 * mean, len(rows) + 0.4, xerr=width, color=COLOURS[1], marker="D", markersize=4)
+    ax.axhline(len(rows) - 0.3, color=FAINT, linewidth=0.6)
+    ax.axvline(0, color=FAINT, linewidth=0.6, zorder=0)
+    ax.set_yticks([*range(len(rows)), len(rows) + 0.4], [*(name for name, _ in rows), "weighted mean"])
+    ax.tick_params(axis="y", length=0)
+    ax.invert_yaxis()
+
+
+def _named(one: Scene) -> str:
+    """The scene by its outlet and what it has other than usual."""
+    here = one.points[0].scene
+    contact, outlet = here.contact, here.container.orifice / here.grains.diameter
+    usual = (("friction", 0.5), ("restitution", 0.2), ("rolling_friction", 0.01))
+    other = [f"{name.replace('_', ' ')} {getattr(contact, name):g}" for name, v in usual if getattr(contact, name) != v]
+    law = [] if contact.law == "hertz-mindlin" else [contact.law]
+    return ", ".join([f"D/d = {outlet:g}", *law, *other])
+
+
+def _order(one: Scene) -> tuple[str, bool, float]:
+    """Scenes of one law together, first those that differ in the outlet only."""
+    here = one.points[0].scene
+    return here.contact.law, "," in _named(one), here.container.orifice
+
+
+def _in_mixed(one: Scene) -> tuple[int, int]:
+    """Numbers of the settings with flow and filling in `mixed` and in `double`."""
+    made = {are_mixed(point): number for number, point in enumerate(one.points)}
+    return made[(True, True)], made[(False, False)]
+
+
+def cost(folder: Path) -> "Figure":
+    """Error of W that runs with each setting leave, against their steps, in a hopper of Fan et al."""
+    import matplotlib.pyplot as plt
+
+    of = scene(folder, *FAN)
+    usual = of.points[0].numerics.dt / 0.02 * FAN_STEP
+    price = np.geomspace(0.5, 1000, 400)
+    figure, ax = plt.subplots(figsize=(PAGE * 0.75, 78 * MILLIMETRE))
+    ends: list[tuple[float, str, str]] = []
+    for k, (name, setting) in enumerate(SETTINGS.items()):
+        runs = price * of.points[setting].numerics.dt / usual
+        change = Change(0.0, 0.0) if setting == 0 else of.change(setting)
+        error = 100 * (abs(change.mean) + change.width + 1.96 * of.scatter(setting) / np.sqrt(np.maximum(runs, 2)))
+        ax.loglog(price, np.where(runs >= 2, error, np.nan), color=COLOURS[k], linestyle=DASHES[k])
+        ends.append((float(error[-1]), name, COLOURS[k]))
+    level = 0.0
+    for error, name, colour in sorted(ends):
+        level = max(error, 1.25 * level)
+        ax.annotate(
+            name, (price[-1], error), (1.02, level), textcoords=("axes fraction", "data"), color=colour, va="center"
+        )
+    ax.set_xlim(price[0], price[-1])
+    ax.set_xlabel("steps, in runs at the step of Fan et al. (0.021 $t_c$)")
+    ax.set_ylabel("error of W at 95 % [%]")
+    ax.set_yticks([0.2, 0.5, 1, 2, 5, 10], ["0.2", "0.5", "1", "2", "5", "10"])
+    ax.minorticks_off()
+    return figure
 
 
 def _slope(ax: "Axes", at: float, error: float, order: str) -> None:
@@ -193,8 +279,7 @@ def main() -> None:
     """Write the figures."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("figures", type=Path, nargs="?", help="JSON that `labbook bench accuracy --out` wrote")
-    parser.add_argument("--runs", type=Path, help="CSV of W of each run of spheres")
-    parser.add_argument("--rods", type=Path, help="CSV of W of each run of rods")
+    parser.add_argument("--runs", type=Path, help="folder that `benchmarks/calibration.py run` wrote")
     parser.add_argument("folder", type=Path, help="where to write the figures")
     given = parser.parse_args()
     with house():
@@ -202,10 +287,8 @@ def main() -> None:
         if given.figures:
             measured = json.loads(given.figures.read_text(encoding="utf-8"))
             drawn += [("contacts", contacts(measured["contacts"])), ("beds", beds(measured["beds"]))]
-        if given.runs and given.rods:
-            import pandas as pd
-
-            drawn.append(("flow", flow(pd.read_csv(given.runs), pd.read_csv(given.rods).query(RODS))))
+        if given.runs:
+            drawn += [(draw.__name__, draw(given.runs)) for draw in (softness, steps, cost)]
         for name, figure in drawn:
             path = given.folder / f"accuracy-{name}.png"
             path.write_bytes(for_a_screen(figure)[0])

@@ -294,8 +294,11 @@ class Results(StudyResults):
         drawn = {**(gallery.of_results(self) if len(self.series) > 1 else {})}
         for one in self.series[:1]:
             drawn |= gallery.of_series(self, one)
-        for draw in list(drawn.values())[:1]:
-            data, size = style.for_a_screen(draw())
+        for draw in drawn.values():
+            try:
+                data, size = style.for_a_screen(draw())
+            except gallery.NothingToShow:  # the points do not determine a map: the next one
+                continue
             return f'<img width="{size["width"]}" src="data:image/png;base64,{b64encode(data).decode()}"/>'
         return ""
 

@@ -128,6 +128,7 @@ class Run(RunResult):
             data = b64encode(self.picture.read_bytes()).decode()
             bed = f'<img alt="The bed" style="max-height:16em" src="data:image/png;base64,{data}"/>'
         numbers = f"<div>{facts}{_quantities(self.measured)}</div>"
+        numbers += f"<div>{self.trace._repr_html_()}</div>" if self.trace is not None else ""
         shown = f'<div style="display:flex;flex-wrap:wrap;gap:1.5em">{bed}{numbers}</div>'
         return html.titled(f"{self.study.name}, {label}, {self.repeat}", shown)
 

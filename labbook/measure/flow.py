@@ -3,6 +3,7 @@
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -25,6 +26,9 @@ from labbook.measure.series import flow_series, mean_mass
 from labbook.measure.steady import BLOCKS, TOO_FEW, SteadyFlow, outflow, too_few
 from labbook.scene import Scene
 from labbook.stats import Measured
+
+if TYPE_CHECKING:
+    import pandas as pd
 
 ENDED = "the run ended within the window ({})"
 CUT_SHORT = ENDED.format("finished")
@@ -104,6 +108,18 @@ class Trace:
             return None
         time, rate, window = (evaluation.arrays[name] for name in ("time", "rate", "window"))
         return cls(time, rate, (float(window[0]), float(window[1])) if len(window) else None)
+
+    def frame(self) -> "pd.DataFrame":
+        """W(t) as a table: `time` [s], `flow_rate` [kg/s] and `in_window` (the time lies in the window of the mean).
+
+        Units are in `attrs`."""
+        import pandas as pd
+
+        start, end = self.window or (math.inf, -math.inf)
+        inside = (self.time >= start) & (self.time <= end)
+        table = pd.DataFrame({"time": self.time, "flow_rate": self.rate, "in_window": inside})
+        table.attrs = {"units": {"time": "s", "flow_rate": "kg/s"}}
+        return table
 
     def __repr__(self) -> str:
         window = "none" if self.window is None else f"{self.window[0]:.3g} to {self.window[1]:.3g} s"

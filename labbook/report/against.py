@@ -38,7 +38,7 @@ def _section(found: Against, results: StudyResults, folder: Path) -> Section:
     title = f"{called} against {name}"
     figure = figures.against_key(found)
     cut = " Arrowheads: the interval goes on beyond the panel." if figures.has_cuts(figure) else ""
-    drawn = picture(figure, folder / f"against-{slug(found.key)}", title.lower(), f"{_caption(found)}{cut}")
+    drawn = picture(figure, folder / f"against-{slug(found.key)}", title.lower(), f"{against_caption(found)}{cut}")
     blocks: list[Block] = [Prose(text) for text in changes(found)]
     blocks += [drawn, against_table(found)]
     if found.unset:
@@ -183,7 +183,8 @@ def _rests(place: RatioPoint) -> str:
     return f"{place.pairs} pair{'' if place.pairs == 1 else 's'}" if place.pairs else "independent runs"
 
 
-def _caption(found: Against) -> str:
+def against_caption(found: Against) -> str:
+    """Caption of the figure of a quantity against a key."""
     name = display.quantity(found.quantity).name
     pairs = {place.pairs > 0 for line in found.lines for place in line.places if place.ratio is not None}
     how = {

@@ -20,9 +20,7 @@ def composition_sections(results: StudyResults, folder: Path) -> list[Section]:
     if not points:
         return []
     figure = figures.composition_against_discharge(points)
-    drawing = picture(
-        figure, folder / "composition", "composition of the outflow against the discharged mass", _CAPTION
-    )
+    drawing = picture(figure, folder / "composition", "composition of the outflow against the discharged mass", CAPTION)
     return [Section("Composition of the outflow", (drawing, composition_table(points)))]
 
 
@@ -67,7 +65,7 @@ def _p_values(result: PointResult) -> str:
     return f"{combine_pvalues(values)[1]:.2g}" if values else "–"
 
 
-_CAPTION = (
+CAPTION = (
     "Share of each kind in the mass that leaves, over its share in the bed: 1 where the outflow has the composition of "
     f"the bed. Bins of equally many grains, {BIN} or more. Bars: standard error from seeds. Bands: counting error. "
     "Thin lines: single beds."

@@ -19,7 +19,7 @@ def energy_sections(results: StudyResults, folder: Path) -> list[Section]:
     if not points:
         return []
     figure = figures.energy_balance(points)
-    drawing = picture(figure, folder / "energy", "parts of the released energy", _CAPTION)
+    drawing = picture(figure, folder / "energy", "parts of the released energy", CAPTION)
     return [Section("Energy balance", (drawing, energy_table(points)))]
 
 
@@ -42,7 +42,7 @@ def energy_table(points: list[PointResult]) -> Table:
     return Table(("point", *(quantity.heading for quantity in quantities)), tuple(rows), notes=(NOTE,))
 
 
-_CAPTION = (
+CAPTION = (
     "Energy that the bed gives up within the window of W: part carried out as kinetic energy of the grains that leave, "
     "and parts dissipated along normals, by tangential forces and by torques of rolling friction. Rest: the gain in "
     "kinetic energy of the bed, and the error of the balance."

@@ -1,18 +1,21 @@
 """The figures of a report by name, for whoever wants one of them and not the page."""
 
+from collections.abc import Callable
+from dataclasses import dataclass
 from typing import TYPE_CHECKING, Literal, TypeAlias
 
+from labbook.measure.acceleration import AccelerationProfile
 from labbook.measure.composition import Composition
 from labbook.measure.residence import Residence
-from labbook.report import figures
-from labbook.report.against import found_against
+from labbook.report import energy, explored, figures, residence
+from labbook.report.against import against_caption, found_against
 from labbook.report.blocks import slug
+from labbook.report.composition import CAPTION as COMPOSITION_CAPTION
 from labbook.report.composition import compositions
-from labbook.report.energy import balanced
-from labbook.report.explored import mapped
 from labbook.report.paper import Draw, figures_of_all
-from labbook.report.residence import residence_of
+from labbook.report.sections import PATTERNS, acceleration_caption, fit_caption, flow_caption, overview_caption
 from labbook.results.explore import explore
+from labbook.results.points import PointResult
 from labbook.results.recorded import acceleration, flow_patterns
 from labbook.results.series import Series
 from labbook.results.study import StudyResults
@@ -45,6 +48,25 @@ FigureName: TypeAlias = Literal[
 """Names that editors complete: figures of any study, and names of their files. Papers and swept keys add others."""
 
 
+@dataclass(frozen=True)
+class Drawing:
+    """A figure, made when it is called.
+
+    Attributes:
+        draw: Draws it.
+        caption: Makes its caption.
+        table: Frame of `labbook.results.frames` that has its numbers; empty without one.
+    """
+
+    draw: Draw
+    caption: Callable[[], str] = str
+    table: str = ""
+
+    def __call__(self) -> "Figure":
+        """Draw it."""
+        return self.draw()
+
+
 class NothingToShow(LookupError):
     """There is no such figure of these results; the message says why and what to do."""
 
@@ -54,21 +76,29 @@ def of_results(results: StudyResults) -> dict[str, Draw]:
     found: dict[str, Draw] = {}
     fitted = [one for one in results.series if one.used]
     if len(fitted) > 1 and len({result.orifice for one in fitted for result in one.points}) > 1:
-        found["overview"] = lambda: figures.overview(fitted)
-    if mapped(results):
-        found["map"] = lambda: _map(results)
+        found["overview"] = Drawing(lambda: figures.overview(fitted), lambda: overview_caption(fitted), "points")
+    if explored.mapped(results):
+        found["map"] = Drawing(lambda: _map(results), lambda: explored.CAPTION, "points")
     for one in found_against(results):
-        found[f"against_{slug(one.key)}"] = lambda one=one: figures.against_key(one)
+        found[f"against_{slug(one.key)}"] = Drawing(
+            lambda one=one: figures.against_key(one), lambda one=one: against_caption(one), "against"
+        )
     if Composition.name in results.study.measure and (points := compositions(results)):
-        found["composition"] = lambda: figures.composition_against_discharge(points)
-    if energies := balanced(results):
-        found["energy"] = lambda: figures.energy_balance(energies)
+        found["composition"] = Drawing(
+            lambda: figures.composition_against_discharge(points), lambda: COMPOSITION_CAPTION, "composition"
+        )
+    if energies := energy.balanced(results):
+        found["energy"] = Drawing(lambda: figures.energy_balance(energies), lambda: energy.CAPTION, "points")
     if Residence.name in results.study.measure:
-        maps, curves = residence_of(results)
+        maps, curves = residence.residence_of(results)
         if maps:
-            found["residence_map"] = lambda: figures.residence_maps(maps)
+            found["residence_map"] = Drawing(
+                lambda: figures.residence_maps(maps), lambda: residence.MAP_CAPTION, "residence"
+            )
         if curves:
-            found["residence"] = lambda: figures.residence_distributions(curves)
+            found["residence"] = Drawing(
+                lambda: figures.residence_distributions(curves), lambda: residence.CURVE_CAPTION, "residence_times"
+            )
     return found | figures_of_all(results)
 
 
@@ -77,13 +107,25 @@ def of_series(results: StudyResults, series: Series) -> dict[str, Draw]:
     beside, source = results.comparisons, results.source
     found: dict[str, Draw] = {}
     if series.fits or len(series.used) > 1:
-        found["flow_rate"] = lambda: figures.flow_against_orifice(series, beside, source)
+        found["flow_rate"] = Drawing(
+            lambda: figures.flow_against_orifice(series, beside, source), lambda: fit_caption(series), "points"
+        )
+    return found | of_points(series) | figures_of_all(results, series)
+
+
+def of_points(series: Series) -> dict[str, Draw]:
+    """Figures with a panel or a curve for each point of a series, by name, as functions that draw them."""
+    found: dict[str, Draw] = {}
     if any(run.trace is not None for result in series.points for run in result.runs):
-        found["flow_over_time"] = lambda: figures.flow_against_time(series)
+        found["flow_over_time"] = Drawing(
+            lambda: figures.flow_against_time(series), lambda: flow_caption(series), "flow"
+        )
     if any(run.recorded for result in series.points for run in result.runs):
-        found["patterns"] = lambda: _patterns(series)
-        found["acceleration"] = lambda: _acceleration(series)
-    return found | figures_of_all(results, series)
+        found["patterns"] = Drawing(lambda: _patterns(series), lambda: PATTERNS)
+        found["acceleration"] = Drawing(
+            lambda: _acceleration(series), lambda: acceleration_caption(_accelerations(series)), "accelerations"
+        )
+    return found
 
 
 def _map(results: StudyResults) -> "Figure":
@@ -100,8 +142,12 @@ def _patterns(series: Series) -> "Figure":
     return figures.flow_patterns(found)
 
 
+def _accelerations(series: Series) -> list[tuple[PointResult, AccelerationProfile]]:
+    return [(result, profile) for result in series.points if (profile := acceleration(result)) is not None]
+
+
 def _acceleration(series: Series) -> "Figure":
-    found = [(result, profile) for result in series.points if (profile := acceleration(result)) is not None]
-    if not found:
+    profiles = _accelerations(series)
+    if not profiles:
         raise NothingToShow("acceleration: no two frames are close enough in time; record every few milliseconds")
-    return figures.acceleration_against_height(found, series.points[0].point.scene.gravity)
+    return figures.acceleration_against_height(profiles, series.points[0].point.scene.gravity)

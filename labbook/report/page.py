@@ -23,12 +23,11 @@ from labbook.report.clogging import clogging_sections
 from labbook.report.composition import composition_sections
 from labbook.report.energy import energy_sections
 from labbook.report.explored import map_sections
-from labbook.report.figures.orifice import side_by_side
 from labbook.report.formulas import mathml
 from labbook.report.paper import sections_of_all
 from labbook.report.residence import residence_sections
 from labbook.report.result_box import concerns, result_box, summary
-from labbook.report.sections import marks, series_sections
+from labbook.report.sections import overview_caption, series_sections
 from labbook.report.setting import setting
 from labbook.report.starts import start_sections
 from labbook.report.statement_tables import statement_digest, statement_table
@@ -94,12 +93,8 @@ def _overview(results: StudyResults, folder: Path) -> list[Section]:
     fitted = [one for one in results.series if one.used]
     if len(fitted) > 1 and len({result.orifice for one in fitted for result in one.points}) > 1:
         figure = figures.overview(fitted)  # against one orifice there is nothing to see
-        lines = _FIRST_LAW if any(one.fits for one in fitted) else ""
-        marked = marks(
-            [result for one in fitted for result in one.points], frozenset().union(*(one.flagged for one in fitted))
-        )
-        caption = f"{_OVERVIEW}{_BESIDE if side_by_side(fitted) else ''}{lines}{marked}"
-        pictures.append(picture(figure, folder / "overview", "a power of W against orifice, all series", caption))
+        alt = "a power of W against orifice, all series"
+        pictures.append(picture(figure, folder / "overview", alt, overview_caption(fitted)))
     sections = [Section("Flow rate against orifice, all series", tuple(pictures))] if pictures else []
     if trends := _trends(results, folder):
         sections.append(Section("Fitted parameters against swept keys", tuple(trends)))
@@ -196,11 +191,6 @@ OF_CALIBRATIONS: tuple[Part, ...] = (calibrated_sections, _outcomes, _provenance
 
 def _parts(results: StudyResults) -> tuple[Part, ...]:
     return OF_CALIBRATIONS if isinstance(results.study.adapt, Calibrate) else PARTS
-
-
-_OVERVIEW = "Flow rates of all series with 95 % intervals."
-_BESIDE = " Points at one D are drawn side by side."
-_FIRST_LAW = " Lines: the first law fitted."
 
 
 @lru_cache(maxsize=8192)

@@ -21,11 +21,11 @@ def residence_sections(results: StudyResults, folder: Path) -> list[Section]:
     if maps:
         figure = figures.residence_maps(maps)
         alt = "time to leave over the initial position, and layers in the outflow"
-        blocks.append(picture(figure, folder / "residence-map", alt, _MAP))
+        blocks.append(picture(figure, folder / "residence-map", alt, MAP_CAPTION))
     if curves:
         figure = figures.residence_distributions(curves)
         alt = "distribution of residence times"
-        blocks.append(picture(figure, folder / "residence", alt, _CURVE))
+        blocks.append(picture(figure, folder / "residence", alt, CURVE_CAPTION))
         names = [quantity.name for quantity in Residence.declared]
         blocks.append(_table([(curve.result, curve.result.pooled) for curve in curves], names, (FED_NOTE,)))
     regimes = [(result, numbers) for result in results.points if (numbers := regime_of(result))]
@@ -56,13 +56,13 @@ def _table(
     return Table(("point", *(own.heading for own in quantities)), tuple(rows), notes=notes)
 
 
-_MAP = (
+MAP_CAPTION = (
     "Left: time at which half of the grains had left, in cells of the initial position, mean over beds; white: "
     "isochrones. Grey: less than half had left at the end of the run. Right: composition of the outflow by "
     f"{LAYERS} initial layers of equal mass, of which 1 is the lowest. Layers that leave one after another: first in, "
     "first out."
 )
-_CURVE = (
+CURVE_CAPTION = (
     "Times between two passages of a grain. F: part of the outflow with a shorter residence time. E: its density. "
     "Thin: single runs."
 )

@@ -71,20 +71,31 @@ def _found(results: StudyResults) -> list[Row]:
     if isinstance(results.study.adapt, Calibrate):  # its points differ in parameters that have no meaning alone
         return [*_goal(results)]
     rows = [*_goal(results), *_flow_rates(results), *_clogging(results)]
-    tested = numerics_summed_up(results.numerical)
-    swept = [one for one in found_against(results) if not (tested and one.key.startswith(NUMERICS))]
-    rows += [(_term(one.key), text) for one in swept for text in changes(one)]
-    rows += _fits(results)
-    if results.comparisons:
-        rows.append((results.source, agreement(results.comparisons, results.source)))
-    if results.judged:
-        rows.append((results.source, summed_up(results.judged, results.source)))
-    if tested:
-        rows.append(("Numerics", tested))
+    rows += [*effects(results), *conclusions(results)]
     known = point_budgets(results)
     sentences = [budget_summed_up(known, quantity) for quantity in (FLOW_RATE, PACKING_FRACTION)]
     if any(sentences):
         rows.append(("Error budget", " ".join(filter(None, sentences))))
+    return rows
+
+
+def effects(results: StudyResults) -> list[Row]:
+    """Changes of the flow rate with each swept key, in lines of a term and a sentence."""
+    tested = numerics_summed_up(results.numerical)
+    swept = [one for one in found_against(results) if not (tested and one.key.startswith(NUMERICS))]
+    return [(_term(one.key), text) for one in swept for text in changes(one)]
+
+
+def conclusions(results: StudyResults) -> list[Row]:
+    """Fitted laws, agreement with the reference and its statements, and the test of numerics, in lines of a term and a
+    sentence."""
+    rows = _fits(results)
+    if results.comparisons:
+        rows.append((results.source, agreement(results.comparisons, results.source)))
+    if results.judged:
+        rows.append((results.source, summed_up(results.judged, results.source)))
+    if tested := numerics_summed_up(results.numerical):
+        rows.append(("Numerics", tested))
     return rows
 
 
@@ -125,20 +136,22 @@ def _range(known: Sequence[PointResult], quantity: str) -> str:
         told.append(f"{value} ({result.label})" if result.label else value)
     if len(told) > 1 and known[0].pooled[quantity].value == known[-1].pooled[quantity].value:
         told = [f"{told[0].partition(' (')[0]} at all points"]
-    sure = [result.pooled[quantity].relative for result in known]
-    finite = sorted(one for one in sure if math.isfinite(one))
-    single = "bed" if any(len(result.runs) > len(result.beds) for result in known) else "run"
+    return f"{shown.name} = {' to '.join(told)}; {interval_widths(known, quantity)}."
+
+
+def interval_widths(measured: Sequence[PointResult], quantity: str) -> str:
+    """`95 % intervals of ±1.7 % to ±7 %; none at 2 points with one run`: relative half widths at points that have the
+    quantity."""
+    widths = [result.pooled[quantity].relative for result in measured]
+    finite = sorted(one for one in widths if math.isfinite(one))
+    single = "bed" if any(len(result.runs) > len(result.beds) for result in measured) else "run"
     if not finite:
-        wide = f"one {single} per point: no errors"
-    else:
-        widths = dict.fromkeys(display.percentage(one) for one in (finite[0], finite[-1]))
-        wide = f"95 % intervals of {' to '.join(widths)}"
-        wide += (
-            ""
-            if len(finite) == len(sure)
-            else f"; none at {_count(len(sure) - len(finite), 'point')} with one {single}"
-        )
-    return f"{shown.name} = {' to '.join(told)}; {wide}."
+        return f"one {single} per point: no errors"
+    ends = dict.fromkeys(display.percentage(one) for one in (finite[0], finite[-1]))
+    lacking = len(widths) - len(finite)
+    return f"95 % intervals of {' to '.join(ends)}" + (
+        f"; none at {_count(lacking, 'point')} with one {single}" if lacking else ""
+    )
 
 
 def _fits(results: StudyResults) -> list[Row]:
@@ -196,17 +209,23 @@ def _misses(fit: FitResult) -> bool:
     return fit.p_value < 0.05
 
 
+def unfinished(results: StudyResults) -> list[str]:
+    """Points and runs that are lacking, in plain sentences; nothing of a study that is complete."""
+    sentences = []
+    if results.missing:
+        extra = redundant(results.study.points)
+        names = [display.label(point.at, extra) for point in results.missing]
+        sentences.append(f"Points without a finished run: {_listed(names)}.")
+    partial = [f"{one.label} ({len(one.runs)} of {one.asked})" for one in results.points if one.partial]
+    if partial:
+        sentences.append(f"Missing runs at {_listed(partial)}: runs that finish first are biased to fast flow.")
+    return sentences
+
+
 def concerns(results: StudyResults) -> list[str]:
     """What a reader must know before quoting a number, in plain sentences; nothing if all is as asked."""
     study, points, sentences = results.study, results.points, []
-    sentences += _stale(results)
-    if results.missing:
-        extra = redundant(study.points)
-        names = [display.label(point.at, extra) for point in results.missing]
-        sentences.append(f"Points without a finished run: {_listed(names)}.")
-    partial = [f"{one.label} ({len(one.runs)} of {one.asked})" for one in points if one.partial]
-    if partial:
-        sentences.append(f"Missing runs at {_listed(partial)}: runs that finish first are biased to fast flow.")
+    sentences += [*_stale(results), *unfinished(results)]
     if results.unreadable:
         sentences.append(f"{_count(len(results.unreadable), 'run')} could not be read: {results.unreadable[0]}.")
     if results.unmeasured:

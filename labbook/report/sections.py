@@ -5,9 +5,11 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from labbook.fields.pattern import SLOW
+from labbook.measure.acceleration import AccelerationProfile
 from labbook.report import figures
 from labbook.report.blocks import Beside, Block, Formula, Picture, Prose, Section, picture
 from labbook.report.figures.flow import drawn
+from labbook.report.figures.orifice import side_by_side, zero_of
 from labbook.report.fitted_tables import fit_table
 from labbook.report.paper import beds_shown_by_all, blocks_of_all
 from labbook.report.tables import orifice_table
@@ -59,7 +61,7 @@ def _series(results: StudyResults, index: int, folder: Path) -> Section:
 def _together(results: StudyResults, series: Sequence[Series], folder: Path, suffix: str) -> Section:
     """Points that are series by themselves, in one section."""
     points = tuple(one.points[0] for one in series)
-    whole = Series({}, points, {}, frozenset(), frozenset(), (), ())
+    whole = series_of_points(points)
     problems = dict.fromkeys(problem for one in series for problem in one.problems)
     patterns, lacking = _patterns_if_they_can_be(results, whole, folder, suffix, "")
     blocks: list[Block] = [Prose(f"Not fitted: {problem}.", note=True) for problem in problems]
@@ -67,13 +69,20 @@ def _together(results: StudyResults, series: Sequence[Series], folder: Path, suf
     return Section("Flow rate against time", (*blocks, _flow(whole, folder, suffix, ""), *patterns))
 
 
+def series_of_points(points: tuple[PointResult, ...]) -> Series:
+    """Points as one series to which no law is fitted: figures with a panel for each of them are one figure."""
+    return Series({}, points, {}, frozenset(), frozenset(), (), ())
+
+
 def _flow(series: Series, folder: Path, suffix: str, where: str) -> Picture:
     figure = figures.flow_against_time(series)
-    return picture(figure, folder / f"flow{suffix}", f"W against time{where}", _flow_caption(series))
+    return picture(figure, folder / f"flow{suffix}", f"W against time{where}", flow_caption(series))
 
 
 def fit_caption(series: Series) -> str:
+    """Caption of W against the orifice of a series."""
     fits = f"; {_FITS}" if series.fits else "."
+    fits += _ZERO if any(zero_of(fit) is not None for fit in series.fits.values()) else ""
     return f"{_POINTS}{fits}{marks(series.points, series.flagged if series.fits else frozenset())}"
 
 
@@ -91,7 +100,8 @@ def marks(points: Sequence[PointResult], flagged: frozenset[int] = frozenset()) 
     return text + (" Cross at the foot: no flow rate." if len(known) < len(points) else "")
 
 
-def _flow_caption(series: Series) -> str:
+def flow_caption(series: Series) -> str:
+    """Caption of W(t) of all points of a series."""
     shown = drawn(series)
     if not shown.window:
         return f"{_FLOW} No run has enough grains in the window for a mean."
@@ -129,16 +139,32 @@ def acceleration_figures(points: Sequence[PointResult], folder: Path, suffix: st
         return []
     figure = figures.acceleration_against_height(found, found[0][0].point.scene.gravity)
     alt = f"acceleration against height{where}"
-    after = value_range((profile.interval for _, profile in found), "ms", 1e3)
-    return [picture(figure, folder / f"acceleration{suffix}", alt, _ACCELERATION.format(after))]
+    return [picture(figure, folder / f"acceleration{suffix}", alt, acceleration_caption(found))]
 
 
+def acceleration_caption(profiles: Sequence[tuple[PointResult, AccelerationProfile]]) -> str:
+    """Caption of the acceleration against height of points."""
+    return _ACCELERATION.format(value_range((profile.interval for _, profile in profiles), "ms", 1e3))
+
+
+def overview_caption(fitted: Sequence[Series]) -> str:
+    """Caption of the flow rates of all series."""
+    lines = _FIRST_LAW if any(one.fits for one in fitted) else ""
+    flagged = frozenset[int]().union(*(one.flagged for one in fitted))
+    marked = marks([result for one in fitted for result in one.points], flagged)
+    return f"{_OVERVIEW}{_BESIDE if side_by_side(fitted) else ''}{lines}{marked}"
+
+
+_OVERVIEW = "Flow rates of all series with 95 % intervals."
+_BESIDE = " Points at one D are drawn side by side."
+_FIRST_LAW = " Lines: the first law fitted."
 _POINTS = "Points: pooled mean with its 95 % interval"
 _FITS = (
     "lines: fits, dotted beyond the fitted points; bands of 95 % of the law and, fainter, of one more point of as many "
     "seeds; below: relative residuals with their 95 % intervals (thin) and with the standard errors that fit and test "
     "use, pooled over points (thick)."
 )
+_ZERO = " Bar on the axis: k d of Beverloo’s law with its 95 % interval, where the line meets zero."
 _FLOW = "W(t) of every replicate."
 _WINDOW = "Shaded: the window, between the requested fractions of mass discharged (mean over replicates)"
 

@@ -57,7 +57,7 @@ _SETTINGS: dict[Any, Any] = {
     "figure.constrained_layout.use": True,
     "figure.dpi": 150,
     "savefig.dpi": 300,
-    "svg.fonttype": "path",
+    "svg.fonttype": "none",  # text that can be selected, searched and edited
     "svg.hashsalt": "labbook",
     "pdf.fonttype": 42,
 }
@@ -85,7 +85,15 @@ def encode(figure: "Figure", kind: str) -> bytes:
     buffer = BytesIO()
     with house():
         figure.savefig(buffer, format=kind, metadata=_METADATA[kind])
-    return buffer.getvalue()
+    return _in_fonts_of_journals(buffer.getvalue()) if kind == "svg" else buffer.getvalue()
+
+
+def _in_fonts_of_journals(drawing: bytes) -> bytes:
+    """The drawing with the fonts that journals ask for first. Text is laid out in a font that is as wide or wider."""
+    return drawing.replace(b"'DejaVu Sans'", _FONTS)
+
+
+_FONTS = b"Arial, Helvetica, 'Liberation Sans', 'DejaVu Sans', sans-serif"
 
 
 def displayed(figure: "Figure") -> "Figure":
@@ -192,9 +200,10 @@ def beside_title(title: str) -> Literal["outside upper right", "outside lower ce
     return "outside upper right" if len(title) <= _SHORT else "outside lower center"
 
 
-def legend_columns(labels: Sequence[str]) -> int:
-    """How many columns of a legend fit on a page, four at most."""
-    return max(1, min(len(labels), 4, _LINE // (max(map(len, labels), default=1) + 6)))
+def legend_columns(labels: Sequence[str], width: float = PAGE) -> int:
+    """Columns of a legend that fit into a figure of this width [inch], four at most."""
+    across = int(_LINE * width / PAGE)
+    return max(1, min(len(labels), 4, across // (max(map(len, labels), default=1) + 6)))
 
 
 _SHORT, _LINE = 44, 130  # characters: of a title that leaves room for a legend, and of a line of legends across a page

@@ -43,6 +43,8 @@ _CANDIDATES = 2000
 """Designs that are compared for what to run next, at most."""
 _PLACES = 257
 """Places of a curve that a page shows."""
+_LISTED = 5
+"""Points that a message names one by one."""
 _WORTH = 0.02
 """Part of the mean variance that a proposal has to remove."""
 
@@ -530,7 +532,8 @@ def _shown_value(value: float, factor: Factor) -> float:
 
 
 def _because(notes: Sequence[str]) -> str:
-    return f" ({'; '.join(notes)})" if notes else ""
+    more = f"; and {len(notes) - _LISTED} more" if len(notes) > _LISTED else ""
+    return f" ({'; '.join(notes[:_LISTED])}{more})" if notes else ""
 
 
 def _range(low: float, high: float, unit: display.Shown) -> str:

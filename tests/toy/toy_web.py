@@ -1,6 +1,7 @@
 """What tests of the web app share: labs to show, all addresses of a lab, and ways to ask for them."""
 
 import asyncio
+import io
 import json
 import re
 import subprocess
@@ -12,6 +13,7 @@ from html.parser import HTMLParser
 from pathlib import Path
 from urllib.parse import unquote_to_bytes
 
+import pandas as pd
 import toy_lab
 from labbook_web.app import application
 from labbook_web.shelf import Shelf
@@ -73,6 +75,12 @@ def everything(lab: Path, study: str, points: int) -> list[str]:
     found = [*shown, *(twins(page, ending) for page in shown for ending in ("json", "csv"))]
     found += [f"/card/{study}", f"/progress/{study}", f"/study/{study}/{study}.yaml"]
     return found + [f"/run/{key[:16]}/picture.png" for key in keys_of(lab)]
+
+
+def twin_table(text: str) -> pd.DataFrame:
+    """The table of a CSV twin; units of headings are left out."""
+    frame = pd.read_csv(io.StringIO(text), keep_default_na=False, na_values=[""])
+    return frame.rename(columns={name: re.sub(r" \[[^]]*\]$", "", name) for name in frame})
 
 
 def listing(folder: Path) -> dict[str, tuple[int, int]]:

@@ -13,7 +13,7 @@ import pytest
 from PIL import Image
 from toy_explore import ANSWERS, compare, questions
 from toy_lab import labbook, start, study_file
-from toy_web import ORIFICES, client, keys_of, make, serving
+from toy_web import ORIFICES, client, keys_of, make, serving, twin_table
 
 from labbook import Lab, load
 from labbook.api import Results
@@ -109,7 +109,7 @@ def column(page: Page, heading: str) -> list[str]:
 
 def frame(lab: Path, address: str) -> pd.DataFrame:
     """The table of a page, as the app gives it to who asks without a browser."""
-    return pd.read_csv(io.StringIO(client(lab).get(address).text))
+    return twin_table(client(lab).get(address).text)
 
 
 def marks(page: Page) -> Locator:
@@ -212,7 +212,7 @@ def brush(page: Page, axis: str, low: float, high: float) -> None:
 
 
 def test_a_range_chooses_rows_and_points_and_stays_in_the_address(page):
-    page.goto(f"/study/{PLANE}")
+    page.goto(f"/study/{PLANE}#all-points")
     expect(page.locator("#parallel path")).to_have_count(6)
     brush(page, "container.angle", 0.6, 1.0)
     expect(page).to_have_url(re.compile("brush=container.angle"))
@@ -239,7 +239,7 @@ def test_a_range_chooses_rows_and_points_and_stays_in_the_address(page):
 
 
 def test_ranges_are_also_chosen_by_numbers(page):
-    page.goto(f"/study/{PLANE}")
+    page.goto(f"/study/{PLANE}#all-points")
     page.get_by_text("Ranges as numbers").click()
     fields = page.locator("#ranges fieldset", has_text=re.compile("D \\[mm\\]"))
     fields.get_by_label("from").fill("20")
@@ -262,9 +262,9 @@ def test_a_click_on_a_point_leads_to_its_page(page):
     expect(page.locator("#curves .scatterlayer .trace").first).to_be_attached()
 
 
-def test_figures_are_drawn_when_they_come_into_sight(page):
+def test_figures_are_drawn_when_they_are_opened(page):
     page.goto(f"/study/{PLANE}")
-    page.locator(".figures").scroll_into_view_if_needed()
+    page.get_by_text("W against angle", exact=True).click()
     image = page.locator("#figure-against-container-angle img")
     image.scroll_into_view_if_needed()
     expect(image).to_be_visible()
@@ -452,6 +452,7 @@ def test_downloads_are_the_files(page, lab):
 def test_a_note_is_saved_and_shown_again(page, lab):
     key = keys_of(lab)[1]
     page.goto(f"/run/{key[:16]}")
+    page.get_by_role("heading", name="Notes").click()
     page.get_by_label("Tags").fill("odd, seen")
     page.locator("textarea[name=text]").fill("Arch at <0.3 s>\nof the wall & more")
     page.get_by_role("button", name="Save").click()
@@ -467,6 +468,7 @@ def test_a_tag_that_cannot_be_is_said_beside_what_was_written(chromium, base, la
     context = chromium.new_context(base_url=base)
     page = context.new_page()
     page.goto(f"/run/{keys_of(lab)[1][:16]}")
+    page.get_by_role("heading", name="Notes").click()
     page.get_by_label("Tags").fill("two words")
     page.locator("textarea[name=text]").fill("mine")
     page.get_by_role("button", name="Save").click()
@@ -526,7 +528,8 @@ def addresses(lab: Path) -> list[str]:
 
 
 def settled(page: Page) -> None:
-    """All that is drawn late is there: what comes when it is seen, and charts."""
+    """All that is folded is open, and all that is drawn late is there: what comes when it is seen, and charts."""
+    page.evaluate("document.querySelectorAll('details').forEach((one) => { one.open = true; })")
     height = page.evaluate("document.documentElement.scrollHeight")
     for place in range(0, height, 500):
         page.evaluate(f"window.scrollTo(0, {place})")

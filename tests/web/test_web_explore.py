@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 from labbook_web.app import STATIC
 from toy_explore import ANSWERS, compare, questions
-from toy_lab import labbook, study_file
+from toy_lab import labbook
 from toy_web import Read, client, make
 
 import labbook as package
@@ -22,18 +22,6 @@ from labbook.study.proposed import study_at
 
 STUDY, PLANE = "toy-study", "plane"
 NODE = shutil.which("node")
-
-
-@pytest.fixture(scope="module")
-def plane(tmp_path_factory) -> Path:
-    """A lab with a study of four outlets and two angles, the smallest of which clogs."""
-    folder = tmp_path_factory.mktemp("plane")
-    text = study_file(folder, count=300, replicates=2).read_text().replace(STUDY, PLANE)
-    swept = '  container.orifice: "[8, 18, 24, 30] mm"\n  container.angle: "[40, 90] deg"\n'
-    path = folder / "plane.yaml"
-    path.write_text(re.sub(r"  container\.orifice: .*\n", swept, text))
-    labbook("run", path, "--lab", folder / "lab", "--backend", "toy", check=False)
-    return folder
 
 
 def results(folder: Path, file: str) -> Results:

@@ -1,6 +1,5 @@
 """The pages of a lab show what `labbook.results` finds, as HTML, JSON and CSV, and say plainly what they lack."""
 
-import io
 import json
 import math
 import re
@@ -12,11 +11,12 @@ from typing import Any
 import labbook_toy
 import pandas as pd
 import pytest
+from labbook_web.page import with_units
 from labbook_web.pages import runs as runs_page
 from labbook_web.pages.curves import caption
 from labbook_web.serve import serve
 from toy_lab import WINDOW, carry_out, labbook, study_file
-from toy_web import ORIFICES, REPLICATES, Read, client, everything, keys_of, listing, make, pages, twins
+from toy_web import ORIFICES, REPLICATES, Read, client, everything, keys_of, listing, make, pages, twin_table, twins
 
 from labbook.lab import Catalogue, LabFolder, notes, studies
 from labbook.lab.catalogue import RUN_COLUMNS
@@ -64,7 +64,7 @@ def frame(answer) -> pd.DataFrame:
     """The table of a CSV twin."""
     assert answer.status_code == 200, answer.text
     assert answer.headers["content-type"].startswith("text/csv")
-    return pd.read_csv(io.StringIO(answer.text), keep_default_na=False, na_values=[""])
+    return twin_table(answer.text)
 
 
 # every page, in every form
@@ -178,7 +178,9 @@ def test_a_study_in_json_is_what_results_found(asked, results):
 
 
 def test_a_study_in_csv_has_a_row_a_point(asked, results):
-    table = frame(asked.get(f"/study/{STUDY}.csv"))
+    answer = asked.get(f"/study/{STUDY}.csv")
+    assert {"point", "container.orifice [m]", "flow_rate [kg/s]"} <= {*answer.text.partition("\n")[0].split(",")}
+    table = frame(answer)
     assert table["point"].tolist() == [1, 2, 3, 4]
     assert table["container.orifice"].tolist() == [one / 1000 for one in ORIFICES]
     pooled = [one.pooled["flow_rate"] for one in results.points]
@@ -228,9 +230,9 @@ def test_the_page_of_a_point_has_its_runs(asked, results):
         for curve, run in zip(page.data["curves"], one.runs, strict=True):
             assert curve["rate"] == pytest.approx(list(run.trace.rate))
         every = frames(results, ("runs",))["runs"]
-        mine = every[every["point"] == one.point.index + 1]
+        mine = every.loc[every["point"] == one.point.index + 1, :]
         assert len(mine) >= REPLICATES
-        assert asked.get(f"{address}.csv").text == mine.to_csv(index=False)
+        assert asked.get(f"{address}.csv").text == with_units(mine).to_csv(index=False)
         told = asked.get(f"{address}.json").json()
         assert {row["run_key"] for row in told["runs"]} == set(keys)
         assert f"{REPLICATES} of {REPLICATES} runs" in page.words
@@ -288,6 +290,13 @@ def test_figures_are_drawn_when_they_are_seen(tmp_path):
     drawn = somebody.get(image)
     assert drawn.headers["content-type"] == "image/svg+xml"
     assert b"<svg" in drawn.content
+    assert "Above: W with 95 % intervals." in part.words, "the caption of the report"
+    files = {one.partition("?")[0].rpartition(".")[2]: one for one in part.links("href")}
+    assert files.keys() == {"svg", "png", "pdf", "csv"}
+    assert somebody.get(files["pdf"]).content.startswith(b"%PDF")
+    assert somebody.get(files["png"]).content.startswith(b"\x89PNG")
+    head = somebody.get(files["csv"]).text.partition("\n")[0].split(",")
+    assert {"container.angle [rad]", "container.orifice [m]"} <= {*head}
     assert somebody.get(f"/study/{STUDY}/figure/none").status_code == 404
     assert somebody.get(f"/study/{STUDY}/figure/none.svg").status_code == 404
 
@@ -345,7 +354,7 @@ def test_a_study_whose_runs_gave_no_number_says_why(few):
     page = Read(somebody.get(f"/study/{STUDY}").text)
     why = page.data["nothing"]
     assert re.fullmatch("No flow rate at .*: fewer than 60 grains flowed out .* more grains or a wider window.*", why)
-    assert page.words.count(why) == 2, "in the box of the result and in place of the chart"
+    assert page.words.count(why) == 3, "in a tile, in the result in words and in place of the chart"
     assert "chart" not in [given.get("id") for _, given in page.elements]
     assert why in somebody.get(f"/card/{STUDY}").text
     assert "No run gave a number" in somebody.get(f"/study/{STUDY}/point/1").text

@@ -45,6 +45,7 @@ from labbook_web.shelf import NotThere, Shelf
 LINKS = Links()
 STATIC = files("labbook_web") / "static"
 _KINDS = {".js": "text/javascript", ".css": "text/css", ".svg": "image/svg+xml", ".txt": "text/plain"}
+_DRAWN = {"svg": "image/svg+xml", "png": "image/png", "pdf": "application/pdf"}
 _PLAIN = frozenset(string.ascii_letters + string.digits + "-_. ")
 _LASTING = {"cache-control": "private, max-age=31536000, immutable"}
 _log = logging.getLogger("labbook.web")
@@ -203,17 +204,22 @@ class App:
     def _figure(self, request: Request) -> Response:
         name, figure = request.path_params["name"], request.path_params["figure"]
         found = self.shelf.found(name, self.shelf.backend_of(name, request.query_params.get("backend")))
-        if figure.endswith(".svg"):
-            drawn = study.picture(self.shelf, found, figure.removesuffix(".svg"))
-            return Response(
-                drawn, media_type="image/svg+xml", headers=_LASTING if "state" in request.query_params else {}
-            )
-        title, why = study.draw(found, figure)[0], ""
-        try:
-            study.picture(self.shelf, found, figure)
-        except study.CANNOT_DRAW as error:
-            why = study.why_not(error, found)
-        return HTMLResponse(part("figure.html.j2", LINKS, found=found, address=figure, title=title, why=why))
+        address, _, kind = figure.rpartition(".")
+        lasting = _LASTING if "state" in request.query_params else {}
+        if kind == "csv":
+            table = study.numbers(found, address)
+            if table is None:
+                raise NotThere(f"the figure {address[:80]} of {name} has no table of its numbers")
+            headers = saved_as(f"{name}-{address}.csv")
+            return Response(table.to_csv(index=False), media_type="text/csv; charset=utf-8", headers=headers)
+        if kind in _DRAWN:
+            headers = {**lasting, **({} if kind == "svg" else saved_as(f"{name}-{address}.{kind}"))}
+            try:
+                content = study.picture(self.shelf, found, address, kind)
+            except study.CANNOT_DRAW as error:
+                raise NotThere(study.why_not(error, found)) from error
+            return Response(content, media_type=_DRAWN[kind], headers=headers)
+        return HTMLResponse(part("figure.html.j2", LINKS, found=found, **study.figure(self.shelf, found, figure)))
 
     def _yaml(self, request: Request) -> Response:
         text = self.shelf.study(request.path_params["name"])[1]

@@ -37,8 +37,14 @@ class Page:
         return json.dumps(plain(self.data()), indent=1, allow_nan=False)
 
     def csv(self) -> str:
-        """The CSV twin; empty cells for what is unknown."""
-        return self.frame().to_csv(index=False) or ""
+        """The CSV twin: SI units in the headings, empty cells for what is unknown."""
+        return with_units(self.frame()).to_csv(index=False) or ""
+
+
+def with_units(frame: "pd.DataFrame") -> "pd.DataFrame":
+    """The same table with the units of its columns (`attrs["units"]`) in their headings."""
+    units = frame.attrs.get("units", {})
+    return frame.rename(columns={name: f"{name} [{units[name]}]" for name in frame if units.get(name)})
 
 
 def plain(value: Any) -> Any:

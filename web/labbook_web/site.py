@@ -30,6 +30,8 @@ from labbook_web.shelf import NotThere, Shelf
 
 MARK = "labbook-site.txt"
 """A file by which a folder is known to hold a site, and may be written again."""
+_KINDS = ("svg", "pdf")
+"""Files of each figure."""
 _MOST = 5000
 """Runs of a site."""
 
@@ -123,13 +125,14 @@ class _Writer:
     def _study(self, name: str) -> None:
         found, page = self._found[name], study_page(self._shelf, name, {})
         links, drawn = self._links(page.path), {}
-        for address, title in page.shown["figures"].items():
-            why = ""
-            try:
-                self._file(f"{page.path}/figure/{address}.svg", study_module.picture(self._shelf, found, address))
-            except study_module.CANNOT_DRAW as error:
-                why = study_module.why_not(error, found)
-            drawn[address] = _raw(part("figure.html.j2", links, found=found, address=address, title=title, why=why))
+        for address in (*page.shown["printed"], *page.shown["figures"]):
+            shown = {**study_module.figure(self._shelf, found, address), "kinds": _KINDS}
+            for kind in () if shown["why"] else _KINDS:
+                content = study_module.picture(self._shelf, found, address, kind)
+                self._file(f"{page.path}/figure/{address}.{kind}", content)
+            if shown["table"] and (table := study_module.numbers(found, address)) is not None:
+                self._file(f"{page.path}/figure/{address}.csv", table.to_csv(index=False).encode())
+            drawn[address] = _raw(part("figure.html.j2", links, found=found, **shown))
         self._file(f"{page.path}/{name}.yaml", found.text.encode())
         self._page(page, drawn=drawn, command=command("run", f"{name}.yaml"))
 

@@ -31,6 +31,7 @@ from labbook.report.style import (
     beside_title,
     from_zero,
     house,
+    legend_columns,
     look,
     mathtext,
     verbatim,
@@ -405,6 +406,7 @@ def flow_against_angle(ratios: Sequence[Ratio]) -> "Figure":
     from matplotlib.figure import Figure
 
     laws = {law.name: law for one in ratios for law in angle_laws(one.result)}
+    colours = _colours_of_laws(ratios)
     names = authors(ratios)
     low = min(one.at for one in ratios)
     angles = np.linspace(0.9 * low, math.pi / 2, 200)
@@ -413,8 +415,10 @@ def flow_against_angle(ratios: Sequence[Ratio]) -> "Figure":
         axes = figure.subplots(1 + len(names), 1, sharex=True, height_ratios=(2.6, *[1] * len(names)))
         for author, below, dash in zip(names, axes[1:], DASHES, strict=False):
             for k, law in enumerate(law for law in laws.values() if law.author == author):
-                curve, how = [law.factor(a) for a in angles], {"linestyle": dash, "linewidth": 1.5 / (1 + k)}
-                axes[0].plot(np.degrees(angles), curve, color=INK, label=mathtext(law.name), **how)
+                curve, coloured = [law.factor(a) for a in angles], law.name in colours
+                how = {"linestyle": dash, "linewidth": 1.0 if coloured else 1.5 / (1 + k)}
+                name = mathtext(law.name) if not coloured else None if k else author
+                axes[0].plot(np.degrees(angles), curve, color=colours.get(law.name, INK), label=name, **how)
             below.axhline(0, color=INK, linestyle=dash, linewidth=0.8, zorder=0)
             judged = [one for one in ratios if author in angle_factors(one)]
             _points(below, judged, ANGLE, math.degrees, lambda one, author=author: angle_factors(one)[author])
@@ -422,9 +426,33 @@ def flow_against_angle(ratios: Sequence[Ratio]) -> "Figure":
         _points(axes[0], ratios, ANGLE, math.degrees)
         axes[-1].set_xlabel("angle of the bottom from the vertical, α [deg]")
         axes[0].set_ylabel("$W(α) / W(90°)$")
-        axes[0].legend(loc="upper right")
+        labels = axes[0].get_legend_handles_labels()[1]
+        legend = figure.legend(
+            *axes[0].get_legend_handles_labels(), loc="outside upper center", ncols=legend_columns(labels, COLUMN)
+        )
+        for line in legend.get_lines()[: len(names)]:
+            line.set_color(INK)
         figure.align_ylabels()
     return figure
+
+
+def _colours_of_laws(ratios: Sequence[Ratio]) -> dict[str, str]:
+    """Colours of laws of which an author has several, those of their points; none where points of several looks share
+    a law."""
+    groups = list(dict.fromkeys(_group(ratio, ANGLE) for ratio in ratios))
+    of: dict[str, set[str]] = {}
+    for ratio in ratios:
+        for law in angle_laws(ratio.result):
+            of.setdefault(law.name, set()).add(_group(ratio, ANGLE))
+    rivals = {name for name in of if sum(name.partition(",")[0] == other.partition(",")[0] for other in of) > 1}
+    if any(len(of[name]) > 1 for name in rivals):
+        return {}
+    return {name: look(groups.index(next(iter(of[name]))))["color"] for name in rivals}
+
+
+def _group(ratio: Ratio, key: str) -> str:
+    """Label of the points that share a look."""
+    return display.label(ratio.result.at, {key})
 
 
 def flow_against_position(
@@ -470,10 +498,10 @@ def _points(
     """Ratios, an outlet a colour; given a `law`, their distance from it in percent. Side by side where they fall
     together.
     """
-    groups = list(dict.fromkeys(display.label(one.result.at, {key}) for one in ratios))
+    groups = list(dict.fromkeys(_group(one, key) for one in ratios))
     span = float(np.ptp([scale(one.at) for one in ratios])) or 1.0
     for place, group in enumerate(groups):
-        mine = sorted((one for one in ratios if display.label(one.result.at, {key}) == group), key=lambda one: one.at)
+        mine = sorted((one for one in ratios if _group(one, key) == group), key=lambda one: one.at)
         offset = 0.005 * span * (place - (len(groups) - 1) / 2)
         style = {**look(place), "linestyle": "none", "markersize": 3.5}
         x, y, bars = [], [], []

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from labbook.report.figures.arrangement import Arrangement, arranged
 from labbook.report.style import (
     COLUMN,
     FAINT,
@@ -15,8 +16,6 @@ from labbook.report.style import (
     crosses,
     from_zero,
     house,
-    legend_columns,
-    look,
     mathtext,
     point,
     verbatim,
@@ -29,8 +28,6 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 
-_TOGETHER = 7
-"""Lines that one panel holds."""
 _ACROSS = 3  # panels side by side
 _DECADES = 2  # of values, beyond which their axis is logarithmic
 _WHOLE = 4  # half widths of intervals up to which they are shown whole, in ranges of the ratios
@@ -42,19 +39,17 @@ def against_key(found: Against) -> "Figure":
     ratio to that at the first value. Points with a remark are hollow, and so are ratios to one; a cross at the bottom
     is a point without a value.
 
-    Many lines of two other keys or more are parted into panels, one for each value of the key that takes fewest and
-    leaves few lines in each.
+    Many lines are parted into panels (`arranged`).
     """
     from matplotlib.figure import Figure
 
-    panels = _panels(found)
-    names = list(dict.fromkeys(name for lines in panels.values() for name in lines))
+    arrangement = arranged([line.at for line in found.lines], [line.label for line in found.lines])
+    panels = {title: [found.lines[k] for k in members] for title, members in arrangement.panels.items()}
     across = 2 if len(panels) == 4 else min(_ACROSS, len(panels))
     down = math.ceil(len(panels) / across)
-    wide = COLUMN if len(panels) == 1 else PAGE
+    wide = PAGE if len(panels) > 1 else PAGE * 0.7 if arrangement.bar else COLUMN
     with house():
-        legend = len(names) > 1
-        height = 84 * down + (5 * math.ceil(len(names) / _columns(names, wide)) if legend else 0)
+        height = 84 * down + 5 * arrangement.rows(wide)
         figure = Figure(figsize=(wide, height * MILLIMETRE))
         axes = figure.subplots(
             2 * down,
@@ -67,22 +62,21 @@ def against_key(found: Against) -> "Figure":
         for ax in axes.flat:
             ax.set_axis_off()
         bars: list[_Bar] = []
-        for number, (title, lines) in enumerate(panels.items()):
+        for number, title in enumerate(panels):
             row, column = divmod(number, across)
             main, below = axes[2 * row, column], axes[2 * row + 1, column]
             for ax in (main, below):
                 ax.set_axis_on()
-            bars += _panel(main, below, found, lines, names)
+            members = arrangement.panels[title]
+            bars += _panel(main, below, found, members, arrangement)
             main.set_title(mathtext(verbatim(title)))
             if not column:
                 main.set_ylabel(mathtext(display.quantity(found.quantity).heading))
                 below.set_ylabel(mathtext(ratio_heading(found)))
             below.set_xlabel(mathtext(found.heading))
             below.xaxis.set_tick_params(labelbottom=True)
-        if legend:
-            handles, labels = _legend(names)
-            figure.legend(handles, labels, loc="outside upper center", ncols=_columns(names, wide))
-        together = [found.lines] * len(panels) if down == 1 else [tuple(lines.values()) for lines in panels.values()]
+        arrangement.explain(figure, linewidth=0.8)
+        together = [found.lines] * len(panels) if down == 1 else list(panels.values())
         for number, lines in enumerate(together):  # after all are drawn: panels of one row share their axes
             row, column = divmod(number, across)
             from_zero(axes[2 * row, column])
@@ -128,36 +122,19 @@ def ratio_heading(found: Against) -> str:
     return f"{name} / {name} at {display.amount(found.key, value)} {display.key(found.key).unit}".rstrip()
 
 
-def _panels(found: Against) -> dict[str, dict[str, Line]]:
-    """Lines by their label, in panels by theirs; one panel, without a label, if all lines fit into it."""
-    others = {name: {line.at.get(name) for line in found.lines} for line in found.lines for name in line.at}
-    varied = [name for name, values in others.items() if len(values) > 1]
-    if len(found.lines) <= _TOGETHER or len(varied) < 2:
-        return {"": {line.label: line for line in found.lines}}
-    parted = [_parted(found.lines, name) for name in sorted(varied, key=lambda name: len(others[name]))]
-    return next((one for one in parted if max(map(len, one.values())) <= _TOGETHER), parted[-1])
-
-
-def _parted(lines: Sequence[Line], key: str) -> dict[str, dict[str, Line]]:
-    """A panel for each value of one of the keys that lines differ in."""
-    panels: dict[str, dict[str, Line]] = {}
-    for line in lines:
-        title = display.label({key: line.at[key]}) if key in line.at else ""
-        panels.setdefault(title, {})[display.label(line.at, {key})] = line
-    return panels
-
-
-def _panel(main: "Axes", below: "Axes", found: Against, lines: dict[str, Line], names: Sequence[str]) -> "list[_Bar]":
+def _panel(
+    main: "Axes", below: "Axes", found: Against, members: Sequence[int], arrangement: Arrangement
+) -> "list[_Bar]":
     """Draw the lines of a panel; the intervals."""
     bars: list[_Bar] = []
     values, scale = found.values, display.quantity(found.quantity).scale
     x = _abscissa(found)
     span = max(x.values()) - min(x.values())
     logarithmic = not found.words and min(x.values()) > 0 and max(x.values()) / min(x.values()) > 10**_DECADES
-    for label, line in lines.items():
-        place = names.index(label)
-        style = look(place)
-        shift = (0.03 if found.words else min(0.012, 0.04 / len(names))) * (place - (len(names) - 1) / 2)
+    together = arrangement.together
+    for member in members:
+        line, style, place = found.lines[member], arrangement.looks[member], arrangement.places[member]
+        shift = (0.03 if found.words else min(0.012, 0.04 / together)) * (place - (together - 1) / 2)
         at = {
             value: x[value] * (1 + 3 * shift) if logarithmic else x[value] + (1 if found.words else span) * shift
             for value in values
@@ -171,7 +148,7 @@ def _panel(main: "Axes", below: "Axes", found: Against, lines: dict[str, Line], 
             rated = [(at[p.value], p.ratio.value if p.ratio else 1.0) for p in known if p.ratio or p is line.first]
             below.plot(*np.transpose(rated) if rated else ([], []), **path)
         for one in line.places:
-            bars += _draw(main, below, found, line, one, at[one.value], scale, style, len(lines) == 1)
+            bars += _draw(main, below, found, line, one, at[one.value], scale, style, len(members) == 1)
     below.axhline(1, color=FAINT, linewidth=0.6, zorder=0)
     if logarithmic:
         main.set_xscale("log")
@@ -229,15 +206,3 @@ def _range(lines: Sequence[Line]) -> tuple[float, float]:
     high = max([1.0, *(ratio.value + half for ratio, half in zip(ratios, halves, strict=True))])
     margin = 0.06 * (high - low) or 0.05
     return low - margin, high + margin
-
-
-def _columns(names: Sequence[str], width: float) -> int:
-    across = legend_columns(names)
-    return across if width == PAGE else max(1, across // 2)
-
-
-def _legend(names: Sequence[str]) -> tuple[list, list[str]]:
-    from matplotlib.lines import Line2D
-
-    handles = [Line2D([], [], linewidth=0.8, **look(k)) for k in range(len(names))]
-    return handles, [mathtext(verbatim(name)) or "without the others" for name in names]

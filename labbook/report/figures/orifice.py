@@ -9,6 +9,7 @@ import numpy as np
 
 from labbook.fit import FitResult
 from labbook.fit.beverloo import Beverloo
+from labbook.report.figures.arrangement import arranged
 from labbook.report.style import (
     COLOURS,
     COLUMN,
@@ -22,8 +23,9 @@ from labbook.report.style import (
     crosses,
     from_zero,
     house,
+    legend_columns,
     legend_point,
-    look,
+    mathtext,
     point,
     verbatim,
 )
@@ -40,6 +42,7 @@ if TYPE_CHECKING:
 _POWERS = {"slot": (2 / 3, "2/3"), "hole": (2 / 5, "2/5")}
 _BEYOND = {"linestyle": (0, (2, 2)), "linewidth": 0.7}
 _FITS = {"beverloo": 1, "janda": 2}  # place in the palette; others follow
+_ACROSS = 3  # panels side by side
 
 
 def flow_against_orifice(series: Series, comparisons: Sequence[Comparison] = (), source: str = "") -> "Figure":
@@ -48,17 +51,20 @@ def flow_against_orifice(series: Series, comparisons: Sequence[Comparison] = (),
     (thick) and their own 95 % intervals (thin).
 
     Points outside a law's range or with a remark are hollow, crosses at the foot are outlets without a flow rate;
-    diamonds are flow rates of the reference, with 95 % intervals where it states errors.
+    diamonds are flow rates of the reference, with 95 % intervals where it states errors. A bar on the axis is k d of
+    Beverloo's law, where its line meets zero, with the 95 % interval.
     """
     from matplotlib.figure import Figure
 
     power, written = _POWERS[series.outlet]
     with house():
         heights = (2.6, 1) if series.fits else (2.6,)
-        figure = Figure(figsize=(COLUMN, 92 * MILLIMETRE * sum(heights) / 3.6))
+        figure = Figure(figsize=(COLUMN, 100 * MILLIMETRE * sum(heights) / 3.6))
         axes = figure.subplots(len(heights), 1, sharex=True, squeeze=False, height_ratios=heights)[:, 0]
         main, below = axes[0], axes[-1]
-        diameters = np.linspace(0.92 * min(series.diameters), 1.04 * max(series.diameters), 200)
+        zeros = [zero for fit in series.fits.values() if (zero := zero_of(fit)) is not None]
+        first = min([0.92 * min(series.diameters), *zeros])
+        diameters = np.linspace(first, 1.04 * max(series.diameters), 200)
         for place, (law, fit) in enumerate(series.fits.items()):
             style = {"color": COLOURS[_FITS.get(law, 3 + place)], "linestyle": DASHES[place]}
             _law(main, fit, diameters, power, label=display.law(law), **style)
@@ -76,38 +82,51 @@ def flow_against_orifice(series: Series, comparisons: Sequence[Comparison] = (),
         main.set_ylabel(_heading(written))
         from_zero(main)
         _bands(main, series, power)
+        for place, (law, fit) in enumerate(series.fits.items()):
+            _zero(main, fit, COLOURS[_FITS.get(law, 3 + place)])
         if series.label:
             main.set_title(series.label)
-        main.legend(loc="upper left")
+        labels = main.get_legend_handles_labels()[1]
+        figure.legend(loc="outside upper center", ncols=legend_columns(labels, COLUMN))
         figure.align_ylabels()
     return figure
 
 
 def overview(series: Sequence[Series]) -> "Figure":
-    """All series of a study in one picture, each with its first fit; points at one orifice stand side by side."""
+    """All series of a study, each with its first fit; points at one orifice stand side by side. Many series are parted
+    into panels (`arranged`)."""
     from matplotlib.figure import Figure
 
     power, written = _POWERS[series[0].outlet]
+    arrangement = arranged([one.at for one in series], [one.label for one in series])
+    panels = arrangement.panels
+    across = 2 if len(panels) == 4 else min(_ACROSS, len(panels))
+    down = math.ceil(len(panels) / across)
+    width = PAGE if across > 1 else PAGE * 0.75 if arrangement.bar else COLUMN
     with house():
-        many = len(series) > 5
-        figure = Figure(figsize=(PAGE * 0.75 if many else COLUMN, 78 * MILLIMETRE))
-        ax = figure.subplots()
-        step = _apart(series)
-        for index, one in enumerate(series):
-            style = look(index)
-            if one.fits:
-                fit = next(iter(one.fits.values()))
-                diameters = np.linspace(min(one.diameters), max(one.diameters), 200)
-                _law(ax, fit, diameters, power, color=style["color"], linestyle=style["linestyle"])
-            look_of = {"color": style["color"], "marker": style["marker"], "label": one.label}
-            _points(ax, one.points, one.flagged, power, shift=step * (index - (len(series) - 1) / 2), **look_of)
-        ax.set_xlabel("orifice, $D$ [mm]")
-        ax.set_ylabel(_heading(written))
-        from_zero(ax)
-        if many:
-            figure.legend(loc="outside right upper")
-        elif len(series) > 1:
-            ax.legend(loc="upper left")
+        height = (78 if across == 1 else 62) * down + 5 * arrangement.rows(width)
+        figure = Figure(figsize=(width, height * MILLIMETRE))
+        axes = figure.subplots(down, across, sharex=True, sharey=True, squeeze=False)
+        for ax in axes.flat[len(panels) :]:
+            ax.remove()
+        step = _apart(series, arrangement.together)
+        for ax, (title, members) in zip(axes.flat, panels.items(), strict=False):
+            for index in members:
+                one, style = series[index], arrangement.looks[index]
+                if one.fits:
+                    fit = next(iter(one.fits.values()))
+                    diameters = np.linspace(min(one.diameters), max(one.diameters), 200)
+                    _law(ax, fit, diameters, power, color=style["color"], linestyle=style["linestyle"])
+                shift = step * (arrangement.places[index] - (arrangement.together - 1) / 2)
+                shape = {"color": style["color"], "marker": style["marker"], "label": one.label}
+                _points(ax, one.points, one.flagged, power, shift=shift, **shape)
+            ax.set_title(mathtext(verbatim(title)))
+            ax.set_xlabel("orifice, $D$ [mm]")
+            ax.xaxis.set_tick_params(labelbottom=True)
+            if ax.get_subplotspec().is_first_col():
+                ax.set_ylabel(_heading(written))
+        from_zero(axes[0, 0])
+        arrangement.explain(figure, linestyle="none")
     return figure
 
 
@@ -117,14 +136,14 @@ def side_by_side(series: Sequence[Series]) -> bool:
     return len(set(diameters)) < len(diameters)
 
 
-def _apart(series: Sequence[Series]) -> float:
-    """Distance [mm] of points of neighbouring series at one orifice; all of them take a third of the distance to the
-    next orifice at most."""
+def _apart(series: Sequence[Series], together: int) -> float:
+    """Distance [mm] of points of neighbouring series at one orifice; all `together` of a panel take a third of the
+    distance to the next orifice at most."""
     diameters = sorted({D * 1e3 for one in series for D in one.diameters})
     if not side_by_side(series) or len(diameters) < 2:
         return 0.0
     nearest = float(np.diff(diameters).min())
-    return min(0.012 * (diameters[-1] - diameters[0]), nearest / 3 / len(series))
+    return min(0.012 * (diameters[-1] - diameters[0]), nearest / 3 / together)
 
 
 def _bands(ax: "Axes", series: Series, power: float) -> None:
@@ -139,7 +158,41 @@ def _bands(ax: "Axes", series: Series, power: float) -> None:
             [np.minimum(_scaled(end, power), 2 * frame[1]) for end in ends] for ends in (of_law, of_point)
         )
         band(ax, D * 1e3, law_ends, point_ends, COLOURS[_FITS.get(law, 3 + place)])
+        if place == 0:
+            _name_bands(ax, float(D[-1]) * 1e3, float(law_ends[1][-1]), float(point_ends[1][-1]), frame)
     ax.set_ylim(frame)
+
+
+def _name_bands(ax: "Axes", end: float, law: float, one_more: float, frame: tuple[float, float]) -> None:
+    """The names of both bands at the right of the panel, level with their upper edges at the last orifice; those that
+    leave the frame have theirs at its top."""
+    apart = 0.1 * (frame[1] - frame[0])
+    one_more = min(one_more, frame[1])
+    law = min(law, one_more - apart)
+    for level, name in ((law, "law"), (one_more, "one more\npoint")):
+        beside = {"textcoords": ("axes fraction", "data"), "va": "center", "size": 5.5, "color": FAINT}
+        line = {"arrowstyle": "-", "color": FAINT, "linewidth": 0.5, "shrinkA": 0, "shrinkB": 0}
+        ax.annotate(name, (end, level), (1.02, level), arrowprops=line, annotation_clip=False, **beside)
+
+
+def zero_of(fit: FitResult) -> float | None:
+    """k d [m] of Beverloo's law, where its line meets zero; None of other laws, and unless it is below all orifices."""
+    if not isinstance(fit.law, Beverloo) or "k" not in fit.parameters:
+        return None
+    zero = fit.parameters["k"].value * fit.context.d
+    return zero if 0 < zero < fit.D.min() else None
+
+
+def _zero(ax: "Axes", fit: FitResult, color: str) -> None:
+    """A mark on the axis at k d with its 95 % interval."""
+    if (zero := zero_of(fit)) is None:
+        return
+    k, first = fit.parameters["k"], float(fit.D.min())
+    low, high = (min(max(end * fit.context.d, 0.0), first) * 1e3 for end in (k.low, k.high))
+    bar = {"color": color, "solid_capstyle": "butt", "clip_on": False, "zorder": 3, "scalex": False}
+    ax.plot([max(low, ax.get_xlim()[0]), high], [0, 0], linewidth=2.6, alpha=0.6, **bar)
+    mark = {"marker": "|", "markersize": 8, "markeredgewidth": 1.1, "linestyle": "none"}
+    ax.plot(zero * 1e3, 0, label=f"$k\\,d$ = {zero * 1e3:.3g} mm", **mark, **bar)
 
 
 def _law(ax: "Axes", fit: FitResult, D: np.ndarray, power: float, *, label: str | None = None, **style: Any) -> None:

@@ -91,6 +91,7 @@ def test_points_traces_and_labs_have_a_display(found):
     assert "orifice 21 mm" in words(found.study.points[1])
     assert f"0 to {trace.rate.max() * 1e3:.4g} g/s" in words(trace)
     assert len(repr(trace)) < 200
+    assert words(trace) in words(found.run(2))
     lab = labbook.Lab(found.place.folder, found.backend)
     assert "toy-study toy finished 8" in words(lab)
     assert "8 runs" in words(lab)
@@ -99,3 +100,28 @@ def test_points_traces_and_labs_have_a_display(found):
 def test_what_people_wrote_is_text():
     assert "<b>" not in table(("<b>",), [("a ^(2)",)])
     assert "a <sup>2</sup>" in table(("x",), [("a ^(2)",)])
+
+
+def test_flow_against_time_is_a_table_with_units(found):
+    trace = found.run(2).trace
+    table = trace.frame()
+    assert list(table) == ["time", "flow_rate", "in_window"]
+    assert table.attrs["units"] == {"time": "s", "flow_rate": "kg/s"}
+    inside = table[table.in_window]
+    assert 0 < len(inside) < len(table)
+    assert trace.window[0] <= inside.time.min() <= inside.time.max() <= trace.window[1]
+    with_none = type(trace)(trace.time, trace.rate, None)
+    assert not with_none.frame().in_window.any()
+
+
+@pytest.mark.slow
+def test_a_result_shows_its_next_figure_where_the_first_has_nothing_to_show(found, monkeypatch):
+    from labbook.report import gallery
+
+    def nothing():
+        raise gallery.NothingToShow("map: too few points")
+
+    monkeypatch.setattr(
+        gallery, "of_series", lambda results, series, of=gallery.of_series: {"map": nothing, **of(results, series)}
+    )
+    assert "data:image/png;base64," in found._repr_html_()

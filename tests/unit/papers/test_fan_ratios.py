@@ -145,7 +145,10 @@ def test_each_point_is_compared_with_the_law_of_its_own_friction(synthetic):
             assert float(theirs) == pytest.approx(rose_tanaka(one.at, math.atan(float(friction))), abs=6e-4)
     ax, *_ = figures.flow_against_angle(found).axes
     labels = ax.get_legend_handles_labels()[1]
-    assert sum("Rose & Tanaka" in label for label in labels) == 2
+    assert labels[:2] == ["Brown", "Rose & Tanaka"]
+    points = {label: bars[0].get_color() for bars, label in zip(ax.containers, labels[2:], strict=True)}
+    curves = [line.get_color() for line in ax.lines[1:3]]
+    assert curves == [points["D = 30 mm, friction = 0.2"], points["D = 30 mm, friction = 0.8"]]
     assert "Rose & Tanaka" in farthest(found)
 
 

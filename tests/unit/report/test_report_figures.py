@@ -4,16 +4,26 @@
 
 import math
 import re
+import xml.etree.ElementTree as ElementTree
 from dataclasses import replace
+from typing import ClassVar
 
 import numpy as np
 import pytest
+from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.container import ErrorbarContainer
+from matplotlib.text import Text
 from toy_results import analyse
 
 from labbook.report import figures, style
+from labbook.report.against import found_against
+from labbook.report.figures.arrangement import ENTRIES, arranged
 from labbook.report.sections import fit_caption
 from labbook.report.style import INK
+from labbook.results.recorded import acceleration
+from labbook.results.series import Series
+
+ANGLE, FRICTION = "container.angle", "contact.friction"
 
 
 def test_points_lie_at_d_and_w_to_the_two_thirds(analysis):
@@ -36,6 +46,7 @@ def test_points_lie_at_d_and_w_to_the_two_thirds(analysis):
 def test_a_band_without_bounds_leaves_the_frame_to_points_and_curves(analysis):
     class Boundless:
         law = analysis.series[0].fits["beverloo"].law
+        parameters: ClassVar = {}
         D, W, relative_error = (
             getattr(analysis.series[0].fits["beverloo"], name) for name in ("D", "W", "relative_error")
         )
@@ -66,7 +77,7 @@ def test_clogged_outlets_stay_visible_beside_the_fit(clogging):
     main, _ = figures.flow_against_orifice(series).axes
     crosses = [float(np.asarray(line.get_xdata())[0]) for line in main.lines if line.get_marker() == "x"]
     assert crosses == [6, 9, 12]
-    assert [text.get_text() for text in main.texts] == ["4 of 4 clogged"] * 3
+    assert [text.get_text() for text in main.texts if text.get_rotation() == 90] == ["4 of 4 clogged"] * 3
     assert "Cross at the foot: no flow rate." in fit_caption(series)
     (all_series,) = figures.overview(clogging.series).axes
     assert sum(line.get_marker() == "x" for line in all_series.lines) == 3
@@ -80,7 +91,8 @@ def test_law_and_band_end_at_the_fitted_points_and_dots_go_on_to_the_zero(cloggi
             assert band.get_paths()[0].vertices[:, 0].min() == pytest.approx(15)
     (law,) = [line for line in main.lines if line.get_label() == "Beverloo"]
     assert np.asarray(law.get_xdata())[[0, -1]] == pytest.approx([15, 30])
-    dotted = [line for line in main.lines if line.get_color() == law.get_color() and line is not law]
+    curves = [line for line in main.lines if line.get_color() == law.get_color() and len(line.get_xdata()) > 2]
+    dotted = [line for line in curves if line is not law]
     below = min(dotted, key=lambda line: np.asarray(line.get_xdata()).min())
     assert np.asarray(below.get_xdata()).max() == pytest.approx(15)
     assert below.get_linestyle() != "-"
@@ -215,3 +227,114 @@ def test_points_without_a_fit_have_no_panel_of_residuals(analysis):
     (main,) = figures.flow_against_orifice(replace(series, fits={})).axes
     assert len(main.containers) == len(series.points)
     assert main.get_xlabel() == "orifice, $D$ [mm]"
+
+
+def grid_of(synthetic, angles, frictions, replicates=1):
+    """One outlet at many angles and frictions."""
+    points = []
+    for angle in angles:
+        for mu in frictions:
+            point = synthetic.point(len(points), 0.03, angle)
+            points.append(replace(point, at={"container.angle": angle, "contact.friction": mu}))
+    runs = [synthetic.FinishedDouble(p, s, recorded=True) for p in points for s in range(1, replicates + 1)]
+    return analyse(synthetic.study_of(points, fit=()), runs)
+
+
+def texts_of(legend):
+    return [text.get_text() for text in legend.get_texts()]
+
+
+def test_sixteen_curves_are_four_panels_with_a_legend_of_four_entries():
+    ats = [{ANGLE: angle, FRICTION: mu} for angle in (0.3, 0.6, 1.0, 1.5) for mu in (0.1, 0.3, 0.5, 0.8)]
+    found = arranged(ats, [str(at) for at in ats])
+    assert [len(members) for members in found.panels.values()] == [4] * 4
+    assert len(found.entries) == 4
+    for members in found.panels.values():
+        assert len({tuple(found.looks[k][name] for name in ("color", "marker", "linestyle")) for k in members}) == 4
+    assert found.bar is None
+
+
+@pytest.mark.parametrize("angles", [1, 5])
+def test_more_values_than_a_legend_holds_have_a_colour_bar(angles):
+    ats = [{ANGLE: 0.1 * (k + 1), FRICTION: 0.05 * (j + 1)} for k in range(angles) for j in range(9)]
+    found = arranged(ats, [str(at) for at in ats])
+    assert len(found.panels) == angles
+    assert not found.entries
+    assert found.bar == (FRICTION, tuple(sorted({at[FRICTION] for at in ats})))
+    lightness = [sum(found.looks[k]["color"][:3]) for k in next(iter(found.panels.values()))]
+    assert lightness == sorted(lightness), "told apart in grey too"
+
+
+def test_words_have_panels_and_numbers_colours():
+    ats = [{"contact.law": law, FRICTION: mu} for law in ("a", "b") for mu in (0.1, 0.2, 0.3, 0.4)]
+    found = arranged(ats, [str(at) for at in ats])
+    assert [len(members) for members in found.panels.values()] == [4, 4]
+    words = [{"contact.law": str(k)} for k in range(8)]
+    assert all(len(members) == 1 for members in arranged(words, [str(at) for at in words]).panels.values())
+
+
+@pytest.mark.slow
+def test_no_legend_lies_over_data_in_a_study_of_many_points(synthetic):
+    found = grid_of(synthetic, (0.5, 1.5), (0.1, 0.3, 0.5, 0.8))
+    profiles = [(one, profile) for one in found.points if (profile := acceleration(one)) is not None]
+    assert len(profiles) == 8
+    drawn = [figures.acceleration_against_height(profiles, 9.81), figures.against_key(found_against(found)[1])]
+    for figure in drawn:
+        FigureCanvasAgg(figure).draw()
+        assert not any(ax.get_legend() for ax in figure.axes)
+        for legend in figure.legends:
+            assert 1 < len(texts_of(legend)) <= ENTRIES
+            assert not any(legend.get_window_extent().overlaps(ax.get_window_extent()) for ax in figure.axes)
+
+
+def test_flow_over_two_keys_is_a_grid_with_one_scale_a_row_and_names_at_its_margins(synthetic):
+    found = grid_of(synthetic, (0.5, 1.0), (0.1, 0.3, 0.5))
+    whole = Series({}, found.points, {}, frozenset(), frozenset(), (), ())
+    figure = figures.flow_against_time(whole)
+    axes = np.array(figure.axes).reshape(2, 3)
+    titles = [[ax.get_title(loc="left") for ax in row] for row in axes]
+    assert titles == [["friction = 0.1", "friction = 0.3", "friction = 0.5"], [""] * 3]
+    sides = [row[-1].texts[-1].get_text() for row in axes]
+    assert sides == ["angle = 28.6479 deg", "angle = 57.2958 deg"]
+    for row in axes:
+        assert len({ax.get_ylim() for ax in row}) == 1
+    for (row, column), ax in np.ndenumerate(axes):
+        result = found.points[3 * row + column]
+        np.testing.assert_allclose(np.asarray(ax.lines[-1].get_ydata()), result.flow_rate.value * 1e3)
+
+
+def test_the_line_of_beverloo_goes_down_to_k_d_on_the_axis(analysis):
+    (series,) = analysis.series
+    fit = series.fits["beverloo"]
+    expected = fit.parameters["k"].value * fit.context.d * 1e3
+    figure = figures.flow_against_orifice(series)
+    main = figure.axes[0]
+    (mark,) = [line for line in main.lines if line.get_marker() == "|"]
+    assert (mark.get_xdata()[0], mark.get_ydata()[0]) == pytest.approx((expected, 0))
+    assert f"= {expected:.3g} mm" in texts_of(figure.legends[0])[-1]
+    curve = [line for line in main.lines if line.get_color() == mark.get_color() and len(line.get_xdata()) > 10]
+    lowest = min(curve, key=lambda line: line.get_xdata().min())
+    assert lowest.get_xdata().min() == pytest.approx(expected, rel=1e-6)
+    assert "Bar on the axis: k d" in fit_caption(series)
+
+
+def test_both_bands_are_named_at_their_right_end(analysis):
+    (series,) = analysis.series
+    figure = figures.flow_against_orifice(series)
+    FigureCanvasAgg(figure).draw()
+    main = figure.axes[0]
+    names = {text.get_text(): text for text in main.texts}
+    assert names.keys() == {"law", "one more\npoint"}
+    assert names["law"].xy[0] == pytest.approx(60)
+    boxes = [Text.get_window_extent(text) for text in names.values()]  # without the lines that lead to them
+    assert not boxes[0].overlaps(boxes[1])
+    assert all(box.x0 > main.get_window_extent().x1 for box in boxes)
+
+
+def test_text_of_svg_is_text_in_the_fonts_of_journals(analysis):
+    (series,) = analysis.series
+    drawn = style.encode(figures.flow_against_orifice(series), "svg").decode()
+    tree = ElementTree.fromstring(drawn)
+    texts = ["".join(one.itertext()).strip() for one in tree.iter("{http://www.w3.org/2000/svg}text")]
+    assert {"Beverloo", "Janda", "labbook", "(W − fit) / fit [%]"} <= set(texts)
+    assert "Arial, Helvetica" in drawn

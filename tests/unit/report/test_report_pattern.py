@@ -67,7 +67,7 @@ def test_the_scale_of_the_arrows_is_shown_in_every_format_and_apart_from_the_tit
         assert len(keys) == 2
         assert not any(key.overlaps(title.get_window_extent(renderer)) for key in keys)
     svg = style.encode(figure, "svg").decode()
-    assert len(re.findall(r"<!-- [\d.]+ m/s -->", svg)) == 4
+    assert len(re.findall(r"<text [^>]*>[\d.]+ m/s</text>", svg)) == 4
     drawn = ElementTree.fromstring(svg)
     names = {one.get("id", "") for one in drawn.iter()}
     assert sum(name.startswith("PolyCollection") for name in names) >= 4, "arrows of the key are no image"

@@ -10,7 +10,7 @@ from labbook.commands import command
 from labbook.report.explored import influence_table, next_table, runs_and_time
 from labbook.report.result_box import no_number
 from labbook.results import display
-from labbook.results.explore import DesignSurface, explore, swept_keys
+from labbook.results.explore import DesignSurface, Factor, explore, swept_keys
 from labbook.results.points import FLOW_RATE, PointResult
 from labbook.results.study import StudyResults
 from labbook.results.surface import NoSurface
@@ -18,6 +18,7 @@ from labbook.scene.quantities import parse
 from labbook.study import Study
 from labbook.study.proposed import study_at
 from labbook_web.page import Page
+from labbook_web.pages.sheet import leading, unit_of
 from labbook_web.shelf import Found, NotThere, Shelf
 
 _QUANTITIES, _CHOICES = 4, 12
@@ -76,16 +77,36 @@ def _views(of_study: Found) -> list[dict[str, Any]]:
     )
 
 
+def map_view(results: StudyResults) -> dict[str, Any] | None:
+    """Numbers of a map of the leading quantity, of a study that sweeps two keys of numbers and no others; None for
+    others, and where no point has a number. Without a surface the points are drawn alone."""
+    keys, choices = swept_keys(results.points)
+    quantity = leading(results)
+    if len(keys) != 2 or not quantity or any(len({one.at.get(name) for one in results.points}) > 1 for name in choices):
+        return None
+    try:
+        view = _view(explore(results, quantity), "")["numbers"]
+    except (LookupError, NoSurface) as problem:
+        view = _without(results, quantity, {}, f"{problem.args[0]}.")["numbers"]
+    return {name: view[name] for name in _MAPPED if name in view}
+
+
+_MAPPED = ("label", "quantity", "why", "method", "factors", "surface", "points")
+"""Parts of a view that a map is drawn of."""
+
+
 def _without(results: StudyResults, quantity: str, at: Mapping[str, float | str], why: str) -> dict[str, Any]:
     """A view without a surface: the points, and the reason."""
-    how = display.quantity(quantity)
+    how = unit_of(results, quantity)
     keys = swept_keys(results.points)[0]
+    there = [one for one in results.points if all(key in one.at for key in keys)]
+    factors = [Factor.of(key, [float(one.at[key]) for one in there]) for key in keys]
     numbers = {
         "label": how.heading,
         "quantity": {"name": quantity, "label": how.name, "unit": how.unit, "scale": how.scale},
         "why": why,
-        "factors": [],
-        "points": [_point(one, quantity, keys, used=False) for one in results.points],
+        "factors": [_factor(one, there, results.study) for one in factors],
+        "points": [_point(one, quantity, keys, used=quantity in one.pooled) for one in there],
     }
     return {"numbers": numbers, "surface": None, "why": why, "label": display.label(at)}
 
@@ -101,7 +122,7 @@ def _view(surface: DesignSurface, label: str) -> dict[str, Any]:
         "at": dict(surface.at),
         "why": "",
         "method": surface.method,
-        "factors": [_factor(surface, place) for place in range(len(surface.factors))],
+        "factors": [_factor(one, (*surface.points, *surface.left_out), study) for one in surface.factors],
         "surface": surface.numbers(),
         "points": [
             _point(result, surface.quantity, surface.keys, used=result in surface.points)
@@ -118,17 +139,17 @@ def _view(surface: DesignSurface, label: str) -> dict[str, Any]:
         "why": "",
         "label": label,
         "matters": influence_table(surface),
-        "bars": _bars(surface),
+        "bars": bars(surface),
         "remarks": f"{len(surface.notes)} point{' has' if len(surface.notes) == 1 else 's have'} a remark",
         "next": next_table(surface),
         "cost": runs_and_time(surface.next_runs),
     }
 
 
-def _bars(surface: DesignSurface) -> list[dict[str, Any]]:
+def bars(surface: DesignSurface) -> list[dict[str, Any]]:
     """Name, share and change over its range, in words, of each key."""
     quantity, ranges = display.quantity(surface.quantity, surface.unit).name, {one.key: one for one in surface.factors}
-    bars = []
+    rows = []
     for row, influence in zip(influence_table(surface).rows, surface.influences, strict=True):
         change = ""
         if influence.key:
@@ -136,20 +157,19 @@ def _bars(surface: DesignSurface) -> list[dict[str, Any]]:
                 display.amount(influence.key, end) for end in (ranges[influence.key].low, ranges[influence.key].high)
             )
             change = f"{quantity}: {row[-1]} from {low} to {high} {display.key(influence.key).unit}".rstrip()
-        bars.append({"name": row[0], "share": row[1] if len(row) > 2 else "", "change": change, "influence": influence})
-    return bars
+        rows.append({"name": row[0], "share": row[1] if len(row) > 2 else "", "change": change, "influence": influence})
+    return rows
 
 
-def _factor(surface: DesignSurface, place: int) -> dict[str, Any]:
+def _factor(factor: Factor, points: Sequence[PointResult], study: Study) -> dict[str, Any]:
     """A key as scripts show it, and as a study file has it."""
-    factor = surface.factors[place]
     how = display.key(factor.key)
-    values = sorted({float(one.at[factor.key]) for one in (*surface.points, *surface.left_out) if factor.key in one.at})
+    values = sorted({float(one.at[factor.key]) for one in points if factor.key in one.at})
     try:
         unit = how.unit if not how.unit or parse(f"1 {how.unit}", None) else ""
         scale = how.scale
     except ValueError:  # a unit that is shown by a sign of its own
-        unit, scale = surface.results.study.units.get(factor.key, ""), 1.0
+        unit, scale = study.units.get(factor.key, ""), 1.0
     return {
         "key": factor.key,
         "label": how.name,
@@ -192,4 +212,6 @@ def _frame(views: Sequence[Mapping[str, Any]]) -> pd.DataFrame:
                 "mean": pooled.value, "low": pooled.low, "high": pooled.high,
                 "surface": value, "surface_low": low, "surface_high": high,
             })  # fmt: skip
-    return pd.DataFrame(rows)
+    frame = pd.DataFrame(rows)
+    frame.attrs["units"] = views[0]["surface"].results.study.units if rows else {}
+    return frame

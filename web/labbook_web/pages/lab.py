@@ -16,13 +16,13 @@ from labbook.run.live import Running
 from labbook.scene.quantities import duration
 from labbook.study import StudyError
 from labbook_web.page import Page
-from labbook_web.pages.sheet import sheet
+from labbook_web.pages.sheet import extremes
 from labbook_web.shelf import Found, NotThere, Shelf, StudyListing
 
 CARDS = 24
 """Studies on a page."""
-_ROWS, _COLUMNS = 3, 6
-"""Of the contact sheet on a card."""
+_BEDS = 6
+"""Beds on a card."""
 
 
 def lab_page(shelf: Shelf, query: Mapping[str, str], cards: int | None = None) -> Page:
@@ -71,7 +71,7 @@ def card(shelf: Shelf, listed: StudyListing) -> dict[str, Any]:
     return {
         **shown,
         "found": found,
-        "sheet": sheet(results, _ROWS, _COLUMNS),
+        "beds": found.once("beds", lambda: extremes(results, _BEDS)),
         "headline": headline(results),
         "concerns": found.once("concerns", lambda: concerns(results)) if results.points else [],
         "progress": progress(found, going),

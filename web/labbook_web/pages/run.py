@@ -29,7 +29,7 @@ from labbook.study import Point
 from labbook.study.schema import Fill
 from labbook_web.page import Page, records
 from labbook_web.pages import curves
-from labbook_web.pages.study import as_svg
+from labbook_web.pages.study import encoded
 from labbook_web.shelf import NotThere, Shelf
 
 _SIBLINGS = 60
@@ -177,7 +177,7 @@ def arch(folder: Path, entry: Entry, record: RunRecord) -> str:
         return ""
     if bed is None:
         return ""
-    drawing = as_svg(lambda: stopped_bed(record.scene, bed))
+    drawing = encoded(lambda: stopped_bed(record.scene, bed))
     return f"data:image/svg+xml;base64,{b64encode(drawing).decode('ascii')}"
 
 

@@ -1,30 +1,38 @@
-"""The contact sheet of a study: pictures of its beds, rows by one swept key and columns by another."""
+"""The contact sheet of a study: pictures of its beds with their means, rows by one swept key and columns by another."""
 
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass
 
 from labbook.api import Results
 from labbook.results import display
-from labbook.results.points import PointResult
+from labbook.results.points import FLOW_RATE, PointResult
+from labbook.results.study import StudyResults
 
 Value = float | str
+_DIGITS = 300
+"""A tile has room for so many steps of a number: more digits are not shown, however small its error."""
 
 
 @dataclass(frozen=True)
 class Tile:
-    """A point on the sheet, and the run whose picture is shown; None of a point without runs."""
+    """A point on the sheet, and the run whose picture is shown; None of a point without runs.
+
+    `value`: its mean, or why it has none; `part`: where the mean lies between the smallest, 0, and the largest, 1.
+    """
 
     point: int
     """Counted from 1."""
     label: str
     run: str | None
     remark: str = ""
+    value: str = ""
+    part: float | None = None
 
 
 @dataclass(frozen=True)
 class Sheet:
     """Tiles by row and column; None where no point is. `fixed`: what all tiles have in common although it is swept;
-    `shown`, `points`: how many points of the study are on it, and how many it has."""
+    `shown`, `points`: how many points of the study are on it, and how many it has; `quantity`: of the values."""
 
     row_key: str
     column_key: str
@@ -34,10 +42,11 @@ class Sheet:
     fixed: str
     shown: int
     points: int
+    quantity: str = ""
 
     @property
     def said(self) -> str:
-        """What the sheet shows, in words; points that are left out are counted."""
+        """Caption of the sheet; points that are left out are counted."""
         parts = [f"Columns: {self.column_key}"] if self.column_key else []
         parts += [f"rows: {self.row_key}"] if self.row_key else []
         text = ", ".join(parts)
@@ -48,8 +57,20 @@ class Sheet:
         return text
 
 
-def sheet(results: Results, most_rows: int = 1000, most_columns: int = 1000) -> Sheet:
-    """The contact sheet of all points of a study; of more rows or columns than wanted, some that are evenly spread.
+def leading(results: StudyResults) -> str:
+    """The quantity that tiles and contact sheets show: the flow rate, or the first one with a number; else empty."""
+    names = dict.fromkeys(name for result in results.points for name in result.pooled)
+    return FLOW_RATE if FLOW_RATE in names else next(iter(names), "")
+
+
+def unit_of(results: StudyResults, quantity: str) -> display.Shown:
+    """Name, unit and scale of a measured quantity."""
+    measured = (run.measured for result in results.points for run in result.runs)
+    return display.quantity(quantity, next((one[quantity].unit for one in measured if quantity in one), ""))
+
+
+def sheet(results: Results, going: Collection[str] = ()) -> Sheet:
+    """The contact sheet of all points of a study. going: labels of runs that are made now.
 
     Columns are by the key that takes most values, rows by the next; of keys beyond these the first value is shown.
     """
@@ -62,24 +83,37 @@ def sheet(results: Results, most_rows: int = 1000, most_columns: int = 1000) -> 
     column, row = (*ranked, "", "")[:2]
     first = points[0].at
     fixed = {name: first[name] for name in ranked[2:] if name in first}
-    columns = _spread(values.get(column, ()), most_columns)
-    rows = _spread(values.get(row, ()), most_rows)
+    columns, rows = values.get(column, ()), values.get(row, ())
     places = {
         (at.get(row), at.get(column)): index
         for index, at in reversed(ats.items())
         if all(at.get(name) == value for name, value in fixed.items())
     }
-    tiles = tuple(tuple(_tile(results, done, places.get((r, c))) for c in columns or (None,)) for r in rows or (None,))
+    make = _Tiles(results, going)
+    tiles = tuple(tuple(make(done, places.get((r, c))) for c in columns or (None,)) for r in rows or (None,))
     return Sheet(
-        display.key(row).name if row else "",
-        display.key(column).name if column else "",
-        tuple(_said(row, value) for value in rows),
-        tuple(_said(column, value) for value in columns),
+        display.key(row).heading if row else "",
+        display.key(column).heading if column else "",
+        tuple(display.amount(row, value) for value in rows),
+        tuple(display.amount(column, value) for value in columns),
         tiles,
         display.label(fixed),
         sum(tile is not None for line in tiles for tile in line),
         len(points),
+        make.unit.heading if make.quantity else "",
     )
+
+
+def extremes(results: Results, limit: int) -> tuple[Tile, ...]:
+    """At most so many points with runs, in the order of the study: those with the smallest and the largest mean, and
+    others evenly between them by rank; points without a mean count as smallest."""
+    quantity, make = leading(results), _Tiles(results)
+    ranked = sorted(
+        results.points, key=lambda one: one.pooled[quantity].value if quantity in one.pooled else float("-inf")
+    )
+    indices = _spread([one.point.index for one in ranked], limit)
+    done = {one.point.index: one for one in results.points}
+    return tuple(tile for index in sorted(indices) if (tile := make(done, index)) is not None)
 
 
 def _values(found: Sequence[Value]) -> tuple[Value, ...]:
@@ -89,22 +123,40 @@ def _values(found: Sequence[Value]) -> tuple[Value, ...]:
     return tuple(sorted(distinct))
 
 
-def _spread(values: Sequence[Value], most: int) -> tuple[Value, ...]:
-    if len(values) <= most:
+def _spread(values: Sequence[int], limit: int) -> tuple[int, ...]:
+    if len(values) <= limit:
         return tuple(values)
-    step = (len(values) - 1) / max(most - 1, 1)
-    return tuple(values[round(k * step)] for k in range(most))
+    step = (len(values) - 1) / max(limit - 1, 1)
+    return tuple(values[round(k * step)] for k in range(limit))
 
 
-def _said(name: str, value: Value) -> str:
-    return f"{display.amount(name, value)} {display.key(name).unit}".rstrip()
+class _Tiles:
+    """Makes tiles whose values are of the leading quantity of the results."""
 
+    def __init__(self, results: Results, going: Collection[str] = ()):
+        self._results, self._going = results, going
+        self.quantity = leading(results)
+        self.unit = unit_of(results, self.quantity)
+        means = [one.pooled[self.quantity].value for one in results.points if self.quantity in one.pooled]
+        self._low, self._high = min(means, default=0.0), max(means, default=0.0)
 
-def _tile(results: Results, done: dict[int, PointResult], index: int | None) -> Tile | None:
-    if index is None:
-        return None
-    point, result = results.study.points[index], done.get(index)
-    label = display.label(point.at) or "the only point"
-    if result is None:
-        return Tile(index + 1, label, None)
-    return Tile(index + 1, label, result.runs[0].run_key, result.remark)
+    def __call__(self, done: dict[int, PointResult], index: int | None) -> Tile | None:
+        if index is None:
+            return None
+        point, result = self._results.study.points[index], done.get(index)
+        label = display.label(point.at) or "the only point"
+        if result is None:
+            running = any(f" of {point.label}" in one for one in self._going) if point.label else bool(self._going)
+            return Tile(index + 1, label, None, value="running" if running else "waiting" if self._going else "not run")
+        pooled = result.pooled.get(self.quantity)
+        value, part = self._without(result), None
+        if pooled is not None:
+            value = display.number(pooled.value, max(pooled.error, abs(pooled.value) / _DIGITS), self.unit.scale)
+            part = (pooled.value - self._low) / (self._high - self._low) if self._high > self._low else 0.5
+        return Tile(index + 1, label, result.runs[0].run_key, result.remark, value, part)
+
+    def _without(self, result: PointResult) -> str:
+        """Reason why a point has no value, in a word; empty if no point has one."""
+        if not self.quantity:
+            return ""
+        return next((how for how in ("clogged", "diverged") if result.outcomes[how]), "no value")

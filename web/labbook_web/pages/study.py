@@ -6,7 +6,7 @@ import threading
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from functools import partial
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -22,19 +22,24 @@ from labbook.report.blocks import Facts, slug
 from labbook.report.fitted_tables import fit_table
 from labbook.report.paper import Draw
 from labbook.report.result_box import headline, no_number, result_box
+from labbook.report.sections import series_of_points
 from labbook.report.setting import setting
 from labbook.report.statement_tables import statement_digest, statement_table
 from labbook.report.tables import Table
 from labbook.results import display
-from labbook.results.frames import to_json
+from labbook.results.frames import frames, to_json
 from labbook.results.points import ORIFICE, PointResult, followers, names_scene
 from labbook.results.reference import at_series
 from labbook.results.series import Series
-from labbook_web.page import Page, embedded
-from labbook_web.pages.explore import explorable
+from labbook_web.page import Page, embedded, with_units
+from labbook_web.pages.explore import explorable, map_view
 from labbook_web.pages.lab import outcomes, progress
 from labbook_web.pages.sheet import sheet
+from labbook_web.pages.tiles import tiles
 from labbook_web.shelf import Compared, Found, NotThere, Shelf
+
+if TYPE_CHECKING:
+    import pandas as pd
 
 
 def study_page(shelf: Shelf, name: str, query: Mapping[str, str]) -> Page:
@@ -46,6 +51,8 @@ def study_page(shelf: Shelf, name: str, query: Mapping[str, str]) -> Page:
     path = f"study/{name}"
     asked = {"backend": query["backend"]} if "backend" in query else {}
     linked = query.get("as")
+    now = progress(found, going)
+    labels = [job.label for process in now["running"] for job in process["jobs"]]
     return Page(
         "study.html.j2",
         path,
@@ -61,15 +68,17 @@ def study_page(shelf: Shelf, name: str, query: Mapping[str, str]) -> Page:
         results.frame,
         {
             **found.once("study", lambda: _shown(found)),
+            "tiles": found.once(f"tiles of {now}", lambda: tiles(results, now)) if results.points else None,
+            "sheet": sheet(results, labels) if labels else found.once("sheet", lambda: sheet(results)),
             "found": found,
             "backends": sorted({backend, *next((one.backends for one in shelf.listed() if one.name == name), ())}),
-            "progress": progress(found, going),
+            "progress": now,
             "note": shelf.note("study", name),
             "linked": linked,
             "outdated": linked is not None and linked != found.state,
             "command": command("run", study.path, lab=shelf.lab.folder, backend=backend),
         },
-        found.once("plotted", lambda: embedded(plotted(results))),
+        found.once("plotted", lambda: embedded({**plotted(results), "map": _map(found)})),
         asked,
     )
 
@@ -83,7 +92,6 @@ def _shown(found: Found) -> dict[str, Any]:
         "nothing": no_number(results),
         "constants": _constants(results),
         "outcomes": outcomes(results),
-        "sheet": sheet(results),
         "flow": tables.flow_table(results) if results.points else None,
         "further": tables.further_table(results),
         "fits": _fits(results),
@@ -93,11 +101,18 @@ def _shown(found: Found) -> dict[str, Any]:
         "statements_digest": statement_digest(results.judged) if results.judged else None,
         "numerics": tables.numerical_table(results.numerical) if results.numerical else None,
         "figures": figures(found),
+        "printed": {address: drawings(found)[address][0] for address in _charted(found)},
         "compared": verdicts(found.compared),
         "copied": copied(found.text, found.study.name),
         "explorable": explorable(results.study),
+        "mapped": _map(found),
         "parallel": len({name for result in results.points for name in result.at}) > 1,
     }
+
+
+def _map(found: Found) -> dict[str, Any] | None:
+    """Numbers of the map of two swept keys, as `static/map.js` draws it; None for other studies."""
+    return found.once("map", lambda: map_view(found.results))
 
 
 def _fits(results: Results) -> list[tuple[str, str, Law, Table]]:
@@ -110,7 +125,7 @@ def _fits(results: Results) -> list[tuple[str, str, Law, Table]]:
 
 
 def verdicts(compared: Sequence[Compared]) -> list[dict[str, Any]]:
-    """What the page shows of comparisons of backends: sentences, means, and whether there is a recording."""
+    """Comparisons of backends as the page shows them: sentences, means, and whether there is a recording."""
     return [
         {
             "name": one.name,
@@ -129,22 +144,39 @@ def verdicts(compared: Sequence[Compared]) -> list[dict[str, Any]]:
 def figures(found: Found) -> dict[str, str]:
     """Titles of the figures that the page shows, by address: those of the report, but for those that the chart shows,
     and of comparisons of backends."""
-    return {address: title for address, (title, _) in drawn(found).items()}
+    return {address: title for address, (title, _) in drawings(found).items() if address not in _charted(found)}
 
 
-def drawn(shown_of: Found) -> dict[str, tuple[str, Draw]]:
-    """Figures by address, each with its title and what draws it."""
-    results = shown_of.results
+def _charted(contents: Found) -> list[str]:
+    """Addresses of figures that the chart of the page shows already; for print they are linked below it."""
+    return [address for address in drawings(contents) if address.startswith(("flow-rate", "overview", "map"))]
+
+
+_MANY = 48
+"""Points that figures with a panel for each point show in one figure; of more each series has its own."""
+
+
+def drawings(contents: Found) -> dict[str, tuple[str, Draw]]:
+    """Figures by address, each with its title and its drawing."""
+    return contents.once("drawings", lambda: _drawings(contents))
+
+
+def _drawings(of_study: Found) -> dict[str, tuple[str, Draw]]:
+    results = of_study.results
     found: dict[str, tuple[str, Draw]] = {
         f"compare-{slug(one.name)}": (
             f"Backends {' and '.join(entrant.called for entrant in one.verdict.entrants)}",
             partial(shown.figure, one.verdict),
         )
-        for one in shown_of.compared
+        for one in of_study.compared
     }
+    panels: set[str] = set()
     with suppress(NotEvaluated):
         for name, draw in gallery.of_results(results).items():
-            if name not in _CHARTED:
+            found[slug(name)] = _title(name), draw
+        if 0 < len(results.points) <= _MANY:
+            for name, draw in gallery.of_points(series_of_points(results.points)).items():
+                panels.add(name)
                 found[slug(name)] = _title(name), draw
     for number, series in enumerate(results.series, 1):
         label = f", {series.label}" if series.label else ""
@@ -153,51 +185,76 @@ def drawn(shown_of: Found) -> dict[str, tuple[str, Draw]]:
         except NotEvaluated:
             continue
         for name, draw in own.items():
-            if name not in _CHARTED:
+            if name not in panels:
                 address = slug(name) + (f"-{number}" if len(results.series) > 1 else "")
                 found[address] = _title(name) + label, draw
     return found
 
 
-_CHARTED = ("flow_rate", "flow_over_time", "overview")
-"""What the chart of the page, or the pages of its points, show already."""
-
-
-def draw(found: Found, address: str) -> "tuple[str, Draw]":
+def draw(contents: Found, address: str) -> "tuple[str, Draw]":
     """The title of a figure, and what draws it. Raises NotThere."""
-    known = drawn(found)
+    known = drawings(contents)
     if address not in known:
-        raise NotThere(f"{found.study.name} has no figure {address}; it has: {', '.join(known) or 'none'}")
+        raise NotThere(f"{contents.study.name} has no figure {address}; it has: {', '.join(known) or 'none'}")
     return known[address]
 
 
-def picture(shelf: Shelf, found: Found, address: str) -> bytes:
-    """A figure as SVG, drawn once for what it shows. Raises NotThere, and what CANNOT_DRAW lists."""
+def picture(shelf: Shelf, contents: Found, address: str, kind: str = "svg") -> bytes:
+    """A figure as a file of a kind of FORMATS, drawn once for what it shows. Raises NotThere, and what CANNOT_DRAW
+    lists."""
 
     def make() -> bytes:
-        return as_svg(draw(found, address)[1])
+        return encoded(draw(contents, address)[1], kind)
 
-    return shelf.pictures.get((found.study.name, found.backend, address), found.state, make)
+    return shelf.pictures.get((contents.study.name, contents.backend, address, kind), contents.state, make)
 
 
-def as_svg(make: Draw) -> bytes:
-    """A figure as SVG."""
+def caption(contents: Found, address: str) -> str:
+    """The caption of a figure; empty of a figure that has none. Raises NotThere, and what CANNOT_DRAW lists."""
+    drawing = draw(contents, address)[1]
+    return drawing.caption() if isinstance(drawing, gallery.Drawing) else ""
+
+
+def numbers(contents: Found, address: str) -> "pd.DataFrame | None":
+    """The numbers of a figure as a table, units in the headings; None of a figure without. Raises NotThere."""
+    drawing = draw(contents, address)[1]
+    if not isinstance(drawing, gallery.Drawing) or not drawing.table:
+        return None
+    if drawing.table == "points":
+        return with_units(contents.results.frame())
+    table = frames(contents.results, (drawing.table,)).get(drawing.table)
+    return None if table is None else with_units(table)
+
+
+def figure(shelf: Shelf, contents: Found, address: str) -> dict[str, Any]:
+    """Title, caption and table of a figure as its template shows them, or why it cannot be drawn. Raises NotThere."""
+    title = draw(contents, address)[0]
+    try:
+        picture(shelf, contents, address)
+        described = {"why": "", "caption": caption(contents, address), "table": numbers(contents, address) is not None}
+    except CANNOT_DRAW as error:
+        described = {"why": why_not(error, contents), "caption": "", "table": False}
+    return {"address": address, "title": title, "kinds": style.FORMATS, **described}
+
+
+def encoded(make: Draw, kind: str = "svg") -> bytes:
+    """A figure as a file of a kind of FORMATS."""
     with _drawing:
-        return style.encode(make(), "svg")
+        return style.encode(make(), kind)
 
 
 _drawing = threading.Lock()  # matplotlib's settings are those of the whole process
 
 
 def why_not(error: Exception, found: Found) -> str:
-    """Why a figure cannot be drawn, and what to do."""
+    """Reason why a figure cannot be drawn, and the remedy."""
     if isinstance(error, NotEvaluated):
         return f"Not drawn, since {error}: {command('report', found.study.path.name)} evaluates it."
     return f"{str(error)[:1].upper()}{str(error)[1:]}."
 
 
 CANNOT_DRAW = (NotEvaluated, LookupError, MeasureError, ImportError, ExtensionError)
-"""What drawing a figure may raise of results that lack something."""
+"""Errors of drawing a figure of results that lack something."""
 
 
 def _title(name: str) -> str:

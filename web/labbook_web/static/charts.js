@@ -8,6 +8,7 @@
   const DASHES = ["solid", "dash", "dot", "dashdot"];
   const VIRIDIS = ["#440154", "#46327e", "#365c8d", "#277f8e", "#1fa187", "#4ac16d", "#a0da39"];
   const FLOWS = ["flow_rate", "grain_rate"];
+  const CURVES = 6, PANELS = 36; // curves that one panel has at most, and panels of a chart
   const OPEN = 24, FACTOR = 1.12; // half a bar without ends: pixels, and on a logarithmic scale
   const scheme = matchMedia("(prefers-color-scheme: dark)");
 
@@ -96,6 +97,42 @@
     return [...found.values()];
   }
 
+  // More curves than one can tell apart stand in panels, by the key that leaves few curves in each and few panels.
+  function panelled(list, width) {
+    const values = {};
+    for (const group of list) for (const [key, value] of group.rest) (values[key] ||= new Map()).set(value, 0);
+    const several = Object.keys(values).filter((key) => values[key].size > 1);
+    if (list.length <= CURVES || !several.length) return null;
+    const most = (key) => { for (const group of list) { const value = new Map(group.rest).get(key); values[key].set(value, (values[key].get(value) || 0) + 1); } return Math.max(...values[key].values()); };
+    const [, , key] = several.map((one) => [Math.max(most(one), CURVES), values[one].size, one]).sort((a, b) => a[0] - b[0] || a[1] - b[1])[0];
+    const every = [...values[key].keys()];
+    if (typeof every[0] !== "string") every.sort((a, b) => a - b);
+    if (every.length > PANELS) return null;
+    const curves = new Map();
+    for (const group of list) { const rest = JSON.stringify(group.rest.filter(([name]) => name !== key)); if (!curves.has(rest)) curves.set(rest, curves.size); }
+    const columns = Math.min(every.length, Math.max(2, Math.min(6, Math.floor(width / 170)))), rows = Math.ceil(every.length / columns);
+    return {
+      key, values: every, columns, rows, curves: curves.size,
+      panel: (group) => every.indexOf(new Map(group.rest).get(key)),
+      curve: (group) => curves.get(JSON.stringify(group.rest.filter(([name]) => name !== key))),
+    };
+  }
+
+  const nth = (letter, place) => letter + (place ? place + 1 : "");
+
+  function panelAxes(shape, panels, titles) {
+    const { columns, rows, values } = panels, wide = (1 - 0.02 * (columns - 1)) / columns, high = 1 / rows, title = 22 / (150 * rows);
+    const { xaxis, yaxis } = shape;
+    shape.annotations = [];
+    values.forEach((value, place) => {
+      const column = place % columns, row = Math.floor(place / columns), left = column * (wide + 0.02), bottom = 1 - (row + 1) * high;
+      const lowest = place + columns >= values.length, x = nth("x", place), y = nth("y", place);
+      shape[`xaxis${place ? place + 1 : ""}`] = { ...xaxis, domain: [left, left + wide], anchor: y, matches: place ? "x" : undefined, showticklabels: lowest, nticks: 4, title: { text: lowest && column === Math.floor((columns - 1) / 2) ? xaxis.title.text : "" } };
+      shape[`yaxis${place ? place + 1 : ""}`] = { ...yaxis, domain: [bottom + 0.25 * title, bottom + high - title], anchor: x, matches: place ? "y" : undefined, showticklabels: column === 0, nticks: 4, title: { text: column === 0 && row === Math.floor((rows - 1) / 2) ? yaxis.title.text : "" } };
+      shape.annotations.push({ text: titles[place], xref: `${x} domain`, yref: `${y} domain`, x: 0, y: 1, xanchor: "left", yanchor: "bottom", showarrow: false, font: { size: 12 } });
+    });
+  }
+
   function called(rest, keys) {
     return rest.map(([key, value]) => `${keys[key].label} = ${typeof value === "string" ? value : said(value * keys[key].scale)} ${keys[key].unit}`.trim()).join(", ");
   }
@@ -121,12 +158,16 @@
       const list = every.flatMap((study, place) => groups(study, state.x).map((group) => ({ study, place, ...group }))).filter((group) => group.points.some(shown));
       const dropped = every.filter((study) => study.points.length && !list.some((group) => group.study === study));
       const open = [], log = state.scale === "log";
-      const numeric = !several && list.length > t.colours.length;
-      const colour = (at) => (numeric ? VIRIDIS[Math.round(((VIRIDIS.length - 1) * at) / (list.length - 1))] : t.colours[at % t.colours.length]);
+      const panels = several ? null : panelled(list, holder.clientWidth), lost = [];
+      const numeric = !several && !panels && list.length > t.colours.length;
+      const colour = (at) => (panels ? (panels.curves > t.colours.length ? VIRIDIS[Math.round(((VIRIDIS.length - 1) * panels.curve(list[at])) / (panels.curves - 1))] : t.colours[panels.curve(list[at])]) : numeric ? VIRIDIS[Math.round(((VIRIDIS.length - 1) * at) / (list.length - 1))] : t.colours[at % t.colours.length]);
       const fitted = X.orifice && state.y === "flow_rate";
       let residuals = false, lacking = 0, marks = 0;
+      const told = new Set();
       list.forEach((group, at) => {
-        const keys = group.study.keys, name = [several ? group.study.label : "", called(group.rest, keys)].filter(Boolean).join(": ") || (several ? group.study.label : Y.label);
+        const place_ = panels ? panels.panel(group) : 0, curve = panels ? panels.curve(group) : at;
+        const axes = panels ? { xaxis: nth("x", place_), yaxis: nth("y", place_) } : {}, cluster = panels ? `c${curve}` : `g${at}`;
+        const keys = group.study.keys, rest = panels ? group.rest.filter(([key]) => key !== panels.key) : group.rest, name = [several ? group.study.label : "", called(rest, keys)].filter(Boolean).join(": ") || (several ? group.study.label : Y.label);
         const here = group.points.filter((point) => point.values[state.y] && point.values[state.y][0] !== null && shown(point));
         const x = (point) => (state.x === "" ? point.label : X.words ? point.at[state.x] : point.at[state.x] * X.scale);
         if (!X.words) here.sort((a, b) => x(a) - x(b));
@@ -135,14 +176,15 @@
         const middle = here.map((point) => raised(value(point, 0) * Y.scale));
         const dim = chosen && here.length && !here.some((point) => chosen.has(point.n));
         const unknown = (point) => value(point, 2) === null || value(point, 3) === null, hollow = (point) => point.remark || unknown(point);
-        const legend = list.length > 1 || (fitted && group.study.series.length > 0);
-        here.filter(unknown).forEach((point) => open.push({ x: x(point), y: raised(value(point, 0) * Y.scale), color: colour(at) }));
+        const legend = panels ? panels.curves > 1 && panels.curves <= t.colours.length && !told.has(curve) : list.length > 1 || (fitted && group.study.series.length > 0);
+        told.add(curve);
+        here.filter(unknown).forEach((point) => open.push({ x: x(point), y: raised(value(point, 0) * Y.scale), color: colour(at), xref: axes.xaxis, yref: axes.yaxis }));
         // An entry of its own: the legend shows the marker of the series, not that of its first point.
-        traces.push({ type: "scatter", mode: fitted || X.words ? "markers" : "lines+markers", name: pretty(name), legendgroup: `g${at}`, x: [null], y: [null], meta: "legend", line: { color: alpha(colour(at), 0.45), width: 1 }, marker: { color: colour(at), size: 9, symbol: SYMBOLS[at % SYMBOLS.length], line: { color: colour(at), width: 2 } }, hoverinfo: "skip", showlegend: legend });
+        traces.push({ type: "scatter", mode: fitted || X.words ? "markers" : "lines+markers", name: pretty(name), legendgroup: cluster, x: [null], y: [null], meta: "legend", line: { color: alpha(colour(at), 0.45), width: 1 }, marker: { color: colour(at), size: 9, symbol: SYMBOLS[curve % SYMBOLS.length], line: { color: colour(at), width: 2 } }, hoverinfo: "skip", showlegend: legend });
         traces.push({
-          type: "scatter", mode: fitted || X.words ? "markers" : "lines+markers", name: pretty(name), legendgroup: `g${at}`, x: here.map(x), y: middle, customdata: here.map((point) => [point.n, group.study.study]),
+          ...axes, type: "scatter", mode: fitted || X.words ? "markers" : "lines+markers", name: pretty(name), legendgroup: cluster, x: here.map(x), y: middle, customdata: here.map((point) => [point.n, group.study.study]),
           line: { color: alpha(colour(at), 0.45), width: 1 },
-          marker: { color: here.map((point) => (hollow(point) ? t.paper : colour(at))), size: 9, symbol: SYMBOLS[at % SYMBOLS.length], line: { color: colour(at), width: 2 }, opacity: here.map((point) => (!chosen || chosen.has(point.n) ? 1 : 0.15)) },
+          marker: { color: here.map((point) => (hollow(point) ? t.paper : colour(at))), size: 9, symbol: SYMBOLS[curve % SYMBOLS.length], line: { color: colour(at), width: 2 }, opacity: here.map((point) => (!chosen || chosen.has(point.n) ? 1 : 0.15)) },
           error_y: { type: "data", symmetric: false, array: here.map((point, k) => (end(point, 3) === null ? 0 : end(point, 3) - middle[k])), arrayminus: here.map((point, k) => (end(point, 2) === null ? 0 : middle[k] - end(point, 2))), color: colour(at), thickness: 1.5, width: 4 },
           opacity: dim ? 0.3 : 1,
           hovertemplate: here.map((point) => `<b>${pretty(point.label)}</b><br>${pretty(Y.label)} = ${point.said[state.y]} ${pretty(Y.unit)}${point.remark ? "<br>" + escape(point.remark) : ""}<extra></extra>`),
@@ -152,7 +194,8 @@
         const none = group.points.filter((point) => !here.includes(point) && shown(point));
         if (none.length) {
           lacking += none.length;
-          traces.push({ type: "scatter", mode: "markers", cliponaxis: false, yaxis: "y3", x: none.map(x), y: none.map(() => 0), customdata: none.map((point) => [point.n, group.study.study]), marker: { symbol: "x-thin", size: 10, line: { color: colour(at), width: 2.5 } }, showlegend: false, legendgroup: `g${at}`, hovertemplate: none.map((point) => `<b>${pretty(point.label)}</b><br>no ${pretty(Y.label)}: ${escape(point.remark || "not measured")}<extra></extra>`) });
+          if (panels) none.forEach((point) => lost.push({ x: x(point), xref: axes.xaxis, yref: `${axes.yaxis} domain`, color: colour(at) }));
+          else traces.push({ type: "scatter", mode: "markers", cliponaxis: false, yaxis: "y3", x: none.map(x), y: none.map(() => 0), customdata: none.map((point) => [point.n, group.study.study]), marker: { symbol: "x-thin", size: 10, line: { color: colour(at), width: 2.5 } }, showlegend: false, legendgroup: cluster, hovertemplate: none.map((point) => `<b>${pretty(point.label)}</b><br>no ${pretty(Y.label)}: ${escape(point.remark || "not measured")}<extra></extra>`) });
         }
         if (!fitted) return;
         const inside = new Set(group.points.map((point) => point.n));
@@ -162,15 +205,16 @@
             if (state.off.includes(law)) return;
             const place = Object.keys(known.laws).indexOf(law), x = fit.x.map((value) => value * X.scale), scaled = (values) => values.map((one) => raised(one === null ? null : one * Y.scale));
             const paint = list.length > 1 ? colour(at) : t.colours[(place + 1) % t.colours.length];
-            if (list.length <= 4) {
-              traces.push({ type: "scatter", mode: "lines", x, y: scaled(fit.low), line: { width: 0 }, hoverinfo: "skip", showlegend: false, legendgroup: `g${at}` });
-              traces.push({ type: "scatter", mode: "lines", x, y: scaled(fit.high), line: { width: 0 }, fill: "tonexty", fillcolor: alpha(paint, 0.16), hoverinfo: "skip", showlegend: false, legendgroup: `g${at}` });
+            if ((panels ? panels.curves : list.length) <= 4) {
+              traces.push({ ...axes, type: "scatter", mode: "lines", x, y: scaled(fit.low), line: { width: 0 }, hoverinfo: "skip", showlegend: false, legendgroup: cluster });
+              traces.push({ ...axes, type: "scatter", mode: "lines", x, y: scaled(fit.high), line: { width: 0 }, fill: "tonexty", fillcolor: alpha(paint, 0.16), hoverinfo: "skip", showlegend: false, legendgroup: cluster });
             }
-            traces.push({ type: "scatter", mode: "lines", name: pretty(fit.label), meta: "fit", x, y: scaled(fit.value), line: { color: paint, width: 2, dash: DASHES[place % DASHES.length] }, legendgroup: list.length > 1 ? `g${at}` : `l${law}`, showlegend: list.length === 1, hovertemplate: `${pretty(fit.label)}: ${pretty(fit.parameters)}<extra></extra>` });
+            traces.push({ ...axes, type: "scatter", mode: "lines", name: pretty(fit.label), meta: "fit", x, y: scaled(fit.value), line: { color: paint, width: 2, dash: DASHES[place % DASHES.length] }, legendgroup: list.length > 1 ? cluster : `l${law}`, showlegend: list.length === 1, hovertemplate: `${pretty(fit.label)}: ${pretty(fit.parameters)}<extra></extra>` });
+            if (panels) return; // no room for residuals
             residuals = true;
-            traces.push({ type: "scatter", mode: "markers", x: fit.at.map((value) => value * X.scale), y: fit.residuals, yaxis: "y2", marker: { size: 0.1, color: paint }, error_y: { type: "data", array: fit.errors, color: alpha(paint, 0.5), thickness: 6, width: 0 }, legendgroup: list.length > 1 ? `g${at}` : `l${law}`, showlegend: false, hoverinfo: "skip" });
+            traces.push({ type: "scatter", mode: "markers", x: fit.at.map((value) => value * X.scale), y: fit.residuals, yaxis: "y2", marker: { size: 0.1, color: paint }, error_y: { type: "data", array: fit.errors, color: alpha(paint, 0.5), thickness: 6, width: 0 }, legendgroup: list.length > 1 ? cluster : `l${law}`, showlegend: false, hoverinfo: "skip" });
             fit.half_widths.forEach((half, k) => { if (half === null) open.push({ x: fit.at[k] * X.scale, y: fit.residuals[k], color: paint, yref: "y2" }); });
-            traces.push({ type: "scatter", mode: "markers", meta: "residual", x: fit.at.map((value) => value * X.scale), y: fit.residuals, yaxis: "y2", marker: { color: paint, size: 7, symbol: SYMBOLS[(list.length > 1 ? at : place + 1) % SYMBOLS.length] }, error_y: { type: "data", array: fit.half_widths.map((half) => half || 0), color: paint, thickness: 1.2, width: 3 }, legendgroup: list.length > 1 ? `g${at}` : `l${law}`, showlegend: false, hovertemplate: `${pretty(fit.label)}: %{y:.2f} %<extra></extra>` });
+            traces.push({ type: "scatter", mode: "markers", meta: "residual", x: fit.at.map((value) => value * X.scale), y: fit.residuals, yaxis: "y2", marker: { color: paint, size: 7, symbol: SYMBOLS[(list.length > 1 ? at : place + 1) % SYMBOLS.length] }, error_y: { type: "data", array: fit.half_widths.map((half) => half || 0), color: paint, thickness: 1.2, width: 3 }, legendgroup: list.length > 1 ? cluster : `l${law}`, showlegend: false, hovertemplate: `${pretty(fit.label)}: %{y:.2f} %<extra></extra>` });
           });
         }
       });
@@ -180,7 +224,7 @@
         const here = theirs.filter((one) => at.has(one.point) && (state.x === "" || at.get(one.point).at[state.x] !== undefined));
         if (here.length) traces.push({ type: "scatter", mode: "markers", name: escape(study.source), meta: "reference", x: here.map((one) => (state.x === "" ? at.get(one.point).label : X.words ? at.get(one.point).at[state.x] : at.get(one.point).at[state.x] * X.scale)), y: here.map((one) => raised(one.value * Y.scale)), marker: { symbol: "diamond-open", size: 13, color: t.ink, line: { width: 2 } }, hovertemplate: `${escape(study.source)}: %{y:.4g}<extra></extra>` });
       }
-      if (list.length > 1 && residuals) {
+      if (list.length > 1 && (residuals || (panels && fitted))) {
         Object.entries(known.laws).forEach(([law, label], place) => {
           if (!state.off.includes(law)) traces.push({ type: "scatter", mode: "lines", name: pretty(label), x: [null], y: [null], line: { color: t.soft, width: 2, dash: DASHES[place % DASHES.length] }, hoverinfo: "skip" });
         });
@@ -192,17 +236,20 @@
       });
       if (residuals) shape.yaxis2 = { ...shape.yaxis, type: "linear", title: { text: "residual [%]" }, domain: [0, 0.2], rangemode: "normal", zeroline: true, zerolinecolor: t.soft };
       if (residuals) shape.xaxis.anchor = "y2";
+      if (panels) panelAxes(shape, panels, panels.values.map((value) => pretty(called([[panels.key, value]], every[0].keys))));
       // Crosses stand on the lower edge, whatever the scale.
-      shape.yaxis3 = { overlaying: "y", anchor: "x", range: [0, 1], fixedrange: true, visible: false };
+      else shape.yaxis3 = { overlaying: "y", anchor: "x", range: [0, 1], fixedrange: true, visible: false };
       // Plotly takes no pixels below a point on a logarithmic axis: there the bars are a factor long.
-      const reach = (one) => (log && !one.yref ? { y0: one.y / FACTOR, y1: one.y * FACTOR } : { ysizemode: "pixel", yanchor: one.y, y0: -OPEN, y1: OPEN });
-      shape.shapes = open.map((one) => ({ type: "line", xref: "x", yref: one.yref || "y", x0: one.x, x1: one.x, ...reach(one), line: { color: one.color, width: 1.5, dash: "dot" } }));
-      shape.height = list.length > 8 ? 560 : residuals ? 500 : 420;
+      const reach = (one) => (log && (panels || !one.yref) ? { y0: one.y / FACTOR, y1: one.y * FACTOR } : { ysizemode: "pixel", yanchor: one.y, y0: -OPEN, y1: OPEN });
+      shape.shapes = open.map((one) => ({ type: "line", xref: one.xref || "x", yref: one.yref || "y", x0: one.x, x1: one.x, ...reach(one), line: { color: one.color, width: 1.5, dash: "dot" } }));
+      if (panels) shape.annotations.push(...lost.map((one) => ({ text: "✕", x: one.x, xref: one.xref, yref: one.yref, y: 0, yanchor: "bottom", showarrow: false, font: { size: 11, color: one.color } })));
+      shape.height = panels ? 90 + 150 * panels.rows : list.length > 8 ? 560 : residuals ? 500 : 420;
       Plotly.react(holder, traces, shape, CONFIG);
       const points = traces.filter((one) => one.customdata && one.marker.symbol !== "x-thin").reduce((sum, one) => sum + one.x.length, 0);
       holder.dataset.points = points;
       holder.dataset.fits = traces.filter((one) => one.meta === "fit").length;
       const bits = [`${points} point${points === 1 ? "" : "s"}; bars and hovers are 95 % intervals over n runs.`];
+      if (panels) bits.push(`${panels.values.length} panels, by ${every[0].keys[panels.key].label}, with one pair of axes.`);
       if (dropped.length) bits.push(`Not drawn, without ${X.label}: ${dropped.map((one) => one.label || one.study).join(", ")}.`);
       if (fitted && list.length > 4 && residuals) bits.push(`With ${list.length} curves, bands are not drawn.`);
       if (residuals) bits.push("Residuals: thin bars are 95 % intervals, thick ones the standard errors that fit and test use.");
@@ -257,6 +304,22 @@
     Plotly.react(holder, traces, shape, CONFIG);
     if (labbook.once(holder, "listening")) scheme.addEventListener("change", () => drawLedger(holder, ledger));
   }
+
+  // A chart as it is drawn, on the colour of the page.
+  document.addEventListener("click", (event) => {
+    const button = event.target.closest("button.plot"), chart = button && document.getElementById(button.dataset.plot);
+    if (!chart || !chart.layout) return;
+    const width = chart.clientWidth, height = chart.clientHeight, file = `${button.dataset.file}.${button.dataset.kind}`;
+    const figure = { data: chart.data, layout: { ...chart.layout, paper_bgcolor: theme().paper, plot_bgcolor: theme().paper }, config: CONFIG };
+    Plotly.toImage(figure, { format: "svg", width, height }).then((address) => {
+      if (button.dataset.kind === "svg") { labbook.save(new Blob([decodeURIComponent(address.slice(address.indexOf(",") + 1))], { type: "image/svg+xml" }), file); return; }
+      const image = new Image(), canvas = document.createElement("canvas"); // Plotly's own way needs images from blob:, which the policy of the page refuses
+      canvas.width = 3 * width;
+      canvas.height = 3 * height;
+      image.onload = () => { canvas.getContext("2d").drawImage(image, 0, 0, canvas.width, canvas.height); canvas.toBlob((content) => labbook.save(content, file)); };
+      image.src = address;
+    });
+  });
 
   labbook.ready(() => {
     const data = labbook.data();

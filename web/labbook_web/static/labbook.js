@@ -31,6 +31,13 @@ const labbook = {
     labbook.chosen = points;
     document.dispatchEvent(new CustomEvent("labbook:chosen"));
   },
+  save(content, file) {
+    const link = document.createElement("a"), address = URL.createObjectURL(content);
+    link.href = address;
+    link.download = file;
+    link.click();
+    URL.revokeObjectURL(address);
+  },
   once(element, name) {
     if (!element || element.dataset[name]) return false;
     element.dataset[name] = "1";
@@ -112,13 +119,7 @@ document.addEventListener("click", (event) => {
     location.assign(compare.dataset.address + "?" + items.join("&"));
   }
   const save = event.target.closest("button.save");
-  if (save) {
-    const link = document.createElement("a"), address = URL.createObjectURL(new Blob([save.dataset.save], { type: "text/yaml" }));
-    link.href = address;
-    link.download = save.dataset.file;
-    link.click();
-    URL.revokeObjectURL(address);
-  }
+  if (save) labbook.save(new Blob([save.dataset.save], { type: "text/yaml" }), save.dataset.file);
   const copy = event.target.closest("button.copy");
   if (copy) {
     const said = copy.parentElement.querySelector(".copied");
@@ -127,6 +128,22 @@ document.addEventListener("click", (event) => {
       navigator.clipboard.writeText(copy.dataset.copy).then(() => done(copy.textContent + ": done"), () => done("The browser did not allow it."));
     } else done("Copying needs a secure address (https or localhost).");
   }
+});
+
+// An address names a part of the page: if it is folded, it opens.
+function unfold() {
+  const part = location.hash.length > 1 && document.getElementById(decodeURIComponent(location.hash.slice(1)));
+  if (part && part.tagName === "DETAILS") part.open = true;
+}
+window.addEventListener("hashchange", unfold);
+
+// What was opened stays open when the page is shown anew.
+let opened = [];
+document.addEventListener("htmx:beforeSwap", (event) => {
+  if (event.detail.target && event.detail.target.id === "main") opened = [...document.querySelectorAll("main details[id]")].map((one) => [one.id, one.open]);
+});
+document.addEventListener("htmx:afterSettle", (event) => {
+  if (event.detail.target && event.detail.target.id === "main") for (const [id, open] of opened) { const part = document.getElementById(id); if (part) part.open = open; }
 });
 
 // A page that shows a study which runs now is shown anew when more runs are there.
@@ -176,5 +193,6 @@ labbook.ready((root) => {
   }
   comparing();
   viewers();
+  unfold();
 });
 document.addEventListener("labbook:chosen", filterPoints);

@@ -93,7 +93,8 @@ const maps = (() => {
     return [Math.min(...values), Math.max(...values)];
   };
 
-  // Over two keys. `state`: values of all keys, wanted value, numbers of the keys on the axes; `moved`: told of new values.
+  // Over two keys. `state`: values of all keys, wanted value, numbers of the keys on the axes; `moved`: told of new values,
+  // null for a map without a design.
   function map(holder, view, state, href, moved) {
     const { width, height, canvas, svg } = frame(holder, `Map of ${view.quantity.label} over ${view.factors[state.x].label} and ${view.factors[state.y].label}; the table of points on the page of the study has its numbers`);
     const box = { left: 58, right: width - 64, top: 10, bottom: height - 46 };
@@ -103,28 +104,30 @@ const maps = (() => {
     const [low, high] = range(view), part = (value) => (value - low) / (high - low || 1);
 
     // The surface, in blocks: transparent outside of the points, lighter where its interval holds the wanted value.
-    const block = view.surface.coefficients.length > MANY ? LARGE : BLOCK;
-    const columns = Math.ceil((box.right - box.left) / block), rows = Math.ceil((box.bottom - box.top) / block);
-    canvas.width = columns; canvas.height = rows;
     canvas.style.cssText = `left:${100 * box.left / width}%;top:${100 * box.top / height}%;width:${100 * (box.right - box.left) / width}%;height:${100 * (box.bottom - box.top) / height}%`;
-    const picture = canvas.getContext("2d"), image = picture.createImageData(columns, rows);
-    const u = view.factors.map((factor, k) => surfaces.scaled(factor, state.at[k]));
     let drawn = 0;
-    for (let row = 0; row < rows; row += 1) for (let column = 0; column < columns; column += 1) {
-      u[state.x] = x0 + (column + 0.5) / columns * (x1 - x0);
-      u[state.y] = y1 - (row + 0.5) / rows * (y1 - y0);
-      if (!surfaces.inside(view.surface, u)) continue;
-      const [value, lower, upper] = surfaces.band(view, u), light = lower <= state.want && state.want <= upper ? 0.6 : 0;
-      const rgb = colour(part(value)), at = 4 * (row * columns + column);
-      rgb.forEach((one, k) => { image.data[at + k] = one + light * (255 - one); });
-      image.data[at + 3] = 255;
-      drawn += 1;
+    if (view.surface) {
+      const block = view.surface.coefficients.length > MANY ? LARGE : BLOCK;
+      const columns = Math.ceil((box.right - box.left) / block), rows = Math.ceil((box.bottom - box.top) / block);
+      canvas.width = columns; canvas.height = rows;
+      const picture = canvas.getContext("2d"), image = picture.createImageData(columns, rows);
+      const u = view.factors.map((factor, k) => surfaces.scaled(factor, state.at[k]));
+      for (let row = 0; row < rows; row += 1) for (let column = 0; column < columns; column += 1) {
+        u[state.x] = x0 + (column + 0.5) / columns * (x1 - x0);
+        u[state.y] = y1 - (row + 0.5) / rows * (y1 - y0);
+        if (!surfaces.inside(view.surface, u)) continue;
+        const [value, lower, upper] = surfaces.band(view, u), light = lower <= state.want && state.want <= upper ? 0.6 : 0;
+        const rgb = colour(part(value)), at = 4 * (row * columns + column);
+        rgb.forEach((one, k) => { image.data[at + k] = one + light * (255 - one); });
+        image.data[at + 3] = 255;
+        drawn += 1;
+      }
+      picture.putImageData(image, 0, 0);
     }
-    picture.putImageData(image, 0, 0);
     holder.dataset.blocks = drawn;
 
     axes(svg, box, X, Y, { ...fx, ticks: places(fx, box.right - box.left) }, { ...fy, ticks: places(fy, box.bottom - box.top) });
-    const hit = element(svg, "rect", { class: "hit", x: box.left, y: box.top, width: box.right - box.left, height: box.bottom - box.top });
+    const hit = moved && element(svg, "rect", { class: "hit", x: box.left, y: box.top, width: box.right - box.left, height: box.bottom - box.top });
 
     // Of points at one place of the map the one that is nearest in the other keys is drawn, fainter if it is elsewhere.
     const here = view.factors.map((factor, k) => surfaces.scaled(factor, state.at[k])), nearest = new Map();
@@ -145,7 +148,7 @@ const maps = (() => {
       element(link, "circle", { class: "point", cx: x, cy: y, r: 7, fill: `rgb(${colour(part(value))})` });
     }
     const x = X(state.at[state.x]), y = Y(state.at[state.y]);
-    for (const name of ["halo", "core"]) element(svg, "path", { class: name, d: `M${x - 11},${y}H${x + 11}M${x},${y - 11}V${y + 11}`, "pointer-events": "none" });
+    if (moved) for (const name of ["halo", "core"]) element(svg, "path", { class: name, d: `M${x - 11},${y}H${x + 11}M${x},${y - 11}V${y + 11}`, "pointer-events": "none" });
 
     // The colours.
     const shades = element(element(svg, "defs", {}), "linearGradient", { id: "shades", x1: 0, x2: 0, y1: 1, y2: 0 });
@@ -153,7 +156,8 @@ const maps = (() => {
     element(svg, "rect", { x: box.right + 14, y: box.top, width: 12, height: box.bottom - box.top, fill: "url(#shades)" });
     const scale = view.quantity.scale;
     for (const one of ticks(low * scale, high * scale, 5)) element(svg, "text", { x: box.right + 30, y: box.bottom - part(one / scale) * (box.bottom - box.top) + 4 }, plain(one));
-    drag(hit, svg, (px, py) => {
+    holder.dataset.points = nearest.size;
+    if (hit) drag(hit, svg, (px, py) => {
       const values = [...state.at];
       values[state.x] = surfaces.unscaled(fx, Math.min(Math.max(x0 + (px - box.left) / (box.right - box.left) * (x1 - x0), -1), 1));
       values[state.y] = surfaces.unscaled(fy, Math.min(Math.max(y1 - (py - box.top) / (box.bottom - box.top) * (y1 - y0), -1), 1));
@@ -213,3 +217,35 @@ const maps = (() => {
 
   return { map, curve, range, plain, heading, ticks };
 })();
+
+// The map on the page of a study: points that are chosen elsewhere on the page stay, the others fade.
+labbook.ready(() => {
+  const holder = document.getElementById("map"), view = holder && labbook.data() && labbook.data().map;
+  if (!view || !labbook.once(holder, "drawn")) return;
+  const state = { x: 0, y: 1, at: view.points[0].at, want: NaN };
+  const row = (n) => document.querySelector(`#points tr[data-point="${n}"] a`);
+  const render = () => {
+    if (!holder.isConnected) return; // the page was shown anew
+    maps.map(holder, view, state, (n) => (row(n) ? row(n).href : "#points-title"), null);
+    for (const link of holder.querySelectorAll("a[data-point]")) if (labbook.chosen && !labbook.chosen.has(Number(link.dataset.point))) link.setAttribute("opacity", 0.12);
+  };
+  render();
+  document.addEventListener("labbook:chosen", render);
+  window.addEventListener("resize", render);
+});
+
+// A map as it is drawn: its colours as an image within the drawing, styles of the page as attributes.
+document.addEventListener("click", (event) => {
+  const button = event.target.closest("button.drawing"), holder = button && document.getElementById(button.dataset.drawing);
+  if (!holder) return;
+  const svg = holder.querySelector("svg"), canvas = holder.querySelector("canvas"), copy = svg.cloneNode(true), box = svg.viewBox.baseVal;
+  const from = [...svg.querySelectorAll("*")], to = [...copy.querySelectorAll("*")];
+  from.forEach((one, k) => { const style = getComputedStyle(one); for (const name of ["fill", "stroke", "stroke-width", "font-size", "font-family", "text-anchor", "opacity"]) to[k].setAttribute(name, style.getPropertyValue(name)); });
+  const node = (name, attributes) => { const made = document.createElementNS("http://www.w3.org/2000/svg", name); for (const [key, value] of Object.entries(attributes)) made.setAttribute(key, value); return made; };
+  const part = (name, length) => (parseFloat(canvas.style[name]) / 100) * length;
+  copy.prepend(node("image", { href: canvas.toDataURL(), x: part("left", box.width), y: part("top", box.height), width: part("width", box.width), height: part("height", box.height), preserveAspectRatio: "none", opacity: getComputedStyle(canvas).opacity }));
+  copy.prepend(node("rect", { width: box.width, height: box.height, fill: getComputedStyle(document.documentElement).getPropertyValue("--paper").trim() }));
+  copy.setAttribute("xmlns", "http://www.w3.org/2000/svg");
+  copy.setAttribute("width", box.width);
+  labbook.save(new Blob([new XMLSerializer().serializeToString(copy)], { type: "image/svg+xml" }), `${button.dataset.file}.svg`);
+});

@@ -140,6 +140,8 @@
 
   labbook.ready(() => {
     const holder = document.getElementById("parallel"), data = labbook.data();
-    if (labbook.once(holder, "drawn")) draw(holder, document.getElementById("ranges"), document.getElementById("parallel-clear"), data);
+    if (!labbook.once(holder, "drawn")) return;
+    if (labbook.get("brush")) holder.closest("details").open = true; // the address names ranges
+    draw(holder, document.getElementById("ranges"), document.getElementById("parallel-clear"), data);
   });
 })();

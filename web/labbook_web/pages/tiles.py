@@ -1,0 +1,160 @@
+"""The three tiles with which the page of a study begins: the range of the flow rate, what matters, and attention."""
+
+from collections.abc import Mapping, Sequence
+from contextlib import suppress
+from dataclasses import dataclass
+from typing import Any
+
+from labbook.campaign import Calibrate
+from labbook.measure.arch import Arch
+from labbook.report.result_box import Row, concerns, conclusions, effects, interval_widths, no_number, unfinished
+from labbook.results import display
+from labbook.results.explore import DesignSurface, explore
+from labbook.results.points import FLOW_RATE, PointResult, RunResult
+from labbook.results.study import StudyResults
+from labbook.results.surface import NoSurface
+from labbook_web.pages.explore import bars
+from labbook_web.pages.sheet import leading, unit_of
+
+_SENTENCES = 3
+"""Sentences that a tile shows before the reader opens the rest."""
+_STOPS = 3
+"""Clogged points that a tile links."""
+
+
+@dataclass(frozen=True)
+class End:
+    """The smallest or the largest mean: its number with its interval, and the point where it was measured."""
+
+    name: str
+    text: str
+    label: str
+    point: int
+
+
+@dataclass(frozen=True)
+class Range:
+    """Means of a quantity over all points. `text`: its range; `unit`; `widths`: relative widths of the intervals."""
+
+    heading: str
+    text: str
+    unit: str
+    ends: tuple[End, ...]
+    widths: str
+
+
+@dataclass(frozen=True)
+class Stop:
+    """A point at which runs clogged, and the run that shows it best."""
+
+    label: str
+    clogged: int
+    runs: int
+    run_key: str
+
+
+@dataclass(frozen=True)
+class Tiles:
+    """Answers of a study.
+
+    Attributes:
+        range: Range of the flow rate, or of the first quantity that has a number; None without any.
+        nothing: Why there is no number.
+        bars: Share of each swept key in the variance, with its interval.
+        verdict: Which key matters more.
+        findings: Terms and sentences: laws, changes, references.
+        more_findings: Those behind "show".
+        attention: Sentences that limit the numbers.
+        more_attention: Those behind "show".
+        stops: Points at which runs clogged.
+        waiting: How many runs are there while the study runs; empty if none is lacking.
+    """
+
+    range: Range | None
+    nothing: str
+    bars: list[dict[str, Any]]
+    verdict: str
+    findings: tuple[Row, ...]
+    more_findings: tuple[Row, ...]
+    attention: tuple[str, ...]
+    more_attention: tuple[str, ...]
+    stops: tuple[Stop, ...]
+    waiting: str
+
+
+def tiles(results: StudyResults, progress: Mapping[str, Any]) -> Tiles:
+    """Sum up the results of a study.
+
+    Args:
+        results: Of a study with at least one finished run.
+        progress: As `labbook_web.pages.lab.progress` gives it. While processes make runs, missing ones are no cause for
+            alarm.
+    """
+    surface = surface_of(results)
+    rows = bars(surface) if surface is not None else []
+    findings = [*conclusions(results), *(effects(results) if not rows else [])]
+    lacking = unfinished(results) if progress["running"] else []
+    nothing = no_number(results)
+    sentences = [text for text in concerns(results) if text not in (*lacking, nothing)]
+    return Tiles(
+        None if isinstance(results.study.adapt, Calibrate) else _range(results),
+        nothing,
+        rows,
+        surface.verdict if surface is not None and len(surface.factors) > 1 else "",
+        tuple(findings[:_SENTENCES]),
+        tuple(findings[_SENTENCES:]),
+        tuple(sentences[:_SENTENCES]),
+        tuple(sentences[_SENTENCES:]),
+        _stops(results),
+        f"{progress['done']} of {progress['asked']} runs so far: all numbers are preliminary." if lacking else "",
+    )
+
+
+def surface_of(results: StudyResults) -> DesignSurface | None:
+    """The flow rate over all swept keys of numbers; None where the points do not determine it."""
+    with suppress(LookupError, NoSurface):
+        return explore(results)
+    return None
+
+
+def _range(results: StudyResults) -> Range | None:
+    quantity = leading(results)
+    measured = sorted(
+        (result for result in results.points if quantity in result.pooled),
+        key=lambda result: result.pooled[quantity].value,
+    )
+    if not measured:
+        return None
+    unit = unit_of(results, quantity)
+    ends = [measured[0], measured[-1]] if len(measured) > 1 else measured
+    numbers = dict.fromkeys(
+        display.number(one.pooled[quantity].value, one.pooled[quantity].error, unit.scale) for one in ends
+    )
+    names = ("smallest", "largest") if len(numbers) > 1 else ("at all points" if len(measured) > 1 else "mean",)
+    return Range(
+        f"Flow rate {unit.name}" if quantity == FLOW_RATE else unit.name,
+        " to ".join(numbers),
+        unit.unit,
+        tuple(_end(name, one, quantity, unit) for name, one in zip(names, ends, strict=False)),
+        interval_widths(measured, quantity),
+    )
+
+
+def _end(name: str, result: PointResult, quantity: str, unit: display.Shown) -> End:
+    text = display.with_interval(result.pooled[quantity], unit.scale)
+    return End(name, text, result.label if name != "at all points" else "", result.point.index + 1)
+
+
+def _stops(results: StudyResults) -> tuple[Stop, ...]:
+    """Points with clogged runs, those with most of them first."""
+    clogged = [(result, [run for run in result.runs if run.outcome == "clogged"]) for result in results.points]
+    clogged = sorted((pair for pair in clogged if pair[1]), key=lambda pair: -len(pair[1]) / len(pair[0].runs))
+    return tuple(
+        Stop(result.label or "the only point", len(runs), len(result.runs), best_shown(runs).run_key)
+        for result, runs in clogged[:_STOPS]
+    )
+
+
+def best_shown(runs: Sequence[RunResult]) -> RunResult:
+    """The run whose page tells most: one with the arch measured, else one with recorded frames, else the first."""
+    return min(runs, key=lambda run: (Arch.name not in run.measures, not run.recorded))
