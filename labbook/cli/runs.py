@@ -6,10 +6,12 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from labbook.cli.options import LAB, AsJson, Lab, existing, fail
-from labbook.cli.screen import say, screen
+from labbook.cli.screen import WIDE, say, screen
 from labbook.commands import command
 
 if TYPE_CHECKING:
+    from collections.abc import Mapping, Sequence
+
     from labbook.lab import LabFolder
 
 OfStudy = Annotated[str | None, typer.Option("--study", help="Only runs that were first made for this study.")]
@@ -32,7 +34,10 @@ def register(app: typer.Typer) -> None:
         limit: Limit = 50,
         as_json: AsJson = False,
     ) -> None:
-        """List runs, the latest first, with outcome, progress and speed."""
+        """List runs, the latest first, with outcome, flow rate and discharged part of the mass.
+
+        The flow rate is that in the window of the studies that were evaluated; a range if their windows differ.
+        """
         catalogue = existing(lab)
         if absent := catalogue.absent(study, outcome):
             fail(absent)
@@ -47,7 +52,7 @@ def register(app: typer.Typer) -> None:
             typer.echo(json.dumps(records, indent=2, allow_nan=False))
             return
         total = sum(catalogue.counts().values())  # before anything is printed: the index may be damaged
-        _show(found)
+        _show(found, catalogue.flow_rates(found.run_key))
         if len(found) < total:
             say(f"{len(found)} of {total} runs shown")
         if changed:
@@ -71,19 +76,32 @@ def _with_tag(lab: "LabFolder", tag: str) -> list[str]:
     return [key for key, tags in tagged(lab, "run").items() if wanted in tags]
 
 
-def _show(found) -> None:
-    """`left`: grains that left; `t`: time covered; `M/s`: million grain-steps per second."""
+def _show(found, rates: "Mapping[str, Sequence[float]]") -> None:
+    """Print runs as a table. On a terminal, study and backend are named once where all runs have the same. `rates`:
+    flow rates of runs [kg/s], one for each window."""
     from rich import box
     from rich.markup import escape
     from rich.table import Table
 
     from labbook.scene.quantities import percent
 
-    table = Table(box=box.SIMPLE_HEAD)
+    table = Table(box=box.SIMPLE_HEAD, padding=(0, 1, 0, 0))
+    readable = found[found["outcome"] != "unreadable"]
+    backends = [
+        f"{name} {int(version)}" for name, version in zip(readable.backend, readable.cache_version, strict=True)
+    ]
+    console = screen(highlight=False)
+    values = {"study": set(readable.study), "backend": set(backends)} if console.width < WIDE else {}
+    shared = {name: some.pop() for name, some in values.items() if len(some) == 1}
     several = bool((found["discharge"] > 1).any())
-    headings = ("run", "study", "point", "seed", *(["discharge"] if several else []), "backend", "outcome", "left")
-    for heading in (*headings, "t [s]", "M/s"):
-        right = heading in ("seed", "discharge", "left", "t [s]", "M/s")
+    headings = [
+        name for name in ("run", "study", "point", "seed", "discharge", "backend", "outcome") if name not in shared
+    ]
+    if not several:
+        headings.remove("discharge")
+    headings += ["W [g/s]", "discharged", "t [s]"]
+    for heading in headings:
+        right = heading in ("seed", "discharge", "W [g/s]", "discharged", "t [s]")
         folded = heading in ("study", "point")  # the others are never cut
         table.add_column(escape(heading), justify="right" if right else "left", no_wrap=not folded, overflow="fold")
     problems, suspects = [], []
@@ -91,27 +109,31 @@ def _show(found) -> None:
     twice = {point for point, many in scenes.items() if many > 1}
     for row in found.itertuples(index=False):
         if row.outcome == "unreadable":
-            blank = [""] * (len(headings) - 3)
-            table.add_row(row.run_key[:10], *blank, "unreadable", "", "", "", style="red")
+            cells = {"run": row.run_key[:10], "outcome": "unreadable"}
+            table.add_row(*(cells.get(heading, "") for heading in headings), style="red")
             problems.append(row.problem)
             continue
-        rate = "" if row.rate is None or row.rate != row.rate else f"{row.rate / 1e6:.2f}"
+        in_windows = [f"{rate * 1e3:.4g}" for rate in sorted(rates.get(row.run_key, ()))]
+        cells = {
+            "run": row.run_key[:10],
+            "study": escape(row.study),
+            "point": escape(row.label) + (f" (scene {row.scene_key[:6]})" if (row.study, row.label) in twice else ""),
+            "seed": str(int(row.seed)),
+            "discharge": str(int(row.discharge)),
+            "backend": f"{escape(row.backend)} {int(row.cache_version)}",
+            "outcome": f"{row.outcome}, suspect" if row.suspect else row.outcome,
+            "W [g/s]": " to ".join(dict.fromkeys((*in_windows[:1], *in_windows[-1:]))) or "–",
+            "discharged": percent(row.discharged, ".0f"),
+            "t [s]": f"{row.duration:.3g}",
+        }
         table.add_row(
-            row.run_key[:10],
-            escape(row.study),
-            escape(row.label) + (f" (scene {row.scene_key[:6]})" if (row.study, row.label) in twice else ""),
-            str(int(row.seed)),
-            *([str(int(row.discharge))] if several else []),
-            f"{escape(row.backend)} {int(row.cache_version)}",
-            f"{row.outcome}, suspect" if row.suspect else row.outcome,
-            percent(row.discharged, ".0f"),
-            f"{row.duration:.3g}",
-            rate,
+            *(cells[heading] for heading in headings),
             style="yellow" if row.outcome == "diverged" or row.suspect else None,
         )
         if row.suspect:
             suspects.append(f"{row.run_key[:10]} is suspect: {row.suspect}")
-    console = screen(highlight=False)
+    if shared:
+        console.print(", ".join(f"{name} {value}" for name, value in shared.items()), markup=False)
     console.print(table)
     if twice:
         names = ", ".join(sorted({study for study, _ in twice}))

@@ -375,6 +375,17 @@ class Catalogue:
         with self._asking() as connection:
             return {key: value for key, value in among(connection, query, measurements.c.run_key, run_keys)}
 
+    def flow_rates(self, run_keys: Iterable[str]) -> dict[str, tuple[float, ...]]:
+        """Flow rates [kg/s] of runs by their key, by the newest version of the measure; one for each window."""
+        query = select(measurements.c.run_key, measurements.c.version, measurements.c.value).where(
+            measurements.c.quantity == "flow_rate", measurements.c.value.is_not(None)
+        )
+        rates: dict[str, dict[int, list[float]]] = {}
+        with self._asking() as connection:
+            for row in among(connection, query, measurements.c.run_key, run_keys):
+                rates.setdefault(row.run_key, {}).setdefault(row.version, []).append(row.value)
+        return {key: tuple(dict.fromkeys(of[max(of)])) for key, of in rates.items()}
+
     def speeds(self, backend: str, machine: str, device: str) -> list[tuple[str, int, float]]:
         """(run key, grains, grain-steps per second) of the latest 50 runs of `backend` on this machine and device."""
         query = (

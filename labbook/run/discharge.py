@@ -370,10 +370,17 @@ class DischargeJob(Job):
         return 0 if precise is None else looks(int((self._discharged - precise.start) * self.scene.grains.count))
 
     def progress(self) -> float:
-        """By discharged fraction, by time or by precision, whichever is nearest to its end."""
+        """By discharged fraction, by time or by precision, whichever is nearest to its end. A flow that rests is on its
+        way to the time at which it counts as clogged."""
         stop = self.demand.shared.stop
         known = 0.0 if stop.precise is None else (stop.precise.flow_rate / self._precision) ** 2
-        return min(1.0, max(self._discharged / self._enough, self.status.time / stop.max_time, known))
+        resting = self.status.time / (self._last + stop.stall) if self._pausing and self._breaker is None else 0.0
+        return min(1.0, max(self._discharged / self._enough, self.status.time / stop.max_time, known, resting))
+
+    @property
+    def _pausing(self) -> bool:
+        """True if no grain has left for so long that the run may end as clogged."""
+        return self.status.time - self._last > _STILL * self.demand.shared.stop.stall
 
     def doing(self) -> tuple[str, ...]:
         """The part of the mass that has left, where that ends the run, how long the flow rests, and the simulated
@@ -386,7 +393,7 @@ class DischargeJob(Job):
             asked = f", ends at {percent(stop.precise.flow_rate)}" if stop.precise else f", ends at {stop.max_time:g} s"
             discharged = f"{percent(self._discharged, '.0f')} of the bed has passed{known}{asked}"
         still, stall = self.status.time - self._last, self.demand.shared.stop.stall
-        waiting = (f"no grain for {still:.2f} s, clogged after {stall:g} s",) if still > _STILL * stall else ()
+        waiting = (f"no grain for {still:.2f} s, clogged after {stall:g} s",) if self._pausing else ()
         return discharged, *waiting, f"{self.status.time:.2f} s"
 
     @cached_property

@@ -1,10 +1,9 @@
 """Progress for people: runs and packings, rate, the time that is left, and what every job is at.
 
 On a terminal it is drawn anew in place, as wide as the terminal is; what does not fit is left out, the least important
-first. Elsewhere a line is written at the start of each phase, and every half minute.
+first. Elsewhere a line is written at the start of each phase, and every half minute, as wide as COLUMNS says.
 """
 
-import sys
 import time
 from collections.abc import Iterable, Sequence
 from contextlib import suppress
@@ -22,6 +21,8 @@ from labbook.scene.quantities import duration
 _JOBS = 3
 """Jobs that are shown one by one."""
 _SPOKEN_EVERY = 30.0  # s between two lines where there is no terminal
+_LINE = 120
+"""Characters of a line where there is no terminal, if COLUMNS states no other width."""
 _FEW = 5.0  # s
 _WORTH_SAYING = 60.0  # s: a lower bound of the time left
 NARROWEST, WIDEST = 12, 40  # of the bar
@@ -74,7 +75,8 @@ class Bar:
         self._seen |= dict.fromkeys(phases, now)
         if new or now - self._spoken >= _SPOKEN_EVERY:
             self._spoken = now
-            self._write(f"{duration(now - self._begun):>6}: {spoken(view)}")
+            since = f"{duration(now - self._begun):>6}: "
+            self._write(f"{since}{spoken(view, min(self._console.width, _LINE) - len(since))}")
 
     def _write(self, line: str) -> None:
         with suppress(OSError):  # nobody reads it any more
@@ -161,10 +163,18 @@ def fitted(label: str, says: Sequence[str], width: int) -> str:
     return f"{label}: {says[0]}"[:width]
 
 
-def spoken(view: View) -> str:
-    """Everything in one line, however long."""
+def spoken(view: View, width: int = _LINE) -> str:
+    """Everything in one line of at most `width` characters: what jobs are at goes first, then the rate."""
     rate = f"{view.rate / 1e6:.1f} M grain-steps/s" if view.rate else ""
-    return "; ".join(filter(None, (counts(view), rate, remaining(view), *map(str.strip, lines(view, sys.maxsize)))))
+    heads = [(counts(view), rate, remaining(view)), (counts(view), remaining(view)), (counts(view),)]
+    fitting = (line for head in heads if len(line := "; ".join(filter(None, head))) <= width)
+    line = next(fitting, counts(view)[:width])
+    for job in map(str.strip, lines(view, width)):
+        room = width - len(line) - 2
+        if len(job) > room:
+            return f"{line}; {job[: room - 1]}…" if room >= NARROWEST else line
+        line += f"; {job}"
+    return line
 
 
 def counts(view: View) -> str:

@@ -1,6 +1,7 @@
 """Everything about one run."""
 
 import json
+import math
 from pathlib import Path
 
 import typer
@@ -15,6 +16,7 @@ from labbook.lab import LabError, LabFolder
 from labbook.lab.notes import Note, read
 from labbook.lab.runs import open_run, picture
 from labbook.lab.suspect import said, suspicion
+from labbook.results import display
 from labbook.scene.quantities import duration, percent
 
 
@@ -89,11 +91,26 @@ def _show(record, folder, picture, measured) -> None:
     console = screen(highlight=False, markup=False)
     for name, value in lines.items():
         console.print(f"{name:12} {value}")
-    table = Table(box=box.SIMPLE_HEAD)
-    for heading in ("quantity", "value", "error", "unit", "window", "note"):
-        table.add_column(heading, justify="right" if heading in ("value", "error") else "left")
-    for row in measured.itertuples(index=False):
-        numbers = ("-" if x is None or x != x else f"{x:.5g}" for x in (row.value, row.error))
-        table.add_row(*map(escape, (row.quantity, *numbers, row.unit, row.window, row.note)))
-    if len(measured):
+    rows = [_row(row) for row in measured.itertuples(index=False)]
+    windows = list(dict.fromkeys(row.window for row in measured.itertuples(index=False)))
+    headings = ("quantity", "value", "error", "unit", *(("window",) if len(windows) > 1 else ()), "note")
+    table = Table(box=box.SIMPLE_HEAD, padding=(0, 1, 0, 0))
+    for heading in headings:
+        text = heading in ("window", "note")
+        table.add_column(heading, justify="right" if heading in ("value", "error") else "left", no_wrap=not text)
+    for row, window in zip(rows, measured["window"], strict=True):
+        *numbers, note = row
+        number = [str(windows.index(window) + 1)] if len(windows) > 1 else []
+        table.add_row(*map(escape, (*numbers, *number, note)))
+    if rows:
         console.print(table)
+        for number, window in enumerate(windows, 1):
+            console.print(f"window {number}: {window}" if len(windows) > 1 else f"window: {window}")
+
+
+def _row(row) -> tuple[str, ...]:
+    """Quantity, value, error and unit as all tables show them, and the note."""
+    unit = display.quantity(row.quantity, row.unit)
+    value, error = (math.nan if number is None else float(number) for number in (row.value, row.error))
+    numbers = (display.number(number, error, unit.scale) for number in (value, error))
+    return row.quantity, *numbers, unit.unit, row.note

@@ -5,6 +5,7 @@ import re
 import time
 from dataclasses import replace
 from io import StringIO
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -18,6 +19,7 @@ from labbook.checks.verify.symmetry import hopper
 from labbook.plan.forecast import fill_time
 from labbook.run import board, execution, progress
 from labbook.run.board import Tally
+from labbook.run.discharge import DischargeJob
 from labbook.run.fill import FillJob, short
 from labbook.run.progress import Bar, fitted, remaining, spoken
 from labbook.run.summary import Summary
@@ -106,10 +108,36 @@ def test_jobs_that_compile_are_named_in_one_line():
 @pytest.mark.parametrize("phase", ["compiling", "preparing", "settling"])
 def test_a_line_without_a_terminal_names_three_jobs_of_many(phase):
     going = tuple(Going(f"packing of orifice {k} mm, seed 1", phase, ("kernels",)) for k in range(240))
-    said = spoken(replace(VIEW, going=going))
+    said = spoken(replace(VIEW, going=going), 400)
     assert said.count("orifice") == 3
     more = "and 237 settling" if phase == "settling" else "orifice 2 mm, seed 1 and 237 more"
     assert said.endswith(more)
+
+
+@pytest.mark.parametrize("width", [60, 80, 112])
+def test_a_line_without_a_terminal_is_no_wider_than_asked_and_begins_with_the_counts(width):
+    long = Going("packing of friction 0.1, orifice 24 mm and 11 other points, seed 1", "settling", SETTLING)
+    said = spoken(replace(VIEW, going=(long, long, long, long), elsewhere=2), width)
+    assert len(said) <= width
+    assert said.startswith("0/120 runs, 2 packings first")
+    assert "about 64 s left" in said
+    assert ("100.0 M grain-steps/s" in said) == (width > 60), "the rate goes before the time left"
+
+
+@pytest.mark.parametrize(("time", "last", "expected"), [(1.0, 0.95, 0.5), (1.4, 1.0, 1.4 / 1.5), (0.3, 0.0, 0.6)])
+def test_a_flow_that_rests_is_forecast_to_end_as_clogged(time, last, expected):
+    """Half of the mass that ends the run has left. A flow that rests since `last` ends 0.5 s after it."""
+    stop = SimpleNamespace(precise=None, max_time=60.0, stall=0.5)
+    job = SimpleNamespace(
+        demand=SimpleNamespace(shared=SimpleNamespace(stop=stop)),
+        status=SimpleNamespace(time=time),
+        _discharged=0.3,
+        _enough=0.6,
+        _last=last,
+        _breaker=None,
+        _pausing=time - last > 0.3 * 0.5,
+    )
+    assert DischargeJob.progress(job) == pytest.approx(expected)  # pyright: ignore[reportArgumentType]
 
 
 def test_what_nobody_knows_is_not_forecast():
@@ -183,7 +211,7 @@ def test_without_a_terminal_each_phase_and_every_half_minute_is_a_line(monkeypat
     now = 0.0
     monkeypatch.setattr(progress.time, "monotonic", lambda: now)
     file = StringIO()
-    bar = Bar(Console(file=file, width=80))
+    bar = Bar(Console(file=file, width=200))
     with bar:
         for second in range(100):
             now = float(second)
@@ -193,7 +221,8 @@ def test_without_a_terminal_each_phase_and_every_half_minute_is_a_line(monkeypat
     lines = file.getvalue().splitlines()
     assert [line.split(":")[0].strip() for line in lines] == ["0 s", "20 s", "50 s", "80 s", "stopping"]
     assert lines[0].endswith("0/120 runs, 2 packings first; compiling, once for this kind of scene: packing, seed 1")
-    assert "100.0 M grain-steps/s; about 64 s left; packing, seed 1: settling: 3e-4 of m g d" in lines[1]
+    assert "100.0 M grain-steps/s; about 64 s left; packing, seed 1: settling: 3e-4" in lines[1]
+    assert max(map(len, lines)) <= 120
 
 
 @pytest.mark.slow
