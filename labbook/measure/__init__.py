@@ -1,6 +1,7 @@
 """Measures of a run: flow rates, clogging, profiles along the outlet, overlaps, energies, and its packing."""
 
 from labbook.measure.arch import Arch
+from labbook.measure.bulk_stress import BulkStress
 from labbook.measure.clogging import Clogging
 from labbook.measure.composition import Composition
 from labbook.measure.data import RunData
@@ -37,6 +38,7 @@ MEASURES: Registry[Measure] = Registry[Measure](
         Clogging(),
         Arch(),
         WallStress(),
+        BulkStress(),
         MovingPartForces(),
     ),
 )

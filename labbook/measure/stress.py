@@ -7,7 +7,7 @@ import numpy as np
 
 from labbook.backend.numerics import Numerics
 from labbook.backend.probes import Contacts, Crossing, Probe, Sample
-from labbook.fields import Fields, coarse_grain, contacts_of, orifice_mean
+from labbook.fields import ContactRows, Fields, GrainRows, coarse_grain, contacts_of, orifice_mean
 from labbook.measure.bed import bed_grid, grains_between, omega_of, round_outlet
 from labbook.measure.data import RunData
 from labbook.measure.expected import beats_of, rounded, window_time
@@ -107,20 +107,26 @@ def stress_fields(run: RunData, window: Window) -> tuple[Fields, int] | None:
     flow, _ = outflow(run, window)
     if flow is None:
         return None
-    omega = omega_of(run.scene)
-    sample, contacts = run.tables["sample"], run.tables["contacts"]
-    inside = (contacts["time"] >= flow.begin) & (contacts["time"] <= flow.end)
-    steps = np.unique(contacts["step"][inside])
-    if not len(steps):
+    rows = bed_rows(run, flow.begin, flow.end)
+    if rows is None:
         return None
-    chosen = steps[np.linspace(0, len(steps) - 1, min(_MOST, len(steps))).round().astype(int)]
-    sample, contacts = (_frames(table, chosen) for table in (sample, contacts))
-    grains = grains_between(run.scene, sample, flow.begin, flow.end)
-    touching = contacts_of(contacts, sample, flow.begin, flow.end)
+    omega, (grains, touching) = omega_of(run.scene), rows
     grid = bed_grid(run.scene, omega, grains.x, coarse=True)
     return coarse_grain(grid, omega, grains, touching), grains.frames
 
 
+def bed_rows(run: RunData, begin: float, end: float) -> tuple[GrainRows, ContactRows] | None:
+    """Grains and contacts of a run in the frames between two times [s], of at most _MOST spread over them; None without
+    any frame."""
+    sample, contacts = run.with_bodies(run.tables["sample"]), run.tables["contacts"]
+    steps = np.unique(contacts["step"][(contacts["time"] >= begin) & (contacts["time"] <= end)])
+    if not len(steps):
+        return None
+    chosen = steps[np.linspace(0, len(steps) - 1, min(_MOST, len(steps))).round().astype(int)]
+    sample, contacts = (_frames(table, chosen) for table in (sample, contacts))
+    return grains_between(run.scene, sample, begin, end), contacts_of(contacts, sample, begin, end)
+
+
 def _frames(table: Mapping[str, np.ndarray], steps: np.ndarray) -> dict[str, np.ndarray]:
-    kept = np.isin(table["step"], steps)
-    return {name: np.asarray(column)[kept] for name, column in table.items()}
+    chosen = np.isin(table["step"], steps)
+    return {name: np.asarray(column)[chosen] for name, column in table.items()}

@@ -30,7 +30,7 @@ from labbook.results.walls import PooledWalls, pooled_walls
 if TYPE_CHECKING:
     import pandas as pd
 
-_WALLS = ("wall_stress", "wall_peaks")
+_WALLS = ("wall_stress", "wall_peaks", "vertical_stress")
 _RESIDENCE = ("residence", "residence_times", "layers")
 EVERY = ("runs", "flow", "bands", "accelerations", "profiles", "composition", *_RESIDENCE, *_WALLS)
 """Frames with a row for every run, instant or place."""
@@ -47,6 +47,7 @@ _UNITS: dict[str, dict[str, str]] = {
     "clogging": {"flow_while_flowing": "kg/s", "error": "kg/s", "t_min": "s"}
     | dict.fromkeys(("width_ratio", "probability", "low", "high", "alpha", "goodness"), ""),
     "wall_peaks": {"filter_time": "s"} | dict.fromkeys(("peak", "error", "peak_of_mean"), ""),
+    "vertical_stress": {"z": "m"} | dict.fromkeys(("walls", "walls_error", "field", "field_error"), "Pa"),
     "wall_stress": dict.fromkeys(("from", "to"), "m")
     | {
         f"{name}_{when}{error}": "Pa"
@@ -93,6 +94,7 @@ def frames(
     | `residence_times` | point of a fed silo and age: part of the outflow that stayed shorter, exit-age density   |
     | `wall_stress`   | point, wall and bin: stresses at rest and later, with errors over beds, contacts          |
     | `wall_peaks`    | point and time of the moving mean: peak of the normal force after the opening             |
+    | `vertical_stress` | point and height: vertical stress in the bed by walls and by contacts, errors over beds  |
     | `clogging`      | point: stops, probability of a stop with its intervals, tail of the times between grains  |
     | `clogging_laws` | series, law of the mean avalanche and parameter: value, error, interval; goodness         |
 
@@ -128,6 +130,7 @@ def frames(
         "residence_times": _residence_times(results),
         "wall_stress": _walls(results, PooledWalls.rows),
         "wall_peaks": _walls(results, PooledWalls.peak_rows),
+        "vertical_stress": _walls(results, PooledWalls.vertical_rows),
         "clogging": _clogging(results),
         "clogging_laws": _clogging_laws(results),
     }

@@ -193,7 +193,7 @@ TABLE = (
         "measure",
         "wallforce wallforces wallpressure pressure force forces torque janssen",
         "forces on walls have another name",
-        "use wall_stress, or contact_stress for the stress within the bed",
+        "use wall_stress, or bulk_stress and contact_stress for the stress within the bed",
     ),
     Absent(
         "measure",

@@ -126,7 +126,7 @@ def expected(container: str, grains: str) -> tuple[list[str], list[str], list[st
     flows = slot or hole
     measures = {"flow_rate": flows, "packing": container != "plates", "outlet_profiles": slot and not rods}
     measures |= dict.fromkeys(("orifice", "contact_stress"), hole and not varied)
-    measures |= {"ledger": True, "wall_stress": True}
+    measures |= {"ledger": True, "wall_stress": True, "bulk_stress": True}
     measures["energy"] = flows
     # no container has two outlets, planes, or parts that move
     measures |= {"outlets": False, "planes": False, "composition": flows and varied, "residence": flows}
