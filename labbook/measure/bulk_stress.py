@@ -6,11 +6,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from labbook.backend.numerics import Numerics
-from labbook.backend.probes import Contacts, Crossing, Probe, Sample
+from labbook.backend.probes import Crossing, Probe
 from labbook.fields import Layer, coarse_grain
 from labbook.measure.bed import cells, omega_of
 from labbook.measure.data import RunData
-from labbook.measure.expected import beats_of, rounded, window_time
 from labbook.measure.measure import (
     Evaluation,
     Measure,
@@ -22,17 +21,12 @@ from labbook.measure.measure import (
     unpacked,
     while_flowing,
 )
-from labbook.measure.stress import bed_rows
+from labbook.measure.stress import bed_rows, contact_frames
 from labbook.measure.wall_stress import steady_part
 from labbook.scene import Scene
-from labbook.scene.timescales import gravity_time
 from labbook.stats import Measured
 
 NAME = "bulk_stress"
-_EVERY = 5.0
-"""Time between two frames of contacts, in sqrt(d*/g), where no outflow is expected."""
-_FRAMES = 5
-"""Frames within the window, if the outflow is as expected."""
 _REACH = 4.0
 """Reach of the coarse-graining function, in its widths."""
 _LOAD = Quantity("section_load", "F_zz/(M g)_above", "", "vertical contact force through the section that has half of "
@@ -80,11 +74,11 @@ class BulkStress(Measure):
             raise MeasureError(reason, f"take {NAME} out of measure, or use a gravity above 0 m/s^2")
 
     def probes(self, scene: Scene, numerics: Numerics) -> tuple[Probe, ...]:
+        return self.observed(scene, numerics)
+
+    def observed(self, scene: Scene, numerics: Numerics, window: Window | None = None) -> tuple[Probe, ...]:
         self.check(scene)
-        plane, expected = scene.container.outlet_plane, window_time(scene)
-        time = rounded(expected / _FRAMES, scene, 1) if math.isfinite(expected) else _EVERY * gravity_time(scene)
-        every = beats_of(time, numerics)
-        frames = Sample(fields=("x", "v"), every=every), Contacts(every=every)
+        plane, frames = scene.container.outlet_plane, contact_frames(scene, numerics, window)
         return frames if plane is None else (Crossing(plane), *frames)
 
     def evaluate(self, run: RunData, window: Window) -> Evaluation:

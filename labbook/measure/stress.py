@@ -24,12 +24,15 @@ from labbook.measure.measure import (
 from labbook.measure.scales import layer, moment
 from labbook.measure.steady import outflow
 from labbook.scene import Scene
+from labbook.scene.timescales import gravity_time
 from labbook.stats import Measured
 
 NAME = "contact_stress"
 _FRAMES = 5
 """Frames within the window, if the outflow is as expected; slower flows have more. Every contact of a bed is recorded,
 some 30 bytes each: means over the azimuth of few frames already tell maps."""
+_EVERY = 5.0
+"""Time between two frames in a container without an outlet, in sqrt(d*/g)."""
 _MOST = 12
 """Frames that are coarse-grained, spread over the window: each contact costs as much as some fifteen grains."""
 _PRESSURES = (
@@ -61,12 +64,7 @@ class ContactStress(Measure):
 
     def observed(self, scene: Scene, numerics: Numerics, window: Window | None = None) -> tuple[Probe, ...]:
         self.check(scene)
-        every = beats_of(min(rounded(window_time(scene) / _FRAMES, scene, 1), moment(scene, window)), numerics)
-        return (
-            Crossing(round_outlet(scene, NAME).plane),
-            Sample(fields=("x", "v"), every=every),
-            Contacts(every=every),
-        )
+        return Crossing(round_outlet(scene, NAME).plane), *contact_frames(scene, numerics, window)
 
     def evaluate(self, run: RunData, window: Window) -> Evaluation:
         outlet = round_outlet(run.scene, NAME)
@@ -89,6 +87,15 @@ class ContactStress(Measure):
         }
         told = (math.nan, frames, where, how, "Pa")
         return Evaluation(tuple(Measured(name + kept, value, *told) for name, value in means.items()), fields.arrays())
+
+
+def contact_frames(scene: Scene, numerics: Numerics, window: Window | None) -> tuple[Sample, Contacts]:
+    """Probes of grains and contacts of the whole bed; equal ones for all measures of its stress, which share them."""
+    time = min(rounded(window_time(scene) / _FRAMES, scene, 1), moment(scene, window))
+    if scene.container.outlet_plane is None:
+        time = _EVERY * gravity_time(scene)
+    every = beats_of(time, numerics)
+    return Sample(fields=("x", "v"), every=every), Contacts(every=every)
 
 
 def contact_pressure(fields: Fields) -> np.ndarray:

@@ -199,7 +199,7 @@ TABLE = (
         "measure",
         "clog clogged clogs avalanche avalanches avalanchesize arches jamming",
         "no measure has this name",
-        "use clogging, the stops and the grains between them, or arch, the grains that hold a stop of a layer",
+        "use clogging, the stops and the grains between them, or arch, the grains that hold a stop",
     ),
     Absent(
         "measure",
