@@ -17,6 +17,7 @@ from labbook.measure.part_forces import MovingPartForces
 from labbook.measure.planes import PlaneRates
 from labbook.measure.residence import Residence
 from labbook.measure.stress import ContactStress
+from labbook.measure.velocities import Velocities
 from labbook.measure.wall_stress import WallStress
 from labbook.plugins import Registry
 
@@ -39,6 +40,7 @@ MEASURES: Registry[Measure] = Registry[Measure](
         Arch(),
         WallStress(),
         BulkStress(),
+        Velocities(),
         MovingPartForces(),
     ),
 )

@@ -32,6 +32,7 @@ from labbook.report.sections import marks, series_sections
 from labbook.report.setting import setting
 from labbook.report.starts import start_sections
 from labbook.report.statement_tables import statement_digest, statement_table
+from labbook.report.velocities import velocity_sections
 from labbook.report.walls import wall_sections
 from labbook.results import display
 from labbook.results.study import StudyResults
@@ -181,6 +182,7 @@ PARTS: tuple[Part, ...] = (
     composition_sections,
     residence_sections,
     energy_sections,
+    velocity_sections,
     start_sections,
     wall_sections,
     _budget,

@@ -233,9 +233,9 @@ TABLE = (
     ),
     Absent(
         "measure",
-        "profile profiles velocityprofile velocity field fields",
+        "profile profiles velocityprofile velocity zone zones field fields",
         "there is no profile of the whole bed",
-        "use outlet_profiles or orifice, for profiles at the outlet, or record, for maps",
+        "use velocities over the outlet and in container.zones, outlet_profiles, orifice, or record for maps",
     ),
 )
 """What people write who come from other codes. The first row that has a word at its place counts."""

@@ -131,7 +131,7 @@ def expected(container: str, grains: str) -> tuple[list[str], list[str], list[st
     measures["energy"] = flows
     # no container has two outlets, planes, or parts that move
     measures |= {"outlets": False, "planes": False, "composition": flows and varied, "residence": flows}
-    measures |= {"clogging": flows, "arch": flows and not rods, "part_forces": False}
+    measures |= {"clogging": flows, "arch": flows and not rods, "part_forces": False, "velocities": flows}
     fits = dict.fromkeys(("beverloo", "janda"), slot) | dict.fromkeys(("beverloo_3d", "janda_3d"), hole)
     fits |= dict.fromkeys(("power", "exponential"), slot or hole)
     fits |= dict.fromkeys(DEFINITIONS, measures["outlet_profiles"])
