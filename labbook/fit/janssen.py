@@ -50,15 +50,54 @@ class WallProfile:
 
 
 @dataclass(frozen=True, eq=False)
-class JanssenFit:
-    """A model fitted to a profile: `length` l [m], `ratio` K and, where it has one, the shift s or the thickness a of
-    the hydrostatic layer [m] as `layer`; `chi2` with `dof` degrees of freedom; AICc."""
+class BulkProfile:
+    """Mean vertical stress in a bed by depth.
+
+    Attributes:
+        depth: Below the effective free surface [m], shape [n].
+        vertical: Vertical stress [Pa].
+        error: Standard error, of which the size is left free.
+        specific_weight: rho_b g of the bulk [N/m^3].
+    """
+
+    depth: np.ndarray
+    vertical: np.ndarray
+    error: np.ndarray
+    specific_weight: float
+
+
+@dataclass(frozen=True, eq=False)
+class ModelFit:
+    """A model fitted to a profile. `parameters`: `length` l [m], of walls also `ratio` K and, where it has one, the
+    shift s or the thickness a of the hydrostatic layer [m] as `layer`."""
 
     model: str
     parameters: Mapping[str, Parameter]
     chi2: float
     dof: int
     aicc: float
+
+    def _over_weight(self, depth: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """sigma_zz/(rho g) [m] at depths [m], and its derivative."""
+        layer = self.parameters.get("layer")
+        return _vertical(self.model, depth, self.parameters["length"].value, layer.value if layer else 0.0)
+
+
+@dataclass(frozen=True, eq=False)
+class BulkFit(ModelFit):
+    """A model fitted to the vertical stress in the bed."""
+
+    profile: BulkProfile
+
+    def curve(self, depth: np.ndarray) -> np.ndarray:
+        """Vertical stress [Pa] at depths [m]."""
+        return self.profile.specific_weight * self._over_weight(depth)[0]
+
+
+@dataclass(frozen=True, eq=False)
+class JanssenFit(ModelFit):
+    """A model fitted to the normal and shear stress of walls."""
+
     profile: WallProfile
 
     @property
@@ -69,9 +108,7 @@ class JanssenFit:
 
     def curves(self, depth: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Normal and shear stress [Pa] at depths [m]."""
-        third = self.parameters.get("layer")
-        free = [self.parameters["length"].value, third.value if third else 0.0]
-        vertical, slope = _vertical(self.model, depth, *free)
+        vertical, slope = self._over_weight(depth)
         weight = self.profile.specific_weight
         return self.parameters["ratio"].value * weight * vertical, self.profile.section * weight * (1 - slope)
 
@@ -92,7 +129,7 @@ def _vertical(model: str, x: np.ndarray, length: float, layer: float) -> tuple[n
 
 
 def fit_janssen(profile: WallProfile, confidence: float = 0.95) -> dict[str, JanssenFit]:
-    """Fit the three models by weighted least squares.
+    """Fit the three models by weighted least squares to the stresses of walls.
 
     Intervals are Student's in ln l and ln K, with errors of the size that the residuals have.
 
@@ -102,45 +139,83 @@ def fit_janssen(profile: WallProfile, confidence: float = 0.95) -> dict[str, Jan
     Raises:
         FitError: fewer than four bins, or an error that is not positive.
     """
-    if len(profile.depth) < _FEWEST:
-        raise FitError(f"Janssen: {len(profile.depth)} bins, fewer than {_FEWEST}; use a higher bed")
-    if not (np.concatenate([profile.normal_error, profile.shear_error]) > 0).all():
-        raise FitError("Janssen: the errors of the stresses are not positive")
-    fits: dict[str, JanssenFit] = {}
-    starts = _starts(profile)
-    for model in MODELS:
-        try:
-            fits[model], best = _fit(model, profile, starts, confidence)
-        except RuntimeError:
-            continue
-        if model == "J1":
-            starts = [np.append(best, layer) for layer in (0.0, 0.1 * math.exp(best[0]), float(profile.depth[1]))]
-    return fits
+    _check(profile.depth, profile.normal_error, profile.shear_error)
 
-
-def preferred(fits: Mapping[str, JanssenFit]) -> tuple[str, ...]:
-    """Models that no other beats by 4 in AICc: several of them are undecided."""
-    return unbeaten({name: (one.aicc,) for name, one in fits.items()}) if fits else ()
-
-
-def _fit(
-    model: str, profile: WallProfile, starts: Sequence[np.ndarray], confidence: float
-) -> tuple[JanssenFit, np.ndarray]:
-    """A model fitted from some starts, and its free parameters. Raises RuntimeError if none converges."""
-    names = ("length", "ratio") if model == "J1" else ("length", "ratio", "layer")
-
-    def residuals(free: np.ndarray) -> np.ndarray:
-        length, ratio = np.exp(np.minimum(free[:2], 50.0))
-        layer = 0.0 if model == "J1" else abs(free[2]) if model == "J3" else free[2]
-        vertical, slope = _vertical(model, profile.depth, length, layer)
+    def residuals(vertical: np.ndarray, slope: np.ndarray, ratio: float) -> np.ndarray:
         normal = ratio * profile.specific_weight * vertical
         shear = profile.section * profile.specific_weight * (1 - slope)
         return np.concatenate(
             [(profile.normal - normal) / profile.normal_error, (profile.shear - shear) / profile.shear_error]
         )
 
-    minimum = _lowest(residuals, [np.resize(start, len(names)) for start in starts])
-    points, dof = 2 * len(profile.depth), 2 * len(profile.depth) - len(names)
+    fits = _fits(residuals, profile.depth, ("length", "ratio"), _starts(profile), confidence)
+    return {fit.model: JanssenFit(**vars(fit), profile=profile) for fit in fits}
+
+
+def fit_bulk(profile: BulkProfile, confidence: float = 0.95) -> dict[str, BulkFit]:
+    """Fit the three models to the vertical stress in a bed, in the same way; K is no parameter.
+
+    Raises:
+        FitError: fewer than four heights, or an error that is not positive.
+    """
+    _check(profile.depth, profile.error)
+
+    def residuals(vertical: np.ndarray, _slope: np.ndarray, _ratio: float) -> np.ndarray:
+        return (profile.vertical - profile.specific_weight * vertical) / profile.error
+
+    largest = float(profile.vertical.max()) / profile.specific_weight
+    starts = [np.array([math.log(part * largest)]) for part in (1.0, 3.0)]
+    fits = _fits(residuals, profile.depth, ("length",), starts, confidence)
+    return {fit.model: BulkFit(**vars(fit), profile=profile) for fit in fits}
+
+
+def _check(depth: np.ndarray, *errors: np.ndarray) -> None:
+    if len(depth) < _FEWEST:
+        raise FitError(f"Janssen: {len(depth)} bins, fewer than {_FEWEST}; use a higher bed")
+    if not (np.concatenate(errors) > 0).all():
+        raise FitError("Janssen: the errors of the stresses are not positive")
+
+
+def preferred(fits: Mapping[str, ModelFit]) -> tuple[str, ...]:
+    """Models that no other beats by 4 in AICc: several of them are undecided."""
+    return unbeaten({name: (one.aicc,) for name, one in fits.items()}) if fits else ()
+
+
+def _fits(
+    residuals: Callable[[np.ndarray, np.ndarray, float], np.ndarray], depth: np.ndarray, shared: tuple[str, ...],
+    starts: Sequence[np.ndarray], confidence: float,
+) -> list[ModelFit]:  # fmt: skip
+    """Fit each of MODELS that converges.
+
+    Args:
+        residuals: Of sigma_zz/(rho g) [m] at the depths, its derivative, and K.
+        depth: Depths [m].
+        shared: Names of the parameters that all models have: `length`, or `length` and `ratio`.
+        starts: Logarithms of these, from which the fit of J1 begins.
+        confidence: Of the intervals.
+    """
+    fits: list[ModelFit] = []
+    for model in MODELS:
+
+        def misfit(free: np.ndarray, model: str = model) -> np.ndarray:
+            values = np.exp(np.minimum(free[: len(shared)], 50.0))
+            layer = 0.0 if model == "J1" else abs(free[-1]) if model == "J3" else free[-1]
+            return residuals(*_vertical(model, depth, values[0], layer), values[-1])
+
+        names = shared if model == "J1" else (*shared, "layer")
+        try:
+            minimum = _lowest(misfit, [np.resize(start, len(names)) for start in starts])
+        except RuntimeError:
+            continue
+        fits.append(_model_fit(model, names, minimum, len(misfit(minimum.best)), confidence))
+        if model == "J1":
+            best = minimum.best
+            starts = [np.append(best, layer) for layer in (0.0, 0.1 * math.exp(best[0]), float(depth[1]))]
+    return fits
+
+
+def _model_fit(model: str, names: tuple[str, ...], minimum: Minimum, points: int, confidence: float) -> ModelFit:
+    dof = points - len(names)
     errors = np.sqrt(np.diag(minimum.covariance) * minimum.chi2 / dof)
     width = student(confidence, dof)
     parameters = {}
@@ -155,8 +230,7 @@ def _fit(
             )
         else:
             parameters[name] = Parameter(free, low, high, error, "m")
-    criterion = aicc(minimum.chi2, points, len(names))
-    return JanssenFit(model, parameters, minimum.chi2, dof, criterion, profile), minimum.best
+    return ModelFit(model, parameters, minimum.chi2, dof, aicc(minimum.chi2, points, len(names)))
 
 
 def _exp(value: float) -> float:

@@ -132,6 +132,7 @@ def scene_identity(scene: Scene, made: Versions | None = None) -> dict[str, Any]
         "gravity": scene.gravity,
         **({} if scene.sink is None else {"sink": scene.sink}),
         **({"planes": [plane.model_dump() for plane in planes]} if (planes := scene.container.planes) else {}),
+        **({"zones": [zone.model_dump() for zone in zones]} if (zones := scene.container.zones) else {}),
         **({"feed": {**scene.feed.model_dump(), "version": scene.feed.version}} if scene.feed else {}),
         **({"restart": {**scene.restart.model_dump(), "version": scene.restart.version}} if scene.restart else {}),
     }

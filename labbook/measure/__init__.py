@@ -1,6 +1,7 @@
 """Measures of a run: flow rates, clogging, profiles along the outlet, overlaps, energies, and its packing."""
 
 from labbook.measure.arch import Arch
+from labbook.measure.bulk_stress import BulkStress
 from labbook.measure.clogging import Clogging
 from labbook.measure.composition import Composition
 from labbook.measure.data import RunData
@@ -16,6 +17,7 @@ from labbook.measure.part_forces import MovingPartForces
 from labbook.measure.planes import PlaneRates
 from labbook.measure.residence import Residence
 from labbook.measure.stress import ContactStress
+from labbook.measure.velocities import Velocities
 from labbook.measure.wall_stress import WallStress
 from labbook.plugins import Registry
 
@@ -37,6 +39,8 @@ MEASURES: Registry[Measure] = Registry[Measure](
         Clogging(),
         Arch(),
         WallStress(),
+        BulkStress(),
+        Velocities(),
         MovingPartForces(),
     ),
 )

@@ -1,7 +1,7 @@
-"""Arches: the chain of grains that holds a stopped outlet of a layer, and the forces along it."""
+"""Arches and domes: the chains of grains that hold a stopped outlet, and the forces along them."""
 
 import math
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -29,6 +29,9 @@ _BESIDE, _SPAN, _RISE = 1.2, 1.6, 0.9
 within this many widths, and a diameter, above it."""
 
 
+_APART = 1.0
+"""Distance between the vertical planes of the chains of a dome, at the rim of the outlet or along a slot, and largest
+distance of grains from the plane of their chain, in diameters."""
 NEAR = 4.0
 """Diameters beside the outlet and above the arch within which a bed is kept for its picture."""
 _PREFIX = "bed_"
@@ -36,13 +39,17 @@ _PREFIX = "bed_"
 
 
 class Arch(Measure):
-    """Arch that holds each stop of a layer of spheres over a slot: the strongest short chain of contacts between grains
-    that rest on the bottom at either side of the outlet.
+    """Arch or dome that holds each stop of spheres over one outlet.
 
-    The chain minimises the sum of 1 + 2 / (F / mg + 0.3) over its contacts, F being the force of a contact. Quantities:
-    `arch_grains`, the mean number of grains of an arch; `arch_force`, the mean force along it in weights of a grain.
-    Contacts of the whole bed are recorded: use it for small beds. Arrays: `size` and `force` of each arch, shape [n];
-    of the last arch the bed near it, as `StoppedBed` takes it up.
+    The arch of a layer over a slot is the strongest short chain of contacts between grains that rest on the bottom at
+    either side of the outlet. The chain minimises the sum of 1 + 2 / (F / mg + 0.3) over its contacts, F being the
+    force of a contact. The dome over a hole, or over a slot of a deeper hopper, is the union of such chains in vertical
+    planes: through the axis of the hole, a diameter apart at its rim, or across the slot, a diameter apart. Grains of a
+    chain lie within a diameter of its plane.
+
+    Quantities: `arch_grains`, the mean number of grains of an arch or dome; `arch_force`, the mean force along it in
+    weights of a grain. Contacts of the whole bed are recorded: use it for small beds. Arrays: `size` and `force` of
+    each arch, shape [n]; of the last arch the bed near it, as `StoppedBed` takes it up.
     """
 
     name = NAME
@@ -53,11 +60,11 @@ class Arch(Measure):
     )
 
     def check(self, scene: Scene) -> None:
-        outlets, flat = scene.container.outlets, scene.container.front_to_back < 2 * scene.grains.diameter
-        slot = len(outlets) == 1 and outlets[0].form == "slot"
-        if not (slot and flat and scene.grains.half_length == 0 and scene.gravity > 0):
-            reason = f"{NAME} is a chain of spheres in a layer less than 2 d thick, over one slot"
-            raise MeasureError(reason, f"take {NAME} out of measure, or use a wedge-hopper of 1.01 d")
+        outlets = scene.container.outlets
+        single = len(outlets) == 1 and outlets[0].form is not None
+        if not (single and scene.grains.half_length == 0 and scene.gravity > 0):
+            reason = f"{NAME} is made of chains of spheres that gravity presses on one slot or one round outlet"
+            raise MeasureError(reason, f"take {NAME} out of measure, or use spheres and a container with one outlet")
 
     def probes(self, scene: Scene, numerics: Numerics) -> tuple[Probe, ...]:
         self.check(scene)
@@ -106,15 +113,16 @@ def stops(run: RunData) -> list[tuple[float, float]]:
 
 @dataclass(frozen=True, eq=False)
 class StoppedBed:
-    """Bed in the last frame of a stop, and the arch that holds it.
+    """Bed in the last frame of a stop, and the arch or dome that holds it.
 
     Attributes:
         ids: Of the grains, shape [n].
         x: Their places [m], shape [n, 3].
         pairs: Rows of two grains that touch, shape [k, 2].
         force: Forces between them in weights of a grain, shape [k].
-        rows: Rows of the grains of the arch from left to right, shape [m].
-        link: Forces between neighbours along it in weights of a grain, shape [m - 1].
+        rows: Rows of the grains of the arch, from left to right; of a dome in no order, shape [m].
+        link: Forces of its contacts in weights of a grain, shape [c].
+        links: Rows of the two grains of each of them, shape [c, 2].
     """
 
     ids: np.ndarray
@@ -123,17 +131,19 @@ class StoppedBed:
     force: np.ndarray
     rows: np.ndarray
     link: np.ndarray
+    links: np.ndarray
 
     def near(self, scene: Scene) -> "StoppedBed":
         """The bed near the outlet: NEAR diameters beside it and above the arch."""
         outlet, reach = scene.container.outlets[0], NEAR * scene.grains.diameter
-        side, top = np.abs(self.x[:, 0] - outlet.centre), self.x[self.rows, 2].max() + reach
-        inside = (side < outlet.width / 2 + reach) & (self.x[:, 2] < top)
+        side = np.abs(self.x[:, 0] - outlet.centre)
+        if outlet.form == "hole":
+            side = np.hypot(side, self.x[:, 1])
+        inside = (side < outlet.width / 2 + reach) & (self.x[:, 2] < self.x[self.rows, 2].max() + reach)
         inside[self.rows] = True
         place, both = np.cumsum(inside) - 1, inside[self.pairs].all(axis=1)
-        return StoppedBed(
-            self.ids[inside], self.x[inside], place[self.pairs[both]], self.force[both], place[self.rows], self.link
-        )
+        arch = place[self.rows], self.link, place[self.links]
+        return StoppedBed(self.ids[inside], self.x[inside], place[self.pairs[both]], self.force[both], *arch)
 
     def arrays(self) -> dict[str, np.ndarray]:
         """The bed as arrays by name, from which `of` makes it again."""
@@ -142,8 +152,17 @@ class StoppedBed:
     @classmethod
     def of(cls, arrays: Mapping[str, np.ndarray]) -> "StoppedBed | None":
         """The bed in the arrays of an evaluation; None of a run without an arch."""
-        names = cls.__dataclass_fields__
-        return cls(**{name: arrays[f"{_PREFIX}{name}"] for name in names}) if f"{_PREFIX}x" in arrays else None
+        if f"{_PREFIX}x" not in arrays:
+            return None
+        values = {name: arrays.get(f"{_PREFIX}{name}") for name in cls.__dataclass_fields__}
+        if values["links"] is None:  # evaluations of layers were stored without
+            values["links"] = neighbours(arrays[f"{_PREFIX}rows"])
+        return cls(**values)  # pyright: ignore[reportArgumentType]
+
+
+def neighbours(rows: np.ndarray) -> np.ndarray:
+    """Pairs of consecutive rows, shape [m - 1, 2]."""
+    return np.column_stack([rows[:-1], rows[1:]])
 
 
 def stopped_beds(run: RunData) -> Iterator[StoppedBed]:
@@ -166,11 +185,59 @@ def _stopped_bed(run: RunData, begin: float, end: float) -> StoppedBed | None:
     touching = {name: np.asarray(column)[np.asarray(contacts["step"]) == step] for name, column in contacts.items()}
     x, ids = np.column_stack([bed[axis] for axis in "xyz"]).astype(float), bed["id"]
     scene, weight = run.scene, mean_mass(run) * run.scene.gravity
-    rows, link = arch(ids, x, touching, scene.container.outlets[0], scene.grains.diameter, weight)
-    if len(rows) < 2:
+    outlet, d = scene.container.outlets[0], scene.grains.diameter
+    chains = [arch(ids, x, touching, outlet, d, weight, plane) for plane in planes_of(scene)]
+    chains = [(rows, link) for rows, link in chains if len(rows) > 1]
+    if not chains:
         return None
+    rows, (link, links) = chains[0][0], _union(chains)
+    if len(chains) > 1:
+        rows = np.unique(links)
     i, j, force = _between_grains(ids, touching, weight)
-    return StoppedBed(ids, x, np.column_stack([i, j]), force, rows, link)
+    return StoppedBed(ids, x, np.column_stack([i, j]), force, rows, link, links)
+
+
+def _union(chains: Sequence[tuple[np.ndarray, np.ndarray]]) -> tuple[np.ndarray, np.ndarray]:
+    """Forces, shape [c], and pairs of rows, shape [c, 2], of the contacts of several chains, each of them once."""
+    links, forces = np.concatenate([neighbours(rows) for rows, _ in chains]), np.concatenate([f for _, f in chains])
+    _, first = np.unique(np.sort(links, axis=1), axis=0, return_index=True)
+    first.sort()
+    return forces[first], links[first]
+
+
+@dataclass(frozen=True)
+class ChainPlane:
+    """Vertical plane in which a chain over an outlet is looked for.
+
+    Attributes:
+        along: Horizontal unit vector in the plane, (x, y).
+        centre: A point of the plane in the middle of the outlet (x, y) [m].
+        reach: Largest distance of grains from it [m].
+    """
+
+    along: tuple[float, float]
+    centre: tuple[float, float]
+    reach: float = math.inf
+
+    def side(self, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Coordinate along the plane and distance from it [m] of places x, shape [n, 3]."""
+        (a, b), dx, dy = self.along, x[:, 0] - self.centre[0], x[:, 1] - self.centre[1]
+        return dx * a + dy * b, np.abs(dy * a - dx * b)
+
+
+def planes_of(scene: Scene) -> list[ChainPlane]:
+    """Planes in which chains over the outlet are looked for: of a layer one, that of the layer."""
+    outlet, d = scene.container.outlets[0], scene.grains.diameter
+    if outlet.form == "hole":
+        count = math.ceil(math.pi / 2 * outlet.width / (_APART * d) - 1e-9)
+        angles = math.pi / count * np.arange(count)
+        return [ChainPlane((math.cos(a), math.sin(a)), (outlet.centre, 0.0), _APART * d) for a in angles.tolist()]
+    depth = scene.container.front_to_back
+    if depth < 2 * d:
+        return [ChainPlane((1.0, 0.0), (outlet.centre, 0.0))]
+    count = math.ceil(depth / (_APART * d) - 1e-9)
+    at = depth * ((np.arange(count) + 0.5) / count - 0.5)
+    return [ChainPlane((1.0, 0.0), (outlet.centre, y), _APART * d) for y in at.tolist()]
 
 
 def _between_grains(
@@ -184,17 +251,19 @@ def _between_grains(
 
 
 def arch(
-    ids: np.ndarray, x: np.ndarray, contacts: Mapping[str, np.ndarray], outlet: Outlet, d: float, weight: float
-) -> tuple[np.ndarray, np.ndarray]:
-    """Find the arch over a slot.
+    ids: np.ndarray, x: np.ndarray, contacts: Mapping[str, np.ndarray], outlet: Outlet, d: float, weight: float,
+    plane: ChainPlane | None = None,
+) -> tuple[np.ndarray, np.ndarray]:  # fmt: skip
+    """Find the arch over an outlet in a plane.
 
     Args:
         ids: Of the grains, shape [n].
         x: Their places [m], shape [n, 3].
         contacts: Rows of the probe `Contacts`.
-        outlet: The slot.
+        outlet: The slot or hole.
         d: Diameter of the largest grains [m].
         weight: Weight of a grain [N].
+        plane: Where it is looked for; None: across a slot, in all of its depth.
 
     Returns:
         Rows of the grains from left to right, shape [m], and the forces between neighbours in weights of a grain, shape
@@ -204,9 +273,12 @@ def arch(
     from scipy.sparse.csgraph import dijkstra
 
     i, j, force = _between_grains(ids, contacts, weight)
-    side, height = x[:, 0] - outlet.centre, x[:, 2] - outlet.plane
+    side, off = (plane or ChainPlane((1.0, 0.0), (outlet.centre, 0.0))).side(x)
+    height, reach = x[:, 2] - outlet.plane, math.inf if plane is None else plane.reach
     inside = (np.abs(side) < outlet.width / 2 + _SPAN * d) & (height < _RISE * outlet.width + d) & (height > -d / 2)
-    on_bottom = (np.asarray(contacts["j"]) < 0) & (np.abs(contacts["by"]) < 0.3 * d)
+    inside &= off < reach
+    below = np.abs(contacts["by"]) < 0.3 * d if outlet.form == "slot" else np.asarray(contacts["bz"]) < 0
+    on_bottom = (np.asarray(contacts["j"]) < 0) & below  # not the front, the back or an upright wall
     beside = inside & (np.abs(np.abs(side) - outlet.width / 2) < _BESIDE * d)
     bases = np.flatnonzero(beside & np.isin(ids, np.asarray(contacts["i"])[on_bottom]))
     left, right = bases[side[bases] < 0], bases[side[bases] >= 0]

@@ -45,7 +45,11 @@ class RunData:
     def frames(self) -> Mapping[str, np.ndarray] | None:
         """Recorded frames, of unlike grains with their `radius` [m] and `kind`; None without any."""
         table = self.recorded()
-        if table is None or not self.scene.grains.varied:
+        return table if table is None else self.with_bodies(table)
+
+    def with_bodies(self, table: Mapping[str, np.ndarray]) -> Mapping[str, np.ndarray]:
+        """Rows of grains, where grains differ with the `radius` [m] and the number of the `kind` of each."""
+        if not self.scene.grains.varied:
             return table
         bodies = Bodies.of(self.scene.grains, self.start)
         which = self.start.rows(np.asarray(table["id"]))

@@ -7,7 +7,7 @@ import numpy as np
 
 from labbook.backend.numerics import Numerics
 from labbook.backend.probes import Contacts, Crossing, Probe, Sample
-from labbook.fields import Fields, coarse_grain, contacts_of, orifice_mean
+from labbook.fields import ContactRows, Fields, GrainRows, coarse_grain, contacts_of, orifice_mean
 from labbook.measure.bed import bed_grid, grains_between, omega_of, round_outlet
 from labbook.measure.data import RunData
 from labbook.measure.expected import beats_of, rounded, window_time
@@ -24,12 +24,15 @@ from labbook.measure.measure import (
 from labbook.measure.scales import layer, moment
 from labbook.measure.steady import outflow
 from labbook.scene import Scene
+from labbook.scene.timescales import gravity_time
 from labbook.stats import Measured
 
 NAME = "contact_stress"
 _FRAMES = 5
 """Frames within the window, if the outflow is as expected; slower flows have more. Every contact of a bed is recorded,
 some 30 bytes each: means over the azimuth of few frames already tell maps."""
+_EVERY = 5.0
+"""Time between two frames in a container without an outlet, in sqrt(d*/g)."""
 _MOST = 12
 """Frames that are coarse-grained, spread over the window: each contact costs as much as some fifteen grains."""
 _PRESSURES = (
@@ -61,12 +64,7 @@ class ContactStress(Measure):
 
     def observed(self, scene: Scene, numerics: Numerics, window: Window | None = None) -> tuple[Probe, ...]:
         self.check(scene)
-        every = beats_of(min(rounded(window_time(scene) / _FRAMES, scene, 1), moment(scene, window)), numerics)
-        return (
-            Crossing(round_outlet(scene, NAME).plane),
-            Sample(fields=("x", "v"), every=every),
-            Contacts(every=every),
-        )
+        return Crossing(round_outlet(scene, NAME).plane), *contact_frames(scene, numerics, window)
 
     def evaluate(self, run: RunData, window: Window) -> Evaluation:
         outlet = round_outlet(run.scene, NAME)
@@ -91,6 +89,15 @@ class ContactStress(Measure):
         return Evaluation(tuple(Measured(name + kept, value, *told) for name, value in means.items()), fields.arrays())
 
 
+def contact_frames(scene: Scene, numerics: Numerics, window: Window | None) -> tuple[Sample, Contacts]:
+    """Probes of grains and contacts of the whole bed; equal ones for all measures of its stress, which share them."""
+    time = min(rounded(window_time(scene) / _FRAMES, scene, 1), moment(scene, window))
+    if scene.container.outlet_plane is None:
+        time = _EVERY * gravity_time(scene)
+    every = beats_of(time, numerics)
+    return Sample(fields=("x", "v"), every=every), Contacts(every=every)
+
+
 def contact_pressure(fields: Fields) -> np.ndarray:
     """A third of the trace of the contact stress [Pa], of the grid's shape; positive in compression."""
     assert fields.contact_stress is not None
@@ -107,20 +114,26 @@ def stress_fields(run: RunData, window: Window) -> tuple[Fields, int] | None:
     flow, _ = outflow(run, window)
     if flow is None:
         return None
-    omega = omega_of(run.scene)
-    sample, contacts = run.tables["sample"], run.tables["contacts"]
-    inside = (contacts["time"] >= flow.begin) & (contacts["time"] <= flow.end)
-    steps = np.unique(contacts["step"][inside])
-    if not len(steps):
+    rows = bed_rows(run, flow.begin, flow.end)
+    if rows is None:
         return None
-    chosen = steps[np.linspace(0, len(steps) - 1, min(_MOST, len(steps))).round().astype(int)]
-    sample, contacts = (_frames(table, chosen) for table in (sample, contacts))
-    grains = grains_between(run.scene, sample, flow.begin, flow.end)
-    touching = contacts_of(contacts, sample, flow.begin, flow.end)
+    omega, (grains, touching) = omega_of(run.scene), rows
     grid = bed_grid(run.scene, omega, grains.x, coarse=True)
     return coarse_grain(grid, omega, grains, touching), grains.frames
 
 
+def bed_rows(run: RunData, begin: float, end: float) -> tuple[GrainRows, ContactRows] | None:
+    """Grains and contacts of a run in the frames between two times [s], of at most _MOST spread over them; None without
+    any frame."""
+    sample, contacts = run.with_bodies(run.tables["sample"]), run.tables["contacts"]
+    steps = np.unique(contacts["step"][(contacts["time"] >= begin) & (contacts["time"] <= end)])
+    if not len(steps):
+        return None
+    chosen = steps[np.linspace(0, len(steps) - 1, min(_MOST, len(steps))).round().astype(int)]
+    sample, contacts = (_frames(table, chosen) for table in (sample, contacts))
+    return grains_between(run.scene, sample, begin, end), contacts_of(contacts, sample, begin, end)
+
+
 def _frames(table: Mapping[str, np.ndarray], steps: np.ndarray) -> dict[str, np.ndarray]:
-    kept = np.isin(table["step"], steps)
-    return {name: np.asarray(column)[kept] for name, column in table.items()}
+    chosen = np.isin(table["step"], steps)
+    return {name: np.asarray(column)[chosen] for name, column in table.items()}

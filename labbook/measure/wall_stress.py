@@ -145,18 +145,30 @@ class WallStresses:
         return bool(np.isfinite(self.rest).any())
 
     def vertical_stress(self) -> np.ndarray:
-        """Mean vertical stress [Pa] at rest, at the middle of each bin of an upright wall, shape [B]; else NaN.
+        """Mean vertical stress [Pa] at rest, at the middle of each bin of an upright wall, shape [B]; else NaN."""
+        return self.hanging(self.rest, self.weight_above)
+
+    def hanging(self, force: np.ndarray, weight_above: np.ndarray) -> np.ndarray:
+        """Mean vertical stress [Pa] at the middle of each bin of an upright wall, shape [B]; else NaN.
 
         By the balance of the bed above: its weight, less the shear of upright walls there, over the section.
+
+        Args:
+            force: Of walls, as `rest`, shape [B, 3].
+            weight_above: The middles of bins [N], shape [B].
         """
-        middle = (self.low + self.high) / 2
         carried = np.zeros(len(self.wall))
         for number in np.flatnonzero(self.upright):
             mine = self.wall == number
-            below = np.concatenate([[0.0], np.cumsum(self.rest[mine, 1])])
+            below = np.concatenate([[0.0], np.cumsum(force[mine, 1])])
             edges = np.append(self.low[mine], self.high[mine][-1])
-            carried += below[-1] - np.interp(middle, edges, below)
-        return np.where(self.on_upright, (self.weight_above - carried) / self.section, math.nan)
+            carried += below[-1] - np.interp(self.middle, edges, below)
+        return np.where(self.on_upright, (weight_above - carried) / self.section, math.nan)
+
+    @property
+    def middle(self) -> np.ndarray:
+        """Coordinates [m] of the middles of bins, shape [B]."""
+        return (self.low + self.high) / 2
 
     @property
     def lowest(self) -> float:

@@ -5,6 +5,7 @@ from pathlib import Path
 
 from labbook.report import figures
 from labbook.report.blocks import Section, picture
+from labbook.report.figures.arch import flat
 from labbook.report.tables import Table
 from labbook.results.arch import PointArches, arches
 from labbook.results.study import StudyResults
@@ -15,7 +16,9 @@ def arch_sections(results: StudyResults, folder: Path) -> list[Section]:
     points = arches(results.points)
     if not points:
         return []
-    figure = picture(figures.arch_figure(points), folder / "arch", "arches that hold the outlet", _CAPTION)
+    dome = "" if all(flat(point.result.point.scene) for point in points) else _DOME
+    caption = _CAPTION.format(dome=dome)
+    figure = picture(figures.arch_figure(points), folder / "arch", "arches that hold the outlet", caption)
     return [Section("Arches", (figure, arch_table(points)))]
 
 
@@ -37,8 +40,12 @@ def _number(value: float, error: float) -> str:
 
 _CAPTION = (
     "The bed near the outlet at its last stop. Lines: forces between grains, wider where larger. Orange: the arch, the "
-    "strongest short chain of contacts between grains on the bottom at either side. Right: grains of an arch; bars: "
-    "standard errors over beds; discs: share of the arches with so many grains."
+    "strongest short chain of contacts between grains on the bottom at either side{dome}. Right: grains of an arch; "
+    "bars: standard errors over beds; discs: share of the arches with so many grains."
+)
+_DOME = (
+    ", of a dome all such chains in vertical planes through the axis of the hole or across the slot, from the front "
+    "with the section in the middle (grey) and from above"
 )
 _TABLE = (
     "Errors are over beds. Grains of an arch include those at both ends, which rest on the bottom. A stop that no "

@@ -31,6 +31,7 @@ from labbook.report.sections import overview_caption, series_sections
 from labbook.report.setting import setting
 from labbook.report.starts import start_sections
 from labbook.report.statement_tables import statement_digest, statement_table
+from labbook.report.velocities import velocity_sections
 from labbook.report.walls import wall_sections
 from labbook.results import display
 from labbook.results.study import StudyResults
@@ -176,6 +177,7 @@ PARTS: tuple[Part, ...] = (
     composition_sections,
     residence_sections,
     energy_sections,
+    velocity_sections,
     start_sections,
     wall_sections,
     _budget,

@@ -7,13 +7,15 @@ from pathlib import Path
 import numpy as np
 
 from labbook.fit import FitError
-from labbook.fit.janssen import JanssenFit
+from labbook.fit.janssen import JanssenFit, ModelFit, preferred
+from labbook.fit.result import NOT_DETERMINED
 from labbook.measure.wall_stress import FILTER, FILTERS
 from labbook.report.blocks import Block, Formula, Prose, Section, picture
+from labbook.report.figures.vertical import vertical_stress
 from labbook.report.figures.walls import wall_profiles
 from labbook.report.tables import Table
 from labbook.results.study import StudyResults
-from labbook.results.walls import PooledWalls, pooled_walls
+from labbook.results.walls import PooledWalls, VerticalStress, pooled_walls
 from labbook.scene.quantities import percent
 
 BALANCED = 1e-3
@@ -62,7 +64,34 @@ def _blocks(walls: PooledWalls, folder: Path, suffix: str) -> tuple[Block, ...]:
         blocks += [Section("Janssen’s law", (Formula(_FORMULA, _SOURCE), janssen_table(walls), Prose(choice(walls))))]
     if lacking:
         blocks.append(Prose(f"Not fitted: {lacking}.", note=True))
+    if walls.vertical is not None:
+        figure = vertical_stress(walls.vertical)
+        alt = "vertical stress in the bed against height, from two sources"
+        drawing = picture(figure, folder / f"vertical{suffix}", alt, _VERTICAL)
+        blocks.append(Section("Vertical stress in the bed", (Prose(agreement(walls.vertical)), drawing)))
     return tuple(blocks)
+
+
+def agreement(stress: VerticalStress) -> str:
+    """Both sources of the vertical stress compared, and the screening lengths by the field, in words."""
+    ratio, error = stress.ratio
+    within = f" ± {error:.1g}" if math.isfinite(error) else ""
+    text = (
+        f"The mean vertical stress of the contacts in the bed is {ratio:.3f}{within} of that by weight and walls, "
+        f"at {len(stress.z)} heights. The largest difference at one height is "
+        f"{percent(stress.largest, '.2g')} of the mean."
+    )
+    if stress.fits:
+        best = preferred(stress.fits)
+        verdict = f"preferred: {best[0]}" if len(best) == 1 else f"undecided between {', '.join(best)}"
+        lengths = ", ".join(f"{model} {_length(fit)}" for model, fit in stress.fits.items())
+        text += f" λ by the contacts alone [mm]: {lengths}; {verdict}."
+    return text
+
+
+def _length(fit: ModelFit) -> str:
+    length = fit.parameters["length"]
+    return f"{1e3 * length.value:.3g} ({1e3 * length.low:.3g} to {1e3 * length.high:.3g})"
 
 
 def balance(walls: PooledWalls) -> str:
@@ -77,9 +106,9 @@ def balance(walls: PooledWalls) -> str:
         text += f" That is off by more than {BALANCED:g}: the bed still moves; lower fill.settled_below."
     if flow := walls.result.pooled.get("weight_balance_flow"):
         error = f" ± {percent(flow.error, '.1g')}" if math.isfinite(flow.error) else ""
-        text += (
-            f" Later, with the momentum of the outflow, they differ from M g by {percent(flow.value, '.2g')}{error}."
-        )
+        outlet = walls.result.point.scene.container.outlet_plane
+        momentum = "" if outlet is None else ", with the momentum of the outflow,"
+        text += f" Later{momentum} they differ from M g by {percent(flow.value, '.2g')}{error}."
     return text
 
 
@@ -156,7 +185,8 @@ def janssen_table(walls: PooledWalls) -> Table:
                 between = walls.error_between_beds(when, model, name)
                 error = f" ± {scale * between:.2g}" if math.isfinite(between) else ""
                 interval = f"{scale * parameter.low:.3g} to {scale * parameter.high:.3g}"
-                cells += [f"{scale * parameter.value:.3g}{error}", interval]
+                determined = parameter.determined(about_zero=name == "layer")
+                cells += [f"{scale * parameter.value:.3g}{error}", interval if determined else NOT_DETERMINED]
             rows.append((WHEN[when], model, *cells, f"{fit.friction:.3g}", f"{fit.aicc - best:.1f}"))
     parameters = [heading for symbol in _SYMBOLS.values() for heading in (symbol, "95 %")]
     notes = (_JANSSEN,) if len(walls.beds) >= 3 else (_JANSSEN, "With three beds or more, ± is added.")
@@ -201,10 +231,16 @@ _FORCES = (
     "wall, or across the radius or x, over the normal force; zero within errors. Application point: mean contact "
     "point, weighted by normal force."
 )
+_VERTICAL = (
+    "Mean over the section. Full: coarse-grained stress of the contacts in the bed, width d*/2. Open: weight of the "
+    "bed above, less the shear of upright walls there, over the section. Both: in the window of the flow rate, in "
+    "closed containers in the second half of the run. Bars: standard errors between beds. Lines: Janssen’s models "
+    "fitted to the contacts; black: preferred."
+)
 _FORMULA = "σ_zz = ρ_b g λ (1 - exp(-x/λ))"
 _SOURCE = "J1: Janssen (1895); J2: with a shift s of the surface; J3: hydrostatic down to the depth a"
 _JANSSEN = (
-    "Fitted to normal and shear stress of upright walls at rest, half a hydraulic diameter and more above their lower "
+    "Fitted to normal and shear stress of upright walls, half a hydraulic diameter and more above their lower "
     "end and below the top layer. x: depth below the free surface of a level bed. μ_m = A/(P K λ). 95 %: from the "
     "scatter of bins; ±: between beds, by the jackknife."
 )

@@ -25,14 +25,15 @@ from labbook.results.residence import curve_rows, map_rows, residence_curve, res
 from labbook.results.series import Series
 from labbook.results.starts import at_starts
 from labbook.results.study import StudyResults
+from labbook.results.velocities import outlet_profile
 from labbook.results.walls import PooledWalls, pooled_walls
 
 if TYPE_CHECKING:
     import pandas as pd
 
-_WALLS = ("wall_stress", "wall_peaks")
+_WALLS = ("wall_stress", "wall_peaks", "vertical_stress")
 _RESIDENCE = ("residence", "residence_times", "layers")
-EVERY = ("runs", "flow", "bands", "accelerations", "profiles", "composition", *_RESIDENCE, *_WALLS)
+EVERY = ("runs", "flow", "bands", "accelerations", "profiles", "composition", "outlet_velocity", *_RESIDENCE, *_WALLS)
 """Frames with a row for every run, instant or place."""
 _PLACES = 60
 """Orifices at which bands are given."""
@@ -47,6 +48,10 @@ _UNITS: dict[str, dict[str, str]] = {
     "clogging": {"flow_while_flowing": "kg/s", "error": "kg/s", "t_min": "s"}
     | dict.fromkeys(("width_ratio", "probability", "low", "high", "alpha", "goodness"), ""),
     "wall_peaks": {"filter_time": "s"} | dict.fromkeys(("peak", "error", "peak_of_mean"), ""),
+    "outlet_velocity": dict.fromkeys(("from", "to"), "m")
+    | dict.fromkeys(("velocity", "error"), "m/s")
+    | {"flux": "kg/(m^2 s)"},
+    "vertical_stress": {"z": "m"} | dict.fromkeys(("walls", "walls_error", "field", "field_error"), "Pa"),
     "wall_stress": dict.fromkeys(("from", "to"), "m")
     | {
         f"{name}_{when}{error}": "Pa"
@@ -93,6 +98,8 @@ def frames(
     | `residence_times` | point of a fed silo and age: part of the outflow that stayed shorter, exit-age density   |
     | `wall_stress`   | point, wall and bin: stresses at rest and later, with errors over beds, contacts          |
     | `wall_peaks`    | point and time of the moving mean: peak of the normal force after the opening             |
+    | `outlet_velocity` | point, kind and bin over the outlet: downward velocity, error over beds, mass flux         |
+    | `vertical_stress` | point and height: vertical stress in the bed by walls and by contacts, errors over beds  |
     | `clogging`      | point: stops, probability of a stop with its intervals, tail of the times between grains  |
     | `clogging_laws` | series, law of the mean avalanche and parameter: value, error, interval; goodness         |
 
@@ -126,8 +133,10 @@ def frames(
         "residence": _residence(results),
         "layers": _layers(results),
         "residence_times": _residence_times(results),
+        "outlet_velocity": _outlet_velocity(results),
         "wall_stress": _walls(results, PooledWalls.rows),
         "wall_peaks": _walls(results, PooledWalls.peak_rows),
+        "vertical_stress": _walls(results, PooledWalls.vertical_rows),
         "clogging": _clogging(results),
         "clogging_laws": _clogging_laws(results),
     }
@@ -438,6 +447,13 @@ def _residence_times(results: StudyResults) -> Iterator[Row]:
         pooled = residence_curve(result)
         if pooled is not None:
             yield from ({**of_point(result), **row} for row in curve_rows(pooled))
+
+
+def _outlet_velocity(results: StudyResults) -> Iterator[Row]:
+    for result in results.points:
+        pooled = outlet_profile(result)
+        if pooled is not None:
+            yield from ({**of_point(result), **row} for row in pooled.rows())
 
 
 def _walls(results: StudyResults, rows: Callable[[PooledWalls], Iterator[Row]]) -> Iterator[Row]:

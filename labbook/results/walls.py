@@ -8,22 +8,56 @@ from functools import cached_property
 import numpy as np
 
 from labbook.fit import FitError
-from labbook.fit.janssen import JanssenFit, WallProfile, fit_janssen, preferred
+from labbook.fit.janssen import BulkFit, BulkProfile, JanssenFit, WallProfile, fit_bulk, fit_janssen, preferred
+from labbook.measure.bulk_stress import BulkStress, SectionForces
 from labbook.measure.wall_stress import FILTER, FILTERS, WallStress, WallStresses
 from labbook.results.paper import Row
 from labbook.results.points import PointResult
 from labbook.scene.timescales import gravity_time
 
+_TOP = 0.1
+"""Part of the weight, from the top of the bed, in which both sources of the vertical stress are not compared."""
 _FEWEST_BEDS = 3
 """Beds from which on a jackknife gives an error."""
 
 
 @dataclass(frozen=True, eq=False)
+class VerticalStress:
+    """Mean vertical stress later, by height, from two sources: over beds, shape [beds, k].
+
+    Attributes:
+        z: Heights [m], the middles of bins of upright walls, shape [k].
+        walls: By the weight of the bed above and the shear of upright walls [Pa].
+        field: By the coarse-grained stress of the contacts in the bed [Pa].
+        fits: Models of Janssen's law fitted to `field`, by name; in closed containers only.
+    """
+
+    z: np.ndarray
+    walls: np.ndarray
+    field: np.ndarray
+    fits: Mapping[str, BulkFit]
+
+    @property
+    def ratio(self) -> tuple[float, float]:
+        """Mean stress of the field over that by the walls, and its standard error between beds; NaN of one bed."""
+        ratios = self.field.mean(axis=1) / self.walls.mean(axis=1)
+        return float(ratios.mean()), float(_error(ratios))
+
+    @property
+    def largest(self) -> float:
+        """Largest difference of both means over beds at one height, relative to the mean stress by the walls."""
+        walls = self.walls.mean(axis=0)
+        return float(np.abs(self.field.mean(axis=0) - walls).max() / walls.mean())
+
+
+@dataclass(frozen=True, eq=False)
 class PooledWalls:
-    """Wall stress of a point; `beds`: of each bed, the stresses of its discharges."""
+    """Wall stress of a point; `beds`: of each bed, the stresses of its discharges. `sections`: of the same runs the
+    forces through sections of the bed, None where `bulk_stress` was not measured."""
 
     result: PointResult
     beds: tuple[tuple[WallStresses, ...], ...]
+    sections: tuple[tuple[SectionForces | None, ...], ...] = ()
 
     @property
     def layout(self) -> WallStresses:
@@ -106,6 +140,57 @@ class PooledWalls:
         count = len(self.beds)
         return float(math.sqrt((count - 1) * np.var(values))) if len(values) == count else math.nan
 
+    @cached_property
+    def vertical(self) -> VerticalStress | None:
+        """Vertical stress from walls and from the field of the contacts; None where `bulk_stress` was not measured, or
+        where no bin of upright walls is between the foot and the top tenth of the weight."""
+        layout = self.layout
+        pairs = [
+            [(run, forces) for run, forces in zip(bed, own, strict=True) if forces and np.isfinite(run.flow).all()]
+            for bed, own in zip(self.beds, self.sections, strict=False)
+        ]
+        pairs = [bed for bed in pairs if bed]
+        bins = np.flatnonzero(layout.in_use(self.result.point.scene.grains.equivalent_diameter))
+        used = np.zeros(len(layout.wall), bool)
+        used[bins[np.unique(layout.low[bins], return_index=True)[1]]] = True  # walls may share heights
+        if not pairs:
+            return None
+        walls, field = [], []
+        for bed in pairs:
+            both = [(forces.at(layout.middle), run) for run, forces in bed]
+            used &= np.all([above > _TOP * above.max() for (_, above), _ in both], axis=0)
+            walls.append(np.mean([run.hanging(run.flow, above) for (_, above), run in both], axis=0))
+            field.append(np.mean([force / run.section for (force, _), run in both], axis=0))
+        if not used.any():
+            return None
+        z = layout.middle[used]
+        walls, field = (np.array(rows)[:, used] for rows in (walls, field))
+        return VerticalStress(z, walls, field, self._bulk_fits(z, field.mean(axis=0)))
+
+    def _bulk_fits(self, z: np.ndarray, stress: np.ndarray) -> Mapping[str, BulkFit]:
+        """Models fitted to the mean vertical stress in a closed container; none of other beds, whose surface sinks, or
+        of too few heights."""
+        if self.result.point.scene.container.outlet_plane is not None:
+            return {}
+        surface, density = (float(self.by_bed(name).mean()) for name in ("surface", "density"))
+        error = np.full(len(z), float(stress.mean()))
+        try:
+            return fit_bulk(BulkProfile(surface - z[::-1], stress[::-1], error, density * self.layout.gravity))
+        except FitError:
+            return {}
+
+    def vertical_rows(self) -> Iterator[Row]:
+        """A row for each height [m] with the mean vertical stress [Pa] from both sources, and errors over beds."""
+        stress = self.vertical
+        if stress is None:
+            return
+        columns = {name: (rows.mean(axis=0), _error(rows)) for name, rows in
+                   (("walls", stress.walls), ("field", stress.field))}  # fmt: skip
+        for k, z in enumerate(stress.z.tolist()):
+            numbers = {f"{name}{end}": float(values[place][k]) for name, values in columns.items()
+                       for place, end in enumerate(("", "_error"))}  # fmt: skip
+            yield {"z": z, **numbers, "beds": len(stress.walls)}
+
     def _without_one(self, when: str) -> list[dict[str, JanssenFit]]:
         """Fits without each of the beds."""
         count = len(self.beds)
@@ -172,13 +257,17 @@ class PooledWalls:
 def pooled_walls(result: PointResult) -> PooledWalls | None:
     """Wall stress of a point, where it was measured."""
     beds: dict[int, list[WallStresses]] = {}
+    sections: dict[int, list[SectionForces | None]] = {}
     for run in result.runs:
         if not run.counted or WallStress.name not in run.measures:
             continue
         stresses = WallStresses.of(run.evaluation(WallStress()))
         if stresses is not None:
             beds.setdefault(run.seed, []).append(stresses)
-    return PooledWalls(result, tuple(map(tuple, beds.values()))) if beds else None
+            measured = BulkStress.name in run.measures
+            forces = SectionForces.of(run.evaluation(BulkStress())) if measured else None
+            sections.setdefault(run.seed, []).append(forces)
+    return PooledWalls(result, tuple(map(tuple, beds.values())), tuple(map(tuple, sections.values()))) if beds else None
 
 
 def _error(values: np.ndarray) -> np.ndarray:

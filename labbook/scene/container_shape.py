@@ -42,6 +42,30 @@ class CountingPlane(Model):
     """Height of the plane."""
 
 
+class VelocityZone(Model):
+    """A box in which mean velocities are measured."""
+
+    name: Annotated[str, Field(pattern=r"^[a-z][a-z0-9-]*$", max_length=40)]
+    """Name of the zone in results, `velocity_z_NAME`: lower-case letters, digits and hyphens."""
+    low: tuple[Coordinate, Coordinate, Coordinate]
+    """Lower corner x, y, z of the box."""
+    high: tuple[Coordinate, Coordinate, Coordinate]
+    """Upper corner."""
+
+    @model_validator(mode="after")
+    def _has_a_volume(self):
+        if not all(low < high for low, high in zip(self.low, self.high, strict=True)):
+            refuse(
+                [Fault("high", "the upper corner is not above the lower one", "give each axis a low below its high")]
+            )
+        return self
+
+    def holds(self, x: np.ndarray) -> np.ndarray:
+        """Mask of the centres x [m], shape [n, 3], inside the box, shape [n]."""
+        return np.all((x >= self.low) & (x <= self.high), axis=1)
+
+
+VelocityZones = Annotated[tuple[VelocityZone, ...], Field(exclude_if=lambda zones: not zones)]
 CountingPlanes = Annotated[tuple[CountingPlane, ...], Field(exclude_if=lambda planes: not planes)]
 KEPT = 256
 """Containers whose walls are kept: each is asked for them again and again, one after another."""
@@ -116,6 +140,8 @@ class ContainerShape(Model, ABC):
     `below-parts`: the lowest point of the parts. None: grains leave just below the outlet."""
     planes: CountingPlanes = ()
     """Horizontal planes through which the mass flow is counted, beside the outlet."""
+    zones: VelocityZones = ()
+    """Boxes in which mean velocities are measured."""
 
     @model_validator(mode="after")
     def _names_differ(self):
@@ -128,13 +154,15 @@ class ContainerShape(Model, ABC):
         return self
 
     def _faults_below(self) -> Iterator[Fault]:
-        """Faults of the sink below the outlet, and of planes beside it."""
+        """Faults of the sink below the outlet, and of planes and zones beside it."""
         names, sink, height = [plane.name for plane in self.planes], self.sink, self._outlet_height
         if height is None:
-            for key in ("sink", "planes"):
+            for key in ("sink", "planes", "zones"):
                 if getattr(self, key) not in (None, ()):
                     yield Fault(key, "without an outlet no grain leaves", f"state outlet_plane, or leave {key} out")
             return
+        if len({zone.name for zone in self.zones}) < len(self.zones):
+            yield Fault("zones", "two zones have the same name", "give each zone its own name")
         if len({*names}) < len(names):
             yield Fault("planes", "two planes have the same name", "give each plane its own name")
         if {*names} & {outlet.name for outlet in self.outlets if names}:
@@ -163,7 +191,9 @@ class ContainerShape(Model, ABC):
         not count in the key of its packing; surfaces of parts move only if `surface_motion` says so, and parts stand
         still."""
         parts = _at_rest(self._above_outlet(), surface_motion)
-        return self.model_copy(update={"closed": True, "parts": parts, "sink": None, "planes": (), **update})
+        return self.model_copy(
+            update={"closed": True, "parts": parts, "sink": None, "planes": (), "zones": (), **update}
+        )
 
     def _above_outlet(self) -> tuple[Wall, ...]:
         """Parts that grains can touch while it is filled: all of them, unless it goes on below the outlet."""

@@ -193,13 +193,13 @@ TABLE = (
         "measure",
         "wallforce wallforces wallpressure pressure force forces torque janssen",
         "forces on walls have another name",
-        "use wall_stress, or contact_stress for the stress within the bed",
+        "use wall_stress, or bulk_stress and contact_stress for the stress within the bed",
     ),
     Absent(
         "measure",
         "clog clogged clogs avalanche avalanches avalanchesize arches jamming",
         "no measure has this name",
-        "use clogging, the stops and the grains between them, or arch, the grains that hold a stop of a layer",
+        "use clogging, the stops and the grains between them, or arch, the grains that hold a stop",
     ),
     Absent(
         "measure",
@@ -233,9 +233,9 @@ TABLE = (
     ),
     Absent(
         "measure",
-        "profile profiles velocityprofile velocity field fields",
+        "profile profiles velocityprofile velocity zone zones field fields",
         "there is no profile of the whole bed",
-        "use outlet_profiles or orifice, for profiles at the outlet, or record, for maps",
+        "use velocities over the outlet and in container.zones, outlet_profiles, orifice, or record for maps",
     ),
 )
 """What people write who come from other codes. The first row that has a word at its place counts."""

@@ -310,7 +310,7 @@ def _kind(scene: Scene) -> tuple:
     """Properties that determine the quantities of a scene."""
     c, grains = scene.container, scene.grains
     thin = c.front_to_back < 2 * grains.diameter
-    return c.kind, grains.half_length > 0, grains.varied, thin, len(c.outlets), c.planes
+    return c.kind, grains.half_length > 0, grains.varied, thin, len(c.outlets), c.planes, c.zones
 
 
 def _units_of(measures: Iterable[str], scenes: Iterable[Scene]) -> dict[str, str]:

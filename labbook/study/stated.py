@@ -385,6 +385,17 @@ class ContainerPlanesKeys(TypedDict, total=False):
     """Height of the plane [m]."""
 
 
+class ContainerZonesKeys(TypedDict, total=False):
+    """Section `container.zones[]`."""
+
+    name: object
+    """Name of the zone in results, `velocity_z_NAME`: lower-case letters, digits and hyphens."""
+    low: object
+    """Lower corner x, y, z of the box [m]."""
+    high: object
+    """Upper corner [m]."""
+
+
 class ContainerPartsShapeKeys(TypedDict, total=False):
     """Section `container.parts[].shape`."""
 
@@ -532,6 +543,7 @@ class ContainerKeys(TypedDict, total=False):
     outlet_plane: object
     """Height z at which grains count as discharged; none: there is no outlet [m]."""
     planes: Sequence[ContainerPlanesKeys | object] | object
+    zones: Sequence[ContainerZonesKeys | object] | object
     parts: Sequence[ContainerPartsKeys | object] | object
 
 
@@ -718,7 +730,7 @@ class StudyKeys(TypedDict, total=False):
     number that is cheapest for `accuracy.flow_rate`, from how much of the scatter beds and flow have each. Range:
     of at least 1 or auto."""
     accuracy: AccuracyKeys | object
-    measure: Sequence[Literal["flow_rate", "outlet_profiles", "packing", "orifice", "contact_stress", "ledger", "outlets", "planes", "composition", "residence", "energy", "clogging", "arch", "wall_stress", "part_forces"] | object] | object
+    measure: Sequence[Literal["flow_rate", "outlet_profiles", "packing", "orifice", "contact_stress", "ledger", "outlets", "planes", "composition", "residence", "energy", "clogging", "arch", "wall_stress", "bulk_stress", "velocities", "part_forces"] | object] | object
     """Names of the measurements to take."""
     fit: Sequence[Literal["beverloo", "janda", "beverloo_3d", "janda_3d", "power", "exponential"] | object] | object
     """Names of the laws to fit."""
@@ -766,6 +778,7 @@ KEYS = """\
     container: kind, sink [m], width [m], height [m], thickness [m], angle [rad], orifice [m], gap [m], diameter
         [m], rotation [Hz], depth [m], lid, outlet_plane [m]
     container.planes[]: name, z [m]
+    container.zones[]: name, low [m], high [m]
     container.parts[]: name, opens
     container.parts[].shape: kind, point [m], normal, start [m], end [m], lower [m], upper [m], smooth [rad],
         encloses, file, unit, scale, rotate [rad], at [m], allow

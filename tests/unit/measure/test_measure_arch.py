@@ -7,9 +7,9 @@ import pytest
 
 from labbook.backend.numerics import Numerics
 from labbook.measure import MEASURES, MeasureError, RunData
-from labbook.measure.arch import EVERY, NEAR, REST, StoppedBed, arch
+from labbook.measure.arch import EVERY, NEAR, REST, StoppedBed, arch, neighbours, planes_of
 from labbook.measure.measure import Quantity
-from labbook.scene import CylinderSilo, Feed, HertzMindlin, Restart, Scene, Spheres, WedgeHopper
+from labbook.scene import Box, CylinderSilo, Feed, HertzMindlin, Restart, Scene, Spheres, WedgeHopper
 from labbook.scene.container import Container
 from labbook.scene.packing import Packing
 from labbook.scene.timescales import WAIT, gravity_time
@@ -106,7 +106,7 @@ def test_near_the_outlet_a_bed_keeps_its_arch_and_the_contacts_between_its_grain
     far = x.copy()
     far[8, 2] = 1.0
     pairs = np.array([[0, 1], [7, 8], [8, 9], [9, 10]])
-    whole = StoppedBed(ids, far, pairs, np.arange(4.0), np.arange(7), np.full(6, 10.0))
+    whole = StoppedBed(ids, far, pairs, np.arange(4.0), np.arange(7), np.full(6, 10.0), neighbours(np.arange(7)))
     near = whole.near(scene_of())
     assert set(ids) - set(near.ids) == {ids[8]}, f"it is higher than {NEAR:g} d above the arch"
     assert near.ids[near.pairs].tolist() == ids[[[0, 1], [9, 10]]].tolist()
@@ -114,10 +114,90 @@ def test_near_the_outlet_a_bed_keeps_its_arch_and_the_contacts_between_its_grain
     assert near.ids[near.rows].tolist() == ids[:7].tolist()
 
 
+HOLE = CylinderSilo(diameter=0.05, height=0.4, orifice=2.5 * D)
+
+
+def dome():
+    """Four meridians of three grains and the grain at the top, of which two opposite meridians press with 10 and two
+    with 20 weights; on the bottom a ring of eight grains around the hole, four of them the feet of the meridians, that
+    press each other with 50; and a grain above the top. All grains on the bottom touch it; others touch the side."""
+    step = math.pi / 6
+    radius, azimuth = D / 2 / math.sin(step / 2), math.pi / 2 * np.arange(4)
+    rows = []
+    for k in range(3):  # from the bottom upwards
+        rho, z = radius * math.cos(k * step), D / 2 + radius * math.sin(k * step)
+        rows += [(rho * math.cos(a), rho * math.sin(a), z) for a in azimuth]
+    top = D / 2 + radius
+    rows += [(0.0, 0.0, top), (0.0, 0.0, top + D)]
+    rows += [(radius * math.cos(a), radius * math.sin(a), D / 2) for a in azimuth + math.pi / 4]
+    i, j, force = [], [], []
+    for a in range(4):
+        press = 10.0 if a % 2 == 0 else 20.0
+        for one, other in ((a, 4 + a), (4 + a, 8 + a), (8 + a, 12)):
+            i, j, force = [*i, one], [*j, other], [*force, press]
+        for other in (14 + a, 14 + (a - 1) % 4):
+            i, j, force = [*i, a], [*j, other], [*force, 50.0]
+    i, j, force = [*i, 12], [*j, 13], [*force, 1.0]
+    on_bottom, beside = [*range(4), *range(14, 18)], [4, 13]
+    walls = len(on_bottom) + len(beside)
+    contacts = {"i": [*i, *on_bottom, *beside], "j": [*j, *[-1] * walls]}
+    contacts |= {"fx": [*force, *[5.0] * walls], "bz": [*[0.0] * len(i), *[-D / 2] * len(on_bottom), 0.0, 0.0]}
+    contacts |= dict.fromkeys(("fy", "fz", "bx", "by"), [0.0] * (len(i) + walls))
+    table = {name: np.asarray(column) for name, column in contacts.items()}
+    table["fx"] = table["fx"] * WEIGHT
+    return np.array(rows), table
+
+
+def test_a_dome_is_the_union_of_chains_through_the_axis():
+    """Neither the ring round the hole nor what lies on the dome is a part of it, and no chain ends at the side."""
+    x, contacts = dome()
+    ids = np.arange(len(x))
+    scene = scene_of(HOLE)
+    assert [plane.along for plane in planes_of(scene)][2] == pytest.approx((0, 1)), "four planes, 45 degrees apart"
+    frame = {"step": 1, "time": 2.0}
+    sample = {"id": ids, **{axis: x[:, k] for k, axis in enumerate("xyz")}}
+    tables = {"sample": sample, "contacts": contacts}
+    tables = {name: {**rows, **{key: np.full(len(next(iter(rows.values()))), value) for key, value in frame.items()}}
+              for name, rows in tables.items()}  # fmt: skip
+    tables["crossing"] = {"id": np.array([1]), "time": np.array([1.0]), "vz": np.array([-0.3])}
+    run = RunData(scene, Numerics(dt=1e-5), 1, Packing(*np.zeros((3, 20, 3))), "clogged", 2.0, tables)
+    evaluation = MEASURE.evaluate(run, Window().endless())
+    size, force = evaluation.numbers
+    assert size.value == 13
+    assert force.value == pytest.approx(15), "six contacts of 10 and six of 20 weights"
+    bed = StoppedBed.of(evaluation.arrays)
+    assert bed is not None
+    assert sorted(bed.ids[bed.rows].tolist()) == list(range(13))
+    pairs = {tuple(sorted(pair)) for pair in bed.ids[bed.links].tolist()}
+    meridians = [(a + k, 4 + a + k) for a in range(4) for k in (0, 4)] + [(8 + a, 12) for a in range(4)]
+    assert pairs == set(meridians)
+
+
+def test_across_a_deep_slot_arches_stand_beside_each_other():
+    """Two arches, 2 d apart, in a hopper 3 d deep: the chains of three planes give both."""
+    ids, x, contacts = half_circle()
+    n, deep = len(x), WedgeHopper(width=0.06, height=0.2, thickness=3 * D, orifice=4 * D)
+    both = np.concatenate([x + np.array([0, y, 0]) for y in (-D, D)])
+    planes = planes_of(scene_of(deep))
+    assert [plane.centre[1] for plane in planes] == pytest.approx([-D, 0, D])
+    ids = np.concatenate([ids, 100 + ids])
+    rows = {name: np.concatenate([column, column + 100 * (name in "ij") * (column >= 0)])
+            for name, column in contacts.items()}  # fmt: skip
+    chains = [arch(ids, both, rows, deep.outlets[0], D, WEIGHT, plane)[0].tolist() for plane in planes]
+    assert chains == [list(range(7)), [], list(range(n, n + 7))]
+
+
+def test_beds_of_older_evaluations_of_layers_have_links_along_the_arch():
+    ids, x, _ = half_circle()
+    bed = StoppedBed(ids, x, np.zeros((0, 2), int), np.zeros(0), np.arange(7), np.ones(6), neighbours(np.arange(7)))
+    older = {name: array for name, array in bed.arrays().items() if name != "bed_links"}
+    again = StoppedBed.of(older)
+    assert again is not None
+    assert again.links.tolist() == bed.links.tolist()
+
+
 def test_other_scenes_are_refused_and_quantities_are_means():
-    silo = CylinderSilo(diameter=0.05, height=0.4, orifice=4 * D)
-    deep = WedgeHopper(width=0.06, height=0.2, thickness=3 * D, orifice=4 * D)
-    for container in (silo, deep):
-        with pytest.raises(MeasureError, match="a layer less than 2 d thick"):
-            MEASURE.check(scene_of(container))
+    with pytest.raises(MeasureError, match="one slot or one round outlet"):
+        MEASURE.check(scene_of(Box(width=0.05, depth=0.05, height=0.1)))
+    MEASURE.check(scene_of(HOLE))
     assert all(isinstance(one, Quantity) and one.estimator == "mean" for one in MEASURE.declared)

@@ -18,7 +18,7 @@ from labbook.stats import Pooled
 X = np.array([[-1.4, 0, 0.5], [0, 0, 1.0], [1.4, 0, 0.5], [0.3, 0, 1.9], [9, 0, 9]]) * D
 BED = StoppedBed(
     ids=np.array([3, 1, 4, 0, 7]), x=X, pairs=np.array([[0, 1], [1, 2], [1, 3]]), force=np.array([4.0, 2.0, 1.0]),
-    rows=np.array([0, 1, 2]), link=np.array([4.0, 2.0]),
+    rows=np.array([0, 1, 2]), link=np.array([4.0, 2.0]), links=np.array([[0, 1], [1, 2]]),
 )  # fmt: skip
 
 
