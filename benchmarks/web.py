@@ -32,7 +32,7 @@ import labbook
 from labbook.backend import load
 from labbook.backend.machine import hardware
 from labbook.lab import studies
-from labbook.lab.database import connect, measurements, runs, upsert, writing
+from labbook.lab.database import connect, measurements, runs, transaction, upsert
 from labbook.lab.folder import LabFolder
 from labbook.lab.index import Index
 from labbook.lab.records import Coverage
@@ -98,7 +98,7 @@ def large_lab(folder: Path, wanted: int, side: int = _SIDE) -> LabFolder:
                 keys = demand.keys(can)
                 rows.append(_row(study, demand, asdict(keys), can.cache_version))
                 numbers += _numbers(study, demand, keys.run, rng)
-            with writing(engine, lab) as connection:
+            with transaction(engine, lab) as connection:
                 upsert(connection, runs, rows)
                 for at in range(0, len(numbers), 1000):
                     upsert(connection, measurements, numbers[at : at + 1000])

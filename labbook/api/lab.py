@@ -157,7 +157,7 @@ class Lab:
         except NoCatalogue:
             index = Index(self.place)  # to run makes the index of a lab without one, where a plan only looks
             index.close()
-            return (*(f"Unreadable: {problem}" for problem in index.found.problems), *looked())
+            return (*(f"Unreadable: {problem}" for problem in index.report.problems), *looked())
 
     def _piloted(self, study: Study, needed: Study, watcher: Watcher, whole: bool) -> Study:
         """The study with numerics chosen by its pilot. whole: whether all of its runs are to be made here."""

@@ -34,13 +34,13 @@ def register(app: typer.Typer) -> None:
         if not LabFolder(lab).exists:
             fail(f"there is no lab {lab}: it has neither runs nor packings; give its folder with --lab")
         if index is not None:
-            left = server.move_home(LabFolder(lab)) if index == "file" else server.move_to(LabFolder(lab), index)
+            left = server.move_to_file(LabFolder(lab)) if index == "file" else server.move_to(LabFolder(lab), index)
             if left:
                 say(left, err=True)
         with ticking("indexing") as tick:
             made = Index(LabFolder(lab), again=True, tick=tick)
             made.close()
-        found = made.found
+        found = made.report
         say(f"{found.runs} runs and {found.packings} packings indexed")
         for problem in found.problems:
             say(f"Unreadable: {problem}", err=True)

@@ -54,8 +54,8 @@ def register(app: typer.Typer) -> None:
             say(f"  {one.study}: {'; '.join(filter(None, (runs_done(one), remaining(one), where)))}")
         for work in works:
             state = (
-                "in progress" if work.held else "stopped, resumable" if work.saved else "stopped, starts from step 0"
+                "in progress" if work.claimed else "stopped, resumable" if work.saved else "stopped, starts from step 0"
             )
-            if work.failed and not work.held:
+            if work.failed and not work.claimed:
                 state = f"a filling that failed: {work.failed}"
             say(f"  {work.key}  step {work.step}  {state}{f' ({work.problem})' if work.problem else ''}")

@@ -1,5 +1,4 @@
-"""The lab's runs, packings and measured numbers: kept in folders, indexed in SQLite, asked through
-`Catalogue`."""
+"""Storage of runs, packings and measured numbers: folders, indexed in SQLite and queried through `Catalogue`."""
 
 from labbook.lab.catalogue import Catalogue, Entry
 from labbook.lab.database import NoCatalogue

@@ -1,7 +1,8 @@
-"""What strategies have proposed in a lab, with their reasons: `lab/campaigns/NAME-KEY.json`.
+"""Proposals of strategies in a lab, with their reasons: `lab/campaigns/NAME-KEY.json`.
 
-The key is of everything that proposals rest on: the strategy with its version and options, the study and the backend.
-Each file is written as a whole; several processes that share a campaign take up what the first of them has proposed.
+The key is a hash of everything that proposals depend on: the strategy with its version and options, the study and the
+backend. Each file is written in one piece. Several processes that share a campaign use the proposal that the first of
+them has written.
 """
 
 from typing import Any
@@ -60,15 +61,15 @@ class CampaignFile:
             strategy: Proposes.
             backend: Name of the backend whose runs are looked at.
         """
-        stated = {name: section for name, section in study.stated.items() if name not in _BESIDE}
+        sections = {name: section for name, section in study.stated.items() if name not in _BESIDE}
         options = strategy.model_dump(mode="json")
-        key = digest([stated, strategy.name, strategy.version, options, backend])
+        key = digest([sections, strategy.name, strategy.version, options, backend])
         self.path = lab.campaigns / f"{study.name}-{key}.json"
         self._lab = lab
         self._head = {"study": study.name, "strategy": strategy.name, "version": strategy.version, "options": options}
 
     def read(self) -> Proposed:
-        """Give what is kept. Raises LabError for a damaged file."""
+        """Read the proposals in the file; none if there is no file. Raises LabError for a damaged file."""
         try:
             with open_file(self.path) as file:
                 record = _Record.model_validate_json(file.read())
@@ -80,12 +81,17 @@ class CampaignFile:
             raise LabError(f"{self.path}: cannot be read ({why}); {remedy}") from problem
         generations = []
         for number, generation in enumerate(record.generations):
-            assignments = tuple(Assignment(one.at, one.replicates) for one in generation.assignments)
+            assignments = tuple(
+                Assignment(assignment.at, assignment.replicates) for assignment in generation.assignments
+            )
             generations.append(Generation(number, assignments, generation.reason))
         return Proposed(tuple(generations), record.ended)
 
     def keep(self, number: int, proposal: Proposal) -> Proposed:
-        """Keep a proposal, unless another process has kept one. Raises LabError, OSError."""
+        """Write a proposal, unless another process has written one, and return the proposals that the file has then.
+
+        Raises LabError, OSError.
+        """
         with self._lab.alone(f"campaign-{self.path.stem}"):
             before = self.read()
             after = with_proposal(before, number, proposal)
@@ -98,7 +104,10 @@ class CampaignFile:
         generations = [
             {
                 "reason": generation.reason,
-                "assignments": [{"at": dict(one.at), "replicates": one.replicates} for one in generation.assignments],
+                "assignments": [
+                    {"at": dict(assignment.at), "replicates": assignment.replicates}
+                    for assignment in generation.assignments
+                ],
             }
             for generation in proposed.generations
         ]

@@ -1,4 +1,4 @@
-"""The catalogue: what is in the lab, quick to ask. Readers open it read-only."""
+"""Read-only queries on the index of a lab."""
 
 from collections.abc import Iterable, Iterator, Mapping
 from contextlib import contextmanager
@@ -15,16 +15,16 @@ from labbook.lab.database import (
     DAMAGED,
     SCHEMA_VERSION,
     NoCatalogue,
-    among,
-    asking,
     empty,
+    index_error,
     measurements,
     on_server,
-    opened,
+    open_connection,
+    open_engine,
     packings,
     runs,
     schema_version,
-    unusable,
+    select_in,
 )
 from labbook.lab.folder import LabError, LabFolder, stamp
 from labbook.lab.packings import read_packing
@@ -39,7 +39,16 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Entry:
-    """What the catalogue knows of one run when planning."""
+    """Index entry of one run, as the planner and results use it.
+
+    Args:
+        run_key: Key of the run.
+        lineage_key: Key that the run shares with runs of other versions of its backend.
+        cache_version: Version of the backend.
+        outcome: How the run ended (`labbook.lab.records.Outcome`), or UNREADABLE.
+        coverage: Duration, steps and probes of the run; None of a damaged run.
+        problem: Why the folder cannot be read; None if it can be.
+    """
 
     run_key: str
     lineage_key: str
@@ -48,30 +57,30 @@ class Entry:
     coverage: Coverage | None
     problem: str | None = None
     stamp: int = 0
-    """Of the folder, as it was indexed."""
+    """Stamp of the folder when it was indexed (`labbook.lab.folder.stamp`)."""
     packing_key: str = ""
-    """Key of the packing that it started from."""
+    """Key of the packing from which the run started."""
     backend: str = ""
     device: str = ""
     finished: str = ""
-    """When it ended (UTC, ISO 8601)."""
+    """End of the run (UTC, ISO 8601)."""
     suspect: str = ""
-    """Why it is suspect (`labbook.lab.suspect`); empty if it is not."""
+    """Reason for which the run is suspect (`labbook.lab.suspect`); empty if it is not."""
     wall_time: float = 0.0
-    """Time spent stepping [s]."""
+    """Wall time spent stepping [s]."""
     filling_time: float = 0.0
-    """The same of the packing that it started from, where the index has it [s]."""
+    """Wall time spent stepping for its packing [s]; 0 where the index lacks it."""
 
     @classmethod
     def of(cls, record: RunRecord, stamp: int) -> "Entry":
-        """What a run says of itself; `stamp`: of its folder."""
-        said = {name: getattr(record, name) for name in _SAID}
+        """Make the entry from a run's record and the stamp of its folder."""
+        attributes = {name: getattr(record, name) for name in _RECORD_ATTRIBUTES}
         return cls(
             coverage=record.coverage,
             stamp=stamp,
             suspect=suspicion(record.ledger),
             wall_time=record.wall_time,
-            **said,
+            **attributes,
         )
 
     @property
@@ -80,18 +89,27 @@ class Entry:
         return None if self.coverage is None else self.coverage.frame_interval
 
 
-_SAID = ("run_key", "lineage_key", "cache_version", "outcome", "packing_key", "backend", "device", "finished")
-"""Of a run, in its record as in the index."""
+_RECORD_ATTRIBUTES = (
+    "run_key",
+    "lineage_key",
+    "cache_version",
+    "outcome",
+    "packing_key",
+    "backend",
+    "device",
+    "finished",
+)
+"""Attributes that a record and an index row have under the same name."""
 _FILLING = packings.c.wall_time.label("filling_time")
 _ENTRIES = select(
     *(_FILLING if name == _FILLING.name else runs.c[name] for name in Entry.__dataclass_fields__)
 ).select_from(runs.outerjoin(packings, packings.c.packing_key == runs.c.packing_key))
-"""Rows from which entries are made."""
+"""Query for the rows from which entries are made."""
 
 
 @dataclass(frozen=True)
 class StudyCount:
-    """How many runs of a study there are on a backend that ended in one way; `latest`: when the last of them did."""
+    """Number of runs of a study with one backend and outcome; `latest`: end of the latest of them."""
 
     study: str
     backend: str
@@ -101,27 +119,27 @@ class StudyCount:
 
 
 SUSPECT = "suspect"
-"""What may be asked for in place of an outcome: the runs that are suspect, however they ended."""
+"""Filter value in place of an outcome: suspect runs, whatever their outcome."""
 
 
-def _ended(outcome: str) -> "ColumnElement[bool]":
+def _has_outcome(outcome: str) -> "ColumnElement[bool]":
     return runs.c.suspect != "" if outcome == SUSPECT else runs.c.outcome == outcome
 
 
 @dataclass(frozen=True)
 class Listing:
-    """Which runs are listed, and in what order. Whatever is None leaves all runs in."""
+    """Filters, sort order and page of a list of runs. A filter that is None passes all runs."""
 
     study: str | None = None
     backend: str | None = None
     outcome: str | None = None
-    """How they ended, or SUSPECT."""
+    """Outcome of the runs, or SUSPECT."""
     packing: str | None = None
-    """Key of the packing that they started from."""
+    """Key of the packing from which they started."""
     text: str | None = None
-    """What the label, the name of the study or the beginning of the key has in it."""
+    """Part of the label or of the study's name, or beginning of the run key."""
     keys: tuple[str, ...] | None = None
-    """Only these runs: at most some hundred."""
+    """Keys of the runs: at most some hundred."""
     sort: str = "finished"
     """One of RUN_COLUMNS."""
     descending: bool = True
@@ -129,44 +147,53 @@ class Listing:
     limit: int | None = 100
 
     def conditions(self) -> "list[ColumnElement[bool]]":
-        """What SQL is asked for."""
-        stated = {"study": self.study, "backend": self.backend, "packing_key": self.packing}
-        found: list[ColumnElement[bool]] = [runs.c[name] == one for name, one in stated.items() if one is not None]
+        """Return the filters as conditions of SQL."""
+        filters = {"study": self.study, "backend": self.backend, "packing_key": self.packing}
+        clauses: list[ColumnElement[bool]] = [
+            runs.c[name] == value for name, value in filters.items() if value is not None
+        ]
         if self.outcome is not None:
-            found.append(_ended(self.outcome))
+            clauses.append(_has_outcome(self.outcome))
         if self.text:
-            begins = runs.c.run_key.istartswith(self.text, autoescape=True)
-            found.append(runs.c.label.icontains(self.text, autoescape=True)
-                         | runs.c.study.icontains(self.text, autoescape=True) | begins)  # fmt: skip
+            key_begins = runs.c.run_key.istartswith(self.text, autoescape=True)
+            clauses.append(runs.c.label.icontains(self.text, autoescape=True)
+                         | runs.c.study.icontains(self.text, autoescape=True) | key_begins)  # fmt: skip
         if self.keys is not None:
-            found.append(runs.c.run_key.in_(self.keys))
-        return found
+            clauses.append(runs.c.run_key.in_(self.keys))
+        return clauses
 
 
 class Catalogue:
-    """Questions to the index of one lab. Raises NoCatalogue if there are runs but no index of this
-    version."""
+    """Reader of the index of one lab.
+
+    Args:
+        lab: Folder of the lab.
+
+    Raises:
+        NoCatalogue: There are runs, but no index of this version.
+        LabError: The index cannot be read.
+    """
 
     def __init__(self, lab: Path | LabFolder):
         self.lab = lab if isinstance(lab, LabFolder) else LabFolder(lab)
         self._engine = self._open()
         self._packings: dict[tuple[str, int], str | None] | None = None
-        """Why a packing cannot be read, by its key and the stamp of its folder."""
+        """Problem of each packing (None if it can be read), by its key and the stamp of its folder."""
 
     def _open(self) -> Engine:
         path, folder = self.lab.catalogue, self.lab.folder
         if folder.exists() and not folder.is_dir():
             raise LabError(f"{folder} is a file, not a lab folder; give another one with --lab")
-        there = path.exists() or server.address(self.lab) is not None
-        if not there:
+        exists = path.exists() or server.address(self.lab) is not None
+        if not exists:
             if self.lab.runs.is_dir() and any(self.lab.runs.iterdir()):
                 raise NoCatalogue(self.lab, "is missing")
             return empty()
-        engine = opened(self.lab, read_only=True)
+        engine = open_engine(self.lab, read_only=True)
         try:
             version = schema_version(engine) if on_server(engine) or path.is_file() else DAMAGED
         except DatabaseError as error:
-            raise unusable(self.lab, error) from error
+            raise index_error(self.lab, error) from error
         if version is None and on_server(engine):
             raise NoCatalogue(self.lab, "is missing")
         if version != SCHEMA_VERSION:
@@ -175,22 +202,27 @@ class Catalogue:
         return engine
 
     @contextmanager
-    def _asking(self) -> Iterator[Connection]:
-        """A connection for a question. Raises LabError."""
+    def _connection(self) -> Iterator[Connection]:
+        """Open a connection for one query. Raises LabError."""
         try:
-            with asking(self._engine, self.lab) as connection:
+            with open_connection(self._engine, self.lab) as connection:
                 yield connection
         except ValidationError as error:  # a damaged page may hold other text than was written
             raise NoCatalogue(self.lab, "is damaged") from error
 
     def runs(self, study: str | None = None, outcome: str | None = None, limit: int | None = None) -> "pd.DataFrame":
-        """Runs, the latest first: key, study, point, seed, discharge, backend, outcome, how far, speed, size.
+        """Table of runs, the latest first.
 
-        Columns: run_key, study, label, seed, discharge (its number of its bed, from 1 on), backend, cache_version,
-        outcome, grains, discharged, duration [s], wall_time [s], rate [grain-steps/s], finished, device, bytes,
-        problem, suspect (why it is; else empty), scene_key (of a run that can be read; points of one name differ by it
-        if two studies have the same name).
-        outcome: only those that ended so, or those that are SUSPECT.
+        Args:
+            study: Name of a study; None: all studies.
+            outcome: An outcome, or SUSPECT; None: all outcomes.
+            limit: Maximum number of rows.
+
+        Returns:
+            Columns: run_key, study, label, seed, discharge (number of the discharge of its bed, from 1), backend,
+                cache_version, outcome, grains, discharged, duration [s], wall_time [s], rate [grain-steps/s], finished,
+                device, bytes, problem, suspect (reason; empty if the run is not suspect), scene_key (of readable runs;
+                it tells points of equal label apart if two studies share a name).
         """
         query = select(*(runs.c[name].label(name) for name in (*RUN_COLUMNS, "scene_key"))).order_by(
             runs.c.finished.desc().nulls_last(), runs.c.run_key
@@ -198,140 +230,150 @@ class Catalogue:
         if study is not None:
             query = query.where(runs.c.study == study)
         if outcome is not None:
-            query = query.where(_ended(outcome))
+            query = query.where(_has_outcome(outcome))
         return self._frame(query.limit(limit) if limit is not None else query)
 
     def absent(self, study: str | None, outcome: str | None) -> str:
-        """Why no run can be of a study of this name, or have this outcome: what there is instead; empty if one may."""
+        """Explain why no run can match a study name or an outcome, and name the valid ones; empty if one can match."""
         outcomes = (*get_args(Ending), UNREADABLE, SUSPECT)
         if outcome is not None and outcome not in outcomes:
             return f"no such outcome as {outcome}; use one of: {', '.join(outcomes)}"
-        made = sorted({one.study for one in self.studies()} - {""})
-        if study is not None and made and study not in made:
-            return f"no run was first made for a study {study}; use one of: {', '.join(made)}"
+        names = sorted({count.study for count in self.studies()} - {""})
+        if study is not None and names and study not in names:
+            return f"no run was first made for a study {study}; use one of: {', '.join(names)}"
         return ""
 
-    def listed(self, wanted: "Listing") -> "tuple[pd.DataFrame, int]":
-        """The part of all runs that a listing asks for, with the columns of `runs` and `packing_key`; and how many runs
-        fit it altogether."""
+    def listed(self, listing: "Listing") -> "tuple[pd.DataFrame, int]":
+        """Select one page of the list of runs.
+
+        Args:
+            listing: Filters, sort order and page.
+
+        Returns:
+            Table with the columns of `runs` (without scene_key) and packing_key, and the number of runs on all pages.
+        """
         columns = (runs.c[name].label(name) for name in (*RUN_COLUMNS, "packing_key"))
-        found = select(*columns).where(*wanted.conditions())
-        column = runs.c[wanted.sort]
-        ordered = found.order_by(
-            column.desc().nulls_last() if wanted.descending else column.asc().nulls_first(), runs.c.run_key
+        query = select(*columns).where(*listing.conditions())
+        column = runs.c[listing.sort]
+        ordered = query.order_by(
+            column.desc().nulls_last() if listing.descending else column.asc().nulls_first(), runs.c.run_key
         )
-        with self._asking() as connection:
-            total = connection.scalar(select(func.count()).select_from(runs).where(*wanted.conditions())) or 0
-        limited = ordered.offset(wanted.offset)
-        return self._frame(limited if wanted.limit is None else limited.limit(wanted.limit)), total
+        with self._connection() as connection:
+            total = connection.scalar(select(func.count()).select_from(runs).where(*listing.conditions())) or 0
+        limited = ordered.offset(listing.offset)
+        return self._frame(limited if listing.limit is None else limited.limit(listing.limit)), total
 
     def studies(self) -> list[StudyCount]:
-        """How many runs there are of each study, backend and outcome."""
+        """Count runs by study, backend and outcome."""
         columns = runs.c.study, runs.c.backend, runs.c.outcome
         query = select(*columns, func.count(), func.max(runs.c.finished)).group_by(*columns)
-        with self._asking() as connection:
+        with self._connection() as connection:
             return [StudyCount(row[0], row[1] or "", *row[2:4], row[4] or "") for row in connection.execute(query)]
 
     def counts(self) -> dict[str, int]:
-        """Number of runs by outcome."""
-        with self._asking() as connection:
+        """Count runs by outcome."""
+        with self._connection() as connection:
             rows = connection.execute(select(runs.c.outcome, func.count()).group_by(runs.c.outcome))
             return {outcome: count for outcome, count in rows}
 
     def suspect_count(self) -> int:
         """Number of runs that are suspect."""
-        with self._asking() as connection:
-            return connection.scalar(select(func.count()).select_from(runs).where(_ended(SUSPECT))) or 0
+        with self._connection() as connection:
+            return connection.scalar(select(func.count()).select_from(runs).where(_has_outcome(SUSPECT))) or 0
 
     def packing_count(self) -> int:
         """Number of packings."""
-        with self._asking() as connection:
+        with self._connection() as connection:
             return connection.scalar(select(func.count()).select_from(packings)) or 0
 
     def matching(self, prefix: str) -> list[str]:
         """Run keys that begin with `prefix`, at most ten."""
         query = select(runs.c.run_key).where(runs.c.run_key.istartswith(prefix, autoescape=True)).limit(10)
-        with self._asking() as connection:
+        with self._connection() as connection:
             return list(connection.scalars(query))
 
     def entries(self, run_keys: Iterable[str] = (), lineages: Iterable[str] = ()) -> list[Entry]:
-        """What is known of runs with these keys or of these lineages."""
+        """Return the entries of runs with these keys, and of runs of these lineages."""
         query = _ENTRIES
-        with self._asking() as connection:
-            rows = among(connection, query, runs.c.run_key, run_keys)
-            rows += among(connection, query, runs.c.lineage_key, lineages)
+        with self._connection() as connection:
+            rows = select_in(connection, query, runs.c.run_key, run_keys)
+            rows += select_in(connection, query, runs.c.lineage_key, lineages)
             return [_entry(row) for row in rows]
 
     def damaged(self) -> list[Entry]:
-        """What is known of runs that cannot be read."""
+        """Return the entries of runs that cannot be read."""
         query = _ENTRIES.where(runs.c.problem.is_not(None))
-        with self._asking() as connection:
+        with self._connection() as connection:
             return [_entry(row) for row in connection.execute(query)]
 
     def unreadable(self) -> list[str]:
-        """Files of runs and of their packings that cannot be read, and why, each once. What is not as it was indexed is
-        read now; a folder that is gone is no damage."""
+        """Problems of run folders and of their packings, each once.
+
+        A folder that has changed since it was indexed is read now. A folder that is gone is not damaged.
+        """
         query = select(runs.c.run_key, runs.c.stamp, runs.c.packing_key, runs.c.problem).order_by(runs.c.run_key)
-        with self._asking() as connection:
+        with self._connection() as connection:
             rows = connection.execute(query).fetchall()
-        found: dict[str, None] = {}
+        problems: dict[str, None] = {}
         for row in rows:
             folder = self.lab.run(row.run_key)
             problem = row.problem if stamp(folder) == row.stamp else _problem_of_run(folder)
             if problem is None and row.packing_key:
                 problem = self.packing_problem(row.packing_key)
             if problem is not None:
-                found[problem] = None
-        return list(found)
+                problems[problem] = None
+        return list(problems)
 
     def versions(self, backend: str) -> list[int]:
-        """Versions of `backend` of which there are runs."""
+        """Versions of `backend` that have made runs in this lab."""
         query = select(runs.c.cache_version).where(runs.c.backend == backend).distinct()
-        with self._asking() as connection:
+        with self._connection() as connection:
             return [version for version in connection.scalars(query) if version is not None]
 
     def changed(self, keys: Iterable[str]) -> set[str]:
-        """Which of these runs are not as they were indexed: a file in their folder came, went or was written to, or
-        their packing cannot be read."""
+        """Select the runs whose folder differs from the index: a file was added, removed or written, or the packing
+        cannot be read."""
         query = select(runs.c.run_key, runs.c.stamp, runs.c.packing_key)
-        with self._asking() as connection:
-            rows = among(connection, query, runs.c.run_key, keys)
+        with self._connection() as connection:
+            rows = select_in(connection, query, runs.c.run_key, keys)
         packed = {row.packing_key for row in rows if row.packing_key is not None}
         lost = {key for key in packed if self.packing_problem(key) is not None}
         return {row.run_key for row in rows if stamp(self.lab.run(row.run_key)) != row.stamp or row.packing_key in lost}
 
     def packing_problem(self, key: str) -> str | None:
-        """Why the packing with this key cannot be started from; None if it can. One that is not as it was indexed is
-        read as a whole."""
+        """Return why no run can start from the packing with this key; None if runs can.
+
+        A packing that has changed since it was indexed is read completely.
+        """
         folder = self.lab.packing(key)
-        seen = stamp(folder)
+        current = stamp(folder)
         if self._packings is None:
             columns = packings.c.packing_key, packings.c.stamp, packings.c.problem
-            with self._asking() as connection:
+            with self._connection() as connection:
                 self._packings = {(row[0], row[1]): row[2] for row in connection.execute(select(*columns))}
-        if (key, seen) not in self._packings:
-            self._packings[key, seen] = _problem(folder)
-        return self._packings[key, seen]
+        if (key, current) not in self._packings:
+            self._packings[key, current] = _problem_of_packing(folder)
+        return self._packings[key, current]
 
     def note_packing(self, key: str, stamp: int) -> None:
-        """Take note of a packing that this process has just put into the lab, so that it is not read for this."""
+        """Mark a packing as readable that this process has just written, to save reading it."""
         if self._packings is not None:
             self._packings[key, stamp] = None
 
     def measurements(self, run_key: str | None = None) -> "pd.DataFrame":
-        """Measured numbers of a run, or of all runs, with run, measure, version and window: of every measure and window
-        those by its newest version."""
+        """Table of the measured numbers of a run, or of all runs: for each measure and window those of its newest
+        version."""
         query = select(measurements).order_by(measurements.c.run_key, measurements.c.quantity)
-        found = self._frame(query if run_key is None else query.where(measurements.c.run_key == run_key))
-        one = ["run_key", "measure", "window_start", "window_end", "window_timed", "window_scales"]
-        older = found["version"].to_numpy() < found.groupby(one)["version"].transform("max").to_numpy()
-        return found.drop(index=found.index[older]).reset_index(drop=True)
+        frame = self._frame(query if run_key is None else query.where(measurements.c.run_key == run_key))
+        group = ["run_key", "measure", "window_start", "window_end", "window_timed", "window_scales"]
+        superseded = frame["version"].to_numpy() < frame.groupby(group)["version"].transform("max").to_numpy()
+        return frame.drop(index=frame.index[superseded]).reset_index(drop=True)
 
     def measured(
         self, run_keys: Iterable[str], window: "Window"
     ) -> dict[str, dict[tuple[str, int], list[Mapping[str, Any]]]]:
-        """Rows of measurements within a window by run, and of each by name and version of the measure."""
-        found: dict[str, dict[tuple[str, int], list[Mapping[str, Any]]]] = {}
+        """Rows of measurements within a window, by run key and then by (name, version) of the measure."""
+        rows: dict[str, dict[tuple[str, int], list[Mapping[str, Any]]]] = {}
         query = select(measurements).where(
             measurements.c.window_start == window.start,
             measurements.c.window_end == window.end,
@@ -339,12 +381,12 @@ class Catalogue:
             measurements.c.window_scales == scales.in_text(window),
         )
         names = [column.key for column in measurements.columns]
-        with self._asking() as connection:
-            for row in among(connection, query, measurements.c.run_key, run_keys):
-                told = dict(zip(names, row, strict=True))
-                of_run = found.setdefault(told["run_key"], {})
-                of_run.setdefault((told["measure"], told["version"]), []).append(told)
-        return found
+        with self._connection() as connection:
+            for row in select_in(connection, query, measurements.c.run_key, run_keys):
+                record = dict(zip(names, row, strict=True))
+                of_run = rows.setdefault(record["run_key"], {})
+                of_run.setdefault((record["measure"], record["version"]), []).append(record)
+        return rows
 
     def values(
         self,
@@ -356,8 +398,16 @@ class Catalogue:
         suspects: bool,
         exposures: bool = False,
     ) -> dict[str, float]:
-        """The finite values of one quantity, by run; runs that diverged have none, nor those that are suspect unless
-        `suspects` says so. `exposures`: in place of values of a rate, what they are over."""
+        """Return the finite values of one quantity, by run key.
+
+        Args:
+            run_keys: Keys of the runs.
+            quantity: Name of the quantity.
+            version: Version of its measure.
+            window: Window of the measurement.
+            suspects: Include suspect runs. Diverged runs are never included.
+            exposures: Return the exposures of a rate (`n_effective`) in place of its values.
+        """
         column = measurements.c.n_effective if exposures else measurements.c.value
         query = select(measurements.c.run_key, column).where(
             measurements.c.run_key == runs.c.run_key,
@@ -372,8 +422,8 @@ class Catalogue:
         )
         if not suspects:
             query = query.where(runs.c.suspect == "")
-        with self._asking() as connection:
-            return {key: value for key, value in among(connection, query, measurements.c.run_key, run_keys)}
+        with self._connection() as connection:
+            return {key: value for key, value in select_in(connection, query, measurements.c.run_key, run_keys)}
 
     def flow_rates(self, run_keys: Iterable[str]) -> dict[str, tuple[float, ...]]:
         """Flow rates [kg/s] of runs by their key, by the newest version of the measure; one for each window."""
@@ -394,33 +444,35 @@ class Catalogue:
             .order_by(runs.c.finished.desc().nulls_last())
             .limit(50)
         )
-        with self._asking() as connection:
+        with self._connection() as connection:
             return [(key, grains, rate) for key, grains, rate in connection.execute(query)]
 
     def settling(self) -> dict[str, float]:
-        """Mean simulated time [s] that fillings of a closed scene took to settle, by its key."""
+        """Mean simulated time [s] that fillings took to settle, by the key of the closed scene."""
         query = select(packings.c.closed_key, func.avg(packings.c.duration)).group_by(packings.c.closed_key)
-        with self._asking() as connection:
+        with self._connection() as connection:
             return {key: mean for key, mean in connection.execute(query) if mean is not None}
 
     def close(self) -> None:
-        """Let go of the file."""
+        """Close the connections to the index."""
         self._engine.dispose()
 
     def _frame(self, query) -> "pd.DataFrame":
         import pandas as pd
 
-        with self._asking() as connection:
+        with self._connection() as connection:
             result = connection.execute(query)
             return pd.DataFrame.from_records(result.fetchall(), columns=list(result.keys()))
 
 
 def _entry(row: Row) -> Entry:
-    """A row of the index; what a damaged run does not tell is empty."""
-    said: dict[str, Any] = {name: getattr(row, name) or ("" if name != "cache_version" else 0) for name in _SAID}
+    """Make an entry from a row of the index; values that a damaged run lacks are empty."""
+    attributes: dict[str, Any] = {
+        name: getattr(row, name) or ("" if name != "cache_version" else 0) for name in _RECORD_ATTRIBUTES
+    }
     coverage = Coverage.model_validate_json(row.coverage) if row.coverage else None
     times: dict[str, Any] = {name: getattr(row, name) or 0.0 for name in ("wall_time", "filling_time")}
-    return Entry(coverage=coverage, problem=row.problem, stamp=row.stamp, suspect=row.suspect, **said, **times)
+    return Entry(coverage=coverage, problem=row.problem, stamp=row.stamp, suspect=row.suspect, **attributes, **times)
 
 
 def _problem_of_run(folder: Path) -> str | None:
@@ -432,7 +484,7 @@ def _problem_of_run(folder: Path) -> str | None:
     return None
 
 
-def _problem(folder: Path) -> str | None:
+def _problem_of_packing(folder: Path) -> str | None:
     try:
         read_packing(folder)
     except Unreadable as problem:

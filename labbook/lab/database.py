@@ -1,7 +1,7 @@
-"""The database of the index: its tables, which several processes read and one at a time writes. They are in an SQLite
-file of the lab, or on a server (`labbook.lab.server`).
+"""Tables of the index, and access to them: in an SQLite file of the lab, or on a server (`labbook.lab.server`).
 
-Tables are never migrated: another SCHEMA_VERSION means that the index is made again.
+Several processes read them, one at a time writes. Tables are never migrated: an index with another SCHEMA_VERSION is
+built again from the folders.
 """
 
 import os
@@ -52,11 +52,11 @@ SCHEMA_VERSION = 7
 metadata = MetaData()
 
 _NAME = String().with_variant(String(collation="C"), "postgresql")
-"""Text that is sorted alike by all databases."""
+"""Text that all databases sort by the same rule."""
 
 
 def _only(condition: str) -> dict[str, Any]:
-    """Keywords of an index that has only the rows which fulfil a condition."""
+    """Keywords that restrict an SQL index to the rows that fulfil a condition."""
     return {f"{dialect}_where": text(condition) for dialect in ("sqlite", "postgresql")}
 
 
@@ -98,9 +98,12 @@ runs = Table(
     Index("runs_suspect", "run_key", **_only("suspect != ''")),
     sqlite_with_rowid=True,
 )
-"""One row a run folder. `coverage`: that of `run.json`, as JSON; `stamp`: that of the folder
-(`labbook.lab.folder.stamp`) when it was read, by which changes are noticed; `outcome` is `unreadable` and `problem`
-says why where a folder cannot be read; `suspect`: why the run is (`labbook.lab.suspect`), empty if it is not."""
+"""Table with one row for each run folder.
+
+`coverage`: that of `run.json`, as JSON. `stamp`: stamp of the folder (`labbook.lab.folder.stamp`) when it was read,
+which shows later changes. `outcome` is `unreadable` and `problem` gives the reason where a folder cannot be read.
+`suspect`: reason for which the run is suspect (`labbook.lab.suspect`), else empty.
+"""
 
 packings = Table(
     "packings",
@@ -138,9 +141,12 @@ measurements = Table(
     Column("unit", _NAME, nullable=False),
     Column("note", _NAME, nullable=False),
 )
-"""What was measured in a run, by version of the measure and by window (fractions of the initial mass
-discharged, or times); `window_scales`: what the window states of `labbook.measure.scales`. A measure that gives
-nothing, or that failed, leaves a row with its own name as quantity, no value, and a note."""
+"""Table of measured numbers, by run, version of the measure and window.
+
+The window is in fractions of the initial mass discharged, or in times; `window_scales` has its settings of
+`labbook.measure.scales`. A measure that failed, or gives no number, has a row with its own name as quantity, no value,
+and a note.
+"""
 
 _CHUNK = 500
 """Keys in one query, well below SQLite's limit on variables."""
@@ -149,34 +155,44 @@ _OUT_OF_REACH = ("locked", "full", "readonly", "unable to open", "disk I/O", "no
 
 
 class NoCatalogue(LabError):
-    """There is no catalogue, it is damaged, or of another version of labbook; the message says what to do."""
+    """The index is missing, damaged, or of another version of labbook; the message gives the remedy."""
 
-    def __init__(self, lab: LabFolder, what: str):
+    def __init__(self, lab: LabFolder, fault: str):
         place = server.address(lab)
-        where = f"the index at {place.shown}" if place else lab.catalogue
-        super().__init__(f"{where} {what}; make it again: {command('reindex', lab=lab.folder)}")
+        where = f"the index at {place.display}" if place else lab.catalogue
+        super().__init__(f"{where} {fault}; make it again: {command('reindex', lab=lab.folder)}")
 
 
 class NotStored(Exception):
-    """A row that the database does not take; the message says why."""
+    """The database rejects a row; the message gives the reason."""
 
 
-def opened(lab: LabFolder, *, read_only: bool) -> Engine:
-    """An SQLAlchemy engine for the index of a lab, wherever that is. Raises LabError."""
+def open_engine(lab: LabFolder, *, read_only: bool) -> Engine:
+    """Open the index of a lab, in its file or on its server.
+
+    Args:
+        lab: Folder of the lab.
+        read_only: Open an SQLite file for reading only.
+
+    Raises:
+        LabError: The address of the server cannot be read, or its driver is missing.
+    """
     place = server.address(lab)
     return server.engine(place) if place else connect(lab.catalogue, read_only=read_only)
 
 
 def on_server(engine: Engine | Connection) -> bool:
-    """Whether these tables are on a server, and not in a file."""
+    """Return True if the tables are on a server, False if they are in a file."""
     return engine.dialect.name == "postgresql"
 
 
 def connect(path: Path, *, read_only: bool) -> Engine:
-    """An SQLAlchemy engine on an SQLite file.
+    """Open an SQLAlchemy engine on an SQLite file.
 
-    Of a file that nobody can write to, and that no log belongs to, SQLite may not make the log that it reads by: it is
-    then opened as one that does not change.
+    Args:
+        path: The file; it is made if it is missing and `read_only` is false.
+        read_only: Open it for reading. A file in a read-only folder, without a write-ahead log, is opened as immutable:
+            SQLite cannot create the log through which it would read.
     """
     mode = "ro" if read_only else "rwc"
     if read_only and not os.access(path.parent, os.W_OK) and not path.with_name(f"{path.name}-wal").exists():
@@ -191,73 +207,75 @@ def connect(path: Path, *, read_only: bool) -> Engine:
 
         @event.listens_for(engine, "connect")
         def _durable(connection, _record):
-            kept = keep_journal(connection, path)
-            connection.execute(f"PRAGMA synchronous={'NORMAL' if kept == 'wal' else 'FULL'}")
+            mode_of_journal = keep_journal(connection, path)
+            # In WAL mode NORMAL cannot corrupt the file; a power failure may undo the last transactions, which the
+            # next `Index` makes again from the folders (sqlite.org/pragma.html#pragma_synchronous).
+            connection.execute(f"PRAGMA synchronous={'NORMAL' if mode_of_journal == 'wal' else 'FULL'}")
 
     return engine
 
 
 def _uri(path: Path) -> str:
-    """The address of a file by SQLite's rules; its path may have bytes that are no characters."""
+    """URI of a file by SQLite's rules; a path may have bytes that are not characters."""
     return f"file:{quote(os.fsencode(path.resolve()))}"
 
 
 def remove_file(path: Path) -> None:
-    """Remove an SQLite file with its log."""
+    """Remove an SQLite file with its write-ahead log."""
     for suffix in ("", "-wal", "-shm"):
         remove(path.with_name(path.name + suffix))
 
 
 def keep_journal(connection: sqlite3.Connection, path: Path) -> str:
-    """Choose how changes of the file are kept until they are whole; the mode that SQLite then has.
+    """Set the journal mode of an SQLite file, and return the mode that SQLite then uses.
 
-    `wal`, so that nobody waits to read; `delete` where that cannot be, or where several hosts may read the file: what
-    readers share of a write-ahead log is memory of one host (sqlite.org/wal.html).
+    The mode is `wal`, with which readers never wait. It is `delete` on network file systems, and where SQLite refuses
+    `wal`: readers of a write-ahead log share memory of one host (sqlite.org/wal.html).
     """
     mode = "DELETE" if is_network(file_system(path.parent)) else "WAL"
     return connection.execute(f"PRAGMA journal_mode={mode}").fetchone()[0]
 
 
 def schema_version(engine: Engine) -> int | None:
-    """Version of the index; None if it has none, DAMAGED if the file is no database at all."""
+    """Read the version of the index; None if it has none, DAMAGED if the file is not a database."""
     try:
         with engine.connect() as connection:
             return connection.scalar(text("SELECT schema_version FROM about"))
     except DatabaseError as error:
         if "no such table" in str(error.orig) or 'relation "about" does not exist' in str(error.orig):
             return None
-        if damaged(error):
+        if is_damage(error):
             return DAMAGED
         raise
 
 
-def whole(engine: Engine) -> bool:
-    """Whether every page of the index can be read; a server sees to its own."""
+def is_intact(engine: Engine) -> bool:
+    """Check that every page of the index can be read; an index on a server counts as intact."""
     if on_server(engine):
         return True
     try:
         with engine.connect() as connection:
             return connection.scalar(text("PRAGMA quick_check(1)")) == "ok"
     except DatabaseError as error:
-        if damaged(error):
+        if is_damage(error):
             return False
         raise
 
 
-def damaged(error: DatabaseError) -> bool:
-    """Whether an error tells of a damaged file, and not of one that is locked, full or out of reach."""
+def is_damage(error: DatabaseError) -> bool:
+    """Decide whether an error means a damaged file, and not one that is locked, full or out of reach."""
     return isinstance(error.orig, sqlite3.Error) and not any(words in str(error.orig) for words in _OUT_OF_REACH)
 
 
-def unusable(lab: LabFolder, error: DatabaseError) -> LabError:
-    """What an error of the database of `lab` means to its user."""
+def index_error(lab: LabFolder, error: DatabaseError) -> LabError:
+    """Translate an error of the database of `lab` into a LabError with a remedy."""
     why, path = str(error.orig), lab.catalogue
     if place := server.address(lab):
         return LabError(
-            f"{place.shown}: {server.why(error)}; check that the server can be reached, or move the index back: "
+            f"{place.display}: {server.why(error)}; check that the server can be reached, or move the index back: "
             f"{command('reindex', '--index', 'file', lab=lab.folder)}"
         )
-    if damaged(error):
+    if is_damage(error):
         return NoCatalogue(lab, f"is damaged ({why})")
     if "full" in why:
         return DiskFull(path)
@@ -269,8 +287,8 @@ def unusable(lab: LabFolder, error: DatabaseError) -> LabError:
 
 
 @contextmanager
-def storing() -> Iterator[None]:
-    """Within a transaction: an error that the values of a row cause is raised as NotStored."""
+def storage_errors() -> Iterator[None]:
+    """Within a transaction, raise NotStored for errors that values of a row cause."""
     try:
         yield
     except (DataError, IntegrityError, InterfaceError, ProgrammingError) as error:
@@ -280,49 +298,53 @@ def storing() -> Iterator[None]:
 
 
 @contextmanager
-def asking(engine: Engine, lab: LabFolder) -> Iterator[Connection]:
-    """A connection to the index of a lab. Raises LabError."""
+def open_connection(engine: Engine, lab: LabFolder) -> Iterator[Connection]:
+    """Connect to the index of a lab. Raises LabError."""
     try:
         with engine.connect() as connection:
             yield connection
     except DatabaseError as error:
-        raise unusable(lab, error) from error
+        raise index_error(lab, error) from error
 
 
 _ALONE = "SELECT pg_advisory_xact_lock(hashtext(current_setting('search_path')))"
-"""Begins a transaction that waits, on a server, until no other one writes to the same index."""
+"""First statement of a transaction on a server: wait until no other transaction writes to the same index."""
 
 
 @contextmanager
-def writing(engine: Engine, lab: LabFolder) -> Iterator[Connection]:
-    """A transaction that is done as a whole or not at all. Raises LabError."""
-    with asking(engine, lab) as connection:
+def transaction(engine: Engine, lab: LabFolder) -> Iterator[Connection]:
+    """Run a transaction, which is committed at the end unless an error is raised. Raises LabError."""
+    with open_connection(engine, lab) as connection:
+        # IMMEDIATE takes the write lock now. A deferred transaction would read first, and fail at its first write,
+        # without waiting, if another process had written in between.
         connection.execute(text(_ALONE if on_server(engine) else "BEGIN IMMEDIATE"))
         yield connection
         connection.commit()
 
 
 def make_tables(connection: Connection) -> None:
-    """Make the tables of an index, which has none."""
+    """Create the tables in an index that has none."""
     metadata.create_all(connection)
     connection.execute(about.insert().values(schema_version=SCHEMA_VERSION))
 
 
 @contextmanager
-def beside(lab: LabFolder) -> Iterator[Engine]:
-    """A second, empty index of a lab, which nobody looks at; it is gone afterwards. One process at a time may have
-    it. Raises LabError."""
-    place, path = server.address(lab), _path_beside(lab)
+def shadow_index(lab: LabFolder) -> Iterator[Engine]:
+    """Create a second, empty index of a lab, which no reader uses; it is removed at the end.
+
+    The caller has to hold the lock `index` of the lab: only one process at a time may build it. Raises LabError.
+    """
+    place, path = server.address(lab), _shadow_path(lab)
     if place is None:
         remove_file(path)  # left by a process that was killed
         engine = connect(path, read_only=False)
     else:
-        engine = server.engine(place.beside)
+        engine = server.engine(place.shadow_index)
     try:
-        with writing(engine, lab) as connection:
+        with transaction(engine, lab) as connection:
             if place is not None:
-                connection.execute(DropSchema(place.beside.schema, cascade=True, if_exists=True))
-                connection.execute(CreateSchema(place.beside.schema))
+                connection.execute(DropSchema(place.shadow_index.schema, cascade=True, if_exists=True))
+                connection.execute(CreateSchema(place.shadow_index.schema))
             make_tables(connection)
         yield engine
     finally:
@@ -331,110 +353,116 @@ def beside(lab: LabFolder) -> Iterator[Engine]:
             remove_file(path)
 
 
-def _path_beside(lab: LabFolder) -> Path:
+def _shadow_path(lab: LabFolder) -> Path:
     return lab.catalogue.with_name(f"{lab.catalogue.name}.new")
 
 
-def exchange(engine: Engine, lab: LabFolder) -> None:
-    """Put the index that was built `beside` in place of that of a lab, in one transaction. Rows that only the old one
-    has are kept: they may be of runs that ended meanwhile. Raises LabError."""
+def replace_index(engine: Engine, lab: LabFolder) -> None:
+    """Replace the index of a lab by its shadow index, in one transaction.
+
+    Rows whose key only the old index has are kept: they may belong to runs that ended meanwhile. Raises LabError.
+    """
     if on_server(engine):
-        with writing(engine, lab) as connection:
+        with transaction(engine, lab) as connection:
             place = server.address(lab)
             assert place is not None
             connection.execute(CreateSchema(place.schema, if_not_exists=True))
-            exchange_tables(connection, place.schema, place.beside.schema)
-            connection.execute(DropSchema(place.beside.schema, cascade=True))
+            replace_tables(connection, place.schema, place.shadow_index.schema)
+            connection.execute(DropSchema(place.shadow_index.schema, cascade=True))
         return
-    with asking(engine, lab) as connection:
-        connection.execute(text("ATTACH DATABASE :built AS built"), {"built": _uri(_path_beside(lab))})
+    with open_connection(engine, lab) as connection:
+        connection.execute(text("ATTACH DATABASE :built AS built"), {"built": _uri(_shadow_path(lab))})
         try:
             connection.execute(text("BEGIN IMMEDIATE"))
-            exchange_tables(connection, "main", "built")
+            replace_tables(connection, "main", "built")
             connection.commit()
         finally:
             connection.rollback()
             connection.execute(text("DETACH DATABASE built"))
 
 
-def exchange_tables(connection: Connection, old: str, new: str) -> None:
-    """`old` and `new`: names of the schemas whose tables are to change places."""
+def replace_tables(connection: Connection, old: str, new: str) -> None:
+    """Replace the tables of the schema `old` by those of the schema `new`, within the caller's transaction."""
     names = {table.name: ", ".join(f'"{column.name}"' for column in table.columns) for table in metadata.sorted_tables}
-    there = inspect(connection)
-    if all(_has(there, table) for table in metadata.sorted_tables):
+    inspector = inspect(connection)
+    if all(_has(inspector, table) for table in metadata.sorted_tables):
         for table, key, owner in (
             (measurements, "run_key", runs),  # before the runs that tell which of them are known
             (runs, "run_key", runs),
             (packings, "packing_key", packings),
         ):
-            listed, known = names[table.name], f'SELECT {key} FROM "{new}".{owner.name}'
-            only = f'SELECT {listed} FROM "{old}".{table.name} WHERE {key} NOT IN ({known})'
-            connection.execute(text(f'INSERT INTO "{new}".{table.name} ({listed}) {only}'))
-    for name in there.get_table_names():
+            listed, kept_keys = names[table.name], f'SELECT {key} FROM "{new}".{owner.name}'
+            extra_rows = f'SELECT {listed} FROM "{old}".{table.name} WHERE {key} NOT IN ({kept_keys})'
+            connection.execute(text(f'INSERT INTO "{new}".{table.name} ({listed}) {extra_rows}'))
+    for name in inspector.get_table_names():  # tables of older versions too
         connection.execute(text(f'DROP TABLE "{old}"."{name}"'))
     if on_server(connection):
         for name in names:
             connection.execute(text(f'ALTER TABLE "{new}".{name} SET SCHEMA "{old}"'))
         return
-    make_tables(connection)
+    make_tables(connection)  # SQLite cannot move a table from one file to another: rows are copied
     for name, listed in names.items():
         if name != about.name:
             connection.execute(text(f'INSERT INTO "{old}".{name} ({listed}) SELECT {listed} FROM "{new}".{name}'))
 
 
-def _has(there: Inspector, table: Table) -> bool:
-    """Whether a table is there, with all its columns."""
-    if not there.has_table(table.name):
+def _has(inspector: Inspector, table: Table) -> bool:
+    """Check that a table exists and has exactly its present columns."""
+    if not inspector.has_table(table.name):
         return False
-    return {column.name for column in table.columns} == {column["name"] for column in there.get_columns(table.name)}
+    return {column.name for column in table.columns} == {column["name"] for column in inspector.get_columns(table.name)}
 
 
 def empty() -> Engine:
-    """An index of nothing, in memory: each thread has its own."""
+    """Create an empty index in memory; each thread has its own."""
     engine = create_engine("sqlite://")
 
     @event.listens_for(engine, "connect")
-    def _made(connection, _record):
+    def create_tables(connection, _record):
         for table in metadata.sorted_tables:
             connection.execute(str(CreateTable(table).compile(engine)))
 
     return engine
 
 
-def among(connection: Connection, query: Select, column: Column, keys: Iterable[str]) -> list[Row]:
-    """The rows of `query` whose `column` is one of `keys`, however many these are."""
-    keys, found = list(keys), []
+def select_in(connection: Connection, query: Select, column: Column, keys: Iterable[str]) -> list[Row]:
+    """Select the rows of `query` whose `column` is one of `keys`, for any number of keys."""
+    keys, rows = list(keys), []
+    # If more keys are wanted than the table has rows, its keys are read once, and queries for absent ones are saved.
     if len(keys) > _CHUNK and (connection.scalar(select(func.count()).select_from(column.table)) or 0) <= len(keys):
         keys = sorted({*keys} & {*connection.scalars(select(column))})
-    for at in range(0, len(keys), _CHUNK):
-        found += connection.execute(query.where(column.in_(keys[at : at + _CHUNK])))
-    return found
+    for start in range(0, len(keys), _CHUNK):
+        rows += connection.execute(query.where(column.in_(keys[start : start + _CHUNK])))
+    return rows
 
 
 def add_measurements(lab: LabFolder, rows: list[dict[str, Any]]) -> None:
-    """Take rows of measurements of indexed runs into the index of a lab, which stays as it is if it cannot be written
-    to: they are then worked out again from what is kept beside the runs. Raises LabError for a damaged one."""
+    """Add rows of measurements of indexed runs to the index of a lab.
+
+    Nothing happens if the index cannot be written to: the numbers are then derived again from the files beside the
+    runs. Raises LabError for a damaged index.
+    """
     if not rows or not os.access(lab.folder, os.W_OK):
         return
     if not server.address(lab) and not os.access(lab.catalogue, os.W_OK):
         return
-    engine = opened(lab, read_only=False)
+    engine = open_engine(lab, read_only=False)
     try:
-        with writing(engine, lab) as connection:
+        with transaction(engine, lab) as connection:
             upsert(connection, measurements, rows)
     finally:
         engine.dispose()
 
 
 def upsert(connection: Connection, table: Table, rows: list[dict[str, Any]]) -> None:
-    """Take rows into a table, in place of those with the same key."""
+    """Insert rows into a table; a row with the same primary key is replaced."""
     if rows:
         connection.execute(_upserting(table, on_server(connection)), rows)
 
 
 @cache
 def _upserting(table: Table, server: bool) -> Executable:
-    """The statement of `upsert`: making it takes longer than carrying it out."""
+    """The statement of `upsert`, cached: compiling it takes longer than running it."""
     statement = (postgresql if server else sqlite).insert(table)
     changed = {column.key: statement.excluded[column.key] for column in table.columns if not column.primary_key}
     return statement.on_conflict_do_update(index_elements=list(table.primary_key.columns), set_=changed)

@@ -1,7 +1,7 @@
-"""Finished runs, and what measures gave of them: evaluated once, kept beside a run's files, and taken into the index.
+"""Finished runs and their evaluations by measures: made once, stored beside a run's files, and indexed.
 
-There is one file a measure, version and window, which names the content of the run that it was made of. Of a run that
-went on since, or whose files were replaced, it is made again; so is one that is damaged.
+There is one file for each measure, version and window. It has a hash of the content of the run from which it was made.
+It is made again if that content has changed since, or if the file is damaged.
 """
 
 import errno
@@ -35,19 +35,19 @@ from labbook.study import Point
 NO_NUMBER = "the run gives no number"
 """Note in the row of a measure that could be taken, and gave no number."""
 NAMES = tuple(field.name for field in fields(Measured))
-_TOLD = "_numbers"
-_MOST = 2.0**30
-"""Bytes that an evaluation may unpack to."""
+_METADATA = "_numbers"
+_MAX_BYTES = 2.0**30
+"""Maximum unpacked size of an evaluation [bytes]."""
 _CANNOT_WRITE = (errno.EROFS, errno.EACCES, errno.EPERM)
-_NOT_OF_THE_MEASURE = (ImportError, OSError, MemoryError)
-"""What ends an evaluation for reasons of the machine: the measure is tried again later."""
+_MACHINE_ERRORS = (ImportError, OSError, MemoryError)
+"""Errors whose cause is the machine: the measure is tried again later."""
 _DAMAGED = (OSError, ValueError, ArithmeticError, LookupError, TypeError)
-"""What reading a damaged file of an evaluation raises."""
+"""Errors that reading a damaged evaluation may raise."""
 Row = Mapping[str, Any]
 
 
 class NotEvaluated(LookupError):
-    """A measure was not evaluated of a run yet, and who asks for it evaluates nothing."""
+    """A measure has not been evaluated for a run, and the caller may not evaluate."""
 
     def __init__(self, measure: str, run_key: str):
         super().__init__(f"{measure} was not evaluated for the run {run_key}")
@@ -56,41 +56,67 @@ class NotEvaluated(LookupError):
 
 @dataclass(frozen=True, eq=False)
 class Evaluated:
-    """What a measure gave of a run, or `problem`: why it cannot be taken of this run."""
+    """Result of a measure for one run.
+
+    Args:
+        evaluation: Numbers, profiles and fields; empty if there is a problem.
+        problem: Why the measure cannot be taken of this run; empty if it can.
+    """
 
     evaluation: Evaluation
     problem: str = ""
 
 
 def path_of(folder: Path, measure: Measure, window: Window) -> Path:
-    """Where the evaluation of the run in `folder` is kept."""
+    """Return the path of the file with the evaluation of the run in `folder`."""
     unit = "s" if window.timed else ""
-    stated = "".join(f"-{part}" for part in scales.in_text(window).split())
-    return folder / f"{EVALUATION}{measure.name}-{measure.version}-{window.start!r}-{window.end!r}{unit}{stated}.npz"
+    scale_suffix = "".join(f"-{part}" for part in scales.in_text(window).split())
+    return (
+        folder / f"{EVALUATION}{measure.name}-{measure.version}-{window.start!r}-{window.end!r}{unit}{scale_suffix}.npz"
+    )
 
 
 def evaluated(folder: Path, measure: Measure, window: Window, data: Callable[[], RunData]) -> Evaluated:
-    """What a measure gives of the run in `folder`: as it is kept beside it, else evaluated now, by one process at a
-    time, and kept.
+    """Return the evaluation of the run in `folder`: read from its file, else made now and written.
 
-    `data` reads the run. Where nothing can be written, nothing is kept. Raises what `data` raises, ImportError if a
-    package that the measure needs is missing, OSError for a full disk.
+    A lock of the run ensures that only one process at a time evaluates it. In a lab that cannot be written to, the
+    evaluation is made and not stored.
+
+    Args:
+        folder: Folder of the run.
+        measure: Measure to evaluate.
+        window: Part of the run that is measured.
+        data: Reads the run; called only if it is evaluated now.
+
+    Raises:
+        ImportError: A package that the measure needs is missing.
+        ExtensionError: The code of another package fails.
+        OSError: The disk is full.
+        Exception: Any error of `data`.
     """
-    return _once(path_of(folder, measure, window), lambda: evaluate(measure, window, data()))
+    return _load_or_make(path_of(folder, measure, window), lambda: evaluate(measure, window, data()))
 
 
 def evaluated_packing(folder: Path, scene: Scene, packing: Callable[[], Packing]) -> Evaluated:
-    """What is measured of the packing in `folder`, which stands in the container of `scene`, by the same rules."""
+    """Return the evaluation of the packing in `folder` by `PackingStructure`, as `evaluated` does for a run.
+
+    Args:
+        folder: Folder of the packing.
+        scene: Scene in whose container it is measured.
+        packing: Reads the packing; called only if it is evaluated now.
+    """
     measure = PackingStructure()
     path = folder / f"{EVALUATION}{measure.name}-{measure.version}-{scene_key(scene)}.npz"
-    return _once(path, lambda: _evaluated(measure, scene, lambda: Evaluation(measure.of(scene, packing()))))
+    return _load_or_make(path, lambda: _evaluated(measure, scene, lambda: Evaluation(measure.of(scene, packing()))))
 
 
 def evaluate(measure: Measure, window: Window, data: RunData) -> Evaluated:
-    """What a measure gives of a run, or why it cannot be taken.
+    """Evaluate a measure for one run, without storing the result.
 
-    Raises ImportError if a package is missing, ExtensionError if the code of another package fails: nothing is kept
-    then, so that the corrected code is tried again.
+    Raises:
+        ImportError: A package that the measure needs is missing.
+        ExtensionError: The code of another package fails. It is raised, not stored, so that corrected code is tried
+            again.
     """
 
     def evaluation() -> Evaluation:
@@ -105,51 +131,55 @@ def _evaluated(measure: Measure, scene: Scene, evaluation: Callable[[], Evaluati
         result = evaluation()
     except MeasureError as error:
         return Evaluated(Evaluation(), str(error))
-    except (ExtensionError, *_NOT_OF_THE_MEASURE):
+    except (ExtensionError, *_MACHINE_ERRORS):
         raise
     except Exception as error:  # other measures and runs still count
         return Evaluated(Evaluation(), f"fails: {type(error).__name__}: {error}")
     declared = {quantity.name for quantity in (*measure.declared, *measure.quantities(scene))}
-    if unknown := [number.quantity for number in result.numbers if number.quantity not in declared]:
-        return Evaluated(Evaluation(), f"fails: it gives {', '.join(unknown)}, and does not declare it")
+    if undeclared := [number.quantity for number in result.numbers if number.quantity not in declared]:
+        return Evaluated(Evaluation(), f"fails: it gives {', '.join(undeclared)}, and does not declare it")
     return Evaluated(result)
 
 
-def _once(path: Path, make: Callable[[], Evaluated]) -> Evaluated:
-    if (found := _kept(path)) is not None:
-        return found
+def _load_or_make(path: Path, make: Callable[[], Evaluated]) -> Evaluated:
+    """Read an evaluation from its file, else make it under the lock of the run and write the file."""
+    if (result := _read_kept(path)) is not None:
+        return result
     folder = path.parent
     with LabFolder(folder.parent.parent).alone(folder.name):
-        if (found := _kept(path)) is not None:
-            return found
-        content, found = _content(folder), make()
-        numbers = [vars(one) for one in found.evaluation.numbers]
-        told = {"of": content, "numbers": numbers, "problem": found.problem}
-        table = {**found.evaluation.arrays, _TOLD: np.array(json.dumps(told))}
-        if path.is_dir():
+        if (result := _read_kept(path)) is not None:  # another process has made it while this one waited
+            return result
+        content, result = _content(folder), make()
+        numbers = [vars(number) for number in result.evaluation.numbers]
+        metadata = {"of": content, "numbers": numbers, "problem": result.problem}
+        table = {**result.evaluation.arrays, _METADATA: np.array(json.dumps(metadata))}
+        if path.is_dir():  # os.replace cannot put a file in place of a folder
             remove(path)
         try:
-            write_table(path, table, durable=False)
+            write_table(path, table, durable=False)  # not synchronised: a lost evaluation is made again
         except OSError as error:
             if error.errno not in _CANNOT_WRITE:
                 raise
-    return found
+    return result
 
 
-def _kept(path: Path) -> Evaluated | None:
-    """What is kept in a file; None if it is not there, is damaged, or is of other content than the folder has now."""
+def _read_kept(path: Path) -> Evaluated | None:
+    """Read an evaluation; None if the file is missing, damaged, or made from other content than the folder has now."""
     try:
-        arrays = read_table(path, _MOST)
-        told = json.loads(str(arrays.pop(_TOLD)))
-        if told["of"] != _content(path.parent):
+        arrays = read_table(path, _MAX_BYTES)
+        metadata = json.loads(str(arrays.pop(_METADATA)))
+        if metadata["of"] != _content(path.parent):
             return None
-        return Evaluated(Evaluation(tuple(Measured(**one) for one in told["numbers"]), arrays), told["problem"])
+        return Evaluated(
+            Evaluation(tuple(Measured(**number) for number in metadata["numbers"]), arrays), metadata["problem"]
+        )
     except _DAMAGED:
         return None
 
 
 def _content(folder: Path) -> str:
-    """A hash of the record in a folder and of the names and sizes of its data: what an evaluation is made of."""
+    """Hash of the record in a folder and of the names and sizes of its data files: the content that an evaluation
+    depends on."""
     entries = [entry for entry in os.scandir(folder) if not (is_beside(entry.name) or entry.name.startswith("."))]
     files = sorted((entry.name, entry.stat().st_size) for entry in entries)
     records = [(folder / name).read_bytes() for name, _ in files if name.endswith(".json")]
@@ -158,10 +188,15 @@ def _content(folder: Path) -> str:
 
 @dataclass(frozen=True)
 class FinishedRun:
-    """A run that covers what a study asks for.
+    """A run that covers what a study demands.
 
-    `entry`: its attributes, from the index; `outdated`: changes of its law and walls since it was made, empty without
-    any.
+    Args:
+        point: Point of the study.
+        seed: Seed of the bed.
+        folder: Folder of the run in the lab.
+        entry: Its entry in the index.
+        outdated: Changes of its law and walls since it was made; empty without any.
+        discharge: Number of the discharge of its bed, from 1.
     """
 
     point: Point
@@ -170,16 +205,15 @@ class FinishedRun:
     entry: Entry
     outdated: str = ""
     discharge: int = 1
-    """Number of the discharge of its bed."""
 
     @property
     def repeat(self) -> str:
-        """The number of a run among those of its point, for people: `seed 3, discharge 2`."""
+        """Label of the run among those of its point: `seed 3, discharge 2`."""
         return repeat(self.seed, self.discharge)
 
     @cached_property
     def record(self) -> RunRecord:
-        """All that the run says of itself. Raises Unreadable."""
+        """Record of the run. Raises Unreadable."""
         return RunRecord.read(self.folder)
 
     @property
@@ -188,13 +222,16 @@ class FinishedRun:
         return self.record.provenance
 
     def data(self) -> RunData:
-        """Start and tables, for measuring. Raises Unreadable, where the folder changed also for what is not read."""
+        """Read start and tables, for measuring. Raises Unreadable.
+
+        If the folder has changed since it was indexed, all files of the run are checked.
+        """
         if stamp(self.folder) != self.entry.stamp:
             return open_run(self.folder)[1]
         return run_data(self.folder, self.record)
 
     def evaluated(self, measure: Measure, window: Window) -> Evaluated:
-        """What a measure gave of the run: kept beside it, or evaluated now. Raises Unreadable; ImportError;
+        """Return the evaluation of a measure: read from its file, or made now. Raises Unreadable, ImportError,
         ExtensionError."""
         return evaluated(self.folder, measure, window, self.data)
 
@@ -205,36 +242,40 @@ class FinishedRun:
 
 
 class ReadOnlyRun(FinishedRun):
-    """A finished run for those who only look: what was not evaluated of it stays so."""
+    """A finished run for readers: nothing is evaluated."""
 
     def evaluated(self, measure: Measure, window: Window) -> Evaluated:
-        """What a measure gave of the run, as it is kept beside it. Raises NotEvaluated."""
-        found = _kept(path_of(self.folder, measure, window))
-        if found is None:
+        """Return the stored evaluation of a measure. Raises NotEvaluated."""
+        result = _read_kept(path_of(self.folder, measure, window))
+        if result is None:
             raise NotEvaluated(measure.name, self.entry.run_key)
-        return found
+        return result
 
 
-def wanted(observe: Observe) -> list[Measure]:
-    """The measures that it names, as far as they are known."""
+def measures_of(observe: Observe) -> list[Measure]:
+    """Return the measures that `observe` names; names of measures that are not installed are skipped."""
     return [MEASURES[name] for name in dict.fromkeys(observe.measure) if name in MEASURES]
 
 
 def expected(observe: Observe) -> set[tuple[str, int, float, float, bool, str]]:
-    """(measure, version, window) of what should have been measured."""
+    """Return (measure, version, window) of each measurement that `observe` demands."""
     window = (observe.start, observe.end, observe.timed, scales.in_text(observe))
-    return {(measure.name, measure.version, *window) for measure in wanted(observe)}
+    return {(measure.name, measure.version, *window) for measure in measures_of(observe)}
 
 
 def derive(folder: Path, observe: Observe, data: Callable[[], RunData]) -> list[dict[str, Any]]:
-    """Rows for the table of measurements of the run in `folder`: of what is kept beside it, or else evaluated now.
+    """Make the rows of a run for the table of measurements, from stored evaluations or new ones.
 
-    A measure that cannot be taken of this run, or that fails on it, leaves a row with its own name, no value, and the
-    reason as note. One that lacks a package, or an extension whose code fails, leaves none, and is tried again. Raises
-    what `data` raises.
+    A measure that cannot be taken of this run, or fails on it, gives a row with its own name, no value, and the reason
+    as note. A measure that lacks a package, or whose extension fails, gives no row, and is tried again later.
+
+    Args:
+        folder: Folder of the run.
+        observe: Measures and window.
+        data: Reads the run. Its errors are raised.
     """
     rows = []
-    for measure in wanted(observe):
+    for measure in measures_of(observe):
         try:
             rows += rows_of(folder.name, measure, observe, evaluated(folder, measure, observe, data))
         except (ImportError, ExtensionError):
@@ -242,8 +283,8 @@ def derive(folder: Path, observe: Observe, data: Callable[[], RunData]) -> list[
     return rows
 
 
-def rows_of(run_key: str, measure: Measure, window: Window, found: Evaluated) -> list[dict[str, Any]]:
-    """Rows for the table of measurements of what a measure gave of a run."""
+def rows_of(run_key: str, measure: Measure, window: Window, result: Evaluated) -> list[dict[str, Any]]:
+    """Make rows for the table of measurements from the evaluation of a measure."""
     shared = {
         "run_key": run_key,
         "version": measure.version,
@@ -253,27 +294,32 @@ def rows_of(run_key: str, measure: Measure, window: Window, found: Evaluated) ->
         "window_scales": scales.in_text(window),
         "measure": measure.name,
     }
-    numbers = (vars(one) for one in found.evaluation.numbers)
-    rows = [{**shared, **{name: finite(value) for name, value in one.items()}} for one in numbers]
+    numbers = (vars(number) for number in result.evaluation.numbers)
+    rows = [{**shared, **{name: finite(value) for name, value in number.items()}} for number in numbers]
     nothing = dict.fromkeys(NAMES) | {"quantity": measure.name, "window": "", "method": "", "unit": ""}
-    return rows or [{**shared, **nothing, "note": found.problem or NO_NUMBER}]
+    return rows or [{**shared, **nothing, "note": result.problem or NO_NUMBER}]
 
 
 def finite(value: Any) -> Any:
-    """A value as SQL can hold it: None for NaN and infinities."""
+    """Return a value that SQL can store: None for NaN and infinities."""
     return None if isinstance(value, float) and not math.isfinite(value) else value
 
 
 @dataclass
 class Numbers:
-    """What was measured of runs, by run key: numbers by quantity, or why the run cannot be read."""
+    """Measured numbers of several runs.
+
+    Args:
+        measured: Numbers by run key and quantity.
+        problems: Why a run cannot be read, by run key.
+        failed: Why a measure could not be taken of a run, by run key and measure; the run's other numbers are valid.
+        lacking: Names of measures that have not been evaluated, by run key, where nothing is evaluated.
+    """
 
     measured: dict[str, dict[str, Measured]] = field(default_factory=dict)
     problems: dict[str, str] = field(default_factory=dict)
     failed: dict[str, dict[str, str]] = field(default_factory=dict)
-    """Measures that could not be taken of a run, and why; its other numbers stand."""
     lacking: dict[str, tuple[str, ...]] = field(default_factory=dict)
-    """Measures that were not evaluated of a run yet, where nothing is evaluated."""
 
 
 def numbers(
@@ -282,66 +328,75 @@ def numbers(
     observe: Observe,
     progress: Callable[[int], None] = lambda _: None,
 ) -> Numbers:
-    """What `observe` asks for of each run; what was not evaluated yet is evaluated, kept, and taken into the index.
+    """Return the numbers of runs; missing evaluations are made, stored and indexed.
 
-    A run whose folder changed since it was indexed is read as a whole. `progress` is told how many runs are done.
+    A run whose folder changed since it was indexed is checked completely.
+
+    Args:
+        catalogue: Index of the lab.
+        runs: Runs to measure.
+        observe: Measures and window.
+        progress: Called with the number of runs that are done.
     """
-    found, every = Numbers(), {run.entry.run_key: run for run in runs}
-    changed, stored = catalogue.changed(every), catalogue.measured(every, observe)
+    collected, by_key = Numbers(), {run.entry.run_key: run for run in runs}
+    changed, stored = catalogue.changed(by_key), catalogue.measured(by_key, observe)
     new: list[dict[str, Any]] = []
     try:
-        for done, (key, run) in enumerate(every.items(), 1):
+        for done, (key, run) in enumerate(by_key.items(), 1):
             try:
-                had = stored.get(key, {})
+                known_rows = stored.get(key, {})
                 if key in changed:
                     open_run(run.folder)
-                    had = {}
-                found.measured[key] = {}
-                for measure in wanted(observe):
-                    rows = had.get((measure.name, measure.version))
+                    known_rows = {}
+                collected.measured[key] = {}
+                for measure in measures_of(observe):
+                    rows = known_rows.get((measure.name, measure.version))
                     if rows is None:
                         try:
                             rows = rows_of(key, measure, observe, evaluated(run.folder, measure, observe, run.data))
                         except (ImportError, ExtensionError) as problem:
-                            _note(found, run, measure, str(problem))
+                            _add_failure(collected, run, measure, str(problem))
                             continue
                         new += rows
-                    _take(found, run, measure, rows)
+                    _add_numbers(collected, run, measure, rows)
             except Unreadable as problem:
-                found.problems[key] = str(problem)
+                collected.problems[key] = str(problem)
             progress(done)
-    finally:
+    finally:  # after an error or Ctrl-C too: evaluations can take minutes
         add_measurements(catalogue.lab, new)
-    return found
+    return collected
 
 
 def kept_numbers(catalogue: Catalogue, runs: Iterable[FinishedRun], observe: Observe) -> Numbers:
-    """What the index has of each run, of what `observe` asks for. Nothing is evaluated, and no folder is looked at."""
-    found, every = Numbers(), {run.entry.run_key: run for run in runs}
-    stored = catalogue.measured(every, observe)
-    for key, run in every.items():
-        found.measured[key], had = {}, stored.get(key, {})
-        for measure in wanted(observe):
-            if (rows := had.get((measure.name, measure.version))) is not None:
-                _take(found, run, measure, rows)
+    """Return the numbers of runs that the index has. Nothing is evaluated, and no folder is read."""
+    collected, by_key = Numbers(), {run.entry.run_key: run for run in runs}
+    stored = catalogue.measured(by_key, observe)
+    for key, run in by_key.items():
+        collected.measured[key], known_rows = {}, stored.get(key, {})
+        for measure in measures_of(observe):
+            if (rows := known_rows.get((measure.name, measure.version))) is not None:
+                _add_numbers(collected, run, measure, rows)
             else:
-                found.lacking[key] = (*found.lacking.get(key, ()), measure.name)
-    return found
+                collected.lacking[key] = (*collected.lacking.get(key, ()), measure.name)
+    return collected
 
 
-def _note(found: Numbers, run: FinishedRun, measure: Measure, why: str) -> None:
-    said = f"run {run.entry.run_key} of {run.point.label}, {run.repeat}: {measure.name}: {why}"
-    found.failed.setdefault(run.entry.run_key, {})[measure.name] = said
+def _add_failure(collected: Numbers, run: FinishedRun, measure: Measure, reason: str) -> None:
+    message = f"run {run.entry.run_key} of {run.point.label}, {run.repeat}: {measure.name}: {reason}"
+    collected.failed.setdefault(run.entry.run_key, {})[measure.name] = message
 
 
-def _take(found: Numbers, run: FinishedRun, measure: Measure, rows: Sequence[Row]) -> None:
-    """Numbers from rows of a measure, in the order in which it declares them."""
-    order = {one.name: place for place, one in enumerate(measure.declared)}
+def _add_numbers(collected: Numbers, run: FinishedRun, measure: Measure, rows: Sequence[Row]) -> None:
+    """Add the numbers of one measure, in the order in which the measure declares them."""
+    order = {quantity.name: place for place, quantity in enumerate(measure.declared)}
     for row in sorted(rows, key=lambda row: order.get(row["quantity"], len(order))):
         if not row["method"]:
             if row["note"] != NO_NUMBER:
-                _note(found, run, measure, row["note"])
+                _add_failure(collected, run, measure, row["note"])
             continue
-        told = {name: row[name] for name in NAMES}
-        known = {name: math.nan if told[name] is None else told[name] for name in ("value", "error", "n_effective")}
-        found.measured[run.entry.run_key][row["quantity"]] = Measured(**{**told, **known})
+        fields_of_row = {name: row[name] for name in NAMES}
+        numeric_fields = {
+            name: math.nan if fields_of_row[name] is None else fields_of_row[name]
+            for name in ("value", "error", "n_effective")
+        }
+        collected.measured[run.entry.run_key][row["quantity"]] = Measured(**{**fields_of_row, **numeric_fields})

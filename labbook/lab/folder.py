@@ -39,9 +39,9 @@ from labbook.scene import attached
 
 DEFAULT = Path("lab")
 EVALUATION = "measured-"
-"""How files begin that hold what was evaluated of a run: they can be made again from the others."""
+"""Prefix of files with evaluations of a run: they can be made again from its other files."""
 PICTURE = "picture.png"
-"""The file of a run that shows its bed: nothing is measured in it, and a run without it is whole."""
+"""File name of the picture of a run's bed. A run without it is complete."""
 LINK = "it is a link, or lies in one; labbook follows no links within a lab"
 _FULL = (errno.ENOSPC, errno.EDQUOT)
 _NO_LOCKS = (errno.ENOLCK, errno.ENOSYS, errno.EOPNOTSUPP)
@@ -60,7 +60,7 @@ class LabError(Exception):
 
 
 class DiskFull(LabError):
-    """No room is left; the message says where and what to do."""
+    """The disk is full; the message says where and what to do."""
 
     def __init__(self, path: Path):
         super().__init__(
@@ -74,7 +74,7 @@ class DiskFull(LabError):
 
 
 class NoLocks(LabError):
-    """Files in a folder cannot be locked; the message says where and what to do."""
+    """Files in a folder cannot be locked; the message names the folder and the remedy."""
 
     def __init__(self, folder: Path, error: OSError):
         super().__init__(
@@ -86,7 +86,7 @@ class NoLocks(LabError):
 
 @contextmanager
 def room(path: Path) -> Iterator[None]:
-    """Turns the error of a full disk (or quota) within into DiskFull, naming `path`."""
+    """Raise DiskFull, naming `path`, for the error of a full disk or quota within the context."""
     try:
         yield
     except OSError as error:
@@ -96,62 +96,75 @@ def room(path: Path) -> Iterator[None]:
 
 
 def is_full(error: OSError) -> bool:
-    """Whether an error says that the disk, or the user's part of it, is full."""
+    """Decide whether an error means that the disk, or the user's quota, is full."""
     return error.errno in _FULL
 
 
 class Claim:
-    """The sole right to work on a key, until it is released or its process ends in whatever way."""
+    """The exclusive right to work on a key: a locked file. It ends with `release`, or with its process."""
 
     def __init__(self, path: Path, handle: int):
         self._path, self._handle = path, handle
 
     def release(self) -> None:
-        """Give the key back. The lock file goes first, while it is still held; one that cannot be removed holds
-        nothing."""
+        """Release the key.
+
+        The file is removed before it is unlocked: removed later, it could be the file that another process has just
+        locked. A file that cannot be removed locks nothing.
+        """
         try:
             with suppress(OSError):
                 os.unlink(self._path)
         finally:
-            os.close(self._handle)
+            os.close(self._handle)  # closing frees the lock; a killed process frees its locks in the same way
 
 
-def lock(path: Path, how: int) -> Claim | None:
-    """A lock on a file, which is made if it is missing; None if it is not to be waited for and another has it.
+def lock(path: Path, operation: int) -> Claim | None:
+    """Lock a file, which is made if it is missing.
 
-    Raises LabError where files cannot be locked, and OSError.
+    Args:
+        path: File to lock.
+        operation: Operation of `fcntl.flock`: LOCK_EX, with LOCK_NB not to wait.
+
+    Returns:
+        The lock; None if another process has it and `operation` does not wait.
+
+    Raises:
+        NoLocks: The file system does not support locks.
+        OSError: The file cannot be opened.
     """
-    lost: OSError | None = None
+    last_error: OSError | None = None
     for _ in range(_TRIES):
         handle = os.open(path, os.O_RDWR | os.O_CREAT, 0o644)
         claim = None
         try:
-            fcntl.flock(handle, how)
+            fcntl.flock(handle, operation)
             # Between opening and locking the file may have been removed: a lock on it then holds nothing.
             if os.stat(path).st_ino == os.fstat(handle).st_ino:
                 claim = Claim(path, handle)
                 return claim
         except BlockingIOError:
+            # `is_locked` takes a shared lock for a moment: a claim must not fail because somebody asked for its state.
             if not _is_only_looked_at(handle):
                 return None
-            lost = None
+            last_error = None
         except OSError as error:
             if error.errno in _NO_LOCKS:
                 raise NoLocks(path.parent, error) from error
             if error.errno not in (errno.ENOENT, errno.ESTALE):  # removed, by this host or by another one
                 raise
-            lost = error
+            last_error = error
         finally:
             if claim is None:
                 os.close(handle)
-        time.sleep(random.uniform(0.1, 1.0) * _PAUSE)
-    if lost is not None:
-        raise NoLocks(path.parent, lost)
+        time.sleep(random.uniform(0.1, 1.0) * _PAUSE)  # at random: two processes must not collide again and again
+    if last_error is not None:
+        raise NoLocks(path.parent, last_error)
     return None
 
 
 def _is_only_looked_at(handle: int) -> bool:
-    """Whether only `is_locked` of other processes keeps a file from being locked, for a moment."""
+    """Decide whether only `is_locked` of another process keeps a file from being locked, for a moment."""
     try:
         fcntl.flock(handle, fcntl.LOCK_SH | fcntl.LOCK_NB)
     except BlockingIOError:
@@ -160,13 +173,16 @@ def _is_only_looked_at(handle: int) -> bool:
 
 
 def is_locked(path: Path) -> bool:
-    """Whether some process holds the lock of a file; looking neither waits for it nor disturbs it. Where files cannot
-    be locked nobody holds one."""
+    """Check whether a process holds the lock of a file, without waiting and without disturbing it.
+
+    Where files cannot be locked the answer is False.
+    """
     try:
         handle = os.open(path, os.O_RDONLY | os.O_NONBLOCK)
     except FileNotFoundError:
         return False
     try:
+        # A shared lock: several observers do not block each other, and the owner's exclusive lock blocks them all.
         fcntl.flock(handle, fcntl.LOCK_SH | fcntl.LOCK_NB)
     except BlockingIOError:
         return True
@@ -179,7 +195,11 @@ def is_locked(path: Path) -> bool:
 
 
 class LabFolder:
-    """Paths below one lab folder; nothing is made before something is written."""
+    """Paths and locks of one lab folder. Nothing is created before something is written.
+
+    Args:
+        folder: Path of the lab; it may be missing.
+    """
 
     def __init__(self, folder: Path):
         self.folder = Path(folder)
@@ -193,12 +213,12 @@ class LabFolder:
         self.live = self.folder / "live"
         self.catalogue = self.folder / "catalogue.db"
         self.server = self.folder / "catalogue.url"
-        attached.search(self.attached)
+        attached.search(self.attached)  # models that name a file by its hash find the content in this lab
 
     @property
     def exists(self) -> bool:
-        """Whether the folder is a lab: whether any part of one is there that no other folder has. Folders called
-        `studies` and `notes` are common."""
+        """True if the folder is a lab: it has a part that no other folder has. Folders called `studies` and `notes` are
+        common."""
         return any(path.exists() for path in (self.runs, self.packings, self.works, self.catalogue, self.server))
 
     def run(self, key: str) -> Path:
@@ -214,16 +234,17 @@ class LabFolder:
         return self.works / key
 
     def claim(self, key: str) -> Claim | None:
-        """The right to work on `key`, or None while another process has it."""
+        """Claim the right to work on `key`; None while another process has it."""
         make_folder(self.works)
         return lock(self.works / f"{key}.lock", fcntl.LOCK_EX | fcntl.LOCK_NB)
 
     @contextmanager
     def alone(self, key: str) -> Iterator[None]:
-        """Waits until no other process or thread is within for the same `key`, and keeps others waiting: to evaluate
-        the run `key`, or to write a file that several may write at once.
+        """Hold a lock for `key`: wait for the process or thread that has it, and make others wait.
 
-        In a lab that cannot be written to nothing is locked: nothing is kept there either.
+        It protects the evaluations of the run `key`, or a file that several processes may write. It differs from the
+        claim of `key`, with which a run is computed. In a lab that cannot be written to nothing is locked, and nothing
+        is stored either.
         """
         path = self.works / f"{key}.look"
         try:
@@ -241,14 +262,15 @@ class LabFolder:
             claim.release()
 
     def sweep(self, key: str) -> None:
-        """Remove the lock file of `alone` for `key`, if nobody holds it: it could not be removed when it was left."""
+        """Remove the lock file of `alone` for `key`, if no process holds it: a lock file stays where it could not be
+        removed."""
         path = self.works / f"{key}.look"
         with suppress(OSError):
             if path.exists() and (claim := lock(path, fcntl.LOCK_EX | fcntl.LOCK_NB)):
                 claim.release()
 
-    def held(self, key: str) -> bool:
-        """Whether some process is working on `key`; looking does not disturb it."""
+    def is_claimed(self, key: str) -> bool:
+        """Check whether a process works on `key`, without disturbing it."""
         return is_locked(self.works / f"{key}.lock")
 
     def working(self) -> list[str]:
@@ -256,64 +278,66 @@ class LabFolder:
         return folders(self.works)
 
     def touched(self) -> set[str]:
-        """Keys of which anything lies in the work folder: unfinished work, or a lock file whose process was killed."""
+        """Keys with any entry in the work folder: unfinished work, or the lock file of a killed process."""
         try:
             return {name.removesuffix(".lock").removesuffix(".look") for name in os.listdir(self.works)}
         except FileNotFoundError:
             return set()
 
-    def put(self, made: Path, place: Path) -> None:
-        """Put the complete folder `made` in `place`; an older one there is replaced.
+    def put(self, source: Path, destination: Path) -> None:
+        """Move the complete folder `source` to `destination`; an older folder there is replaced.
 
-        `made` lies in the work folder of its key, whose claim is held; its files are synchronised here. A kill between
-        moving the old folder out and the new one in is mended by `mend`. Both have their names on the disk before
-        either moves, so that a power failure leaves one of them at least.
+        `source` lies in the work folder of its key, whose claim the caller holds. Its files are synchronised here. A
+        kill between moving the old folder out and the new one in is repaired by `mend`. The names of both are on the
+        disk before either moves, so that at least one of them survives a power failure.
         """
-        work = made.parent
-        _sync_tree(made)
-        make_folder(place.parent)
-        replaces = os.path.lexists(place)
+        work = source.parent
+        _sync_tree(source)
+        make_folder(destination.parent)
+        replaces = os.path.lexists(destination)
         if replaces:
             replaced = work / "replaced"
             remove(replaced)  # left by a process that was killed after it had put its own folder in place
+            # A rename cannot replace a folder with content, so the old one moves out first. Names are synchronised at
+            # each step: after a power failure `source`, or `replaced`, is complete on the disk.
             sync_folder(work.parent)
             sync_folder(work)
-            os.rename(place, replaced)
+            os.rename(destination, replaced)
             sync_folder(work)
-        os.rename(made, place)
-        sync_folder(place.parent)
+        os.rename(source, destination)
+        sync_folder(destination.parent)
         if replaces:
             sync_folder(work)
 
     def replaced(self, key: str) -> Path:
-        """Where the older run or packing `key` is while another one is put in its place."""
+        """Path of the older run or packing `key` while a new one takes its place."""
         return self.work(key) / "replaced"
 
-    def is_torn(self, key: str, place: Path) -> bool:
-        """Whether a kill within `put` has left `place` empty."""
-        return self.replaced(key).exists() and not place.exists()
+    def is_torn(self, key: str, destination: Path) -> bool:
+        """Check whether a kill within `put` has left `destination` empty."""
+        return self.replaced(key).exists() and not destination.exists()
 
-    def mend(self, key: str, place: Path) -> None:
-        """Finish or undo what a kill interrupted within `put`; the claim of `key` is held."""
-        if self.is_torn(key, place):
-            make_folder(place.parent)
-            os.rename(self.replaced(key), place)
-            sync_folder(place.parent)
+    def mend(self, key: str, destination: Path) -> None:
+        """Undo a `put` that a kill interrupted; the caller holds the claim of `key`."""
+        if self.is_torn(key, destination):
+            make_folder(destination.parent)
+            os.rename(self.replaced(key), destination)
+            sync_folder(destination.parent)
             self.drop_empty(key)
 
     def drop_empty(self, key: str) -> None:
-        """Remove the work folder of `key`, whose claim is held, if nothing is in it."""
+        """Remove the work folder of `key` if it is empty; the caller holds the claim."""
         with suppress(OSError):
             os.rmdir(self.work(key))
 
     def clear(self, key: str) -> None:
-        """Remove the unfinished work on `key`, whose claim is held."""
+        """Remove the unfinished work on `key`; the caller holds the claim."""
         remove(self.work(key))
 
 
 @dataclass(frozen=True)
 class LabListing:
-    """Keys of all finished runs and packings, and of unfinished work, as they lay in a lab at one moment."""
+    """Keys of all finished runs and packings, and of unfinished work, in a lab at one moment."""
 
     runs: Set[str]
     packings: Set[str]
@@ -321,72 +345,82 @@ class LabListing:
 
     @classmethod
     def of(cls, lab: LabFolder) -> "LabListing":
-        """What lies in `lab` now."""
+        """List the keys that `lab` has now."""
         return cls(*({*folders(place)} for place in (lab.runs, lab.packings, lab.works)))
 
 
 def folders(parent: Path) -> list[str]:
-    """Names of the folders in `parent`, and of links, in their order; hidden ones, which other programs put there, are
-    left out."""
+    """Sorted names of the folders and links in `parent`. Hidden ones are skipped: other programs put them there."""
     try:
-        found = [entry for entry in os.scandir(parent) if entry.is_symlink() or entry.is_dir()]
-        return sorted(entry.name for entry in found if not entry.name.startswith("."))
+        entries = [entry for entry in os.scandir(parent) if entry.is_symlink() or entry.is_dir()]
+        return sorted(entry.name for entry in entries if not entry.name.startswith("."))
     except FileNotFoundError:
         return []
 
 
 def stamp(folder: Path) -> int:
-    """A number that changes when a file in `folder` comes, goes, or is written to: a hash of names, sizes and times.
+    """Hash of names, sizes and modification times in `folder`: it changes when a file is added, removed or written.
 
-    What is beside a run's data is left out: it may come at any time. 0 if the folder is not there, or is a link.
+    Evaluations and the picture are left out: they may be added at any time. 0 if the folder is missing or is a link.
     """
     try:
         if folder.is_symlink():
             return 0
         entries = (entry for entry in os.scandir(folder) if not is_beside(entry.name))
-        found = [(entry.name, entry.stat(follow_symlinks=False)) for entry in entries]
+        stats = [(entry.name, entry.stat(follow_symlinks=False)) for entry in entries]
     except (FileNotFoundError, NotADirectoryError):
         return 0
-    files = sorted((name, status.st_mode, status.st_size, status.st_mtime_ns) for name, status in found)
-    return int.from_bytes(hashlib.blake2b(repr(files).encode(), digest_size=7).digest(), "big")
+    # Inode numbers and change times are left out: a copied lab (rsync -a) keeps its stamps, and is not read again.
+    files = sorted((name, status.st_mode, status.st_size, status.st_mtime_ns) for name, status in stats)
+    return int.from_bytes(hashlib.blake2b(repr(files).encode(), digest_size=7).digest(), "big")  # fits SQLite's integer
 
 
 def is_beside(name: str) -> bool:
-    """Whether the file `name` of a run is no part of its data: what was evaluated of it, and its picture."""
+    """Decide whether the file `name` of a run is not part of its data: an evaluation, or its picture."""
     return name.startswith(EVALUATION) or name == PICTURE
 
 
 def file_system(path: Path, mounts: Path = Path("/proc/self/mountinfo")) -> str:
-    """Type of the file system that `path` is on, such as ext4 or nfs4; empty where nobody tells.
+    """Type of the file system of `path`, such as ext4 or nfs4; empty if the kernel does not list it.
 
-    mounts: the kernel's list of what is mounted (proc(5)).
+    Args:
+        path: File or folder.
+        mounts: The kernel's list of mounts (proc(5)).
     """
     try:
         lines = mounts.read_text(errors="surrogateescape").splitlines()
     except OSError:
         return ""
-    place, found = Path(path).resolve(), ("", "")
+    target, best_match = Path(path).resolve(), ("", "")
     for line in lines:
         head, _, tail = line.partition(" - ")
         if not tail or len(head.split(" ")) < 5:
             continue
-        on = re.sub(r"\\([0-7]{3})", lambda octal: chr(int(octal[1], 8)), head.split(" ")[4])
-        if place.is_relative_to(on) and len(on) >= len(found[0]):  # of two on one place the later one is seen
-            found = on, tail.split(" ")[0]
-    return found[1]
+        mount_point = re.sub(r"\\([0-7]{3})", lambda octal: chr(int(octal[1], 8)), head.split(" ")[4])
+        if target.is_relative_to(mount_point) and len(mount_point) >= len(
+            best_match[0]
+        ):  # of two on one place the later one is seen
+            best_match = mount_point, tail.split(" ")[0]
+    return best_match[1]
 
 
 def is_network(kind: str) -> bool:
-    """Whether several hosts may have a file system of this type at once."""
+    """Decide whether several hosts may mount a file system of this type at once."""
     return kind in _NETWORK or kind.startswith("fuse")
 
 
 def open_file(path: Path) -> BinaryIO:
-    """Open a file of a lab to read. Raises OSError, also for what is no ordinary file: reading a pipe would wait for
-    ever. A file that is a link, or whose folder is one, may be any file of the user: a lab that came from elsewhere
-    could show it."""
+    """Open a file of a lab for reading.
+
+    Links are refused: in a lab that came from elsewhere they could show any file of the user. Pipes are refused because
+    reading them would wait for ever.
+
+    Raises:
+        OSError: The file cannot be read, is no ordinary file, or is a link or in one.
+    """
     if path.is_symlink() or path.parent.is_symlink():
         raise OSError(errno.ELOOP, LINK, str(path))
+    # O_NONBLOCK: opening a pipe would wait for a writer. O_NOFOLLOW: the file may have become a link since the check.
     handle = os.open(path, os.O_RDONLY | os.O_NONBLOCK | os.O_NOFOLLOW)
     if not stat.S_ISREG(os.fstat(handle).st_mode):
         os.close(handle)
@@ -395,7 +429,7 @@ def open_file(path: Path) -> BinaryIO:
 
 
 def remove(path: Path) -> None:
-    """Remove a file, a link or a folder with all that is in it; whatever cannot be removed stays."""
+    """Remove a file, a link or a folder with its content; what cannot be removed stays."""
     if path.is_dir() and not path.is_symlink():
         shutil.rmtree(path, ignore_errors=True)
     else:
@@ -404,34 +438,34 @@ def remove(path: Path) -> None:
 
 
 def write_bytes(path: Path, content: bytes, *, durable: bool = True) -> None:
-    """Write `path` as a whole: readers see the old content or the new and, if `durable`, also after a crash."""
+    """Write a file atomically: readers see the old content or the new, after a crash too if `durable`."""
     part = path.with_name(path.name + ".part")
     try:
         with open(part, "wb") as file:
             file.write(content)
             file.flush()
-            if durable:
+            if durable:  # before the rename: else a crash may leave the new name with no content
                 os.fsync(file.fileno())
         os.replace(part, path)
     except OSError as error:
-        error.filename = error.filename or str(path)
+        error.filename = error.filename or str(path)  # write() and fsync() name no file; messages need one
         with suppress(OSError):
             part.unlink()
         raise
 
 
 def make_folder(folder: Path) -> None:
-    """Make a folder, and those above it that are missing, durably; it may be there."""
+    """Create a folder and its missing parents durably; it may exist."""
     if folder.is_dir():
         return
     missing = [path for path in (folder, *folder.parents) if not path.exists()]
     folder.mkdir(parents=True, exist_ok=True)
-    for made in reversed(missing):
-        sync_folder(made.parent)
+    for created in reversed(missing):  # from the top: a folder's name is in its parent
+        sync_folder(created.parent)
 
 
 def sync_folder(folder: Path) -> None:
-    """Make the names in `folder` durable."""
+    """Synchronise the names in `folder` with the disk."""
     handle = os.open(folder, os.O_RDONLY)
     try:
         os.fsync(handle)

@@ -24,10 +24,10 @@ _reading = threading.RLock()  # before Python 3.11.8 its parser may fail in two 
 
 @cache
 def source_hash(kind: type[ContactLaw] | type[WallShape]) -> str:
-    """Hash of the modules of a law or a wall of another package: of its class and the bases of that, of its formulas,
-    and all modules of the same packages that these import.
+    """Hash the source of a law or a wall of another package.
 
-    They are read once in a process: after an edit Python has to be started again.
+    It covers the modules of its class, of the base classes and of its formulas, and all modules of the same packages
+    that these import. They are read once in a process: an edit takes effect when Python is started again.
     """
     roots = {base.__module__ for base in kind.__mro__} | {kind.physics}
     roots = {name for name in roots if not _is_ours(name)}
@@ -39,7 +39,7 @@ def source_hash(kind: type[ContactLaw] | type[WallShape]) -> str:
 
 
 def _is_ours(module: str) -> bool:
-    """True of modules of labbook and of libraries: versions stand for those."""
+    """Return True for modules of labbook and of libraries: their versions are recorded instead."""
     package = module.partition(".")[0]
     return package in _NOT_FOLLOWED or package.startswith("labbook_")
 
@@ -86,8 +86,10 @@ def _imports(tree: ast.AST, within: str) -> Iterator[str]:
 
 
 def without_comments(node: Any) -> str:
-    """A syntax tree as text, without docstrings and other strings that stand alone; the same for all versions of
-    Python, as far as they parse alike."""
+    """Dump a syntax tree as text, without docstrings and other strings that stand alone.
+
+    The text does not depend on the version of Python, if all versions parse the source in the same way.
+    """
     if isinstance(node, list):
         return f"[{','.join([without_comments(item) for item in node if not _is_comment(item)])}]"
     if not isinstance(node, ast.AST):

@@ -1,4 +1,4 @@
-"""Writing the index: short transactions by the one process that coordinates; and making it again from the folders."""
+"""Writing the index: short transactions by the coordinating process, and rebuilding it from the folders."""
 
 import os
 from collections.abc import Callable, Iterable, Mapping, Sequence
@@ -14,22 +14,22 @@ from labbook.lab.database import (
     DAMAGED,
     SCHEMA_VERSION,
     NotStored,
-    among,
-    asking,
-    beside,
-    exchange,
+    index_error,
+    is_intact,
     measurements,
     on_server,
-    opened,
+    open_connection,
+    open_engine,
     packings,
     remove_file,
+    replace_index,
     runs,
     schema_version,
-    storing,
-    unusable,
+    select_in,
+    shadow_index,
+    storage_errors,
+    transaction,
     upsert,
-    whole,
-    writing,
 )
 from labbook.lab.evaluations import derive, expected, finite
 from labbook.lab.folder import LabError, LabFolder, folders, is_beside, make_folder, remove, stamp
@@ -40,37 +40,53 @@ from labbook.lab.suspect import suspicion
 from labbook.measure import RunData
 
 Tick = Callable[[int, int], None]
-"""Told how many folders of how many are done."""
+"""Progress callback: number of folders that are done, and number of all."""
 RunRows = tuple[dict[str, Any], list[dict[str, Any]]]
 """Row of a run, and rows of its measurements."""
 
 
 @dataclass
-class Indexed:
-    """What was found: folders indexed, rows dropped because their folder is gone, what could not be read, by file or
-    folder, and where a damaged index was put aside."""
+class IndexReport:
+    """Changes made while the index was opened.
+
+    Args:
+        runs: Number of run folders indexed.
+        packings: Number of packing folders indexed.
+        vanished: Number of rows removed because their folder is gone.
+        unreadable: Problem by file or folder.
+        damaged_copy: Path of a damaged index that was renamed.
+    """
 
     runs: int = 0
     packings: int = 0
-    gone: int = 0
+    vanished: int = 0
     unreadable: dict[Path, str] = field(default_factory=dict)
-    aside: Path | None = None
+    damaged_copy: Path | None = None
 
     @property
     def problems(self) -> list[str]:
-        """All that was wrong, in words."""
-        lost = [f"{self.aside.with_suffix('')} was damaged: it is kept as {self.aside.name}, and made again from the "
-                "folders"] if self.aside else []  # fmt: skip
-        return lost + list(dict.fromkeys(self.unreadable.values()))
+        """List all problems as sentences."""
+        damaged = []
+        if copy := self.damaged_copy:
+            consequence = f"it is kept as {copy.name}, and made again from the folders"
+            damaged = [f"{copy.with_suffix('')} was damaged: {consequence}"]
+        return damaged + list(dict.fromkeys(self.unreadable.values()))
 
 
 class Index:
-    """The writer's side of a catalogue.
+    """Writer of the index of a lab.
 
-    Opening it brings the index up to date with the folders; it is made again if there is none, if it is of another
-    version, if `again` says so, or if it is damaged, in which case the old file is put aside. It is made again beside
-    the old one, which others read until the new one is whole. `found` has what that gave. Raises LabError if it cannot
-    be written, or is damaged while it is in use.
+    Opening it brings the index up to date with the folders. The index is rebuilt if it is missing, of another version,
+    or damaged (the old file is renamed then), or if `again` is set. A rebuilt index is made in a second file or schema;
+    readers use the old one until it is complete. `report` has the changes.
+
+    Args:
+        lab: Folder of the lab.
+        again: Rebuild the index from the folders.
+        tick: Progress callback.
+
+    Raises:
+        LabError: The index cannot be written, or is damaged while it is in use.
     """
 
     def __init__(self, lab: LabFolder, *, again: bool = False, tick: Tick | None = None):
@@ -78,20 +94,21 @@ class Index:
         if lab.folder.exists() and not lab.folder.is_dir():
             raise LabError(f"{lab.folder} is a file, not a lab folder; give another one with --lab")
         make_folder(lab.folder)
-        self.found = Indexed()
-        self._indexed = set[str]()
+        # The order matters: folders have to be complete (`_recover`) before they are compared with the index.
+        self.report = IndexReport()
+        self._indexed_keys = set[str]()
         if not self._open():
-            self.found.aside = self._put_aside()
+            self.report.damaged_copy = self._put_aside()
             self._open()
-        self._mend()
+        self._recover()
         if again:
             self._seal_packings()
         if again or not self._is_of_this_version():
             self._build(again, tick)
         self._sync(tick)
 
-    def _mend(self) -> None:
-        """Put back what a process that was killed, or a power failure, left between two names."""
+    def _recover(self) -> None:
+        """Complete or undo renames that a kill or a power failure interrupted."""
         lab = self.lab
         lab.sweep("index")
         for key in lab.working():
@@ -101,41 +118,41 @@ class Index:
                     claim.release()
 
     def _open(self) -> bool:
-        """Open the tables, whatever version they are of; False if their file is damaged."""
-        self._engine = opened(self.lab, read_only=False)
+        """Open the tables, of any version; False if their file is damaged."""
+        self._engine = open_engine(self.lab, read_only=False)
         path = self.lab.catalogue
         if not on_server(self._engine) and path.exists() and not path.is_file():
             return False
         try:
             version = schema_version(self._engine)
-            if version == DAMAGED or (version is not None and not whole(self._engine)):
+            if version == DAMAGED or (version is not None and not is_intact(self._engine)):
                 self._engine.dispose()
                 return False
         except DatabaseError as error:
-            raise unusable(self.lab, error) from error
+            raise index_error(self.lab, error) from error
         return True
 
     def _is_of_this_version(self) -> bool:
         try:
             return schema_version(self._engine) == SCHEMA_VERSION
         except DatabaseError as error:
-            raise unusable(self.lab, error) from error
+            raise index_error(self.lab, error) from error
 
     def _build(self, again: bool, tick: Tick | None) -> None:
-        """Index all folders beside the index, then put that in its place."""
+        """Index all folders in a shadow index, then replace the index by it."""
         with self.lab.alone("index"):
             if not again and self._is_of_this_version():  # another process has made it meanwhile
                 return
-            with beside(self.lab) as built:
-                old, self._engine = self._engine, built
+            with shadow_index(self.lab) as replacement:
+                previous, self._engine = self._engine, replacement
                 try:
-                    self._sync(tick)
+                    self._sync(tick)  # reads all folders: readers use the old index meanwhile
                 finally:
-                    self._engine = old
-                exchange(self._engine, self.lab)
+                    self._engine = previous
+                replace_index(self._engine, self.lab)
 
     def _seal_packings(self) -> None:
-        """Give packings from before there were seals of arrays one. Where that cannot be, they stay as they are."""
+        """Add the hash of their arrays to older packings; those that cannot be written stay as they are."""
         for key in folders(self.lab.packings):
             with suppress(OSError):
                 if not is_sealed(self.lab.packing(key)) and (claim := self.lab.claim(key)):
@@ -153,204 +170,221 @@ class Index:
         return aside
 
     def close(self) -> None:
-        """Let go of the file."""
+        """Close the connections to the index."""
         self._engine.dispose()
 
     def add_run(self, folder: Path, observe: Observe | None = None) -> str | None:
-        """Index one run folder with its measurements, replacing what was known; `observe` overrides its
-        own. Why it cannot be read, or None."""
+        """Index one run folder with its measurements, in place of its old rows.
+
+        Args:
+            folder: Folder of the run in the lab.
+            observe: Measures and window; None: those of its record.
+
+        Returns:
+            Why the folder cannot be read; None if it can be.
+        """
         return self.put_run(folder, run_rows(folder, observe))
 
     def put_run(self, folder: Path, rows: RunRows) -> str | None:
-        """Index one run folder by what `run_rows` gives of it. Returns why it cannot be read, or None."""
+        """Index one run folder from rows of `run_rows`. Returns why it cannot be read, or None."""
         return self.put_runs({folder: rows})[folder]
 
     def put_runs(self, ended: Mapping[Path, RunRows]) -> dict[Path, str | None]:
         """Index run folders in one transaction.
 
         Args:
-            ended: What `run_rows` gives of each folder.
+            ended: Rows of each folder, made by `run_rows`.
 
         Returns:
-            Why each folder cannot be read; None for one that can.
+            Why each folder cannot be read; None for readable ones.
         """
         problems: dict[Path, str | None] = {folder: row["problem"] for folder, (row, _) in ended.items()}
         try:
-            with self._transaction() as connection, storing():
+            with self._transaction() as connection, storage_errors():
                 _replace_runs(connection, ended.values())
-        except NotStored as why:
+        except NotStored as reason:
             if len(ended) > 1:  # only those that are not stored have a problem
                 return {folder: self.put_run(folder, rows) for folder, rows in ended.items()}
             for folder, (row, _) in ended.items():
-                problems[folder] = problem = f"{folder / RunRecord.FILE}: it cannot be indexed: {why}"
-                with suppress(NotStored), self._transaction() as connection, storing():  # not even its name is stored
-                    _replace_runs(connection, [(_blank_row(folder, row["stamp"], problem), [])])
+                problems[folder] = problem = f"{folder / RunRecord.FILE}: it cannot be indexed: {reason}"
+                with (
+                    suppress(NotStored),
+                    self._transaction() as connection,
+                    storage_errors(),
+                ):  # not even its name is stored
+                    _replace_runs(connection, [(_blank_run(folder, row["stamp"], problem), [])])
         for folder, problem in problems.items():
-            self._tell(folder, problem)
+            self._report(folder, problem)
         return problems
 
     def add_packing(self, folder: Path) -> str | None:
-        """Index one packing folder, and the runs that could not be read for want of it. Why it cannot be read, or
+        """Index one packing folder, and again the runs that were unreadable without it. Returns its problem, or
         None."""
         return self.put_packings({folder: packing_row(folder)})[folder]
 
     def put_packings(self, ended: Mapping[Path, dict[str, Any]]) -> dict[Path, str | None]:
-        """Index packing folders in one transaction, and the runs that could not be read for want of them.
+        """Index packing folders in one transaction, and again the runs that were unreadable without them.
 
         Args:
-            ended: What `packing_row` gives of each folder.
+            ended: Row of each folder, made by `packing_row`.
 
         Returns:
-            Why each folder cannot be read; None for one that can.
+            Why each folder cannot be read; None for readable ones.
         """
         problems = self._store_packings(ended)
         for folder, problem in problems.items():
-            self._tell(folder, problem)
+            self._report(folder, problem)
         query = select(runs.c.run_key).where(runs.c.problem.is_not(None))
-        with self._asking() as connection:
-            whole = [folder.name for folder, problem in problems.items() if not problem]
-            waiting = [row.run_key for row in among(connection, query, runs.c.packing_key, whole)]
+        with self._connection() as connection:
+            readable = [folder.name for folder, problem in problems.items() if not problem]
+            waiting = [row.run_key for row in select_in(connection, query, runs.c.packing_key, readable)]
         for key in waiting:
             self.add_run(self.lab.run(key))
         return problems
 
     def _store_packings(self, ended: Mapping[Path, dict[str, Any]]) -> dict[Path, str | None]:
-        """Take the rows of packings into the index, or in the place of one that cannot be stored a row that says why.
-        Returns the problem of each, or None."""
+        """Store rows of packings; a row that the database rejects is replaced by one with the reason. Returns the
+        problem of each."""
         problems: dict[Path, str | None] = {folder: row["problem"] for folder, row in ended.items()}
         try:
-            with self._transaction() as connection, storing():
+            with self._transaction() as connection, storage_errors():
                 upsert(connection, packings, list(ended.values()))
-        except NotStored as why:
+        except NotStored as reason:
             if len(ended) > 1:
                 return {folder: self._store_packings({folder: row})[folder] for folder, row in ended.items()}
             for folder, row in ended.items():
-                problems[folder] = problem = f"{folder / PackingRecord.FILE}: it cannot be indexed: {why}"
-                with suppress(NotStored), self._transaction() as connection, storing():
-                    upsert(connection, packings, [_blank_packing(folder, row["stamp"]) | {"problem": _kept(problem)}])
+                problems[folder] = problem = f"{folder / PackingRecord.FILE}: it cannot be indexed: {reason}"
+                with suppress(NotStored), self._transaction() as connection, storage_errors():
+                    upsert(
+                        connection, packings, [_blank_packing(folder, row["stamp"]) | {"problem": _storable(problem)}]
+                    )
         return problems
 
     def problem(self, folder: Path) -> str | None:
-        """Why a run or packing folder cannot be read, as far as it was looked at; None if it can be."""
+        """Return the problem of a run or packing folder that the index has; None if there is none."""
         table, key = (runs, runs.c.run_key) if folder.parent == self.lab.runs else (packings, packings.c.packing_key)
-        with self._asking() as connection:
+        with self._connection() as connection:
             return connection.scalar(select(table.c.problem).where(key == folder.name))
 
     def note(self, folder: Path, problem: str) -> None:
-        """Take down that something in `folder` could not be read."""
-        self.found.unreadable[folder] = problem
+        """Report that something in `folder` could not be read."""
+        self.report.unreadable[folder] = problem
 
-    def _tell(self, folder: Path, problem: str | None) -> None:
+    def _report(self, folder: Path, problem: str | None) -> None:
         if problem:
             self.note(folder, problem)
-        elif folder in self.found.unreadable:
-            self.found.unreadable[folder] += "; it was made again"
+        elif folder in self.report.unreadable:
+            self.report.unreadable[folder] += "; it was made again"
 
     def derive(self, run_keys: Iterable[str], observe: Observe) -> int:
-        """Measure whatever of `observe` is not there for these runs; the number of runs that were measured, or
-        turned out to be damaged."""
-        wanted, keys, done = expected(observe), list(run_keys), 0
-        had = self._measured(keys)
+        """Measure runs that lack measurements of `observe`.
+
+        Returns:
+            Number of runs that were measured, or that turned out to be damaged.
+        """
+        required, keys, measured_runs = expected(observe), list(run_keys), 0
+        stored = self._measured(keys)
         for key in keys:
-            if wanted <= had[key]:
+            if required <= stored[key]:
                 continue
             folder = self.lab.run(key)
-            done += 1
-            seen = stamp(folder)
+            measured_runs += 1
+            current_stamp = stamp(folder)
             try:
                 record = RunRecord.read(folder)
                 rows = derive(folder, observe, lambda folder=folder, record=record: run_data(folder, record))
-                with self._transaction() as connection, storing():
+                with self._transaction() as connection, storage_errors():
                     upsert(connection, measurements, rows)
             except (Unreadable, NotStored) as problem:
-                self.put_run(folder, (unreadable_row(folder, seen, problem), []))
-        return done
+                self.put_run(folder, (unreadable_row(folder, current_stamp, problem), []))
+        return measured_runs
 
     def _measured(self, run_keys: list[str]) -> dict[str, set[tuple[Any, ...]]]:
-        """(measure, version, window) of what is there, by run."""
+        """(measure, version, window) of all stored measurements, by run."""
         names = ("run_key", "measure", "version", "window_start", "window_end", "window_timed", "window_scales")
         query = select(*(measurements.c[name] for name in names)).distinct()
-        found: dict[str, set[tuple[Any, ...]]] = {key: set() for key in run_keys}
-        with self._asking() as connection:
-            for key, *measured in among(connection, query, measurements.c.run_key, run_keys):
-                found[key].add(tuple(measured))
-        return found
+        stored: dict[str, set[tuple[Any, ...]]] = {key: set() for key in run_keys}
+        with self._connection() as connection:
+            for key, *measured in select_in(connection, query, measurements.c.run_key, run_keys):
+                stored[key].add(tuple(measured))
+        return stored
 
     def _sync(self, tick: Tick | None) -> None:
-        """Index folders that are new or changed, and forget those that are gone."""
-        found, repacked = self.found, self._sync_packings()
-        there = stamps(self.lab.runs)
-        with self._asking() as connection:
+        """Index folders that are new or changed, and delete the rows of those that are gone."""
+        report, repacked = self.report, self._sync_packings()
+        on_disk = stamps(self.lab.runs)
+        with self._connection() as connection:
             rows = connection.execute(select(runs.c.run_key, runs.c.stamp, runs.c.packing_key, runs.c.problem)).all()
-        known = {row.run_key: row.stamp for row in rows}
+        indexed = {row.run_key: row.stamp for row in rows}
         # a process may have been killed between indexing a packing and the runs that could not be read for want of it
-        moved = {row.run_key for row in rows if row.packing_key in repacked or (row.problem and row.packing_key)}
-        new = [key for key, stamp in there.items() if known.get(key) != stamp or key in moved]
+        affected = {row.run_key for row in rows if row.packing_key in repacked or (row.problem and row.packing_key)}
+        new = [key for key, stamp in on_disk.items() if indexed.get(key) != stamp or key in affected]
         changed = set(new)
         for row in rows:
-            if row.problem and row.run_key in there and row.run_key not in changed:
+            if row.problem and row.run_key in on_disk and row.run_key not in changed:
                 self.note(self.lab.run(row.run_key), row.problem)
-        for at, key in enumerate(new, 1):
+        for position, key in enumerate(new, 1):
             self.add_run(self.lab.run(key))
-            self._indexed.add(key)
+            self._indexed_keys.add(key)
             if tick:
-                tick(at, len(new))
-        gone = [key for key in known if key not in there]
+                tick(position, len(new))
+        vanished = [key for key in indexed if key not in on_disk]
         with self._transaction() as connection:
-            _forget(connection, gone)
-        found.gone, found.runs = len(gone), len(self._indexed)
+            _delete_runs(connection, vanished)
+        report.vanished, report.runs = len(vanished), len(self._indexed_keys)
 
     def _sync_packings(self) -> set[str]:
-        """The same of packings; the keys of those that changed or are gone."""
-        there = stamps(self.lab.packings)
-        with self._asking() as connection:
+        """Index packings that are new or changed; return the keys of those that changed or are gone."""
+        on_disk = stamps(self.lab.packings)
+        with self._connection() as connection:
             columns = packings.c.packing_key, packings.c.stamp, packings.c.problem
-            found = connection.execute(select(*columns)).all()
-        known = {row.packing_key: row.stamp for row in found}
-        new = {key for key, stamp in there.items() if known.get(key) != stamp}
+            rows_stored = connection.execute(select(*columns)).all()
+        indexed = {row.packing_key: row.stamp for row in rows_stored}
+        new = {key for key, stamp in on_disk.items() if indexed.get(key) != stamp}
         rows = [packing_row(self.lab.packing(key)) for key in sorted(new)]
-        self.found.packings += len(rows)
-        lost = {row["packing_key"]: row["problem"] for row in rows}
-        lost |= {row.packing_key: row.problem for row in found if row.packing_key in there.keys() - new}
-        for key, problem in lost.items():
+        self.report.packings += len(rows)
+        problems = {row["packing_key"]: row["problem"] for row in rows}
+        problems |= {row.packing_key: row.problem for row in rows_stored if row.packing_key in on_disk.keys() - new}
+        for key, problem in problems.items():
             if problem:
                 self.note(self.lab.packing(key), problem)
-        gone = known.keys() - there.keys()
+        vanished = indexed.keys() - on_disk.keys()
         self._store_packings({self.lab.packing(row["packing_key"]): row for row in rows})
         with self._transaction() as connection:
-            for key in gone:
+            for key in vanished:
                 connection.execute(delete(packings).where(packings.c.packing_key == key))
-        return new | gone
+        return new | vanished
 
-    def _asking(self) -> AbstractContextManager[Connection]:
-        return asking(self._engine, self.lab)
+    def _connection(self) -> AbstractContextManager[Connection]:
+        return open_connection(self._engine, self.lab)
 
     def _transaction(self) -> AbstractContextManager[Connection]:
-        return writing(self._engine, self.lab)
+        return transaction(self._engine, self.lab)
 
 
 def _replace_runs(connection: Connection, ended: Iterable[RunRows]) -> None:
     ended = list(ended)
-    _forget(connection, [row["run_key"] for row, _ in ended])
+    # Deleted first: measurements of the run's former content would otherwise stay under the same key.
+    _delete_runs(connection, [row["run_key"] for row, _ in ended])
     upsert(connection, runs, [row for row, _ in ended])
     upsert(connection, measurements, [measured for _, rows in ended for measured in rows])
 
 
-def _forget(connection: Connection, keys: Sequence[str]) -> None:
+def _delete_runs(connection: Connection, keys: Sequence[str]) -> None:
     for table in (measurements, runs):
-        of_key = delete(table).where(table.c.run_key == bindparam("key"))
+        statement = delete(table).where(table.c.run_key == bindparam("key"))
         if keys:
-            connection.execute(of_key, [{"key": key} for key in keys])
+            connection.execute(statement, [{"key": key} for key in keys])
 
 
-_KNOWN = ("study", "label", "seed", "discharge", "backend", "cache_version", "packing_key", "lineage_key")
-_KEYS = ("run_key", "experiment_key", "scene_key")
-_OF_RECORD = (*_KNOWN, *_KEYS, "outcome", "wall_time", "finished", "device", "machine")
-"""What of a run's record is in its row; of a damaged run only what is known by the first names."""
+_LABEL_COLUMNS = ("study", "label", "seed", "discharge", "backend", "cache_version", "packing_key", "lineage_key")
+_KEY_COLUMNS = ("run_key", "experiment_key", "scene_key")
+_RECORD_COLUMNS = (*_LABEL_COLUMNS, *_KEY_COLUMNS, "outcome", "wall_time", "finished", "device", "machine")
+"""Columns that copy attributes of the record; of a damaged run only `_LABEL_COLUMNS` are filled."""
 
 
 def stamps(folder: Path) -> dict[str, int]:
-    """Folders in `folder`, each with its stamp."""
+    """Stamp of each folder in `folder`."""
     return {name: stamp(folder / name) for name in folders(folder)}
 
 
@@ -360,73 +394,83 @@ def _size(folder: Path) -> int:
 
 
 def run_rows(folder: Path, observe: Observe | None) -> RunRows:
-    """Row of a run, and of its measurements, taken now; of a folder that cannot be read, a row that says so. Any thread
-    may ask for them."""
-    seen = stamp(folder)  # before it is read: what changes meanwhile is noticed later
+    """Make the row of a run and the rows of its measurements; an unreadable folder gives a row with the reason.
+
+    It is thread-safe: it only reads the folder.
+    """
+    folder_stamp = stamp(folder)  # before it is read: what changes meanwhile is noticed later
     try:
         record, data = open_run(folder)
     except Unreadable as problem:
-        return unreadable_row(folder, seen, problem), []
-    return rows_of_run(folder, seen, record, data, observe or record.observe)
+        return unreadable_row(folder, folder_stamp, problem), []
+    return rows_of_run(folder, folder_stamp, record, data, observe or record.observe)
 
 
-def rows_of_run(folder: Path, seen: int, record: RunRecord, data: RunData, observe: Observe) -> RunRows:
-    """Row of a run whose content is known, and of its measurements, taken now.
+def rows_of_run(folder: Path, folder_stamp: int, record: RunRecord, data: RunData, observe: Observe) -> RunRows:
+    """Make the rows of a run whose content is in memory, and evaluate its measures.
 
     Args:
         folder: Folder of the run in the lab.
-        seen: Stamp of the folder with this content.
+        folder_stamp: Stamp of the folder with this content.
         record: Record of the run.
         data: Start and tables of the run.
-        observe: What is measured.
+        observe: Measures and window.
     """
     rows = derive(folder, observe, lambda: data)
     coverage = record.coverage
     row = {
-        **{name: getattr(record, name) for name in _OF_RECORD},
+        **{name: getattr(record, name) for name in _RECORD_COLUMNS},
         **{name: getattr(coverage, name) for name in ("grains", "discharged", "duration")},
         "rate": finite(record.rate),
         "bytes": _size(folder),
         "coverage": coverage.model_dump_json(),
-        "stamp": seen,
+        "stamp": folder_stamp,
         "problem": None,
         "suspect": suspicion(record.ledger),
     }
     return row, rows
 
 
-def unreadable_row(folder: Path, seen: int, problem: Exception) -> dict[str, Any]:
-    """Row of a run folder with the stamp `seen` that cannot be read; what its record says of it is kept."""
-    row = _blank_row(folder, seen, str(problem))
+def unreadable_row(folder: Path, folder_stamp: int, problem: Exception) -> dict[str, Any]:
+    """Row of a run folder that cannot be read; values of its record are kept if that can be read."""
+    row = _blank_run(folder, folder_stamp, str(problem))
     with suppress(Unreadable):
         record = RunRecord.read(folder)
-        row |= {name: getattr(record, name) for name in _KNOWN}
+        row |= {name: getattr(record, name) for name in _LABEL_COLUMNS}
     return row
 
 
-def _blank_row(folder: Path, seen: int, problem: str) -> dict[str, Any]:
+def _blank_run(folder: Path, folder_stamp: int, problem: str) -> dict[str, Any]:
     row: dict[str, Any] = dict.fromkeys((column.key for column in runs.columns), None)
-    named = {"run_key": folder.name, "study": "", "label": "", "suspect": ""}
-    return {**row, **named, "outcome": UNREADABLE, "stamp": seen, "problem": _kept(problem)}
+    identity = {"run_key": folder.name, "study": "", "label": "", "suspect": ""}
+    return {**row, **identity, "outcome": UNREADABLE, "stamp": folder_stamp, "problem": _storable(problem)}
 
 
-def _kept(text: str) -> str:
-    """Text as any database keeps it: the path of a folder may have bytes that are no characters."""
+def _storable(text: str) -> str:
+    """Text that any database can store: the path of a folder may have bytes that are not characters."""
     return text.encode("utf-8", "backslashreplace").decode().replace("\0", "\\0")
 
 
 def packing_row(folder: Path, record: PackingRecord | None = None) -> dict[str, Any]:
-    """Row of a packing folder. `record`: that of the packing, where this process has just written it; None reads and
-    checks the folder."""
+    """Make the row of a packing folder.
+
+    Args:
+        folder: Folder of the packing in the lab.
+        record: Record that this process has just written; None: read and check the folder.
+    """
     row = _blank_packing(folder, stamp(folder))
     try:
         record = record or read_packing(folder)[0]
     except Unreadable as problem:
-        return {**row, "problem": _kept(str(problem))}
-    known = ("closed_key", "backend", "grains", "duration", "wall_time", "machine")
-    told = {name: getattr(record, name) for name in known}
-    return {**row, **told, "seed": record.filling.seed, "rate": finite(record.rate), "bytes": _size(folder)}
+        return {**row, "problem": _storable(str(problem))}
+    columns = ("closed_key", "backend", "grains", "duration", "wall_time", "machine")
+    attributes = {name: getattr(record, name) for name in columns}
+    return {**row, **attributes, "seed": record.filling.seed, "rate": finite(record.rate), "bytes": _size(folder)}
 
 
-def _blank_packing(folder: Path, seen: int) -> dict[str, Any]:
-    return {**dict.fromkeys(column.key for column in packings.columns), "packing_key": folder.name, "stamp": seen}
+def _blank_packing(folder: Path, folder_stamp: int) -> dict[str, Any]:
+    return {
+        **dict.fromkeys(column.key for column in packings.columns),
+        "packing_key": folder.name,
+        "stamp": folder_stamp,
+    }

@@ -1,9 +1,9 @@
-"""Unfinished work on disk: an exact checkpoint and the rows up to it, which always belong together.
+"""Checkpoints of unfinished work on disk: an exact state and the rows up to it, always consistent.
 
-A save adds the rows since the last one as files of their own, writes the checkpoint beside the old one, and
-then replaces `progress.json`, which names them all. A process killed at any moment leaves the state of its
-last save; files that `progress.json` does not name are leftovers of a save that was cut short. A finished run is taken
-up again as if it had been saved at its end.
+A save writes the rows since the last one as files of their own, writes the checkpoint beside the old one, and then
+replaces `progress.json`, which names them all. A process killed at any moment leaves the state of its last save. Files
+that `progress.json` does not name are leftovers of an interrupted save. A finished run is continued as if it had been
+saved at its end.
 """
 
 import json
@@ -20,7 +20,7 @@ from pydantic import Field, ValidationError
 from labbook.backend import Checkpoint
 from labbook.backend.probes import Table, describe_probe
 from labbook.lab.folder import LabError, LabFolder, make_folder, open_file, room, sync_folder, write_bytes
-from labbook.lab.records import LONGEST, Part, RunRecord, Session, Unreadable, Whole
+from labbook.lab.records import MAX_RECORD_BYTES, Part, RunRecord, Session, Unreadable, Whole
 from labbook.lab.runs import RECORDING, check_keys, film_of, read_end, read_recording, read_tables
 from labbook.lab.tables import join, read_checkpoint, read_table, write_checkpoint, write_table
 
@@ -30,7 +30,15 @@ FileName = Annotated[str, Field(pattern=r"^[a-z]+-\d+\.npz$")]
 
 
 class Progress(Part):
-    """What a save wrote: its number, the files of checkpoint and rows, by table, and what the job needs to know."""
+    """Content of `progress.json`: the last save.
+
+    Args:
+        number: Number of the save, from 1.
+        checkpoint: File name of the checkpoint.
+        chunks: File names of rows, by table.
+        state: Job-specific values beside checkpoint and rows; `step` is always there.
+        sessions: Sessions of the computation so far.
+    """
 
     number: Whole
     checkpoint: FileName
@@ -40,44 +48,46 @@ class Progress(Part):
 
     @property
     def step(self) -> int:
-        """At which it was saved."""
+        """Step of the save."""
         return self.state["step"]
 
     @classmethod
     def read(cls, folder: Path) -> "Progress | None":
-        """The last save in `folder`, None without any. Raises Unreadable."""
+        """Read the last save in `folder`; None if there is none. Raises Unreadable."""
         path = folder / PROGRESS
         try:
             with open_file(path) as file:
-                found = cls.model_validate_json(file.read(LONGEST + 1))
+                progress = cls.model_validate_json(file.read(MAX_RECORD_BYTES + 1))
         except (FileNotFoundError, NotADirectoryError):
             return None
         except OSError as error:
             raise Unreadable(f"{path}: {error.strerror or error}") from error
         except ValidationError as error:
             raise Unreadable(f"{path}: {error.errors()[0]['msg']}") from error
-        if type(found.state.get("step")) is not int or not 0 <= found.step < 2**63:
+        if type(progress.state.get("step")) is not int or not 0 <= progress.step < 2**63:
             raise Unreadable(f"{path}: state.step: the step is missing")
-        if missing := [name for name in found.files if not (folder / name).is_file()]:
+        if missing := [name for name in progress.files if not (folder / name).is_file()]:
             raise Unreadable(f"{folder / missing[0]} is missing")
-        return found
+        return progress
 
     @property
     def failed(self) -> str:
-        """Why it came to nothing, and would again; empty for one that goes on."""
+        """Reason for which the work failed, and would fail again; empty if it can go on."""
         why = self.state.get("failed", "")
         return why if isinstance(why, str) else ""
 
     @property
     def files(self) -> set[str]:
-        """Names of all files that belong to it."""
+        """Names of all files of the save."""
         return {self.checkpoint, *(name for names in self.chunks.values() for name in names)}
 
 
 class FillingFailure(Part):
-    """Why a filling came to nothing; the next save of it, or its end, removes the file.
+    """Failure of a filling, on disk; the next save of the filling, or its end, removes the file.
 
-    `max_time`: the longest filling time [s] that it was allowed, if a longer one may cure it; None if time does not.
+    Args:
+        why: Reason of the failure.
+        max_time: Filling time [s] that was allowed, if a longer one may succeed; None if time does not matter.
     """
 
     why: Annotated[str, Field(max_length=10_000)]
@@ -85,15 +95,15 @@ class FillingFailure(Part):
 
     @classmethod
     def read(cls, folder: Path) -> "FillingFailure | None":
-        """What is noted in the work folder of a packing; None without it, or if it cannot be read."""
+        """Read the failure in the work folder of a packing; None if there is none, or if it cannot be read."""
         try:
             with open_file(folder / FAILURE) as file:
-                return cls.model_validate_json(file.read(LONGEST + 1))
+                return cls.model_validate_json(file.read(MAX_RECORD_BYTES + 1))
         except (OSError, ValidationError):
             return None
 
     def write(self, folder: Path) -> None:
-        """Note it. A disk that does not take it loses the reason and nothing else."""
+        """Write the failure to a work folder. If the disk is full only the reason is lost."""
         with suppress(OSError, LabError):
             make_folder(folder)
             write_bytes(folder / FAILURE, self.model_dump_json().encode(), durable=False)
@@ -101,7 +111,7 @@ class FillingFailure(Part):
 
 @dataclass(frozen=True)
 class Saved:
-    """Where work stood at its last save. `state`: what its job needs to know beside checkpoint and rows."""
+    """State of work at its last save. `state`: job-specific values beside checkpoint and rows."""
 
     checkpoint: Checkpoint
     state: dict[str, Any]
@@ -109,21 +119,27 @@ class Saved:
 
     @property
     def step(self) -> int:
-        """At which it was saved."""
+        """Step of the save."""
         return self.state["step"]
 
 
 class Journal:
-    """The work folder of one key, whose claim is held. Writing raises DiskFull, and keeps the last save."""
+    """Checkpoints in the work folder of one key, whose claim the caller holds.
+
+    Writing raises DiskFull if there is no room; the last save then stays valid.
+
+    Args:
+        folder: Work folder of the key.
+    """
 
     def __init__(self, folder: Path):
         self.folder = folder
         self._number = 0
         self._chunks: dict[str, list[str]] = {}
-        self._written: set[str] = set()
+        self._saved_files: set[str] = set()
 
     def restore(self) -> Saved | None:
-        """The last save, or None if there is none. Raises Unreadable if it is damaged."""
+        """Read the last save; None if there is none. Raises Unreadable if it is damaged."""
         progress = Progress.read(self.folder)
         if progress is None:
             return None
@@ -132,7 +148,7 @@ class Journal:
         except (OSError, ValueError) as error:
             raise Unreadable(f"{self.folder / progress.checkpoint}: {error}") from error
         self._number, self._chunks = progress.number, progress.chunks
-        self._written = progress.files
+        self._saved_files = progress.files
         self._sweep()
         return Saved(checkpoint, progress.state, progress.sessions)
 
@@ -143,7 +159,17 @@ class Journal:
         state: Mapping[str, Any],
         sessions: Iterable[Session],
     ) -> None:
-        """Save `checkpoint`, and `rows` by table name since the last save."""
+        """Save a checkpoint and the rows since the last save.
+
+        Args:
+            checkpoint: Exact state of the member.
+            rows: Tables since the last save, by name.
+            state: Job-specific values, as JSON.
+            sessions: All sessions of the computation.
+
+        Raises:
+            DiskFull: The disk is full; the last save stays valid.
+        """
         with room(self.folder):
             make_folder(self.folder)
             number = self._number + 1
@@ -153,30 +179,31 @@ class Journal:
                 if table:
                     chunks.setdefault(name, []).append(f"{name}-{number}.npz")
                     write_table(self.folder / chunks[name][-1], table, compress=False)
-            saved = f"checkpoint-{number}.npz"
-            write_checkpoint(self.folder / saved, checkpoint)
-            sync_folder(self.folder)
+            checkpoint_file = f"checkpoint-{number}.npz"
+            write_checkpoint(self.folder / checkpoint_file, checkpoint)
+            sync_folder(self.folder)  # all files are on the disk before `progress.json` names them
             progress = {
                 "number": number,
-                "checkpoint": saved,
+                "checkpoint": checkpoint_file,
                 "chunks": chunks,
                 "state": dict(state),
                 "sessions": [session.model_dump(mode="json") for session in sessions],
             }
             write_bytes(self.folder / PROGRESS, json.dumps(progress, indent=1).encode())
+        # Only now: after an error the journal still describes the save that `progress.json` names.
         self._number, self._chunks = number, chunks
-        self._written = {saved, *(name for names in chunks.values() for name in names)}
+        self._saved_files = {checkpoint_file, *(name for names in chunks.values() for name in names)}
         self._sweep()
 
     def tables(self, rows: Mapping[str, Sequence[Table]]) -> dict[str, dict[str, np.ndarray]]:
-        """All rows that were saved, followed by `rows`, by table name. Raises Unreadable."""
+        """Return all saved rows, followed by `rows`, by table name. Raises Unreadable."""
         names = dict.fromkeys((*self._chunks, *rows))
         saved = {name: [self._chunk(file) for file in self._chunks.get(name, [])] for name in names}
         tables = {name: join([*saved[name], *rows.get(name, [])]) for name in names}
         return {name: table for name, table in tables.items() if table}
 
-    def each(self) -> Iterator[tuple[str, dict[str, np.ndarray]]]:
-        """The rows of every save, with the name of their table. Raises Unreadable."""
+    def iter_rows(self) -> Iterator[tuple[str, dict[str, np.ndarray]]]:
+        """Yield (table name, rows) of each save. Raises Unreadable."""
         for name, files in self._chunks.items():
             yield from ((name, self._chunk(file)) for file in files)
 
@@ -187,58 +214,63 @@ class Journal:
             raise Unreadable(f"{self.folder / file}: {error}") from error
 
     def _sweep(self) -> None:
-        """Remove files that no save names any more; folders are left alone."""
+        """Remove files that the last save does not name; folders stay."""
         for entry in os.scandir(self.folder):
-            if entry.is_file() and entry.name not in self._written and entry.name != PROGRESS:
+            if entry.is_file() and entry.name not in self._saved_files and entry.name != PROGRESS:
                 with suppress(FileNotFoundError):
                     os.unlink(entry.path)
 
 
 @dataclass(frozen=True)
 class Unfinished:
-    """Work on one key of a run or packing."""
+    """Unfinished work on one run or packing.
+
+    Args:
+        key: Key of the run or packing.
+        step: Step of the last save; 0 without one.
+        saved: There is a save.
+        claimed: A process works on it.
+        problem: Why its last save cannot be read.
+        failed: Reason of its failure (`Progress.failed`).
+    """
 
     key: str
     step: int
-    """Of the last save."""
     saved: bool
-    held: bool
-    """Whether a process is working on it."""
+    claimed: bool
     problem: str | None = None
-    """Why its last save cannot be read."""
     failed: str = ""
-    """Why it came to nothing; see `Progress`."""
 
 
 def unfinished(lab: LabFolder) -> list[Unfinished]:
-    """All unfinished work."""
-    found = []
+    """List all unfinished work of a lab."""
+    entries = []
     for key in lab.working():
-        last, problem = None, None
+        progress, problem = None, None
         try:
-            last = Progress.read(lab.work(key))
+            progress = Progress.read(lab.work(key))
         except Unreadable as error:
             problem = str(error)
-        step = last.step if last else 0
-        noted = FillingFailure.read(lab.work(key))
-        failed = (last.failed if last else "") or (noted.why if noted else "")
-        found.append(Unfinished(key, step, last is not None, lab.held(key), problem, failed))
-    return found
+        step = progress.step if progress else 0
+        filling_failure = FillingFailure.read(lab.work(key))
+        failed = (progress.failed if progress else "") or (filling_failure.why if filling_failure else "")
+        entries.append(Unfinished(key, step, progress is not None, lab.is_claimed(key), problem, failed))
+    return entries
 
 
 def at_its_end(folder: Path, record: RunRecord) -> tuple[Saved, Mapping[str, Sequence[Table]]]:
-    """The run in `folder` as its job would have saved it at its end, and its rows. Raises Unreadable."""
+    """Return the last state of the finished run in `folder`, and its rows, in the form of a save. Raises Unreadable."""
     check_keys(folder, record)
-    had = record.coverage
+    coverage = record.coverage
     film = film_of(record)
     state = {
-        "step": had.steps,
-        "crossed": had.crossed,
-        "discharged": had.discharged,
-        "last": had.last_crossing,
-        "probes": list(had.probes),
+        "step": coverage.steps,
+        "crossed": coverage.crossed,
+        "discharged": coverage.discharged,
+        "last": coverage.last_crossing,
+        "probes": list(coverage.probes),
         "film": describe_probe(film) if film else None,
-        "restarts": [list(restart) for restart in had.restarts],
+        "restarts": [list(restart) for restart in coverage.restarts],
     }
     rows: dict[str, Sequence[Table]] = {name: [table] for name, table in read_tables(folder, record).items()}
     frames = read_recording(folder, record)

@@ -1,12 +1,12 @@
 """Notes and tags that people give to studies and runs: `lab/notes/studies/NAME.md` and `lab/notes/runs/KEY.md`.
 
-A file is written to be edited by hand. Its first line may list tags, the rest is free text:
+A file can be edited by hand. Its first line may list tags, the rest is free text:
 
     tags: for-the-paper, slow
 
     The outlet clogged twice near the end; *seed 3* is worth a second look.
 
-Notes are no part of any identity: to write one changes no key and no stamp.
+Notes are no part of any identity: writing one changes no key and no stamp.
 """
 
 import os
@@ -28,26 +28,26 @@ from labbook.study.schema import names_a_study
 Kind = Literal["study", "run"]
 
 MOST_BYTES = 64_000
-"""Of a file with a note."""
+"""Maximum size of a file with a note."""
 MOST_TAGS = 20
 LONGEST_TAG = 30
 SUFFIX = ".md"
 _FOLDERS: dict[Kind, str] = {"study": "studies", "run": "runs"}
-_HEAD = re.compile(r"tags:(.*)", re.IGNORECASE)
-_BEFORE = re.compile(r"\A(?:\ufeff|[ \t]*\n)+")
-"""What is dropped at the beginning of a text: a byte order mark, empty lines."""
-_ALLOWED = "a tag has letters, digits, - _ and . only"
-_WHOLE = len(digest(None))
-"""Digits of a whole key."""
+_TAG_LINE = re.compile(r"tags:(.*)", re.IGNORECASE)
+_LEADING_BLANK = re.compile(r"\A(?:\ufeff|[ \t]*\n)+")
+"""Start of a text that is dropped: a byte order mark, empty lines."""
+_TAG_RULE = "a tag has letters, digits, - _ and . only"
+_KEY_LENGTH = len(digest(None))
+"""Digits of a complete key."""
 _RUN_KEY = TypeAdapter(RunKey)
 
 
 @dataclass(frozen=True)
 class Note:
-    """What people noted of a study or a run."""
+    """Note on a study or a run."""
 
     text: str = ""
-    """Source in Markdown; empty lines at its beginning and white space at its end are not kept."""
+    """Markdown source, without leading empty lines and trailing white space."""
     tags: tuple[str, ...] = ()
 
     def __bool__(self) -> bool:
@@ -55,11 +55,13 @@ class Note:
 
 
 def read(lab: LabFolder, kind: Kind, name: str) -> Note:
-    """The note of the study or run `name`; an empty one if there is none.
+    """Read the note on the study or run `name`; an empty one if there is none.
 
-    Raises LabError, which names the file, for one that cannot be read, and ValueError for a name that is none.
+    Raises:
+        LabError: The file cannot be read; the message names it.
+        ValueError: `name` cannot be the name of a study or run.
     """
-    path = _found(lab, kind, name)
+    path = _find_path(lab, kind, name)
     try:
         with open_file(path) as file:
             content = file.read(MOST_BYTES + 1)
@@ -74,7 +76,7 @@ def read(lab: LabFolder, kind: Kind, name: str) -> Note:
 
 
 def parsed(content: bytes) -> Note:
-    """The note that a file holds. Raises ValueError that says what is wrong with it."""
+    """Parse the content of a note file. Raises ValueError with the reason."""
     if len(content) > MOST_BYTES:
         raise ValueError(f"the note has more than {MOST_BYTES} bytes; shorten it")
     try:
@@ -82,22 +84,24 @@ def parsed(content: bytes) -> Note:
     except UnicodeDecodeError as error:
         raise ValueError("the note is not text in UTF-8; save the file as UTF-8") from error
     first, _, rest = text.partition("\n")
-    head = _HEAD.fullmatch(first.rstrip())
+    head = _TAG_LINE.fullmatch(first.rstrip())
     if head is None:
-        return Note(_trimmed(text))
-    return Note(_trimmed(rest), checked(filter(None, map(str.strip, head[1].split(",")))))
+        return Note(_trim(text))
+    return Note(_trim(rest), checked(filter(None, map(str.strip, head[1].split(",")))))
 
 
 def write(lab: LabFolder, kind: Kind, name: str, note: Note) -> None:
-    """Keep a note in place of an earlier one; an empty note removes the file.
+    """Write a note in place of an earlier one; an empty note removes the file. Tags are sorted and made unique.
 
-    Tags are sorted, and each is written once. Raises ValueError for a tag or text that cannot be kept and for a name
-    that is none, LabError as `read` does for its name, and OSError.
+    Raises:
+        ValueError: A tag or the text is not allowed, or `name` cannot be the name of a study or run.
+        LabError: `name` matches a file whose short key several runs share.
+        OSError: The file cannot be written.
     """
-    path = _found(lab, kind, name)
-    tags, text = checked(note.tags), _trimmed(note.text)
+    path = _find_path(lab, kind, name)
+    tags, text = checked(note.tags), _trim(note.text)
     try:
-        content = _written(tags, text).encode()
+        content = _as_file(tags, text).encode()
     except UnicodeEncodeError as error:
         raise ValueError(f"character {error.start + 1} of the note is half of a surrogate pair; remove it") from error
     if len(content) > MOST_BYTES:
@@ -113,48 +117,51 @@ def write(lab: LabFolder, kind: Kind, name: str, note: Note) -> None:
 
 
 def checked(tags: Iterable[str]) -> tuple[str, ...]:
-    """Tags as they are kept: composed characters, each once, sorted. Raises ValueError that says what is allowed."""
-    found = sorted({unicodedata.normalize("NFC", tag) for tag in tags})
-    for tag in found:
+    """Normalise tags: composed characters (NFC), unique, sorted. Raises ValueError with the rule that a tag
+    violates."""
+    unique_tags = sorted({unicodedata.normalize("NFC", tag) for tag in tags})
+    for tag in unique_tags:
         if not tag:
-            raise ValueError(f"a tag is empty; {_ALLOWED}")
-        if strange := next((one for one in tag if not _in_tags(one)), None):
-            raise ValueError(f"the tag {tag!r} has the character {strange!r}; {_ALLOWED}")
+            raise ValueError(f"a tag is empty; {_TAG_RULE}")
+        if invalid := next((character for character in tag if not _is_allowed_in_tags(character)), None):
+            raise ValueError(f"the tag {tag!r} has the character {invalid!r}; {_TAG_RULE}")
         if len(tag) > LONGEST_TAG:
             raise ValueError(f"the tag {tag!r} has {len(tag)} characters; {LONGEST_TAG} are allowed")
-    if len(found) > MOST_TAGS:
-        raise ValueError(f"there are {len(found)} tags; {MOST_TAGS} are allowed")
-    return tuple(found)
+    if len(unique_tags) > MOST_TAGS:
+        raise ValueError(f"there are {len(unique_tags)} tags; {MOST_TAGS} are allowed")
+    return tuple(unique_tags)
 
 
 def tagged(lab: LabFolder, kind: Kind) -> dict[str, tuple[str, ...]]:
-    """The tags of all studies or runs that have any, by name. Notes that cannot be read are left out: see `damaged`."""
-    return {name: note.tags for name, note in _all(lab, kind) if isinstance(note, Note) and note.tags}
+    """Tags of all studies or runs that have any, by name. Unreadable notes are left out (see `damaged`)."""
+    return {name: note.tags for name, note in _iter_notes(lab, kind) if isinstance(note, Note) and note.tags}
 
 
 def damaged(lab: LabFolder, kind: Kind) -> list[str]:
-    """Why notes cannot be read, or belong to no run, a line each that names the file."""
-    found = [str(problem) for _, problem in _all(lab, kind) if isinstance(problem, LabError)]
+    """Problems of notes that cannot be read, or whose file name matches no single run; each names the file."""
+    problems = [str(problem) for _, problem in _iter_notes(lab, kind) if isinstance(problem, LabError)]
     if kind == "run":
         keys = folders(lab.runs)
-        for name, path in named(lab, kind).items() if keys else ():
-            begun = sum(key.startswith(name) for key in keys)
-            if len(name) < _WHOLE and name not in keys and begun != 1:
-                many = f"the keys of {begun} runs begin so" if begun else "no run has a key that begins so"
-                found.append(f"{path}: {many}; name the file by the whole key of the run")
-    return found
+        for name, path in candidates(lab, kind).items() if keys else ():
+            matches = sum(key.startswith(name) for key in keys)
+            if len(name) < _KEY_LENGTH and name not in keys and matches != 1:
+                reason = f"the keys of {matches} runs begin so" if matches else "no run has a key that begins so"
+                problems.append(f"{path}: {reason}; name the file by the whole key of the run")
+    return problems
 
 
-def named(lab: LabFolder, kind: Kind) -> dict[str, Path]:
-    """Whatever is named like a note of a study or run, by that name, in order; it may be damaged. The name of a run's
-    file may be the beginning of its key, as `labbook runs` prints it; one that several runs have stays as it is."""
+def candidates(lab: LabFolder, kind: Kind) -> dict[str, Path]:
+    """Paths with the name of a note, by the name of the study or run, sorted; their content may be damaged.
+
+    A short key in a file name, as `labbook runs` prints it, is completed if it matches exactly one run.
+    """
     files = _files(lab, kind)
     if kind == "run" and any(not lab.run(name).exists() for name in files):
         keys = folders(lab.runs)
         for name in [name for name in files if not lab.run(name).exists()]:
-            begun = [key for key in keys if key.startswith(name)]
-            if len(begun) == 1 and begun[0] not in files:
-                files[begun[0]] = files.pop(name)
+            matches = [key for key in keys if key.startswith(name)]
+            if len(matches) == 1 and matches[0] not in files:
+                files[matches[0]] = files.pop(name)
     return files
 
 
@@ -166,31 +173,37 @@ def _files(lab: LabFolder, kind: Kind) -> dict[str, Path]:
     return {path.stem: path for path in paths if _is_name(kind, path.stem)}
 
 
-def _found(lab: LabFolder, kind: Kind, name: str) -> Path:
-    """Where the note of a study or run lies: of a run, also under the beginning of its key. Raises ValueError for what
-    is no name of one, and LabError for a beginning that several keys have."""
+def _find_path(lab: LabFolder, kind: Kind, name: str) -> Path:
+    """Path of the note on a study or run; for a run also a file named by the beginning of its key.
+
+    Raises:
+        ValueError: `name` cannot be the name of a study or run.
+        LabError: The beginning of the key matches several runs.
+    """
     path = place(lab, kind, name)
     if kind == "study" or os.path.lexists(path):
         return path
     for short, file in _files(lab, kind).items():
         if name.startswith(short):
-            begun = [key for key in folders(lab.runs) if key.startswith(short)]
-            if len(begun) > 1:
-                raise LabError(f"{file}: the keys of {len(begun)} runs begin so; give the file more digits of the key")
+            matches = [key for key in folders(lab.runs) if key.startswith(short)]
+            if len(matches) > 1:
+                raise LabError(
+                    f"{file}: the keys of {len(matches)} runs begin so; give the file more digits of the key"
+                )
             return file
     return path
 
 
 def folder(lab: LabFolder, kind: Kind) -> Path:
-    """Where notes of studies or runs lie."""
+    """Folder of the notes on studies or runs."""
     return lab.notes / _FOLDERS[kind]
 
 
 def place(lab: LabFolder, kind: Kind, name: str) -> Path:
-    """Where the note of the study or run `name` lies. Raises ValueError for what is no name of one."""
+    """Path of the note on the study or run `name`. Raises ValueError if it cannot be the name of one."""
     if not _is_name(kind, name):
-        wanted = "8 to 64 digits and letters a to f" if kind == "run" else "letters, digits, - and _"
-        raise ValueError(f"{name!r} does not name a {kind}: {wanted} are needed")
+        rule = "8 to 64 digits and letters a to f" if kind == "run" else "letters, digits, - and _"
+        raise ValueError(f"{name!r} does not name a {kind}: {rule} are needed")
     return folder(lab, kind) / f"{name}{SUFFIX}"
 
 
@@ -204,25 +217,25 @@ def _is_name(kind: Kind, name: str) -> bool:
     return True
 
 
-def _in_tags(character: str) -> bool:
-    """Whether tags may have a character: letters of any script with their marks, digits, and few others."""
+def _is_allowed_in_tags(character: str) -> bool:
+    """Decide whether tags may have a character: letters of any script with their marks, digits, `-`, `_`, `.`."""
     return character in "-_." or unicodedata.category(character)[0] in "LM" or unicodedata.category(character) == "Nd"
 
 
-def _trimmed(text: str) -> str:
-    return _BEFORE.sub("", re.sub(r"\r\n?", "\n", text)).rstrip()
+def _trim(text: str) -> str:
+    return _LEADING_BLANK.sub("", re.sub(r"\r\n?", "\n", text)).rstrip()
 
 
-def _written(tags: tuple[str, ...], text: str) -> str:
-    """A file with tags and text; without tags it has a line for them only if the text begins like one."""
+def _as_file(tags: tuple[str, ...], text: str) -> str:
+    """Content of a note file. Without tags there is a line for them only if the text begins like one."""
     lines = [text] if text else []
-    if tags or _HEAD.match(text):
+    if tags or _TAG_LINE.match(text):
         lines = [f"tags: {', '.join(tags)}".rstrip(), *(["", text] if text else [])]
     return "".join(f"{line}\n" for line in lines)
 
 
-def _all(lab: LabFolder, kind: Kind) -> Iterator[tuple[str, Note | LabError]]:
-    for name in named(lab, kind):
+def _iter_notes(lab: LabFolder, kind: Kind) -> Iterator[tuple[str, Note | LabError]]:
+    for name in candidates(lab, kind):
         try:
             yield name, read(lab, kind, name)
         except LabError as problem:

@@ -1,4 +1,4 @@
-"""Packings kept in the lab: made once, shared by all runs with the same packing key."""
+"""Packings in the lab: made once, shared by all runs with the same packing key."""
 
 import hashlib
 import threading
@@ -17,19 +17,19 @@ from labbook.lab import identity
 from labbook.lab.folder import stamp
 from labbook.lab.identity import Filling
 from labbook.lab.records import FolderRecord, Measure, RunLedger, StoredBackend, StoredVersions, Text, Unreadable, Whole
-from labbook.lab.tables import MOST, read_table, write_table
+from labbook.lab.tables import MAX_TABLE_BYTES, read_table, write_table
 from labbook.scene import Bodies, Scene, Spheres
 from labbook.scene.packing import Packing
 
 ARRAYS = "packing.npz"
-_BYTES = 4096  # of a grain, at most: state, and springs of 20 contacts
+_BYTES_PER_GRAIN = 4096  # of a grain, at most: state, and springs of 20 contacts
 MOST_GRAINS = max(500_000, int(0.05 * min(memory(), 2.0**40) / 300))
-"""Grains of packings that a process keeps in memory, each with some 300 bytes: a twentieth of it, or 150 MB."""
-_SETTLED = 0.1  # s: the clocks of file systems tick more often
+"""Maximum number of grains in packings that a process caches, 300 bytes each: 5 % of the memory, at least 150 MB."""
+_CLOCK_TICK = 0.1  # s: the clocks of file systems tick more often
 
 
 class PackingRecord(FolderRecord):
-    """How a packing was made."""
+    """Record of a packing: identity, preparation and computation."""
 
     FILE = "packing.json"
     KEY = "packing_key"
@@ -42,31 +42,31 @@ class PackingRecord(FolderRecord):
     scene: Scene
     """The closed scene, with the friction of the filling."""
     versions: StoredVersions = Field(default_factory=dict)
-    """By which it was computed."""
+    """Versions of the formulas with which it was computed."""
     filling: Filling
     numerics: Numerics
     grains: Whole
     duration: Measure
-    """Simulated time until it was at rest [s]."""
+    """Simulated time until it was settled [s]."""
     kinetic: Measure
     """Kinetic energy per grain at the end [m g d]."""
     ledger: Annotated[RunLedger | None, Field(exclude_if=lambda ledger: ledger is None)] = None
-    """None of packings from before it was kept."""
+    """Guard extremes and mass balance; None in packings from before they were recorded."""
     arrays: Annotated[
         str | None, Field(pattern="^[0-9a-f]{32}$", exclude_if=lambda arrays: arrays is None)
     ] = None  # fmt: skip
-    """Hash of the arrays of the packing. None of packings from before it was kept, until `labbook reindex`."""
+    """Hash of the arrays; None in packings from before it was recorded, until `labbook reindex` adds it."""
 
 
 def write_packing(folder: Path, record: PackingRecord, packing: Packing) -> None:
-    """Write a packing and its record, with seals, into a `folder` that `LabFolder.put` will make durable."""
+    """Write a packing and its record, with checksums, into a folder that `LabFolder.put` will make durable."""
     arrays = packing.arrays()
     write_table(folder / ARRAYS, arrays, durable=False)
     record.model_copy(update={"arrays": _hash(arrays)}).write(folder, durable=False)
 
 
 def is_sealed(folder: Path) -> bool:
-    """Whether nothing is to be done by `seal`: the arrays of a packing have a seal, or its record cannot be read."""
+    """Return True if the record has the hash of the arrays, or cannot be read: `seal` has nothing to do."""
     try:
         return PackingRecord.read(folder).arrays is not None
     except Unreadable:
@@ -74,7 +74,8 @@ def is_sealed(folder: Path) -> bool:
 
 
 def seal(folder: Path) -> None:
-    """Give the record of an older packing, whose claim is held, the hash of its arrays, unless it cannot be read."""
+    """Add the hash of its arrays to the record of an older packing, unless it cannot be read; the caller holds its
+    claim."""
     try:
         record, _ = read_checked(folder, None)
     except Unreadable:
@@ -83,100 +84,114 @@ def seal(folder: Path) -> None:
 
 
 def _hash(arrays: Mapping[str, np.ndarray]) -> str:
-    found = hashlib.blake2b(digest_size=16)
-    for name in sorted(arrays):
+    digest = hashlib.blake2b(digest_size=16)
+    for name in sorted(arrays):  # by name: the hash does not depend on the order in the file
         array = np.ascontiguousarray(arrays[name])
-        found.update(f"{name} {array.dtype.str} {array.shape}\n".encode() + array.tobytes())
-    return found.hexdigest()
+        digest.update(f"{name} {array.dtype.str} {array.shape}\n".encode() + array.tobytes())
+    return digest.hexdigest()
 
 
 def load_packing(folder: Path) -> Packing:
-    """The packing in `folder`. Raises Unreadable as `read_packing` does."""
+    """Read the packing in `folder`. Raises Unreadable as `read_packing` does."""
     return read_packing(folder)[1]
 
 
 def read_packing(folder: Path, key: str | None = None) -> tuple[PackingRecord, Packing]:
-    """What is in the folder of a packing, which is named by its key, or has yet to be named `key`.
+    """Read and check the packing in `folder`.
 
-    Those read last are kept, as the runs that start from one begin one after another: their arrays cannot be written
-    to. Raises Unreadable for anything that is missing or damaged, does not belong together, or has another key.
+    The packings read last are cached, since many runs start from one packing. Their arrays are read-only.
+
+    Args:
+        folder: Folder of the packing.
+        key: Key that the folder will be named by; None: its name is the key.
+
+    Raises:
+        Unreadable: A file is missing or damaged, the files do not belong together, or the key differs.
     """
-    asked = folder, key, stamp(folder)
-    with _reading:
-        found = recent.get(asked)
-        if found is not None:
-            recent.move_to_end(asked)
-    if found is None:
-        found = read_checked(folder, key)
-        if _only_just_written(folder):  # it might be written to again without another stamp
-            return found
-        _remember(asked, found)
-    return found
+    cache_key = folder, key, stamp(folder)
+    with _cache_lock:
+        entry = cache.get(cache_key)
+        if entry is not None:
+            cache.move_to_end(cache_key)
+    if entry is None:
+        entry = read_checked(folder, key)
+        if _is_too_recent(folder):  # it might be written to again without another stamp
+            return entry
+        _remember(cache_key, entry)
+    return entry
 
 
-def just_made(folder: Path, folder_stamp: int, record: PackingRecord, packing: Packing) -> None:
-    """Remember a packing that this process has just put into its folder, which then had the stamp
-    `folder_stamp`: it need not be read to start runs from it."""
-    _protect(packing)
+def remember_packing(folder: Path, folder_stamp: int, record: PackingRecord, packing: Packing) -> None:
+    """Cache a packing that this process has just put into its folder, to save reading it.
+
+    Args:
+        folder: Folder of the packing.
+        folder_stamp: Stamp of the folder with this content.
+        record: Record of the packing.
+        packing: The packing; its arrays become read-only.
+    """
+    _make_read_only(packing)
     _remember((folder, None, folder_stamp), (record, packing))
 
 
-def _remember(asked: tuple[Path, str | None, int], found: tuple[PackingRecord, Packing]) -> None:
-    with _reading:
-        recent[asked] = found
-        capacity = max(1, MOST_GRAINS // max(1, len(found[1])))  # adding up the grains of thousands would take long
-        while len(recent) > capacity:
-            recent.popitem(last=False)
+def _remember(cache_key: tuple[Path, str | None, int], entry: tuple[PackingRecord, Packing]) -> None:
+    with _cache_lock:  # several threads read packings
+        cache[cache_key] = entry
+        capacity = max(1, MOST_GRAINS // max(1, len(entry[1])))  # adding up the grains of thousands would take long
+        while len(cache) > capacity:
+            cache.popitem(last=False)
 
 
-def _protect(packing: Packing) -> None:
-    """Its arrays cannot be written to: several runs start from them."""
+def _make_read_only(packing: Packing) -> None:
+    """Protect the arrays of a packing against writing: several runs start from them."""
     for array in vars(packing).values():
         if array is not None:
             array.flags.writeable = False
 
 
-_reading = threading.Lock()
-recent: OrderedDict[tuple[Path, str | None, int], tuple[PackingRecord, Packing]] = OrderedDict()
-"""By folder, key and stamp: a folder that was written to since is read anew."""
+_cache_lock = threading.Lock()
+cache: OrderedDict[tuple[Path, str | None, int], tuple[PackingRecord, Packing]] = OrderedDict()
+"""Packings read last, by folder, key and stamp: a folder that has been written to is read again."""
 
 
-def _only_just_written(folder: Path) -> bool:
-    """Whether files were written so lately that the clock of their file system may not have ticked since; also of a
-    folder that is gone by now."""
+def _is_too_recent(folder: Path) -> bool:
+    """Decide whether a file was written less than a tick of the file system's clock ago, or is gone."""
     try:
-        return time.time() - max(file.stat().st_mtime for file in folder.iterdir()) < _SETTLED
+        return time.time() - max(file.stat().st_mtime for file in folder.iterdir()) < _CLOCK_TICK
     except OSError:
         return True
 
 
 def read_checked(folder: Path, key: str | None) -> tuple[PackingRecord, Packing]:
+    """Read and check the packing in `folder`, past the cache. Raises Unreadable."""
     record = PackingRecord.read(folder, key)
     path = folder / PackingRecord.FILE
     if identity.scene_key(record.scene, record.versions) != record.closed_key:
         raise Unreadable(f"{path}: closed_key: it does not match the scene")
-    whose = identity.packing_key(
+    expected_key = identity.packing_key(
         record.closed_key, record.filling, record.numerics, record.backend, record.cache_version
     )  # fmt: skip
-    if whose != record.packing_key:
-        raise Unreadable(f"{path}: packing_key: it does not match the scene, the filling and the numerics ({whose})")
+    if expected_key != record.packing_key:
+        raise Unreadable(
+            f"{path}: packing_key: it does not match the scene, the filling and the numerics ({expected_key})"
+        )
     path = folder / ARRAYS
     try:
-        arrays = read_table(path, min(MOST, 2**20 + _BYTES * record.grains))
+        arrays = read_table(path, min(MAX_TABLE_BYTES, 2**20 + _BYTES_PER_GRAIN * record.grains))
         packing = Packing(**arrays)
     except (OSError, ValueError, TypeError) as error:
-        why = str(error).removeprefix(f"{path}: ")
-        raise Unreadable(f"{path}: not a packing: {why}") from error
+        reason = str(error).removeprefix(f"{path}: ")
+        raise Unreadable(f"{path}: not a packing: {reason}") from error
     if record.arrays not in (None, _hash(arrays)):
         raise Unreadable(f"{path}: it was changed after it was written (wrong checksum)")
     if fault := fault_of(record, packing):
         raise Unreadable(f"{path}: {fault}")
-    _protect(packing)
+    _make_read_only(packing)
     return record, packing
 
 
 def fault_of(record: PackingRecord, packing: Packing) -> str | None:
-    """Return why these cannot be the grains of the packing; None if they can."""
+    """Explain why these grains cannot be those of the packing; None if they can."""
     grains, count = record.scene.grains, record.scene.grains.count
     ids = packing.ids
     assert ids is not None
@@ -187,8 +202,8 @@ def fault_of(record: PackingRecord, packing: Packing) -> str | None:
     if packing.q is None and not isinstance(grains, Spheres):
         return "rods without orientations"
     names = {wall.name for wall in record.scene.container.walls()}
-    if unknown := set(map(str, np.unique(packing.wall_name))) - names:
-        return f"springs at walls that do not exist: {', '.join(sorted(unknown))}"
+    if undefined_walls := set(map(str, np.unique(packing.wall_name))) - names:
+        return f"springs at walls that do not exist: {', '.join(sorted(undefined_walls))}"
     try:
         Bodies.of(grains, packing)
     except ValueError as error:

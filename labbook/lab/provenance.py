@@ -1,4 +1,4 @@
-"""Where numbers come from: commit, versions, processor, device."""
+"""Provenance of numbers: commit, versions, processor, device."""
 
 import os
 import platform
@@ -13,24 +13,34 @@ from labbook.backend.machine import cores, gpu, processor, versions
 from labbook.plugins import Extension
 
 PACKAGE = Path(__file__).parents[1]
-"""The folder that labbook is imported from."""
+"""Folder from which labbook is imported."""
 PACKAGES = ("labbook", "numpy", "scipy", "numba", "llvmlite", "warp-lang", "pydantic")
-"""Packages whose versions can change a number, beside those of extensions."""
+"""Packages whose versions can change a number, in addition to extensions."""
 
 
 def now() -> str:
-    """The time in UTC, ISO 8601, with milliseconds: runs of small beds end several a second."""
+    """Return the time in UTC, ISO 8601, with milliseconds: runs of small beds end several a second."""
     return datetime.now(UTC).isoformat(timespec="milliseconds")
 
 
-def provenance(device: str, used: Iterable[Extension] = ()) -> dict[str, Any]:
-    """Origin of a session's numbers: commit, versions, processor, device; and the extensions that were `used`, by
-    package and version. `machine` names processor and device: speeds are forecast from runs on the same."""
-    origin, used = _of_machine(device), tuple(used)
-    if not used:
+def provenance(device: str, extensions: Iterable[Extension] = ()) -> dict[str, Any]:
+    """Collect the provenance of a session: commit, versions, processor, device and extensions.
+
+    `machine` names processor and device: run times are forecast from runs on the same machine.
+
+    Args:
+        device: `cpu` or the name of a GPU device.
+        extensions: Extensions that the runs use.
+    """
+    origin, extensions = _of_machine(device), tuple(extensions)
+    if not extensions:
         return origin
-    packages = {one.package: one.version for one in used}
-    return {**origin, "packages": origin["packages"] | packages, "extensions": {one.use: one.made_by for one in used}}
+    packages = {extension.package: extension.version for extension in extensions}
+    return {
+        **origin,
+        "packages": origin["packages"] | packages,
+        "extensions": {extension.use: extension.made_by for extension in extensions},
+    }
 
 
 @lru_cache(maxsize=8)
@@ -39,7 +49,7 @@ def _of_machine(device: str) -> dict[str, Any]:
     machine = f"{processor()}, {os.cpu_count()} cores" + (f", {card[0]}" if card else "")
     return {
         **_commit(PACKAGE),
-        "packages": {name: found for name, found in versions(PACKAGES).items() if found},
+        "packages": {name: version for name, version in versions(PACKAGES).items() if version},
         "python": platform.python_version(),
         "system": f"{platform.system()} {platform.release()}",
         "processor": processor(),
@@ -50,8 +60,7 @@ def _of_machine(device: str) -> dict[str, Any]:
 
 
 def _commit(package: Path) -> dict[str, Any]:
-    """Commit of the checkout that `package` is imported from, and whether it was changed; none if it is
-    installed."""
+    """Commit of the checkout from which `package` is imported, and whether it has changes; None if it is installed."""
     if _git(package, "ls-files", "--error-unmatch", "__init__.py") is None:
         return {"commit": None, "dirty": None}
     changes = _git(package, "status", "--porcelain", "--", ":/")
@@ -60,7 +69,7 @@ def _commit(package: Path) -> dict[str, Any]:
 
 def _git(folder: Path, *words: str) -> str | None:
     try:
-        done = subprocess.run(["git", "-C", str(folder), *words], capture_output=True, text=True, timeout=20)
+        process = subprocess.run(["git", "-C", str(folder), *words], capture_output=True, text=True, timeout=20)
     except (OSError, subprocess.TimeoutExpired):
         return None
-    return done.stdout.strip() if done.returncode == 0 else None
+    return process.stdout.strip() if process.returncode == 0 else None

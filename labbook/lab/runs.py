@@ -1,4 +1,4 @@
-"""A run that is there: its record, its tables, its recording, and whether they are whole; and its picture."""
+"""Finished runs on disk: record, tables, recording, checkpoint and picture, with their checks."""
 
 import math
 import struct
@@ -13,21 +13,29 @@ from labbook.lab import identity
 from labbook.lab.folder import PICTURE, LabFolder, open_file
 from labbook.lab.packings import PackingRecord, read_packing
 from labbook.lab.records import RunRecord, Unreadable
-from labbook.lab.tables import MOST, Stored, fault_of_rows, most_bytes, read_checkpoint
+from labbook.lab.tables import MAX_TABLE_BYTES, Stored, fault_of_rows, most_bytes, read_checkpoint
 from labbook.measure import RunData
 
 RECORDING = "recording.npz"
 CHECKPOINT = "checkpoint.npz"
 _SIGNATURE, _END = b"\x89PNG\r\n\x1a\n\0\0\0\rIHDR", b"\0\0\0\0IEND\xaeB`\x82"
 _WIDEST, _LARGEST = 1024, 2**20  # pixels along either side, and bytes, of a picture
-_BYTES = 2**16  # of a grain in a checkpoint, at most
+_BYTES_PER_GRAIN = 2**16  # of a grain in a checkpoint, at most
 
 
 def open_run(folder: Path, *, key: str | None = None, lab: LabFolder | None = None) -> tuple[RunRecord, RunData]:
-    """The run in `folder`, after everything in it has been looked at: record, tables, recording, checkpoint, keys.
+    """Read the run in `folder` and check everything in it: record, keys, tables, recording, checkpoint.
 
-    `key`: what the folder has yet to be named, if it is not named by its key; `lab`: where its packing is, if that is
-    not the lab around the folder. Raises Unreadable, which names the file, for anything that is missing or damaged.
+    Args:
+        folder: Folder of the run.
+        key: Key that the folder will be named by; None: its name is the key.
+        lab: Lab that has its packing; None: the lab around the folder.
+
+    Returns:
+        Record of the run, and its start and tables.
+
+    Raises:
+        Unreadable: A file is missing or damaged; the message names it.
     """
     record = RunRecord.read(folder, key)
     check_keys(folder, record)
@@ -40,7 +48,16 @@ def open_run(folder: Path, *, key: str | None = None, lab: LabFolder | None = No
 
 
 def run_data(folder: Path, record: RunRecord, lab: LabFolder | None = None) -> RunData:
-    """The run in `folder`, which lies in a lab beside its packings unless `lab` is given. Raises Unreadable."""
+    """Read the start and the tables of the run in `folder`.
+
+    Args:
+        folder: Folder of the run.
+        record: Its record.
+        lab: Lab that has its packing; None: the lab around the folder.
+
+    Raises:
+        Unreadable: A table or the packing is missing or damaged.
+    """
 
     packed, start = read_packing((lab or LabFolder(folder.parent.parent)).packing(record.packing_key))
     _check_start(folder, record, packed)
@@ -57,22 +74,22 @@ def run_data(folder: Path, record: RunRecord, lab: LabFolder | None = None) -> R
 
 
 def read_tables(folder: Path, record: RunRecord) -> dict[str, dict[str, np.ndarray]]:
-    """Rows of every probe of the run, by table name. Raises Unreadable if one is missing or holds what it cannot."""
+    """Read the rows of every probe of the run, by table name. Raises Unreadable for a missing or invalid table."""
     tables = {}
     for probe in map(parse_probe, record.coverage.probes):
         path = folder / f"{table_name(probe)}.npz"
-        most = most_bytes(probe, record.scene, record.numerics, record.coverage.steps)
-        with _opened(path, most) as stored:
+        limit = most_bytes(probe, record.scene, record.numerics, record.coverage.steps)
+        with _opened(path, limit) as stored:
             tables[table_name(probe)] = table = _columns(path, stored)
         _check_rows(path, table, probe, record)
     return tables
 
 
 def check_tables(folder: Path, record: RunRecord, tables: Mapping[str, Mapping[str, np.ndarray]]) -> None:
-    """Check the rows of all probes of a run, with those of its recording, before they are read from its folder.
+    """Check rows in memory of all probes of a run, and of its recording, instead of reading them from its folder.
 
     Raises:
-        Unreadable: A table is missing, or holds what it cannot.
+        Unreadable: A table is missing or has impossible values.
     """
     film = film_of(record)
     probes = {table_name(probe): probe for probe in map(parse_probe, record.coverage.probes)}
@@ -83,7 +100,7 @@ def check_tables(folder: Path, record: RunRecord, tables: Mapping[str, Mapping[s
 
 
 def read_recording(folder: Path, record: RunRecord) -> dict[str, np.ndarray] | None:
-    """Recorded frames of the run, or None if it was not recorded. Raises Unreadable."""
+    """Read the recorded frames of the run; None if it was not recorded. Raises Unreadable."""
     film = film_of(record)
     if film is None:
         return None
@@ -94,10 +111,10 @@ def read_recording(folder: Path, record: RunRecord) -> dict[str, np.ndarray] | N
 
 
 def read_end(folder: Path, record: RunRecord) -> Checkpoint:
-    """The exact last state of the run, which its backend alone can judge. Raises Unreadable."""
+    """Read the exact last state of the run, whose content only its backend can check. Raises Unreadable."""
     path = folder / CHECKPOINT
     try:
-        checkpoint = read_checkpoint(path, min(MOST, 2**20 + _BYTES * record.scene.grains.count))
+        checkpoint = read_checkpoint(path, min(MAX_TABLE_BYTES, 2**20 + _BYTES_PER_GRAIN * record.scene.grains.count))
     except (OSError, ValueError) as error:
         raise _unreadable(path, error) from error
     if (checkpoint.backend, checkpoint.cache_version) != (record.backend, record.cache_version):
@@ -106,15 +123,15 @@ def read_end(folder: Path, record: RunRecord) -> Checkpoint:
 
 
 def picture(folder: Path) -> Path | None:
-    """Where the picture (PNG) of the bed of the run in `folder` is.
+    """Return the path of the picture (PNG) of the run's bed.
 
-    None if there is none, as of older runs, or if that file is a link or no small PNG, or only the beginning of one.
+    None if there is none, as in older runs, or if the file is a link, is not a small PNG, or is incomplete.
     """
     return None if picture_content(folder) is None else folder / PICTURE
 
 
 def picture_content(folder: Path) -> bytes | None:
-    """The picture itself; None where `picture` gives None."""
+    """Return the bytes of the picture; None where `picture` gives None."""
     try:
         with open_file(folder / PICTURE) as file:
             content = file.read(_LARGEST + 1)
@@ -125,9 +142,9 @@ def picture_content(folder: Path) -> bytes | None:
     return content if whole and max(sides) <= _WIDEST else None
 
 
-def _opened(path: Path, most: float) -> Stored:
+def _opened(path: Path, limit: float) -> Stored:
     try:
-        return Stored(path, most)
+        return Stored(path, limit)
     except (OSError, ValueError) as error:
         raise _unreadable(path, error) from error
 
@@ -159,8 +176,14 @@ def _check_rows(path: Path, table: Mapping[str, np.ndarray], probe: Probe, recor
 
 
 def fault_of_crossings(table: Mapping[str, np.ndarray], crossed: int, last: float, again: bool = False) -> str | None:
-    """Why these cannot be the rows of `crossed` grains of which the last left the container at `last` [s]; `again`:
-    whether a grain may have left several times."""
+    """Explain why these rows contradict the record of crossings; None if they do not.
+
+    Args:
+        table: Rows of the probe at the outlet plane.
+        crossed: Recorded number of grains that have crossed.
+        last: Recorded time of the last crossing [s].
+        again: A grain may have crossed several times.
+    """
     if len(table["id"]) != crossed:
         return f"{len(table['id'])} grains have crossed the outlet, but {crossed} are recorded"
     if not again and len(np.unique(table["id"])) != crossed:
@@ -171,25 +194,25 @@ def fault_of_crossings(table: Mapping[str, np.ndarray], crossed: int, last: floa
 
 
 def check_keys(folder: Path, record: RunRecord) -> None:
-    """Whether the keys are those of what is recorded. Raises Unreadable."""
-    whose = {
+    """Check that the keys are those of the recorded content. Raises Unreadable."""
+    expected_keys = {
         "scene_key": identity.scene_key(record.scene, record.versions),
         "experiment_key": identity.experiment_key(record.scene_key, record.packing_key, record.kick),
         "run_key": identity.run_key(record.experiment_key, record.numerics, record.backend, record.cache_version),
     }
-    for name, key in whose.items():
+    for name, key in expected_keys.items():
         if getattr(record, name) != key:
             raise Unreadable(f"{folder / RunRecord.FILE}: {name}: it does not match the record ({key})")
     count = record.scene.grains.count
     if record.coverage.grains != count:
         raise Unreadable(f"{folder / RunRecord.FILE}: coverage.grains: the scene has {count}")
     if record.ledger is not None and record.ledger.started < count:
-        began = f"the run began with {record.ledger.started} of {count} grains: its packing had lost the others"
-        raise Unreadable(f"{folder / RunRecord.FILE}: ledger.started: {began}")
+        mismatch = f"the run began with {record.ledger.started} of {count} grains: its packing had lost the others"
+        raise Unreadable(f"{folder / RunRecord.FILE}: ledger.started: {mismatch}")
 
 
 def _check_start(folder: Path, record: RunRecord, packed: PackingRecord) -> None:
-    """Whether a packing is one that the run can have started from."""
+    """Check that the run can have started from a packing. Raises Unreadable."""
     path = folder / RunRecord.FILE
     if packed.scene.grains != record.scene.grains:
         raise Unreadable(f"{path}: packing_key: the packing {packed.packing_key} has other grains")
@@ -202,7 +225,7 @@ def _check_start(folder: Path, record: RunRecord, packed: PackingRecord) -> None
 
 
 def film_of(record: RunRecord) -> Film | None:
-    """The probe that gives the frames which the recording has; None without one."""
+    """Return the probe that gives the frames of the recording; None without a recording."""
     every = record.coverage.frame_interval
     return None if every is None else film_probe(every, record.scene.grains)
 

@@ -1,7 +1,7 @@
-"""An index on a PostgreSQL server, for a lab that several people share.
+"""Index on a PostgreSQL server, for a lab that several people share.
 
-The lab's file `catalogue.url` says where. The server holds the index alone: folders of runs stay what is true. One
-database serves many labs, each in a schema of its own.
+The lab's file `catalogue.url` has the address. The server holds the index only: the folders stay the source of all
+data. One database can hold the indexes of many labs, each in its own schema.
 """
 
 import json
@@ -18,49 +18,49 @@ if TYPE_CHECKING:
     from sqlalchemy import Engine
 
 BUSY = 30.0
-"""How long a transaction waits for another process's, and how long a server may take to answer the first time [s]."""
+"""Time that a transaction waits for another process, and that a server may take for its first answer [s]."""
 
 
 @dataclass(frozen=True)
 class Address:
-    """Where the index of a lab is. `url`: of the database, as `postgresql://host/name`; `schema`: the lab's own."""
+    """Address of the index of a lab. `url`: of the database, `postgresql://host/name`; `schema`: that of the lab."""
 
     url: str
     schema: str
 
     @property
-    def shown(self) -> str:
-        """For messages: without a password."""
-        return f"{url_shown(self.url)} (schema {self.schema})"
+    def display(self) -> str:
+        """Address for messages, without a password."""
+        return f"{hide_password(self.url)} (schema {self.schema})"
 
     @property
-    def beside(self) -> "Address":
-        """Where the next index of the lab is made."""
+    def shadow_index(self) -> "Address":
+        """Address at which the next index of the lab is built."""
         return replace(self, schema=f"{self.schema}_new")
 
 
-def url_shown(url: str) -> str:
-    """An address without its password."""
+def hide_password(url: str) -> str:
+    """Return an address without its password."""
     from sqlalchemy import make_url
 
     return make_url(url).render_as_string(hide_password=True)
 
 
 def address(lab: LabFolder) -> Address | None:
-    """Where the index of a lab is; None if it is a file of the lab. Raises LabError."""
+    """Return the address of the index of a lab; None if it is a file of the lab. Raises LabError."""
     return _read(lab.server)
 
 
 def _read(path: Path) -> Address | None:
-    """What a file `catalogue.url` says; None if there is none.
+    """Read a file `catalogue.url`; None if there is none.
 
-    The schema carries the number of the file that names it (st_ino), which no copy has: a lab that was copied has no
-    index until someone writes to it, and does not write into that of its original.
+    The name of the schema contains the inode number (st_ino) of the file, which no copy shares. So a copied lab has no
+    index until it is written to, and does not write into that of its original.
     """
     try:
         with open(path, encoding="utf-8") as file:
-            told, number = json.load(file), os.fstat(file.fileno()).st_ino
-        url, name = str(told["url"]), str(told["name"])
+            content, number = json.load(file), os.fstat(file.fileno()).st_ino
+        url, name = str(content["url"]), str(content["name"])
     except FileNotFoundError:
         return None
     except (OSError, ValueError, KeyError, TypeError) as problem:
@@ -72,7 +72,7 @@ def _read(path: Path) -> Address | None:
 
 
 def engine(place: Address) -> "Engine":
-    """An SQLAlchemy engine for the schema of a lab. Raises LabError where SQLAlchemy's driver is not installed."""
+    """Make an SQLAlchemy engine for the schema of a lab. Raises LabError if the driver is not installed."""
     from sqlalchemy import create_engine, make_url
     from sqlalchemy.pool import NullPool
 
@@ -83,12 +83,18 @@ def engine(place: Address) -> "Engine":
             url, poolclass=NullPool, connect_args={"options": options, "connect_timeout": int(BUSY)}
         )  # fmt: skip
     except ImportError as error:
-        raise LabError(f"{place.shown} takes psycopg: pip install 'labbook[postgres]'") from error
+        raise LabError(f"{place.display} takes psycopg: pip install 'labbook[postgres]'") from error
 
 
 def move_to(lab: LabFolder, url: str) -> str | None:
-    """Keep the index of a lab on a server from now on, where it is empty until it is made again. What is left behind
-    where it was, or None. Raises LabError, and the index is where it was."""
+    """Move the index of a lab to a server, where it is empty until it is rebuilt.
+
+    Returns:
+        Message about an old index that could not be removed, or None.
+
+    Raises:
+        LabError: The server cannot be used; the old index stays in use.
+    """
     from sqlalchemy import make_url
     from sqlalchemy.exc import ArgumentError, SQLAlchemyError
     from sqlalchemy.schema import CreateSchema
@@ -99,7 +105,7 @@ def move_to(lab: LabFolder, url: str) -> str | None:
     except ArgumentError as problem:
         raise LabError(f"--index {url}: {problem}; give postgresql://HOST/DATABASE, or file") from problem
     make_folder(lab.folder)
-    before, fresh = _left(lab), lab.server.with_name(f"{lab.server.name}.{os.getpid()}")
+    before, fresh = _previous_address(lab), lab.server.with_name(f"{lab.server.name}.{os.getpid()}")
     try:
         fresh.write_text(json.dumps({"url": url, "name": secrets.token_hex(4)}) + "\n", encoding="utf-8")
         place = _read(fresh)
@@ -109,45 +115,45 @@ def move_to(lab: LabFolder, url: str) -> str | None:
             connection.commit()
         fresh.replace(lab.server)
     except SQLAlchemyError as error:
-        raise LabError(f"no index can be made at {url_shown(url)}: {why(error)}") from error
+        raise LabError(f"no index can be made at {hide_password(url)}: {why(error)}") from error
     finally:
         remove(fresh)
     for suffix in ("", "-wal", "-shm"):
         remove(lab.catalogue.with_name(lab.catalogue.name + suffix))
-    return _dropped(before) if before else None
+    return _drop(before) if before else None
 
 
-def move_home(lab: LabFolder) -> str | None:
-    """Keep the index of a lab in a file of the lab again. What is left behind on a server that cannot be reached, or
-    None."""
-    place = _left(lab)
+def move_to_file(lab: LabFolder) -> str | None:
+    """Move the index of a lab back to a file of the lab. Returns a message about an old index that could not be
+    removed, or None."""
+    place = _previous_address(lab)
     remove(lab.server)
-    return _dropped(place) if place else None
+    return _drop(place) if place else None
 
 
-def _left(lab: LabFolder) -> Address | None:
-    """Where the index of a lab was; None also where its file does not say so: choosing a place anew is the remedy."""
+def _previous_address(lab: LabFolder) -> Address | None:
+    """Address that the index of a lab had; None also if its file is invalid: choosing a new place is the remedy."""
     try:
         return _read(lab.server)
     except LabError:
         return None
 
 
-def _dropped(place: Address) -> str | None:
-    """Remove an index from its server; why it is still there, or None."""
+def _drop(place: Address) -> str | None:
+    """Remove an index from its server. Returns why it could not be removed, or None."""
     from sqlalchemy.exc import SQLAlchemyError
     from sqlalchemy.schema import DropSchema
 
     try:
         with engine(place).connect() as connection:
-            for each in (place, place.beside):
-                connection.execute(DropSchema(each.schema, cascade=True, if_exists=True))
+            for schema_address in (place, place.shadow_index):
+                connection.execute(DropSchema(schema_address.schema, cascade=True, if_exists=True))
             connection.commit()
     except (SQLAlchemyError, LabError) as error:
-        return f"the old index could not be removed: {place.shown}: {why(error)}"
+        return f"the old index could not be removed: {place.display}: {why(error)}"
     return None
 
 
 def why(error: Exception) -> str:
-    """The first line of what a server or its driver says."""
+    """Return the first line of an error of a server or its driver."""
     return str(getattr(error, "orig", None) or error).strip().splitlines()[0]

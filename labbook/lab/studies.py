@@ -1,8 +1,8 @@
-"""The texts of the studies that were run in a lab, as their authors wrote them: `lab/study-files/NAME.yaml`.
+"""Texts of the studies that were run in a lab, as their authors wrote them: `lab/study-files/NAME.yaml`.
 
-A text is that of the last run under its name. The calibration by which numerics were chosen, where a study has one of
-its own, lies beside it, and so does a list of the files that it names; the content of these is in `lab/attached`.
-Nothing here reads what they say: `labbook.study.load` does.
+The text is that of the last run under its name. Beside it are the study's own calibration, if it has one, and a list of
+the files that it names; the content of these is in `lab/attached`. This module does not parse studies:
+`labbook.study.load` does.
 """
 
 import json
@@ -20,31 +20,39 @@ SUFFIX = ".yaml"
 def keep(
     lab: LabFolder, name: str, text: str, calibration: Path | None = None, files: Mapping[str, str] | None = None
 ) -> None:
-    """Keep `text` as that of the study `name`, and the file of its own calibration beside it, in place of earlier ones;
-    and the list of its attached `files`, hashes by name. The same is not written again.
+    """Store the text of a study, in place of an earlier one; an equal text is not written again.
 
-    Raises ValueError for a name that no study may have, and OSError.
+    Args:
+        lab: Folder of the lab.
+        name: Name of the study.
+        text: YAML text.
+        calibration: File of the study's own calibration, which is copied.
+        files: Hashes of its attached files, by name.
+
+    Raises:
+        ValueError: No study may have this name.
+        OSError: The disk is full, or not writable.
     """
     path, content = place(lab, name), text.encode()
-    measured = None if calibration is None else calibration.read_bytes()
+    calibration_text = None if calibration is None else calibration.read_bytes()
     with lab.alone(f"study-{name}"):  # several processes may begin the same study
         if _content(path) != content:
             _write(lab, path, content)
-        _keep_beside(lab, path.with_suffix(BESIDE), measured)
+        _keep_beside(lab, path.with_suffix(BESIDE), calibration_text)
         listed = json.dumps(dict(files), indent=1).encode() if files else None
         _keep_beside(lab, path.with_suffix(attached.LIST), listed)
 
 
 def attach(lab: LabFolder, keys: Iterable[str]) -> None:
-    """Keep the contents of attached files, by hash, in the lab. Raises OSError, and AttachedError for a content that
-    is nowhere."""
+    """Store the contents of attached files, by hash. Raises OSError, and AttachedError for a content that cannot be
+    found."""
     for key in keys:
         if not _is_attached(lab, key):
             _attach(lab, key, attached.content(key))
 
 
 def attach_content(lab: LabFolder, content: bytes) -> None:
-    """Keep the content of an attached file of another lab. Raises OSError."""
+    """Store the content of an attached file of another lab. Raises OSError."""
     if not _is_attached(lab, key := attached.key_of(content)):
         _attach(lab, key, content)
 
@@ -61,46 +69,52 @@ def _attach(lab: LabFolder, key: str, content: bytes) -> None:
 
 
 def add(lab: LabFolder, name: str, text: str, calibration: str | None = None, files: str | None = None) -> str | None:
-    """Keep `text` as that of the study `name`, the text of its own calibration, and the list of its files, unless the
-    lab has such a study.
+    """Store the text of a study, its calibration and its list of files, unless the lab has a study of this name.
 
-    Returns the text that the lab had, or None. Raises ValueError for a name that no study may have, and OSError.
+    Returns:
+        The text that the lab had before; None if it was stored now.
+
+    Raises:
+        ValueError: No study may have this name.
+        OSError: The disk is full, or not writable.
     """
     path, content = place(lab, name), text.encode()
     with lab.alone(f"study-{name}"):
-        had = _content(path)
-        if had is None:
+        stored = _content(path)
+        if stored is None:
             _write(lab, path, content)
             _keep_beside(lab, path.with_suffix(BESIDE), None if calibration is None else calibration.encode())
             _keep_beside(lab, path.with_suffix(attached.LIST), None if files is None else files.encode())
-        return None if had is None else had.decode(errors="replace")
+        return None if stored is None else stored.decode(errors="replace")
 
 
 def calibration(lab: LabFolder, path: Path) -> Path | None:
-    """The file of the calibration that is kept beside that of a study in the lab; None if there is none."""
+    """Return the file of the calibration that is stored beside that of a study; None if there is none."""
     beside = path.with_suffix(BESIDE)
-    return beside if path.parent == lab.studies and _is_own(beside) else None
+    return beside if path.parent == lab.studies and _is_ordinary(beside) else None
 
 
-def kept(lab: LabFolder) -> dict[str, Path]:
-    """The files of all studies that are kept, by name, in the order of their names. Links are none of them: in a lab
-    that came from elsewhere they may lead to any file."""
-    return {name: path for name, path in named(lab).items() if _is_own(path)}
+def study_files(lab: LabFolder) -> dict[str, Path]:
+    """Return the files of all stored studies, by name, sorted.
+
+    Links are left out: in a lab that came from elsewhere they could show any file.
+    """
+    return {name: path for name, path in candidates(lab).items() if _is_ordinary(path)}
 
 
-def _is_own(path: Path) -> bool:
+def _is_ordinary(path: Path) -> bool:
     return path.is_file() and not path.is_symlink()
 
 
 def place(lab: LabFolder, name: str) -> Path:
-    """Where the text of the study `name` is kept. Raises ValueError for a name that no study may have."""
+    """Return the path of the text of the study `name`. Raises ValueError if no study may have this name."""
     if not names_a_study(name):
         raise ValueError(f"{name!r} is not the name of a study: letters, digits, - and _, beginning with a letter")
     return lab.studies / f"{name}{SUFFIX}"
 
 
-def named(lab: LabFolder) -> dict[str, Path]:
-    """Whatever is named like the file of a study, also links and folders, by name, in the order of their names."""
+def candidates(lab: LabFolder) -> dict[str, Path]:
+    """Return all paths with the name of a study file, links and folders too, by name, sorted."""
     try:
         paths = sorted(path for path in lab.studies.iterdir() if path.suffix == SUFFIX)
     except (FileNotFoundError, NotADirectoryError):
@@ -109,7 +123,7 @@ def named(lab: LabFolder) -> dict[str, Path]:
 
 
 def _content(path: Path) -> bytes | None:
-    """What is in a file; None if there is none that can be read."""
+    """Content of a file; None if it cannot be read."""
     try:
         with open_file(path) as file:
             return file.read()

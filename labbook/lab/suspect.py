@@ -1,6 +1,6 @@
-"""Which runs are suspect: their ledger says that something is wrong although no guard stopped them.
+"""Suspect runs: their ledger shows an error although no guard stopped them.
 
-A suspect run is kept and shown with the reason. It takes part in no mean and no fit unless the study says
+A suspect run is kept and shown with the reason. It is left out of all means and fits unless the study sets
 `accuracy.count_suspect`.
 """
 
@@ -10,46 +10,54 @@ from labbook.lab.records import RunLedger
 from labbook.scene.quantities import told_apart
 
 DEEPEST = 0.1
-"""Largest overlap, in diameters, of a run that is not suspect.
+"""Largest overlap of a run that is not suspect [diameters].
 
-Contact laws are those of small overlaps: at a tenth of d, the circle of contact of two spheres by Hertz has a third of
-their radius. Runs of studies/quickstart.yaml reach 3.4 to 5.2 % (G = 2 MPa); 1000 grains as soft as 1 MPa 3.4 to 4.9 %,
-and of 0.2 MPa 8.6 to 10.6 %; rods of studies/pongo2022-small.yaml 1.3 to 5.7 %. The guard
-`numerics.overlap_limit` stops runs at 25 % by default.
+Contact laws hold for small overlaps: at a tenth of d, the contact circle of two spheres by Hertz has a third of their
+radius. Runs of studies/quickstart.yaml reach 3.4 to 5.2 % (G = 2 MPa); 1000 grains as soft as 1 MPa 3.4 to 4.9 %, and
+of 0.2 MPa 8.6 to 10.6 %; rods of studies/pongo2022-small.yaml 1.3 to 5.7 %. The guard `numerics.overlap_limit` stops
+runs at 25 % by default.
 """
 FASTEST = 3.0
-"""Largest speed of a run that is not suspect, in units of the speed of free fall through it.
+"""Largest speed of a run that is not suspect, in units of its free-fall speed (`RunLedger.expected_speed`).
 
-A grain this fast has nine times the energy that its fall can give it. Runs of studies/quickstart.yaml reach 0.4 to
-0.6."""
+A grain this fast has nine times the energy that its fall can give it. Runs of studies/quickstart.yaml reach 0.4 to 0.6.
+"""
 
 
 def counts(outcome: str, suspect: str, count_suspect: bool) -> bool:
-    """Whether a run takes part in means and fits: it did not diverge, and is not suspect, or counts all the same."""
+    """Decide whether a run takes part in means and fits.
+
+    A diverged run never does, a suspect one only if `count_suspect`.
+
+    Args:
+        outcome: Outcome of the run.
+        suspect: Reason for which it is suspect; empty if it is not.
+        count_suspect: The study includes suspect runs.
+    """
     return outcome != "diverged" and (not suspect or count_suspect)
 
 
 def suspicion(ledger: RunLedger | None) -> str:
-    """Why a run with this ledger is suspect; empty if it is not, or if nothing is known."""
+    """Explain why a run with this ledger is suspect; empty if it is not, or if there is no ledger."""
     if ledger is None:
         return ""
     reasons = []
     if ledger.overlap is not None and ledger.overlap > DEEPEST:
-        overlap, most = told_apart(ledger.overlap, DEEPEST)
-        reasons.append(f"grains overlap by {overlap} d, more than {most} d")
+        overlap, threshold = told_apart(ledger.overlap, DEEPEST)
+        reasons.append(f"grains overlap by {overlap} d, more than {threshold} d")
     limit = FASTEST * (ledger.expected_speed or math.inf)
     if ledger.speed is not None and ledger.speed > limit:
         reasons.append(f"a grain moves at {ledger.speed:.3g} m/s, more than {FASTEST:g} times its free-fall speed")
     if ledger.outside:
         reasons.append(f"{_grains(ledger.outside)} went through a wall or past the outlet")
     if ledger.lost:
-        told = f"{ledger.started} = {ledger.inside} inside + {ledger.left} left + {ledger.outside} outside"
-        reasons.append(f"the number of grains is not conserved: {told} fails by {ledger.lost}")
+        balance = f"{ledger.started} = {ledger.inside} inside + {ledger.left} left + {ledger.outside} outside"
+        reasons.append(f"the number of grains is not conserved: {balance} fails by {ledger.lost}")
     return "; ".join(reasons)
 
 
-def said(ledger: RunLedger | None) -> str:
-    """A ledger in a line."""
+def ledger_summary(ledger: RunLedger | None) -> str:
+    """Format a ledger as one line."""
     if ledger is None:
         return "not kept"
     overlap = "not known" if ledger.overlap is None else f"{ledger.overlap:.3g} d"

@@ -1,4 +1,4 @@
-"""Tables of a run as npz files, and a backend's checkpoint likewise."""
+"""Tables of runs, and checkpoints of backends, as npz files."""
 
 import io
 import json
@@ -19,42 +19,53 @@ from labbook.scene import Scene, Spheres
 from labbook.scene.quantities import told_apart
 from labbook.scene.wall_bins import all_walls
 
-MOST = 2.0**34
-"""Bytes that a file may unpack to, whatever it is said to hold: it is read into memory."""
-_LATE = 1.001  # steps between the time of a row and its step: crossings are interpolated within theirs
-_CONTACTS = 64  # rows of a grain in one frame, at most
+MAX_TABLE_BYTES = 2.0**34
+"""Maximum unpacked size of a file, whatever it declares: it is read into memory."""
+_TIME_TOLERANCE = 1.001  # steps between the time of a row and its step: crossings are interpolated within theirs
+_CONTACT_ROWS = 64  # rows of a grain in one frame, at most
 _LEVEL = 1  # of compression: level 6 is hardly smaller and takes twice as long
-_META = "_meta"
+_METADATA = "_meta"
 _HEADERS = {(1, 0): npy.read_array_header_1_0, (2, 0): npy.read_array_header_2_0}
 
 
 def write_table(path: Path, table: Table, *, compress: bool = True, durable: bool = True) -> None:
-    """Write columns by name as one npz, whole or not at all; `durable`: it is there after a crash."""
+    """Write columns by name as one npz file, atomically.
+
+    Args:
+        path: File to write.
+        table: Columns by name.
+        compress: Compress the columns.
+        durable: Synchronise the file with the disk.
+    """
     _write(path, dict(table), compress, durable)
 
 
-def read_table(path: Path, most: float = MOST) -> dict[str, np.ndarray]:
-    """Columns by name. Raises OSError or ValueError as `Stored` does."""
-    with Stored(path, most) as stored:
+def read_table(path: Path, max_bytes: float = MAX_TABLE_BYTES) -> dict[str, np.ndarray]:
+    """Read all columns by name. Raises OSError or ValueError as `Stored` does."""
+    with Stored(path, max_bytes) as stored:
         return dict(stored)
 
 
 class Stored(Mapping[str, np.ndarray]):
-    """The columns of an npz, each read when it is asked for; a context that holds the file open.
+    """Columns of an npz file, each read at its first use; a context that keeps the file open.
 
-    Nothing is unpacked before what the file declares has been checked: `most` bytes in all, numbers or text, as many as
-    the shapes say. Raises OSError, or ValueError for a file that is none.
+    Nothing is unpacked before the declared sizes have been checked: at most `max_bytes` in all, and columns of numbers
+    or text whose size fits their shape.
+
+    Raises:
+        OSError: The file cannot be read.
+        ValueError: It is not such a table.
     """
 
-    def __init__(self, path: Path, most: float = MOST):
+    def __init__(self, path: Path, max_bytes: float = MAX_TABLE_BYTES):
         self._path, self._file = path, open_file(path)
         try:
             with self._reading():
                 self._archive = ZipFile(self._file)
                 self._entries = {entry.filename.removesuffix(".npy"): entry for entry in self._archive.infolist()}
                 declared = sum(entry.file_size for entry in self._archive.infolist())
-                if declared > most:
-                    size, limit = told_apart(declared, most, of_limit=3)
+                if declared > max_bytes:
+                    size, limit = told_apart(declared, max_bytes, of_limit=3)
                     raise ValueError(f"it declares {size} bytes, more than the allowed {limit}")
         except BaseException:
             self._file.close()
@@ -85,11 +96,11 @@ class Stored(Mapping[str, np.ndarray]):
             if dtype.hasobject or math.prod(shape) * dtype.itemsize != entry.file_size - stream.tell():
                 raise ValueError(f"{name}: not {shape} of {dtype}")
             stream.seek(0)
-            return npy.read_array(stream, allow_pickle=False)
+            return npy.read_array(stream, allow_pickle=False)  # a pickle could run any code
 
     @contextmanager
     def _reading(self) -> Iterator[None]:
-        """Whatever unpacking damaged bytes may raise is a ValueError."""
+        """Raise ValueError for any error that unpacking damaged bytes causes."""
         try:
             yield
         except OSError:
@@ -100,17 +111,24 @@ class Stored(Mapping[str, np.ndarray]):
 
 
 def fault_of_rows(table: Table, probe: Probe, scene: Scene, numerics: Numerics, steps: int) -> str | None:
-    """Why these cannot be the rows that `probe` gave in the first `steps` steps of a run; None if they can.
+    """Explain why these cannot be the rows that `probe` gave in a run; None if they can.
 
-    Columns are asked for one at a time, and must hold finite numbers of the right kind, as many each; steps and times
-    lie within the run and belong together, ids are those of grains, and walls those of the scene.
+    Columns must have the right type, finite values and equal lengths. Steps and times must lie within the run and
+    agree, ids and walls must exist in the scene. Columns are read one at a time.
+
+    Args:
+        table: Columns by name.
+        probe: Probe of the run.
+        scene: Scene of the run.
+        numerics: Numerics of the run.
+        steps: Number of steps of the run.
     """
-    wanted = columns(probe, rods=not isinstance(scene.grains, Spheres))
-    del wanted["member"]
-    if missing := [name for name in wanted if name not in table]:
+    kinds = columns(probe, rods=not isinstance(scene.grains, Spheres))
+    del kinds["member"]
+    if missing := [name for name in kinds if name not in table]:
         return f"no column {', '.join(missing)}"
     count, step = None, np.zeros(0)
-    for name, kind in wanted.items():
+    for name, kind in kinds.items():
         column = np.asarray(table[name])
         count = len(column) if count is None and column.ndim == 1 else count
         if column.shape != (count,):
@@ -120,23 +138,23 @@ def fault_of_rows(table: Table, probe: Probe, scene: Scene, numerics: Numerics, 
         if not np.isfinite(column).all():
             return f"column {name} is not finite in row {int(np.argmin(np.isfinite(column)))}"
         if name in (limits := _limits(scene, steps)) and count:
-            least, most = limits[name]
-            if not (column.min() >= least and column.max() <= most):
-                return f"column {name} is not within {least} to {most}"
+            smallest, greatest = limits[name]
+            if not (column.min() >= smallest and column.max() <= greatest):
+                return f"column {name} is not within {smallest} to {greatest}"
         if name == "step":
             step = column
-        elif name == "time" and count and np.abs(column / numerics.dt - step).max() > _LATE:
+        elif name == "time" and count and np.abs(column / numerics.dt - step).max() > _TIME_TOLERANCE:
             return "column time does not match the steps"
     return None
 
 
 def _limits(scene: Scene, steps: int) -> dict[str, tuple[int, int]]:
-    last, walls = scene.grains.count - 1, len(all_walls(scene.container)) - 1
-    return {"step": (0, steps), "id": (0, last), "i": (0, last), "j": (-1, last), "wall": (-1, walls)}
+    last_id, walls = scene.grains.count - 1, len(all_walls(scene.container)) - 1
+    return {"step": (0, steps), "id": (0, last_id), "i": (0, last_id), "j": (-1, last_id), "wall": (-1, walls)}
 
 
 def most_bytes(probe: Probe, scene: Scene, numerics: Numerics, steps: int) -> float:
-    """Bytes to which the table that `probe` gave in so many steps may unpack."""
+    """Upper bound of the unpacked size of the table that `probe` gave in `steps` steps [bytes]."""
     if isinstance(probe, Crossing):  # a grain that is fed passes once a beat at most
         rows = scene.grains.count * (1 if scene.feed is None else steps // numerics.steps_per_beat + 1)
     elif isinstance(probe, Film):
@@ -145,29 +163,35 @@ def most_bytes(probe: Probe, scene: Scene, numerics: Numerics, steps: int) -> fl
         frames = 2 * (steps // (probe.every * numerics.steps_per_beat) + 1)
         single = isinstance(probe, Above | Ledger | Dissipation)
         planes = len(probe.planes) if isinstance(probe, Above) else 1
-        rows = frames * (planes if single else _CONTACTS * scene.grains.count)
-    return min(MOST, 2**16 + 8 * rows * len(columns(probe, rods=True)))
+        rows = frames * (planes if single else _CONTACT_ROWS * scene.grains.count)
+    return min(MAX_TABLE_BYTES, 2**16 + 8 * rows * len(columns(probe, rods=True)))
 
 
 def join(tables: Sequence[Table]) -> dict[str, np.ndarray]:
-    """One table below the other; none gives a table without columns."""
+    """Concatenate tables; an empty sequence gives a table without columns."""
     if not tables:
         return {}
     return {name: np.concatenate([table[name] for table in tables]) for name in tables[0]}
 
 
 def write_checkpoint(path: Path, checkpoint: Checkpoint, *, compress: bool = False, durable: bool = True) -> None:
-    """Write a backend's exact state; while work goes on it is written often, so not compressed. `durable`: as in
-    `write_table`."""
+    """Write the exact state of a backend.
+
+    Args:
+        path: File to write.
+        checkpoint: State of one member.
+        compress: Compress the arrays; checkpoints of unfinished work are written often, so they are not compressed.
+        durable: Synchronise the file with the disk.
+    """
     meta = json.dumps({"engine": checkpoint.backend, "cache_version": checkpoint.cache_version})
-    _write(path, {**checkpoint.arrays, _META: np.array(meta)}, compress, durable)
+    _write(path, {**checkpoint.arrays, _METADATA: np.array(meta)}, compress, durable)
 
 
-def read_checkpoint(path: Path, most: float = MOST) -> Checkpoint:
-    """Read what `write_checkpoint` wrote. Raises OSError or ValueError on a file that is none."""
-    arrays = read_table(path, most)
+def read_checkpoint(path: Path, limit: float = MAX_TABLE_BYTES) -> Checkpoint:
+    """Read a file that `write_checkpoint` wrote. Raises OSError or ValueError."""
+    arrays = read_table(path, limit)
     try:
-        meta = json.loads(str(arrays.pop(_META)))
+        meta = json.loads(str(arrays.pop(_METADATA)))
         backend, version = meta["engine"], meta["cache_version"]
     except (ValueError, KeyError, TypeError, RecursionError) as error:
         raise ValueError(f"{path}: not a checkpoint: it does not say of which backend it is") from error
@@ -177,7 +201,7 @@ def read_checkpoint(path: Path, most: float = MOST) -> Checkpoint:
 
 
 def _write(path: Path, arrays: Mapping[str, np.ndarray], compress: bool, durable: bool = True) -> None:
-    buffer = io.BytesIO()
+    buffer = io.BytesIO()  # in memory: ZipFile seeks back in its file, and `write_bytes` replaces a file atomically
     with ZipFile(buffer, "w", ZIP_DEFLATED if compress else ZIP_STORED, compresslevel=_LEVEL) as archive:
         for name, array in arrays.items():
             with archive.open(f"{name}.npy", "w", force_zip64=True) as stream:

@@ -13,7 +13,7 @@ from labbook.backend import Checkpoint, Expected, Spec
 from labbook.lab.folder import Claim
 from labbook.lab.index import Index, RunRows, run_rows
 from labbook.lab.journal import PROGRESS, FillingFailure
-from labbook.lab.packings import just_made
+from labbook.lab.packings import remember_packing
 from labbook.lab.records import Observe
 from labbook.plan.demand import Demand
 from labbook.plan.forecast import discharge_work, fill_work
@@ -413,7 +413,7 @@ class Board:
                 continue
             if entry.packing is not None:
                 stamp = entry.rows[0]["stamp"]
-                just_made(job.place, stamp, *entry.packing)
+                remember_packing(job.place, stamp, *entry.packing)
                 self._planner.catalogue.note_packing(job.key, stamp)
             self.tally.packings += 1
             self._packed(job.key)

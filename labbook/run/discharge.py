@@ -178,7 +178,7 @@ class DischargeJob(Job):
         most = math.inf if self.scene.feed is not None else 1 + 1e-9  # of the bed
         if not (0 <= crossed <= most * self.scene.grains.count and math.isfinite(last) and 0 <= left <= most):
             raise Unreadable(f"{folder / PROGRESS}: state: {crossed} crossed, the last at {last} s, {left} of the mass")
-        for name, table in self.journal.each():
+        for name, table in self.journal.iter_rows():
             if name not in probes:
                 raise Unreadable(f"{folder / PROGRESS}: chunks: {name} is unexpected")
             if fault := fault_of_rows(table, probes[name], self.scene, self.numerics, saved.step):

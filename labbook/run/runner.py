@@ -119,7 +119,7 @@ class Runner:
             stopped=self.request.made,
             wall_time=time.perf_counter() - begun,
             work_done=execution.meter.work,
-            problems=tuple(index.found.problems),
+            problems=tuple(index.report.problems),
             left_behind=execution.left_behind,
             holds=holds,
             preparing=execution.meter.preparing,

@@ -23,7 +23,7 @@ from toy_lab import labbook, unsealed
 from toy_web import HOST, ORIFICES, Read, ask, client, everything, keys_of, listing, make
 
 from labbook.lab import LabFolder, notes
-from labbook.lab.database import opened, runs
+from labbook.lab.database import open_engine, runs
 from labbook.lab.notes import Note
 
 STUDY, POINTS = "toy-study", len(ORIFICES)
@@ -174,7 +174,7 @@ def test_files_of_any_name_are_handed_out_under_it(copied):
 
 def test_a_run_of_a_study_of_no_name_does_not_break_the_pages(copied):
     """It was indexed before names were looked at."""
-    with opened(LabFolder(copied / "lab"), read_only=False).connect() as connection:
+    with open_engine(LabFolder(copied / "lab"), read_only=False).connect() as connection:
         connection.execute(runs.update().where(runs.c.run_key == keys_of(copied / "lab")[0]).values(study="<b>x"))
         connection.commit()
     somebody = client(copied / "lab")

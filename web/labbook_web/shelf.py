@@ -283,7 +283,7 @@ class Shelf:
 
     def _files(self) -> dict[str, Path]:
         """Study files by name: those of the lab, and those that were given."""
-        found = {} if self._only else studies.kept(self.lab)
+        found = {} if self._only else studies.study_files(self.lab)
         for path in self._given:
             try:
                 found[self._read(path)[0].name] = path

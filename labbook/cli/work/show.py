@@ -15,7 +15,7 @@ from labbook.commands import command
 from labbook.lab import LabError, LabFolder
 from labbook.lab.notes import Note, read
 from labbook.lab.runs import open_run, picture
-from labbook.lab.suspect import said, suspicion
+from labbook.lab.suspect import ledger_summary, suspicion
 from labbook.results import display
 from labbook.scene.quantities import duration, percent
 
@@ -63,7 +63,7 @@ def _noted(lab: LabFolder, key: str) -> tuple[Note, str | None]:
 
 def _ledger(ledger) -> str:
     why = suspicion(ledger)
-    return said(ledger) + (f"; suspect: {why}" if why else "")
+    return ledger_summary(ledger) + (f"; suspect: {why}" if why else "")
 
 
 def _show(record, folder, picture, measured) -> None:

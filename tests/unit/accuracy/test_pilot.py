@@ -197,7 +197,7 @@ def test_a_lab_in_python_leaves_the_pilot_out_if_it_is_told_to(tmp_path, few):
 def test_the_lab_keeps_it_with_the_study(tmp_path, monkeypatch, few):
     path, lab = asked_file(tmp_path), LabFolder(tmp_path / "lab")
     labbook("run", path, "--lab", lab.folder, "--backend", "toy")
-    kept = studies.kept(lab)["toy-study"]
+    kept = studies.study_files(lab)["toy-study"]
     beside = studies.calibration(lab, kept)
     assert beside is not None
     assert beside.read_bytes() == (tmp_path / NAME).read_bytes()
@@ -205,7 +205,7 @@ def test_the_lab_keeps_it_with_the_study(tmp_path, monkeypatch, few):
     monkeypatch.setattr("labbook.lab.merge.load", lambda name: Backend())
     other = LabFolder(tmp_path / "other")
     labbook("import", lab.folder, "--lab", other.folder)
-    brought = studies.calibration(other, studies.kept(other)["toy-study"])
+    brought = studies.calibration(other, studies.study_files(other)["toy-study"])
     assert brought is not None
     assert brought.read_bytes() == beside.read_bytes()
     studies.keep(lab, "toy-study", "name: toy-study\n")

@@ -109,7 +109,7 @@ def test_every_verb_says_so_and_none_fails(sound, tmp_path, file, kind):
     told = labbook("report", asked, "--lab", lab.folder, "--backend", "toy")
     assert str(victim) in told.output.replace("\n", "")
     index = Index(lab)
-    assert any(str(victim) in problem for problem in index.found.problems)
+    assert any(str(victim) in problem for problem in index.report.problems)
     index.close()
     catalogue = Catalogue(lab)
     assert len(catalogue.damaged()) == 1, "one row"

@@ -12,7 +12,7 @@ from typer.testing import CliRunner
 
 import labbook
 from labbook.lab import Catalogue, LabFolder, NoCatalogue, RunRecord, Unreadable
-from labbook.lab.database import SCHEMA_VERSION, metadata, opened, runs
+from labbook.lab.database import SCHEMA_VERSION, metadata, open_engine, runs
 from labbook.lab.index import Index
 from labbook.lab.merge import Merged, merge
 from labbook.measure import MEASURES
@@ -36,7 +36,7 @@ def lab(finished, tmp_path):
 
 
 def tables(lab) -> dict[str, list]:
-    with opened(LabFolder(lab), read_only=True).connect() as connection:
+    with open_engine(LabFolder(lab), read_only=True).connect() as connection:
         return {name: sorted(map(repr, connection.execute(metadata.tables[name].select()))) for name in EVERYTHING}
 
 
@@ -59,7 +59,7 @@ def test_made_again_it_is_the_same(lab):
 
 def test_one_of_another_version_is_made_again_by_whoever_writes(lab):
     before = tables(lab)
-    with opened(LabFolder(lab), read_only=False).connect() as connection:
+    with open_engine(LabFolder(lab), read_only=False).connect() as connection:
         connection.execute(text(f"UPDATE about SET schema_version = {SCHEMA_VERSION + 1}"))
         connection.execute(text("ALTER TABLE runs ADD COLUMN later TEXT"))
         connection.commit()
@@ -191,15 +191,15 @@ def test_an_unreadable_run_is_run_again(lab, tmp_path):
 
 def test_a_run_that_was_not_indexed_is_found(lab):
     key = sorted((lab / "runs").iterdir())[0].name
-    with opened(LabFolder(lab), read_only=False).connect() as connection:
+    with open_engine(LabFolder(lab), read_only=False).connect() as connection:
         connection.execute(runs.delete().where(runs.c.run_key == key))
         connection.commit()
     assert len(Catalogue(lab).runs()) == 3
-    found = Index(LabFolder(lab)).found
-    assert (found.runs, found.gone) == (1, 0)
+    found = Index(LabFolder(lab)).report
+    assert (found.runs, found.vanished) == (1, 0)
     shutil.rmtree(lab / "runs" / key)
-    found = Index(LabFolder(lab)).found
-    assert (found.runs, found.gone) == (0, 1)
+    found = Index(LabFolder(lab)).report
+    assert (found.runs, found.vanished) == (0, 1)
     assert key not in set(Catalogue(lab).measurements().run_key)
 
 
@@ -297,7 +297,7 @@ def test_a_hundred_thousand_runs_are_listed(tmp_path):
         {**row, "run_key": f"{n:024x}", "lineage_key": f"{n:024x}", "seed": n, "finished": f"2026-{n:06d}"}
         for n in range(count)
     ]
-    with opened(LabFolder(tmp_path / "lab"), read_only=False).connect() as connection:
+    with open_engine(LabFolder(tmp_path / "lab"), read_only=False).connect() as connection:
         connection.execute(text("BEGIN"))
         connection.execute(runs.insert(), synthetic)
         connection.commit()

@@ -23,7 +23,7 @@ def ran(tmp_path):
 
 def test_a_lab_keeps_measurements_with_the_study(ran):
     lab, study = ran
-    assert load(studies.kept(lab)["toy-study"]).reference == study.reference
+    assert load(studies.study_files(lab)["toy-study"]).reference == study.reference
     carry_out(study.change(reference=None), lab.folder)
     assert [file.name for file in lab.studies.iterdir()] == ["toy-study.yaml"]
 
@@ -31,7 +31,7 @@ def test_a_lab_keeps_measurements_with_the_study(ran):
 def test_an_import_brings_them(ran, tmp_path):
     lab, study = ran
     labbook("import", lab.folder, "--lab", tmp_path / "other")
-    assert load(studies.kept(LabFolder(tmp_path / "other"))["toy-study"]).reference == study.reference
+    assert load(studies.study_files(LabFolder(tmp_path / "other"))["toy-study"]).reference == study.reference
 
 
 def test_a_copy_that_was_changed_is_not_used(ran, tmp_path):
@@ -40,4 +40,4 @@ def test_a_copy_that_was_changed_is_not_used(ran, tmp_path):
     (key,) = study.beside.files.values()
     (lab.attached / key).write_text(CSV.replace("18.9", "19.9"))
     with pytest.raises(StudyError, match="no copy is left"):
-        load(studies.kept(lab)["toy-study"])
+        load(studies.study_files(lab)["toy-study"])

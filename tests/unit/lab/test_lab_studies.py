@@ -40,7 +40,7 @@ class Said(Unwatched):
         self.lab, self.lines, self.there = lab, [], []
 
     def show(self, view: View) -> None:
-        self.there.append(bool(studies.kept(self.lab)))
+        self.there.append(bool(studies.study_files(self.lab)))
 
     def tell(self, line: str) -> None:
         self.lines.append(line)
@@ -49,8 +49,8 @@ class Said(Unwatched):
 def test_a_run_keeps_its_study_as_its_author_wrote_it(tmp_path):
     path, lab = commented(tmp_path, orifices="[18, 24]"), LabFolder(tmp_path / "lab")
     labbook("run", path, "--lab", lab.folder, "--backend", "toy")
-    assert studies.kept(lab) == {"toy-study": lab.folder / "study-files/toy-study.yaml"}
-    kept = studies.kept(lab)["toy-study"]
+    assert studies.study_files(lab) == {"toy-study": lab.folder / "study-files/toy-study.yaml"}
+    kept = studies.study_files(lab)["toy-study"]
     assert kept.read_bytes() == path.read_bytes()
     again, asked = load(kept), load(path)
     assert again.points == asked.points
@@ -70,7 +70,7 @@ def test_it_is_kept_before_the_first_run_begins(tmp_path):
 def test_the_text_is_that_of_the_last_run_and_is_written_only_if_it_differs(tmp_path):
     path, lab = commented(tmp_path), LabFolder(tmp_path / "lab")
     carry_out(load(path), lab.folder)
-    kept = studies.kept(lab)["toy-study"]
+    kept = studies.study_files(lab)["toy-study"]
     before = kept.stat()
     carry_out(load(path), lab.folder)
     assert (kept.stat().st_ino, kept.stat().st_mtime_ns) == (before.st_ino, before.st_mtime_ns)
@@ -86,8 +86,8 @@ def test_a_study_made_in_python_is_kept_as_yaml(tmp_path):
     asked = define({**load(study_file(tmp_path, **SMALL)).stated, "name": "in-python"})
     lab = LabFolder(tmp_path / "lab")
     carry_out(asked, lab.folder)
-    assert studies.kept(lab)["in-python"].read_text() == asked.yaml() == asked.text
-    again = load(studies.kept(lab)["in-python"])
+    assert studies.study_files(lab)["in-python"].read_text() == asked.yaml() == asked.text
+    again = load(studies.study_files(lab)["in-python"])
     assert (again.points, keys(again)) == (asked.points, keys(asked))
 
 
@@ -95,9 +95,9 @@ def test_a_comparison_and_packings_alone_keep_the_whole_study(tmp_path):
     path, lab = commented(tmp_path, replicates=2, orifices="[18, 24]"), LabFolder(tmp_path / "lab")
     asked = load(path)
     compared(narrowed(asked, [1]), lab.folder)
-    assert studies.kept(lab)["toy-study"].read_bytes() == path.read_bytes()
+    assert studies.study_files(lab)["toy-study"].read_bytes() == path.read_bytes()
     carry_out(asked, tmp_path / "packings", packings_only=True)
-    assert studies.kept(LabFolder(tmp_path / "packings"))["toy-study"].read_bytes() == path.read_bytes()
+    assert studies.study_files(LabFolder(tmp_path / "packings"))["toy-study"].read_bytes() == path.read_bytes()
 
 
 def test_a_plan_and_results_keep_nothing(tmp_path, monkeypatch):
@@ -105,7 +105,7 @@ def test_a_plan_and_results_keep_nothing(tmp_path, monkeypatch):
     asked, place = load(commented(tmp_path)), Lab(tmp_path / "lab", "toy")
     place.plan(asked)
     place.results(asked, progress=False)
-    assert not studies.kept(place.place)
+    assert not studies.study_files(place.place)
 
 
 def test_a_run_goes_on_where_the_text_cannot_be_kept_and_says_so(tmp_path):
@@ -117,7 +117,7 @@ def test_a_run_goes_on_where_the_text_cannot_be_kept_and_says_so(tmp_path):
     (line,) = said.lines
     assert str(lab.studies) in line
     assert "could not be copied" in line
-    assert studies.kept(lab) == {}
+    assert studies.study_files(lab) == {}
 
 
 def test_a_full_disk_ends_the_run_before_it_begins_and_leaves_no_half_file(tmp_path, monkeypatch):
@@ -144,7 +144,7 @@ def test_what_else_lies_there_is_no_study(tmp_path):
     (lab.studies / "1st.yaml").write_text("no name of a study")
     (lab.studies / "folder.yaml").mkdir()
     os.mkfifo(lab.studies / "pipe.yaml")
-    assert list(studies.kept(lab)) == ["Z-1_x", "a", "b"]
+    assert list(studies.study_files(lab)) == ["Z-1_x", "a", "b"]
     assert not lab.works.exists() or not list(lab.works.iterdir())
 
 
@@ -161,7 +161,7 @@ def test_a_pipe_in_place_of_the_file_is_not_waited_for(tmp_path):
     lab.studies.mkdir(parents=True)
     os.mkfifo(lab.studies / "a.yaml")
     studies.keep(lab, "a", "name: a\n")
-    assert studies.kept(lab)["a"].read_text() == "name: a\n"
+    assert studies.study_files(lab)["a"].read_text() == "name: a\n"
 
 
 def test_a_folder_of_studies_alone_is_no_lab(tmp_path):
@@ -195,8 +195,8 @@ def test_an_import_brings_study_files_along_and_ours_stay(labs):
     out = labbook("import", theirs.folder, "--lab", ours.folder).output
     assert "Study files imported: toy-study\n" in out
     assert "Not replaced: the study file other of this lab differs and is kept" in out
-    assert studies.kept(ours)["toy-study"].read_bytes() == studies.kept(theirs)["toy-study"].read_bytes()
-    assert studies.kept(ours)["other"].read_text() == "name: ours\n"
+    assert studies.study_files(ours)["toy-study"].read_bytes() == studies.study_files(theirs)["toy-study"].read_bytes()
+    assert studies.study_files(ours)["other"].read_text() == "name: ours\n"
     out = labbook("import", theirs.folder, "--lab", ours.folder).output
     assert "Study files imported" not in out
     assert "toy-study" not in out, "the same text needs no word"
@@ -216,7 +216,7 @@ def test_a_harmful_study_file_is_named_and_left_out(labs, harm, said):
     assert ended.exit_code == 1
     assert f"Not imported: {theirs.studies / 'bad.yaml'}: " in ended.output
     assert said in ended.output
-    assert list(studies.kept(ours)) == ["toy-study"]
+    assert list(studies.study_files(ours)) == ["toy-study"]
 
 
 def test_what_stands_in_the_way_here_stops_nothing_else(labs):
@@ -231,6 +231,6 @@ def test_what_stands_in_the_way_here_stops_nothing_else(labs):
 
 def test_study_files_outlive_reindexing(labs):
     _, theirs = labs
-    before = studies.kept(theirs)["toy-study"].read_bytes()
+    before = studies.study_files(theirs)["toy-study"].read_bytes()
     labbook("reindex", "--lab", theirs.folder)
-    assert studies.kept(theirs)["toy-study"].read_bytes() == before
+    assert studies.study_files(theirs)["toy-study"].read_bytes() == before

@@ -19,7 +19,7 @@ OLDER = Path(__file__).parents[2] / "toy/older_lab"
 @pytest.fixture
 def folder(tmp_path, monkeypatch):
     carry_out(study(tmp_path, count=50, orifices="[24]", replicates=1), tmp_path / "lab")
-    monkeypatch.setattr(packings, "recent", type(packings.recent)())
+    monkeypatch.setattr(packings, "cache", type(packings.cache)())
     (made,) = (tmp_path / "lab/packings").iterdir()
     return made
 
@@ -53,11 +53,11 @@ def test_a_packing_that_was_written_to_is_read_again(folder):
 def test_a_packing_that_was_only_just_written_is_not_kept(folder):
     written(folder, 0)
     assert read_packing(folder) is not read_packing(folder)
-    assert not packings.recent
+    assert not packings.cache
 
 
 def test_a_packing_that_was_made_here_is_read_neither_for_the_index_nor_for_its_runs(tmp_path, monkeypatch):
-    monkeypatch.setattr(packings, "recent", type(packings.recent)())
+    monkeypatch.setattr(packings, "cache", type(packings.cache)())
     read, of = packings.read_checked, []
 
     def noted(folder, key):

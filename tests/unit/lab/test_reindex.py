@@ -72,17 +72,17 @@ def test_killed_it_leaves_the_old_index_and_the_next_one_is_whole(lab, until):
 
 @pytest.mark.parametrize("version", ["this", "another"])
 def test_killed_while_the_two_change_places_it_leaves_one_of_them(lab, monkeypatch, version):
-    whole, exchanged = counted(lab), tables.exchange_tables
+    whole, exchanged = counted(lab), tables.replace_tables
 
     def half(*arguments) -> None:
         exchanged(*arguments)
         os._exit(9)  # before the transaction ends
 
     if version == "another":
-        with tables.opened(LabFolder(lab), read_only=False).connect() as connection:
+        with tables.open_engine(LabFolder(lab), read_only=False).connect() as connection:
             connection.execute(tables.about.update().values(schema_version=1))
             connection.commit()
-    monkeypatch.setattr(tables, "exchange_tables", half)
+    monkeypatch.setattr(tables, "replace_tables", half)
     killed(made_again(lab, 0))
     if version == "this":
         assert counted(lab) == whole
@@ -109,7 +109,7 @@ def test_a_run_that_ends_meanwhile_is_never_missing(lab, monkeypatch):
     last = sorted((lab / "runs").iterdir())[-1]
     last.rename(lab / "elsewhere")
     Index(LabFolder(lab)).close()
-    exchange, seen = indexing.exchange, []
+    exchange, seen = indexing.replace_index, []
 
     def late(*arguments) -> None:
         (lab / "elsewhere").rename(last)
@@ -118,11 +118,11 @@ def test_a_run_that_ends_meanwhile_is_never_missing(lab, monkeypatch):
         exchange(*arguments)
         seen.append(counted(lab))
 
-    monkeypatch.setattr(indexing, "exchange", late)
+    monkeypatch.setattr(indexing, "replace_index", late)
     made = Index(LabFolder(lab), again=True)
     made.close()
     assert seen == [ALL | {"packings": 2}]
-    assert made.found.runs == 3, "the other process has indexed the fourth"
+    assert made.report.runs == 3, "the other process has indexed the fourth"
 
 
 @pytest.mark.parametrize("wrong", [{"machine": {"a": 1}}, {"seed": 2**70}, {"label": "\udcff"}, {"outcome": None}])

@@ -108,7 +108,7 @@ def test_who_looks_never_makes_a_claim_fail(tmp_path):
 
     def look() -> None:
         while not over.is_set():
-            lab.held("a")
+            lab.is_claimed("a")
             looked[0] += 1
 
     lookers = [threading.Thread(target=look) for _ in range(3)]

@@ -90,7 +90,7 @@ def test_no_room_for_the_index_is_one_line(place, verb, monkeypatch):
     for suffix in ("-wal", "-shm"):
         (place / f"lab/catalogue.db{suffix}").unlink(missing_ok=True)
     with monkeypatch.context() as patched:
-        patched.setattr("labbook.lab.index.opened", small)
+        patched.setattr("labbook.lab.index.open_engine", small)
         assert "room" in one_line(labbook(*words(verb, place), "--lab", place / "lab", check=False))
     assert labbook("reindex", "--lab", place / "lab").output.startswith("2 runs and 2 packings indexed")
 

@@ -14,7 +14,7 @@ from labbook.backend import Status
 from labbook.lab import Catalogue, RunRecord
 from labbook.lab.packings import PackingRecord
 from labbook.lab.records import RunLedger
-from labbook.lab.suspect import DEEPEST, FASTEST, counts, said, suspicion
+from labbook.lab.suspect import DEEPEST, FASTEST, counts, ledger_summary, suspicion
 from labbook.plan.coverage import finished
 from labbook.report.result_box import concerns
 from labbook.run.ledger import expected_speed, ledger
@@ -113,7 +113,7 @@ def test_what_makes_a_run_suspect(change, why):
 
 def test_of_a_run_without_a_ledger_nothing_is_suspected():
     assert suspicion(None) == ""
-    assert said(None) == "not kept"
+    assert ledger_summary(None) == "not kept"
 
 
 def test_who_counts():

@@ -63,7 +63,7 @@ def test_two_devices_make_the_same_bits_as_one_process_and_share_the_work(tmp_pa
     assert files(tmp_path / "two") == files(tmp_path / "one")
     devices = list(made_on(tmp_path / "two").values())
     assert {name: devices.count(name) for name in set(devices)} == {"toy:0": 9, "toy:1": 9}
-    assert list(studies.named(LabFolder(tmp_path / "two"))) == ["toy-study"]
+    assert list(studies.candidates(LabFolder(tmp_path / "two"))) == ["toy-study"]
     again = labbook("run", path, "--lab", tmp_path / "two", *GIVEN, LABBOOK_TOY_DEVICES=DEVICES)
     assert "18 of 18 runs done" in again.stdout
     assert "now:" not in again.stdout
@@ -109,7 +109,7 @@ def test_a_signal_to_the_first_process_ends_all_and_the_same_command_goes_on(sen
     assert process.returncode == {signal.SIGKILL: -9}.get(sent, 130)
     end = time.monotonic() + 30
     while any(
-        LabFolder(lab).held(one.stem) for one in (lab / "work").glob("*.lock")
+        LabFolder(lab).is_claimed(one.stem) for one in (lab / "work").glob("*.lock")
     ):  # by processes that have lost the first
         assert time.monotonic() < end
         time.sleep(0.05)

@@ -57,7 +57,7 @@ def test_a_run_begins_at_the_positions_and_the_lab_has_the_file(tmp_path, elsewh
     assert not carry_out(asked, lab.folder).tally.failed
     (tmp_path / "a/grains.csv").unlink()
     elsewhere()
-    again = load(studies.kept(lab)["toy-study"])
+    again = load(studies.study_files(lab)["toy-study"])
     assert keys(again) == keys(asked)
     record = PackingRecord.read(lab.packing(keys(asked).packing))
     assert record.filling.file == asked.points[0].fill.grain_file
@@ -103,7 +103,7 @@ def test_an_imported_study_finds_its_file(tmp_path, elsewhere):
     (tmp_path / "a/grains.csv").unlink()
     (tmp_path / "theirs").rename(tmp_path / "gone")
     mine = LabFolder(tmp_path / "mine")
-    assert keys(load(studies.kept(mine)["toy-study"])) == keys(asked)
+    assert keys(load(studies.study_files(mine)["toy-study"])) == keys(asked)
     shown = labbook("plan", mine.folder / "study-files/toy-study.yaml", "--lab", mine.folder, "--backend", "toy")
     assert "1 done" in shown.stdout
 

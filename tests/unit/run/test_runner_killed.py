@@ -186,12 +186,12 @@ def test_a_claim_is_free_as_soon_as_its_process_is_killed(tmp_path):
     held: list[str] = []
     while not held and time.monotonic() < deadline:
         time.sleep(0.02)  # a lock file is made a moment before it is locked
-        held = [lock.stem for lock in (lab / "work").glob("*.lock") if LabFolder(lab).held(lock.stem)]
+        held = [lock.stem for lock in (lab / "work").glob("*.lock") if LabFolder(lab).is_claimed(lock.stem)]
     (key,) = held
     assert LabFolder(lab).claim(key) is None
     process.kill()
     process.wait()
-    assert not LabFolder(lab).held(key)
+    assert not LabFolder(lab).is_claimed(key)
     claim = LabFolder(lab).claim(key)
     assert claim is not None
     claim.release()

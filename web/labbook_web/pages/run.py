@@ -14,7 +14,7 @@ from labbook.lab.catalogue import Entry, Listing
 from labbook.lab.evaluations import NotEvaluated, ReadOnlyRun
 from labbook.lab.folder import EVALUATION, stamp
 from labbook.lab.runs import picture_content
-from labbook.lab.suspect import said, suspicion
+from labbook.lab.suspect import ledger_summary, suspicion
 from labbook.measure import MEASURES
 from labbook.measure.arch import Arch, StoppedBed
 from labbook.measure.flow import Trace
@@ -209,7 +209,7 @@ def _facts(record: RunRecord) -> Facts:
     left = f"{coverage.crossed} of {coverage.grains} grains ({percent(coverage.discharged, '.1f')})"
     rows = [
         ("Outcome", ended),
-        ("Ledger", said(record.ledger)),
+        ("Ledger", ledger_summary(record.ledger)),
         ("Simulated", f"{coverage.duration:.4g} s, {coverage.steps} steps of {record.numerics.dt * 1e6:.4g} µs"),
         ("Discharged", left + (f", none in the last {coverage.waiting:.2g} s" if coverage.waiting > 0.1 else "")),
         ("Recorded", "no" if coverage.frame_interval is None else f"a frame every {span(coverage.frame_interval)}"),
