@@ -13,8 +13,8 @@ from toy_lab import carry_out, labbook, study_file
 from labbook import plugins
 from labbook.backend import load as load_backend
 from labbook.checks import doctor
-from labbook.checks.verify.cases import EVERY, chosen
-from labbook.checks.verify.show import judged
+from labbook.checks.verify.cases import EVERY, select_cases
+from labbook.checks.verify.show import judge_all
 from labbook.checks.verify.stand import Stand
 from labbook.cli.options import told
 from labbook.filling.placing import Start
@@ -239,9 +239,9 @@ def test_a_paper_whose_code_fails_everywhere_leaves_all_other_results(done, put)
     by_quantity = {one.quantity: one for one in found.comparisons}
     assert f"{of}'compared'" in by_quantity["bed.depth"].why
     assert by_quantity["flow_rate"].ours, "labbook's own quantities are compared"
-    (judged,) = found.judged
-    assert judged.verdict == "undecided"
-    assert f"{of}'judged'" in judged.why
+    (judge_all,) = found.judge_all
+    assert judge_all.verdict == "undecided"
+    assert f"{of}'judged'" in judge_all.why
     tables = frames(found)
     assert "beds" not in tables
     assert any("has no attribute 'nothing'" in why for why in tables["problems"]["why"])
@@ -310,8 +310,8 @@ class Own(Case):
 
 def test_a_case_that_fails_to_run_is_a_failed_verdict_with_the_reason(put):
     put(EVERY, "labbook.cases", "case", CASE)
-    assert [case.name for case in chosen(["rebound"])] == ["rebound"]
-    (verdict,) = judged(chosen(["rebound"]), Stand(load_backend("reference")))
+    assert [case.name for case in select_cases(["rebound"])] == ["rebound"]
+    (verdict,) = judge_all(select_cases(["rebound"]), Stand(load_backend("reference")))
     assert verdict.result == "failed"
     assert verdict.note.startswith("case rebound of bed-extras 0.1: AttributeError: 'Stand' object has no attribute")
     assert verdict.note.endswith("(bed_extras/case.py, line 3)")
