@@ -239,9 +239,9 @@ def test_a_paper_whose_code_fails_everywhere_leaves_all_other_results(done, put)
     by_quantity = {one.quantity: one for one in found.comparisons}
     assert f"{of}'compared'" in by_quantity["bed.depth"].why
     assert by_quantity["flow_rate"].ours, "labbook's own quantities are compared"
-    (judge_all,) = found.judge_all
-    assert judge_all.verdict == "undecided"
-    assert f"{of}'judged'" in judge_all.why
+    (judged,) = found.judged
+    assert judged.verdict == "undecided"
+    assert f"{of}'judged'" in judged.why
     tables = frames(found)
     assert "beds" not in tables
     assert any("has no attribute 'nothing'" in why for why in tables["problems"]["why"])
