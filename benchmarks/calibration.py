@@ -24,7 +24,7 @@ from pathlib import Path
 
 import labbook
 from labbook.accuracy import write
-from labbook.accuracy.regression import Observed, curved
+from labbook.accuracy.regression import Observation, curved
 from labbook.results.calibrating import are_mixed, effects_of_scene, flow_and_filling
 from labbook.study import Point, Study
 
@@ -74,7 +74,7 @@ def finished(results: labbook.Results, points: Sequence[Point]) -> Iterator[tupl
             yield settings[result.point.index], made.seed, made.packing_key[:12], made.outcome, rate
 
 
-def observed(path: Path, points: Sequence[Point]) -> list[Observed]:
+def observed(path: Path, points: Sequence[Point]) -> list[Observation]:
     """Runs of a scene that count."""
     numerics = [(flow_and_filling(point), are_mixed(point)) for point in points]
     runs = []
@@ -83,7 +83,7 @@ def observed(path: Path, points: Sequence[Point]) -> list[Observed]:
             if row["W_g_per_s"]:
                 (flow, filled), mixed = numerics[int(row["setting"])]
                 rate = float(row["W_g_per_s"])
-                runs.append(Observed(row["bed"], filled.overlap, flow.overlap, flow.step, rate, *mixed))
+                runs.append(Observation(row["bed"], filled.overlap, flow.overlap, flow.step, rate, *mixed))
     return runs
 
 

@@ -55,7 +55,7 @@ def _costs(
     scene, how = elongated(aspect_ratio, grains), CYLINDER_STEP.model_copy(update={"dt": FILLING_STEP})
     bed = members.flowing(backend, device, f"L/d = {aspect_ratio:g}", scene, how)
     if device == "cpu":
-        one = speed.timed(backend, bed.name, scene, bed.numerics, bed.start, repeats, [Crossing(0.0)])
+        one = speed.time_member(backend, bed.name, scene, bed.numerics, bed.start, repeats, [Crossing(0.0)])
         return one.grains, (1e3 / one.median, 1e3 / one.high, 1e3 / one.low)
     timings = [members.timed(backend, device, bed, MEMBERS, BEATS) for _ in range(repeats)]
     costs = sorted(1 / timing["rate"] for timing in timings)

@@ -24,7 +24,7 @@ from types import SimpleNamespace
 import numpy as np
 from scipy import signal
 
-from labbook.accuracy.regression import Observed, regress
+from labbook.accuracy.regression import Observation, regress
 from labbook.fit import LAWS, Context, FitResult, fit
 from labbook.measure.steady import steady_flow
 from labbook.papers.fan2023.laws import TERMS, fit_approach
@@ -245,7 +245,7 @@ def effects(rng: np.random.Generator, scale: float) -> Iterator[Case]:
             level = rng.normal(0, 0.017)
             for overlap, step in ((0.001, 0.02), (0.001, 0.06), (0.003, 0.04), (0.006, 0.06), (0.013, 0.06)):
                 rate = math.exp(level + 2.0 * overlap + curvature * overlap**2 + rng.normal(0, 0.01))
-                runs.append(Observed(str(bed), 0.001, overlap, step, rate))
+                runs.append(Observation(str(bed), 0.001, overlap, step, rate))
         slopes = regress(runs, curved=curvature != 0)
         half = student(0.95, slopes.freedom) * math.sqrt(slopes.covariance[0, 0])
         return bool(abs(slopes.values[0] - 2.0) < half)

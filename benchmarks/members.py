@@ -22,7 +22,7 @@ from labbook.backend import Backend, load
 from labbook.backend.machine import hardware
 from labbook.backend.numerics import Numerics
 from labbook.backend.probes import Crossing
-from labbook.checks.bench.speed import CYLINDER_STEP, FAN_STEP, FILLING_STEP, GRAVITY, advanced, cylinder, fan
+from labbook.checks.bench.speed import CYLINDER_STEP, FAN_STEP, FILLING_STEP, GRAVITY, advance_until, cylinder, fan
 from labbook.filling.opening import opened
 from labbook.filling.placing import place
 from labbook.scene import LinearSpringDashpot, Plane, Primitives, Scene, Spheres, Strip, Wall
@@ -89,8 +89,8 @@ def flowing(
     closed = closed or scene.close()
     how = numerics.model_copy(update={"precision": "mixed"})
     coarse = how.model_copy(update={"dt": filling or how.dt})
-    bed = advanced(backend, device, closed, coarse, start or place(closed, "gas", 1), SETTLED)
-    flow = advanced(backend, device, scene, coarse, opened(bed, closed, scene), outflow=OUTFLOW)
+    bed = advance_until(backend, device, closed, coarse, start or place(closed, "gas", 1), SETTLED)
+    flow = advance_until(backend, device, scene, coarse, opened(bed, closed, scene), outflow=OUTFLOW)
     return Bed(name, scene, how, flow)
 
 

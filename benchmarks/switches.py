@@ -24,7 +24,7 @@ import pandas as pd
 from labbook.backend import Backend, load
 from labbook.backend.machine import hardware
 from labbook.backend.probes import Ledger
-from labbook.checks.bench.speed import FAN_STEP, GRAVITY, SETTLED, fan, on_one_thread, settled
+from labbook.checks.bench.speed import FAN_STEP, GRAVITY, SETTLED, fan, on_one_thread, settle
 from labbook.filling.placing import place
 from labbook.scene import Kind, LinearSpringDashpot, Primitives, Scene, Uniform
 from labbook.scene.packing import Packing
@@ -41,7 +41,7 @@ def run(name: str, repeats: int, grains: int = 3000) -> dict[str, Any]:
     backend = on_one_thread(whole) or whole
     closed = fan(grains=grains).close()
     print(f"settling {grains} grains", flush=True)
-    bed = settled(backend, closed, FAN_STEP, SETTLED)
+    bed = settle(backend, closed, FAN_STEP, SETTLED)
     return {
         "backend": name,
         "hardware": hardware(),

@@ -70,7 +70,7 @@ from labbook.backend import Backend, load
 from labbook.backend.machine import hardware
 from labbook.backend.numerics import Numerics, Precision
 from labbook.backend.probes import Crossing
-from labbook.checks.bench.speed import advanced
+from labbook.checks.bench.speed import advance_until
 from labbook.filling.opening import opened
 from labbook.filling.placing import place
 from labbook.scene import HertzMindlin, Scene, Spheres, WedgeHopper
@@ -98,7 +98,7 @@ def box(grains: int) -> Scene:
 def first_bed(backend: Backend, device: str) -> np.ndarray:
     """Centres [m] of the settled grains of the smallest box, shape [FIRST_BED, 3]."""
     closed = box(FIRST_BED).close()
-    return advanced(backend, device, closed, Numerics(dt=DT), place(closed, "rain", 1), SETTLED).x
+    return advance_until(backend, device, closed, Numerics(dt=DT), place(closed, "rain", 1), SETTLED).x
 
 
 def ours(
@@ -110,7 +110,7 @@ def ours(
     still = Packing(x=x, v=np.zeros_like(x), omega=np.zeros_like(x))
     beats = STEPS // how.steps_per_beat
     began = time.perf_counter()
-    relaxed = advanced(backend, device, closed, how, still, outflow=RELAX * DT)
+    relaxed = advance_until(backend, device, closed, how, still, outflow=RELAX * DT)
     spent = time.perf_counter() - began
     start = opened(relaxed, closed, scene)
     ensemble = backend.open(backend.specialise(scene, how, [Crossing(0.0)]), members, device)

@@ -25,7 +25,16 @@ from silo import PROGRAMS
 
 from labbook.backend import Backend, load
 from labbook.backend.machine import hardware
-from labbook.checks.bench.speed import FAN_STEP, OUTFLOW, SETTLED, advanced, fan, on_one_thread, settled, timed
+from labbook.checks.bench.speed import (
+    FAN_STEP,
+    OUTFLOW,
+    SETTLED,
+    advance_until,
+    fan,
+    on_one_thread,
+    settle,
+    time_member,
+)
 from labbook.filling.opening import opened
 from labbook.scene import Scene
 from labbook.scene.packing import Packing
@@ -46,8 +55,8 @@ def beds(backend: Backend, grains: int) -> list[Bed]:
     """The hopper with its bed at rest, and the same after a while of discharge."""
     scene = fan(grains)
     closed = scene.close()
-    packing = settled(backend, closed, FAN_STEP, SETTLED)
-    flowing = advanced(backend, "cpu", scene, FAN_STEP, opened(packing, closed, scene), outflow=OUTFLOW)
+    packing = settle(backend, closed, FAN_STEP, SETTLED)
+    flowing = advance_until(backend, "cpu", scene, FAN_STEP, opened(packing, closed, scene), outflow=OUTFLOW)
     return [Bed("settled", closed, packing), Bed("flowing", scene, flowing)]
 
 
@@ -77,7 +86,7 @@ def theirs(code: str, bed: Bed) -> float:
 def ours(backend: Backend, precision: str, bed: Bed) -> float:
     """The same of labbook."""
     numerics = FAN_STEP.model_copy(update={"precision": precision})
-    return timed(backend, bed.name, bed.scene, numerics, bed.packing, 1).median
+    return time_member(backend, bed.name, bed.scene, numerics, bed.packing, 1).median
 
 
 def spread(values: Sequence[float]) -> dict[str, float]:

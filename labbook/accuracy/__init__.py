@@ -2,12 +2,12 @@
 
 from labbook.accuracy.calibration import (
     BESIDE,
-    Alike,
     Bias,
     Calibration,
     Effects,
     NotMeasured,
     OutOfRange,
+    SimilarScenes,
     calibration,
     extend,
     load,
@@ -19,7 +19,6 @@ from labbook.accuracy.groups import Groups, groups
 
 __all__ = [
     "BESIDE",
-    "Alike",
     "Bias",
     "Calibration",
     "Choice",
@@ -27,6 +26,7 @@ __all__ = [
     "Groups",
     "NotMeasured",
     "OutOfRange",
+    "SimilarScenes",
     "bias_of",
     "calibration",
     "choose",

@@ -1,4 +1,4 @@
-"""The dimensionless groups that decide how numerics change a flow rate."""
+"""Dimensionless groups that decide the effect of numerics on a flow rate."""
 
 import math
 from dataclasses import dataclass
@@ -10,13 +10,24 @@ from labbook.scene.timescales import collision
 
 @dataclass(frozen=True)
 class Groups:
-    """What the flow rate of a scene depends on beside its stated physics, in numbers without unit.
+    """Dimensionless groups of a scene and its numerics.
 
-    `overlap`: of two grains under the pressure of the bed, in d; `step`: the time step over the duration of a
-    collision. The rest says which calibration holds: `shape` of the grains, `outlet` (slot or hole), `law` of contact,
-    `friction`, `restitution`, `rolling` (friction), `ratio`, the orifice over d, `angle` of the bottom from the
-    vertical [deg], `eccentricity` of the outlet, from 0 in the middle to 1 at a wall, `rotation` of the bottom,
-    f sqrt(d/g), and `version` of the law.
+    The first two decide the size of the effects; the others decide which calibration applies.
+
+    Args:
+        overlap: Overlap of two grains under the pressure of the bed, over d.
+        step: Time step over the duration of a collision.
+        shape: Shape of the grains.
+        outlet: `slot` or `hole`.
+        law: Contact law.
+        friction: Friction coefficient.
+        restitution: Restitution.
+        rolling: Rolling friction.
+        ratio: Orifice over d.
+        angle: Angle of the bottom from the vertical [deg].
+        eccentricity: Of the outlet, from 0 in the middle to 1 at a wall.
+        rotation: Of the bottom, f sqrt(d/g).
+        version: Version of the contact law.
     """
 
     overlap: float
@@ -35,24 +46,31 @@ class Groups:
 
 
 def has_groups(scene: Scene) -> bool:
-    """Whether a scene can be calibrated."""
+    """True if a scene can be calibrated."""
     return groups(scene, 1.0, 1.0) is not None
 
 
 def groups(scene: Scene, dt: float, stiffness_scale: float) -> Groups | None:
-    """The groups of a scene with its stiffness times `stiffness_scale`, stepped by dt [s]; None of one without an
-    outlet or gravity, with grains or walls of several materials, or whose bed or law does not tell its pressure or
-    overlap.
+    """Compute the groups of a scene.
 
-    The pressure is phi rho g h, with h the height of the bed, or the width of the container where that is less: below
-    that depth walls carry the weight (Janssen 1895).
+    The pressure is phi rho g h. h is the height of the bed, or the width of the container if that is less: below that
+    depth walls carry the weight (Janssen 1895).
+
+    Args:
+        scene: The scene.
+        dt: Time step [s].
+        stiffness_scale: Factor on the stiffness of the contact law.
+
+    Returns:
+        The groups; None without an outlet or gravity, with several materials of grains or walls, or where bed or law do
+        not determine pressure or overlap.
     """
     outlet, height = scene.container.outlet_form, bed_height_ahead(scene)
     across = scene.container.across
     if outlet is None or height is None or across is None or scene.gravity == 0:
         return None
     surfaces = scene.surfaces
-    if scene.has_own_stiffness or scene.grains.varied or any(one != surfaces[0] for one in surfaces):
+    if scene.has_own_stiffness or scene.grains.varied or any(surface != surfaces[0] for surface in surfaces):
         return None
     soft = scene.stiffened(stiffness_scale)
     pressure = PACKED * scene.grains.mean_density * scene.gravity * min(height, across)

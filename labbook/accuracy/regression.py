@@ -1,11 +1,11 @@
-"""What numerics do to the flow rate of a scene, from runs of many settings and seeds at once.
+"""Regression of ln W on numerics, from runs of many settings and seeds of one scene at once.
 
-ln W = (bed) + c_flow * overlap + c_step * step^2 is fitted within every bed that several settings flowed
-from, so that the scatter between beds drops out; where runs of both precisions share beds, with a term for `mixed`.
-Where ln W is not linear in the overlap, with a term q * overlap^2: firm beds then have another slope than soft ones.
-What is left of each bed is then fitted against the overlap of its filling, and against its precision where beds were
-filled in both. Overlap and step are those of `Groups`. One regression over all runs needs several times fewer of them
-than a test of equivalence at every setting.
+ln W = (bed) + c_flow * overlap + c_step * step^2 is fitted within every bed from which several settings flowed: the
+scatter between beds drops out. Where runs of both precisions share beds there is a term for `mixed`. Where ln W is not
+linear in the overlap there is a term q * overlap^2: firm beds then have another slope than soft ones. The residual mean
+of each bed is then fitted against the overlap of its filling, and against its precision where beds were filled in both.
+Overlap and step are those of `Groups`. One regression over all runs needs several times fewer runs than a test of
+equivalence at every setting.
 """
 
 import math
@@ -15,15 +15,24 @@ from dataclasses import dataclass
 
 import numpy as np
 
-_FEWEST = 20
+_MIN_RUNS = 20
 _LINEAR = np.array([True, True, True, False])
-"""Factors of a run without the squared overlap."""
+"""Mask of the factors of a run, without the squared overlap."""
 
 
 @dataclass(frozen=True)
-class Observed:
-    """One run. `bed`: what it shares with others that started from the same packing. `filled`: the overlap while it was
-    filled. `rate`: W. `mixed`, `filled_mixed`: whether it flowed and was filled in mixed precision."""
+class Observation:
+    """Flow rate of one run, with its numerics.
+
+    Args:
+        bed: Label of the packing that it started from; runs that share one differ in the numerics of the flow only.
+        filled: Overlap of `Groups` while the bed was filled.
+        overlap: Overlap of `Groups` in the flow.
+        step: Step of `Groups` in the flow.
+        rate: W, in any unit.
+        mixed: The flow was in mixed precision.
+        filled_mixed: The filling was in mixed precision.
+    """
 
     bed: str
     filled: float
@@ -35,29 +44,35 @@ class Observed:
 
     @property
     def factors(self) -> list[float]:
-        """What may differ between runs from one bed."""
+        """Factors that may differ between runs from one bed, shape [4]."""
         return [self.overlap, self.step**2, float(self.mixed), self.overlap**2]
 
     @property
     def filling(self) -> list[float]:
-        """What may differ between beds."""
+        """Factors that may differ between beds, shape [2]."""
         return [self.filled, float(self.filled_mixed)]
 
 
 @dataclass(frozen=True)
 class Slopes:
-    """d ln W by overlap of the flow, by squared step, and by overlap of the filling, shape [3], with their covariance,
-    shape [3, 3].
+    """Slopes of ln W by overlap of the flow, by squared step, and by overlap of the filling.
 
-    `curvature`: d ln W by squared overlap of the flow, with its covariances with the three slopes and its variance;
-    None where ln W was fitted linearly. `curvature_p`: probability of a curvature as large in a scene that has none;
-    NaN with fewer than three overlaps.
-    `mixed_flow`: what a flow in mixed precision does to ln W, with the variance of that; None where no bed flowed in
-    both. `mixed`: the same of flow and filling in mixed precision; None where beds were filled in one only.
-    `within`: standard deviation of ln W between settings in one bed that the slopes do not explain; `between`: from
-    bed to bed, runs of one setting. `freedom`: degrees of freedom of the fit within beds; `runs`, `beds`: how many
-    there were. The slope by an overlap or a step that all runs share, or by an overlap that all beds were filled
-    with, is 0 with an infinite variance.
+    A slope by an overlap or a step that all runs share, or by an overlap that all beds were filled with, is 0 with an
+    infinite variance.
+
+    Args:
+        values: Slopes, shape [3].
+        covariance: Their covariance, shape [3, 3].
+        curvature: Slope by squared overlap of the flow, with its covariances with the three slopes and its variance;
+            None where ln W was fitted linearly.
+        curvature_p: Probability of a curvature as large in a scene that has none; NaN with fewer than three overlaps.
+        mixed_flow: Effect of a flow in mixed precision on ln W, and its variance; None if no bed flowed in both.
+        mixed: The same for flow and filling in mixed precision; None if beds were filled in one precision only.
+        within: Standard deviation of ln W between settings in one bed that the slopes do not explain.
+        between: Standard deviation from bed to bed, for runs of one setting.
+        freedom: Degrees of freedom of the fit within beds.
+        runs: Number of runs.
+        beds: Number of beds.
     """
 
     values: np.ndarray
@@ -73,16 +88,25 @@ class Slopes:
     beds: int
 
 
-def regress(observed: Sequence[Observed], curved: bool = False) -> Slopes:
-    """Fit all runs at once, with a term in the squared overlap if `curved`. Raises ValueError for too few of them."""
-    if len(observed) < _FEWEST:
-        raise ValueError(f"too few runs: {len(observed)} flowed, and {_FEWEST} are needed")
-    beds: dict[str, list[Observed]] = defaultdict(list)
-    for one in observed:
-        beds[one.bed].append(one)
+def regress(observed: Sequence[Observation], curved: bool = False) -> Slopes:
+    """Fit all runs at once.
+
+    Args:
+        observed: The runs.
+        curved: Fit a term in the squared overlap too.
+
+    Raises:
+        ValueError: There are too few runs, or their numerics do not vary enough.
+    """
+    if len(observed) < _MIN_RUNS:
+        raise ValueError(f"too few runs: {len(observed)} flowed, and {_MIN_RUNS} are needed")
+    beds: dict[str, list[Observation]] = defaultdict(list)
+    for observation in observed:
+        beds[observation.bed].append(observation)
     y, x = [], []
     for runs in beds.values():
         rates, factors = np.log([run.rate for run in runs]), np.array([run.factors for run in runs])
+        # deviations from the means of the bed: its own ln W drops out, at the cost of one degree of freedom
         y.append(rates - rates.mean())
         x.append(factors - factors.mean(axis=0))
     Y, X = np.concatenate(y), np.concatenate(x)
@@ -91,15 +115,14 @@ def regress(observed: Sequence[Observed], curved: bool = False) -> Slopes:
     if len(Y) - len(beds) - linear.sum() < 10 or not linear[1:].any() or not _independent(X, linear):
         raise ValueError("too few runs: the step or the precision, and overlap apart from it, must vary within beds")
     bends = bool(varied[3]) and _independent(X, varied)
-    p = _curvature_p(*_fitted(X, Y, varied, len(beds))) if bends else math.nan
+    p = _curvature_p(*_fit_within(X, Y, varied, len(beds))) if bends else math.nan
     varied = varied if curved and bends else linear
-    slopes, inside, freedom = _fitted(X, Y, varied, len(beds))
+    slopes, inside, freedom = _fit_within(X, Y, varied, len(beds))
     within = math.sqrt(float(np.sum((Y - X @ slopes) ** 2)) / freedom)
-    left = {bed: _left(runs, slopes) for bed, runs in beds.items()}
-    filling, outside, by_slopes, between = _filled(beds, left, within)
-    along = (
-        inside @ by_slopes.T
-    )  # covariances of slopes within beds, which enter what is left of beds, with those between
+    residuals = {bed: _residual_mean(runs, slopes) for bed, runs in beds.items()}
+    filling, outside, by_slopes, between = _fit_fillings(beds, residuals, within)
+    # the residual means depend on the slopes within beds, whose errors thereby enter those of the fillings
+    along = inside @ by_slopes.T
     outside += by_slopes @ along
     covariance = np.zeros((3, 3))
     covariance[:2, :2] = inside[:2, :2] + np.diag(np.where(varied[:2], 0.0, math.inf))
@@ -134,8 +157,18 @@ def _independent(X: np.ndarray, varied: np.ndarray) -> bool:
     return bool(np.linalg.matrix_rank(Z / np.abs(Z).max(axis=0), tol=1e-6) == varied.sum())
 
 
-def _fitted(X: np.ndarray, Y: np.ndarray, varied: np.ndarray, beds: int) -> tuple[np.ndarray, np.ndarray, int]:
-    """Slopes within beds by the factors that vary, shape [4], their covariance, shape [4, 4], degrees of freedom."""
+def _fit_within(X: np.ndarray, Y: np.ndarray, varied: np.ndarray, beds: int) -> tuple[np.ndarray, np.ndarray, int]:
+    """Fit the slopes within beds.
+
+    Args:
+        X: Factors less their means in each bed, shape [n, 4].
+        Y: ln W less its mean in each bed, shape [n].
+        varied: Factors that vary, shape [4].
+        beds: Number of beds; the mean of each takes a degree of freedom.
+
+    Returns:
+        Slopes by the factors that vary, shape [4], their covariance, shape [4, 4], and the degrees of freedom.
+    """
     Z, freedom = X[:, varied], len(Y) - beds - int(varied.sum())
     slopes, covariance, inverse = np.zeros(4), np.zeros((4, 4)), np.linalg.inv(Z.T @ Z)
     slopes[varied] = inverse @ Z.T @ Y
@@ -150,10 +183,14 @@ def _curvature_p(slopes: np.ndarray, covariance: np.ndarray, freedom: int) -> fl
 
 
 def curved(p: Sequence[float], level: float = 0.05) -> list[bool]:
-    """Decide in which of several scenes ln W is not linear in the overlap, by the `curvature_p` of each.
+    """Decide in which of several scenes ln W is not linear in the overlap.
 
-    All of them are decided correctly with a probability of 1 - level where all are linear, however many there are
-    (Holm, Scand. J. Statist. 6 (1979) 65). A NaN is linear.
+    If all scenes are linear, all are decided correctly with a probability of 1 - level, however many there are
+    (Holm, Scand. J. Statist. 6 (1979) 65).
+
+    Args:
+        p: `curvature_p` of each scene; NaN counts as linear.
+        level: Familywise error rate.
     """
     tested = sorted((value, place) for place, value in enumerate(p) if not math.isnan(value))
     decisions = [False] * len(p)
@@ -164,18 +201,23 @@ def curved(p: Sequence[float], level: float = 0.05) -> list[bool]:
     return decisions
 
 
-def _left(runs: Sequence[Observed], slopes: np.ndarray) -> float:
-    """Mean of ln W of a bed, without what the slopes explain."""
+def _residual_mean(runs: Sequence[Observation], slopes: np.ndarray) -> float:
+    """Mean of ln W of a bed, less the effect of the slopes."""
     return float(np.mean([math.log(run.rate) - slopes @ run.factors for run in runs]))
 
 
-def _filled(
-    beds: dict[str, list[Observed]], left: dict[str, float], within: float
+def _fit_fillings(
+    beds: dict[str, list[Observation]], residuals: dict[str, float], within: float
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray, float]:
-    """Slopes of what is left of each bed by what differs between their fillings, shape [2], their covariance were the
-    slopes within beds exact, shape [2, 2], their derivatives by these, shape [2, 4], and the standard deviation from
-    bed to bed of one run each. The slope by what does not differ is 0 with an infinite variance."""
-    y = np.array(list(left.values()))
+    """Fit the residual mean of each bed against the factors of its filling.
+
+    A slope by a factor that does not vary is 0 with an infinite variance.
+
+    Returns:
+        Slopes, shape [2]; their covariance if the slopes within beds were exact, shape [2, 2]; their derivatives by the
+        slopes within beds, shape [2, 4]; and the standard deviation from bed to bed of one run each.
+    """
+    y = np.array(list(residuals.values()))
     x = np.array([runs[0].filling for runs in beds.values()])
     factors = np.array([np.mean([run.factors for run in runs], axis=0) for runs in beds.values()])
     x, y = x - x.mean(axis=0), y - y.mean()
@@ -191,6 +233,7 @@ def _filled(
         raise ValueError("too few beds: several seeds of each setting are needed")
     rest = float(np.sum((y - x @ slopes) ** 2)) / freedom
     covariance[np.ix_(varied, varied)] = rest * inverse
-    share = float(np.mean([1 / len(runs) for runs in beds.values()]))  # of the variance within, in the mean of a bed
+    # a residual mean over n runs keeps 1/n of the variance within beds
+    share = float(np.mean([1 / len(runs) for runs in beds.values()]))
     between = math.sqrt(max(0.0, rest - share * within**2) + within**2)
     return slopes, covariance, by_slopes, between

@@ -1,7 +1,7 @@
-"""Whether a folder can hold a lab: what its file system does for two processes, and for two hosts, tried out in it.
+"""Check that a folder can hold a lab: trials of its file system with two processes, and with two hosts.
 
-Everything is done in a hidden folder within, which is removed. Two hosts meet there through files: each is told of the
-same folder, and finds the other one by its name, which is written anew again and again while it waits.
+All trials run in a hidden subfolder, which is removed. Two hosts meet there through files: the user starts the command
+on both with the same folder, and each finds the other by a file that changes while its host waits.
 """
 
 import fcntl
@@ -24,7 +24,7 @@ from labbook.lab.database import BUSY, keep_journal
 from labbook.lab.folder import LabError, file_system, is_locked, is_network, lock, remove, sync_folder, write_bytes
 
 PEERS = ".labbook-doctor"
-"""Folder in which two hosts meet."""
+"""Name of the folder in which two hosts meet."""
 _ALONE = fcntl.LOCK_EX | fcntl.LOCK_NB
 _SIZE = 2**16  # bytes of a file that is replaced while another process reads it
 SPELL = 1.0  # s for which that goes on
@@ -35,12 +35,12 @@ _SKEW = 5.0  # s that clocks may differ by
 
 
 class Unfit(Exception):
-    """A folder does not do what labs need; the message says what."""
+    """The folder lacks a property that labs need; the message names it."""
 
 
 @dataclass(frozen=True)
 class Check:
-    """What was tried, whether it works, and what was seen."""
+    """Result of one trial: its name, its success, and a note for the user."""
 
     name: str
     works: bool
@@ -48,7 +48,7 @@ class Check:
 
 
 def examine(folder: Path, say: Callable[[str], None] = lambda _: None) -> list[Check]:
-    """What the file system of `folder` does for processes of this host. Raises OSError if nothing can be written."""
+    """Try the file system of `folder` with processes of this host. Raises OSError if nothing can be written."""
     place = Path(tempfile.mkdtemp(prefix=f"{PEERS}-", dir=folder))
     try:
         return [perform(name, lambda check=check: check(place), say) for name, check in CHECKS.items()]
@@ -57,9 +57,19 @@ def examine(folder: Path, say: Callable[[str], None] = lambda _: None) -> list[C
 
 
 def meet(folder: Path, say: Callable[[str], None] = lambda _: None, patience: float = 600.0) -> list[Check]:
-    """What the file system of `folder` does for this process and one that calls the same on another host.
+    """Try the file system of `folder` with this process and one that calls this function on another host.
 
-    patience: how long the other one is waited for [s]. Raises LabError if none comes, and OSError.
+    Args:
+        folder: The folder, the same on both hosts.
+        say: Receives one line of progress at a time.
+        patience: Longest wait for the other host [s].
+
+    Returns:
+        One result for each trial.
+
+    Raises:
+        LabError: No other host came.
+        OSError: Nothing can be written.
     """
     own = f"{node()}-{os.getpid()}-{secrets.token_hex(3)}"
     meeting = Meeting(folder / PEERS, own, say, patience)
@@ -83,10 +93,10 @@ def perform(name: str, check: Callable[[], str], say: Callable[[str], None]) -> 
 def free_space(folder: Path) -> str:
     free = shutil.disk_usage(folder).free
     kind = file_system(folder)
-    said = f"{free / 1e9:.3g} GB are free on {kind or 'a file system of unknown type'}"
+    text = f"{free / 1e9:.3g} GB are free on {kind or 'a file system of unknown type'}"
     if free < _LEAST:
-        raise Unfit(f"{said}; make room, at least {_LEAST / 1e9:g} GB")
-    return said + (", which other hosts may use too" if is_network(kind) else "")
+        raise Unfit(f"{text}; make room, at least {_LEAST / 1e9:g} GB")
+    return text + (", which other hosts may use too" if is_network(kind) else "")
 
 
 def locks(folder: Path) -> str:
@@ -117,10 +127,10 @@ def _renames(folder: Path) -> str:
     path = folder / "replaced"
     write_bytes(path, bytes(_SIZE))
     with _process(_replace, path, SPELL) as writer:
-        seen = read_while(path, writer.is_alive)
+        observation = read_while(path, writer.is_alive)
     if writer.exitcode != 0:
         raise Unfit("a second process could not replace a file")
-    return seen
+    return observation
 
 
 def _replace(path: Path, seconds: float) -> None:
@@ -131,7 +141,7 @@ def _replace(path: Path, seconds: float) -> None:
 
 
 def read_while(path: Path, going: Callable[[], bool]) -> str:
-    """Read a file that is replaced again and again. Raises Unfit if it is ever missing, or not whole."""
+    """Read a file that is replaced again and again. Raises Unfit if it is ever missing, or incomplete."""
     read, contents = 0, set[int]()
     while going():
         try:
@@ -159,14 +169,14 @@ def syncs(folder: Path) -> str:
 
 def clock(folder: Path) -> str:
     skew = clock_skew(folder / "clock")
-    said = f"the file system's clock is {abs(skew):.3g} s {'ahead' if skew > 0 else 'behind'}"
+    text = f"the file system's clock is {abs(skew):.3g} s {'ahead' if skew > 0 else 'behind'}"
     if abs(skew) > _SKEW:
-        raise Unfit(f"{said}; set the clocks (NTP), or times of runs are out of order")
-    return said
+        raise Unfit(f"{text}; set the clocks (NTP), or times of runs are out of order")
+    return text
 
 
 def clock_skew(path: Path) -> float:
-    """By how much the clock that stamps files is ahead of this host's [s]; `path` is written."""
+    """Measure by how much the clock that stamps files is ahead of this host's [s]; writes `path`."""
     before = time.time()
     path.write_bytes(b"now")
     return path.stat().st_mtime - (before + time.time()) / 2
@@ -177,19 +187,19 @@ def index(folder: Path) -> str:
         mode = keep_journal(connection, folder / "index.db")
         connection.execute("CREATE TABLE numbers (value INTEGER)")
         connection.executemany("INSERT INTO numbers VALUES (?)", [(n,) for n in range(_ROWS)])
-    return f"SQLite {sqlite3.sqlite_version}, {_written(folder / 'index.db', _ROWS)}, journal mode {mode}"
+    return f"SQLite {sqlite3.sqlite_version}, {_count_rows(folder / 'index.db', _ROWS)}, journal mode {mode}"
 
 
 def _database(path: Path) -> sqlite3.Connection:
     return sqlite3.connect(path, timeout=BUSY, isolation_level=None)
 
 
-def _written(path: Path, rows: int) -> str:
+def _count_rows(path: Path, rows: int) -> str:
     with closing(_database(path)) as connection:
-        found = connection.execute("SELECT count(*) FROM numbers").fetchone()[0]
-        whole = connection.execute("PRAGMA integrity_check").fetchone()[0]
-    if (found, whole) != (rows, "ok"):
-        raise Unfit(f"the index has {found} of {rows} rows; SQLite says: {whole}")
+        count = connection.execute("SELECT count(*) FROM numbers").fetchone()[0]
+        integrity = connection.execute("PRAGMA integrity_check").fetchone()[0]
+    if (count, integrity) != (rows, "ok"):
+        raise Unfit(f"the index has {count} of {rows} rows; SQLite says: {integrity}")
     return f"{rows} rows written and read"
 
 
@@ -204,9 +214,9 @@ CHECKS: dict[str, Callable[[Path], str]] = {
 
 
 @contextmanager
-def _process(target: Callable[..., None], *given: object) -> Iterator[multiprocessing.Process]:
-    """Another process of this host, which is killed at the end if it still goes on."""
-    process = multiprocessing.get_context("spawn").Process(target=target, args=given, daemon=True)
+def _process(target: Callable[..., None], *arguments: object) -> Iterator[multiprocessing.Process]:
+    """Run a function in another process of this host; kill it at the end if it still runs."""
+    process = multiprocessing.get_context("spawn").Process(target=target, args=arguments, daemon=True)
     process.start()
     try:
         yield process  # pyright: ignore[reportReturnType]
@@ -216,12 +226,12 @@ def _process(target: Callable[..., None], *given: object) -> Iterator[multiproce
         process.join()
 
 
-def _until(true: Callable[[], bool], else_said: str, patience: float | None = None) -> None:
-    """Wait until something is true, for `patience` [s] (None: STARTS). Raises Unfit with what is said else."""
+def _until(condition: Callable[[], bool], message: str, patience: float | None = None) -> None:
+    """Wait for a condition, for `patience` [s] (None: STARTS). Raises Unfit with `message` if it stays false."""
     end = time.monotonic() + (STARTS if patience is None else patience)
-    while not true():
+    while not condition():
         if time.monotonic() > end:
-            raise Unfit(else_said)
+            raise Unfit(message)
         time.sleep(0.02)
 
 
@@ -229,29 +239,39 @@ def _until(true: Callable[[], bool], else_said: str, patience: float | None = No
 
 
 class Meeting:
-    """This process and another one, in one folder, whose steps wait for one another: both do the same steps."""
+    """Rendezvous of this process and one on another host in one folder: both do the same steps, in lockstep.
+
+    Args:
+        folder: Folder of the rendezvous.
+        own: Name of this process, unique among hosts.
+        say: Receives one line of progress at a time.
+        patience: Longest wait for the other process [s].
+
+    Raises:
+        LabError: No other process came.
+    """
 
     def __init__(self, folder: Path, own: str, say: Callable[[str], None], patience: float):
         self._folder, self._own = folder, own
         folder.mkdir(exist_ok=True)
-        self.other = self._find(say, patience)
-        self.first = own < self.other
-        """One of the two is the first."""
-        self.place = folder / "-and-".join(sorted((own, self.other)))
+        self.peer = self._find(say, patience)
+        self.first = own < self.peer
+        """True in exactly one of the two processes."""
+        self.place = folder / "-and-".join(sorted((own, self.peer)))
         self.place.mkdir(exist_ok=True)
         self._step, self._swaps = "", 0
 
     def _find(self, say: Callable[[str], None], patience: float) -> str:
-        """Name of the other one: a file that is written anew while we wait."""
-        same = command("doctor", lab=self._folder.parent)
-        say(f"waiting for the same command, with --peer, on another host: {same}")
+        """Wait for the other process and return its name: that of a file whose content changes meanwhile."""
+        shown_command = command("doctor", lab=self._folder.parent)
+        say(f"waiting for the same command, with --peer, on another host: {shown_command}")
         before, end, number = self._there(), time.monotonic() + patience, 0
         while time.monotonic() < end:
             number += 1
             write_bytes(self._folder / f"{self._own}.here", str(number).encode(), durable=False)
             time.sleep(0.2)
-            for name, said in self._there().items():
-                if name != self._own and said != before.get(name):
+            for name, content in self._there().items():
+                if name != self._own and content != before.get(name):
                     for _ in range(3):  # once more, for the other one to see
                         number += 1
                         write_bytes(self._folder / f"{self._own}.here", str(number).encode(), durable=False)
@@ -261,47 +281,47 @@ class Meeting:
         raise LabError(f"{self._folder.parent}: no other labbook doctor --peer came within {patience:g} s")
 
     def _there(self) -> dict[str, bytes]:
-        found = {}
+        contents = {}
         for name in os.listdir(self._folder):
             if name.endswith(".here"):
                 try:
-                    found[name.removesuffix(".here")] = (self._folder / name).read_bytes()
+                    contents[name.removesuffix(".here")] = (self._folder / name).read_bytes()
                 except OSError:  # it just left
                     continue
-        return found
+        return contents
 
     def at(self, step: str) -> "Meeting":
-        """At the beginning of a step, wherever another one was given up."""
+        """Begin a step, also if another one was given up before."""
         self._step, self._swaps = step.replace(" ", "-"), 0
         return self
 
-    def swap(self, told: object = None) -> object:
-        """Tell the other one that so much of the step is done here, and something; what it tells, once it is as far."""
+    def swap(self, message: object = None) -> object:
+        """Synchronise with the other process: send it a message, wait for its message, and return that."""
         self._swaps += 1
-        mine, theirs = (self.place / f"{self._step}-{self._swaps}-{name}" for name in (self._own, self.other))
-        write_bytes(mine, json.dumps(told).encode())
+        mine, theirs = (self.place / f"{self._step}-{self._swaps}-{name}" for name in (self._own, self.peer))
+        write_bytes(mine, json.dumps(message).encode())
         _until(
             lambda: theirs.name in os.listdir(self.place),
-            f"{self.other} stopped answering; start both again",
+            f"{self.peer} stopped answering; start both again",
         )
         return json.loads(theirs.read_bytes())
 
     def leave(self) -> None:
-        """Remove what is here of the meeting."""
+        """Remove this process's files of the rendezvous."""
         remove(self._folder / f"{self._own}.here")
         if not self.first:
             with suppress(Unfit):
-                _until(lambda: not (self._folder / f"{self.other}.here").exists(), "it stays", 5.0)
+                _until(lambda: not (self._folder / f"{self.peer}.here").exists(), "it stays", 5.0)
             remove(self.place)
             with suppress(OSError):  # others meet there
                 self._folder.rmdir()
 
 
 def _hosts(meeting: Meeting) -> str:
-    other = meeting.swap(node())
-    if other == node():
+    peer_host = meeting.swap(node())
+    if peer_host == node():
         return f"both on {node()}: this tests two processes, not two hosts"
-    return f"{node()} and {other}"
+    return f"{node()} and {peer_host}"
 
 
 def _shared_locks(meeting: Meeting) -> str:
@@ -328,7 +348,7 @@ def _shared_locks(meeting: Meeting) -> str:
 
 
 def _shared_renames(meeting: Meeting) -> str:
-    path, said = meeting.place / "replaced", []
+    path, outcomes = meeting.place / "replaced", []
     write_bytes(path, bytes(_SIZE)) if meeting.first else None
     meeting.swap()
     for writes in (meeting.first, not meeting.first):
@@ -337,15 +357,15 @@ def _shared_renames(meeting: Meeting) -> str:
         else:
             end = time.monotonic() + 2 * SPELL
             try:
-                said.append(read_while(path, lambda end=end: time.monotonic() < end))
+                outcomes.append(read_while(path, lambda end=end: time.monotonic() < end))
             except Unfit as problem:
-                said.append(problem)
+                outcomes.append(problem)
         meeting.swap()
-    (seen,) = said
-    theirs = meeting.swap(str(seen) if isinstance(seen, Unfit) else "")
-    if isinstance(seen, Unfit) or theirs:
-        raise Unfit(str(seen) if isinstance(seen, Unfit) else str(theirs))
-    return str(seen)
+    (outcome,) = outcomes
+    theirs = meeting.swap(str(outcome) if isinstance(outcome, Unfit) else "")
+    if isinstance(outcome, Unfit) or theirs:
+        raise Unfit(str(outcome) if isinstance(outcome, Unfit) else str(theirs))
+    return str(outcome)
 
 
 def _shared_clock(meeting: Meeting) -> str:
@@ -370,8 +390,8 @@ def _shared_index(meeting: Meeting) -> str:
         for number in range(_ROWS):
             connection.execute("INSERT INTO numbers VALUES (?)", (number,))
     meeting.swap()
-    said = _written(path, 2 * _ROWS)
-    return f"{said} by two hosts at once, journal mode {mode}"
+    rows = _count_rows(path, 2 * _ROWS)
+    return f"{rows} by two hosts at once, journal mode {mode}"
 
 
 _STEPS: dict[str, Callable[[Meeting], str]] = {

@@ -1,5 +1,7 @@
-"""What is installed, and whether the backends work: each lets a grain bounce once on each of its devices; and what a
-backend compiles for a study."""
+"""Report of the installation, a self-test of each backend on each of its devices, and the kernels of a study.
+
+The self-test lets a grain bounce once.
+"""
 
 import math
 import time
@@ -40,7 +42,7 @@ PACKAGES = {
 
 @dataclass(frozen=True)
 class Package:
-    """A package and its installed version, if any."""
+    """A package and its version; None if it is not installed."""
 
     name: str
     version: str | None
@@ -49,41 +51,40 @@ class Package:
 
 @dataclass(frozen=True)
 class BackendHealth:
-    """Whether a backend works on one of its devices, and what it can do. `device` is empty if it cannot be
-    loaded."""
+    """Outcome of the self-test of a backend on a device. `device` is empty if the backend cannot be loaded."""
 
     name: str
     device: str
     works: bool
     note: str
     what: str = ""
-    """Name and memory of the device, where the backend tells them."""
+    """Name and memory of the device, if the backend reports them."""
     precisions: tuple[str, ...] = ()
     laws: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True)
 class Examination:
-    """All that was found."""
+    """Report on packages, backends and hardware."""
 
     version: str
     hardware: dict[str, object]
     packages: tuple[Package, ...]
     backends: tuple[BackendHealth, ...]
     versions: dict[str, dict[str, str]]
-    """By backend, of what it stands on."""
+    """Versions of the libraries below each backend, by name of the backend."""
 
     def as_dict(self) -> dict[str, object]:
-        """For JSON."""
+        """Return plain values for JSON."""
         return asdict(self)
 
 
 def examine(say: Callable[[str], None] = lambda _: None) -> Examination:
-    """Look at packages and backends; a backend that fails is reported with its reason, never raised.
+    """Examine packages and backends; a backend that fails is reported with its reason, never raised.
 
-    say: called with what is going on.
+    `say` receives one line of progress at a time.
     """
-    packages = tuple(Package(name, found, PACKAGES[name]) for name, found in machine.versions(PACKAGES).items())
+    packages = tuple(Package(name, version, PACKAGES[name]) for name, version in machine.versions(PACKAGES).items())
     packages += _extending()
     backends: list[BackendHealth] = []
     versions: dict[str, dict[str, str]] = {}
@@ -91,18 +92,18 @@ def examine(say: Callable[[str], None] = lambda _: None) -> Examination:
         try:
             say(f"loading {name}")
             backend = load(name)
-            found = backend.survey()
+            survey = backend.survey()
         except Exception as error:  # whatever is wrong with a backend is what a doctor is for
             backends.append(BackendHealth(name, "", False, _reason(error)))
             continue
-        if found.versions:
-            versions[name] = dict(found.versions)
-        backends += _try(backend, {device.alias: _what(device) for device in found.devices}, say)
+        if survey.versions:
+            versions[name] = dict(survey.versions)
+        backends += _test(backend, {device.alias: _describe(device) for device in survey.devices}, say)
     return Examination(__version__, machine.hardware(), packages, tuple(backends), versions)
 
 
 def _extending() -> tuple[Package, ...]:
-    """Packages that extend labbook, each with the names of all that it adds."""
+    """List the packages that extend labbook, each with the names of its additions."""
     added: dict[tuple[str, str], list[str]] = {}
     for extension in extensions():
         added.setdefault((extension.package, extension.version), []).append(extension.use)
@@ -113,21 +114,21 @@ def _reason(error: Exception) -> str:
     return str(error) if isinstance(error, BackendMissing | Unsupported) else f"{type(error).__name__}: {error}"
 
 
-def _what(device: Device) -> str:
+def _describe(device: Device) -> str:
     return f"{device.name}, {device.memory / 2**30:.0f} GiB" if device.memory else device.name
 
 
-def _try(backend: Backend, here: dict[str, str], say: Callable[[str], None]) -> list[BackendHealth]:
-    """One line for each device that the backend is made for, and for each further one that is here."""
+def _test(backend: Backend, here: dict[str, str], say: Callable[[str], None]) -> list[BackendHealth]:
+    """Test each device that the backend is made for, and each further device of this machine."""
     devices = dict.fromkeys((*backend.capabilities.devices, *here))
-    tried = []
+    results = []
     for device in devices:
         say(f"letting a grain bounce with {backend.capabilities.name} on {device} (compiles the first time)")
-        tried.append(replace(_try_on(backend, device), what=here.get(device, "")))
-    return tried
+        results.append(replace(_test_on(backend, device), what=here.get(device, "")))
+    return results
 
 
-def _try_on(backend: Backend, device: str) -> BackendHealth:
+def _test_on(backend: Backend, device: str) -> BackendHealth:
     can = backend.capabilities
     precisions, laws = tuple(sorted(can.precisions)), tuple(sorted(can.laws))
     try:
@@ -136,12 +137,12 @@ def _try_on(backend: Backend, device: str) -> BackendHealth:
         spent = time.perf_counter() - began
     except Exception as error:  # whatever a backend does wrong is what a doctor is for
         return BackendHealth(can.name, device, False, _reason(error), precisions=precisions, laws=laws)
-    works = abs(restitution - ASKED) < 0.01
-    note = f"self-test: a bounce gave back e = {restitution:.3f} (asked {ASKED}), in {spent:.1f} s"
+    works = abs(restitution - TARGET) < 0.01
+    note = f"self-test: a bounce gave back e = {restitution:.3f} (asked {TARGET}), in {spent:.1f} s"
     return BackendHealth(can.name, device, works, note, precisions=precisions, laws=laws)
 
 
-ASKED, SPEED, RADIUS = 0.8, 0.1, 5e-3
+TARGET, SPEED, RADIUS = 0.8, 0.1, 5e-3
 """Restitution of the linear law in the self-test, speed of an impact [m/s] and radius of the grain [m]."""
 _RESOLVED = 400
 """Steps of a collision by another law."""
@@ -178,7 +179,7 @@ def bounce(
     floor = Wall(name="floor", shape=wall or Plane(point=(0, 0, 0), normal=(0, 0, 1)))
     scene = Scene(
         grains=grains,
-        contact=contact or LinearSpringDashpot(normal_stiffness=1e4, restitution=ASKED),
+        contact=contact or LinearSpringDashpot(normal_stiffness=1e4, restitution=TARGET),
         container=Primitives(parts=(floor,)),
         gravity=0.0,
     )
@@ -195,23 +196,33 @@ def bounce(
 
 
 def _just_above(wall: WallShape, x: np.ndarray, distance: float) -> np.ndarray:
-    """The place straight below x [m], shape [1, 3], at a distance [m] from a wall, by steps as long as what is left."""
+    """Find the point straight below x [m], shape [1, 3], at a distance [m] from a wall.
+
+    Each step is as long as the remaining distance, so that it never passes the wall.
+    """
     before = math.inf
-    while (left := float(wall.distance(x)[0]) - distance) < before:
-        if abs(left) < 1e-6 * distance:
+    while (excess := float(wall.distance(x)[0]) - distance) < before:
+        if abs(excess) < 1e-6 * distance:
             return x
-        x, before = x - np.array([0.0, 0.0, left]), left
+        x, before = x - np.array([0.0, 0.0, excess]), excess
     raise ValueError("there is no wall straight below `above`; choose another point")
 
 
 class NoKernel(Exception):
-    """There is no module of kernels to show; the message says why, and what to look at."""
+    """There is no module of kernels to show; the message gives the reason and an alternative."""
 
 
 def kernel(backend: Backend, study: Study, point: int) -> str:
-    """The module that `backend` compiles for the discharges of a point of a study, counted from 1.
+    """Return the module that `backend` compiles for the discharges of a point of a study.
 
-    Raises NoKernel, Unsupported and Conflict.
+    Args:
+        backend: The backend.
+        study: The study.
+        point: Number of the point, from 1.
+
+    Raises:
+        NoKernel: The point does not exist, or the backend has no such module.
+        Unsupported, Conflict: The backend cannot run the point.
     """
     if point > len(study.points):
         raise NoKernel(f"--point: {study.name} has {len(study.points)} points, not a point {point}")

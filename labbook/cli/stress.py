@@ -26,10 +26,10 @@ def register(app: typer.Typer) -> None:
         Every case must give a correct result or a clear error; exit status 1 if one does not.
         """
         from labbook.checks.stress.bounded import NamedBackend
-        from labbook.checks.stress.cases import chosen
+        from labbook.checks.stress.cases import select_cases
         from labbook.checks.stress.show import list_cases, run_cases
 
-        cases = asked("stress", chosen, names, quick)
+        cases = asked("stress", select_cases, names, quick)
         if list_:
             list_cases(cases, json, screen())
         elif not run_cases(cases, NamedBackend(backend, precision, device), json, screen(highlight=False)):

@@ -25,10 +25,10 @@ def register(app: typer.Typer) -> None:
 
         Exit status 1 if a check fails.
         """
-        from labbook.checks.verify.cases import chosen
+        from labbook.checks.verify.cases import select_cases
         from labbook.checks.verify.show import list_cases, run_cases
 
-        cases = asked("verify", chosen, names, quick)
+        cases = asked("verify", select_cases, names, quick)
         if list_:
             list_cases(cases, json, screen())
         elif not run_cases(cases, backend, precision, device, json, screen()):

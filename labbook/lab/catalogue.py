@@ -432,7 +432,7 @@ class Catalogue:
         )
         rates: dict[str, dict[int, list[float]]] = {}
         with self._asking() as connection:
-            for row in among(connection, query, measurements.c.run_key, run_keys):
+            for row in select_in(connection, query, measurements.c.run_key, run_keys):
                 rates.setdefault(row.run_key, {}).setdefault(row.version, []).append(row.value)
         return {key: tuple(dict.fromkeys(of[max(of)])) for key, of in rates.items()}
 

@@ -10,7 +10,7 @@ import numpy as np
 
 from labbook.accuracy.calibration import Effects
 from labbook.accuracy.groups import Groups, groups
-from labbook.accuracy.regression import Observed, Slopes, curved, regress
+from labbook.accuracy.regression import Observation, Slopes, curved, regress
 from labbook.results.points import FLOW_RATE, PointResult, by_seed, counted
 from labbook.scene.quantities import percent
 from labbook.study import Point
@@ -129,7 +129,7 @@ def _scene(points: Sequence[PointResult], source: str, bend: bool = False) -> Ca
 
 
 def effects_of_scene(
-    observed: Sequence[Observed], numerics: Sequence[tuple[Groups, Groups]], source: str, bend: bool = False
+    observed: Sequence[Observation], numerics: Sequence[tuple[Groups, Groups]], source: str, bend: bool = False
 ) -> tuple[Slopes, Effects]:
     """Regress ln W of one scene by its numerics.
 
@@ -177,9 +177,9 @@ def _place(point: PointResult) -> str:
     )
 
 
-def _observed(point: PointResult, flow: Groups, filled: Groups) -> list[Observed]:
+def _observed(point: PointResult, flow: Groups, filled: Groups) -> list[Observation]:
     rates, mixed = counted(point, FLOW_RATE), are_mixed(point.point)
-    return [Observed(run.packing_key, filled.overlap, flow.overlap, flow.step, rate, *mixed) for run, rate in rates]
+    return [Observation(run.packing_key, filled.overlap, flow.overlap, flow.step, rate, *mixed) for run, rate in rates]
 
 
 def are_mixed(point: Point) -> tuple[bool, bool]:

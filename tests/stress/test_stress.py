@@ -9,9 +9,9 @@ from stands import stands, where
 from typer.testing import CliRunner
 
 from labbook.backend import Unsupported
-from labbook.checks.stress.bounded import NamedBackend, judged
+from labbook.checks.stress.bounded import NamedBackend, judge_isolated
 from labbook.checks.stress.case import Ending, judge, within
-from labbook.checks.stress.cases import CASES, chosen
+from labbook.checks.stress.cases import CASES, select_cases
 from labbook.checks.verify.case import limited
 from labbook.checks.verify.stand import Stand, require
 from labbook.cli import build
@@ -55,10 +55,10 @@ def test_names_are_unique_and_chosen_by_their_beginning():
     names = [case.name for case in CASES]
     assert len(set(names)) == len(names)
     assert set(names) > IN_ONE
-    assert [case.name for case in chosen(["pyr"])] == ["pyramid", "pyramid-long"]
-    assert chosen([]) == list(CASES)
+    assert [case.name for case in select_cases(["pyr"])] == ["pyramid", "pyramid-long"]
+    assert select_cases([]) == list(CASES)
     with pytest.raises(KeyError):
-        chosen(["no-such-case"])
+        select_cases(["no-such-case"])
 
 
 # that it can fail
@@ -110,7 +110,7 @@ def test_a_guard_where_the_motion_should_be_right_and_silence_where_it_should_no
 def test_a_guard_of_a_compiled_backend_that_is_swallowed_is_noticed(monkeypatch):
     member = pytest.importorskip("labbook_numba.member")
     monkeypatch.setattr(member.Run, "_fail", lambda *_: None)
-    (case,) = chosen(["deep-overlap"])
+    (case,) = select_cases(["deep-overlap"])
     (numba,) = [stand for stand in stands() if stand.wide and not stand.second]
     rows = judge(case, numba)
     assert "right" in [row.outcome for row in rows[:-1]]
@@ -162,7 +162,7 @@ def test_a_case_that_cannot_be_judged_has_failed_unless_the_backend_lacks_the_sc
 def test_a_case_that_hangs_or_ends_its_process_has_failed_and_the_next_one_runs():
     bench = NamedBackend("toy", "double", "cpu")
     cases = [broken.case(broken.hangs, 5.0), broken.case(broken.crashes), broken.case(broken.runs)]
-    (hung,), (crashed,), (ran,) = judged(cases, bench)
+    (hung,), (crashed,), (ran,) = judge_isolated(cases, bench)
     assert (hung.outcome, hung.figure) == ("failed", "hung: no end after 5 s")
     assert (crashed.outcome, crashed.figure) == ("failed", "crashed: the process of the case ended")
     assert ran.figure == "silence: no guard reported anything"

@@ -8,7 +8,7 @@ from stands import Bundled, specialised, stands, where
 from labbook.backend import Unsupported
 from labbook.checks.verify import mesh, mesh_rods, moving
 from labbook.checks.verify.case import Case, Criterion, judge
-from labbook.checks.verify.cases import CASES, chosen
+from labbook.checks.verify.cases import CASES, select_cases
 from labbook.checks.verify.materials import EVERY_LAW
 from labbook.checks.verify.stand import Stand, require
 
@@ -162,10 +162,10 @@ def test_there_is_an_backend_to_check():
 def test_names_are_unique_and_chosen_by_their_beginning():
     names = [case.name for case in CASES]
     assert len(set(names)) == len(names)
-    assert [case.name for case in chosen(["restitution-lin"])] == ["restitution-linear"]
-    assert chosen([]) == list(CASES)
+    assert [case.name for case in select_cases(["restitution-lin"])] == ["restitution-linear"]
+    assert select_cases([]) == list(CASES)
     with pytest.raises(KeyError):
-        chosen(["no-such-case"])
+        select_cases(["no-such-case"])
 
 
 def invented(run, **measures: Criterion) -> Case:

@@ -1,4 +1,4 @@
-"""How the error of a backend depends on the time step: single contacts against SciPy, and dense beds before chaos."""
+"""Measurement of a backend's error by time step: single contacts against SciPy, and dense beds before chaos."""
 
 import inspect
 import math
@@ -20,7 +20,15 @@ QUICK = (10, 20, 40, 80)
 
 @dataclass(frozen=True)
 class AccuracyReport:
-    """What one backend computes on this machine: errors of contacts and beds."""
+    """Errors of one backend on this machine.
+
+    Args:
+        backend: Name of the backend.
+        device: Device that it ran on.
+        hardware: Processor and memory, as `labbook.backend.machine.hardware` gives them.
+        contacts: Errors of single contacts, one for each situation, law and precision.
+        beds: Errors of dense beds, one for each bed and precision.
+    """
 
     backend: str
     device: str
@@ -29,7 +37,7 @@ class AccuracyReport:
     beds: tuple[BedConvergence, ...]
 
     def as_dict(self) -> dict[str, object]:
-        """For JSON; numbers that are not there are None."""
+        """Return plain values for JSON; NaN and infinities become None."""
         return _plain(asdict(self))
 
 
@@ -40,42 +48,49 @@ def run(
     quick: bool = False,
     say: Callable[[str], None] = lambda _: None,
 ) -> AccuracyReport:
-    """Measure the backend called `name`.
+    """Measure the error of a backend against its time step.
 
-    precision: None for every one that it has. quick: impacts of spheres only, by two laws, to 80 steps of a collision,
-    and no bed.
+    Args:
+        name: Name of the backend.
+        precision: Precision to measure; None: each one that the backend has.
+        device: Device to run on.
+        quick: Measure only impacts of spheres, by two laws, with at most 80 steps a collision; no beds.
+        say: Receives one line of progress at a time.
+
+    Raises:
+        BackendMissing: The backend is not installed.
     """
     backend = shared(load(name))
     can = backend.capabilities
     precisions = (precision,) if precision else tuple(sorted(can.precisions))
     laws, steps = (tuple(LAWS), QUICK) if quick else (tuple(EVERY_LAW), contacts.STEPS)
     rods = "spherocylinder" in can.shapes and not quick
-    found: list[Convergence] = []
-    for each in precisions:
-        stand = Stand(backend, each, device)
+    errors: list[Convergence] = []
+    for precision_name in precisions:
+        stand = Stand(backend, precision_name, device)
         for law in laws:
             for situation in contacts.SITUATIONS:
                 if (situation.rods and not rods) or (law, situation.name) in contacts.UNSETTLED:
                     continue
-                say(f"{law}, {each}: {situation.name}")
-                found.append(contacts.converge(stand, situation, law, steps))
+                say(f"{law}, {precision_name}: {situation.name}")
+                errors.append(contacts.converge(stand, situation, law, steps))
     beds: list[BedConvergence] = []
-    for called, scene in () if quick else bed.beds(rods):
-        say(f"settling {called}")
-        resting = bed.settled(backend, scene, device)
-        beds += [bed.converge(Stand(backend, p, device), called, scene, resting, say) for p in precisions]
-    return AccuracyReport(name, device, hardware(), tuple(found), tuple(beds))
+    for name_of_bed, scene in () if quick else bed.beds(rods):
+        say(f"settling {name_of_bed}")
+        resting = bed.settle(backend, scene, device)
+        beds += [bed.converge(Stand(backend, p, device), name_of_bed, scene, resting, say) for p in precisions]
+    return AccuracyReport(name, device, hardware(), tuple(errors), tuple(beds))
 
 
 def _plain(value: Any) -> Any:
     if isinstance(value, dict):
-        return {key: _plain(each) for key, each in value.items()}
+        return {key: _plain(item) for key, item in value.items()}
     if isinstance(value, list | tuple):
-        return [_plain(each) for each in value]
+        return [_plain(item) for item in value]
     return None if isinstance(value, float) and not math.isfinite(value) else value
 
 
 def shared(backend: Backend) -> Backend:
-    """The same backend, with kernels that many scenes share where it has such: most of the time goes into compiling."""
+    """Return the same backend, with kernels shared between scenes if it has them: compiling takes most of the time."""
     maker: Any = type(backend)
     return maker(wide=True) if "wide" in inspect.signature(maker).parameters else backend

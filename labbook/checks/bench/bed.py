@@ -11,7 +11,7 @@ from itertools import pairwise
 import numpy as np
 
 from labbook.backend import Backend, Settled
-from labbook.checks.bench.order import Order, fitted
+from labbook.checks.bench.order import Order, fit_order
 from labbook.checks.bench.speed import pongo
 from labbook.checks.verify.materials import EVERY_LAW, G, spheres
 from labbook.checks.verify.stand import MemberStart, Stand, require
@@ -22,24 +22,35 @@ from labbook.scene.packing import Packing
 from labbook.scene.timescales import collision
 
 HALVINGS = 5
-"""The reference has a step 2^5 times as small as the coarsest."""
+"""Halvings of the time step from the coarsest to the reference: a factor of 2^5."""
 COARSEST = 40
-"""Steps of a collision."""
+"""Steps of a collision with the coarsest time step."""
 FOLLOWED = 0.1
-"""Time that is followed [sqrt(d/g)]."""
+"""Simulated time [sqrt(d/g)]."""
 SETTLED = 1e-6
 """Kinetic energy per grain [m g d] of a bed at rest."""
 NUDGE = 1e-9
-"""By which positions are changed [d] to see how fast neighbours part."""
+"""Perturbation of positions [d] by which the divergence of neighbouring trajectories is measured."""
 
 
 @dataclass(frozen=True)
 class BedConvergence:
     """Errors of a bed at each number of steps a collision, against the smallest step in double precision.
 
-    position, velocity: median over grains, in d and sqrt(g d); farthest, fastest: the largest. order: of the median
-    error of positions, from differences between a step and its half, which have the order of the error whatever the
-    reference; order_velocity: likewise. growth: by which a change of positions by 1e-9 d has grown at the end, median.
+    Args:
+        bed: Name of the bed.
+        law: Name of its contact law.
+        precision: Precision of the runs.
+        grains: Number of grains.
+        steps: Steps of a collision, one for each time step, from the coarsest.
+        position: Median error of positions over grains [d], by time step.
+        farthest: Largest error of positions [d], by time step.
+        velocity: Median error of velocities over grains [sqrt(g d)], by time step.
+        fastest: Largest error of velocities [sqrt(g d)], by time step.
+        order: Order in the time step of the median error of positions. It is fitted to differences between a step and
+            its half, which are of the same order as the error whatever the reference.
+        order_velocity: Order of the median error of velocities, fitted in the same way.
+        growth: Median factor by which a perturbation of positions by 1e-9 d has grown at the end.
     """
 
     bed: str
@@ -57,20 +68,20 @@ class BedConvergence:
 
 
 def of_spheres(law: str, count: int = 400) -> Scene:
-    """Fan's grains in a cylinder of 12 d, over a hole of 6 d."""
+    """Build Fan's grains in a cylinder of 12 d, over a hole of 6 d."""
     grains = spheres(count)
     silo = CylinderSilo(diameter=12 * grains.diameter, height=1.0, orifice=6 * grains.diameter)
     return Scene(grains=grains, contact=EVERY_LAW[law](rolling_friction=0.0), container=silo, gravity=G)
 
 
 def of_rods(count: int = 250) -> Scene:
-    """Pongo's rods in a cylinder of 80 mm that does not turn, over a hole of 54 mm; the law linear."""
+    """Build Pongo's rods in a cylinder of 80 mm that does not turn, over a hole of 54 mm, with the linear law."""
     scene = pongo(Spherocylinders(diameter=6e-3, length=20e-3, density=620, count=count), diameter=0.08)
     return scene.model_copy(update={"container": CylinderSilo(diameter=0.08, height=2.0, orifice=0.054)})
 
 
-def settled(backend: Backend, scene: Scene, device: str = "cpu") -> Packing:
-    """A bed at rest in the closed container, made in double precision."""
+def settle(backend: Backend, scene: Scene, device: str = "cpu") -> Packing:
+    """Let grains fall in the closed container until they rest, in double precision."""
     closed = scene.close()
     stand = Stand(backend, "double", device)
     fallen = MemberStart(closed, collision(closed) / 30, place(closed, "gas", 1), settled_below=SETTLED)
@@ -79,33 +90,36 @@ def settled(backend: Backend, scene: Scene, device: str = "cpu") -> Packing:
     return motion.end
 
 
-def converge(stand: Stand, called: str, scene: Scene, bed: Packing, say: Callable[[str], None]) -> BedConvergence:
-    """Measure a bed that is opened, on a stand; `bed` rests in the closed container."""
+def converge(stand: Stand, label: str, scene: Scene, bed: Packing, say: Callable[[str], None]) -> BedConvergence:
+    """Measure the error of a bed after its outlet opens; `bed` rests in the closed container."""
     start, unit = opened(bed, scene.close(), scene), math.sqrt(scene.gravity * scene.grains.diameter)
     coarsest, d = collision(scene) / COARSEST, scene.grains.diameter
     count = round(FOLLOWED * math.sqrt(d / scene.gravity) / coarsest)
     exact = Stand(stand.backend, "double", stand.device)
 
     def ends(on: Stand, begin: Packing, part: int) -> Packing:
-        say(f"{called}, {on.precision}, t_c/{COARSEST * part}")
-        return _followed(on, scene, begin, coarsest / part, count * part)
+        say(f"{label}, {on.precision}, t_c/{COARSEST * part}")
+        return _follow(on, scene, begin, coarsest / part, count * part)
 
     finest = ends(exact, start, 2**HALVINGS)
     nudged = np.random.default_rng(1).normal(size=start.x.shape)
     apart = Packing(**{**start.arrays(), "x": start.x + NUDGE * d * nudged})
-    growth = _off(ends(exact, apart, 4).x, ends(exact, start, 4).x) / (NUDGE * d)
+    growth = _distances(ends(exact, apart, 4).x, ends(exact, start, 4).x) / (NUDGE * d)
     parts = [2**k for k in range(HALVINGS)]
-    found = [ends(stand, start, part) for part in parts]
-    x, v = ([_off(getattr(one, name), getattr(finest, name)) for one in found] for name in ("x", "v"))
+    ends_by_step = [ends(stand, start, part) for part in parts]
+    x, v = (
+        [_distances(getattr(end_state, name), getattr(finest, name)) for end_state in ends_by_step]
+        for name in ("x", "v")
+    )
     orders = [
-        fitted(
+        fit_order(
             1 / np.array(parts[:-1]),
-            [np.median(_off(getattr(a, n), getattr(b, n))) for a, b in pairwise(found)],
+            [np.median(_distances(getattr(a, n), getattr(b, n))) for a, b in pairwise(ends_by_step)],
         )
         for n in ("x", "v")
     ]
     return BedConvergence(
-        bed=called,
+        bed=label,
         law=scene.contact.law,
         precision=stand.precision,
         grains=len(start),
@@ -116,11 +130,11 @@ def converge(stand: Stand, called: str, scene: Scene, bed: Packing, say: Callabl
         fastest=tuple(float(e.max()) / unit for e in v),
         order=orders[0],
         order_velocity=orders[1],
-        growth=float(np.median(growth)) / math.sqrt(3),
+        growth=float(np.median(growth)) / math.sqrt(3),  # the norm of a normal perturbation is sqrt(3) NUDGE
     )
 
 
-def _followed(stand: Stand, scene: Scene, start: Packing, dt: float, steps: int) -> Packing:
+def _follow(stand: Stand, scene: Scene, start: Packing, dt: float, steps: int) -> Packing:
     beats = next(k for k in range(1, steps + 1) if steps % k == 0 and steps // k <= 1000)
     end = stand.run(MemberStart(scene, dt, start), beats, steps // beats).end
     require(len(end) == len(start), "a grain has left")
@@ -128,11 +142,11 @@ def _followed(stand: Stand, scene: Scene, start: Packing, dt: float, steps: int)
     return Packing(x=end.x[order], v=end.v[order], omega=end.omega[order])
 
 
-def _off(a: np.ndarray, b: np.ndarray) -> np.ndarray:
+def _distances(a: np.ndarray, b: np.ndarray) -> np.ndarray:
     return np.linalg.norm(a - b, axis=1)
 
 
 def beds(rods: bool) -> Sequence[tuple[str, Scene]]:
-    """Beds by name."""
-    found = [("spheres, Hertz", of_spheres("hertz-mindlin")), ("spheres, linear", of_spheres("linear"))]
-    return [*found, ("rods, linear", of_rods())] if rods else found
+    """List beds by name, those of rods only if `rods` is set."""
+    scenes = [("spheres, Hertz", of_spheres("hertz-mindlin")), ("spheres, linear", of_spheres("linear"))]
+    return [*scenes, ("rods, linear", of_rods())] if rods else scenes

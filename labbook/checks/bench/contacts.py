@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from labbook.checks.bench.order import Order, fitted
+from labbook.checks.bench.order import Order, fit_order
 from labbook.checks.verify.materials import EVERY_LAW, D, G, floor, spheres
 from labbook.checks.verify.planar import PlanarBody, PlanarImpact
 from labbook.checks.verify.rods import ROD
@@ -29,7 +29,7 @@ AHEAD = 2
 GOLDEN = (math.sqrt(5) - 1) / 2
 
 Make = Callable[..., ContactLaw]
-"""A law, with what is given in place of Fan's values."""
+"""Constructor of a law; keywords replace Fan's values."""
 
 
 UNSETTLED = {("hertz-liggghts", "rod end at a wall"), ("hertz-liggghts", "rod at an edge")}
@@ -40,7 +40,7 @@ may depend on what it did before, however short the step is."""
 
 @dataclass(frozen=True)
 class Situation:
-    """Impacts that are judged together; `make` gives them for a law."""
+    """Impacts whose largest error is reported as one number; `make` gives them for a law."""
 
     name: str
     about: str
@@ -52,9 +52,18 @@ class Situation:
 class Convergence:
     """Errors of one situation, law and precision at each number of steps a collision, in parts of the normal velocity.
 
-    error: largest of velocities and of spins times the size of the body, mean over phases of the first touch, of the
-    worst impact. bias, scatter: the mean of the error over phases, and its standard deviation. order: of `error`;
-    order_bias, order_scatter: of these.
+    Args:
+        situation: Name of the situation.
+        law: Name of the contact law.
+        precision: Precision of the runs.
+        steps: Steps of a collision, one for each time step.
+        error: Error of the worst impact, averaged over phases of the first touch within a step: the largest error of
+            velocities, and of spins times the size of the body.
+        bias: Mean of the error over phases, with its sign.
+        scatter: Standard deviation of the error over phases.
+        order: Order of `error` in the time step.
+        order_bias: Order of `bias`.
+        order_scatter: Order of `scatter`.
     """
 
     situation: str
@@ -74,29 +83,32 @@ def converge(
 ) -> Convergence:
     """Measure one situation on a stand."""
     impacts = situation.make(EVERY_LAW[law])
-    return measured(stand, impacts, (situation.name, law), steps, phases)
+    return measure(stand, impacts, (situation.name, law), steps, phases)
 
 
-def measured(
-    stand: Stand, impacts: Sequence[PlanarImpact], called: tuple[str, str], steps: Sequence[int], phases: int = PHASES
+def measure(
+    stand: Stand, impacts: Sequence[PlanarImpact], names: tuple[str, str], steps: Sequence[int], phases: int = PHASES
 ) -> Convergence:
-    """Measure impacts that share a kernel. called: names of the situation and the law."""
+    """Measure impacts that share a kernel; `names`: of the situation and the law."""
     expected = [impact.parted() for impact in impacts]
     rows: list[tuple[float, float, float]] = []
     for count in steps:
-        found = [errors(stand, impact, end, count, phases) for impact, end in zip(impacts, expected, strict=True)]
-        each = [(np.abs(e).max(1).mean(), np.abs(e.mean(0)).max(), e.std(0).max()) for e in found]
-        rows.append(tuple(np.max(each, axis=0).tolist()))
+        phase_errors = [
+            errors(stand, impact, end, count, phases) for impact, end in zip(impacts, expected, strict=True)
+        ]
+        statistics = [(np.abs(e).max(1).mean(), np.abs(e.mean(0)).max(), e.std(0).max()) for e in phase_errors]
+        rows.append(tuple(np.max(statistics, axis=0).tolist()))
     error, bias, scatter = (tuple(column) for column in zip(*rows, strict=True))
-    orders = [fitted(1 / np.array(steps), column) for column in (error, bias, scatter)]
-    return Convergence(*called, stand.precision, tuple(steps), error, bias, scatter, *orders)
+    orders = [fit_order(1 / np.array(steps), column) for column in (error, bias, scatter)]
+    return Convergence(*names, stand.precision, tuple(steps), error, bias, scatter, *orders)
 
 
 def errors(stand: Stand, impact: PlanarImpact, expected: np.ndarray, steps: int, phases: int) -> np.ndarray:
-    """Errors of every velocity and spin at each phase, in parts of the speed: shape [phases, components].
+    """Compute errors of every velocity and spin at each phase, in parts of the speed: shape [phases, components].
 
-    Steps differ by up to half a step a collision between phases: where a collision is a whole number of steps, it ends
-    at the phase at which it began, and errors of both cancel. A contact that is there from the beginning has no phase.
+    If a collision were a whole number of steps, it would end at the phase at which it began, and the errors of its
+    beginning and end would cancel. So the steps of a collision differ by up to half a step between phases. A contact
+    that exists from the beginning has no phase.
     """
     if impact.scene.gravity:
         starts, count = (
@@ -133,16 +145,18 @@ def _sphere(x: float, z: float, vx: float, vz: float, spin: float = 0.0) -> Plan
     return PlanarBody.sphere(spheres(1), (x, z), (vx, vz), spin)
 
 
-def head_on(make: Make, **given: float) -> list[PlanarImpact]:
-    """Two spheres, each at half the velocity."""
-    law = make(rolling_friction=0, **{**ELASTIC, **SMOOTH, **given})
+def head_on(make: Make, **parameters: float) -> list[PlanarImpact]:
+    """Two spheres that collide head-on, each at half the velocity."""
+    law = make(rolling_friction=0, **{**ELASTIC, **SMOOTH, **parameters})
     bodies = _sphere(0, D, 0, -SPEED / 2), _sphere(0, 0, 0, SPEED / 2)
     return [PlanarImpact.of(_scene(spheres(2), law), bodies, "none", SPEED)]
 
 
-def at_floor(make: Make, slips: Sequence[float], spins: Sequence[float] = (0.0,), **given: Any) -> list[PlanarImpact]:
+def at_floor(
+    make: Make, slips: Sequence[float], spins: Sequence[float] = (0.0,), **parameters: Any
+) -> list[PlanarImpact]:
     """A sphere at a plane; slips, spins: tangential velocity, and that of the surface by spin, over the normal one."""
-    law = make(rolling_friction=0, **{**HALVED, **given})
+    law = make(rolling_friction=0, **{**HALVED, **parameters})
     scene, r = _scene(spheres(1), law, floor()), D / 2
     return [
         PlanarImpact.of(scene, (_sphere(0, r, slip * SPEED, -SPEED, spin * SPEED / r),), "floor", SPEED, follow=2.5)
@@ -196,8 +210,8 @@ def _rods(count: int, make: Make, *walls: Wall) -> Scene:
     return _scene(ROD.model_copy(update={"count": count}), law, *walls)
 
 
-def _between(make: Make, one: PlanarBody, other: PlanarBody, **more: Any) -> PlanarImpact:
-    return PlanarImpact.of(_rods(2, make), (one, other), "none", SPEED, follow=4.0, **more)
+def _between(make: Make, first: PlanarBody, second: PlanarBody, **options: Any) -> PlanarImpact:
+    return PlanarImpact.of(_rods(2, make), (first, second), "none", SPEED, follow=4.0, **options)
 
 
 R, HALF = ROD.radius, ROD.half_length

@@ -15,10 +15,15 @@ class Order:
     error: float
 
 
-def fitted(steps: Sequence[float] | np.ndarray, errors: Sequence[float] | np.ndarray) -> Order:
-    """Order from errors at time steps, by least squares over the finer half of the steps (at least three of them).
+def fit_order(steps: Sequence[float] | np.ndarray, errors: Sequence[float] | np.ndarray) -> Order:
+    """Fit the order by least squares over the finer half of the steps, at least three of them.
 
-    Errors of zero have no logarithm: where one is among them, there is no order.
+    Args:
+        steps: Time steps, in any unit.
+        errors: Error at each step.
+
+    Returns:
+        The order; NaN with fewer than three steps, or if an error is zero and so has no logarithm.
     """
     h, e = np.asarray(steps, float), np.asarray(errors, float)
     finest = np.argsort(h)[: max(3, (len(h) + 1) // 2)]
@@ -27,5 +32,5 @@ def fitted(steps: Sequence[float] | np.ndarray, errors: Sequence[float] | np.nda
         return Order(math.nan, math.nan)
     x, y = np.log(h) - np.log(h).mean(), np.log(e)
     slope = float(x @ y / (x @ x))
-    rest = y - y.mean() - slope * x
-    return Order(slope, math.sqrt(float(rest @ rest) / (len(h) - 2) / float(x @ x)))
+    residuals = y - y.mean() - slope * x
+    return Order(slope, math.sqrt(float(residuals @ residuals) / (len(h) - 2) / float(x @ x)))

@@ -1,10 +1,10 @@
-"""What a backend saves by leaving out what a scene does not need, and that leaving it out changes nothing.
+"""Measurement of the work that a backend skips where a scene does not need it, and of the equality of the results.
 
-Each thing that is left out is put back, one after another: features of the compiled kernels, lists of neighbours that
-are kept while no grain has moved far, and frames that nobody asked for. Both ways go on from one bed of Fan's hopper;
-they are timed in turns, and their states after a while are compared. On a processor one scene is timed, by processor
-time; on a GPU, which one small scene does not fill, 64 of them side by side, by the clock. What a dense start saves of
-a filling, the fall of the grains, is counted in steps; its beds are others (benchmarks/filling.py compares them).
+Each skip is undone in turn: features of the compiled kernels, neighbour lists that are reused while no grain has moved
+far, and frames that no probe requests. Both variants go on from one bed of Fan's hopper. They are timed in alternation,
+and their states are compared. On a CPU one scene is timed, by processor time. One small scene does not fill a GPU, so
+there 64 of them are timed side by side, by the wall clock. A dense start saves the fall of the grains; that saving is
+counted in steps, and its beds differ from those of a rain (benchmarks/filling.py compares them).
 """
 
 import statistics
@@ -19,7 +19,7 @@ from labbook.backend import Backend, Ensemble, Failed, Settled, Spec, Unsupporte
 from labbook.backend.machine import hardware
 from labbook.backend.numerics import Numerics
 from labbook.backend.probes import Contacts, Probe, Sample, Traction
-from labbook.checks.bench.speed import FAN_STEP, SETTLED, fan, on_one_thread, settled
+from labbook.checks.bench.speed import FAN_STEP, SETTLED, fan, on_one_thread, settle
 from labbook.filling.placing import STARTS, place
 from labbook.scene import Scene, TriangleMesh, Wall
 from labbook.scene.packing import Packing
@@ -37,11 +37,16 @@ ON_GPU = 64
 
 @dataclass(frozen=True)
 class Skip:
-    """What is left out, and how it is put back.
+    """Work that a backend leaves out, with the change that adds it again.
 
-    `scene`: the scene that does not need it, from Fan's closed hopper. `features`: of the kernels, that are compiled in
-    all the same; `walls`: whether walls of all kinds are, too. `numerics`, `probes`: changed and added ones. `falling`:
-    whether it is measured while the grains fall, and not at rest.
+    Args:
+        name: Name in reports.
+        scene: Makes the scene that does not need the work from Fan's closed hopper.
+        features: Features of the kernels to compile in all the same.
+        walls: Compile in all kinds of walls.
+        numerics: Numerical parameters to change.
+        probes: Probes to add.
+        falling: Measure while the grains fall, not at rest.
     """
 
     name: str
@@ -53,16 +58,16 @@ class Skip:
     falling: bool = False
 
     def spec(self, backend: Backend, scene: Scene, numerics: Numerics) -> Spec:
-        """What is compiled where nothing is left out."""
-        made = backend.specialise(scene, numerics, self.probes)
-        known = dict(made.features)
-        if unknown := self.features.keys() - known.keys():
-            raise ValueError(f"the backend {made.backend} has no features {', '.join(sorted(unknown))}")
-        known |= self.features
+        """Return the Spec of kernels that leave nothing out. Raises ValueError for a feature that does not exist."""
+        compiled = backend.specialise(scene, numerics, self.probes)
+        features = dict(compiled.features)
+        if missing := self.features.keys() - features.keys():
+            raise ValueError(f"the backend {compiled.backend} has no features {', '.join(sorted(missing))}")
+        features |= self.features
         if self.walls:
-            # those of triangles take other memory
-            known["walls"] = tuple(sorted(backend.capabilities.walls - {TriangleMesh.model_fields["kind"].default}))
-        return replace(made, features=tuple(sorted(known.items())))
+            # walls of triangles need arrays that a scene without them does not have
+            features["walls"] = tuple(sorted(backend.capabilities.walls - {TriangleMesh.model_fields["kind"].default}))
+        return replace(compiled, features=tuple(sorted(features.items())))
 
 
 def _law(**changes: object) -> Callable[[Scene], Scene]:
@@ -96,10 +101,10 @@ SKIPS = (
 
 @dataclass(frozen=True)
 class SkipSaving:
-    """What one skip saves: time with it put back over time without, median and range over rounds.
+    """Saving of one skip: time without the skip over time with it, median and range over rounds.
 
-    `same`: whether both states are the same in every bit, after COMPARED beats; `difference`: the largest one of
-    positions, in diameters.
+    `same`: both states are equal in every bit after COMPARED beats. `difference`: their largest difference of
+    positions [d].
     """
 
     name: str
@@ -112,7 +117,7 @@ class SkipSaving:
 
 @dataclass(frozen=True)
 class SkipsBench:
-    """What the skips of one backend save on this machine: in `scenes` side by side, of `grains` each."""
+    """Savings of all skips of one backend on this machine, with `scenes` side by side, of `grains` each."""
 
     backend: str
     device: str
@@ -125,7 +130,7 @@ class SkipsBench:
     """Steps of a filling from a rain over those from a dense start, until each rests by its own rule."""
 
     def as_dict(self) -> dict[str, object]:
-        """For JSON."""
+        """Return plain values for JSON."""
         return asdict(self)
 
 
@@ -138,13 +143,25 @@ def run(
     skips: Sequence[Skip] = SKIPS,
     grains: int = GRAINS,
 ) -> SkipsBench:
-    """Measure the backend called `name`, on one thread where it has a choice; `say` tells of skips that need what it
-    lacks. Raises BackendMissing."""
+    """Measure all skips of a backend, on one thread if it can be told how many to use.
+
+    Args:
+        name: Name of the backend.
+        repeats: Rounds of each timing.
+        device: Device to run on.
+        precision: Precision to run in.
+        say: Receives progress, and skips that the backend does not support.
+        skips: Skips to measure.
+        grains: Grains of each scene.
+
+    Raises:
+        BackendMissing: The backend is not installed.
+    """
     whole = load(name)
     backend = on_one_thread(whole) or whole
     closed = fan(grains=grains).close()
     say(f"settling {grains} grains (compiles)")
-    bed = settled(load("numba"), closed, FAN_STEP, SETTLED)
+    bed = settle(load("numba"), closed, FAN_STEP, SETTLED)
     numerics = FAN_STEP.model_copy(update={"steps_per_beat": STEPS_PER_BEAT, "precision": precision})
     say("filling from a rain and from a dense start")
     falls = [steps_to_rest(backend, device, closed, numerics, kind) for kind in ("rain", "dense")]
@@ -153,7 +170,7 @@ def run(
         say(f"putting back {skip.name} (compiles)")
         start = place(closed, "gas", 1) if skip.falling else bed
         try:
-            saved.append(measured(skip, backend, device, skip.scene(closed), numerics, start, repeats))
+            saved.append(measure(skip, backend, device, skip.scene(closed), numerics, start, repeats))
         except Unsupported as error:
             say(f"without {skip.name}: {error}")
     return SkipsBench(
@@ -161,37 +178,37 @@ def run(
     )
 
 
-def measured(
+def measure(
     skip: Skip, backend: Backend, device: str, scene: Scene, numerics: Numerics, start: Packing, repeats: int
 ) -> SkipSaving:
-    """What `skip` saves in `scene`, from `start` on."""
-    more = numerics.model_copy(update=dict(skip.numerics))
+    """Measure the saving of `skip` in `scene`, from `start` on."""
+    changed = numerics.model_copy(update=dict(skip.numerics))
     members = side_by_side(device)
     clock = time.process_time if members == 1 else time.perf_counter
     plain = backend.open(backend.specialise(scene, numerics), members, device)
-    whole = backend.open(skip.spec(backend, scene, more), members, device)
+    full = backend.open(skip.spec(backend, scene, changed), members, device)
     ends: list[Packing] = []
-    for ensemble, how in ((plain, numerics), (whole, more)):
-        admitted = [ensemble.admit(scene, how, start) for _ in range(members)]
+    for ensemble, parameters in ((plain, numerics), (full, changed)):
+        admitted = [ensemble.admit(scene, parameters, start) for _ in range(members)]
         _advance(ensemble, COMPARED, skip.name)
         ends.append(ensemble.packing(admitted[0]))
-    spent: tuple[list[float], list[float]] = ([], [])
+    timings: tuple[list[float], list[float]] = ([], [])
     for _ in range(repeats):
-        for ensemble, times in zip((plain, whole), spent, strict=True):
+        for ensemble, times in zip((plain, full), timings, strict=True):
             began = clock()
             _advance(ensemble, TIMED, skip.name)
             times.append(clock() - began)
     plain.close()
-    whole.close()
-    ratios = [slow / fast for fast, slow in zip(*spent, strict=True)]
-    one, other = ends
-    same = all(np.array_equal(getattr(one, key), getattr(other, key)) for key in ("x", "v", "omega"))
-    difference = float(np.abs(one.x - other.x).max()) / scene.grains.diameter
-    return SkipSaving(skip.name, statistics.median(ratios), min(ratios), max(ratios), same, difference)
+    full.close()
+    ratios = [slow / fast for fast, slow in zip(*timings, strict=True)]
+    first, second = ends
+    equal = all(np.array_equal(getattr(first, key), getattr(second, key)) for key in ("x", "v", "omega"))
+    difference = float(np.abs(first.x - second.x).max()) / scene.grains.diameter
+    return SkipSaving(skip.name, statistics.median(ratios), min(ratios), max(ratios), equal, difference)
 
 
 def steps_to_rest(backend: Backend, device: str, closed: Scene, numerics: Numerics, kind: str) -> int:
-    """Steps of a filling from the start called `kind`, until it rests."""
+    """Count the steps of a filling from the start called `kind` until it rests."""
     start = STARTS[kind]
     ensemble = backend.open(backend.specialise(closed, numerics), 1, device)
     member = ensemble.admit(
@@ -211,12 +228,12 @@ def steps_to_rest(backend: Backend, device: str, closed: Scene, numerics: Numeri
 
 
 def side_by_side(device: str) -> int:
-    """Scenes that are timed together on `device`."""
+    """Return the number of scenes that are timed together on `device`."""
     return 1 if device == "cpu" else ON_GPU
 
 
 def _advance(ensemble: Ensemble, beats: int, name: str) -> None:
-    """Beat by beat, as runs do it: rows are fetched after each."""
+    """Advance beat by beat and fetch the rows after each, as runs do."""
     for _ in range(beats):
         events: Sequence[Any] = ensemble.advance(1)
         if failed := [event for event in events if isinstance(event, Failed)]:

@@ -1,7 +1,8 @@
 """Speed of a backend: Fan's hopper settled and flowing, a box of spheres, rods, and members side by side.
 
-Rates are grain-steps per second of processor time, of one thread: other jobs on the machine cost little. Only what many
-cores gain is taken from the wall clock, and is a ratio within one run. The scripts in `benchmarks` use the same scenes.
+Rates are grain-steps per second of processor time of one thread: other jobs on the machine hardly change them. Only
+the gain from many cores is measured by the wall clock, as a ratio within one run. The scripts in `benchmarks` use the
+same scenes.
 """
 
 import inspect
@@ -67,10 +68,17 @@ class Rate:
 
 @dataclass(frozen=True)
 class BackendBench:
-    """What one backend does on this machine. Rates in 1e6 grain-steps per processor second, peak memory in MB.
+    """Speed of one backend on this machine.
 
-    `speed_up`: of `members` side by side over one; `large`: of the largest box on all cores over one thread, None if
-    the backend has no say in that or no box is measured.
+    Args:
+        backend: Name of the backend.
+        hardware: Processor and memory.
+        rates: Rates of the timed scenes [1e6 grain-steps per processor second].
+        members: Number of members side by side.
+        speed_up: Rate of `members` side by side over that of one.
+        large: Rate of the largest box on all cores over that on one thread; None if the number of threads cannot be
+            chosen, or no box is measured.
+        memory: Peak memory of the process [MB].
     """
 
     backend: str
@@ -82,7 +90,7 @@ class BackendBench:
     memory: float
 
     def as_dict(self) -> dict[str, object]:
-        """For JSON."""
+        """Return plain values for JSON."""
         return asdict(self)
 
 
@@ -109,28 +117,30 @@ def run(
     scene = fan(grains=grains)
     closed = scene.close()
     say(f"settling {grains} grains")
-    packing = settled(backend, closed, FAN_STEP, SETTLED)
+    packing = settle(backend, closed, FAN_STEP, SETTLED)
     rates = _settled_and_flowing(backend, "fan", scene, FAN_STEP, packing, repeats, say, every, OUTFLOW)
     for count in boxes if extent != "quick" else ():
         say(f"timing a box of {count}")
         stack, at_rest = box(count)
-        rates.append(timed(backend, "box at rest", stack, BOX_STEP, at_rest, repeats))
+        rates.append(time_member(backend, "box at rest", stack, BOX_STEP, at_rest, repeats))
     can = backend.capabilities
     if extent != "quick" and "spherocylinder" in can.shapes and "frustum" in can.walls:
         silo, filling = cylinder(rods=True, grains=rods), CYLINDER_STEP.model_copy(update={"dt": FILLING_STEP})
         say(f"settling {rods} rods")
-        bed = settled(backend, silo.close(), filling, RODS_SETTLED)
-        some = every if extent == "full" else ["double"]
-        rates += _settled_and_flowing(backend, "rods", silo, CYLINDER_STEP, bed, repeats, say, some, RODS_OUTFLOW)
+        bed = settle(backend, silo.close(), filling, RODS_SETTLED)
+        rod_precisions = every if extent == "full" else ["double"]
+        rates += _settled_and_flowing(
+            backend, "rods", silo, CYLINDER_STEP, bed, repeats, say, rod_precisions, RODS_OUTFLOW
+        )
     memory = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1e3  # peak; Linux counts in KiB
     say("timing members side by side")
     members = cores()
-    speed_up = members * _quicker(backend, backend, (closed, FAN_STEP, packing), members)
+    speed_up = members * _time_ratio(backend, backend, (closed, FAN_STEP, packing), members)
     large = None
     if on_one_thread(whole) is not None and extent != "quick":
         say("timing one large scene on all cores")
         stack, at_rest = box(max(boxes))
-        large = _quicker(backend, whole, (stack, BOX_STEP, at_rest), 1)
+        large = _time_ratio(backend, whole, (stack, BOX_STEP, at_rest), 1)
     return BackendBench(name, hardware(), tuple(rates), members, speed_up, large, memory)
 
 
@@ -145,32 +155,34 @@ def _settled_and_flowing(
     precisions: Sequence[str],
     outflow: float,
 ) -> list[Rate]:
-    """Rates of a bed in the closed container, and of its discharge after `outflow` [s]."""
+    """Measure the rates of a bed in the closed container, and of its discharge after `outflow` [s]."""
     closed = scene.close()
     start = opened(bed, closed, scene)
     rates = []
     for precision in precisions:
         numerics = step.model_copy(update={"precision": precision})
         say(f"timing the settled bed, {precision} (compiles)")
-        rates.append(timed(backend, f"{name} settled", closed, numerics, bed, repeats))
+        rates.append(time_member(backend, f"{name} settled", closed, numerics, bed, repeats))
         say(f"timing its discharge, {precision} (compiles)")
-        rates.append(timed(backend, f"{name} flowing", scene, numerics, start, repeats, [Crossing(0.0)], outflow))
+        rates.append(time_member(backend, f"{name} flowing", scene, numerics, start, repeats, [Crossing(0.0)], outflow))
     return rates
 
 
 def on_one_thread(backend: Backend) -> Backend | None:
-    """The same backend, with one thread a member; None if it has no such choice."""
+    """Return the same backend with one thread a member; None if its number of threads cannot be chosen."""
     maker: Any = type(backend)
     return maker(threads=1) if "threads" in inspect.signature(maker).parameters else None
 
 
-def settled(backend: Backend, closed: Scene, numerics: Numerics, below: float) -> Packing:
-    """The grains of the scene `closed`, fallen as a gas of the first seed until each has less than `below` [m g d] of
-    kinetic energy, on average."""
-    return advanced(backend, "cpu", closed, numerics, place(closed, "gas", 1), settled_below=below)
+def settle(backend: Backend, closed: Scene, numerics: Numerics, below: float) -> Packing:
+    """Let grains of the scene `closed` fall from a gas of seed 1 until they settle.
+
+    `below`: mean kinetic energy per grain [m g d] at which they count as settled.
+    """
+    return advance_until(backend, "cpu", closed, numerics, place(closed, "gas", 1), settled_below=below)
 
 
-def advanced(
+def advance_until(
     backend: Backend,
     device: str,
     scene: Scene,
@@ -179,7 +191,7 @@ def advanced(
     settled_below: float | None = None,
     outflow: float = 0.0,
 ) -> Packing:
-    """What `start` has become when it has settled, or else after `outflow` [s]."""
+    """Advance `start` until it has settled, or else for `outflow` [s]."""
     ensemble = backend.open(backend.specialise(scene, numerics), 1, device)
     bed = ensemble.admit(scene, numerics, start, settled_below=settled_below)
     while settled_below is not None or ensemble.status(bed).time < outflow:
@@ -193,7 +205,7 @@ def advanced(
     return packing
 
 
-def timed(
+def time_member(
     backend: Backend,
     case: str,
     scene: Scene,
@@ -203,8 +215,10 @@ def timed(
     probes: Sequence[Probe] = (),
     after: float = 0.0,
 ) -> Rate:
-    """Rate of one member, from `after` [s] on; the first two beats are not timed: kernels may be compiled in one, and
-    the other tells how many beats to time."""
+    """Measure the rate of one member from `after` [s] on.
+
+    The first two beats are not timed: the first may compile kernels, and the second gives the number of beats to time.
+    """
     ensemble = backend.open(backend.specialise(scene, numerics, probes), 1)
     member = ensemble.admit(scene, numerics, start)
     ensemble.advance(max(1, round(after / numerics.beat)))
@@ -227,10 +241,13 @@ def timed(
     return Rate(case, numerics.precision, statistics.median(rates), min(rates), max(rates), grains, repeats)
 
 
-def _quicker(one: Backend, other: Backend, bed: tuple[Scene, Numerics, Packing], members: int) -> float:
-    """Wall-clock time of one member with the backend `one`, over that of `members` with `other`: median of five."""
+def _time_ratio(reference: Backend, candidate: Backend, bed: tuple[Scene, Numerics, Packing], members: int) -> float:
+    """Wall-clock time of one member with `reference`, over that of `members` with `candidate`: median of five."""
     scene, step, start = bed
-    pair = [one.open(one.specialise(scene, step), 1), other.open(other.specialise(scene, step), members)]
+    pair = [
+        reference.open(reference.specialise(scene, step), 1),
+        candidate.open(candidate.specialise(scene, step), members),
+    ]
     for ensemble, count in zip(pair, (1, members), strict=True):
         for _ in range(count):
             ensemble.admit(scene, step, start)

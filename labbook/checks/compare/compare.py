@@ -1,4 +1,4 @@
-"""Comparing two backends on a study, from missing runs to the verdict; and whether a verdict still holds."""
+"""Comparison of two backends on a study, from missing runs to the verdict, and the check that a verdict still holds."""
 
 from collections.abc import Callable, Sequence
 from contextlib import closing, suppress
@@ -26,18 +26,25 @@ from labbook.study.schema import Accuracy
 
 
 class Stopped(Exception):
-    """The runner was asked to stop; everything is saved. `left_behind` as in its Summary."""
+    """The runner was asked to stop; everything is saved. `left_behind`: see `labbook.run.summary.Summary`."""
 
     def __init__(self, *, left_behind: bool = False):
         super().__init__()
         self.left_behind = left_behind
 
 
-def narrowed(study: Study, points: Sequence[int] = (), replicates: int | None = None) -> Study:
-    """`study` with only the points at these places (from 0; none: all), and a number of replicates fixed beforehand.
+def select_points(study: Study, points: Sequence[int] = (), replicates: int | None = None) -> Study:
+    """Reduce a study to some points, with a number of replicates fixed beforehand.
 
-    A test wants a number of replicates that does not depend on their values. Raises CannotCompare for a point that is
-    not there and for fewer than 2 replicates.
+    The equivalence test assumes a number of replicates that does not depend on their values.
+
+    Args:
+        study: The study.
+        points: Indices of points, from 0; none: all points.
+        replicates: Replicates of each point; None: as in the study.
+
+    Raises:
+        CannotCompare: A point does not exist, there are fewer than 2 replicates, or the study is adaptive.
     """
     if study.adapt is not None:
         raise CannotCompare(
@@ -49,9 +56,9 @@ def narrowed(study: Study, points: Sequence[int] = (), replicates: int | None = 
     number = replicates or study.replicates
     if number < 2:
         raise CannotCompare(f"{study.name} has 1 replicate per point; a test needs 2: use --replicates 2 or more")
-    chosen = tuple(point for point in study.points if not points or point.index in points)
+    selected = tuple(point for point in study.points if not points or point.index in points)
     return replace(
-        study, points=chosen, replicates=number, accuracy=Accuracy(count_suspect=study.accuracy.count_suspect)
+        study, points=selected, replicates=number, accuracy=Accuracy(count_suspect=study.accuracy.count_suspect)
     )
 
 
@@ -63,52 +70,68 @@ def compare(
     watcher: Watcher | None = None,
     say: Callable[[str], None] = lambda _: None,
 ) -> tuple[Verdict, list[str]]:
-    """Run what is missing and compare; the verdict is kept in the lab. Also what failed, in words.
+    """Run what is missing, compare, and store the verdict in the lab.
 
-    `study` as `narrowed` gives it. Raises Stopped; Unsupported, Conflict or MeasureError before anything runs;
-    DiskFull; Unreadable.
+    Args:
+        study: The study, as `select_points` returns it.
+        lab: Lab that has the runs and stores the verdict.
+        pair: The two sides; the first one makes the shared packings.
+        margin: Margin of equivalence, as a part of the first side's mean.
+        watcher: Receives the progress of runs.
+        say: Receives one line of progress at a time.
+
+    Returns:
+        The verdict, and a message for each failed run.
+
+    Raises:
+        Stopped: The runner was asked to stop.
+        Unsupported, Conflict, MeasureError: The study cannot run; raised before anything runs.
+        DiskFull: The disk is full.
+        Unreadable: A file of the lab cannot be read.
     """
     entrants = pair[0].entrant, pair[1].entrant
-    for one, shared in zip(pair, from_shared(study, study.points[0], pair), strict=True):
-        say(f"opening {one.entrant.called} on {one.device}")  # before hours of the other backend's work
-        one.backend.open(one.backend.specialise(shared.scene, shared.numerics, shared.probes), 1, one.device).close()
-    path = path_of(lab, study.name, *(one.called for one in entrants))
+    for side, shared in zip(pair, from_shared(study, study.points[0], pair), strict=True):
+        say(f"opening {side.entrant.called} on {side.device}")  # before hours of the other backend's work
+        side.backend.open(side.backend.specialise(shared.scene, shared.numerics, shared.probes), 1, side.device).close()
+    path = path_of(lab, study.name, *(entrant.called for entrant in entrants))
     before = None
     with suppress(NoVerdict):
         before = Verdict.read(path)
     if before and before.entrants != entrants:  # other versions, or on other devices
         before = None
-    known = {point.divergence.key: point.divergence for point in before.points if point.divergence} if before else {}
+    earlier_divergences = (
+        {point.divergence.key: point.divergence for point in before.points if point.divergence} if before else {}
+    )
     say("making missing runs")
     sessions = _run(study, lab, pair, watcher or Unwatched())
     measures = tuple(name for name in COMPARED if name in ("flow_rate", *study.measure))
     points = []
     with closing(Catalogue(lab)) as catalogue:
         runs, own = (
-            [Planner(one.of(study), catalogue, one.can, of).plan().points for one in pair]
+            [Planner(side.of(study), catalogue, side.can, of).plan().points for side in pair]
             for of in (pair[0].packings(study), None)
         )
         observe = Observe.of(measures, study.window)
-        done = [_finished(lab, one, plans) for one, plans in zip(pair, runs, strict=True)]
-        found = numbers(catalogue, [*done[0], *done[1]], observe)
+        done = [_finished(lab, plans) for plans in runs]
+        evaluated = numbers(catalogue, [*done[0], *done[1]], observe)
         for point, a, b, *packed in zip(study.points, *runs, *own, strict=True):
             say(f"comparing at {point.label or 'the only point'}")
             contrasts = [
-                contrast(name, of_runs(a, found, of, name), of_runs(b, found, of, name), margin, paired=True)
+                contrast(name, of_runs(a, evaluated, of, name), of_runs(b, evaluated, of, name), margin, paired=True)
                 for of in measures
                 for name in COMPARED[of]
             ]
             first, second = (of_packings(plan, catalogue) for plan in packed)
             contrasts.append(contrast("packing_fraction", first, second, margin, paired=False))
             demands = a.items[0].demand, b.items[0].demand
-            made = PointVerdict(
+            point_verdict = PointVerdict(
                 index=point.index,
                 label=point.label,
                 runs=(tuple(item.keys.run for item in a.items), tuple(item.keys.run for item in b.items)),
                 contrasts=tuple(contrasts),
-                divergence=divergence(pair, demands, lab, known) if a.items[0].packed else None,
+                divergence=divergence(pair, demands, lab, earlier_divergences) if a.items[0].packed else None,
             )
-            points.append(made)
+            points.append(point_verdict)
     earlier = before.costs if before else (None, None)
     verdict = Verdict(
         study=study.name,
@@ -129,7 +152,7 @@ def compare(
 
 
 def stale(verdict: Verdict, study: Study) -> list[str]:
-    """Why `verdict` is out of date, in words; nothing if it holds. `study` as its file has it now."""
+    """List the reasons why `verdict` is out of date; empty if it holds. `study`: as its file states it now."""
     reasons, sides = [], []
     versions = [(f"the measure {name}", was, MEASURES[name].version) for name, was in verdict.measures.items()]
     for entrant in reversed(verdict.entrants):
@@ -159,43 +182,49 @@ def stale(verdict: Verdict, study: Study) -> list[str]:
 def _run_keys(
     both: Sequence[tuple[Side, PointDemand]], replicates: int, scenes: tuple[str, str] | None = None
 ) -> tuple[tuple[str, ...], ...]:
-    """Keys of the runs of a point on both sides; `scenes`: see `Demand.keys`."""
+    """Collect the keys of the runs of a point on both sides; `scenes`: see `Demand.keys`."""
     return tuple(
-        tuple(run.keys(one.can, scenes).run for run in shared.runs(replicates, discharges(shared.study)[0]))
-        for one, shared in both
+        tuple(run.keys(side.can, scenes).run for run in shared.runs(replicates, discharges(shared.study)[0]))
+        for side, shared in both
     )
 
 
 def _run(study: Study, lab: LabFolder, pair: Pair, watcher: Watcher) -> list[Summary]:
-    """Run what is missing: the first backend's runs, the second's from the same packings, and its own packings."""
+    """Run what is missing: the first side's runs, the second side's from the same packings, and its own packings."""
     first, second = pair
     sessions = []
-    for one, of, packings_only in (
+    for side, of, packings_only in (
         (first, None, False),
         (second, first.packings(study), False),
         (second, None, True),
     ):
-        runner = Runner(one.of(study), lab, one.backend, one.device, watcher=watcher)
+        runner = Runner(side.of(study), lab, side.backend, side.device, watcher=watcher)
         sessions.append(replace(runner, packings_of=of, packings_only=packings_only).run())
         if sessions[-1].stopped:
             raise Stopped(left_behind=sessions[-1].left_behind)
     return sessions
 
 
-def _finished(lab: LabFolder, one: Side, plans: Sequence[PointPlan]) -> list[FinishedRun]:
-    """The runs that are there; one that several points share comes once."""
+def _finished(lab: LabFolder, plans: Sequence[PointPlan]) -> list[FinishedRun]:
+    """Load the finished runs; a run that several points share comes once."""
     done = {item.keys.run: item for plan in plans for item in plan.items if item.state == "done"}
-    found = []
+    runs = []
     for key, item in done.items():
         folder = lab.run(key)
         entry = Entry.of(RunRecord.read(folder), stamp(folder))
-        found.append(FinishedRun(item.demand.point, item.demand.seed, folder, entry, discharge=item.demand.discharge))
-    return found
+        runs.append(FinishedRun(item.demand.point, item.demand.seed, folder, entry, discharge=item.demand.discharge))
+    return runs
 
 
 def _cost(backend: str, runs: Sequence[FinishedRun], sessions: Sequence[Summary], before: Cost | None) -> Cost:
-    """What runs took. `before`: what an earlier comparison by the same backend found; its session counts if nothing had
-    to be run now."""
+    """Sum up the cost of runs.
+
+    Args:
+        backend: Name of the side.
+        runs: Finished runs.
+        sessions: Sessions of this comparison.
+        before: Cost in an earlier comparison by the same backend; its session counts if nothing had to run now.
+    """
     records = [run.record for run in runs]
     rates = [record.rate for record in records if record.rate == record.rate]
     worked = [session for session in sessions if session.work_done]

@@ -1,4 +1,4 @@
-"""The numbers that two backends are compared by, seed by seed, and the equivalence test between them."""
+"""Numbers that two backends are compared by, seed by seed, and the equivalence test between them."""
 
 from collections import Counter
 from collections.abc import Mapping, Sequence
@@ -19,65 +19,81 @@ COMPARED = {"flow_rate": ("flow_rate",), "outlet_profiles": ("outlet_area_fracti
 """Quantities of runs that are compared, by the measure that gives them; profiles only where the study measures them."""
 UNITS = {"flow_rate": "kg/s", "outlet_velocity": "m/s"}
 
-Found = Mapping[int, float | str]
-"""By seed, a number, or why there is none."""
+Values = Mapping[int, float | str]
+"""Number by seed, or the reason why there is none."""
 
 
-def of_runs(point: PointPlan, numbers: Numbers, measure: str, quantity: str) -> Found:
-    """A quantity of the beds of a point, the mean over the discharges of each. A run that clogged, does not count or is
-    not there has no number."""
-    given, runs = {one.name for one in MEASURES[measure].declared}, dict[int, list[float | str]]()
+def of_runs(point: PointPlan, numbers: Numbers, measure: str, quantity: str) -> Values:
+    """Collect a quantity of the beds of a point: the mean over the discharges of each bed.
+
+    A run that clogged, does not count or is missing has no number.
+    """
+    quantities, runs = {declared.name for declared in MEASURES[measure].declared}, dict[int, list[float | str]]()
     for item in point.items:
         key = item.keys.run
         if item.state != "done" or not item.counts:
             number = f"suspect: {item.suspect}" if item.suspect else item.reason
         else:
-            measured = [one for one in numbers.measured.get(key, {}).values() if one.quantity in given]
+            measured = [entry for entry in numbers.measured.get(key, {}).values() if entry.quantity in quantities]
             why = numbers.problems.get(key) or numbers.failed.get(key, {}).get(measure, "")
             number = _number(measured, quantity, why)
         runs.setdefault(item.demand.seed, []).append(number)
-    beds = by_bed((seed, one) for seed, each in runs.items() for one in each if not isinstance(one, str))
+    beds = by_bed((seed, value) for seed, values in runs.items() for value in values if not isinstance(value, str))
     means = dict(zip(beds, of_beds(beds), strict=True))
-    return {seed: means.get(seed, each[0]) for seed, each in runs.items()}
+    return {seed: means.get(seed, values[0]) for seed, values in runs.items()}
 
 
-def of_packings(point: PointPlan, catalogue: Catalogue) -> Found:
-    """Packing fractions of the packings of a point; one whose bulk is too small has none."""
-    found = {}
+def of_packings(point: PointPlan, catalogue: Catalogue) -> Values:
+    """Collect the packing fractions of the packings of a point; a bed whose bulk is too small has none."""
+    values = {}
     for item in point.items:
         key, seed = item.keys.packing, item.demand.seed
         folder = catalogue.lab.packing(key)
         if problem := catalogue.packing_problem(key):
-            found[seed] = problem if folder.is_dir() else "its packing was not made"
+            values[seed] = problem if folder.is_dir() else "its packing was not made"
             continue
-        kept = evaluated_packing(folder, point.shared.scene, lambda at=folder: load_packing(at))
-        found[seed] = _number(kept.evaluation.numbers, "packing_fraction", kept.problem)
-    return found
+        evaluated = evaluated_packing(folder, point.shared.scene, lambda at=folder: load_packing(at))
+        values[seed] = _number(evaluated.evaluation.numbers, "packing_fraction", evaluated.problem)
+    return values
 
 
 def _number(measured: Sequence[Measured], quantity: str, problem: str) -> float | str:
-    """The number, or what was noted in its place."""
-    value = next((one.value for one in measured if one.quantity == quantity), nan)
-    notes = [problem, *dict.fromkeys(one.note for one in measured)]
+    """Return the number, or the notes in its place."""
+    value = next((number.value for number in measured if number.quantity == quantity), nan)
+    notes = [problem, *dict.fromkeys(number.note for number in measured)]
     return value if isfinite(value) else "; ".join(filter(None, notes)) or f"no {quantity} was measured"
 
 
-def contrast(quantity: str, first: Found, second: Found, margin: float, *, paired: bool) -> Contrast:
-    """Whether both backends have the same mean within `margin`, a part of the first one's.
+def contrast(quantity: str, first: Values, second: Values, margin: float, *, paired: bool) -> Contrast:
+    """Test if both backends have the same mean within a margin.
 
-    `paired`: numbers of the same seed come from the same packing; only seeds that both have count. Untested with fewer
-    than 2 numbers of each backend.
+    Args:
+        quantity: Name of the quantity.
+        first: Values of the first backend, by seed.
+        second: Values of the second backend, by seed.
+        margin: Margin, as a part of the first backend's mean.
+        paired: Numbers of the same seed come from the same packing. Then only seeds that both sides have count, and the
+            test is that of differences.
+
+    Returns:
+        The contrast; untested with fewer than 2 numbers of either backend.
     """
-    one, other = ({seed: x for seed, x in found.items() if not isinstance(x, str)} for found in (first, second))
-    seeds = sorted(one.keys() & other.keys() if paired else one.keys() | other.keys())
-    a, b = ([values[seed] for seed in seeds if seed in values] for values in (one, other))
-    why = Counter(x for found in (first, second) for x in found.values() if isinstance(x, str))
+    numbers_first, numbers_second = (
+        {seed: x for seed, x in values_by_seed.items() if not isinstance(x, str)} for values_by_seed in (first, second)
+    )
+    seeds = sorted(
+        numbers_first.keys() & numbers_second.keys() if paired else numbers_first.keys() | numbers_second.keys()
+    )
+    a, b = ([numbers[seed] for seed in seeds if seed in numbers] for numbers in (numbers_first, numbers_second))
+    why = Counter(x for values_by_seed in (first, second) for x in values_by_seed.values() if isinstance(x, str))
     note = "; ".join(f"{count} without a number: {reason}" for reason, count in why.items())
     scale = abs(sum(a) / len(a)) if a else 0.0
-    told = {"quantity": quantity, "unit": UNITS.get(quantity, ""), "paired": paired, "finding": "untested"}
-    told |= {"seeds": seeds, "first": a, "second": b, "note": note}
+    fields = {"quantity": quantity, "unit": UNITS.get(quantity, ""), "paired": paired, "finding": "untested"}
+    fields |= {"seeds": seeds, "first": a, "second": b, "note": note}
     if min(len(a), len(b)) >= 2 and scale > 0:
         test = tost(a, b, margin * scale, ALPHA, paired=paired).over(scale)
-        told |= {name: getattr(test, name) for name in ("finding", "difference", "error", "low", "high", "p", "power")}
-        told["replicates_needed"] = replicates_needed(test, min(len(a), len(b)))
-    return Contrast.model_validate(told)
+        fields |= {
+            name: getattr(test, name) for name in ("finding", "difference", "error", "low", "high", "p", "power")
+        }
+        fields["replicates_needed"] = replicates_needed(test, min(len(a), len(b)))
+    return Contrast.model_validate(fields)

@@ -29,22 +29,25 @@ from labbook.scene.model import digest
 from labbook.study import Point, Study
 
 AGREE = 1e-3
-"""Largest difference of a position [d] up to which backends agree."""
+"""Largest difference of a position [d] at which the backends still agree."""
 APART = 1.0
-"""Largest difference [d] at which there is nothing left to compare."""
+"""Largest difference of a position [d] at which the comparison ends."""
 LONGEST = 50.0
-"""Time after which looking ends [sqrt(d/g)]."""
+"""Longest simulated time of the comparison [sqrt(d/g)]."""
 SEED = 1
-"""Of the packing that is recorded."""
+"""Seed of the packing that is recorded."""
 _INTERVAL = 0.05  # between frames [sqrt(d/g)]
 
 
 @dataclass(frozen=True)
 class FramePair:
-    """The same moment in both backends: time since the opening [s] and rows of the sample, sorted by id.
+    """The same moment in both backends.
 
-    `rates`: grain-steps per second of each backend so far, without its first beats, in which it may still compile;
-    `failure`: why a guard stopped one of them.
+    Args:
+        time: Time since the opening [s].
+        tables: Rows of the sample of each backend, sorted by grain id.
+        rates: Grain-steps per second of each backend so far, without its first beat, which may compile kernels.
+        failure: Message of the guard that stopped one of the backends; empty if none did.
     """
 
     time: float
@@ -54,15 +57,30 @@ class FramePair:
 
     @property
     def over(self) -> bool:
-        """Whether there is nothing to see any more: a guard stopped one of the backends, or one is empty."""
+        """True if a guard stopped one of the backends, or one has no grains left."""
         return bool(self.failure) or not all(len(table["id"]) for table in self.tables)
 
 
 def side_by_side(
     pair: Pair, demand: Demand, lab: LabFolder, every: float, seconds: float, fields: tuple[str, ...]
 ) -> Generator[FramePair]:
-    """A run of the first side, by both: a frame with these `fields` about `every` [s], for `seconds` or until one is
-    over, which is the last. Raises Unreadable or Unsupported."""
+    """Step a run of the first side on both backends.
+
+    Args:
+        pair: The two sides.
+        demand: The run.
+        lab: Lab with the packing.
+        every: Time between frames, about [s].
+        seconds: Longest simulated time [s].
+        fields: Fields of the sample.
+
+    Yields:
+        A frame for each interval; the frame in which one side is over is the last.
+
+    Raises:
+        Unreadable: The packing cannot be read.
+        Unsupported: A backend cannot run the scene.
+    """
     shared = demand.shared
     packing = load_packing(lab.packing(demand.keys(pair[0].can).packing))
     start = opened(packing, shared.closed, shared.scene)
@@ -83,7 +101,7 @@ def side_by_side(
 def _alone(
     side: Side, scene: Scene, numerics: Numerics, start: Packing, fields: tuple[str, ...]
 ) -> Generator[tuple[Table, float | None, str]]:
-    """Of every beat of one backend the rows that it gave, its speed so far, and why it failed."""
+    """Yield, for every beat of one backend, its rows, its speed so far, and the message of a failure."""
     numerics, probe = side.numerics(numerics), Sample(fields=fields, every=1)
     ensemble = side.backend.open(side.backend.specialise(scene, numerics, (probe,)), 1, side.device)
     try:
@@ -107,14 +125,27 @@ def _alone(
 
 
 def divergence(
-    pair: Pair, demands: tuple[Demand, Demand], lab: LabFolder, known: Mapping[str, Divergence]
+    pair: Pair, demands: tuple[Demand, Demand], lab: LabFolder, earlier: Mapping[str, Divergence]
 ) -> Divergence:
-    """Of the same run of both backends, whose packing the first one has made; one that is `known` by its key is not
-    found again. Raises Unreadable or Unsupported."""
-    keys = [demand.keys(one.can).run for one, demand in zip(pair, demands, strict=True)]
-    key = digest({"runs": keys, "devices": [one.device for one in pair], "looks": [AGREE, APART, LONGEST, _INTERVAL]})
-    if key in known:
-        return known[key]
+    """Measure the divergence of one run between both backends, from the first side's packing.
+
+    Args:
+        pair: The two sides.
+        demands: The run on each side.
+        lab: Lab with the packing.
+        earlier: Results of an earlier comparison by key; one with the same key is returned as it is.
+
+    Returns:
+        Differences of positions against time.
+
+    Raises:
+        Unreadable: The packing cannot be read.
+        Unsupported: A backend cannot run the scene.
+    """
+    keys = [demand.keys(side.can).run for side, demand in zip(pair, demands, strict=True)]
+    key = digest({"runs": keys, "devices": [side.device for side in pair], "looks": [AGREE, APART, LONGEST, _INTERVAL]})
+    if key in earlier:
+        return earlier[key]
     scene = demands[0].shared.scene
     tick = math.sqrt(scene.grains.diameter / scene.gravity)
     times, medians, largest = [0.0], [0.0], [0.0]
@@ -140,7 +171,7 @@ def divergence(
 
 
 def distances(frame: FramePair) -> np.ndarray:
-    """Distances [m] between the two places of every grain that both backends have."""
+    """Compute the distances [m] between the two positions of every grain that both backends still have."""
     a, b = frame.tables
     _, here, there = np.intersect1d(a["id"], b["id"], assume_unique=True, return_indices=True)
     apart = [np.asarray(a[axis])[here] - np.asarray(b[axis])[there] for axis in "xyz"]
@@ -148,17 +179,35 @@ def distances(frame: FramePair) -> np.ndarray:
 
 
 def record(study: Study, point: Point, lab: LabFolder, pair: Pair, seconds: float, path: Path) -> Path:
-    """Step both backends for `seconds` from the first one's packing at `point`, and write both side by side to `path`
-    (.rrd), on one clock, in place by one rename. Raises ViewerMissing, Unreadable or Unsupported."""
+    """Record both backends side by side on one clock, from the first side's packing.
+
+    Args:
+        study: The study.
+        point: Point of the study.
+        lab: Lab with the packing.
+        pair: The two sides.
+        seconds: Simulated time [s].
+        path: File to write (.rrd); it appears by one rename, complete.
+
+    Returns:
+        `path`.
+
+    Raises:
+        ViewerMissing: Rerun is not installed.
+        Unreadable: The packing cannot be read.
+        Unsupported: A backend cannot run the scene.
+    """
     need_rerun()
     import rerun.blueprint as rrb
 
     demands = [shared.run(SEED) for shared in from_shared(study, point, pair)]
-    keys = [demand.keys(one.can) for demand, one in zip(demands, pair, strict=True)]
-    scene, names = point.scene, [one.entrant.called for one in pair]
+    keys = [demand.keys(side.can) for demand, side in zip(demands, pair, strict=True)]
+    scene, names = point.scene, [side.entrant.called for side in pair]
     fields = film_probe(seconds / FRAMES, scene.grains).fields
     start = opened(load_packing(lab.packing(keys[0].packing)), demands[0].shared.closed, scene)
-    frames = [one for one in side_by_side(pair, demands[0], lab, seconds / FRAMES, seconds, fields) if not one.over]
+    frames = [
+        frame for frame in side_by_side(pair, demands[0], lab, seconds / FRAMES, seconds, fields) if not frame.over
+    ]
     films = []
     for tables in zip(*(frame.tables for frame in frames), strict=True):
         films.append(frames_of({name: np.concatenate([table[name] for table in tables]) for name in tables[0]}))
@@ -169,7 +218,7 @@ def record(study: Study, point: Point, lab: LabFolder, pair: Pair, seconds: floa
     title = f"{study.name}: {point.label}, seed {SEED}, {names[0]} beside {names[1]}"
     for film in films:
         film.insert(0, at_opening(start, film[0].q is not None))
-    with written(path, title, "-".join(one.run for one in keys), scene, views) as stream:
+    with written(path, title, "-".join(run_keys.run for run_keys in keys), scene, views) as stream:
         for name, film in zip(names, films, strict=True):
             log_grains(stream, name, scene, start, film, fastest)
         log_bar(stream, scene, fastest)

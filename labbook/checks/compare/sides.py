@@ -10,12 +10,18 @@ from labbook.study import Point, Study
 
 
 class CannotCompare(ValueError):
-    """What is asked cannot be compared; the message says why and what to do."""
+    """The comparison is impossible; the message gives the reason and the remedy."""
 
 
 @dataclass(frozen=True)
 class Side:
-    """A backend on a device. `precision`: the one that it works in; None: that of the study."""
+    """A backend on a device.
+
+    Args:
+        backend: The backend.
+        device: One of its devices.
+        precision: Precision of its runs; None: that of the study.
+    """
 
     backend: Backend
     device: str
@@ -23,30 +29,30 @@ class Side:
 
     @property
     def can(self) -> Capabilities:
-        """What the backend says of itself."""
+        """Capabilities of the backend."""
         return self.backend.capabilities
 
     @property
     def entrant(self) -> Entrant:
-        """As a verdict names it."""
+        """Name, version, device and precision for a verdict."""
         can = self.can
         return Entrant(name=can.name, cache_version=can.cache_version, device=self.device, precision=self.precision)
 
-    def numerics(self, given: Numerics) -> Numerics:
-        """`given` in the precision of this side."""
-        return given if self.precision is None else given.model_copy(update={"precision": self.precision})
+    def numerics(self, numerics: Numerics) -> Numerics:
+        """Return `numerics` in the precision of this side."""
+        return numerics if self.precision is None else numerics.model_copy(update={"precision": self.precision})
 
     def of(self, study: Study) -> Study:
-        """The study as this side computes it."""
+        """Return the study in the precision of this side."""
         points = (replace(point, numerics=self.numerics(point.numerics)) for point in study.points)
         return replace(study, points=tuple(points))
 
     def packings(self, study: Study) -> PackingsOf:
-        """The packings that this side makes for `study`. Raises CannotCompare if they are of several precisions."""
-        found: set[Precision] = {point.numerics.precision for point in self.of(study).points}
-        if len(found) > 1:
+        """Return the packings that this side makes for `study`. Raises CannotCompare if their precisions differ."""
+        precisions: set[Precision] = {point.numerics.precision for point in self.of(study).points}
+        if len(precisions) > 1:
             raise CannotCompare("the study sweeps numerics.precision; say which to compare: --precisions double,mixed")
-        return PackingsOf(self.can, found.pop())
+        return PackingsOf(self.can, precisions.pop())
 
 
 Pair = tuple[Side, Side]
@@ -54,9 +60,9 @@ Pair = tuple[Side, Side]
 
 
 def from_shared(study: Study, point: Point, pair: Pair) -> tuple[PointDemand, PointDemand]:
-    """The runs of a point on both sides, from the first side's packings."""
+    """Return the runs of a point on both sides, from the first side's packings."""
     packings = pair[0].packings(study)
-    first, second = (replace(point, numerics=one.numerics(point.numerics)) for one in pair)
+    first, second = (replace(point, numerics=side.numerics(point.numerics)) for side in pair)
     return PointDemand(study, first, packings), PointDemand(study, second, packings)
 
 

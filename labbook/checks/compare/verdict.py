@@ -1,4 +1,4 @@
-"""What came of a comparison: one JSON file in the lab for a study and two backends, which tables and figure show."""
+"""Result of a comparison: one JSON file in the lab for a study and two backends, the source of tables and figure."""
 
 from pathlib import Path
 from typing import Literal, Self
@@ -19,7 +19,7 @@ class NoVerdict(Exception):
 
 
 class Entrant(Part):
-    """A backend as it was compared. `precision`: the one that it was compared in; None: that of the study."""
+    """A backend as it was compared. `precision`: precision of its runs; None: that of the study."""
 
     name: str
     cache_version: int
@@ -28,18 +28,20 @@ class Entrant(Part):
 
     @property
     def called(self) -> str:
-        """Its name, with its precision where that is not the study's."""
+        """Name of the side: the backend's, with the precision if that differs from the study's."""
         return called(self.name, self.precision)
 
 
 class Contrast(Part):
-    """An equivalence test of one quantity at one point; differences are second backend less first, as a part of the
-    first one's mean."""
+    """Equivalence test of one quantity at one point.
+
+    Differences are second backend less first, as a part of the first one's mean.
+    """
 
     quantity: str
     unit: str
     paired: bool
-    """Whether both backends started from the same packings, and numbers of one seed belong together."""
+    """True if both backends started from the same packings, so that numbers of one seed belong together."""
     seeds: tuple[int, ...]
     first: tuple[float, ...]
     second: tuple[float, ...]
@@ -52,9 +54,9 @@ class Contrast(Part):
     """Ends of the interval at confidence 1 - 2 alpha."""
     p: float | None = None
     power: float | None = None
-    """Probability to show equivalence if there is no difference, with the scatter as measured."""
+    """Probability of a finding of equivalence if there is no difference, with the measured scatter."""
     replicates_needed: int | None = None
-    """For a power of 90 %."""
+    """Replicates for a power of 90 %."""
 
 
 class Divergence(Part):
@@ -68,21 +70,21 @@ class Divergence(Part):
     agree_until: float
     """Last frame before the largest difference first exceeds 1e-3 d [s]."""
     ended: Literal["diverged", "longest", "empty", "failed"]
-    """`longest`: still not apart by a diameter when looking ended."""
+    """`longest`: the difference was still below a diameter at the end of the comparison."""
     note: str = ""
     rates: tuple[float | None, float | None]
     """Grain-steps per second of each backend, alone with this scene."""
 
 
 class Cost(Part):
-    """What the runs and packings of one backend took."""
+    """Cost of the runs and packings of one backend."""
 
     backend: StoredBackend
     devices: tuple[str, ...]
-    """On which its runs were made; runs that were there already may come from another device than asked for."""
+    """Devices of its runs; runs that were in the lab before may come from another device than the requested one."""
     runs: int
     wall_time: float
-    """Spent stepping in all runs [s]; members that step together each count the whole of it."""
+    """Time spent stepping in all runs [s]; each member of an ensemble counts the whole time of the ensemble."""
     rate: float | None
     """Median over runs of grain-steps per second of that time."""
     session_wall: float | None = None
@@ -102,7 +104,7 @@ class PointVerdict(Part):
 
 
 class Verdict(Part):
-    """A comparison of two backends on a study. `made`: UTC, ISO 8601; `measures`: versions of what it rests on."""
+    """Comparison of two backends on a study. `made`: UTC, ISO 8601; `measures`: versions of the measures used."""
 
     format: Literal[1] = 1
     study: str
@@ -117,20 +119,23 @@ class Verdict(Part):
 
     @property
     def finding(self) -> Finding:
-        """`different` if one test is; `equivalent` if all are (no correction is due where all have to pass)."""
-        found = {one.finding for point in self.points for one in point.contrasts}
-        if "different" in found:
+        """`different` if one test is; `equivalent` if all are.
+
+        If all tests have to pass, no correction for their number is due (intersection-union test).
+        """
+        findings = {contrast.finding for point in self.points for contrast in point.contrasts}
+        if "different" in findings:
             return "different"
-        return "equivalent" if found == {"equivalent"} else "undecided"
+        return "equivalent" if findings == {"equivalent"} else "undecided"
 
     def write(self, path: Path) -> None:
-        """Write the file, as a whole."""
+        """Write the file in one piece."""
         path.parent.mkdir(parents=True, exist_ok=True)
         write_bytes(path, self.as_stored())
 
     @classmethod
     def read(cls, path: Path) -> Self:
-        """Read what `write` wrote. Raises NoVerdict."""
+        """Read a verdict from its file. Raises NoVerdict if it is missing or unreadable."""
         try:
             return cls.model_validate_json(path.read_bytes())
         except FileNotFoundError:
@@ -140,10 +145,10 @@ class Verdict(Part):
 
 
 def path_of(lab: LabFolder, study: str, first: str, second: str) -> Path:
-    """Where the verdict on a study is kept; `first`, `second`: what the sides are called."""
+    """Return the file of the verdict on a study; `first`, `second`: names of the sides."""
     return lab.folder / "compare" / study / f"{first}-{second}.json"
 
 
 def called(backend: str, precision: Precision | None) -> str:
-    """What a side is called: its backend's name, with its precision where that is not the study's."""
+    """Return the name of a side: the backend's, with the precision if that differs from the study's."""
     return f"{backend}-{precision}" if precision else backend

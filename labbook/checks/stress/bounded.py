@@ -1,4 +1,4 @@
-"""Cases in a process of their own: one that hangs is stopped, and one that ends the process is named."""
+"""Cases in a process of their own: one that hangs is stopped, and one that crashes its process is reported."""
 
 import multiprocessing
 from collections.abc import Generator, Sequence
@@ -13,19 +13,19 @@ from labbook.checks.verify.stand import Stand
 
 @dataclass(frozen=True)
 class NamedBackend:
-    """A backend by its name, in one precision on one device: what a process of its own can load."""
+    """A backend by its name, in one precision on one device, so that a new process can load it."""
 
     backend: str
     precision: str
     device: str
 
     def stand(self) -> Stand:
-        """The stand. Raises BackendMissing, or Unsupported where the backend lacks the precision or device."""
+        """Load the backend. Raises BackendMissing, or Unsupported where it lacks the precision or device."""
         return Stand(load(self.backend), self.precision, self.device)
 
 
-def judged(cases: Sequence[StressCase], bench: NamedBackend) -> Generator[list[Row], None, None]:
-    """Rows of each case in turn, from a process that is started anew where a case hung or ended it."""
+def judge_isolated(cases: Sequence[StressCase], bench: NamedBackend) -> Generator[list[Row], None, None]:
+    """Yield the rows of each case, from a process that is started anew after a case hung or crashed it."""
     pool = _pool()
     try:
         for case in cases:

@@ -1,4 +1,4 @@
-"""A case of `labbook stress`: what is done to a backend, which oracle judges it, and how each of its parts ended."""
+"""A case of `labbook stress`: an attempt to break a backend, the oracle that judges it, the outcome of each part."""
 
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
@@ -12,14 +12,20 @@ Outcome = Literal["right", "named error", "failed", "unsupported"]
 
 
 class Broken(Exception):
-    """A backend did what it must never do: a state that is not finite, a guard that keeps no good state, silence."""
+    """A backend did what it must never do: it gave a state that is not finite, lost the good one, or stayed silent."""
 
 
 @dataclass(frozen=True)
 class Ending:
-    """How one part of a case ended.
+    """Outcome of one part of a case.
 
-    `figure`: the error against its limit, or the message of the error. `error`, `limit`: None where no number judges.
+    Args:
+        part: Name of the part.
+        outcome: `right`, `named error` (an error that the case expects), `failed` or `unsupported`.
+        figure: The error against its limit, or the message of the error.
+        error: Error; None if no number judges.
+        limit: Largest error that passes; None if no number judges.
+        unit: Unit of both; empty for a plain number.
     """
 
     part: str
@@ -32,10 +38,15 @@ class Ending:
 
 @dataclass(frozen=True)
 class StressCase:
-    """One attempt to break a backend. `run` yields how each part of it ended.
+    """One attempt to break a backend.
 
-    `what`: what is done, in a line. `oracle`: what tells right from wrong. `seconds`: wall-clock time after which the
-    case counts as hung.
+    Args:
+        name: Name of the case.
+        what: The attempt, in a line.
+        oracle: Criterion that tells right from wrong, in a line.
+        run: Runs the case on a stand and yields the outcome of each part.
+        slow: The case takes more than about thirty seconds.
+        seconds: Wall-clock time after which the case counts as hung.
     """
 
     name: str
@@ -43,13 +54,12 @@ class StressCase:
     oracle: str
     run: Callable[[Stand], Iterator[Ending]]
     slow: bool = False
-    """Takes more than about thirty seconds."""
     seconds: float = 600.0
 
 
 @dataclass(frozen=True)
 class Row:
-    """One part of a case as it is shown."""
+    """Part of a case, as tables and JSON show it."""
 
     case: str
     what: str
@@ -63,7 +73,10 @@ class Row:
 
 
 def judge(case: StressCase, stand: Stand) -> list[Row]:
-    """Run a case: its parts, and what stopped it, if anything did. A case without a single part has failed."""
+    """Run a case and collect the rows of its parts.
+
+    An exception becomes a row too. A case that yields no part has failed.
+    """
     endings: list[Ending] = []
     try:
         for ending in case.run(stand):
@@ -81,14 +94,25 @@ def judge(case: StressCase, stand: Stand) -> list[Row]:
 
 
 def row(case: StressCase, ending: Ending) -> Row:
-    """An ending with its case."""
+    """Combine an ending with its case."""
     return Row(case=case.name, what=case.what, oracle=case.oracle, **vars(ending))
 
 
-def within(stand: Stand, part: str, what: str, error: float, measure: Criterion) -> Ending:
-    """Right if the error is at most the limit of the stand's precision; failed beyond it, or if it is NaN."""
+def within(stand: Stand, part: str, quantity: str, error: float, measure: Criterion) -> Ending:
+    """Judge an error by its limit.
+
+    Args:
+        stand: The stand, whose precision selects the limit.
+        part: Name of the part.
+        quantity: Name of the error.
+        error: The error; NaN fails.
+        measure: Limits by precision.
+
+    Returns:
+        `right` if the error is at most the limit, else `failed`.
+    """
     limit = measure.limits[kind(stand)]
     unit = f" {measure.unit}" if measure.unit else ""
     right = error <= limit
-    figure = f"{what}: {error:.3g}{unit} {'<=' if right else '>'} {limit:.3g}{unit}"
+    figure = f"{quantity}: {error:.3g}{unit} {'<=' if right else '>'} {limit:.3g}{unit}"
     return Ending(part, "right" if right else "failed", figure, float(error), limit, measure.unit)

@@ -1,4 +1,4 @@
-"""All cases, in the order in which they are best read."""
+"""All stress cases, in the order in which they are best read."""
 
 from labbook.checks.stress import counts, frames, geometry, impacts, meshes, moving, powers, pushes, steps
 from labbook.checks.stress.case import StressCase
@@ -16,8 +16,8 @@ CASES: tuple[StressCase, ...] = (
 )
 
 
-def chosen(names: list[str]) -> list[StressCase]:
-    """Cases whose name is, or begins with, one of `names`; all if there are none. Raises KeyError for no match."""
+def select_cases(names: list[str]) -> list[StressCase]:
+    """Select the cases whose name begins with one of `names`; all if it is empty. Raises KeyError without a match."""
     for name in names:
         if not any(case.name.startswith(name) for case in CASES):
             raise KeyError(name)

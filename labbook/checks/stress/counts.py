@@ -23,19 +23,19 @@ MOTION = Sample(fields=("x", "v"))
 
 
 def _short(part: str, course: Course) -> Ending:
-    """A named error if it says that lists are too short, and what would do."""
+    """Accept a named error only if it says that lists are too short, and names the remedy."""
     outcome = "named error" if course.guard == "room" and "numerics.skin" in course.message else "failed"
     return Ending(part, outcome, one_line(course.message))
 
 
 def _sizes(stand: Stand) -> Iterator[Ending]:
-    """A large sphere, all round beset with small ones that fly at it: without gravity and walls."""
+    """Small spheres fly at a large one from all sides, without gravity and walls."""
     for law in LAWS:
         for ratio in (2, 4, 10):
             here = _two_sizes(law, ratio)
-            start = _beset(here, ratio)
+            start = _surrounded(here, ratio)
             dt = 0.2 * largest_stable_step(here)
-            steps = math.ceil(BESET / dt / 10)
+            steps = math.ceil(IMPACT_TIME / dt / 10)
             course = follow(stand, MemberStart(here, dt, start), 10, steps, [Ledger()])
             part = f"{law}, 1:{ratio}, {len(start) - 1} small grains"
             if course.guard:
@@ -45,7 +45,7 @@ def _sizes(stand: Stand) -> Iterator[Ending]:
             push = float(own.mass @ np.linalg.norm(start.v, axis=1))
             last = [float(table[k][-1]) for k in ("px", "py", "pz")]
             change = float(np.linalg.norm(last - own.mass @ start.v)) / push
-            # sums of a few hundred terms in another order
+            # rounding of a sum of a few hundred terms, in another order than here
             yield within(stand, part, "momentum", change, limited(1e-13, steps=500))
             before = 0.5 * float(own.mass @ np.sum(start.v**2, axis=1))
             gained = float(table["kinetic"].max()) / before - 1
@@ -56,14 +56,14 @@ def _sizes(stand: Stand) -> Iterator[Ending]:
     small = SMALLEST_PART / 2
     kinds = (Kind(name="large", share=0.5), Kind(name="small", share=0.5, diameter=small * D))
 
-    def too_small() -> Spheres:
+    def create_grains() -> Spheres:
         return Spheres(diameter=D, density=2500, count=2, kinds=kinds)
 
-    yield refused(f"1:{1 / small:g}", too_small, "kinds: the diameter of small", (ValueError,))
+    yield refused(f"1:{1 / small:g}", create_grains, "kinds: the diameter of small", (ValueError,))
 
 
-BESET = 2e-3
-"""Time [s] in which all small grains have hit the large one and parted from it."""
+IMPACT_TIME = 2e-3
+"""Time [s] after which all small grains have hit the large one and left it."""
 
 
 def _two_sizes(law: str, ratio: float) -> Scene:
@@ -72,8 +72,8 @@ def _two_sizes(law: str, ratio: float) -> Scene:
     return Scene(grains=grains, contact=LAWS[law](), container=Primitives(), gravity=0.0)
 
 
-def _beset(here: Scene, ratio: float) -> Packing:
-    """Small spheres on a spiral round the large one, each as far from the next as they are wide, or a little more."""
+def _surrounded(here: Scene, ratio: float) -> Packing:
+    """Place small spheres on a spiral round the large one, no closer than their diameter to each other."""
     small = D / ratio
     shell = 0.5 * (D + small)
     count = int(0.6 * math.pi * (2 * shell / small) ** 2 / 4) * 2
@@ -131,14 +131,14 @@ def _few(stand: Stand) -> Iterator[Ending]:
     yield within(stand, "one grain", "free fall", fallen, limited(1e-11, steps=steps))
     none = np.zeros((0, 3))
 
-    def admitted() -> Course:
+    def admit() -> Course:
         return follow(stand, MemberStart(here, dt, Packing(x=none, v=none, omega=none)), 2, 100)
 
-    def described() -> Spheres:
+    def create_grains() -> Spheres:
         return Spheres(diameter=D, density=2500, count=0)
 
-    yield refused("no grain in the scene", described, "count", (ValueError,))
-    yield refused("no grain in the packing", admitted, "packing: it has no grains", (ValueError,))
+    yield refused("no grain in the scene", create_grains, "count", (ValueError,))
+    yield refused("no grain in the packing", admit, "packing: it has no grains", (ValueError,))
 
 
 CASES = [

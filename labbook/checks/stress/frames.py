@@ -1,5 +1,5 @@
-"""The same motion elsewhere: far from the origin, in other units, seen from a moving frame, on steep slopes; and for
-ten million steps."""
+"""The same motion in another setting: far from the origin, in other units, seen from a moving frame, on steep slopes;
+and for ten million steps."""
 
 import math
 from collections.abc import Iterator, Mapping
@@ -17,7 +17,7 @@ from labbook.checks.verify.collision import duration
 from labbook.checks.verify.materials import LAWS, D, G, room, scene, spheres
 from labbook.checks.verify.rolling import DT as ROLLING_DT
 from labbook.checks.verify.rolling import lever, resting_on, slope
-from labbook.checks.verify.rolling_spring import HELD, MILLION, pyramid
+from labbook.checks.verify.rolling_spring import MILLION, THRESHOLD, pyramid
 from labbook.checks.verify.stand import MemberStart, Stand
 from labbook.scene import Box, Plane, Primitives, Scene, Wall
 from labbook.scene.packing import Packing
@@ -26,7 +26,7 @@ SOFT: Mapping[str, Mapping[str, float]] = {"hertz-mindlin": {"shear_modulus": 1e
 STEP = 2e-6
 """A hundredth of a collision of soft grains or less [s]."""
 STEPS = 4000
-"""Grains that fall in these touch the floor and one another, and round-off has hardly grown."""
+"""Steps in which falling grains touch the floor and one another, before round-off has grown much."""
 SIDE = 8 * D
 
 
@@ -62,13 +62,13 @@ def _cluster(quantum: float) -> Packing:
 
 
 AWAY = 1000.0
-"""How far away the scene is set along every axis [m]."""
+"""Displacement of the scene along every axis [m]."""
 ULP = 2.0**-43
 """Spacing of numbers in double precision near AWAY [m]."""
 
 
 def _far(stand: Stand) -> Iterator[Ending]:
-    """Positions far away are known to 2^-43 m: each step rounds each of them by up to half of that."""
+    """Positions far away have a resolution of 2^-43 m: each step rounds each coordinate by up to half of that."""
     for law in LAWS:
         ends = []
         for at in (np.zeros(3), np.full(3, AWAY)):
@@ -87,7 +87,7 @@ def _far(stand: Stand) -> Iterator[Ending]:
 
 
 LENGTH, TIME, MASS = 3.7, 1.9, 0.6
-"""Factors of other units, none of them a power of two."""
+"""Factors between the units; none is a power of two, which would leave the digits as they are."""
 
 
 def _units(stand: Stand) -> Iterator[Ending]:
@@ -95,15 +95,15 @@ def _units(stand: Stand) -> Iterator[Ending]:
     stiffness = {"shear_modulus": MASS / (LENGTH * TIME**2), "normal_stiffness": MASS / TIME**2}
     for law in LAWS:
         (key, value), *_ = SOFT[law].items()
-        one = scene(12, LAWS[law](**SOFT[law]), Box(width=SIDE, depth=SIDE, height=SIDE), G)
+        original = scene(12, LAWS[law](**SOFT[law]), Box(width=SIDE, depth=SIDE, height=SIDE), G)
         grains = spheres(12).model_copy(update={"diameter": LENGTH * D, "density": 2500 * MASS / LENGTH**3})
         box = Box(width=LENGTH * SIDE, depth=LENGTH * SIDE, height=LENGTH * SIDE)
         contact = LAWS[law](**{key: value * stiffness[key]})
-        other = Scene(grains=grains, contact=contact, container=box, gravity=G * LENGTH / TIME**2)
+        rescaled = Scene(grains=grains, contact=contact, container=box, gravity=G * LENGTH / TIME**2)
         start = _cluster(0.0)
         scaled = Packing(x=start.x * LENGTH, v=start.v * (LENGTH / TIME), omega=start.omega / TIME)
-        a = sound(follow(stand, MemberStart(one, STEP, start), 4, STEPS // 4)).end
-        b = sound(follow(stand, MemberStart(other, STEP * TIME, scaled), 4, STEPS // 4)).end
+        a = sound(follow(stand, MemberStart(original, STEP, start), 4, STEPS // 4)).end
+        b = sound(follow(stand, MemberStart(rescaled, STEP * TIME, scaled), 4, STEPS // 4)).end
         first, second = (end.rows(np.arange(12)) for end in (a, b))
         off = float(np.abs(a.x[first] - b.x[second] / LENGTH).max()) / D
         yield within(stand, law, "position", off, limited(1e-11, "d", roundings=1000))
@@ -153,22 +153,22 @@ def _inclines(stand: Stand) -> Iterator[Ending]:
                 vx, vz = np.moveaxis(motion.by_beat(MOTION, ("vx", "vz"))[:, 0], -1, 0)
                 speed, times = vx * math.cos(angle) - vz * math.sin(angle), motion.times(MOTION)
                 half = len(times) // 2
-                found = (speed[-1] - speed[half]) / (times[-1] - times[half])
+                measured = (speed[-1] - speed[half]) / (times[-1] - times[half])
                 arm = 2 * lever(here, angle) / D
                 rolls = math.tan(angle) < friction * (1 + 2.5 * arm**2)
                 expected = math.sin(angle) - (0 if rolls else friction * math.cos(angle))
                 expected *= G / (1 + 0.4 / arm**2) if rolls else G
                 part = f"{law}, {math.degrees(angle):g} deg, mu = {friction:g}: {'rolls' if rolls else 'slides'}"
-                error = abs(found / expected - 1)
+                error = abs(measured / expected - 1)
                 yield within(stand, part, "acceleration", error, limited(1e-6, roundings=16, steps=4e4))
 
 
 def _stands(stand: Stand, steps: int) -> Iterator[Ending]:
-    """Three spheres that only rolling springs hold, 2 % above the threshold."""
+    """Three spheres that only rolling springs hold, 2 % above the threshold of rolling friction."""
     beats = 1000  # a GPU prepares a beat as a whole: one of a million steps would take it minutes
     place = Sample(fields=("x",), every=beats // 10)
-    held, start = pyramid(1.02 * HELD, "epsd")
-    motion = sound(follow(stand, MemberStart(held, ROLLING_DT, start), beats, steps // beats, [place]))
+    bed, start = pyramid(1.02 * THRESHOLD, "epsd")
+    motion = sound(follow(stand, MemberStart(bed, ROLLING_DT, start), beats, steps // beats, [place]))
     x = motion.by_beat(place, "xyz") / D
     moved = float(np.abs(x[-1] - x[0]).max())
     # springs, below 6e-4 d, lose up to a rounding a step

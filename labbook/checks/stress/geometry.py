@@ -37,7 +37,7 @@ def _hole(radius: float) -> Primitives:
 
 
 def places() -> dict[str, tuple[Primitives, float]]:
-    """Where a sphere is put with its centre over x = 0: the walls, and its height [m] as it just touches."""
+    """Walls with an edge, ridge, corner or hole below x = 0, and the height [m] at which a sphere just touches them."""
     root = math.sqrt(0.5)
     reach = 10 * D
     over = R * math.sin(math.acos(0.4 / 0.5))
@@ -74,11 +74,11 @@ def _on_edges(stand: Stand) -> Iterator[Ending]:
 
 
 BIN_WIDTHS = {"bins of 2 d": 2 * D, "bins of a micrometre": 1e-6, "one bin of a kilometre": 1e3}
-"""Of which the second are too many, so that the last takes all that lies beyond it."""
+"""Widths of bins [m]; the second gives more bins than a probe holds, so that its last bin takes the rest."""
 
 
 def _sums(stand: Stand) -> Iterator[Ending]:
-    """Sums over contacts with walls are those of the rows of contacts, wherever contacts and bins lie."""
+    """Compare sums over contacts with walls with the rows of contacts, wherever contacts and bins lie."""
     for name, (walls, height) in places().items():
         here = scene(1, LAWS["linear"](**SOFT["linear"]), walls, G)
         start = grains_at([[0.0, 0.0, height - 1e-4 * D]], v=[0.05, 0.02, -0.1], omega=[3.0, 20.0, 1.0])
@@ -99,7 +99,14 @@ def _sums(stand: Stand) -> Iterator[Ending]:
 
 
 def rests(stand: Stand, part: str, start: MemberStart) -> Generator[Ending, None, Motion]:
-    """What starts at rest comes to rest again, walls bear its weight, and it has gained no energy on the way."""
+    """Check that a bed comes to rest, that walls bear its weight, and that it gains no energy on the way.
+
+    Yields:
+        Endings of the four checks.
+
+    Returns:
+        The motion.
+    """
     motion = sound(follow(stand, start, 40, 1000, [Ledger(), FORCES]))
     table, grains = motion.rows(Ledger()), motion.scene.grains
     energy = (table["kinetic"] + table["potential"]) / (grains.mass * G * grains.diameter)
@@ -132,7 +139,7 @@ def _meet(axes: np.ndarray, line: np.ndarray, distance: float, speed: float) -> 
 
 
 def _aligned(stand: Stand) -> Iterator[Ending]:
-    """By symmetry nothing turns: the one that comes stops, and the one at rest goes, as of spheres."""
+    """By symmetry nothing turns: the moving rod stops, and the rod at rest takes over its velocity, as spheres do."""
     speed, d = 0.1, LONG.diameter
     elastic = rods(2, Primitives(parts=(floor(),)), friction=0.5, restitution=1, tangential_damping=0.0)
     dt = math.pi * math.sqrt(LONG.mass / 2 / STIFFNESS) / 500
@@ -146,8 +153,8 @@ def _aligned(stand: Stand) -> Iterator[Ending]:
         "in a T": (ALONG_X, np.array([0.0, 1.0, 0.0]), ALONG_X, LONG.half_length + d),
         "crossed": (ALONG_X, np.array([0.0, 1.0, 0.0]), np.array([0.0, 0.0, 1.0]), d),
     }
-    for name, (one, other, line, touch) in ways.items():
-        start = _meet(np.array([one, other]), line, touch + 2.5 * speed * dt, speed)
+    for name, (axis_first, axis_second, line, touch) in ways.items():
+        start = _meet(np.array([axis_first, axis_second]), line, touch + 2.5 * speed * dt, speed)
         end = sound(follow(stand, MemberStart(elastic, dt, start), 4, 250)).end
         wrong = np.abs(end.v - np.array([np.zeros(3), speed * line])).max() / speed
         part = f"impact {name}"

@@ -1,4 +1,4 @@
-"""Impacts at the ends of what parameters allow: restitution, friction, speed, and grains that start in one another."""
+"""Impacts at the limits of the parameters: restitution, friction, speed, and grains that overlap at the start."""
 
 import math
 from collections.abc import Iterator
@@ -35,8 +35,14 @@ ACROSS = np.array([0.0, -0.8, 0.6])
 
 
 def glancing(angle: float, dt: float, drift: np.ndarray | None = None, at: np.ndarray = MIDDLE) -> Packing:
-    """Two spheres about `at` [m] that touch in the midst of the third step and meet at SPEED, `angle` [rad] off the
-    line of centres; all drift [m/s]."""
+    """Place two spheres that touch in the middle of the third step and meet at SPEED.
+
+    Args:
+        angle: Angle between relative velocity and line of centres [rad].
+        dt: Time step [s].
+        drift: Common velocity [m/s], shape [3].
+        at: Their centre [m], shape [3].
+    """
     v = SPEED * (math.cos(angle) * HAT + math.sin(angle) * ACROSS)
     half = 0.5 * (D * HAT + 2.5 * dt * v)
     return grains_at([at - half, at + half], np.array([v / 2, -v / 2]) + (0.0 if drift is None else drift))
@@ -46,22 +52,24 @@ RIGID = {"hertz-mindlin": {"shear_modulus": 1e13}, "linear": {"normal_stiffness"
 
 
 def pair(law: str, e: float, friction: float) -> Scene:
-    """Two spheres of restitution e and a friction coefficient, so stiff that the line of centres hardly turns while
-    they touch; what is elastic has no dashpot across it either."""
+    """Two spheres of restitution e and a friction coefficient, without a tangential dashpot if e = 1.
+
+    They are so stiff that the line of centres hardly turns during the contact.
+    """
     across = 0.0 if e == 1 else 1.0
-    given = {"restitution": e, "friction": friction, "rolling_friction": 0, "tangential_damping": across}
-    return scene(2, LAWS[law](**given, **RIGID[law]), ROOM)
+    parameters = {"restitution": e, "friction": friction, "rolling_friction": 0, "tangential_damping": across}
+    return scene(2, LAWS[law](**parameters, **RIGID[law]), ROOM)
 
 
 def _relative(end: Packing) -> tuple[float, np.ndarray]:
-    """Normal velocity [m/s] of the first towards the second, and the velocity across of their surfaces."""
+    """Normal velocity [m/s] of the first towards the second, and relative tangential velocity of their surfaces."""
     v = end.v[0] - end.v[1]
     along = float(v @ HAT)
     return along, v - along * HAT + 0.5 * D * np.cross(end.omega.sum(axis=0), HAT)
 
 
 def _collides(stand: Stand, here: Scene, angle: float, finer: int = 1) -> tuple[Packing, Motion]:
-    """Start and motion of the impact, long enough for e = 0.05, at the contact's step over `finer`."""
+    """Run the impact long enough for e = 0.05, at the time step of the contact over `finer`."""
     dt = duration(here, SPEED * math.cos(angle)) / PER_CONTACT / finer
     start = glancing(angle, dt)
     return start, sound(follow(stand, MemberStart(here, dt, start), 8, PER_CONTACT * finer, [Ledger()]))
@@ -71,9 +79,9 @@ _CHANGES: tuple[str, ...] = ("momentum", "angular momentum", "energy gained")
 
 
 def _changes(here: Scene, start: Packing, motion: Motion) -> dict[str, float]:
-    """Changes of momentum, angular momentum and energy, in parts of those of the grains; energy only if it grew."""
+    """Relative changes of momentum, angular momentum and energy; that of energy is positive only if it grew."""
     last, mass = {name: float(column[-1]) for name, column in motion.rows(Ledger()).items()}, here.grains.mass
-    p, l = (mass * np.sum(each, axis=0) for each in (start.v, np.cross(start.x, start.v)))
+    p, l = (mass * np.sum(vectors, axis=0) for vectors in (start.v, np.cross(start.x, start.v)))
     energy = 0.5 * mass * float(np.sum(start.v**2))
     return {
         "momentum": float(np.linalg.norm([last[k] for k in ("px", "py", "pz")] - p)) / (mass * SPEED),

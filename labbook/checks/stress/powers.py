@@ -25,7 +25,11 @@ STEPS = 50
 
 @dataclass(frozen=True)
 class Tumble:
-    """Material of the grains, ratio of two diameters, spin of the floor [rad/s], and place of the box [m]."""
+    """Spheres in a narrow box.
+
+    `law`: parameters of the material; `ratio`: of the diameters; `spin`: of the floor [rad/s]; `far`: coordinate of the
+    box along each axis [m].
+    """
 
     name: str
     law: Mapping[str, Any] = field(default_factory=dict)
@@ -44,7 +48,7 @@ TUMBLES = (
 
 
 def _box(width: float, spin: float, far: float) -> Primitives:
-    """Six planes around (far, far, far + width/2); the floor turns about the axis x = y = 0."""
+    """Build six planes around (far, far, far + width/2); the floor turns about the axis x = y = 0."""
     walls = []
     for axis, name in enumerate("xyz"):
         for side in (-1, 1):
@@ -83,10 +87,10 @@ def _balance(stand: Stand) -> Iterator[Ending]:
         motion = sound(follow(stand, MemberStart(scene, dt, start), round(DURATION / dt), 1, probes))
         work = motion.rows(probes[0])["contact_work"]
         lost = dissipated(motion, "normal_power", "tangential_power") - dissipated(motion, "wall_power")
-        gap = work + lost
+        balance = work + lost
         moved = float(np.abs(work).max())
         # order dt, where a dashpot's force begins within a step, else dt^2: collisions of 50 steps
-        error = float(np.abs(gap - gap[0]).max()) / moved
+        error = float(np.abs(balance - balance[0]).max()) / moved
         yield within(stand, part.name, "work of contacts and powers", error, limited(0.05))
 
 

@@ -1,4 +1,4 @@
-"""Velocities that are set between beats: of grains in free space, far too fast, not finite, and not there."""
+"""Velocities that are set between beats: in free space, above the speed limit, not finite, and of absent grains."""
 
 import math
 from collections.abc import Iterator
@@ -50,7 +50,7 @@ def _pushed(stand: Stand) -> Iterator[Ending]:
 
 
 def _guarded(stand: Stand, start: MemberStart, part: str, speed: float) -> Ending:
-    """A guard has to name it, and to keep the state in which it was set."""
+    """Check that a guard reports the velocity and keeps the state in which it was set."""
     with stand.admitted([start], STEPS, [Ledger()]) as admitted:
         ensemble, (member,) = admitted.ensemble, admitted.members
         ensemble.advance(1)

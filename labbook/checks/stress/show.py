@@ -13,10 +13,10 @@ from rich.progress import Progress, TimeElapsedColumn
 from rich.table import Table
 
 from labbook.backend import BackendMissing, Unsupported
-from labbook.checks.stress.bounded import NamedBackend, judged
+from labbook.checks.stress.bounded import NamedBackend, judge_isolated
 from labbook.checks.stress.case import Row, StressCase
 
-SHOWN = {
+LABELS = {
     "right": "[green]right[/]",
     "named error": "[green]named error[/]",
     "failed": "[bold red]FAILED[/]",
@@ -29,10 +29,10 @@ EXCERPT = 100
 
 
 def list_cases(cases: Sequence[StressCase], as_json: bool, console: Console) -> None:
-    """Print what each case does, and its oracle."""
+    """Print the attempt of each case and its oracle."""
     if as_json:
-        told = [{"case": case.name, "what": case.what, "oracle": case.oracle, "slow": case.slow} for case in cases]
-        typer.echo(json.dumps(told, indent=2))
+        rows = [{"case": case.name, "what": case.what, "oracle": case.oracle, "slow": case.slow} for case in cases]
+        typer.echo(json.dumps(rows, indent=2))
         return
     table = Table("case", "what is done", "oracle")
     for case in cases:
@@ -41,7 +41,7 @@ def list_cases(cases: Sequence[StressCase], as_json: bool, console: Console) -> 
 
 
 def run_cases(cases: Sequence[StressCase], bench: NamedBackend, as_json: bool, console: Console) -> bool:
-    """Run cases and print how they ended; whether none failed. A backend that cannot do it ends the program."""
+    """Run cases and print their outcomes; a backend that cannot run them ends the program. Returns False on failure."""
     try:
         stand = bench.stand()
         if bench.precision not in stand.backend.capabilities.precisions:
@@ -50,16 +50,16 @@ def run_cases(cases: Sequence[StressCase], bench: NamedBackend, as_json: bool, c
         typer.echo(f"labbook stress: {error}", err=True)
         raise typer.Exit(2) from None
     rows: list[Row] = []
-    for found in _each(cases, bench):
-        rows += found
+    for case_rows in _run_each(cases, bench):
+        rows += case_rows
         if not as_json:
-            console.print(_lines(found))
+            console.print(_lines(case_rows))
             console.file.flush()  # whoever stops it later has this
     if as_json:
         # JSON has no NaN: a number that is not finite is null, and `figure` says what it was
         typer.echo(json.dumps([{**asdict(row), "error": _finite(row.error)} for row in rows], indent=2))
     else:
-        counts = ", ".join(f"{sum(row.outcome == name for row in rows)} {name}" for name in SHOWN)
+        counts = ", ".join(f"{sum(row.outcome == name for row in rows)} {name}" for name in LABELS)
         typer.echo(f"{counts}; backend {bench.backend}, {bench.precision}, {bench.device}")
     return all(row.outcome != "failed" for row in rows)
 
@@ -68,8 +68,8 @@ def _finite(error: float | None) -> float | None:
     return error if error is not None and math.isfinite(error) else None
 
 
-def _each(cases: Sequence[StressCase], bench: NamedBackend) -> Iterator[list[Row]]:
-    """The rows of each case, when it ends."""
+def _run_each(cases: Sequence[StressCase], bench: NamedBackend) -> Iterator[list[Row]]:
+    """Yield the rows of each case at its end."""
     # standard output is another stream where only one of the two is a terminal
     bar = Progress(
         *Progress.get_default_columns(), TimeElapsedColumn(), console=Console(stderr=True),
@@ -77,12 +77,12 @@ def _each(cases: Sequence[StressCase], bench: NamedBackend) -> Iterator[list[Row
     )  # fmt: skip
     with bar:
         task = bar.add_task("", total=len(cases))
-        found = judged(cases, bench)
+        endings = judge_isolated(cases, bench)
         for case in cases:
             bar.update(task, description=case.name)
-            yield next(found)
+            yield next(endings)
             bar.advance(task)
-        found.close()
+        endings.close()
 
 
 def _excerpt(figure: str) -> str:
@@ -90,10 +90,10 @@ def _excerpt(figure: str) -> str:
 
 
 def _lines(rows: Sequence[Row]) -> Table:
-    """The parts of a case: of one that failed also what is done, and the oracle."""
+    """Lay out the parts of a case; if one failed, add the attempt and the oracle."""
     table = Table.grid(padding=(0, 2, 0, 0))
     for row in rows:
-        table.add_row(SHOWN[row.outcome], row.case, escape(row.part), escape(_excerpt(row.figure)))
+        table.add_row(LABELS[row.outcome], row.case, escape(row.part), escape(_excerpt(row.figure)))
     if any(row.outcome == "failed" for row in rows):
         table.add_row("", "", "what is done", rows[0].what)
         table.add_row("", "", "oracle", rows[0].oracle)

@@ -23,7 +23,7 @@ BELOW = (0.1, 0.3, 0.6, 0.9, 1.0)
 """Parts of the largest stable step with which a shaken bed comes to rest."""
 PAST = (10.0, 100.0, 1e4)
 SHAKEN = 0.05
-"""Root mean square of each component of the velocities that grains at rest are given [m/s]."""
+"""Root mean square [m/s] of each component of the velocities that shake a bed at rest."""
 
 
 def _settled(stand: Stand, bed: Scene, dt: float) -> Packing:
@@ -56,11 +56,11 @@ def _stiffnesses(stand: Stand) -> Iterator[Ending]:
     """A pile whose grains lie in pockets falls by a hundredth of a diameter, and rests within 10 ms."""
     for law, (key, values) in STIFFNESSES.items():
         for value in values:
-            held, start = pile(LAWS[law](**{key: value}))
-            dt = 0.5 * largest_stable_step(held)
+            bed, start = pile(LAWS[law](**{key: value}))
+            dt = 0.5 * largest_stable_step(bed)
             contacts = Contacts(every=40)
             steps = max(1000, round(0.02 / dt / 40))
-            course = follow(stand, MemberStart(held, dt, start), 40, steps, [Ledger(), contacts])
+            course = follow(stand, MemberStart(bed, dt, start), 40, steps, [Ledger(), contacts])
             part = f"{law}, {key} = {value:g}"
             if value == values[0]:
                 yield named(part, course, ("overlap",))

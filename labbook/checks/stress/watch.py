@@ -1,4 +1,4 @@
-"""Following one member beat by beat: nothing that is not finite passes, and a guard must keep the last good state."""
+"""Course of one member, beat by beat: every value has to be finite, and a guard must keep the last good state."""
 
 import math
 from collections.abc import Callable, Sequence
@@ -17,10 +17,12 @@ GUARDS = ("state", "speed", "overlap")
 
 @dataclass(frozen=True, eq=False)
 class Course:
-    """What became of a member, and the named error that ended it, if one did.
+    """Course of a member, with the named error that ended it, if one did.
 
-    `motion`: None if it never began. `guard`: `state`, `speed` or `overlap`, or `room` for lists that are too short;
-    empty if nothing ended it.
+    Args:
+        motion: The motion; None if it never began.
+        guard: `state`, `speed` or `overlap`, or `room` for lists that are too short; empty if nothing ended it.
+        message: Message of the error.
     """
 
     motion: Motion | None
@@ -31,13 +33,21 @@ class Course:
 def follow(
     stand: Stand, start: MemberStart, beats: int, steps_per_beat: int = 1000, probes: Sequence[Probe] = ()
 ) -> Course:
-    """Follow one member for `beats` beats, or until an error names what went wrong. A Ledger is always kept.
+    """Follow one member for `beats` beats, or until an error is reported. A Ledger is always read.
 
-    Raises Broken if a state or a row is not finite, if a member does not advance, or if the state after an error is not
-    that of the beat before.
+    Args:
+        stand: The stand.
+        start: Start of the member.
+        beats: Largest number of beats.
+        steps_per_beat: Steps of a beat.
+        probes: Probes to read.
+
+    Raises:
+        Broken: A state or a row is not finite, the member does not advance, or the state after an error is not that of
+            the beat before.
     """
-    kept = (*probes, *([] if any(isinstance(p, Ledger) for p in probes) else [Ledger()]))
-    with stand.admitted([start], steps_per_beat, kept) as admitted:
+    all_probes = (*probes, *([] if any(isinstance(p, Ledger) for p in probes) else [Ledger()]))
+    with stand.admitted([start], steps_per_beat, all_probes) as admitted:
         ensemble, (member,) = admitted.ensemble, admitted.members
         try:
             good, status = _state(ensemble, member)
@@ -50,13 +60,13 @@ def follow(
                 new = ensemble.advance(1)
             except Overflow as error:
                 guard, message = "room", str(error)
-                _check_kept(ensemble, member, good, status)
+                _check_state_kept(ensemble, member, good, status)
                 break
             events += new
             if failed := next((event for event in new if isinstance(event, Failed)), None):
                 guard, message = failed.guard, failed.message
-                _check_named(failed, status, steps_per_beat)
-                _check_kept(ensemble, member, good, status)
+                _check_message(failed, status, steps_per_beat)
+                _check_state_kept(ensemble, member, good, status)
                 if ensemble.advance(1):
                     raise Broken("a member runs on after a guard stopped it")
                 break
@@ -82,8 +92,8 @@ def _state(ensemble: Ensemble, member: Member) -> tuple[Packing, Status]:
     return packing, status
 
 
-def _check_named(failed: Failed, before: Status, steps: int) -> None:
-    """An error says which guard, which grain and what to change, at a step of the beat that it stopped."""
+def _check_message(failed: Failed, before: Status, steps: int) -> None:
+    """Check that an error names the guard, the grain and the remedy, at a step of the beat that it stopped."""
     if failed.guard not in GUARDS:
         raise Broken(f"no guard is called {failed.guard!r}")
     if f"grain {failed.grain}" not in failed.message or "numerics." not in failed.message:
@@ -92,12 +102,12 @@ def _check_named(failed: Failed, before: Status, steps: int) -> None:
         raise Broken(f"the guard names step {failed.step}, outside the beat from step {before.step}")
 
 
-def _check_kept(ensemble: Ensemble, member: Member, good: Packing, status: Status) -> None:
-    kept, now = _state(ensemble, member)
+def _check_state_kept(ensemble: Ensemble, member: Member, good: Packing, status: Status) -> None:
+    packing, now = _state(ensemble, member)
     if now.step != status.step:
         raise Broken(f"after the error the member stands at step {now.step}, not at {status.step}, the last good beat")
     for name, array in good.arrays().items():
-        if not np.array_equal(array, kept.arrays()[name]):
+        if not np.array_equal(array, packing.arrays()[name]):
             raise Broken(f"after the error {name} is not that of the last good beat")
 
 
@@ -109,14 +119,14 @@ def _check_tables(motion: Motion) -> None:
 
 
 def sound(course: Course) -> Motion:
-    """The motion of a course that no error ended. Raises Broken with the message of one that did."""
+    """Return the motion of a course without error. Raises Broken with the message of an error."""
     if course.motion is None or course.guard:
         raise Broken(f"stopped, but the motion should be correct: {course.message}")
     return course.motion
 
 
 def named(part: str, course: Course, guards: Sequence[str] = GUARDS) -> Ending:
-    """A named error if one of `guards` ended the course; failed if another did, or none."""
+    """Expect an error: `named error` if one of `guards` ended the course, `failed` if another did, or none."""
     if not course.guard:
         return Ending(part, "failed", "silence: no guard reported anything")
     outcome = "named error" if course.guard in guards else "failed"
@@ -124,7 +134,7 @@ def named(part: str, course: Course, guards: Sequence[str] = GUARDS) -> Ending:
 
 
 def refused(part: str, do: Callable[[], object], words: str, kinds: tuple[type[Exception], ...]) -> Ending:
-    """A named error if `do` raises one of `kinds` whose text has `words`; failed if it does not."""
+    """Expect an exception: `named error` if `do` raises one of `kinds` whose text has `words`, else `failed`."""
     try:
         do()
     except kinds as error:
@@ -134,5 +144,5 @@ def refused(part: str, do: Callable[[], object], words: str, kinds: tuple[type[E
 
 
 def one_line(message: str) -> str:
-    """A message in one line."""
+    """Join the words of a message in one line."""
     return " ".join(message.split())

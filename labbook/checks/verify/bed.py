@@ -23,9 +23,9 @@ DT = 8e-6
 """A tenth of the Rayleigh time of grains with a shear modulus of 1e7 Pa."""
 SOFT = {"shear_modulus": 1e7}
 BEDS = (1, 2, 3)
-"""Seeds of the beds that are to come to rest."""
+"""Seeds of the beds that have to come to rest."""
 FORCE, ENERGY = "|wall force - weight|", "kinetic energy of all but 5 %"
-Each = TypeVar("Each")
+Entry = TypeVar("Entry")
 
 
 def _beds() -> list[Scene]:
@@ -38,7 +38,7 @@ def _beds() -> list[Scene]:
 
 
 def _sinks_in(stand: Stand) -> Mapping[str, float]:
-    """One grain dropped from its static overlap's height, at the study's step: it comes to rest at that overlap."""
+    """Drop a grain at its static overlap's height, at the study's step: it comes to rest at that overlap."""
     errors = {}
     for law, material in LAWS.items():
         rests = scene(1, material(), Primitives(parts=(floor(),)), G)
@@ -49,12 +49,20 @@ def _sinks_in(stand: Stand) -> Mapping[str, float]:
 
 
 def borne(stand: Stand, bed: Scene, dt: float, beats: int) -> Mapping[str, float]:
-    """Medians over beds from three seeds: the error of the force that the walls bear [weight], and the mean kinetic
-    energy of all but the fastest twentieth of the grains [m g d], as if each moved as fast as its fastest point.
+    """Measure wall forces and kinetic energy of a bed at rest, as medians over three seeds.
 
-    Now and then a bed is not at rest: a grain that is held by rolling resistance alone creeps under its limiter, at up
-    to 30 g dt (`rest-on-incline`), may roll off at any time, and moves those that lean on it. Which bed has such a
-    grain depends on the last bit, and so on the processor.
+    Now and then a bed is not at rest. A grain held by rolling resistance alone creeps under its limiter, at up to
+    30 g dt (`rest-on-incline`). It may roll off at any time and move the grains that lean on it. Which bed has such a
+    grain depends on the last bit, and so on the processor; hence the median.
+
+    Args:
+        stand: The stand.
+        bed: The closed scene.
+        dt: Time step [s].
+        beats: Number of beats of 1000 steps.
+
+    Returns:
+        By name, the error of the force on the walls [weight], and `slow_energy` [m g d].
     """
     errors, energies, contacts = [], [], Contacts(every=beats)
     for seed in BEDS:
@@ -65,15 +73,17 @@ def borne(stand: Stand, bed: Scene, dt: float, beats: int) -> Mapping[str, float
 
 
 def slow_energy(bed: Scene, end: Packing) -> float:
-    """Mean kinetic energy of all but the fastest twentieth of the grains [m g d], as if each moved as fast as its
-    fastest point."""
+    """Mean kinetic energy [m g d] of all but the fastest twentieth of the grains.
+
+    Each grain counts as if its centre moved as fast as its fastest point.
+    """
     fastest = np.sort(fastest_points(bed.grains, end))
     slow = fastest[: len(fastest) * 19 // 20]
     return float(np.mean(slow**2)) / (2 * bed.gravity * bed.grains.diameter)
 
 
 def wall_force_error(motion: Motion, contacts: Contacts) -> float:
-    """How far the sum of the forces that walls exert is from the weight of the grains [weight], at the last reading."""
+    """Distance of the sum of wall forces from the weight of the grains, over that weight, at the last reading."""
     rows = motion.rows(contacts)
     walls = (rows["wall"] >= 0) & (rows["step"] == rows["step"].max())
     force = np.array([rows[axis][walls].sum() for axis in ("fx", "fy", "fz")])
@@ -81,13 +91,13 @@ def wall_force_error(motion: Motion, contacts: Contacts) -> float:
     return float(np.linalg.norm(force - [0, 0, weight])) / weight
 
 
-def in_each(found: Mapping[str, Mapping[str, Each]]) -> Mapping[str, Each]:
-    """What was found of each bed, by its name, in one mapping."""
-    return {f"{what}, {bed}": error for bed, errors in found.items() for what, error in errors.items()}
+def in_each(by_bed: Mapping[str, Mapping[str, Entry]]) -> Mapping[str, Entry]:
+    """Flatten a mapping by bed and name to one by "name, bed"."""
+    return {f"{name}, {bed}": error for bed, errors in by_bed.items() for name, error in errors.items()}
 
 
 def at_rest(*beds: str) -> Mapping[str, Criterion]:
-    """Limits for beds of these names."""
+    """Limits on force and energy for beds of these names."""
     limits = {FORCE: limited(1e-6), ENERGY: limited(1e-9, "m g d")}
     return in_each({bed: limits for bed in beds})
 
@@ -98,11 +108,11 @@ def _carries(stand: Stand) -> Mapping[str, float]:
 
 def pile(law: ContactLaw) -> tuple[Scene, Packing]:
     """Fourteen grains stacked like cannonballs in a narrow box: layers of four and of one, with small gaps."""
-    held = scene(14, law, Box(width=2.01 * D, depth=2.01 * D, height=20 * D), G)
+    box = scene(14, law, Box(width=2.01 * D, depth=2.01 * D, height=20 * D), G)
     corners = [(-0.5, -0.5), (-0.5, 0.5), (0.5, -0.5), (0.5, 0.5)]
     layers = [corners if k % 2 == 0 else [(0.0, 0.0)] for k in range(5)]
     x = [(a * D, b * D, D / 2 + k * 0.72 * D) for k, layer in enumerate(layers) for a, b in layer]
-    return held, grains_at(x)
+    return box, grains_at(x)
 
 
 def _stays(stand: Stand) -> Mapping[str, float]:
@@ -112,13 +122,13 @@ def _stays(stand: Stand) -> Mapping[str, float]:
     resistance alone creeps under its limiter, at up to 30 g dt (`rest-on-incline`), in any precision: random piles have
     such grains now and then. Rolling springs, `epsd`, hold them (`rolling-spring-rests`, `rolling-spring-pyramid`).
     """
-    held, start = pile(hertz(**SOFT))
+    bed, start = pile(hertz(**SOFT))
     rng = np.random.default_rng(1)
-    settled = stand.run(MemberStart(held, DT, replace(start, v=rng.normal(0, 0.01, start.x.shape))), 200)
+    settled = stand.run(MemberStart(bed, DT, replace(start, v=rng.normal(0, 0.01, start.x.shape))), 200)
     probes = (Ledger(every=10), Sample(fields=("x",), every=100))
-    motion = stand.run(MemberStart(held, DT, settled.end), 1000, probes=probes)
+    motion = stand.run(MemberStart(bed, DT, settled.end), 1000, probes=probes)
     totals, x = motion.rows(probes[0]), motion.by_beat(probes[1], "xyz")
-    unit = held.grains.count * held.grains.mass * G * D
+    unit = bed.grains.count * bed.grains.mass * G * D
     energy = totals["potential"] / unit
     return {
         "largest kinetic energy": float(totals["kinetic"].max()) / unit,

@@ -1,4 +1,4 @@
-"""A case: what is checked, where it comes from, how it is measured, and how large an error may be."""
+"""Verification case: a statement, its source, the errors that measure it, and their limits."""
 
 import math
 from collections.abc import Callable, Mapping
@@ -10,15 +10,16 @@ from labbook.checks.verify.stand import CaseNotMeasured, Stand
 
 Result = Literal["passed", "failed", "reported", "unsupported"]
 SCENE_KEYS = ("grains.shape", "container")
-"""What a backend may lack without failing: cases with shapes or walls that it does not have say nothing of it."""
+"""Keys of a scene that a backend may lack without failing: a case with such shapes or walls is then `unsupported`."""
 
 
 @dataclass(frozen=True)
 class Criterion:
-    """One error of a case.
+    """Limits of one error of a case.
 
-    `limits`: the largest error that passes, by precision; empty: the number is reported, and judged by no one.
-    `unit`: of the error; "" for a relative one or a plain number.
+    Args:
+        limits: Largest error that passes, by precision; empty: the error is reported only.
+        unit: Unit of the error; empty for a relative error or a plain number.
     """
 
     limits: Mapping[str, float]
@@ -31,12 +32,15 @@ ROUNDING = 2.0**-24
 
 
 def limited(limit: float, unit: str = "", *, roundings: float = 0, steps: float = 0) -> Criterion:
-    """A measure with a limit: `limit` in double precision, where round-off is far below it.
+    """Build a criterion from a limit in double precision and the roundings that single precision adds.
 
-    `roundings`: how many roundings of a law in single precision may add up in the error; `mixed` is allowed these too.
-    A force of contact takes about 16 operations one after the other. `steps`: how many roundings of a velocity may add
-    up, where `mixed` keeps velocities in single as well: at most one a step, since a small kick to a large velocity is
-    rounded the same way again and again.
+    Args:
+        limit: Largest error in double precision, where round-off is far below it.
+        unit: Unit of the error.
+        roundings: Roundings of a law in single precision that may add up in the error; `mixed` is allowed these too. A
+            contact force takes about 16 operations one after the other.
+        steps: Roundings of a velocity that may add up where `mixed` keeps velocities in single precision as well. At
+            most one a step: a small kick to a large velocity is rounded the same way again and again.
     """
     mixed = limit + roundings * ROUNDING
     return Criterion({"double": limit, "mixed": mixed, SINGLE_VELOCITIES: mixed + steps * ROUNDING}, unit)
@@ -44,9 +48,15 @@ def limited(limit: float, unit: str = "", *, roundings: float = 0, steps: float 
 
 @dataclass(frozen=True)
 class Case:
-    """One check. `run` measures every error of `measures` by name on a stand.
+    """One verification case.
 
-    `statement`: what holds, in a line. `source`: where that comes from.
+    Args:
+        name: Name of the case.
+        statement: Property that holds for a correct backend, in a line.
+        source: Origin of the expected values.
+        measures: Criteria by name of the error.
+        run: Runs the case on a stand and returns the error of each criterion, by name.
+        slow: The case takes more than about ten seconds.
     """
 
     name: str
@@ -55,12 +65,11 @@ class Case:
     measures: Mapping[str, Criterion]
     run: Callable[[Stand], Mapping[str, float]]
     slow: bool = False
-    """Takes more than about ten seconds."""
 
 
 @dataclass(frozen=True)
 class CriterionResult:
-    """What one measure of a case came to. `limit` None: reported only."""
+    """Error of one criterion with its verdict. `limit` None: reported only."""
 
     case: str
     measure: str
@@ -70,29 +79,36 @@ class CriterionResult:
     source: str
     result: Result
     note: str = ""
-    """Why there is no number, where there is none."""
+    """Reason for a missing number."""
 
 
 def kind(stand: Stand) -> str:
-    """The precision whose limits hold on a stand."""
+    """Select the precision whose limits hold on a stand."""
     single = stand.precision == "mixed" and stand.backend.capabilities.single_velocities
     return SINGLE_VELOCITIES if single else stand.precision
 
 
 def judge(case: Case, stand: Stand) -> list[CriterionResult]:
-    """Run a case and compare its errors with their limits; an error that is no number fails.
+    """Run a case and compare its errors with their limits; NaN fails.
 
-    A case in a scene that the backend does not have is `unsupported`.
+    Args:
+        case: The case.
+        stand: The stand.
 
-    Raises ValueError if the case states no limit for the stand's precision, or does not measure what it says.
+    Returns:
+        A result for each criterion: `unsupported` if the backend lacks a shape or wall of the scene.
+
+    Raises:
+        ValueError: The case has no limit for the stand's precision, or returns other errors than it declares.
+        Unsupported: The backend lacks something else.
     """
     try:
         errors = case.run(stand)
     except Unsupported as reason:
         if reason.key not in SCENE_KEYS:
             raise
-        found = [_verdict(case, name, math.nan, kind(stand), reason.remedy) for name in case.measures]
-        return [replace(verdict, result="unsupported") for verdict in found]
+        verdicts = [_verdict(case, name, math.nan, kind(stand), reason.remedy) for name in case.measures]
+        return [replace(verdict, result="unsupported") for verdict in verdicts]
     except CaseNotMeasured as reason:
         return failed(case, stand, str(reason))
     if set(errors) != set(case.measures):
@@ -101,7 +117,7 @@ def judge(case: Case, stand: Stand) -> list[CriterionResult]:
 
 
 def failed(case: Case, stand: Stand, why: str) -> list[CriterionResult]:
-    """CriterionResults of a case that measured nothing; `why`: the reason."""
+    """Fail every criterion of a case that measured nothing; `why`: the reason."""
     return [_verdict(case, name, math.nan, kind(stand), why) for name in case.measures]
 
 

@@ -52,12 +52,12 @@ CASES: tuple[Case, ...] = (
 
 
 EVERY = Registry[Case]("labbook.cases", Case, CASES)
-"""All cases by name, also of other packages."""
+"""All cases by name, with those of other packages."""
 
 
-def chosen(names: list[str]) -> list[Case]:
-    """Cases whose name is, or begins with, one of `names`; all if there are none. Raises KeyError for no match."""
+def select_cases(names: list[str]) -> list[Case]:
+    """Select the cases whose name begins with one of `names`; all if it is empty. Raises KeyError without a match."""
     for name in names:
-        if not any(known.startswith(name) for known in EVERY):
+        if not any(name_of_case.startswith(name) for name_of_case in EVERY):
             raise KeyError(name)
     return [case for case in EVERY.values() if not names or any(case.name.startswith(name) for name in names)]

@@ -15,7 +15,7 @@ from labbook.scene.packing import Packing
 RESTITUTIONS = (0.05, 0.1, 0.2, 0.4, 0.6, 0.8, 0.9, 1.0)
 SPEEDS = (0.01, 0.1, 1.0)
 PHASES = 10
-"""Positions of the touch within a time step that every collision is repeated at."""
+"""Positions of the first touch within a time step, at each of which every collision is repeated."""
 STUDY_STEP = 2.5e-6
 """The time step [s] of Fan's studies."""
 
@@ -62,14 +62,16 @@ def _bouncing(law: str, e: float) -> Scene:
 
 
 def restitution_errors(stand: Stand, law: str, fraction: float) -> np.ndarray:
-    """Realised minus asked e at a step of `fraction` of t_c: shape [RESTITUTIONS x SPEEDS, PHASES]."""
-    asked = [(e, speed) for e in RESTITUTIONS for speed in SPEEDS]
-    scenes = [_bouncing(law, e) for e, _ in asked]
-    steps = [fraction * duration(s, speed) for s, (_, speed) in zip(scenes, asked, strict=True)]
-    starts = [MemberStart(s, dt, head_on(speed, dt)) for s, dt, (_, speed) in zip(scenes, steps, asked, strict=True)]
+    """Measured minus stated e at a step of `fraction` of t_c: shape [RESTITUTIONS x SPEEDS, PHASES]."""
+    conditions = [(e, speed) for e in RESTITUTIONS for speed in SPEEDS]
+    scenes = [_bouncing(law, e) for e, _ in conditions]
+    steps = [fraction * duration(s, speed) for s, (_, speed) in zip(scenes, conditions, strict=True)]
+    starts = [
+        MemberStart(s, dt, head_on(speed, dt)) for s, dt, (_, speed) in zip(scenes, steps, conditions, strict=True)
+    ]
     motions = stand.run_all(starts, beats=1, steps_per_beat=round(20 / fraction))
-    realised = [rebound(motion) / speed for motion, (_, speed) in zip(motions, asked, strict=True)]
-    return np.array([e - wanted for e, (wanted, _) in zip(realised, asked, strict=True)])
+    realised = [rebound(motion) / speed for motion, (_, speed) in zip(motions, conditions, strict=True)]
+    return np.array([e - target for e, (target, _) in zip(realised, conditions, strict=True)])
 
 
 def _restitution(law: str):
@@ -87,15 +89,15 @@ def _restitution(law: str):
 def _at_the_study_s_step(stand: Stand) -> Mapping[str, float]:
     speed = math.sqrt(9.81 * D)
     with_gravity = _bouncing("hertz-mindlin", 0.2).model_copy(update={"gravity": 9.81})
-    told = stand.backend.describe(with_gravity, stand.numerics(STUDY_STEP))
+    described = stand.backend.describe(with_gravity, stand.numerics(STUDY_STEP))
     start = MemberStart(_bouncing("hertz-mindlin", 0.2), STUDY_STEP, head_on(speed, STUDY_STEP))
     e = rebound(stand.run(start, beats=1, steps_per_beat=4000)) / speed
     return {
         "mean e": float(e.mean()),
         "largest e": float(e.max()),
         "smallest e": float(e.min()),
-        "|mean e - described|": abs(float(e.mean()) - told["restitution_realised"]),
-        "|spread of e - described|": abs(float(e.std()) - told["restitution_spread"]),
+        "|mean e - described|": abs(float(e.mean()) - described["restitution_realised"]),
+        "|spread of e - described|": abs(float(e.std()) - described["restitution_spread"]),
     }
 
 
@@ -111,8 +113,8 @@ def _duration_error(stand: Stand, law: str, speed: float) -> float:
     motion = stand.run(MemberStart(elastic, dt, head_on(speed, dt)), 420, 1, [probe])
     x = motion.by_beat(probe, "xyz")
     gap = np.linalg.norm(x[:, PHASES:] - x[:, :PHASES], axis=2) - D
-    found = [_time_below(gap[:, pair]) * dt for pair in range(PHASES)]
-    return float(np.abs(np.array(found) / expected - 1).max())
+    durations = [_time_below(gap[:, pair]) * dt for pair in range(PHASES)]
+    return float(np.abs(np.array(durations) / expected - 1).max())
 
 
 def _time_below(gap: np.ndarray) -> float:
@@ -211,9 +213,9 @@ CASES = [
         source="Newton's third law",
         # forces are exactly opposite in any precision; torques are n x f_t, whose 8 operations round
         measures={
-            f"{what}, {law}": limited(5e-14, roundings=roundings, steps=1)
+            f"{quantity}, {law}": limited(5e-14, roundings=roundings, steps=1)
             for law in LAWS
-            for what, roundings in (("momentum", 0), ("angular momentum", 8))
+            for quantity, roundings in (("momentum", 0), ("angular momentum", 8))
         },
         run=_momenta,
     ),

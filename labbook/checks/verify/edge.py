@@ -74,6 +74,15 @@ def rolling_off(speed: float, run_up: float, friction: float, times: np.ndarray)
     Integrated in stages, each to its own end: rolling over `run_up` [m]; no slip, t'' = (5/7) (g/R) sin t, while the
     friction needed, (2/7) m g sin t, is below mu N with N = m (g cos t - R t'^2); slip with friction mu N, until
     N = 0; free flight.
+
+    Args:
+        speed: Speed of rolling [m/s].
+        run_up: Distance to the edge at the start [m].
+        friction: Friction coefficient mu.
+        times: Times [s], shape [n].
+
+    Returns:
+        x and z from the edge [m], v_x, v_z [m/s] and spin about y [rad/s].
     """
     from scipy.integrate import solve_ivp
 
@@ -96,12 +105,12 @@ def rolling_off(speed: float, run_up: float, friction: float, times: np.ndarray)
         drag = friction * normal(s[0], s[1])
         return [s[1], (G * math.sin(s[0]) - drag) / R, 2.5 * drag / R]
 
-    how = {"method": "DOP853", "rtol": 1e-12, "atol": 1e-14, "dense_output": True}
+    options = {"method": "DOP853", "rtol": 1e-12, "atol": 1e-14, "dense_output": True}
     edge = run_up / speed
-    turn = solve_ivp(turning, (0, 1), [0.0, speed / R], events=sticks, **how)
+    turn = solve_ivp(turning, (0, 1), [0.0, speed / R], events=sticks, **options)
     slid = edge + float(turn.t[-1])
     t, rate = turn.y[:, -1]
-    slip = solve_ivp(slipping, (0, 1), [t, rate, rate], events=presses, **how)
+    slip = solve_ivp(slipping, (0, 1), [t, rate, rate], events=presses, **options)
     off = slid + float(slip.t[-1])
 
     def at(time: float) -> list[float]:
@@ -130,11 +139,11 @@ def _follows(stand: Stand, rim: bool = False) -> Mapping[str, float]:
     arm = lever(plate)
     start = at_edge(-run_up, arm, (speed, 0.0), speed / arm)
     motion = stand.run(MemberStart(plate, DT, start), 6000, STEPS, PROBES)
-    times, found = path(motion)
+    times, measured = path(motion)
     expected = rolling_off(speed, run_up, friction, times)
-    flying = np.hypot(found[:, 0], found[:, 1]) > R
+    flying = np.hypot(measured[:, 0], measured[:, 1]) > R
     require(bool(flying.any()), "the grain is still on the edge")
-    off = np.abs(found - expected)
+    off = np.abs(measured - expected)
     return {
         "position": float(off[:, :2].max()) / R,
         "velocity, of sqrt(g R)": float(off[:, 2:4].max()) / math.sqrt(G * R),

@@ -1,4 +1,4 @@
-"""The energy ledger: what contacts do to the energy of a grain, in a cycle in which load and shear come and go."""
+"""Energy ledger: the work of contact forces on a grain, in a cycle in which load and shear come and go."""
 
 import math
 from collections.abc import Mapping
@@ -38,9 +38,10 @@ def contact_power(motion: Motion) -> np.ndarray:
 
 
 def gaps(motion: Motion) -> tuple[float, float]:
-    """How far the energy balance is open, over the energy at the start, at worst during the motion.
+    """Largest gap of the energy balance during the motion, over the energy at the start.
 
-    Once with the work that the ledger states, and once with `contact_power` integrated by the trapezoidal rule.
+    Returns:
+        The gap with the work of the ledger, and with `contact_power` integrated by the trapezoidal rule.
     """
     table, dt = motion.rows(LEDGER), motion.numerics.dt
     energy, unit = table["kinetic"] + table["potential"], float(table["kinetic"][0])

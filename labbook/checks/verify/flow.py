@@ -1,4 +1,4 @@
-"""How the discharge of a small flat silo depends on outlet, friction and filling height."""
+"""Discharge of a small flat silo: its dependence on outlet, friction and filling height."""
 
 from collections.abc import Mapping, Sequence
 from itertools import pairwise
@@ -20,7 +20,7 @@ DT = 2.5e-5
 """A tenth of the Rayleigh time of grains with a shear modulus of 1e6 Pa."""
 SEEDS = (1, 2, 3, 4)
 HIGH, MIDDLE, LOW = 460, 320, 180
-"""Grains left: after the start-up; half-way; when they stand 1.2 widths high."""
+"""Grains left in the silo: after the start-up; half-way; when they stand 1.2 widths high."""
 OUT = Crossing()
 
 
@@ -42,9 +42,9 @@ def passages(stand: Stand, scenes: Sequence[Scene]) -> list[np.ndarray]:
     )
     times = []
     for motion in discharges:
-        found = np.sort(motion.rows(OUT)["time"])
-        require(len(found) >= COUNT - LOW, f"only {len(found)} grains have left: the silo clogged")
-        times.append(found[: COUNT - LOW])
+        leaving = np.sort(motion.rows(OUT)["time"])
+        require(len(leaving) >= COUNT - LOW, f"only {len(leaving)} grains have left: the silo clogged")
+        times.append(leaving[: COUNT - LOW])
     return list(np.reshape(times, (len(scenes), len(SEEDS), -1)).mean(axis=1))
 
 

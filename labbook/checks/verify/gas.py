@@ -55,7 +55,7 @@ def energies(motion: Motion, ledger: Ledger, contacts: Contacts) -> np.ndarray:
 
 
 def wandering(stand: Stand, law: str, steps_per_collision: int) -> tuple[float, float]:
-    """Largest change of energy over its start, and contacts seen at each reading in the mean."""
+    """Largest relative change of energy, and mean number of contacts at a reading."""
     soft, start = gas(law)
     dt = duration(soft, SPEED * math.sqrt(2)) / steps_per_collision
     probes = (Ledger(), Contacts())
@@ -87,7 +87,7 @@ CASES = [
         source=source,
         measures={
             "largest change of energy": limited(1e-6, steps=1e5),
-            # of 1e5 roundings of velocities, the error in dt is not to be told any more
+            # the sum of 1e5 roundings of velocities hides the error in dt
             "|order in dt - 2|": limited(order, steps=math.inf),
             "contacts at a time": Criterion({}),
         },

@@ -15,31 +15,31 @@ G = 9.81
 
 
 def spheres(count: int) -> Spheres:
-    """So many of Fan's grains."""
+    """Build Fan's glass beads."""
     return Spheres(diameter=D, density=2500, count=count)
 
 
-def hertzian(law: type[Hertz], **given: Any) -> Hertz:
-    """Fan's material by a law after Hertz; all that is given replaces its values."""
+def hertzian(law: type[Hertz], **parameters: Any) -> Hertz:
+    """Build Fan's material with a law after Hertz; `parameters` replace its values."""
     values = {"shear_modulus": 1e8, "poisson_ratio": 0.25, "friction": 0.5, "rolling_friction": 0.01}
-    return law.model_validate({**values, "restitution": 0.2, **given})
+    return law.model_validate({**values, "restitution": 0.2, **parameters})
 
 
-def hertz(**given: Any) -> HertzMindlin:
-    """Fan's material by labbook's own law; all that is given replaces its values."""
-    law = hertzian(HertzMindlin, **given)
+def hertz(**parameters: Any) -> HertzMindlin:
+    """Build Fan's material with labbook's own law; `parameters` replace its values."""
+    law = hertzian(HertzMindlin, **parameters)
     assert isinstance(law, HertzMindlin)
     return law
 
 
-def linear(**given: Any) -> LinearSpringDashpot:
-    """Linear springs of k_n = 2e5 m g/d; all that is given replaces its values."""
+def linear(**parameters: Any) -> LinearSpringDashpot:
+    """Build linear springs of k_n = 2e5 m g/d; `parameters` replace their values."""
     values = {"normal_stiffness": 2e5 * spheres(1).mass * G / D, "friction": 0.5, "rolling_friction": 0.01}
-    return LinearSpringDashpot.model_validate({**values, "restitution": 0.2, **given})
+    return LinearSpringDashpot.model_validate({**values, "restitution": 0.2, **parameters})
 
 
 LAWS = {"hertz-mindlin": hertz, "linear": linear}
-"""The two laws that most cases are about."""
+"""The two laws of most cases."""
 EVERY_LAW: dict[str, Callable[..., ContactLaw]] = {
     "hertz-mindlin": hertz,
     "hertz-printed": partial(hertzian, HertzPrinted),

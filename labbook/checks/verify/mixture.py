@@ -32,33 +32,41 @@ from labbook.scene import (
 from labbook.scene.timescales import collision
 
 PAIRS = {("large", "large"): 0.9, ("large", "small"): 0.3, ("small", "small"): 0.6}
-"""Restitution asked for between kinds."""
+"""Restitution between kinds."""
 FRICTION = {("large", "large"): 0.5, ("large", "small"): 0.1, ("small", "small"): 0.3}
 KINDS = (Kind(name="large", share=0.5), Kind(name="small", share=0.5, diameter=D / 3, density=7800))
 
 
-def mixed(count: int, law: str, surface: SurfaceChange | None = None, **given: Any) -> Scene:
+def mixed(count: int, law: str, surface: SurfaceChange | None = None, **parameters: Any) -> Scene:
     """Large light and small heavy spheres, each pair of kinds with its own friction and restitution, in a wide room.
 
-    surface: what replaces these, for all pairs alike.
+    `surface` replaces these for all pairs; `parameters` are those of the law.
     """
-    stated = {pair: {"restitution": PAIRS[pair], "friction": FRICTION[pair]} for pair in PAIRS}
+    by_pair = {pair: {"restitution": PAIRS[pair], "friction": FRICTION[pair]} for pair in PAIRS}
     surfaces = tuple(
         Between(kinds=pair, **{**own, **(surface or SurfaceChange()).model_dump(exclude_none=True)})
-        for pair, own in stated.items()
+        for pair, own in by_pair.items()
     )
-    contact = LAWS[law](**{"rolling_friction": 0.0, "between": surfaces, **given})
+    contact = LAWS[law](**{"rolling_friction": 0.0, "between": surfaces, **parameters})
     grains = Spheres(diameter=D, density=2500, count=count, kinds=KINDS)
     return Scene(grains=grains, contact=contact, container=room(4.0), gravity=0.0)
 
 
 def pairs(scene: Scene, speed: float, angle: float, dt: float) -> Packing:
-    """Of each pair of kinds three pairs of grains that meet at `speed` [m/s], their paths at `angle` [rad] to the line
-    of centres; the centre of mass drifts. They touch at three positions within the third step."""
+    """Place three pairs of grains for each pair of kinds, on courses of collision.
+
+    They touch at three positions within the third step. The centre of mass drifts.
+
+    Args:
+        scene: The scene of `mixed`.
+        speed: Relative speed [m/s].
+        angle: Angle between the relative velocity and the line of centres [rad].
+        dt: Time step [s].
+    """
     kinds = np.repeat([[("large", "small").index(name) for name in pair] for pair in PAIRS], 3, axis=0)
-    which = kinds.T.ravel()
-    n = len(which) // 2
-    diameter = np.array([D, D / 3])[which]
+    kind = kinds.T.ravel()
+    n = len(kind) // 2
+    diameter = np.array([D, D / 3])[kind]
     rng = np.random.default_rng(3)
     normal, across = rng.normal(size=(2, n, 3))
     normal /= np.linalg.norm(normal, axis=1)[:, None]
@@ -71,7 +79,7 @@ def pairs(scene: Scene, speed: float, angle: float, dt: float) -> Packing:
     drift = rng.normal(size=(n, 3)) * speed
     x = np.concatenate([centres, centres + normal * reach[:, None] + v * before[:, None]])
     return Packing(
-        x=x, v=np.concatenate([drift, drift - v]), omega=np.zeros_like(x), diameter=diameter, kind=which
+        x=x, v=np.concatenate([drift, drift - v]), omega=np.zeros_like(x), diameter=diameter, kind=kind
     )  # fmt: skip
 
 
@@ -91,17 +99,19 @@ def _restores(stand: Stand, law: str) -> Mapping[str, float]:
     n, mass = len(start) // 2, Bodies.of(scene.grains, start).mass
     normal = _normals(start, end, start.v[:n] - start.v[n:], dt)
     e = np.sum((end.v[n:] - end.v[:n]) * normal, axis=1) / speed
-    asked = np.repeat(list(PAIRS.values()), 3)
+    nominal = np.repeat(list(PAIRS.values()), 3)
     before, after = (mass[:n, None] * p.v[:n] + mass[n:, None] * p.v[n:] for p in (start, end))
     return {
-        "largest |e - asked|": float(np.abs(e - asked).max()),
+        "largest |e - asked|": float(np.abs(e - nominal).max()),
         "momentum": float(np.abs(after - before).max() / (mass.max() * speed)),
     }
 
 
 def _glances(stand: Stand, law: str) -> Mapping[str, float]:
-    """Elastic, so that the force begins at nothing, and sliding all the way: the tangential impulse is mu times the
-    normal one, and spins each by its own lever."""
+    """Collide elastically, so that the force begins at zero, and slide throughout.
+
+    The tangential impulse is mu times the normal one, and spins each grain by its own lever.
+    """
     stiff = {"shear_modulus": 1e12} if law == "hertz-mindlin" else {"normal_stiffness": 1e7}
     speed, angle = 0.1, 1.4
     scene = mixed(18, law, SurfaceChange(restitution=1), **stiff, tangential_damping=0.0)
@@ -147,7 +157,7 @@ def _conserves(stand: Stand, law: str) -> Mapping[str, float]:
 
 
 def _overlap(scene: Scene, force: float, radius: float) -> float:
-    """At which a contact of effective `radius` [m] carries `force` [N], whatever its damping."""
+    """Overlap [m] at which a contact of effective `radius` [m] carries `force` [N], whatever its damping."""
     law = scene.contact
     if isinstance(law, HertzMindlin):
         return (force / (4 / 3 * law.effective_modulus * math.sqrt(radius))) ** (2 / 3)
@@ -203,7 +213,7 @@ def _renumbers(stand: Stand) -> Mapping[str, float]:
     fallen = stand.run(MemberStart(closed, DT / 2, place(closed, "gas", 1)), 30).end
     start = opened(fallen, closed, graded_hopper())
     order = np.random.default_rng(4).permutation(len(start))
-    ends = [_flows(stand, one, 1000).end for one in (start, start.renumbered(order))]
+    ends = [_flows(stand, packing, 1000).end for packing in (start, start.renumbered(order))]
     moved = difference(start, ends[0])
     require(moved > 0.01, "nothing moved")
     return {"after 4 ms": difference(*ends)}

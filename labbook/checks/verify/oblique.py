@@ -2,7 +2,7 @@
 
 Their spheres: aluminium oxide at 3.9 m/s at a wall, straight and under several angles, and an alloy of aluminium at
 0.2 m/s with several spins. Their walls are rigid or of the material of the sphere; here they are of its material. How
-errors depend on the time step, also of rods, measures `labbook.checks.bench.contacts`.
+errors depend on the time step, also for rods, is measured by `labbook.checks.bench.contacts`.
 """
 
 import math
@@ -36,9 +36,9 @@ BELOW = Wall(name="floor", shape=Plane(point=(0.0, 0.0, -10.0), normal=(0.0, 0.0
 Material = tuple[Spheres, tuple[float, float], float, dict[str, float]]
 
 
-def _law(law: str, of: Material, **given: float) -> ContactLaw:
+def _law(law: str, of: Material, **parameters: float) -> ContactLaw:
     grains, (young, nu), speed, surface = of
-    values = {**surface, "rolling_friction": 0.0, **given}
+    values = {**surface, "rolling_friction": 0.0, **parameters}
     if law != "linear":
         return EVERY_LAW[law](shear_modulus=shear_modulus(young, nu), poisson_ratio=nu, **values)
     # as stiff as to collide as long as by Hertz's law
@@ -75,9 +75,9 @@ def _normal(law: str, e: float) -> list[PlanarImpact]:
     return _at_wall(_law(law, OXIDE, restitution=e), OXIDE, [(0.0, OXIDE[2], 0.0)])
 
 
-def _two(law: str, spins: Iterable[float] = SPINS, **given: float) -> list[PlanarImpact]:
+def _two(law: str, spins: Iterable[float] = SPINS, **parameters: float) -> list[PlanarImpact]:
     grains, _, v, _ = ALLOY
-    scene = _scene(_law(law, ALLOY, **given), grains.model_copy(update={"count": 2}), BELOW)
+    scene = _scene(_law(law, ALLOY, **parameters), grains.model_copy(update={"count": 2}), BELOW)
     r = grains.radius
     pairs = [
         (PlanarBody.sphere(grains, (0, 2 * r), (0, -v), w), PlanarBody.sphere(grains, (0, 0), (0, v), w)) for w in spins
@@ -90,8 +90,8 @@ def _unlike(law: str) -> list[PlanarImpact]:
     grains, _, v, _ = ALLOY
     r, big = grains.radius, Spheres(diameter=5 * grains.diameter, density=grains.density, count=1)
     kinds = tuple(
-        Kind(name=name, share=0.5, diameter=one.diameter, density=one.density)
-        for name, one in (("small", grains), ("large", big))
+        Kind(name=name, share=0.5, diameter=sphere.diameter, density=sphere.density)
+        for name, sphere in (("small", grains), ("large", big))
     )
     scene = _scene(_law(law, ALLOY), big.model_copy(update={"count": 2, "kinds": kinds}), BELOW)
     still = PlanarBody.sphere(big, (0, 0), (0, 0))
@@ -111,7 +111,7 @@ KINDS: Mapping[str, Callable[[str], list[PlanarImpact]]] = {
 
 
 def _kinds(law: str) -> list[str]:
-    """Unlike spheres need kernels of their own: they are left to the two laws that other cases have them by."""
+    """Names of the impacts for a law. Unlike spheres need kernels of their own, so only the laws of LAWS run them."""
     return [name for name in KINDS if law in LAWS or "unlike" not in name]
 
 

@@ -1,4 +1,4 @@
-"""Impacts in a plane by SciPy: what the equations of motion of a contact law say of two bodies, or of one at a wall.
+"""Impacts in a plane, integrated by SciPy: equations of motion of a contact law for two bodies, or one at a wall.
 
 An independent integration: it knows of the backends neither formulas nor the leapfrog. Bodies move in the plane of x
 and z and turn about y. A contact sticks or slides; both regimes are smooth, and what parts them is found as an event:
@@ -26,13 +26,13 @@ from labbook.scene.packing import Packing
 
 RTOL = 1e-12
 ACROSS = 2e-7
-"""By which closest points of rods are regularised: |branch|^2 + ACROSS (s^2 + t^2) is least (docs/rods.md)."""
+"""Regularisation of the closest points of rods: |branch|^2 + ACROSS (s^2 + t^2) is least (docs/rods.md)."""
 BEFORE = 0.02
 """Free flight before the first touch, in durations of a collision."""
 Wall = Literal["none", "floor", "edge"]
-"""At which a body may strike: none, the plane z = 0, or the edge of a plate that runs along y through the origin."""
+"""Wall of an impact: none, the plane z = 0, or the edge of a plate that runs along y through the origin."""
 Regime = Literal["open", "gone", "sticks", "slides", "grips"]
-"""Of a contact; `gone`: they still overlap, but part so fast that there is no force any more, as it may not pull;
+"""Regime of a contact. `gone`: the bodies still overlap, but part so fast that a force that may not pull is zero.
 `grips`: between sticking and sliding, with a part of the dashpot."""
 
 
@@ -55,25 +55,28 @@ class PlanarBody:
 
     @property
     def size(self) -> float:
-        """The farthest that a point of it is from its centre [m]."""
+        """Largest distance of a point of the body from its centre [m]."""
         return self.radius + self.half
 
     @classmethod
     def sphere(
         cls, grains: Spheres, place: tuple[float, float], velocity: tuple[float, float], spin: float = 0.0
     ) -> Self:
-        """One of some grains."""
+        """Build one sphere of some grains."""
         return cls(grains.mass, grains.inertia, grains.radius, 0.0, place, velocity, spin=spin)
 
     def after(self, time: float) -> "PlanarBody":
-        """Itself after free flight [s], which may be negative."""
+        """Return the body after free flight over `time` [s], which may be negative."""
         (x, z), (vx, vz) = self.place, self.velocity
         return replace(self, place=(x + vx * time, z + vz * time), angle=self.angle + self.spin * time)
 
 
 class PlanarContact(NamedTuple):
-    """Where two bodies, or a body and a wall, may touch: overlap [m], unit normal towards the first, and the branches
-    from both centres to the contact [m]."""
+    """Geometry of a possible contact of two bodies, or of a body and a wall.
+
+    `overlap` [m], negative before the touch; `normal`: unit vector towards the first body; `first`, `second`: branch
+    vectors from both centres to the contact point [m].
+    """
 
     overlap: float
     normal: np.ndarray
@@ -83,8 +86,11 @@ class PlanarContact(NamedTuple):
 
 @dataclass(frozen=True)
 class PlanarLaw:
-    """A contact law for a contact of effective radius [m] and mass [kg], forces on the first body along the normal and
-    along the tangent. vn, vt: relative velocities [m/s], s: friction spring [m]."""
+    """A contact law for a contact of effective `radius` [m] and `mass` [kg].
+
+    Its forces act on the first body, along the normal and the tangent. In its methods vn and vt are relative velocities
+    [m/s], and s is the friction spring [m]. The formulas are those of docs/contact-laws.md, written anew.
+    """
 
     law: ContactLaw
     surface: Surface
@@ -104,11 +110,11 @@ class PlanarLaw:
 
     @property
     def pulls(self) -> bool:
-        """Whether the normal force may be attractive."""
+        """True if the normal force may be attractive."""
         return isinstance(self.law, Hertz) and self.law.pulls
 
     def pressing(self, overlap: float, vn: float) -> float:
-        """Normal force [N] if it may pull, whether or not it may."""
+        """Normal force [N] of spring and dashpot, attractive or not."""
         overlap = max(overlap, 0.0)
         ratio = self.law.damping_ratio(self.surface.restitution)
         if isinstance(self.law, LinearSpringDashpot):
@@ -139,12 +145,12 @@ class PlanarLaw:
 
     @property
     def stiff_at_once(self) -> bool:
-        """Whether stiffness and dashpots are there from the first touch, in full size."""
+        """True if stiffness and dashpots have their full size from the first touch."""
         return isinstance(self.law, LinearSpringDashpot)
 
     @property
     def grips(self) -> bool:
-        """Whether the dashpot is there only while a contact sticks."""
+        """True if the dashpot acts only while a contact sticks."""
         return self.law.law == "hertz-liggghts" and self.law.damping_ratio(self.surface.restitution) > 0
 
     @property
@@ -152,9 +158,9 @@ class PlanarLaw:
         return self.law.law in ("hertz-mindlin", "hertz-printed")
 
     def limit(self, overlap: float, vn: float, pushes: float = 1.0) -> float:
-        """What `limited` may be at most: a spring [m] after Mindlin, else a force [N].
+        """Largest value of `limited`: a spring [m] after Mindlin, else a force [N].
 
-        pushes: sign of the normal force, so that the limit has no bend where the force changes its sign.
+        pushes: sign of the normal force. With it the limit has no bend where the force changes its sign.
         """
         mu = self.surface.friction
         if self.law.law == "hertz-printed":
@@ -172,21 +178,21 @@ class PlanarLaw:
         return self.surface.friction * self._ratio * self.normal(overlap, vn) / stiff
 
     def limited(self, overlap: float, s: float, vt: float) -> float:
-        """What is limited while the contact sticks."""
+        """Variable that is limited while the contact sticks: the spring [m] after Mindlin, else a force [N]."""
         if self._mindlin:
             return s
         k, dashpot = self.tangential(overlap)
         return k * s if self.law.law == "hertz-liggghts" else k * s + dashpot * vt
 
     def spring(self, overlap: float, limited: float, vt: float) -> float:
-        """The spring [m] for which `limited` is this."""
+        """Spring [m] at which `limited` has a given value."""
         if self._mindlin:
             return limited
         k, dashpot = self.tangential(overlap)
         return limited / k if self.law.law == "hertz-liggghts" else (limited - dashpot * vt) / k
 
     def friction(self, overlap: float, vn: float, s: float, vt: float, damped: float) -> float:
-        """Tangential force [N]; damped: part of the dashpot that acts, if the law has one only while it sticks."""
+        """Tangential force [N]; damped: acting part of the dashpot, for a law whose dashpot acts only in sticking."""
         if self._mindlin:
             return self._mindlins(overlap, vn, s, vt)
         k, dashpot = self.tangential(overlap)
@@ -205,37 +211,43 @@ class PlanarLaw:
         c_t = self.law.tangential_damping * self.law.damping_ratio(self.surface.restitution)
         dashpot = c_t * math.sqrt(6 * self.mass * stiff / self._ratio * math.sqrt(u))
         printed = self.law.law == "hertz-printed"
-        most = mu * (stiff * overlap if printed else self.normal(overlap, vn))
-        force = -math.copysign(most * (1 - u**1.5), s) - dashpot * vt
+        limit = mu * (stiff * overlap if printed else self.normal(overlap, vn))
+        force = -math.copysign(limit * (1 - u**1.5), s) - dashpot * vt
         if printed:
             return force
-        return min(max(force, -most), most)
+        return min(max(force, -limit), limit)
 
     def first(self, vn: float, vt: float, duration: float) -> tuple[Regime, float, float]:
-        """How a contact begins: regime, side to which it slides, and spring [m].
+        """Regime of a contact at its beginning, the side to which it slides, and its spring [m].
 
-        By steps of growing length from nothing on, in which velocities do not change and the limit is kept: by some
-        laws after Hertz a contact slides at first touch, which leaves it a spring that may be of any length.
+        By some laws after Hertz a contact slides at first touch, which leaves a spring of any length. So the first
+        1e-8 of the duration is integrated in growing steps, with constant velocities and the limit applied.
         """
         s, sign, slides = 0.0, 1.0, False
         times = duration * np.geomspace(1e-13, 1e-8, 600)
         for step, time in zip(np.diff(times, prepend=0.0), times, strict=True):
             overlap = -vn * time
             s += vt * step
-            found, most = self.limited(overlap, s, vt), self.limit(overlap, vn)
-            slides = abs(found) > most
+            value, limit = self.limited(overlap, s, vt), self.limit(overlap, vn)
+            slides = abs(value) > limit
             if slides:
-                sign = math.copysign(1.0, found)
-                s = self.spring(overlap, sign * most, vt)
+                sign = math.copysign(1.0, value)
+                s = self.spring(overlap, sign * limit, vt)
         return ("slides" if slides else "sticks"), sign, s
 
 
 @dataclass(frozen=True)
 class PlanarImpact:
-    """One or two bodies of a scene that meet in the plane, given at the first touch.
+    """Impact of one or two bodies of a scene in the plane, given at the first touch.
 
-    lasts: duration of a collision [s], in which time steps are stated; follow: how many of these are followed after the
-    first touch, until all contacts are over unless there is gravity. speed: at which they meet [m/s].
+    Args:
+        scene: The scene.
+        bodies: The bodies at the first touch.
+        wall: Wall at which a single body strikes.
+        speed: Normal speed at the touch [m/s].
+        lasts: Duration of a collision [s], the unit of `follow` and of time steps.
+        follow: Durations to follow after the first touch; all contacts end before, unless there is gravity.
+        turned: Orientations of rods across the plane, in place of those by their angles; empty: all in the plane.
     """
 
     scene: Scene
@@ -245,28 +257,27 @@ class PlanarImpact:
     lasts: float
     follow: float = 1.5
     turned: tuple[tuple[float, float, float, float], ...] = ()
-    """Orientations of rods across the plane, in place of those by their angles; empty: all are in the plane."""
 
     @classmethod
-    def of(cls, scene: Scene, bodies: tuple[PlanarBody, ...], wall: Wall, speed: float, **more: Any) -> Self:
-        """One whose bodies meet along the normal at `speed` [m/s], and so touch as long as a collision lasts."""
+    def of(cls, scene: Scene, bodies: tuple[PlanarBody, ...], wall: Wall, speed: float, **options: Any) -> Self:
+        """Build an impact along the normal at `speed` [m/s], with the duration of its contact by the law."""
         law = cls(scene, bodies, wall, speed, 1.0).law()
-        return cls(scene, bodies, wall, speed, law.law.collision_time(law.mass, law.radius, speed), **more)
+        return cls(scene, bodies, wall, speed, law.law.collision_time(law.mass, law.radius, speed), **options)
 
     def law(self) -> PlanarLaw:
-        """Of its contact; rods count as spheres of their radius and mass."""
-        one, other = self.bodies[0], self.bodies[-1]
+        """Return the law of its contact; rods count as spheres of their radius and mass."""
+        first, second = self.bodies[0], self.bodies[-1]
         scene = self.scene
         if self.wall != "none":
             (wall,) = scene.container.walls()
-            return PlanarLaw(scene.law(wall, 0), scene.surface(wall, 0), one.radius, one.mass)
+            return PlanarLaw(scene.law(wall, 0), scene.surface(wall, 0), first.radius, first.mass)
         kind = len(scene.grains.species) - 1
-        radius = one.radius * other.radius / (one.radius + other.radius)
-        mass = one.mass * other.mass / (one.mass + other.mass)
+        radius = first.radius * second.radius / (first.radius + second.radius)
+        mass = first.mass * second.mass / (first.mass + second.mass)
         return PlanarLaw(scene.law_between(0, kind), scene.surface_between(0, kind), radius, mass)
 
     def packing(self, before: float) -> Packing:
-        """Where the bodies are `before` [s] the first touch."""
+        """Place the bodies as they are `before` [s] the first touch."""
         bodies = [body.after(-before) for body in self.bodies]
         x = np.array([[b.place[0], 0.0, b.place[1]] for b in bodies])
         v = np.array([[b.velocity[0], 0.0, b.velocity[1]] for b in bodies])
@@ -286,16 +297,16 @@ class PlanarImpact:
         """Velocities along x and z [m/s] and spins [rad/s] of the bodies at the end, by SciPy: shape [bodies, 3]."""
         return _Flight(self).ends(rtol)
 
-    def error(self, found: Packing, expected: np.ndarray) -> np.ndarray:
+    def error(self, packing: Packing, expected: np.ndarray) -> np.ndarray:
         """Differences of velocities, and of spins times the size of the body, over the speed: shape [bodies, 6]."""
         speeds, spins = np.zeros((len(self.bodies), 3)), np.zeros((len(self.bodies), 3))
         speeds[:, [0, 2]], spins[:, 1] = expected[:, :2], expected[:, 2]
         sizes = np.array([[body.size] for body in self.bodies])
-        return np.hstack([found.v - speeds, (found.omega - spins) * sizes]) / self.speed
+        return np.hstack([packing.v - speeds, (packing.omega - spins) * sizes]) / self.speed
 
 
 class _Flight:
-    """An impact that is integrated. The state: displacement, turn, velocity and spin of each body, then springs."""
+    """Integration of an impact. State: displacement, turn, velocity and spin of each body, then the springs."""
 
     def __init__(self, impact: PlanarImpact):
         self.impact, self.law = impact, impact.law()
@@ -313,30 +324,30 @@ class _Flight:
         return np.array(body.place) + y[6 * k : 6 * k + 2], body.angle + y[6 * k + 2]
 
     def meetings(self, y: np.ndarray) -> list[PlanarContact]:
-        """Of all contacts, whether they touch or not."""
-        impact, one = self.impact, self.start[0]
+        """Geometry of all possible contacts, touching or not."""
+        impact, first = self.impact, self.start[0]
         x, angle = self._pose(y, 0)
         a = np.array([math.sin(angle), math.cos(angle)])
         nowhere = np.zeros(2)
         if impact.wall == "floor":
             n = np.array([0.0, 1.0])
-            ends = (-one.half, one.half) if one.half else (0.0,)
+            ends = (-first.half, first.half) if first.half else (0.0,)
             at = [x + end * a for end in ends]
-            return [PlanarContact(one.radius - p[1], n, p - x - n * p[1], nowhere) for p in at]
+            return [PlanarContact(first.radius - p[1], n, p - x - n * p[1], nowhere) for p in at]
         if impact.wall == "edge":
-            reach = -float(x @ a) / (1 + ACROSS) if one.half else 0.0
-            point = x + min(max(reach, -one.half), one.half) * a
+            reach = -float(x @ a) / (1 + ACROSS) if first.half else 0.0
+            point = x + min(max(reach, -first.half), first.half) * a
             distance = math.hypot(*point)
-            return [PlanarContact(one.radius - distance, point / distance, -x, nowhere)]
-        other = self.start[1]
+            return [PlanarContact(first.radius - distance, point / distance, -x, nowhere)]
+        second = self.start[1]
         x2, angle2 = self._pose(y, 1)
         b = np.array([math.sin(angle2), math.cos(angle2)])
-        s, t = _closest(x - x2, a, b, one.half, other.half)
+        s, t = _closest(x - x2, a, b, first.half, second.half)
         away = x + s * a - x2 - t * b
         distance = math.hypot(*away)
         n = away / distance
-        lever = (distance**2 + one.radius**2 - other.radius**2) / (2 * distance)
-        overlap = one.radius + other.radius - distance
+        lever = (distance**2 + first.radius**2 - second.radius**2) / (2 * distance)
+        overlap = first.radius + second.radius - distance
         return [PlanarContact(overlap, n, s * a - lever * n, t * b + (distance - lever) * n)]
 
     def speeds(self, y: np.ndarray, at: PlanarContact) -> tuple[float, float, np.ndarray]:
@@ -348,7 +359,7 @@ class _Flight:
         return float(v @ at.normal), float(v @ t), t
 
     def rates(self, y: np.ndarray) -> np.ndarray:
-        """Of the state; springs of contacts that slide, which follow from the rest, stay."""
+        """Rates of the state. Springs of sliding contacts follow from the other variables, so their rates are zero."""
         out, bodies = np.zeros_like(y), len(self.start)
         for k in range(bodies):
             out[6 * k : 6 * k + 3] = y[6 * k + 3 : 6 * k + 6]
@@ -368,16 +379,16 @@ class _Flight:
         return out
 
     def _damped(self, c: int, y: np.ndarray) -> float:
-        """Part of the dashpot that acts."""
+        """Acting part of the dashpot."""
         if c in self.parts:
             return self.parts[c]
         return self.gripping(c, y) if self.regimes[c] == "grips" else float(self.regimes[c] == "sticks")
 
     def gripping(self, c: int, y: np.ndarray) -> float:
-        """Part of the dashpot with which a contact at its limit goes on to be there, neither sticking nor sliding.
+        """Part of the dashpot that keeps a contact at its limit between sticking and sliding.
 
-        It keeps `slipping` at zero where that depends on the part, as it does where friction changes the normal
-        velocity of the contact (rods), else the change of `slipping` in time.
+        It keeps `slipping` at zero where that depends on the part. Friction of rods changes the normal velocity of
+        the contact, and so `slipping`. Elsewhere the part keeps the rate of change of `slipping` at zero.
         """
         without, whole = self._slips(c, y)
         if not self._coupled(without, whole):
@@ -385,7 +396,7 @@ class _Flight:
         return without / (without - whole)
 
     def _grips(self, c: int, y: np.ndarray) -> bool:
-        """Whether a contact at its limit would slide if it had a dashpot, and would stick if it had none."""
+        """True if a contact at its limit would slide with a dashpot, and stick without."""
         without, whole = self._slips(c, y)
         if not self._coupled(without, whole):
             without, whole = (self._turning(c, y, part) for part in (0.0, 1.0))
@@ -396,12 +407,12 @@ class _Flight:
 
     def _slips(self, c: int, y: np.ndarray) -> tuple[float, float]:
         """`slipping` without the dashpot, and with all of it."""
-        found = []
+        slips = []
         for part in (0.0, 1.0):
             self.parts[c] = part
-            found.append(self.slipping(c, y))
+            slips.append(self.slipping(c, y))
             del self.parts[c]
-        return found[0], found[1]
+        return slips[0], slips[1]
 
     def _turning(self, c: int, y: np.ndarray, part: float) -> float:
         """Change of `slipping` in time [m/s^2] with this part of the dashpot."""
@@ -424,7 +435,7 @@ class _Flight:
         return self.law.pressing(at.overlap, self.speeds(y, at)[0])
 
     def slipping(self, c: int, y: np.ndarray) -> float:
-        """How fast a contact that slides leaves its spring behind [m/s]: where this is negative it sticks again."""
+        """Speed at which a sliding contact leaves its spring behind [m/s]; where it is negative the contact sticks."""
         at = self.meetings(y)[c]
         vn, vt, _ = self.speeds(y, at)
         rate, speed = self.rates(y), self.impact.speed
@@ -432,14 +443,14 @@ class _Flight:
             step = math.copysign(self.tiny, -vn)  # the limit has a bend where the contact begins, and where it ends
             now, soon, later = (self._sliding(c, y + k * step * rate) for k in range(3))
             return self.signs[c] * (vt - (4 * soon - 3 * now - later) / (2 * step))
-        if at.overlap <= 1e-9 * speed * self.impact.lasts:  # `Law.first` has decided
+        if at.overlap <= 1e-9 * speed * self.impact.lasts:  # `PlanarLaw.first` has decided
             return abs(vt) + speed
         step = min(self.tiny, 0.01 * at.overlap / (abs(vn) + 1e-9 * speed))
         change = (self._sliding(c, y + step * rate) - self._sliding(c, y - step * rate)) / (2 * step)
         return self.signs[c] * (vt - change)
 
     def above(self, c: int, y: np.ndarray) -> float:
-        """By how much a contact that sticks is above its limit, or so little more that it is no rounding."""
+        """Excess of a sticking contact over its limit, which is raised by 1e-10 so that no rounding counts."""
         at = self.meetings(y)[c]
         vn, vt, _ = self.speeds(y, at)
         limit = self.law.limit(at.overlap, vn, self.pushes[c])
@@ -455,8 +466,8 @@ class _Flight:
                 _event(lambda _, y, c=c: self.meetings(y)[c].overlap, -1 if regime != "open" else 1),
             )
             if self.damped and regime not in ("open", "gone"):
-                what = "turns" if self.law.pulls else "goes"
-                yield c, what, _event(lambda _, y, c=c: self.pushes[c] * self._push(c, y), -1)
+                change = "turns" if self.law.pulls else "goes"
+                yield c, change, _event(lambda _, y, c=c: self.pushes[c] * self._push(c, y), -1)
             if regime == "gone":
                 yield c, "presses", _event(lambda _, y, c=c: self._push(c, y), 1)
             if regime == "sticks" and self.law.surface.friction > 0:
@@ -467,22 +478,22 @@ class _Flight:
                 yield c, "sticks", _event(lambda _, y, c=c: self.gripping(c, y) - 1, 1)
                 yield c, "slides", _event(lambda _, y, c=c: self.gripping(c, y), -1)
 
-    def _change(self, c: int, what: str, y: np.ndarray) -> None:
+    def _change(self, c: int, change: str, y: np.ndarray) -> None:
         """Go over to another regime; `y` gets the spring that it begins with."""
         spring, was = 6 * len(self.start) + c, self.regimes[c]
         least = 1e-9 * self.law.mass * self.impact.speed / self.impact.lasts
-        at_once = what == "slides" and self.law.pulls and self.damped and self.pushes[c] * self._push(c, y) < least
-        if what == "turns" or at_once:
+        at_once = change == "slides" and self.law.pulls and self.damped and self.pushes[c] * self._push(c, y) < least
+        if change == "turns" or at_once:
             self._turn(c, y)
             return
-        require(what != "presses", "a contact that was gone is pressed again")
-        if what == "goes":
+        require(change != "presses", "a contact that was gone is pressed again")
+        if change == "goes":
             self.regimes[c] = "gone"
-        elif what == "ends":
+        elif change == "ends":
             self.regimes[c], y[spring] = "open", 0.0
-        elif what == "begins":
+        elif change == "begins":
             self._begin(c, y)
-        elif what == "slides":
+        elif change == "slides":
             at = self.meetings(y)[c]
             if was != "grips":
                 _, vt, _ = self.speeds(y, at)
@@ -519,7 +530,7 @@ class _Flight:
             self._change(c, "slides", soon)
 
     def ends(self, rtol: float) -> np.ndarray:
-        """See `Impact.parted`."""
+        """Integrate to the end, for `PlanarImpact.parted`."""
         from scipy.integrate import solve_ivp
 
         impact, bodies = self.impact, len(self.start)
@@ -529,22 +540,22 @@ class _Flight:
         length, speed = impact.speed * impact.lasts, impact.speed
         scales = [[length, length, length / b.size, speed, speed, speed / b.size] for b in self.start]
         atol = 0.1 * rtol * np.array([*np.ravel(scales), *[length] * self.contacts])
-        if impact.scene.gravity:  # it begins in touch
+        if impact.scene.gravity:  # a resting contact exists from the start
             self.start = list(impact.bodies)
             for c in range(self.contacts):
                 self._change(c, "begins", y)
         time, end = 0.0, (impact.follow + (0.0 if impact.scene.gravity else BEFORE)) * impact.lasts
-        for _ in range(400):
+        for _ in range(400):  # more changes of regime than any impact has
             watched = list(self._events())
-            found = solve_ivp(
+            solution = solve_ivp(
                 lambda _, state: self.rates(state), (time, end), y, method="DOP853", rtol=rtol, atol=atol,
                 events=[event for _, _, event in watched], max_step=impact.lasts / 20,
                 first_step=1e-6 * impact.lasts,  # not to miss what follows at once
             )  # fmt: skip
-            happened = [watched[i] for i, times in enumerate(found.t_events or ()) if len(times)]
-            time, y = float(found.t[-1]), found.y[:, -1].copy()
-            for c, what, _ in happened:
-                self._change(c, what, y)
+            happened = [watched[i] for i, times in enumerate(solution.t_events or ()) if len(times)]
+            time, y = float(solution.t[-1]), solution.y[:, -1].copy()
+            for c, change, _ in happened:
+                self._change(c, change, y)
             if time >= end * (1 - 1e-5):
                 break
         require(time >= end * (1 - 1e-5), "the integration did not come to its end")
@@ -564,20 +575,20 @@ def _at_point(motion: Sequence[float] | np.ndarray, arm: np.ndarray) -> np.ndarr
     return np.array([vx + spin * arm[1], vz - spin * arm[0]])
 
 
-def _closest(c: np.ndarray, a: np.ndarray, b: np.ndarray, half: float, other: float) -> tuple[float, float]:
+def _closest(c: np.ndarray, a: np.ndarray, b: np.ndarray, half: float, half_other: float) -> tuple[float, float]:
     """s and t with |s| <= half, |t| <= other for which |c + s a - t b|^2 + ACROSS (s^2 + t^2) is least [m].
 
     The free minimum if it is within the limits, else the best of those on the four sides.
     """
-    one, ab, ca, cb = 1 + ACROSS, float(a @ b), float(c @ a), float(c @ b)
-    if not half and not other:
+    unit, ab, ca, cb = 1 + ACROSS, float(a @ b), float(c @ a), float(c @ b)
+    if not half and not half_other:
         return 0.0, 0.0
-    det = one * one - ab * ab
-    s, t = (ab * cb - one * ca) / det, (one * cb - ab * ca) / det
-    if abs(s) <= half and abs(t) <= other:
+    det = unit * unit - ab * ab
+    s, t = (ab * cb - unit * ca) / det, (unit * cb - ab * ca) / det
+    if abs(s) <= half and abs(t) <= half_other:
         return s, t
-    sides = [(end, min(max((cb + ab * end) / one, -other), other)) for end in (-half, half)]
-    sides += [(min(max((ab * end - ca) / one, -half), half), end) for end in (-other, other)]
+    sides = [(end, min(max((cb + ab * end) / unit, -half_other), half_other)) for end in (-half, half)]
+    sides += [(min(max((ab * end - ca) / unit, -half), half), end) for end in (-half_other, half_other)]
     return min(sides, key=lambda at: _apart(c, a, b, *at))
 
 

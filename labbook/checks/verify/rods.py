@@ -33,7 +33,7 @@ MOTION = Sample(fields=("x", "v", "omega", "q"))
 
 
 def rods(count: int, container: Container, gravity: float = 0.0, **law) -> Scene:
-    """Rods of linear springs, without friction unless it is given."""
+    """Build a scene of rods with linear springs, without friction unless `law` states it."""
     contact = LinearSpringDashpot.model_validate({"normal_stiffness": 2e4, **law})
     grains = ROD.model_copy(update={"count": count})
     return Scene(grains=grains, contact=contact, container=container, gravity=gravity)
@@ -46,7 +46,7 @@ def towards(a) -> np.ndarray:
 
 
 def rods_at(x, q, v=None, omega=None) -> Packing:
-    """Rods with orientations q, at rest where not given."""
+    """Build a packing of rods with orientations q [n, 4], at rest unless stated."""
     zero = np.zeros((len(x), 3))
     return Packing(
         x=np.asarray(x, float), v=zero if v is None else np.asarray(v, float),
@@ -79,7 +79,7 @@ def _impact(stand: Stand) -> Mapping[str, float]:
     v, n = 1e-3, np.array([0.0, 0.0, 1.0])
     a = np.array([[1.0, 0.0, 0.0], [0.6, 0.8, 0.0]])
     arms = np.array([5e-3, -3e-3])[:, None] * a
-    q = [towards(each) for each in a]
+    q = [towards(axis) for axis in a]
     omega = np.array([[0.02, 0.03, 0.05], [-0.01, 0.02, 0.0]])
     speed = np.array([[2e-4, 0.0, -v], [0.0, 1e-4, 0.0]])
     gap = 2e-9
@@ -87,7 +87,7 @@ def _impact(stand: Stand) -> Mapping[str, float]:
     scene = rods(2, Primitives(), normal_stiffness=2e5)
     motion = stand.run(MemberStart(scene, 2e-7, rods_at(x, q, speed, omega)), 1, 2000)
 
-    tensors = [ROD.inertia * np.eye(3) + (ROD.inertia_axis - ROD.inertia) * np.outer(each, each) for each in a]
+    tensors = [ROD.inertia * np.eye(3) + (ROD.inertia_axis - ROD.inertia) * np.outer(axis, axis) for axis in a]
     lever = np.cross(arms, n)
     closing = float(n @ (speed[0] - speed[1]) + lever[0] @ omega[0] - lever[1] @ omega[1])
     reduced = 1 / sum(1 / ROD.mass + r @ np.linalg.solve(i, r) for r, i in zip(lever, tensors, strict=True))
@@ -106,7 +106,7 @@ SPEED, RESTITUTION = 0.1, 0.9
 
 
 def landed(angle: float, stiffness: float, speed: float) -> tuple[float, float]:
-    """v_z [m/s] and spin [rad/s] of a rod after it has hit a plane, by SciPy: two springs with dashpots at its ends.
+    """v_z [m/s] and spin [rad/s] of a rod after an impact at a plane: springs and dashpots at its ends, by SciPy.
 
     Textbook damping of e: gamma = 2 sqrt(k m) |ln e|/sqrt(pi^2 + ln^2 e); forces are never attractive. The rod turns
     about a horizontal axis across it: heights of the ends z -+ h sin t.
@@ -142,8 +142,8 @@ def _lands(stand: Stand) -> Mapping[str, float]:
     for angle, motion in zip(ANGLES, motions, strict=True):
         vz, spin = landed(angle, 2e4, SPEED)
         # about -y, a rod along x with its end at +x lifted turns upwards
-        found = float(motion.end.v[0, 2]), -float(motion.end.omega[0, 1])
-        errors[f"at {angle:g} rad"] = max(abs(found[0] - vz), abs(found[1] - spin) * HALF) / SPEED
+        measured = float(motion.end.v[0, 2]), -float(motion.end.omega[0, 1])
+        errors[f"at {angle:g} rad"] = max(abs(measured[0] - vz), abs(measured[1] - spin) * HALF) / SPEED
     errors["kept when flat"] = float(motions[0].end.v[0, 2]) / SPEED
     return errors
 
@@ -154,9 +154,9 @@ RIM = 40e-3
 def tipping(speed: float, times: np.ndarray) -> np.ndarray:
     """u, t, u', t' of a rigid rod that slides without friction over an edge on which it lies: shape [times, 4].
 
-    u [m]: from the rod's centre back to the point at the edge, negative once that is past; t: how far it is tilted.
-    With a along the rod and n upwards across it, its centre is r n - u a from the edge; from its second derivative and
-    the force N n at the edge, I t'' = -u N, t and u follow.
+    u [m]: distance from the rod's centre back to the point at the edge, negative beyond it; t: tilt [rad]. With a along
+    the rod and n upwards across it, its centre is r n - u a from the edge. u and t follow from the second derivative of
+    that, and from I t'' = -u N with the force N n at the edge.
     """
     from scipy.integrate import solve_ivp
 
@@ -184,13 +184,13 @@ def _slides_off(stand: Stand) -> Mapping[str, float]:
     times = motion.times(MOTION)
     x = motion.by_beat(MOTION, ("x", "y", "z"))[:, 0]
     q = motion.by_beat(MOTION, ("qw", "qx", "qy", "qz"))[:, 0]
-    found = np.column_stack([x @ inwards + RIM, x[:, 2]])
+    measured = np.column_stack([x @ inwards + RIM, x[:, 2]])
     u, t, _, _ = tipping(speed, times).T
     require(float(u.min()) > -HALF, "the rod has slipped off")
     require(float(t.max()) > 0.3, "the rod has not tipped")
     expected = np.column_stack([R * np.sin(t) - u * np.cos(t), R * np.cos(t) + u * np.sin(t)])
     return {
-        "position": float(np.abs(found - expected).max()) / R,
+        "position": float(np.abs(measured - expected).max()) / R,
         "tilt": float(np.abs(np.arcsin(-axes(q)[:, 2]) - t).max()),
     }
 
@@ -215,7 +215,7 @@ def _rides(stand: Stand) -> Mapping[str, float]:
 
 
 def _spheres_too(stand: Stand) -> Mapping[str, float]:
-    """Rods of L = d and spheres, falling into a silo: after so short a time round-off has not grown yet."""
+    """Drop rods of L = d and spheres into a silo, for a time in which round-off has not grown yet."""
     d, law = 6e-3, LinearSpringDashpot(normal_stiffness=200, friction=0.5, rolling_friction=0.01, restitution=0.5)
     ends = []
     for grains in (

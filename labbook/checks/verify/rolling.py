@@ -78,9 +78,9 @@ def _rolls_down(stand: Stand) -> Mapping[str, float]:
         for degrees, rolling in ((5.0, 0.0), (10.0, 0.01), (20.0, 0.1)):
             angle = math.radians(degrees)
             rolls = slope(law, angle, 0.5, rolling)
-            found, _ = accelerations(stand, rolls, angle)
-            exact.append(found / rolling_down(rolls, angle, rolling) - 1)
-            textbook.append(found / (5 / 7 * G * (math.sin(angle) - rolling * math.cos(angle))) - 1)
+            measured, _ = accelerations(stand, rolls, angle)
+            exact.append(measured / rolling_down(rolls, angle, rolling) - 1)
+            textbook.append(measured / (5 / 7 * G * (math.sin(angle) - rolling * math.cos(angle))) - 1)
     return {
         "relative error of a": float(np.abs(exact).max()),
         "the same with l = R": float(np.abs(textbook).max()),

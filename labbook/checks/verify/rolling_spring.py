@@ -25,9 +25,9 @@ from labbook.scene.packing import Packing
 
 R = D / 2
 MILLION = 1_000_000
-"""Steps for which what rests has to rest."""
+"""Steps for which grains at rest have to stay at rest."""
 WEAK, STRONG = 0.01, 0.1
-"""Rolling friction of what oscillates and of what rests on a slope."""
+"""Rolling friction in the cases of oscillation and of rest on a slope."""
 DAMPED = 0.3
 
 
@@ -78,11 +78,13 @@ def oscillation(here: Scene, rolling: float, damping: float, spin: float, times:
 
 
 def begins_to_roll(here: Scene, rolling: float, spin: float, dt: float) -> Packing:
-    """The grain on its plane as it begins to roll: its springs are advanced before they first act, so they begin a step
-    behind."""
-    one = grains_at([0.0, 0.0, lever(here)], [spin * lever(here), 0.0, 0.0], [0.0, spin, 0.0])
+    """Place the grain on its plane as it begins to roll.
+
+    The backend advances springs before they first act, so the springs start one step behind.
+    """
+    packing = grains_at([0.0, 0.0, lever(here)], [spin * lever(here), 0.0, 0.0], [0.0, spin, 0.0])
     return replace(
-        one,
+        packing,
         wall_grain=np.zeros(1, np.int64),
         wall_name=np.array(["floor"]),
         wall_spring=np.zeros((1, 3)),
@@ -101,16 +103,16 @@ def _oscillates(stand: Stand) -> Mapping[str, float]:
             beats = round(3 * 2 * math.pi / frequency / DT / STEPS)
             begun = begins_to_roll(here, WEAK, spin, DT)
             motion = stand.run(MemberStart(here, DT, begun), beats, STEPS, [MOTION])
-            times, found = motion.times(MOTION), motion.by_beat(MOTION, ("wy",))[:, 0, 0]
+            times, spins = motion.times(MOTION), motion.by_beat(MOTION, ("wy",))[:, 0, 0]
             if law == "linear":
                 exact = oscillation(here, WEAK, damping, spin, times)
-                errors[f"spin, eta = {damping:g}"] = float(np.abs(found - exact).max()) / spin
-            falls = np.flatnonzero(np.diff(np.sign(found)))
+                errors[f"spin, eta = {damping:g}"] = float(np.abs(spins - exact).max()) / spin
+            falls = np.flatnonzero(np.diff(np.sign(spins)))
             require(len(falls) >= 4, "the grain does not roll to and fro")
-            zeros = times[falls] + found[falls] / (found[falls] - found[falls + 1]) * STEPS * DT
+            zeros = times[falls] + spins[falls] / (spins[falls] - spins[falls + 1]) * STEPS * DT
             periods.append(float(np.diff(zeros).mean()) * frequency / math.pi - 1)
             if damping:
-                first, last = (np.abs(found[a:b]).max() for a, b in ((falls[0], falls[1]), (falls[1], falls[2])))
+                first, last = (np.abs(spins[a:b]).max() for a, b in ((falls[0], falls[1]), (falls[1], falls[2])))
                 decrement = math.log(first / last) / math.pi
                 ratios.append(decrement / math.hypot(1, decrement) / ratio - 1)
     return {
@@ -126,9 +128,9 @@ def _slows_down(stand: Stand) -> Mapping[str, float]:
         here, speed = sprung(law, 0.0, STRONG), 0.1
         begun = begins_to_roll(here, STRONG, speed / lever(here), DT)
         motion = stand.run(MemberStart(here, DT, begun), round(0.1 / DT / STEPS), STEPS, [MOTION])
-        times, found = motion.times(MOTION), motion.by_beat(MOTION, ("vx",))[:, 0, 0]
+        times, speeds = motion.times(MOTION), motion.by_beat(MOTION, ("vx",))[:, 0, 0]
         half = len(times) // 2
-        slowing = (found[-1] - found[half]) / (times[-1] - times[half])
+        slowing = (speeds[-1] - speeds[half]) / (times[-1] - times[half])
         errors[law] = abs(slowing / rolling_down(here, 0.0, STRONG) - 1)
     return errors
 
@@ -148,11 +150,11 @@ def _rests(stand: Stand) -> Mapping[str, float]:
     return errors
 
 
-HELD = math.sqrt(1 / 3) / 2 / (1.5 + math.sqrt(1 / 3) / 2)
-"""Rolling friction above which two spheres that lie side by side carry a third, smooth against it, on a rough floor.
+THRESHOLD = math.sqrt(1 / 3) / 2 / (1.5 + math.sqrt(1 / 3) / 2)
+"""Rolling friction above which two spheres side by side carry a third, smooth against it, on a rough floor.
 
-A top sphere of weight W presses on each with N = W/(2 cos 30), of which N sin 30 is borne by the floor's friction F at
-the lever R; that turns the sphere unless mu_r R (3 W/2) at the floor and mu_r (R/2) N at the top sphere hold it.
+A top sphere of weight W presses on each with N = W/(2 cos 30). The floor's friction F bears N sin 30 at the lever R,
+which turns the sphere unless mu_r R (3 W/2) at the floor and mu_r (R/2) N at the top sphere hold it.
 """
 
 
@@ -165,23 +167,23 @@ def pyramid(rolling: float, model: str) -> tuple[Scene, Packing]:
         for name, sign in (("front", 1.0), ("back", -1.0))
     ]
     law = linear(friction=0.0, rolling_friction=rolling, rolling_model=model)
-    held = scene(3, law, Primitives(parts=(floor(), *sides)), G, floor=rough, front=smooth, back=smooth)
+    bed = scene(3, law, Primitives(parts=(floor(), *sides)), G, floor=rough, front=smooth, back=smooth)
     x = np.array([[-R, 0.0, R], [R, 0.0, R], [0.0, 0.0, R + math.sqrt(3) * R]])
-    return held, grains_at(x)
+    return bed, grains_at(x)
 
 
 def _holds(stand: Stand) -> Mapping[str, float]:
-    """A height is of the top sphere, whose centre is as high as those of the others when it has come down."""
+    """Compare heights of the top sphere above the centres of the other two: zero when it has come down."""
     place = Sample(fields=("x",), every=MILLION // 1000 // 10)
     places = {}
     for model, factor, steps in (("epsd", 1.02, MILLION), ("epsd", 0.98, MILLION // 5), ("cdt", 1.02, MILLION)):
-        held, start = pyramid(factor * HELD, model)
-        motion = stand.run(MemberStart(held, DT, start), steps // 1000, 1000, [place])
+        resting, start = pyramid(factor * THRESHOLD, model)
+        motion = stand.run(MemberStart(resting, DT, start), steps // 1000, 1000, [place])
         places[model, factor] = motion.by_beat(place, "xyz") / D
-    held, low = places["epsd", 1.02], places["epsd", 0.98]
+    resting, low = places["epsd", 1.02], places["epsd", 0.98]
     return {
-        "2 % above: moved in the last 900 000 steps": float(np.abs(held[-1] - held[0]).max()),
-        "2 % above: sunk": math.sqrt(3) / 2 - float(held[-1, 2, 2] - held[-1, :2, 2].mean()),
+        "2 % above: moved in the last 900 000 steps": float(np.abs(resting[-1] - resting[0]).max()),
+        "2 % above: sunk": math.sqrt(3) / 2 - float(resting[-1, 2, 2] - resting[-1, :2, 2].mean()),
         "2 % below: height left": float(low[-1, 2, 2] - low[-1, :2, 2].mean()),
         "2 % above, cdt: height left": float(places["cdt", 1.02][-1, 2, 2] - places["cdt", 1.02][-1, :2, 2].mean()),
     }

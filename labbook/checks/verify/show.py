@@ -19,7 +19,7 @@ COLOURS = {"passed": "green", "failed": "bold red", "reported": "dim", "unsuppor
 
 
 def list_cases(cases: Sequence[Case], as_json: bool, console: Console) -> None:
-    """Print what each case checks, and where that comes from."""
+    """Print the statement and the source of each case."""
     if as_json:
         typer.echo(json.dumps([_described(case) for case in cases], indent=2))
         return
@@ -37,9 +37,9 @@ def _described(case: Case) -> dict[str, object]:
 def run_cases(
     cases: Sequence[Case], backend: str, precision: str, device: str, as_json: bool, console: Console
 ) -> bool:
-    """Run cases and print their verdicts; whether none failed. A backend that cannot do it ends the program."""
+    """Run cases and print their verdicts; a backend that cannot run them ends the program. Returns False on failure."""
     try:
-        verdicts = judged(cases, Stand(load(backend), precision, device))
+        verdicts = judge_all(cases, Stand(load(backend), precision, device))
     except (BackendMissing, Unsupported) as error:
         typer.echo(f"labbook verify: {error}", err=True)
         raise typer.Exit(2) from None
@@ -55,8 +55,8 @@ def run_cases(
     return all(v.result != "failed" for v in verdicts)
 
 
-def judged(cases: Sequence[Case], stand: Stand) -> list[CriterionResult]:
-    """Verdicts of cases on a stand, with a progress bar; a case of another package whose code fails is failed."""
+def judge_all(cases: Sequence[Case], stand: Stand) -> list[CriterionResult]:
+    """Judge cases on a stand, with a progress bar; a case of another package whose code fails is failed."""
     verdicts: list[CriterionResult] = []
     with Progress(*Progress.get_default_columns(), TimeElapsedColumn(), console=Console(stderr=True)) as bar:
         task = bar.add_task("", total=len(cases))

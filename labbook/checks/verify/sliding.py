@@ -58,18 +58,18 @@ def _impulses(stand: Stand, law: str, e: float) -> tuple[float, float, float]:
 
 
 def _errors(stand: Stand, law: str) -> Mapping[str, float]:
-    found = dict[str, float]()
+    errors = dict[str, float]()
     for e in RESTITUTIONS:
         tangential, normal, travelled = _impulses(stand, law, e)
         excess = tangential / (MU * (travelled if law in PULLS else normal)) - 1
-        found[_name(law, e)] = max(excess, 0.0) if _bounds(law, e) else abs(excess)
+        errors[_name(law, e)] = max(excess, 0.0) if _bounds(law, e) else abs(excess)
         if law in PULLS:
-            found[f"J_t/J_n, e = {e:g}"] = tangential / normal
-    return found
+            errors[f"J_t/J_n, e = {e:g}"] = tangential / normal
+    return errors
 
 
 def _bounds(law: str, e: float) -> bool:
-    """Whether a law promises no more than that friction is at most Coulomb's."""
+    """True if the law limits friction by Coulomb's value without always reaching it."""
     return law == "hertz-lammps" and e < 1
 
 

@@ -1,4 +1,4 @@
-"""The test stand that cases run on: a backend, known by its contract only, in one precision on one device."""
+"""Test stand of the cases: a backend, used through its contract only, in one precision on one device."""
 
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
@@ -15,18 +15,18 @@ from labbook.scene.packing import Packing
 
 
 class CaseNotMeasured(Exception):
-    """A case could not be measured: a guard stopped the backend, or what was to be seen did not happen."""
+    """A case could not be measured: a guard stopped the backend, or the expected motion did not happen."""
 
 
-def require(happened: bool, what: str) -> None:
-    """Raises NotMeasured unless what the measurement rests on has happened."""
+def require(happened: bool, message: str) -> None:
+    """Raise CaseNotMeasured unless a condition of the measurement holds."""
     if not happened:
-        raise CaseNotMeasured(what)
+        raise CaseNotMeasured(message)
 
 
 @dataclass(frozen=True, eq=False)
 class Motion:
-    """What became of one member: rows of its probes, how it stands and the packing at the end, its events."""
+    """Course of one member: rows of its probes, status and packing at the end, and its events."""
 
     scene: Scene
     numerics: Numerics
@@ -36,12 +36,12 @@ class Motion:
     events: Sequence[Event]
 
     def rows(self, probe: Probe) -> Table:
-        """Rows of one probe. Raises NotMeasured if there is none."""
+        """Return the rows of one probe. Raises CaseNotMeasured if there is none."""
         require(len(self.tables[probe]["step"]) > 0, f"there is nothing to read of {probe}")
         return self.tables[probe]
 
     def by_beat(self, probe: Probe, names: Sequence[str]) -> np.ndarray:
-        """Columns `names` of a Sample of grains of which none has left: shape [beats, grains, names]."""
+        """Stack columns of a Sample of grains, none of which has left: shape [beats, grains, names]."""
         table = self.rows(probe)
         steps, first = np.unique(table["step"], return_index=True)
         grains = len(table["step"]) // len(steps)
@@ -56,7 +56,15 @@ class Motion:
 
 @dataclass(frozen=True)
 class MemberStart:
-    """One member to be: its scene, time step [s] and start, and further numerics."""
+    """Start of one member.
+
+    Args:
+        scene: Its scene.
+        dt: Time step [s].
+        packing: Its grains.
+        settled_below: Kinetic energy per grain [m g d] below which the member counts as settled; None: never.
+        numerics: Further numerical parameters.
+    """
 
     scene: Scene
     dt: float
@@ -67,7 +75,7 @@ class MemberStart:
 
 @dataclass(frozen=True, eq=False)
 class Admitted:
-    """Members side by side in an open ensemble: each with its start and numerics."""
+    """Members side by side in an open ensemble, each with its start and numerics."""
 
     ensemble: Ensemble
     starts: Sequence[MemberStart]
@@ -75,7 +83,7 @@ class Admitted:
     members: Sequence[Member]
 
     def motions(self, events: Sequence[Event]) -> list[Motion]:
-        """What has become of the members; `events`: all that have happened to them."""
+        """Collect the course of each member; `events`: all events of the ensemble so far."""
         tables = self.ensemble.drain()
         return [
             Motion(
@@ -92,14 +100,20 @@ class Admitted:
 
 @dataclass(frozen=True)
 class Stand:
-    """A backend to be checked."""
+    """A backend in one precision on one device, which runs the scenes of cases.
+
+    Args:
+        backend: The backend.
+        precision: `double` or `mixed`.
+        device: One of its devices.
+    """
 
     backend: Backend
     precision: str = "double"
     device: str = "cpu"
 
     def numerics(self, dt: float, **further: Any) -> Numerics:
-        """Numerics in the precision of this stand; `dt` [s]."""
+        """Build numerics in the precision of this stand; `dt` [s]."""
         return Numerics.model_validate({"dt": dt, "precision": self.precision, **further})
 
     def run_all(
@@ -111,13 +125,23 @@ class Stand:
         *,
         until_event: bool = False,
     ) -> list[Motion]:
-        """Follow members side by side for `beats` beats each; all must need the same Spec.
+        """Follow members side by side for `beats` beats each.
 
-        A Ledger is always kept, so that cases share compiled kernels. `until_event`: stop at any event of all
-        members (they settle, or empty). Raises NotMeasured if a guard stops a member.
+        Args:
+            starts: Starts of the members; all must need the same Spec.
+            beats: Number of beats.
+            steps_per_beat: Steps of a beat.
+            probes: Probes to read. A Ledger is always added, so that cases share compiled kernels.
+            until_event: Stop once every member had an event (it settled, or emptied).
+
+        Returns:
+            The course of each member.
+
+        Raises:
+            CaseNotMeasured: A guard stopped a member.
         """
-        kept = (*probes, *([] if any(isinstance(p, Ledger) for p in probes) else [Ledger(every=beats)]))
-        with self.admitted(starts, steps_per_beat, kept) as admitted:
+        all_probes = (*probes, *([] if any(isinstance(p, Ledger) for p in probes) else [Ledger(every=beats)]))
+        with self.admitted(starts, steps_per_beat, all_probes) as admitted:
             events: list[Event] = []
             for _ in range(beats) if until_event else (beats,):
                 events += admitted.ensemble.advance(1 if until_event else beats)
@@ -131,7 +155,7 @@ class Stand:
     def admitted(
         self, starts: Sequence[MemberStart], steps_per_beat: int, probes: Sequence[Probe]
     ) -> Iterator[Admitted]:
-        """Members at their starts, in an ensemble of their own; all must need the same Spec."""
+        """Open an ensemble with members at their starts, and close it at the end; all must need the same Spec."""
         numerics = [self.numerics(s.dt, steps_per_beat=steps_per_beat, **s.numerics) for s in starts]
         spec = self.backend.specialise(starts[0].scene, numerics[0], probes)
         ensemble = self.backend.open(spec, len(starts), self.device)
@@ -145,20 +169,20 @@ class Stand:
             ensemble.close()
 
     def run(
-        self, start: MemberStart, beats: int, steps_per_beat: int = 1000, probes: Sequence[Probe] = (), **how: Any
+        self, start: MemberStart, beats: int, steps_per_beat: int = 1000, probes: Sequence[Probe] = (), **options: Any
     ) -> Motion:
-        """Follow one member; see `run_all`."""
-        return self.run_all([start], beats, steps_per_beat, probes, **how)[0]
+        """Follow one member; the arguments are those of `run_all`."""
+        return self.run_all([start], beats, steps_per_beat, probes, **options)[0]
 
 
 def rows_of(table: Table, member: Member) -> Table:
-    """The rows of one member."""
+    """Select the rows of one member."""
     mine = table["member"] == member.index
     return {name: column[mine] for name, column in table.items()}
 
 
 def grains_at(x: Any, v: Any = None, omega: Any = None) -> Packing:
-    """A packing of grains at `x` [m] with velocities `v` [m/s] and `omega` [rad/s], at rest where not given."""
+    """Build a packing of grains at `x` [m] with velocities `v` [m/s] and `omega` [rad/s], at rest unless stated."""
     x = np.atleast_2d(np.asarray(x, float))
     zero = np.zeros_like(x)
     return Packing(

@@ -31,24 +31,24 @@ def hopper(length: float = 1.0) -> Scene:
 
 
 def fallen(stand: Stand) -> tuple[Scene, Packing]:
-    """Grains that have fallen into the closed hopper and still move, ready to flow out."""
+    """Let grains fall into the closed hopper, and open it while they still move."""
     closed = hopper().close()
     motion = stand.run(MemberStart(closed, DT, place(closed, "gas", 1)), 4)
     return hopper(), opened(motion.end, closed, hopper())
 
 
 def discharge(stand: Stand, scene: Scene, start: Packing, dt: float = DT, steps: int = 3000) -> Motion:
-    """What leaves in `steps` steps, and what is left."""
+    """Discharge for `steps` steps, with the crossings of the outlet."""
     return stand.run(MemberStart(scene, dt, start), 1, steps, [OUT])
 
 
 def scaled(packing: Packing) -> Packing:
-    """Lengths times four, times times two."""
+    """Scale a packing: lengths times four, times times two."""
     return replace(packing, **{name: getattr(packing, name) * factor for name, factor in _FACTORS.items()})
 
 
 def mirrored(scene: Scene) -> Scene:
-    """The mirror image in x = 0; left and right walls keep their places in the list and swap names."""
+    """Mirror a scene in x = 0; left and right walls keep their places in the list and swap names."""
     swap = {"left": "right", "right": "left", "bottom-left": "bottom-right", "bottom-right": "bottom-left"}
     parts = []
     for wall in scene.container.walls():
@@ -70,14 +70,14 @@ def difference(a: Packing, b: Packing) -> float:
 
 
 def unequal(a: Packing, b: Packing) -> int:
-    """How many components of positions, velocities and spins of a and b differ in any bit."""
+    """Number of components of positions, velocities and spins of a and b that differ in any bit."""
     if len(a) != len(b):
         return max(a.x.size, b.x.size)
     return sum(int(np.sum(getattr(a, name) != getattr(b, name))) for name in ("x", "v", "omega"))
 
 
-def _late(a: Motion, b: Motion, factor: float = 1.0) -> int:
-    """How many crossings of a and b differ in grain or in any bit of the time."""
+def _unequal_crossings(a: Motion, b: Motion, factor: float = 1.0) -> int:
+    """Number of crossings of a and b that differ in grain or in any bit of the time."""
     first, second = a.rows(OUT), b.rows(OUT)
     if len(first["id"]) != len(second["id"]):
         return max(len(first["id"]), len(second["id"]))
@@ -86,18 +86,24 @@ def _late(a: Motion, b: Motion, factor: float = 1.0) -> int:
 
 def _scales(stand: Stand) -> Mapping[str, float]:
     open_scene, start = fallen(stand)
-    one = discharge(stand, open_scene, start)
-    other = discharge(stand, hopper(4.0), scaled(start), 2 * DT)
-    _flowed(one)
-    return {"unequal components": unequal(scaled(one.end), other.end), "unequal crossings": _late(one, other, 2.0)}
+    original = discharge(stand, open_scene, start)
+    image = discharge(stand, hopper(4.0), scaled(start), 2 * DT)
+    _flowed(original)
+    return {
+        "unequal components": unequal(scaled(original.end), image.end),
+        "unequal crossings": _unequal_crossings(original, image, 2.0),
+    }
 
 
 def _mirrors(stand: Stand) -> Mapping[str, float]:
     open_scene, start = fallen(stand)
-    one = discharge(stand, open_scene, start)
-    other = discharge(stand, mirrored(open_scene), start.mirrored())
-    _flowed(one)
-    return {"unequal components": unequal(one.end.mirrored(), other.end), "unequal crossings": _late(one, other)}
+    original = discharge(stand, open_scene, start)
+    image = discharge(stand, mirrored(open_scene), start.mirrored())
+    _flowed(original)
+    return {
+        "unequal components": unequal(original.end.mirrored(), image.end),
+        "unequal crossings": _unequal_crossings(original, image),
+    }
 
 
 def _renumbers(stand: Stand) -> Mapping[str, float]:
@@ -105,9 +111,9 @@ def _renumbers(stand: Stand) -> Mapping[str, float]:
     order = np.random.default_rng(4).permutation(len(start))
     differences = []
     for steps in (200, 1000):
-        one = discharge(stand, open_scene, start, steps=steps)
-        other = discharge(stand, open_scene, start.renumbered(order), steps=steps)
-        differences.append(difference(one.end, other.end))
+        original = discharge(stand, open_scene, start, steps=steps)
+        renumbered = discharge(stand, open_scene, start.renumbered(order), steps=steps)
+        differences.append(difference(original.end, renumbered.end))
     return {"after 5 ms": differences[0], "after 25 ms": differences[1]}
 
 

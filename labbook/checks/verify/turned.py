@@ -28,7 +28,7 @@ def silo() -> Scene:
 
 
 def turned(packing: Packing, angle: float) -> Packing:
-    """The packing turned by `angle` [rad] about the z axis."""
+    """Turn a packing by `angle` [rad] about the z axis."""
     c, s = math.cos(angle), math.sin(angle)
     rotation = np.array([[c, s, 0.0], [-s, c, 0.0], [0.0, 0.0, 1.0]])  # of rows
     assert packing.q is not None
@@ -39,18 +39,18 @@ def turned(packing: Packing, angle: float) -> Packing:
     return replace(packing, q=q, **vectors)
 
 
-def _compare(stand: Stand, image, scene: Scene, back) -> Mapping[str, float]:
-    """Largest differences in position [d] of a discharge and of that of its image, by time."""
+def _compare(stand: Stand, transform, scene: Scene, inverse) -> Mapping[str, float]:
+    """Largest differences in position [d] between a discharge and its transformed image, by time."""
     closed = silo().close()
     fallen = stand.run(MemberStart(closed, DT, place(closed, "gas", 1)), 30).end
     start, errors = opened(fallen, closed, silo()), {}
     for name, steps in LATER.items():
-        one = stand.run(MemberStart(silo(), DT, start), 1, steps).end
-        other = stand.run(MemberStart(scene, DT, image(start)), 1, steps).end
-        require(len(one) == len(other) == len(start), "a rod has left")
-        require(len(one.pairs) > 20, "the rods do not touch")
-        require(float(np.linalg.norm(one.v, axis=1).max()) > 0.01, "the rods do not move")
-        errors[name] = float(np.abs(one.x - back(other).x).max()) / ROD.diameter
+        original = stand.run(MemberStart(silo(), DT, start), 1, steps).end
+        image = stand.run(MemberStart(scene, DT, transform(start)), 1, steps).end
+        require(len(original) == len(image) == len(start), "a rod has left")
+        require(len(original.pairs) > 20, "the rods do not touch")
+        require(float(np.linalg.norm(original.v, axis=1).max()) > 0.01, "the rods do not move")
+        errors[name] = float(np.abs(original.x - inverse(image).x).max()) / ROD.diameter
     return errors
 
 

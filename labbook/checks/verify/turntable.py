@@ -39,12 +39,12 @@ def _circles(stand: Stand, plate: Wall) -> Mapping[str, float]:
     p = motion.by_beat(MOTION, ("x", "y", "vx", "vy"))[:, 0]
     heading = np.unwrap(np.arctan2(p[:, 3], p[:, 2]))
     times = motion.times(MOTION)
-    found = (heading[-1] - heading[0]) / (times[-1] - times[0])
+    measured = (heading[-1] - heading[0]) / (times[-1] - times[0])
     centre = x + np.array([-v[1], v[0]]) / rate
     radius = np.hypot(*(p[:, :2] - centre).T)
     return {
-        "relative error of the rate": abs(found / rate - 1),
-        "|rate/(2/7 of the table's) - 1|": abs(found / (2 / 7 * SPIN) - 1),
+        "relative error of the rate": abs(measured / rate - 1),
+        "|rate/(2/7 of the table's) - 1|": abs(measured / (2 / 7 * SPIN) - 1),
         "radius over v/rate": float(np.abs(radius / (math.hypot(*v) / rate) - 1).max()),
     }
 

@@ -35,19 +35,19 @@ class Impact:
 
     @property
     def radii(self) -> tuple[float, float]:
-        """Of both."""
-        one, other = (R.get(name, math.inf) for name in self.bodies)
-        return one, other
+        """Radii of both [m]."""
+        first, second = (R.get(name, math.inf) for name in self.bodies)
+        return first, second
 
     @property
     def masses(self) -> tuple[float, float]:
-        """Of both."""
-        one, other = (4 / 3 * math.pi * R[n] ** 3 * DENSITY[n] if n in R else math.inf for n in self.bodies)
-        return one, other
+        """Masses of both [kg]."""
+        first, second = (4 / 3 * math.pi * R[n] ** 3 * DENSITY[n] if n in R else math.inf for n in self.bodies)
+        return first, second
 
     @property
     def mass(self) -> float:
-        """Effective: 1/m* = 1/m_1 + 1/m_2."""
+        """Effective mass [kg]: 1/m* = 1/m_1 + 1/m_2."""
         return 1 / sum(1 / mass for mass in self.masses)
 
     @property
@@ -115,15 +115,15 @@ class Impact:
             return r1 + r2 - distance, n, np.array([n[1], -n[0]]), lever, distance - lever
 
         def rates(_: float, y: np.ndarray) -> np.ndarray:
-            overlap, n, t, one, other = contact(y)
-            vt, deeper, spring = float(y[2:4] @ t - one * y[4] - other * y[5]), -float(y[2:4] @ n), float(y[6])
+            overlap, n, t, lever, lever_other = contact(y)
+            vt, deeper, spring = float(y[2:4] @ t - lever * y[4] - lever_other * y[5]), -float(y[2:4] @ n), float(y[6])
             force = self.tangential(overlap, spring)
             moved, limit = vt, self.reach * deeper
             if abs(spring) >= self.reach * overlap:
                 sign = math.copysign(1.0, spring if spring else vt)
                 moved = sign * min(sign * vt, limit)
             push = (self.normal(overlap) * n + force * t) / self.mass
-            return np.array([*y[2:4], *push, -one * force / inertia[0], -other * force / inertia[1], moved])
+            return np.array([*y[2:4], *push, -lever * force / inertia[0], -lever_other * force / inertia[1], moved])
 
         def apart(_: float, y: np.ndarray) -> float:
             return contact(y)[0]
@@ -132,9 +132,9 @@ class Impact:
         distance = r1 if wall else r1 + r2
         start = np.array([0.0, distance * (1 - 1e-12), slip * SPEED, -SPEED, 0.0, 0.0, 0.0])
         span = (0.0, 3 * self.lasts)
-        found = solve_ivp(rates, span, start, events=apart, rtol=1e-9, atol=1e-14, max_step=self.lasts / 1000)
-        require(len(found.t_events[0]) == 1, "the integration did not come to the end of the contact")
-        return found.y[2:6, -1]
+        solution = solve_ivp(rates, span, start, events=apart, rtol=1e-9, atol=1e-14, max_step=self.lasts / 1000)
+        require(len(solution.t_events[0]) == 1, "the integration did not come to the end of the contact")
+        return solution.y[2:6, -1]
 
 
 def scene_of(law: str) -> Scene:
@@ -178,9 +178,9 @@ def meeting(slip: float, dt: float) -> Packing:
 
 def _meets(stand: Stand, law: str, slip: float) -> Motion:
     scene, three = scene_of(law), impacts(law)
-    dt = min(one.lasts for one in three) / 400
+    dt = min(impact.lasts for impact in three) / 400
     require(dt < collision(scene.model_copy(update={"gravity": SPEED**2 / D})), "the stiffest contact sets the step")
-    steps = math.ceil(1.5 * max(one.lasts for one in three) / dt)
+    steps = math.ceil(1.5 * max(impact.lasts for impact in three) / dt)
     return stand.run(MemberStart(scene, dt, meeting(slip, dt)), steps, 1, [MOTION])
 
 
@@ -196,7 +196,7 @@ def _lasts(stand: Stand, law: str) -> Mapping[str, float]:
         first, last = (k + overlap[k] / (overlap[k] - overlap[k + 1]) for k in crossed)
         errors["duration"].append((last - first) * motion.numerics.dt / impact.lasts - 1)
         errors["deepest"].append(float(overlap.max()) / impact.deepest - 1)
-    return {name: float(np.abs(found).max()) for name, found in errors.items()}
+    return {name: float(np.abs(values).max()) for name, values in errors.items()}
 
 
 SLIPS = (0.2, 0.7)
@@ -207,8 +207,8 @@ def _parts(stand: Stand, law: str) -> Mapping[str, float]:
     worst = {"velocities": 0.0, "spins": 0.0}
     for slip in SLIPS:
         end = _meets(stand, law, slip).end
-        found = [(end.v[0] - end.v[1], end.omega[:2, 1]), *((end.v[k], end.omega[[k], 1]) for k in (2, 3))]
-        for impact, (v, spins) in zip(impacts(law), found, strict=True):
+        measured = [(end.v[0] - end.v[1], end.omega[:2, 1]), *((end.v[k], end.omega[[k], 1]) for k in (2, 3))]
+        for impact, (v, spins) in zip(impacts(law), measured, strict=True):
             vx, vz, *expected = impact.parted(slip)
             expected = np.array(expected[: len(spins)])
             off = math.hypot(v[0] - vx, v[2] - vz) / SPEED

@@ -8,7 +8,7 @@ import typer
 
 from labbook.backend import BackendMissing, Unsupported
 from labbook.checks.compare import shown
-from labbook.checks.compare.compare import Stopped, narrowed, stale
+from labbook.checks.compare.compare import Stopped, select_points, stale
 from labbook.checks.compare.compare import compare as compared
 from labbook.checks.compare.lockstep import record as record_both
 from labbook.checks.compare.sides import CannotCompare
@@ -64,7 +64,7 @@ def _made(asked, lab, sides, margin, replicates, points: list[int], seconds: flo
     console = screen(stderr=True, highlight=False, markup=False)
     try:
         pair = parse(*sides)
-        study = narrowed(asked, [number - 1 for number in points], replicates)
+        study = select_points(asked, [number - 1 for number in points], replicates)
         with Bar(console) as bar:
             verdict, failed = compared(study, lab, pair, margin, bar, lambda what: console.print(what, style="dim"))
         save(shown.figure(verdict), path.with_suffix(""))

@@ -1,6 +1,6 @@
-"""The quasi-2D hopper of Fan et al., Powder Technology 429 (2023) 118964: angle of the bottom, position of the outlet.
+"""Quasi-2D hopper of Fan et al., Powder Technology 429 (2023) 118964: angle of the bottom, position of the outlet.
 
-Profiles along outlets and the flow that they come to (eqs 10 to 18), and flow rates over that of a plain hopper.
+Profiles along outlets and the flow rate that follows from them (eqs 10 to 18), and flow rates over a plain hopper's.
 """
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
@@ -31,14 +31,15 @@ def _declared() -> Iterator[Quantity]:
     yield Quantity("flow_ratio.position", "W/W in the middle", meaning="flow rate over that of an outlet in the middle")
     symbols = {"a": "a", "gamma": "γ", "b": "b", "phi_inf": "φ_∞", "tau1": "τ₁", "tau2": "τ₂"}
     symbols |= {"delta1": "δ₁", "delta2": "δ₂", "epsilon1": "ε₁", "epsilon2": "ε₂", "sigma1": "σ₁", "sigma2": "σ₂"}
-    for fit, which in ((COVERAGE, ""), (CROSSINGS, " (crossings)")):
+    for fit, suffix in ((COVERAGE, ""), (CROSSINGS, " (crossings)")):
         for name, symbol in symbols.items():
-            made = Quantity(f"{fit}.{name}", symbol + which, about_zero=name.startswith("delta"))  # no tilt: a finding
-            yield replace(made, unit="1/m", shown="1/mm", scale=1e-3) if name == "tau2" else made
+            # a tilt that cannot be told from zero is a finding, not a failed fit
+            quantity = Quantity(f"{fit}.{name}", symbol + suffix, about_zero=name.startswith("delta"))
+            yield replace(quantity, unit="1/m", shown="1/mm", scale=1e-3) if name == "tau2" else quantity
         for name in SHAPE:  # of its approach to what it is in the middle, limit - depth e^{-rate s*}
             for term in TERMS:
-                said = f"{term} of {symbols[name]}(s*){which}"
-                yield Quantity(f"{fit}.{name}.{term}", said, about_zero=name.startswith("delta"))
+                text = f"{term} of {symbols[name]}(s*){suffix}"
+                yield Quantity(f"{fit}.{name}.{term}", text, about_zero=name.startswith("delta"))
 
 
 class Fan2023(Paper):
@@ -62,15 +63,18 @@ class Fan2023(Paper):
         shape, _, term = tail.partition(".")
         points = [result for result in results.points if matches(at, result.point)]
         if quantity in RATIOS:
-            # of all points: the plain hopper lies elsewhere than at what is asked
-            return [_of_ratio(quantity, one) for one in RATIOS[quantity](results.points) if one.result in points]
+            # of all points: the plain hopper is not among those selected by `at`
+            return [_of_ratio(quantity, ratio) for ratio in RATIOS[quantity](results.points) if ratio.result in points]
         if head in DEFINITIONS and shape in SHAPE and term in TERMS:
             return [_of_approach(sought(quantity, at), head, shape, term, points)]
         return None
 
     def frames(self, results: StudyResults) -> Mapping[str, Iterable[Row]]:
-        """`ratios`: a row a point, W over a plain hopper's, with the laws of the angle; `outlets`: a row a point and
-        definition of profiles, what was fitted to its outlet."""
+        """Frames `ratios` and `outlets`.
+
+        `ratios`: a row a point, W over a plain hopper's, with the laws of the angle. `outlets`: a row a point and
+        definition of profiles, with the numbers fitted to its outlet.
+        """
         return {"ratios": _ratios(results), "outlets": _outlets(results)}
 
     def sections(self, results: StudyResults, folder: Path) -> Sequence[Section]:
@@ -96,15 +100,15 @@ class Fan2023(Paper):
         ]
 
     def figures_of(self, results: StudyResults, series: Series) -> Mapping[str, Draw]:
-        beside, found = (results.comparisons, results.source), dict[str, Draw]()
+        beside, draws = (results.comparisons, results.source), dict[str, Draw]()
         for name in (name for name in series.further if name in DEFINITIONS):
-            found[name] = partial(figures.outlet_profiles, series, name, *beside)
-            found[f"{name}_middles"] = partial(figures.outlet_middles, series, name, *beside)
-        return found
+            draws[name] = partial(figures.outlet_profiles, series, name, *beside)
+            draws[f"{name}_middles"] = partial(figures.outlet_middles, series, name, *beside)
+        return draws
 
 
 def _of_ratio(quantity: str, ratio: Ratio) -> Comparison:
-    """The plain hopper over itself is 1 without error: there is nothing to compare."""
+    """Compare a ratio with the reference; the plain hopper over itself is 1 without error, and has no comparison."""
     points = tuple(dict.fromkeys((ratio.result, ratio.over)))
     base = replace(sought(quantity, ratio.result.at), label=ratio.result.label, points=points)
     return replace(base, ours=ratio.value, error=ratio.error, low=ratio.low, high=ratio.high)
@@ -113,8 +117,8 @@ def _of_ratio(quantity: str, ratio: Ratio) -> Comparison:
 def _of_approach(base: Comparison, definition: str, shape: str, term: str, points: Sequence[PointResult]) -> Comparison:
     """Limit, depth or rate with which a parameter of profiles approaches its value in the middle."""
     base = replace(base, label=base.label or "all points")
-    found = approaches(by_position(points), definition)[shape]
-    base, law = replace(base, points=found.of), found.approach
+    shape_approach = approaches(by_position(points), definition)[shape]
+    base, law = replace(base, points=shape_approach.of), shape_approach.approach
     if law is None:
         why = f"an approach needs profiles at {FEWEST} distances from the wall, the middle among them"
         return replace(base, why=why)
@@ -123,18 +127,18 @@ def _of_approach(base: Comparison, definition: str, shape: str, term: str, point
 
 
 def _ratios(results: StudyResults) -> Iterator[Row]:
-    for name, found in RATIOS.items():
-        for one in found(results.points):
-            numbers = {"value": one.value, "error": one.error, "low": one.low, "high": one.high}
-            row = {**of_point(one.result), "quantity": name, **numbers}
+    for name, ratios_of in RATIOS.items():
+        for ratio in ratios_of(results.points):
+            numbers = {"value": ratio.value, "error": ratio.error, "low": ratio.low, "high": ratio.high}
+            row = {**of_point(ratio.result), "quantity": name, **numbers}
             if name.endswith("angle"):
-                yield row | {_column(author): factor for author, factor in angle_factors(one).items()}
+                yield row | {_column(author): factor for author, factor in angle_factors(ratio).items()}
             else:
-                yield row | {"s_star": one.at}
+                yield row | {"s_star": ratio.at}
 
 
 def _column(author: str) -> str:
-    """`rose_tanaka` of a law's author."""
+    """Column of a law: `rose_tanaka` from its author."""
     return author.lower().replace(" & ", "_")
 
 
@@ -142,8 +146,8 @@ def _outlets(results: StudyResults) -> Iterator[Row]:
     for series in results.series:
         for definition in (name for name in DEFINITIONS if name in series.further):
             fit = profile_fit(series, definition)
-            for result, one in zip(fit.points, fit.outlets, strict=True):
-                numbers = {name: getattr(one, name) for name in OF_OUTLET}
+            for result, outlet in zip(fit.points, fit.outlets, strict=True):
+                numbers = {name: getattr(outlet, name) for name in OF_OUTLET}
                 means = {name: pooled.value for name, pooled in numbers.items()}
                 errors = {f"{name}_error": pooled.error for name, pooled in numbers.items()}
-                yield {**of_point(result), "definition": definition, "R": one.profile.R, **means, **errors}
+                yield {**of_point(result), "definition": definition, "R": outlet.profile.R, **means, **errors}

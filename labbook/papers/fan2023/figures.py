@@ -48,14 +48,15 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 _ACROSS = np.linspace(-1, 1, 401)
-_SHOWN = {"velocity": "v_c", "area_fraction": "phi_c"}
+_MIDDLE_SYMBOLS = {"velocity": "v_c", "area_fraction": "phi_c"}
 
 
 def outlet_profiles(
     series: Series, definition: str, comparisons: Sequence[Comparison] = (), source: str = ""
 ) -> "Figure":
-    """v(x) and phi(x) above, v/v_c and phi/phi_c below with the fitted dome; an outlet a colour, bands of one standard
-    error over seeds. Faint: bins that are not fitted. Dots: the reference's curves.
+    """Plot v(x) and phi(x) above, v/v_c and phi/phi_c below with the fitted dome.
+
+    A colour an outlet; bands: one standard error over seeds; faint: bins that are not fitted; dots: the reference.
     """
     from matplotlib.figure import Figure
 
@@ -63,24 +64,24 @@ def outlet_profiles(
     with house():
         figure = Figure(figsize=(PAGE, 118 * MILLIMETRE))
         axes = figure.subplots(2, 2, sharex="row")
-        for index, (result, one) in enumerate(zip(fit.points, fit.outlets, strict=True)):
+        for index, (result, fitted) in enumerate(zip(fit.points, fit.outlets, strict=True)):
             label = f"D = {result.orifice * 1e3:g} mm"
-            for column, name in enumerate(_SHOWN):
+            for column, name in enumerate(_MIDDLE_SYMBOLS):
                 runs = np.array([getattr(outlet, name) for outlet in result.outlets(definition)])
-                _draw_profile(axes[0, column], one, name, runs, 1.0, one.profile.R * 1e3, index, label)
-                centre = getattr(one, _SHOWN[name]).value
-                _draw_profile(axes[1, column], one, name, runs, centre, 1.0, index, label)
+                _draw_profile(axes[0, column], fitted, name, runs, 1.0, fitted.profile.R * 1e3, index, label)
+                centre = getattr(fitted, _MIDDLE_SYMBOLS[name]).value
+                _draw_profile(axes[1, column], fitted, name, runs, centre, 1.0, index, label)
         for column, exponent in enumerate(fit.exponents):
             name = "ab"[column]
             shape = f"$(1-x^{{*2}})^{{{name}}}$, {name} = {exponent:.3g}"
             axes[1, column].plot(_ACROSS, tilted(_ACROSS, exponent), color=INK, linewidth=0.9, zorder=1, label=shape)
-            curve = fit.curves[("tilted_" if _tilts(fit) else "") + list(_SHOWN)[column]]
+            curve = fit.curves[("tilted_" if _tilts(fit) else "") + list(_MIDDLE_SYMBOLS)[column]]
             _bands(axes[1, column], curve, curve.at, INK)
             axes[1, column].set_xlabel(r"$x^* = (x-e)/R$")
             axes[0, column].set_xlabel(r"$x-e$ [mm]")
-            known = of_reference(comparisons, definition, series)
+            theirs = of_reference(comparisons, definition, series)
             curves = axes[1, column].lines[-1:] + _tilted(axes[1, column], column, fit)
-            curves += _their_profile(axes[1, column], column, known, source)
+            curves += _their_profile(axes[1, column], column, theirs, source)
             axes[1, column].legend(handles=curves, loc="lower center")
         for ax, text in zip(axes.flat, ("$v$ [m/s]", r"$\phi$", "$v/v_c$", r"$\phi/\phi_c$"), strict=True):
             ax.set_ylabel(text)
@@ -98,36 +99,36 @@ _TILTED = (("delta1", "epsilon1", "sigma1"), ("delta2", "epsilon2", "sigma2"))
 
 
 def _tilts(fit: ProfileFit) -> bool:
-    """Whether the velocity is tilted by more than chance."""
+    """True if the tilt of the velocity is larger than two standard errors."""
     return abs(fit.parameters["delta1"].value) > 2 * fit.parameters["delta1"].error
 
 
 def _tilted(ax: "Axes", column: int, fit: ProfileFit) -> list:
-    """The tilted curve of eqs 16 and 17, where the tilt of the velocity is significant."""
+    """Plot the tilted curve of eqs 16 and 17, if the tilt of the velocity is significant."""
     if not _tilts(fit):
         return []
-    curve = fit.curves["tilted_" + list(_SHOWN)[column]]
+    curve = fit.curves["tilted_" + list(_MIDDLE_SYMBOLS)[column]]
     delta = display.number(fit.parameters[_TILTED[column][0]].value, fit.parameters[_TILTED[column][0]].error)
     label = f"eq {16 + column}, {'δ₁' if column == 0 else 'δ₂'} = {delta}"
     return ax.plot(curve.at, curve.value, color=INK, linestyle=(0, (6, 2)), linewidth=0.9, zorder=1, label=label)
 
 
-def _their_profile(ax: "Axes", column: int, known: Mapping[str, float], source: str) -> list:
-    """The reference's dome, or its tilted curve."""
+def _their_profile(ax: "Axes", column: int, theirs: Mapping[str, float], source: str) -> list:
+    """Plot the reference's dome, or its tilted curve."""
     style = {**_DOTS, "label": verbatim(source)}
     exponent = "ab"[column]
-    if exponent in known:
-        return ax.plot(_ACROSS, tilted(_ACROSS, known[exponent]), **style)
-    if known.keys() >= set(_TILTED[column]):
-        delta, epsilon, sigma = (known[name] for name in _TILTED[column])
+    if exponent in theirs:
+        return ax.plot(_ACROSS, tilted(_ACROSS, theirs[exponent]), **style)
+    if theirs.keys() >= set(_TILTED[column]):
+        delta, epsilon, sigma = (theirs[name] for name in _TILTED[column])
         return ax.plot(_ACROSS, tilted(_ACROSS, sigma, delta / epsilon), **style)
     return []
 
 
 def _draw_profile(
-    ax: "Axes", one: FittedOutlet, name: str, runs: np.ndarray, over: float, scale: float, index: int, label: str
+    ax: "Axes", fitted: FittedOutlet, name: str, runs: np.ndarray, over: float, scale: float, index: int, label: str
 ) -> None:
-    profile, style = one.profile, look(index)
+    profile, style = fitted.profile, look(index)
     x = (profile.edges[1:] + profile.edges[:-1]) / 2 * scale
     y = getattr(profile, name) / over
     inside = profile.inside & np.isfinite(y)
@@ -142,25 +143,26 @@ def _draw_profile(
 def outlet_middles(
     series: Series, definition: str, comparisons: Sequence[Comparison] = (), source: str = ""
 ) -> "Figure":
-    """v_c against sqrt(R) with sqrt(2 g gamma R), phi_c against R with eq 12, and the flow that profiles come to.
+    """Plot v_c against sqrt(R), phi_c against R, and the flow rate from profiles over the counted one.
 
-    Bands: 95 %, of the law and of one more outlet; dots: the law with the reference's parameters.
+    Lines: sqrt(2 g gamma R) and eq 12; bands: 95 %, of the law and of one more outlet; dots: the law with the
+    reference's parameters.
     """
     from matplotlib.figure import Figure
 
     fit = profile_fit(series, definition)
-    R = np.array([one.profile.R for one in fit.outlets])
+    R = np.array([outlet.profile.R for outlet in fit.outlets])
     with house():
         figure = Figure(figsize=(PAGE, 60 * MILLIMETRE))
         left, middle, right = figure.subplots(1, 3)
-        known = of_reference(comparisons, definition, series)
-        _speeds(left, fit, R, series.points[0].point.scene.gravity, known, source)
-        _middles(middle, fit, R, known, source)
+        theirs = of_reference(comparisons, definition, series)
+        _speeds(left, fit, R, series.points[0].point.scene.gravity, theirs, source)
+        _middles(middle, fit, R, theirs, source)
         for place, (name, label) in enumerate(_FLOWS.items()):
             style = {**look(place), "linestyle": "none"}
-            flows = [getattr(one, name) for one in fit.outlets]
+            flows = [getattr(outlet, name) for outlet in fit.outlets]
             offset = 0.4 * (place - (len(_FLOWS) - 1) / 2)
-            values, errors = [one.value for one in flows], [np.nan_to_num(one.error) for one in flows]
+            values, errors = [flow.value for flow in flows], [np.nan_to_num(flow.error) for flow in flows]
             right.errorbar(2e3 * R + offset, values, yerr=errors, label=label, **style)
         right.axhline(1, color=FAINT, linewidth=0.6, zorder=0)
         right.set_xlabel("orifice, $D$ [mm]")
@@ -174,16 +176,22 @@ def outlet_middles(
 _FLOWS = {"direct": "integral", "centred": "eq 14, own φ", "printed": "eq 14 as printed", "eccentric": "eq 18"}
 
 
-def _speeds(ax: "Axes", fit: ProfileFit, R: np.ndarray, g: float, known: Mapping[str, float], source: str) -> None:
+def _speeds(ax: "Axes", fit: ProfileFit, R: np.ndarray, g: float, theirs: Mapping[str, float], source: str) -> None:
     curve = fit.curves["v_c"]
     x = np.sqrt(curve.at * 1e3)
     ax.plot(x, curve.value, color=COLOURS[1], label=f"γ = {fit.parameters['gamma'].value:.3g}")
     _bands(ax, curve, x, COLOURS[1])
-    if "gamma" in known:
+    if "gamma" in theirs:
         ax.plot(
-            x, middle_speed(known["gamma"], curve.at, g), label=f"{verbatim(source)}, γ = {known['gamma']:.3g}", **_DOTS
+            x,
+            middle_speed(theirs["gamma"], curve.at, g),
+            label=f"{verbatim(source)}, γ = {theirs['gamma']:.3g}",
+            **_DOTS,
         )
-    values, errors = [one.v_c.value for one in fit.outlets], [np.nan_to_num(one.v_c.error) for one in fit.outlets]
+    values, errors = (
+        [outlet.v_c.value for outlet in fit.outlets],
+        [np.nan_to_num(outlet.v_c.error) for outlet in fit.outlets],
+    )
     ax.errorbar(np.sqrt(R * 1e3), values, yerr=errors, color=INK, marker="o", linestyle="none")
     from_zero(ax)
     ax.set_xlabel(r"$\sqrt{R}$ [mm$^{1/2}$]")
@@ -191,20 +199,23 @@ def _speeds(ax: "Axes", fit: ProfileFit, R: np.ndarray, g: float, known: Mapping
     ax.legend(loc="upper left")
 
 
-def _middles(ax: "Axes", fit: ProfileFit, R: np.ndarray, known: Mapping[str, float], source: str) -> None:
-    values, errors = [one.phi_c.value for one in fit.outlets], [np.nan_to_num(one.phi_c.error) for one in fit.outlets]
+def _middles(ax: "Axes", fit: ProfileFit, R: np.ndarray, theirs: Mapping[str, float], source: str) -> None:
+    values, errors = (
+        [outlet.phi_c.value for outlet in fit.outlets],
+        [np.nan_to_num(outlet.phi_c.error) for outlet in fit.outlets],
+    )
     ax.errorbar(R * 1e3, values, yerr=errors, color=INK, marker="o", linestyle="none")
     if "phi_c" in fit.curves:
         curve, limit = fit.curves["phi_c"], fit.parameters["phi_inf"].value
         x = curve.at * 1e3
         ax.plot(x, curve.value, color=COLOURS[1], label=f"eq 12, $φ_∞$ = {limit:.3g}")
         _bands(ax, curve, x, COLOURS[1])
-        if known.keys() & {"phi_inf", "tau1"}:
-            law = Saturation(known.get("phi_inf", limit), known.get("tau1", 0.0), known.get("tau2", 0.0))
+        if theirs.keys() & {"phi_inf", "tau1"}:
+            law = Saturation(theirs.get("phi_inf", limit), theirs.get("tau1", 0.0), theirs.get("tau2", 0.0))
             ax.plot(
                 x,
                 law.at(curve.at),
-                label=verbatim(source) if "tau1" in known else f"{verbatim(source)}, $φ_∞$",
+                label=verbatim(source) if "tau1" in theirs else f"{verbatim(source)}, $φ_∞$",
                 **_DOTS,
             )
         ax.legend(loc="lower right")
@@ -216,7 +227,7 @@ _DOTS = {"color": INK, "linestyle": ":", "linewidth": 1.2, "zorder": 3}
 
 
 def _bands(ax: "Axes", curve: Curve, x: np.ndarray, colour: str) -> None:
-    """The intervals of a law and of one more point, where there are seeds enough for any."""
+    """Draw the intervals of a law and of one more point, if there are seeds enough for any."""
     if np.isfinite(curve.point).all():
         law, point = ((curve.value - half, curve.value + half) for half in (curve.law, curve.point))
         band(ax, x, law, point, colour)
@@ -225,25 +236,25 @@ def _bands(ax: "Axes", curve: Curve, x: np.ndarray, colour: str) -> None:
 def outlets_of_all(
     series: Sequence[Series], definition: str, comparisons: Sequence[Comparison] = (), source: str = ""
 ) -> "Figure":
-    """v_c against sqrt(R), phi_max against R and W against R, a colour a series, with 95 % intervals.
+    """Plot v_c against sqrt(R), phi_max against R and W against R, a colour a series, with 95 % intervals.
 
-    Solid lines: sqrt(2 g gamma R), eq 12, and the flow that the profiles of a series come to with them (eq 18, which
-    without tilt is eq 14). Dots: the same with the reference's parameters, where it has them. Series that differ in a
-    second key have a row of their own.
+    Solid lines: sqrt(2 g gamma R), eq 12, and the flow rate that follows from the profiles of a series (eq 18; without
+    tilt eq 14). Dots: the same with the reference's parameters. Series that differ in a second key have a row of their
+    own.
     """
     from matplotlib.figure import Figure
 
-    fitted = [one for one in series if definition in one.further]
+    fitted = [line for line in series if definition in line.further]
     key = _varied(fitted)
-    rows = list(dict.fromkeys(one.label_without(key) for one in fitted))
-    labels = list(dict.fromkeys(_label_of(one, key) for one in fitted))
+    rows = list(dict.fromkeys(line.label_without(key) for line in fitted))
+    labels = list(dict.fromkeys(_label_of(line, key) for line in fitted))
     with house():
         figure = Figure(figsize=(PAGE, (18 + 58 * len(rows)) * MILLIMETRE))
         axes = figure.subplots(len(rows), 3, squeeze=False, sharex="col")
-        for one in fitted:
-            row, style = rows.index(one.label_without(key)), look(labels.index(_label_of(one, key)))
+        for line in fitted:
+            row, style = rows.index(line.label_without(key)), look(labels.index(_label_of(line, key)))
             _draw_outlets(
-                axes[row], one, definition, of_reference(comparisons, definition, one), style, _label_of(one, key)
+                axes[row], line, definition, of_reference(comparisons, definition, line), style, _label_of(line, key)
             )
         for ax_row, title in zip(axes, rows, strict=True):
             ax_row[0].set_title(title)
@@ -254,7 +265,9 @@ def outlets_of_all(
         for ax, text in zip(axes[-1], (r"$\sqrt{R}$ [mm$^{1/2}$]", "$R$ [mm]", "$R$ [mm]"), strict=True):
             ax.set_xlabel(text)
         handles = dict(zip(*reversed(_handles(axes)), strict=True))
-        if any(of_reference(comparisons, definition, one).keys() & {"gamma", "epsilon1", "phi_inf"} for one in fitted):
+        if any(
+            of_reference(comparisons, definition, line).keys() & {"gamma", "epsilon1", "phi_inf"} for line in fitted
+        ):
             (dots,) = axes[0, 0].plot([], [], color=INK, linestyle=":")
             handles[source] = dots
         figure.legend(handles.values(), handles.keys(), loc="outside upper center", ncols=min(len(handles), 6))
@@ -263,8 +276,8 @@ def outlets_of_all(
 
 
 def _varied(series: Sequence[Series]) -> str:
-    """The swept key that takes most values: colours tell it."""
-    values = {name: {one.at.get(name) for one in series} for one in series for name in one.at}
+    """Name the swept key with most values, which the colours show."""
+    values = {name: {line.at.get(name) for line in series} for line in series for name in line.at}
     return max(values, key=lambda name: len(values[name]), default="")
 
 
@@ -275,54 +288,54 @@ def _label_of(series: Series, key: str) -> str:
 
 
 def _handles(axes: np.ndarray) -> tuple[list, list[str]]:
-    found = [ax.get_legend_handles_labels() for ax in axes[:, 0]]
-    return [h for handles, _ in found for h in handles], [text for _, labels in found for text in labels]
+    legends = [ax.get_legend_handles_labels() for ax in axes[:, 0]]
+    return [h for handles, _ in legends for h in handles], [text for _, labels in legends for text in labels]
 
 
 def _draw_outlets(
     axes: Sequence["Axes"], series: Series, definition: str, theirs: "Mapping[str, float]", style: dict, label: str
 ) -> None:
     fit = profile_fit(series, definition)
-    R = np.array([one.profile.R for one in fit.outlets])
+    R = np.array([outlet.profile.R for outlet in fit.outlets])
     fine = np.linspace(0.9 * R.min(), 1.05 * R.max(), 120)
     scene = series.points[0].point.scene
     ours = {name: parameter.value for name, parameter in fit.parameters.items()}
-    speeds, covers = ([getattr(one, name) for one in fit.outlets] for name in ("v_c", "phi_max"))
+    speeds, covers = ([getattr(outlet, name) for outlet in fit.outlets] for name in ("v_c", "phi_max"))
     flows = [result.flow_rate for result in fit.points]
     for ax, x, numbers, scale in zip(
         axes, (np.sqrt(R * 1e3), R * 1e3, R * 1e3), (speeds, covers, flows), (1.0, 1.0, 1e3), strict=True
     ):
-        shown = [(at, number) for at, number in zip(x, numbers, strict=True) if number is not None]
-        _bars(ax, shown, scale, {**style, "linestyle": "none", "label": label})
+        points = [(at, number) for at, number in zip(x, numbers, strict=True) if number is not None]
+        _bars(ax, points, scale, {**style, "linestyle": "none", "label": label})
     for parameters, line in ((ours, "-"), ({**_limit(theirs, ours), **theirs}, ":")):
         if parameters is not ours and not theirs:
             continue
-        drawn = {"color": style["color"], "linestyle": line, "linewidth": 0.9, "zorder": 1}
+        line_style = {"color": style["color"], "linestyle": line, "linewidth": 0.9, "zorder": 1}
         gamma = parameters.get("gamma", parameters.get("epsilon1", np.nan) ** 2)
-        axes[0].plot(np.sqrt(fine * 1e3), middle_speed(gamma, fine, scene.gravity), **drawn)
+        axes[0].plot(np.sqrt(fine * 1e3), middle_speed(gamma, fine, scene.gravity), **line_style)
         if parameters.keys() >= {"phi_inf", "tau1", "tau2"}:
             law = Saturation(parameters["phi_inf"], parameters["tau1"], parameters["tau2"])
-            axes[1].plot(fine * 1e3, law.at(fine), **drawn)
+            axes[1].plot(fine * 1e3, law.at(fine), **line_style)
         elif "phi_inf" in parameters and parameters is not ours:
-            axes[1].axhline(parameters["phi_inf"], **drawn)
+            axes[1].axhline(parameters["phi_inf"], **line_style)
         flow = _flow(parameters, fine, scene.grains.diameter, scene.grains.density, scene.gravity)
         if flow is not None:
-            axes[2].plot(fine * 1e3, 1e3 * flow, **drawn)
+            axes[2].plot(fine * 1e3, 1e3 * flow, **line_style)
 
 
 def _limit(theirs: "Mapping[str, float]", ours: "Mapping[str, float]") -> dict[str, float]:
-    """Where a reference has tau1 and tau2 but not phi_inf, ours."""
+    """Our phi_inf, where a reference has tau1 and tau2 but not phi_inf."""
     return {"phi_inf": ours["phi_inf"]} if "tau1" in theirs and "phi_inf" in ours else {}
 
 
-def _bars(ax: "Axes", shown: Sequence[tuple[float, Pooled]], scale: float, style: dict) -> None:
-    half = [number.half_width if np.isfinite(number.half_width) else 0.0 for _, number in shown]
-    values = [number.value * scale for _, number in shown]
-    ax.errorbar([at for at, _ in shown], values, yerr=np.array(half) * scale, markersize=3.5, **style)
+def _bars(ax: "Axes", points: Sequence[tuple[float, Pooled]], scale: float, style: dict) -> None:
+    half = [number.half_width if np.isfinite(number.half_width) else 0.0 for _, number in points]
+    values = [number.value * scale for _, number in points]
+    ax.errorbar([at for at, _ in points], values, yerr=np.array(half) * scale, markersize=3.5, **style)
 
 
 def _flow(p: "Mapping[str, float]", R: np.ndarray, d: float, rho: float, g: float) -> np.ndarray | None:
-    """W [kg/s] by eq 18 (centred profiles of a reference: by eq 14), with eq 12 where it is known, else phi_inf."""
+    """W [kg/s] by eq 18 (centred profiles of a reference: by eq 14), with eq 12 if it was fitted, else phi_inf."""
     if "phi_inf" not in p:
         return None
     limit = Saturation(p["phi_inf"], p.get("tau1", 0.0), p.get("tau2", 0.0)).at(R)
@@ -341,25 +354,25 @@ def _flow(p: "Mapping[str, float]", R: np.ndarray, d: float, rho: float, g: floa
 def shape_against_position(
     ratios: Sequence[Ratio], definition: str, comparisons: Sequence[Comparison] = (), source: str = ""
 ) -> "Figure":
-    """Tilts and exponents of each point's own profiles (eqs 16, 17) against s*, with standard errors over seeds.
+    """Plot tilts and exponents of each point's own profiles (eqs 16, 17) against s*, with standard errors over seeds.
 
-    Lines: limit - depth e^{-rate s*} with its 95 % bands, fitted to the points of each panel; dots: the reference's.
+    Lines: limit - depth e^{-rate s*} with its 95 % bands, fitted to the points of each panel; dots: the reference.
     """
     from matplotlib.figure import Figure
 
     with house():
         figure = Figure(figsize=(PAGE, 122 * MILLIMETRE))
         axes = figure.subplots(2, 2, sharex=True).flatten()
-        for ax, (name, found) in zip(axes, approaches(ratios, definition).items(), strict=True):
-            groups = [display.label(result.at, {GAP}) for result in found.of]
+        for ax, (name, approached) in zip(axes, approaches(ratios, definition).items(), strict=True):
+            groups = [display.label(result.at, {GAP}) for result in approached.of]
             order = list(dict.fromkeys(groups))
-            for place, parameter, group in zip(found.places, found.parameters, groups, strict=True):
+            for place, parameter, group in zip(approached.places, approached.parameters, groups, strict=True):
                 style = {**look(order.index(group)), "linestyle": "none", "markersize": 3.5}
                 error = parameter.error if math.isfinite(parameter.error) else 0.0
                 label = group if group not in ax.get_legend_handles_labels()[1] else None
                 ax.errorbar(place, parameter.value, yerr=error, label=label, **style)
-            if found.approach is not None:
-                _draw_approach(ax, found.approach)
+            if approached.approach is not None:
+                _draw_approach(ax, approached.approach)
             theirs = {c.quantity.rpartition(".")[2]: c.reference for c in comparisons
                       if c.quantity.rpartition(".")[0] == f"{definition}.{name}"}  # fmt: skip
             if theirs.keys() >= set(TERMS):
@@ -400,15 +413,16 @@ def _their_approach(ax: "Axes", theirs: Mapping[str, float], source: str) -> Non
 
 
 def flow_against_angle(ratios: Sequence[Ratio]) -> "Figure":
-    """W(angle)/W(90 deg) of every outlet with 95 % intervals, and the angle factors of Brown and of Rose and Tanaka;
-    below, how far the points lie from each.
+    """Plot W(angle)/W(90 deg) of every outlet, with the angle factors of Brown and of Rose and Tanaka.
+
+    Bars: 95 % intervals; below, the distance of the points from each law.
     """
     from matplotlib.figure import Figure
 
-    laws = {law.name: law for one in ratios for law in angle_laws(one.result)}
+    laws = {law.name: law for ratio in ratios for law in angle_laws(ratio.result)}
     colours = _colours_of_laws(ratios)
     names = authors(ratios)
-    low = min(one.at for one in ratios)
+    low = min(ratio.at for ratio in ratios)
     angles = np.linspace(0.9 * low, math.pi / 2, 200)
     with house():
         figure = Figure(figsize=(COLUMN, (66 + 26 * len(names)) * MILLIMETRE))
@@ -420,8 +434,8 @@ def flow_against_angle(ratios: Sequence[Ratio]) -> "Figure":
                 name = mathtext(law.name) if not coloured else None if k else author
                 axes[0].plot(np.degrees(angles), curve, color=colours.get(law.name, INK), label=name, **how)
             below.axhline(0, color=INK, linestyle=dash, linewidth=0.8, zorder=0)
-            judged = [one for one in ratios if author in angle_factors(one)]
-            _points(below, judged, ANGLE, math.degrees, lambda one, author=author: angle_factors(one)[author])
+            compared = [ratio for ratio in ratios if author in angle_factors(ratio)]
+            _points(below, compared, ANGLE, math.degrees, lambda ratio, author=author: angle_factors(ratio)[author])
             below.set_ylabel(f"from\n{author} [%]", fontsize=6.5)
         _points(axes[0], ratios, ANGLE, math.degrees)
         axes[-1].set_xlabel("angle of the bottom from the vertical, α [deg]")
@@ -458,14 +472,14 @@ def _group(ratio: Ratio, key: str) -> str:
 def flow_against_position(
     ratios: Sequence[Ratio], comparisons: Sequence[Comparison] = (), source: str = ""
 ) -> "Figure":
-    """W over that of an outlet in the middle against s*, with 95 % intervals; diamonds: the reference's values."""
+    """Plot W over that of an outlet in the middle against s*, with 95 % intervals; diamonds: the reference."""
     from matplotlib.figure import Figure
 
     with house():
         figure = Figure(figsize=(PAGE * 0.75, 72 * MILLIMETRE))
         ax = figure.subplots()
         _points(ax, ratios, GAP, float)
-        places = {tuple(one.result.at.items()): one.at for one in ratios}
+        places = {tuple(ratio.result.at.items()): ratio.at for ratio in ratios}
         theirs = [c for c in comparisons if c.quantity in RATIOS and tuple(c.at.items()) in places]
         if theirs:
             x = [places[tuple(c.at.items())] for c in theirs]
@@ -480,11 +494,11 @@ def flow_against_position(
 
 
 def _range(ratios: Sequence[Ratio]) -> tuple[float, float]:
-    """Of all values, with their intervals but for those so wide that nothing else would be seen."""
-    values = [one.value for one in ratios]
+    """Range of all values with their intervals, cut where an interval is so wide that it would hide the values."""
+    values = [ratio.value for ratio in ratios]
     wide = 0.5 * (max(values) - min(values)) or 0.1
-    low = min(max(one.low, one.value - wide) for one in ratios)
-    high = max(min(one.high, one.value + wide) for one in ratios)
+    low = min(max(ratio.low, ratio.value - wide) for ratio in ratios)
+    high = max(min(ratio.high, ratio.value + wide) for ratio in ratios)
     return low - 0.05 * (high - low), high + 0.05 * (high - low)
 
 
@@ -495,21 +509,19 @@ def _points(
     scale: Callable[[float], float],
     law: Callable[[Ratio], float] | None = None,
 ) -> None:
-    """Ratios, an outlet a colour; given a `law`, their distance from it in percent. Side by side where they fall
-    together.
-    """
-    groups = list(dict.fromkeys(_group(one, key) for one in ratios))
-    span = float(np.ptp([scale(one.at) for one in ratios])) or 1.0
+    """Plot ratios, an outlet a colour, side by side where they coincide; with a `law`, their distance from it [%]."""
+    groups = list(dict.fromkeys(_group(ratio, key) for ratio in ratios))
+    span = float(np.ptp([scale(ratio.at) for ratio in ratios])) or 1.0
     for place, group in enumerate(groups):
-        mine = sorted((one for one in ratios if _group(one, key) == group), key=lambda one: one.at)
+        own = sorted((ratio for ratio in ratios if _group(ratio, key) == group), key=lambda ratio: ratio.at)
         offset = 0.005 * span * (place - (len(groups) - 1) / 2)
         style = {**look(place), "linestyle": "none", "markersize": 3.5}
         x, y, bars = [], [], []
-        for one in mine:
-            over = law(one) if law else 1.0
+        for ratio in own:
+            over = law(ratio) if law else 1.0
             part = 100 / over if law else 1.0
-            x.append(scale(one.at) + offset)
-            y.append((one.value - (over if law else 0.0)) * part)
-            ends = [one.value - one.low, one.high - one.value]
+            x.append(scale(ratio.at) + offset)
+            y.append((ratio.value - (over if law else 0.0)) * part)
+            ends = [ratio.value - ratio.low, ratio.high - ratio.value]
             bars.append([end * part if math.isfinite(end) else 0.0 for end in ends])
         ax.errorbar(x, y, yerr=np.transpose(bars), label=group, **style)

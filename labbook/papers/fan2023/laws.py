@@ -1,4 +1,4 @@
-"""The laws of Fan et al. (2023): profiles along an outlet, the flow that they come to, and what they depend on.
+"""Laws of Fan et al. (2023): profiles along an outlet, the flow rate that follows from them, and their dependences.
 
 Eqs 10, 12, 14 to 18, and the fit of eq 12 and of the approach in its Fig. 11. Flow through a slot, derived again: a
 layer of spheres of diameter d whose discs cover the part phi of the outlet line carries the mass
@@ -36,7 +36,7 @@ from labbook.stats.pooling import student
 # and tilt follow from one product each, and only the exponent has to be looked for.
 
 EXPONENTS = np.linspace(0.0, 2.0, 401)
-"""Where the exponent is looked for; it is found between these by a parabola."""
+"""Exponents of the scan; the fit interpolates between them by a parabola."""
 
 
 def tilted(x: np.ndarray, exponent: float, tilt: float = 0.0) -> np.ndarray:
@@ -45,12 +45,20 @@ def tilted(x: np.ndarray, exponent: float, tilt: float = 0.0) -> np.ndarray:
 
 
 def middle_speed(gamma: float, R: float | np.ndarray, g: float) -> np.ndarray:
-    """v_c = sqrt(2 g gamma R) [m/s] in the middle of outlets of half widths R [m] (Fan et al. 2023, eq 10)."""
+    """v_c = sqrt(2 g gamma R) [m/s] in the middle of an outlet of half width R [m] (Fan et al. 2023, eq 10)."""
     return np.sqrt(2 * g * gamma * np.asarray(R, float))
 
 
 def dome(edges: np.ndarray, exponent: float | np.ndarray) -> np.ndarray:
-    """Mean of (1 - x^2)^p over each bin: exact, by incomplete beta functions; shape of `exponent` + [m]."""
+    """Mean of (1 - x^2)^p over each bin, exact by incomplete beta functions.
+
+    Args:
+        edges: Edges of the bins, x* from -1 to 1, shape [m + 1].
+        exponent: Exponents p, of any shape.
+
+    Returns:
+        Means, shape of `exponent` + [m].
+    """
     from scipy.special import beta, betainc
 
     p = np.asarray(exponent, float)[..., None]
@@ -65,7 +73,7 @@ def _domes(edges: bytes) -> np.ndarray:
 
 @dataclass(frozen=True, eq=False)
 class Tilted:
-    """y_j = A_j dome^p + B_j x*: the exponent shared by all profiles j, amplitudes and tilts of each, shape [j]."""
+    """Fitted profiles y_j = A_j dome^p + B_j x*: one exponent for all profiles j, amplitudes and tilts of shape [j]."""
 
     exponent: float
     amplitude: np.ndarray
@@ -73,17 +81,20 @@ class Tilted:
 
 
 def fit_dome(outlets: Sequence[ProfileAcross], values: Sequence[np.ndarray], *, one_amplitude: bool = False) -> Tilted:
-    """Least squares of profiles `values`, one an outlet, shape [m] each, that share their exponent.
+    """Fit profiles that share their exponent by least squares.
 
-    Every profile weighs alike, in units of its own mean. Bins where there is no value (NaN: no velocity where no grain
-    ever was) are left out in pairs about the middle. `one_amplitude`: amplitude and tilt are shared, too, and
-    profiles are taken as they are.
+    Args:
+        outlets: Bins of each profile.
+        values: Values of each profile, shape [m]. Bins without a value (NaN: no grain was ever there) are left out in
+            pairs about the middle, so that dome and tilt stay orthogonal.
+        one_amplitude: Profiles share amplitude and tilt too, and are not scaled. Otherwise every profile has the same
+            weight, in units of its own mean.
     """
     explained = np.zeros(len(EXPONENTS))
     products, norms, tilts, spans = [], [], [], []
     for outlet, profile in zip(outlets, values, strict=True):
-        known = np.isfinite(profile)
-        inside = outlet.inside & known & known[::-1]
+        finite = np.isfinite(profile)
+        inside = outlet.inside & finite & finite[::-1]
         y = np.asarray(profile, float)[inside]
         scale = 1.0 if one_amplitude else 1 / float(y.mean())
         shapes = _domes(np.ascontiguousarray(outlet.edges, float).tobytes())[:, inside]
@@ -96,18 +107,19 @@ def fit_dome(outlets: Sequence[ProfileAcross], values: Sequence[np.ndarray], *, 
             explained += (scale * products[-1]) ** 2 / norms[-1]
     if one_amplitude:
         explained = np.sum(products, axis=0) ** 2 / np.sum(norms, axis=0)
+    # the scanned sums are smooth in the exponent: a parabola through the largest resolves it below the spacing
     at, exponent = _top(explained)
     product = np.array([np.interp(exponent, EXPONENTS[at : at + 3], p[at : at + 3]) for p in products])
     norm = np.array([np.interp(exponent, EXPONENTS[at : at + 3], n[at : at + 3]) for n in norms])
     tilt, span = np.array(tilts), np.array(spans)
     if one_amplitude:
-        same = np.ones(len(product))
-        return Tilted(exponent, same * product.sum() / norm.sum(), same * tilt.sum() / span.sum())
+        shared = np.ones(len(product))
+        return Tilted(exponent, shared * product.sum() / norm.sum(), shared * tilt.sum() / span.sum())
     return Tilted(exponent, product / norm, tilt / span)
 
 
 def _top(explained: np.ndarray) -> tuple[int, float]:
-    """Where a row of values is largest: the first of three neighbours, and the exponent by a parabola through them."""
+    """Find the largest of a row of values: index of the first of three neighbours, and exponent by their parabola."""
     at = int(np.clip(np.argmax(explained) - 1, 0, len(explained) - 3))
     a, b, c = explained[at : at + 3]
     bend = a - 2 * b + c
@@ -118,7 +130,7 @@ def _top(explained: np.ndarray) -> tuple[int, float]:
 
 
 FEWEST = 4
-"""Places without which the three parameters of a law cannot be told: widths of outlets (eq 12), or s*."""
+"""Fewest places that determine the three parameters of a law: widths of outlets (eq 12), or s*."""
 _DECAYS = np.geomspace(0.05, 5.0, 400)  # tau_2 d: a decay over 10 d of width, or over a tenth of d
 
 
@@ -136,10 +148,16 @@ class Saturation:
 
 
 def fit_saturation(R: Sequence[float], phi_c: Sequence[float], d: float) -> Saturation:
-    """Least squares: given tau2 the law is linear in phi_inf and phi_inf tau1, and tau2 is found by a scan.
+    """Fit eq 12 by least squares: it is linear in phi_inf and phi_inf tau1 at a given tau2, which is scanned.
 
-    R [m] and phi_c of at least 4 outlets; d: diameter of the grains [m]. tau2 d is kept between 0.05 and 5: beyond, an
-    exponential is a straight line or a step between the two narrowest outlets. Raises ValueError for fewer outlets.
+    Args:
+        R: Half widths of at least 4 outlets [m].
+        phi_c: Area fraction in the middle of each.
+        d: Diameter of the grains [m]. tau2 d is scanned from 0.05 to 5: beyond, an exponential is a straight line or a
+            step between the two narrowest outlets.
+
+    Raises:
+        ValueError: There are fewer outlets.
     """
     if len(set(R)) < FEWEST:
         raise ValueError(f"eq 12 has three parameters: it needs at least {FEWEST} outlets of different widths")
@@ -147,14 +165,14 @@ def fit_saturation(R: Sequence[float], phi_c: Sequence[float], d: float) -> Satu
     decay = np.exp(-2 * np.outer(_DECAYS / d, half))
     spread = decay - decay.mean(axis=1, keepdims=True)
     slope = (spread @ phi) / (spread**2).sum(axis=1)
-    left = ((phi - phi.mean() - slope[:, None] * spread) ** 2).sum(axis=1)
-    best = int(np.argmin(left))
+    squares = ((phi - phi.mean() - slope[:, None] * spread) ** 2).sum(axis=1)
+    best = int(np.argmin(squares))
     phi_inf = float(phi.mean() - slope[best] * decay[best].mean())
     return Saturation(phi_inf, float(-slope[best] / phi_inf), float(_DECAYS[best] / d))
 
 
 _RATES = np.geomspace(0.1, 100.0, 600)
-"""Where the rate is looked for: slower than 0.1 is a straight line over s* from 0 to 1, faster than 100 a step."""
+"""Rates of the scan: slower than 0.1 is a straight line over s* from 0 to 1, faster than 100 a step."""
 
 
 TERMS = ("limit", "depth", "rate")
@@ -163,11 +181,16 @@ TERMS = ("limit", "depth", "rate")
 
 @dataclass(frozen=True, eq=False)
 class Approach:
-    """y = limit - depth e^{-rate s*}; the paper has sigma1 = 0.39 - 0.12 e^{-3.74 s*}.
+    """Law y = limit - depth e^{-rate s*}, such as the paper's sigma1 = 0.39 - 0.12 e^{-3.74 s*}.
 
-    `covariance` of limit, depth and rate, shape [3, 3], from the scatter of the points about the law: infinite with a
-    rate at an end of the range in which it is looked for. `scatter`: standard error
-    of a point about the law.
+    Args:
+        limit: Value far from the wall.
+        depth: Limit less the value at the wall.
+        rate: Rate of the decay in s*.
+        covariance: Of limit, depth and rate, shape [3, 3], from the scatter of the points about the law; infinite if
+            the rate lies at an end of the scan.
+        freedom: Degrees of freedom.
+        scatter: Standard error of a point about the law.
     """
 
     limit: float
@@ -209,9 +232,16 @@ def approach_at(s: np.ndarray | float, limit: float, depth: float, rate: float) 
 
 
 def fit_approach(s: Sequence[float], values: Sequence[float]) -> Approach:
-    """Least squares, all points alike: given the rate the law is linear, and the rate is found by a scan.
+    """Fit by least squares: the law is linear at a given rate, which is scanned.
 
-    Errors of single points, of a few seeds, are too noisy for weights. Raises ValueError for fewer than 4 different s*.
+    All points have the same weight: standard errors from a few seeds are too noisy for weights.
+
+    Args:
+        s: Distances from the wall s*, at least 4 different ones.
+        values: Value at each.
+
+    Raises:
+        ValueError: There are fewer different s*.
     """
     if len(set(s)) < FEWEST:
         raise ValueError(f"an approach has three parameters: it needs at least {FEWEST} different s*")
@@ -219,15 +249,16 @@ def fit_approach(s: Sequence[float], values: Sequence[float]) -> Approach:
     decay = np.exp(-np.outer(_RATES, places))
     spread = decay - decay.mean(axis=1, keepdims=True)
     slope = spread @ y / (spread**2).sum(axis=1)
-    left = ((y - y.mean() - slope[:, None] * spread) ** 2).sum(axis=1)
-    best = int(np.argmin(left))
+    squares = ((y - y.mean() - slope[:, None] * spread) ** 2).sum(axis=1)
+    best = int(np.argmin(squares))
     limit, depth, rate = float(y.mean() - slope[best] * decay[best].mean()), float(-slope[best]), float(_RATES[best])
     freedom = len(y) - 3
     covariance = np.full((3, 3), math.inf)
     if 0 < best < len(_RATES) - 1:
         slopes = _slopes(places, depth, rate)
-        covariance = left[best] / freedom * np.linalg.pinv(slopes.T @ slopes)
-    return Approach(limit, depth, rate, covariance, freedom, math.sqrt(left[best] / freedom))
+        # pseudo-inverse: without any depth the rate has no effect, and the matrix is singular
+        covariance = squares[best] / freedom * np.linalg.pinv(slopes.T @ slopes)
+    return Approach(limit, depth, rate, covariance, freedom, math.sqrt(squares[best] / freedom))
 
 
 def _slopes(s: np.ndarray, depth: float, rate: float) -> np.ndarray:
@@ -260,8 +291,8 @@ def eccentric_flow(
     return 2 / 3 * d * rho_p * phi_max * math.sqrt(2 * g * R) * R * integral
 
 
-# How the flow rate depends on the angle [rad] of the bottom from the vertical, 90 deg being flat: laws without free
-# parameters, relative to a flat bottom.
+# Dependence of the flow rate on the angle [rad] of the bottom from the vertical, relative to a flat bottom (90 deg):
+# laws without free parameters.
 
 
 def brown(angle: float) -> float:

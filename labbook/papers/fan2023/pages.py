@@ -1,4 +1,4 @@
-"""What the page shows of outlets: their profiles, what was fitted to them, and flow rates over a plain hopper's."""
+"""Sections on outlets: their profiles, the laws fitted to them, and flow rates over a plain hopper's."""
 
 from collections.abc import Sequence
 from pathlib import Path
@@ -24,7 +24,7 @@ from labbook.scene.quantities import percent
 def profile_section(
     results: StudyResults, series: Series, definition: str, folder: Path, suffix: str, where: str
 ) -> Section:
-    """Profiles along the outlets of a series and their middles, with what was fitted to them."""
+    """Section on a series: profiles along its outlets and their middles, with the fitted laws."""
     name = definition.removeprefix("outlet_")
     along = figures.outlet_profiles(series, definition, results.comparisons, results.source)
     middles = figures.outlet_middles(series, definition, results.comparisons, results.source)
@@ -41,17 +41,17 @@ def profile_section(
 
 
 def tables_of(results: StudyResults, series: Series, definition: str, where: str) -> list[tuple[str, Table]]:
-    """Title and table of what was fitted to the profiles of a series, for the terminal."""
+    """Titles and tables of the fits to the profiles of a series, for the terminal."""
     title = f"Profiles along the outlets{where} ({DEFINITIONS[definition]}): {ProfileFit.formula}"
     fitted = profile_table(series, definition, results.comparisons, results.source)
     return [(title, fitted), (f"Outlets{where}", outlet_table(series, definition))]
 
 
 def outlet_pictures(results: StudyResults, folder: Path) -> list[Picture]:
-    """Middles of profiles and flow rates of all series, by each definition of the profiles that was fitted."""
+    """Pictures of middles of profiles and flow rates of all series, by each fitted definition of the profiles."""
     pictures = []
     for definition in DEFINITIONS:
-        if sum(definition in one.further for one in results.series) > 1:
+        if sum(definition in series.further for series in results.series) > 1:
             figure = figures.outlets_of_all(results.series, definition, results.comparisons, results.source)
             name = definition.removeprefix("outlet_")
             alt = f"middles of the {name} of all series"
@@ -60,24 +60,26 @@ def outlet_pictures(results: StudyResults, folder: Path) -> list[Picture]:
 
 
 def ratio_sections(results: StudyResults, folder: Path) -> list[Section]:
-    """Flow rates over that of a plain hopper, where the angle of its bottom or the place of its outlet was varied."""
+    """Sections on flow rates over a plain hopper's, if the angle of the bottom or the place of the outlet varies."""
     sections = []
     if angles := by_angle(results.points):
         figure = figures.flow_against_angle(angles)
         caption = f"{_ANGLES} {farthest(angles)}"
-        drawn = picture(figure, folder / "ratio-angle", "flow rate against angle over that of 90 deg", caption)
-        sections.append(Section("Beside a plain hopper", (drawn, Folded("The numbers", (angle_table(angles),)))))
+        angle_picture = picture(figure, folder / "ratio-angle", "flow rate against angle over that of 90 deg", caption)
+        sections.append(
+            Section("Beside a plain hopper", (angle_picture, Folded("The numbers", (angle_table(angles),))))
+        )
     if positions := by_position(results.points):
         figure = figures.flow_against_position(positions, results.comparisons, results.source)
         alt = "flow rate against position over that in the middle"
         blocks: list[Block] = [picture(figure, folder / "ratio-position", alt, _POSITIONS)]
-        fitted = (name for name in DEFINITIONS if any(name in one.further for one in results.series))
+        fitted = (name for name in DEFINITIONS if any(name in series.further for series in results.series))
         for name in fitted:
-            called = name.removeprefix("outlet_")
+            label = name.removeprefix("outlet_")
             figure = figures.shape_against_position(positions, name, results.comparisons, results.source)
-            alt = f"shape of the {called} against position"
+            alt = f"shape of the {label} against position"
             caption = f"{_sentence(name)} {_SHAPES}"
-            blocks.append(picture(figure, folder / f"{called}-position", alt, caption))
+            blocks.append(picture(figure, folder / f"{label}-position", alt, caption))
             if fitted_to := approach_table(positions, name, results.comparisons, results.source):
                 blocks.append(fitted_to)
         blocks.append(Folded("The numbers", (position_table(positions),)))
@@ -86,7 +88,7 @@ def ratio_sections(results: StudyResults, folder: Path) -> list[Section]:
 
 
 def start_sections(results: StudyResults) -> list[Section]:
-    """Shape of the profiles and flow rates over a plain hopper's, against the start of the window."""
+    """Sections on profiles and flow rates over a plain hopper's, against the start of the window."""
     starts, blocks = at_starts(results), list[Block]()
     if not starts:
         return []
@@ -107,7 +109,7 @@ def start_sections(results: StudyResults) -> list[Section]:
 
 
 def _shape_against_start(results: StudyResults, starts: Sequence[AtStart], definition: str) -> Table:
-    """a, gamma and b of each series and start, with those of the reference."""
+    """Tabulate a, gamma and b of each series and start, with those of the reference."""
     symbols = {name: display.quantity(f"{definition}.{name}") for name in ("a", "gamma", "b")}
     rows: list[tuple[str, ...]] = []
     for series in (series for series in results.series if definition in series.further):
@@ -123,59 +125,59 @@ def _shape_against_start(results: StudyResults, starts: Sequence[AtStart], defin
 
 
 def farthest(ratios: list[Ratio]) -> str:
-    """A sentence on how far the flow rates lie from each angle law at most, inside or outside the 95 % interval."""
-    inclined = [one for one in ratios if one.error > 0]
+    """State the largest distance of the flow rates from each angle law, inside or outside the 95 % interval."""
+    inclined = [ratio for ratio in ratios if ratio.error > 0]
     if not inclined:
         return ""
-    said = []
+    parts = []
     for name in authors(inclined):
-        judged = [(one, laws[name]) for one in inclined if name in (laws := angle_factors(one))]
-        worst, factor = max(judged, key=lambda pair: abs(pair[0].value / pair[1] - 1))
+        compared = [(ratio, laws[name]) for ratio in inclined if name in (laws := angle_factors(ratio))]
+        worst, factor = max(compared, key=lambda pair: abs(pair[0].value / pair[1] - 1))
         part, side = percent(worst.value / factor - 1, "+.1f"), "inside" if worst.holds(factor) else "outside"
-        said.append(f"{name} by {part} ({side} the 95 % interval, {worst.runs}) at {worst.result.label}")
-    return f"Farthest from {'; from '.join(said)}.".replace("-", "−")
+        parts.append(f"{name} by {part} ({side} the 95 % interval, {worst.runs}) at {worst.result.label}")
+    return f"Farthest from {'; from '.join(parts)}.".replace("-", "−")
 
 
 def angle_table(ratios: list[Ratio]) -> Table:
-    """Every ratio with its interval, and how far it lies from each angle law."""
+    """Tabulate every ratio with its interval, and its distance from each angle law."""
     names, rows = authors(ratios), []
-    for one in ratios:
-        laws = angle_factors(one)
-        cells = [cell for name in names for cell in _apart(one, laws.get(name))]
-        rows.append((one.result.label, *_numbers(one), *cells))
-    named = [heading for name in names for heading in (name, "difference", INSIDE)]
-    return Table(("point", "W/W of the flat bottom", "95 % interval", *named), tuple(rows))
+    for ratio in ratios:
+        laws = angle_factors(ratio)
+        cells = [cell for name in names for cell in _apart(ratio, laws.get(name))]
+        rows.append((ratio.result.label, *_numbers(ratio), *cells))
+    headings = [heading for name in names for heading in (name, "difference", INSIDE)]
+    return Table(("point", "W/W of the flat bottom", "95 % interval", *headings), tuple(rows))
 
 
 def position_table(ratios: list[Ratio]) -> Table:
-    """Every ratio with its interval against s*."""
-    ordered = sorted(ratios, key=lambda one: (one.result.orifice, one.at))
-    rows = tuple((one.result.label, f"{one.at:.3g}", *_numbers(one)) for one in ordered)
+    """Tabulate every ratio with its interval against s*."""
+    ordered = sorted(ratios, key=lambda ratio: (ratio.result.orifice, ratio.at))
+    rows = tuple((ratio.result.label, f"{ratio.at:.3g}", *_numbers(ratio)) for ratio in ordered)
     return Table(("point", "s*", "W/W in the middle", "95 % interval"), rows)
 
 
 def _sentence(definition: str) -> str:
-    """What profiles are by a definition."""
+    """Describe a definition of profiles in a sentence."""
     words = DEFINITIONS[definition]
     return f"{words[:1].upper()}{words[1:]}."
 
 
-def _numbers(one: Ratio) -> tuple[str, str]:
-    if not one.error > 0:
-        return display.number(one.value), "–"
+def _numbers(ratio: Ratio) -> tuple[str, str]:
+    if not ratio.error > 0:
+        return display.number(ratio.value), "–"
     return (
-        display.with_error(one.value, one.error),
-        f"{display.number(one.low, one.error)} to {display.number(one.high, one.error)}",
+        display.with_error(ratio.value, ratio.error),
+        f"{display.number(ratio.low, ratio.error)} to {display.number(ratio.high, ratio.error)}",
     )
 
 
-def _apart(one: Ratio, law: float | None) -> tuple[str, str, str]:
+def _apart(ratio: Ratio, law: float | None) -> tuple[str, str, str]:
     if law is None:
         return "–", "–", "–"
-    if not (one.error > 0 and np.isfinite(one.error)):
+    if not (ratio.error > 0 and np.isfinite(ratio.error)):
         return f"{law:.3f}", "–", "–"
-    apart = one.value - law
-    return f"{law:.3f}", percent(apart / law, "+.1f").replace("-", "−"), "yes" if one.holds(law) else "no"
+    apart = ratio.value - law
+    return f"{law:.3f}", percent(apart / law, "+.1f").replace("-", "−"), "yes" if ratio.holds(law) else "no"
 
 
 _ANGLES = (
@@ -201,7 +203,7 @@ _OUTLETS = (
 
 
 def profile_table(series: Series, definition: str, comparisons: Sequence[Comparison] = (), source: str = "") -> Table:
-    """Parameters of the profiles along the outlets of a series, beside the reference."""
+    """Tabulate the parameters of the profiles along the outlets of a series, beside the reference."""
     fit = profile_fit(series, definition)
     collapse = f"Root mean square about the domes: {fit.misfit[0]:.2g} of v_c, {fit.misfit[1]:.2g} of φ_c."
     notes = (collapse, *(f"{note[:1].upper()}{note[1:]}." for note in fit.notes))
@@ -211,11 +213,15 @@ def profile_table(series: Series, definition: str, comparisons: Sequence[Compari
 def approach_table(
     ratios: Sequence[Ratio], definition: str, comparisons: Sequence[Comparison] = (), source: str = ""
 ) -> Table | None:
-    """Limit, depth and rate of tilts and exponents against s*, beside the reference; None of too few places."""
-    fitted = {name: one.approach for name, one in approaches(ratios, definition).items() if one.approach is not None}
+    """Tabulate limit, depth and rate of tilts and exponents against s*; None with too few places."""
+    fitted = {
+        name: approached.approach
+        for name, approached in approaches(ratios, definition).items()
+        if approached.approach is not None
+    }
     parameters = {f"{name}.{term}": p for name, law in fitted.items() for term, p in law.parameters.items()}
-    known = {c.quantity.partition(".")[2]: c for c in comparisons if c.quantity.startswith(f"{definition}.")}
-    return parameter_table(definition, parameters, known, source) if parameters else None
+    theirs = {c.quantity.partition(".")[2]: c for c in comparisons if c.quantity.startswith(f"{definition}.")}
+    return parameter_table(definition, parameters, theirs, source) if parameters else None
 
 
 _OF_OUTLET = {
@@ -229,23 +235,23 @@ _OF_OUTLET = {
 
 
 def outlet_table(series: Series, definition: str) -> Table:
-    """Each outlet of a series: middle of its profiles, and the flow that they come to over the flow counted."""
+    """Tabulate each outlet of a series: middle of its profiles, and the flow rate from them over the counted one."""
     fit = profile_fit(series, definition)
-    whole = definition == CROSSINGS  # what crosses is what is counted
-    shown = {name: heading for name, heading in _OF_OUTLET.items() if not (whole and name == "direct")}
+    whole = definition == CROSSINGS  # the integral of crossings is the counted flow rate by definition
+    columns = {name: heading for name, heading in _OF_OUTLET.items() if not (whole and name == "direct")}
     rows = tuple(
         (
             f"{result.orifice * 1e3:g}",
-            *(display.with_error(getattr(one, name).value, getattr(one, name).error) for name in shown),
+            *(display.with_error(getattr(outlet, name).value, getattr(outlet, name).error) for name in columns),
         )
-        for result, one in zip(fit.points, fit.outlets, strict=True)
+        for result, outlet in zip(fit.points, fit.outlets, strict=True)
     )
     measured = "" if whole else "by integrating them as measured; "
     notes = (
         f"Flow of the profiles over the flow counted, W: {measured}by eq 14 with v_c and φ_c of each outlet; by eq 14 "
         "as printed, with γ and φ_∞ (φ_c where φ_∞ could not be fitted); by eq 18.",
     )
-    return Table(("D [mm]", *shown.values()), rows, frozenset(), notes=notes)
+    return Table(("D [mm]", *columns.values()), rows, frozenset(), notes=notes)
 
 
 _ALONG = (

@@ -14,11 +14,19 @@ ANGLE, GAP = "container.angle", "container.gap"
 
 @dataclass(frozen=True)
 class Ratio:
-    """W of a point (`result`) over that of the plain hopper (`over`) that is like it but for one key.
+    """W of a point over that of the plain hopper that differs from it in one key only.
 
-    `at`: the angle [rad], or s*; `error`: standard error; `low`, `high`: the 95 % interval, by Student's t on the
-    degrees of freedom of both errors together (Welch and Satterthwaite). The plain hopper over itself is 1 without
-    error.
+    The plain hopper over itself is 1 without error.
+
+    Args:
+        result: The point.
+        over: The plain hopper.
+        at: Angle [rad], or s*.
+        value: The ratio.
+        error: Standard error.
+        low: Lower end of the 95 % interval, by Student's t with the degrees of freedom of both errors together (Welch
+            and Satterthwaite).
+        high: Upper end.
     """
 
     result: PointResult
@@ -31,23 +39,23 @@ class Ratio:
 
     @property
     def runs(self) -> str:
-        """`n = 3`, or `n = 2 and 3`: how many runs each of the two means has."""
-        counts = [one.flow_rate.n for one in (self.result, self.over) if one.flow_rate is not None]
+        """Numbers of runs of both means: `n = 3`, or `n = 2 and 3`."""
+        counts = [result.flow_rate.n for result in (self.result, self.over) if result.flow_rate is not None]
         return f"n = {' and '.join(map(str, dict.fromkeys(counts)))}"
 
     def holds(self, value: float) -> bool:
-        """Whether a value lies inside the 95 % interval."""
+        """True if a value lies inside the 95 % interval."""
         return self.low <= value <= self.high
 
 
 def by_angle(points: Sequence[PointResult]) -> list[Ratio]:
-    """W(angle) over W(90 deg), of outlets that are alike otherwise; nothing if no angle was swept."""
-    swept = [one for one in points if ANGLE in one.at]
+    """W(angle) over W(90 deg), of outlets that are equal otherwise; empty if no angle was swept."""
+    swept = [point for point in points if ANGLE in point.at]
     return _ratios(swept, ANGLE, lambda hopper: hopper.flat, lambda hopper: hopper.angle)
 
 
 def by_position(points: Sequence[PointResult]) -> list[Ratio]:
-    """W over that of the same outlet in the middle, against s* = 2 s/(L - D), which is 0 at the wall and 1 there."""
+    """W over that of the same outlet in the middle, against s* = 2 s/(L - D), 0 at the wall and 1 in the middle."""
     return _ratios(points, GAP, lambda hopper: hopper.gap is None, position)
 
 
@@ -55,7 +63,7 @@ RATIOS: Mapping[str, Callable[[Sequence[PointResult]], list[Ratio]]] = {
     "flow_ratio.angle": by_angle,
     "flow_ratio.position": by_position,
 }
-"""Over a flat bottom, and over an outlet in the middle; a reference can name them as it names a measurement."""
+"""Ratios by quantity: over a flat bottom, and over an outlet in the middle; a reference can name them."""
 
 
 def position(hopper: WedgeHopper) -> float:
@@ -77,23 +85,23 @@ class AngleLaw:
 
 
 def angle_laws(result: PointResult) -> tuple[AngleLaw, ...]:
-    """Brown's law, and Rose and Tanaka's with the arctangent of the grains' friction for phi_d."""
+    """Return Brown's law, and Rose and Tanaka's with the arctangent of the grains' friction for phi_d."""
     friction = math.atan(result.point.scene.contact.friction)
-    found = [AngleLaw("Brown", brown)]
+    laws = [AngleLaw("Brown", brown)]
     if friction > 0:
         name = f"Rose & Tanaka, φ_d = {math.degrees(friction):.3g}°"
-        found.append(AngleLaw(name, lambda angle: rose_tanaka(angle, friction)))
-    return tuple(found)
+        laws.append(AngleLaw(name, lambda angle: rose_tanaka(angle, friction)))
+    return tuple(laws)
 
 
-def angle_factors(one: Ratio) -> dict[str, float]:
-    """What each angle law gives at a point, by the friction of its own grains; by the law's author."""
-    return {law.author: law.factor(one.at) for law in angle_laws(one.result)}
+def angle_factors(ratio: Ratio) -> dict[str, float]:
+    """Factor of each angle law at a point, with the friction of its own grains, by the law's author."""
+    return {law.author: law.factor(ratio.at) for law in angle_laws(ratio.result)}
 
 
 def authors(ratios: Sequence[Ratio]) -> list[str]:
-    """Those of the angle laws that give something at some point."""
-    return list(dict.fromkeys(author for one in ratios for author in angle_factors(one)))
+    """Authors of the angle laws that apply to some point."""
+    return list(dict.fromkeys(author for ratio in ratios for author in angle_factors(ratio)))
 
 
 def _ratios(
@@ -103,16 +111,16 @@ def _ratios(
     place: Callable[[WedgeHopper], float],
 ) -> list[Ratio]:
     groups: dict[tuple, list[PointResult]] = {}
-    for one in points:
-        if isinstance(one.point.scene.container, WedgeHopper) and one.flow_rate is not None:
-            groups.setdefault(tuple((k, v) for k, v in one.at.items() if k != key), []).append(one)
-    found = []
+    for point in points:
+        if isinstance(point.point.scene.container, WedgeHopper) and point.flow_rate is not None:
+            groups.setdefault(tuple((k, v) for k, v in point.at.items() if k != key), []).append(point)
+    ratios = []
     for group in groups.values():
-        reference = next((one for one in group if plain(_hopper(one))), None)
+        reference = next((point for point in group if plain(_hopper(point))), None)
         if reference is None or len(group) < 2:
             continue
-        found += [ratio_of_points(one, reference, place(_hopper(one))) for one in group]
-    return found
+        ratios += [ratio_of_points(point, reference, place(_hopper(point))) for point in group]
+    return ratios
 
 
 def _hopper(result: PointResult) -> WedgeHopper:
@@ -121,11 +129,11 @@ def _hopper(result: PointResult) -> WedgeHopper:
     return container
 
 
-def ratio_of_points(one: PointResult, reference: PointResult, at: float) -> Ratio:
-    if one is reference:
-        return Ratio(one, reference, at, 1.0, 0.0, 1.0, 1.0)
-    above, below = one.flow_rate, reference.flow_rate
+def ratio_of_points(result: PointResult, reference: PointResult, at: float) -> Ratio:
+    if result is reference:
+        return Ratio(result, reference, at, 1.0, 0.0, 1.0, 1.0)
+    above, below = result.flow_rate, reference.flow_rate
     assert above is not None
     assert below is not None
-    found = independent_ratio(above, below)
-    return Ratio(one, reference, at, found.value, found.error, found.low, found.high)
+    ratio = independent_ratio(above, below)
+    return Ratio(result, reference, at, ratio.value, ratio.error, ratio.low, ratio.high)

@@ -34,7 +34,7 @@ class Pongo2022(Paper):
     columns: ClassVar = {"rotation": dict.fromkeys(("ratio", "error", "low", "high"), "")}
 
     def unit(self, quantity: str, asked: Asked) -> str | Wrong | None:
-        """Ratios have none, but for the frequency of a minimum."""
+        """Unit of a feature: none for ratios, Hz for the frequency of a minimum."""
         head, _, tail = quantity.partition(".")
         name, _, feature = tail.partition(".")
         if head != TURNING:
@@ -49,7 +49,7 @@ class Pongo2022(Paper):
         if all(scene.container.spin_key is None for scene in asked.scenes):
             return Wrong("this container has no rotation", "leave it out, or use a cylinder-silo")
         if name not in asked.units:
-            return none_such(quantity, [f"{TURNING}.{one}" for one in asked.units])
+            return none_such(quantity, [f"{TURNING}.{unit_of}" for unit_of in asked.units])
         return _UNITS.get(feature, "")
 
     def judged(self, results: StudyResults, statement: Statement) -> Sequence[Judged] | None:
@@ -58,29 +58,29 @@ class Pongo2022(Paper):
         return judged(statement, rotations_of(results), results.series)
 
     def frames(self, results: StudyResults) -> Mapping[str, Iterable[Row]]:
-        """`rotation`: a row a point and quantity, the ratio to the bottom at rest."""
+        """Frame `rotation`: a row a point and quantity, the ratio to the bottom at rest."""
         return {"rotation": _rows(results)}
 
     def sections(self, results: StudyResults, folder: Path) -> Sequence[Section]:
         return pages.turning_sections(results, folder)
 
     def figures(self, results: StudyResults) -> Mapping[str, Draw]:
-        found: dict[str, Draw] = {}
-        if curves := [one for one in rotations_of(results) if one.flows]:
-            found["rotation"] = partial(figures.flow_against_rotation, curves)
+        draws: dict[str, Draw] = {}
+        if curves := [curve for curve in rotations_of(results) if curve.flows]:
+            draws["rotation"] = partial(figures.flow_against_rotation, curves)
         if scaled := pages.scaled(results):
-            found["scaling"] = partial(figures.flow_scaling, scaled)
-        return found
+            draws["scaling"] = partial(figures.flow_scaling, scaled)
+        return draws
 
     def shows_beds_of(self, results: StudyResults) -> Collection[PointResult]:
-        return [one for curve in rotations_of(results) for one in curve.points]
+        return [point for curve in rotations_of(results) for point in curve.points]
 
 
 _UNITS = {"minimum": "Hz"} | {name: "1/m" for name, trend in TRENDS.items() if trend.by == "orifice"}
 
 
 def _rows(results: StudyResults) -> Iterator[Row]:
-    """Every quantity over that with the bottom at rest, paired by seeds; intervals have the stated confidence."""
+    """Yield every quantity over that with the bottom at rest, paired by seeds, with intervals of CONFIDENCE."""
     for curve in rotations_of(results):
         for k, result in enumerate(curve.points):
             for quantity in result.pooled if k else ():
@@ -92,6 +92,6 @@ def _rows(results: StudyResults) -> Iterator[Row]:
 
 
 def _positive(at_rest, quantity: str) -> bool:
-    """Whether a ratio to the value at rest means anything: a drift or a waiting time may be 0."""
+    """True if a ratio to the value at rest is meaningful: a drift or a waiting time may be 0."""
     pooled = at_rest.pooled.get(quantity)
     return pooled is not None and pooled.value != 0 and not quantity.startswith("flow_rate_drift")

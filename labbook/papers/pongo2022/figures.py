@@ -1,4 +1,4 @@
-"""Figures of Pongo et al. (2022): flow and what happens above the orifice against the rotation of the bottom (Figs 2, 3
+"""Figures of Pongo et al. (2022): flow rate and fields above the orifice against the rotation of the bottom (Figs 2, 3
 and 8 to 10), Q(D) on logarithmic axes (Figs 4 and 5), and maps in a plane through the axis of a silo (Figs 6 and 7)."""
 
 import math
@@ -46,15 +46,15 @@ _PANELS = {
 
 
 def flow_against_rotation(curves: Sequence[Rotation]) -> "Figure":
-    """Q(f) above and, where any is known, Q(f)/Q(0) below; a column a shape, a line an outlet; dots: seeds.
+    """Plot Q(f) above and Q(f)/Q(0) below, if any is measured; a column a shape, a line an outlet; dots: seeds.
 
     Points with a remark are hollow, and so are ratios to one.
     """
     from matplotlib.figure import Figure
 
-    rated = any(one.rated for one in curves)
-    shapes = [(shape, list(group)) for shape, group in groupby(curves, key=lambda one: one.shape)]
-    labels = sorted({one.label: one.orifice for one in curves}.items(), key=lambda item: item[1])
+    rated = any(curve.rated for curve in curves)
+    shapes = [(shape, list(group)) for shape, group in groupby(curves, key=lambda curve: curve.shape)]
+    labels = sorted({curve.label: curve.orifice for curve in curves}.items(), key=lambda item: item[1])
     place = {label: index for index, (label, _) in enumerate(labels)}
     with house():
         width = COLUMN if len(shapes) == 1 and len(place) == 1 else PAGE
@@ -77,63 +77,63 @@ def flow_against_rotation(curves: Sequence[Rotation]) -> "Figure":
         axes[0, 0].set_ylabel("$Q$ [grains/s]")
         lines = {text: line for ax in axes[0] for line, text in zip(*ax.get_legend_handles_labels(), strict=True)}
         if lines:
-            shown = [label for label in place if label in lines]
-            figure.legend([lines[label] for label in shown], shown, loc="outside right upper")
+            visible = [label for label in place if label in lines]
+            figure.legend([lines[label] for label in visible], visible, loc="outside right upper")
         figure.align_ylabels()
     return figure
 
 
 def _rates(ax: "Axes", curve: Rotation, index: int) -> None:
-    style, known = {**look(index), "markersize": 3}, [one for one in curve.points if FLOW in one.pooled]
-    f = [curve.frequencies[curve.points.index(one)] for one in known]
-    for x, one in zip(f, known, strict=True):
-        seeds = list(by_seed(one, FLOW).values())
+    style, measured = {**look(index), "markersize": 3}, [point for point in curve.points if FLOW in point.pooled]
+    f = [curve.frequencies[curve.points.index(point)] for point in measured]
+    for x, point in zip(f, measured, strict=True):
+        seeds = list(by_seed(point, FLOW).values())
         ax.plot([x] * len(seeds), seeds, color=style["color"], marker=".", markersize=2.5, alpha=0.4, linestyle="none")
-    values = [one.pooled[FLOW].value for one in known]
-    errors = [np.nan_to_num(one.pooled[FLOW].error) for one in known]
-    if known:
+    values = [point.pooled[FLOW].value for point in measured]
+    errors = [np.nan_to_num(point.pooled[FLOW].error) for point in measured]
+    if measured:
         ax.errorbar(f, values, yerr=errors, label=curve.label or None, **style)
-    _hollow(ax, f, values, [bool(one.remark) for one in known], style)
+    _hollow(ax, f, values, [bool(point.remark) for point in measured], style)
 
 
 def _ratios(ax: "Axes", curve: Rotation, index: int) -> None:
     rest, style = bool(curve.points[0].remark), {**look(index), "markersize": 3}
-    found = [(0.0, 1.0, 0.0, rest)]
+    ratios = [(0.0, 1.0, 0.0, rest)]
     for k in range(1, len(curve.points)):
         ratio = curve.ratio(FLOW, k)
         if ratio is not None:
             half = ratio.half_width if math.isfinite(ratio.half_width) else 0.0
-            found.append((float(curve.frequencies[k]), ratio.value, half, rest or bool(curve.points[k].remark)))
-    f, values, errors, remarked = zip(*found, strict=True)
+            ratios.append((float(curve.frequencies[k]), ratio.value, half, rest or bool(curve.points[k].remark)))
+    f, values, errors, remarked = zip(*ratios, strict=True)
     ax.errorbar(f, values, yerr=errors, **style)
     _hollow(ax, f, values, remarked, style)
 
 
-def _hollow(ax: "Axes", f: Sequence[float], values: Sequence[float], which: Sequence[bool], style: dict) -> None:
-    """Empty the markers of some points: those with a remark."""
+def _hollow(ax: "Axes", f: Sequence[float], values: Sequence[float], flags: Sequence[bool], style: dict) -> None:
+    """Empty the markers of points with a remark."""
     empty = {**style, "linestyle": "none", "markerfacecolor": "white", "zorder": 4}
-    for x, y in (at for at, marked in zip(zip(f, values, strict=True), which, strict=True) if marked):
+    for x, y in (at for at, marked in zip(zip(f, values, strict=True), flags, strict=True) if marked):
         ax.plot(x, y, **empty)
 
 
 def drop_and_rise(curves: Sequence[Rotation]) -> "Figure":
-    """Q_min/Q(0) and Q(fastest)/Q_min against L/d; full lines: the same D/d*, dashed: the same D."""
+    """Plot Q_min/Q(0) and Q(fastest)/Q_min against L/d; full lines: equal D/d*, dashed: equal D."""
     from matplotlib.figure import Figure
 
-    known = [one for one in curves if one.lowest() is not None]
+    determined = [curve for curve in curves if curve.lowest() is not None]
     with house():
         figure = Figure(figsize=(PAGE, 66 * MILLIMETRE))
         axes = figure.subplots(1, 2)
         for ax, of in zip(axes, ("drop", "rise"), strict=True):
-            for index, (text, group, dashed) in enumerate(_lines(known)):
-                points = [(aspect_ratio(one.points[0]), ratio) for one in group if (ratio := _extreme(one, of))]
+            for index, (text, group, dashed) in enumerate(_lines(determined)):
+                points = [(aspect_ratio(curve.points[0]), ratio) for curve in group if (ratio := _extreme(curve, of))]
                 half = [np.nan_to_num(ratio.half_width, posinf=0.0) for _, ratio in points]
                 style = {**look(index), "linestyle": "--" if dashed else "-"}
                 ax.errorbar([x for x, _ in points], [r.value for _, r in points], yerr=half, label=text, **style)
             ax.axhline(1, color=FAINT, linewidth=0.6, zorder=0)
             ax.set_xlabel("aspect ratio, $L/d$")
         axes[0].set_ylabel(r"$Q_\mathrm{min}/Q(0)$")
-        fastest = known[0].frequencies[-1]
+        fastest = determined[0].frequencies[-1]
         axes[1].set_ylabel(rf"$Q({fastest:g}\,\mathrm{{Hz}})/Q_\mathrm{{min}}$")
         from_zero(axes[0])
         figure.legend(*axes[0].get_legend_handles_labels(), loc="outside right upper")
@@ -147,43 +147,43 @@ def _extreme(curve: Rotation, of: str):
 
 
 def _lines(curves: Sequence[Rotation]) -> list[tuple[str, list[Rotation], bool]]:
-    """Curves of equal D, then of nearly equal D/d*, that hold two shapes at least."""
+    """Group curves by equal D, then by nearly equal D/d*; groups have at least two shapes."""
     lines = []
-    for orifice in dict.fromkeys(one.orifice for one in curves):
-        group = [one for one in curves if one.orifice == orifice]
+    for orifice in dict.fromkeys(curve.orifice for curve in curves):
+        group = [curve for curve in curves if curve.orifice == orifice]
         lines.append((f"D = {orifice * 1e3:.4g} mm", group, True))
     for first in curves:
         wide = relative_orifice(first.points[0])
-        group = [one for one in curves if abs(relative_orifice(one.points[0]) / wide - 1) < CLOSE]
-        if group[0] is first and len({one.orifice for one in group}) > 1:
+        group = [curve for curve in curves if abs(relative_orifice(curve.points[0]) / wide - 1) < CLOSE]
+        if group[0] is first and len({curve.orifice for curve in group}) > 1:
             lines.append((f"D/d* = {wide:.2g}", group, False))
-    return [(text, group, dashed) for text, group, dashed in lines if len({one.shape for one in group}) > 1]
+    return [(text, group, dashed) for text, group, dashed in lines if len({curve.shape for curve in group}) > 1]
 
 
 def above_orifice(curves: Sequence[Rotation]) -> "Figure":
-    """Means above the orifice against f, a panel a quantity, a line a shape and outlet; bars: one standard error."""
+    """Plot means above the orifice against f, a panel a quantity, a line a shape and outlet; bars: standard errors."""
     from matplotlib.figure import Figure
 
-    shown = [name for name in _PANELS if any(one.has(name) for one in curves)]
-    columns = min(4, len(shown))
-    rows = math.ceil(len(shown) / columns)
+    panels = [name for name in _PANELS if any(curve.has(name) for curve in curves)]
+    columns = min(4, len(panels))
+    rows = math.ceil(len(panels) / columns)
     with house():
         figure = Figure(figsize=(PAGE, (10 + 46 * rows) * MILLIMETRE))
         axes = figure.subplots(rows, columns, sharex=True, squeeze=False)
-        for ax in axes.flat[len(shown) :]:
+        for ax in axes.flat[len(panels) :]:
             ax.set_axis_off()
-        for ax, name in zip(axes.flat, shown, strict=False):
+        for ax, name in zip(axes.flat, panels, strict=False):
             text, scale = _PANELS[name]
             for index, curve in enumerate(curves):
-                known = [k for k, one in enumerate(curve.points) if name in one.pooled]
-                pooled = [curve.points[k].pooled[name] for k in known]
-                errors = [np.nan_to_num(one.error) * abs(scale) for one in pooled]
+                indices = [k for k, point in enumerate(curve.points) if name in point.pooled]
+                pooled = [curve.points[k].pooled[name] for k in indices]
+                errors = [np.nan_to_num(mean.error) * abs(scale) for mean in pooled]
                 label = ", ".join(filter(None, (curve.shape, curve.label)))
-                f, values = curve.frequencies[known].tolist(), [one.value * scale for one in pooled]
+                f, values = curve.frequencies[indices].tolist(), [mean.value * scale for mean in pooled]
                 style = {**look(index), "markersize": 3}
-                if known:
+                if indices:
                     ax.errorbar(f, values, yerr=errors, label=label, **style)
-                    _hollow(ax, f, values, [bool(curve.points[k].remark) for k in known], style)
+                    _hollow(ax, f, values, [bool(curve.points[k].remark) for k in indices], style)
             ax.set_ylabel(text)
             ax.set_xlabel("$f$ [Hz]")
             ax.tick_params(labelbottom=True)
@@ -192,28 +192,28 @@ def above_orifice(curves: Sequence[Rotation]) -> "Figure":
 
 
 def acceleration_against_rotation(
-    found: Sequence[tuple[Rotation, Sequence[tuple[float, AccelerationProfile]]]], gravity: float
+    accelerations: Sequence[tuple[Rotation, Sequence[tuple[float, AccelerationProfile]]]], gravity: float
 ) -> "Figure":
-    """a_eff/g against the height that grains start from, in widths of the outlet; a panel a curve, a line a frequency.
+    """Plot a_eff/g against the starting height of grains, in widths of the outlet; a panel a curve, a line a frequency.
 
-    `found`: of each curve, frequencies [Hz] and profiles. Bars: one standard error.
+    `accelerations`: of each curve, frequencies [Hz] and profiles. Bars: one standard error.
     """
     from matplotlib.figure import Figure
 
-    columns = min(3, len(found))
-    rows = math.ceil(len(found) / columns)
+    columns = min(3, len(accelerations))
+    rows = math.ceil(len(accelerations) / columns)
     with house():
         width = COLUMN if columns == 1 else PAGE
         figure = Figure(figsize=(width, (8 + 56 * rows) * MILLIMETRE))
         axes = figure.subplots(rows, columns, sharex=True, sharey=True, squeeze=False)
-        for ax in axes.flat[len(found) :]:
+        for ax in axes.flat[len(accelerations) :]:
             ax.set_axis_off()
-        for ax, (curve, profiles) in zip(axes.flat, found, strict=False):
+        for ax, (curve, profiles) in zip(axes.flat, accelerations, strict=False):
             ax.set_title(", ".join(filter(None, (curve.shape, curve.label))))
             for index, (f, profile) in enumerate(profiles):
-                known = np.isfinite(profile.error)
-                height = (profile.edges[1:] + profile.edges[:-1])[known] / 2 / curve.orifice
-                value, error = -profile.acceleration[known] / gravity, profile.error[known] / gravity
+                finite = np.isfinite(profile.error)
+                height = (profile.edges[1:] + profile.edges[:-1])[finite] / 2 / curve.orifice
+                value, error = -profile.acceleration[finite] / gravity, profile.error[finite] / gravity
                 label = f"f = {display.number(f)} Hz"
                 ax.errorbar(height, value, yerr=error, label=label, **{**look(index), "markersize": 3})
             ax.axhline(0, color=FAINT, linewidth=0.6, zorder=0)
@@ -227,15 +227,14 @@ _LAWS = ("power", "exponential")
 
 
 def flow_scaling(series: Sequence[Series]) -> "Figure":
-    """Q against D, a column a frequency of rotation: both axes logarithmic above, only Q below; side by side, if there
-    is one column.
+    """Plot Q against D, a column a frequency: both axes logarithmic above, only Q below; side by side for one column.
 
     Lines: the fitted power and exponential; bars: one standard error; grey: the slope 5/2.
     """
     from matplotlib.figure import Figure
     from matplotlib.ticker import LogLocator, NullFormatter, ScalarFormatter
 
-    turns = list(dict.fromkeys(one.at.get(ROTATION) for one in series))
+    turns = list(dict.fromkeys(entry.at.get(ROTATION) for entry in series))
     names = list(dict.fromkeys(map(_name, series)))
     with house():
         alone = len(turns) == 1
@@ -244,9 +243,9 @@ def flow_scaling(series: Sequence[Series]) -> "Figure":
         for column, turn in enumerate(turns):
             if turn is not None:
                 axes[0, column].set_title(display.setting(ROTATION, turn))
-            for one in (one for one in series if one.at.get(ROTATION) == turn):
+            for entry in (entry for entry in series if entry.at.get(ROTATION) == turn):
                 for ax, law in zip(axes[:, column], _LAWS, strict=True):
-                    _draw(ax, one, law, names.index(_name(one)))
+                    _draw(ax, entry, law, names.index(_name(entry)))
             _slope(axes[0, column])
             axes[0, column].set_xscale("log")
             axes[0, column].xaxis.set_major_locator(LogLocator(subs=(2, 3, 4, 5, 6, 7, 8)))
@@ -261,36 +260,36 @@ def flow_scaling(series: Sequence[Series]) -> "Figure":
             ax.yaxis.set_major_formatter(ScalarFormatter())
             ax.yaxis.set_minor_formatter(NullFormatter())
         lines = {text: line for ax in axes[0] for line, text in zip(*ax.get_legend_handles_labels(), strict=True)}
-        shown = [name for name in (*names, _SLOPE) if name in lines]
-        figure.legend([lines[name] for name in shown], shown, loc="outside upper right", ncols=min(4, len(shown)))
+        labels = [name for name in (*names, _SLOPE) if name in lines]
+        figure.legend([lines[name] for name in labels], labels, loc="outside upper right", ncols=min(4, len(labels)))
     return figure
 
 
 _SLOPE = "slope 5/2"
 
 
-def _name(one: Series) -> str:
-    rest = display.label({k: v for k, v in one.at.items() if k != ROTATION and not k.startswith("grains.")})
-    return ", ".join(filter(None, (shape_of(one.points[0]), rest)))
+def _name(series: Series) -> str:
+    rest = display.label({k: v for k, v in series.at.items() if k != ROTATION and not k.startswith("grains.")})
+    return ", ".join(filter(None, (shape_of(series.points[0]), rest)))
 
 
-def _draw(ax: "Axes", one: Series, law: str, index: int) -> None:
-    known = [result for result in one.points if FLOW in result.pooled]
-    D = np.array([result.orifice for result in known])
-    pooled = [result.pooled[FLOW] for result in known]
+def _draw(ax: "Axes", series: Series, law: str, index: int) -> None:
+    measured = [result for result in series.points if FLOW in result.pooled]
+    D = np.array([result.orifice for result in measured])
+    pooled = [result.pooled[FLOW] for result in measured]
     errors = [min(np.nan_to_num(p.error), 0.95 * p.value) for p in pooled]
     style = look(index)
     points = {**style, "linestyle": "none", "markersize": 3}
-    ax.errorbar(D * 1e3, [p.value for p in pooled], yerr=errors, label=_name(one), **points)
-    if law in one.fits:
+    ax.errorbar(D * 1e3, [p.value for p in pooled], yerr=errors, label=_name(series), **points)
+    if law in series.fits:
         fine = np.geomspace(D.min(), D.max(), 60)
-        value, _, _ = one.fits[law].band(fine)
-        mass = one.points[0].point.scene.grains.mass
+        value, _, _ = series.fits[law].band(fine)
+        mass = series.points[0].point.scene.grains.mass
         ax.plot(fine * 1e3, value / mass, color=style["color"], linestyle=style["linestyle"], linewidth=0.8)
 
 
 def _slope(ax: "Axes") -> None:
-    """A line of slope 5/2 through the largest value."""
+    """Draw a line of slope 5/2 through the largest value."""
     D, Q = (np.concatenate([np.asarray(line[0].get_data()[k], float) for line in ax.containers]) for k in (0, 1))
     ends, top = np.array([D.min(), D.max()]), int(Q.argmax())
     ax.plot(ends, Q[top] * (ends / D[top]) ** 2.5, color=FAINT, linewidth=0.9, label=_SLOPE, zorder=0)
@@ -302,50 +301,54 @@ Map = tuple[np.ndarray, np.ndarray, np.ndarray]
 
 
 def packing_maps(rows: Sequence[Sequence[Flowing]]) -> "Figure":
-    """Packing fraction, a row a point, a column an instant."""
+    """Map the packing fraction, a row a point, a column an instant."""
     from matplotlib.colors import Normalize
 
-    maps = {id(one): _mirrored(one.fields, one.fields.packing_fraction, one.pattern.bed) for row in rows for one in row}
+    maps = {
+        id(flowing): _mirrored(flowing.fields, flowing.fields.packing_fraction, flowing.pattern.bed)
+        for row in rows
+        for flowing in row
+    }
     norm = Normalize(*_range(maps.values()))
 
-    def draw(ax: "Axes", one: Flowing) -> None:
-        _mesh(ax, maps[id(one)], norm)
+    def draw(ax: "Axes", flowing: Flowing) -> None:
+        _mesh(ax, maps[id(flowing)], norm)
 
     return _instants(rows, draw, norm, r"packing fraction $\phi$")
 
 
 def speed_maps(rows: Sequence[Sequence[Flowing]]) -> "Figure":
-    """Speed in the plane with streamlines, a row a point, a column an instant; hatched: what stands."""
+    """Map the speed in the plane with streamlines, a row a point, a column an instant; hatched: stagnant."""
     from matplotlib.colors import PowerNorm
 
-    sections = {id(one): one.section() for row in rows for one in row}
+    sections = {id(flowing): flowing.section() for row in rows for flowing in row}
     highest = max(float(np.nanpercentile(speed_of(section), 99.5)) for section in sections.values())
     norm = PowerNorm(0.5, 0.0, highest)
 
-    def draw(ax: "Axes", one: Flowing) -> None:
-        draw_means(ax, sections[id(one)], norm)
+    def draw(ax: "Axes", flowing: Flowing) -> None:
+        draw_means(ax, sections[id(flowing)], norm)
 
     return _instants(rows, draw, norm, "speed [m/s]")
 
 
-def pressure_maps(found: Sequence[tuple[Flowing, Fields]]) -> "Figure":
-    """A third of the trace of the contact stress, a column a point."""
-    maps = [_mirrored(stress, contact_pressure(stress), pattern_of(stress).bed) for _, stress in found]
-    return _points([one for one, _ in found], [("contact pressure [Pa]", maps)])
+def pressure_maps(pressed: Sequence[tuple[Flowing, Fields]]) -> "Figure":
+    """Map a third of the trace of the contact stress, a column a point."""
+    maps = [_mirrored(stress, contact_pressure(stress), pattern_of(stress).bed) for _, stress in pressed]
+    return _points([flowing for flowing, _ in pressed], [("contact pressure [Pa]", maps)])
 
 
 def order_maps(patterns: Sequence[Flowing]) -> "Figure":
-    """Of rods O_zz and, below, the order S: the largest eigenvalue of the orientation tensor; a column a point."""
+    """Map O_zz of rods and, below, the order S (largest eigenvalue of the orientation tensor), a column a point."""
 
     def maps(of: Callable[[Fields], np.ndarray]) -> list[Map]:
-        return [_mirrored(one.fields, of(one.fields), one.pattern.bed) for one in patterns]
+        return [_mirrored(flowing.fields, of(flowing.fields), flowing.pattern.bed) for flowing in patterns]
 
     upright = maps(lambda fields: fields.orientation[2, 2])
     return _points(patterns, [("$O_{zz}$", upright), ("order $S$", maps(lambda fields: fields.nematic_order))])
 
 
 def _points(patterns: Sequence[Flowing], rows: Sequence[tuple[str, Sequence[Map]]]) -> "Figure":
-    """Means over the window: a column a point; a row, with a scale of its own, a quantity."""
+    """Map means over the window: a column a point; a row, with a scale of its own, a quantity."""
     from matplotlib.cm import ScalarMappable
     from matplotlib.colors import Normalize
     from matplotlib.figure import Figure
@@ -358,10 +361,10 @@ def _points(patterns: Sequence[Flowing], rows: Sequence[tuple[str, Sequence[Map]
         axes = figure.subplots(len(rows), len(patterns), squeeze=False)
         for line, (text, maps) in zip(axes, rows, strict=True):
             norm = Normalize(*_range(maps[:_COLUMNS]))
-            for ax, one, each in zip(line, patterns, maps, strict=False):
-                ax.set_title(turning_at(one.result))
-                _mesh(ax, each, norm)
-                draw_walls(ax, one, top)
+            for ax, flowing, values in zip(line, patterns, maps, strict=False):
+                ax.set_title(turning_at(flowing.result))
+                _mesh(ax, values, norm)
+                draw_walls(ax, flowing, top)
             figure.colorbar(ScalarMappable(norm, "viridis"), ax=line, shrink=0.9).set_label(text)
     return figure
 
@@ -370,7 +373,7 @@ def _instants(rows: Sequence[Sequence[Flowing]], draw: Callable[["Axes", Flowing
     from matplotlib.cm import ScalarMappable
     from matplotlib.figure import Figure
 
-    patterns = [one for row in rows for one in row]
+    patterns = [flowing for row in rows for flowing in row]
     top, columns = top_of(patterns), max(map(len, rows))
     with house():
         height = 8 + len(rows) * row_height(patterns, top)
@@ -379,11 +382,11 @@ def _instants(rows: Sequence[Sequence[Flowing]], draw: Callable[["Axes", Flowing
         for ax in axes.flat:
             ax.set_axis_off()
         for line, row in zip(axes, rows, strict=True):
-            for ax, one in zip(line, row, strict=False):
-                draw(ax, one)
-                draw_walls(ax, one, top)
-                begin, end = one.window
-                ax.set_title(f"{turning_at(one.result)}, t = {begin:.3g} to {end:.3g} s", fontsize=6)
+            for ax, flowing in zip(line, row, strict=False):
+                draw(ax, flowing)
+                draw_walls(ax, flowing, top)
+                begin, end = flowing.window
+                ax.set_title(f"{turning_at(flowing.result)}, t = {begin:.3g} to {end:.3g} s", fontsize=6)
         bar = figure.colorbar(ScalarMappable(norm, "viridis"), ax=axes, shrink=0.6, aspect=40)
         bar.set_label(text)
     return figure
@@ -396,10 +399,10 @@ def _mirrored(fields: Fields, values: np.ndarray, bed: np.ndarray) -> Map:
 
 
 def _range(maps) -> tuple[float, float]:
-    known = np.concatenate([values[np.isfinite(values)] for _, _, values in maps])
-    low, high = np.quantile(known, [0.005, 0.995])
+    finite = np.concatenate([values[np.isfinite(values)] for _, _, values in maps])
+    low, high = np.quantile(finite, [0.005, 0.995])
     return float(low), float(high)
 
 
-def _mesh(ax: "Axes", each: Map, norm) -> None:
-    ax.pcolormesh(*each, cmap="viridis", norm=norm, shading="nearest", rasterized=True)
+def _mesh(ax: "Axes", values: Map, norm) -> None:
+    ax.pcolormesh(*values, cmap="viridis", norm=norm, shading="nearest", rasterized=True)

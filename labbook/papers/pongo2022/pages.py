@@ -1,4 +1,4 @@
-"""What the page shows of a turning bottom: figures and maps in the order of Pongo et al. (2022), and what they lack."""
+"""Sections on a rotating bottom: figures and maps in the order of Pongo et al. (2022), and reasons for missing ones."""
 
 import math
 from collections.abc import Sequence
@@ -23,13 +23,13 @@ _MEANS = ("orifice_v_z", "orifice_packing_fraction")
 
 
 def turning_sections(results: StudyResults, folder: Path) -> list[Section]:
-    """Sentences, pictures and what is lacking; where no rotation was swept Q(D) alone, if it was fitted."""
+    """Sections with sentences, pictures and reasons for missing ones; Q(D) alone if no rotation was swept."""
     curves = rotations_of(results)
     if not curves:
         alone = scaling(results, folder)
         return [] if alone is None else [Section("Flow rate against orifice, logarithmic", (alone,))]
     pictures, lacking = _flow(curves, folder)
-    if len({aspect_ratio(one.points[0]) for one in curves if one.lowest() is not None}) > 1:
+    if len({aspect_ratio(curve.points[0]) for curve in curves if curve.lowest() is not None}) > 1:
         pictures.append(picture(figures.drop_and_rise(curves), folder / "rotation-shapes", _SHAPES_ALT, _SHAPES))
     else:
         lacking.append(
@@ -41,13 +41,13 @@ def turning_sections(results: StudyResults, folder: Path) -> list[Section]:
     else:
         pictures.append(against)
     try:
-        shown, without = maps(curves, folder)
+        map_pictures, remarks = maps(curves, folder)
     except ImportError as missing:
-        shown, without = [], [f"Maps are not shown: {missing}."]
-    pictures, lacking = pictures + shown, lacking + without
-    if any(one.has(name) for one in curves for name in _MEANS):
-        figure = figures.above_orifice([one for one in curves if any(map(one.has, _MEANS))])
-        above = value_range((point.layer for one in curves for point in one.points), "mm", 1e3)
+        map_pictures, remarks = [], [f"Maps are not shown: {missing}."]
+    pictures, lacking = pictures + map_pictures, lacking + remarks
+    if any(curve.has(name) for curve in curves for name in _MEANS):
+        figure = figures.above_orifice([curve for curve in curves if any(map(curve.has, _MEANS))])
+        above = value_range((point.layer for curve in curves for point in curve.points), "mm", 1e3)
         caption = f"{_ORIFICE.format(above)}{_hollow(curves)}"
         pictures.append(picture(figure, folder / "rotation-orifice", "means above the orifice against f", caption))
     else:
@@ -55,17 +55,17 @@ def turning_sections(results: StudyResults, folder: Path) -> list[Section]:
     fallen = _falls(curves)
     if fallen:
         figure = figures.acceleration_against_rotation(fallen, curves[0].points[0].point.scene.gravity)
-        caption = _FALL.format(value_range((point.interval for one in curves for point in one.points), "ms", 1e3))
+        caption = _FALL.format(value_range((point.interval for curve in curves for point in curve.points), "ms", 1e3))
         pictures.append(picture(figure, folder / "rotation-acceleration", "acceleration against height", caption))
     else:
         lacking.append(_lacks("Accelerations", results, curves))
-    sentences = [Prose(_begun(text)) for one in curves if (text := sentence(one))]
-    without = [Prose(_begun(text), note=True) for text in lacking]
-    return [Section("Against the rotation of the bottom", (*sentences, *pictures, *without))]
+    sentences = [Prose(_capitalised(text)) for curve in curves if (text := sentence(curve))]
+    remarks = [Prose(_capitalised(text), note=True) for text in lacking]
+    return [Section("Against the rotation of the bottom", (*sentences, *pictures, *remarks))]
 
 
 def scaling(results: StudyResults, folder: Path) -> Picture | None:
-    """Q(D) of holes on logarithmic axes, where the laws of that name are fitted."""
+    """Picture of Q(D) of holes on logarithmic axes, if the power or exponential law is fitted; else None."""
     fitted = scaled(results)
     if not fitted:
         return None
@@ -73,37 +73,37 @@ def scaling(results: StudyResults, folder: Path) -> Picture | None:
 
 
 def scaled(results: StudyResults) -> list[Series]:
-    """The series to which those laws are fitted."""
-    return [one for one in results.series if {"power", "exponential"} & set(one.fits)]
+    """List the series with a fitted power or exponential law."""
+    return [series for series in results.series if {"power", "exponential"} & set(series.fits)]
 
 
 def sentence(curve: Rotation) -> str:
-    """What turning does to the flow of one shape and outlet, in plain words; empty without ratios."""
-    who = _who(curve)
+    """Describe the effect of rotation on the flow of one shape and outlet in a sentence; empty without ratios."""
+    name = _curve_name(curve)
     if curve.unfinished:
         places = ", ".join(f"{f:g}" for f in curve.unfinished)
-        return f"{who}: runs are missing at f = {places} Hz, so the minimum of Q is not determined."
+        return f"{name}: runs are missing at f = {places} Hz, so the minimum of Q is not determined."
     lowest = curve.lowest()
     if lowest is None:
         ratio = curve.ratio(FLOW, len(curve.points) - 1)
         if ratio is None:
             return ""
-        text = f"{who}: Q at {curve.frequencies[-1]:g} Hz is {_percent(ratio)} of that at rest."
+        text = f"{name}: Q at {curve.frequencies[-1]:g} Hz is {_percent(ratio)} of that at rest."
         return text + _pairs(curve, (len(curve.points) - 1, ratio))
     if lowest == 0:
         changes = [(k, ratio) for k in range(1, len(curve.points)) if (ratio := curve.ratio(FLOW, k)) is not None]
         if not changes:
             return ""
-        largest = max(changes, key=lambda one: abs(one[1].value - 1))
-        text = f"{who}: Q is smallest at rest and reaches {_percent(largest[1])} of that when the bottom turns."
+        largest = max(changes, key=lambda change: abs(change[1].value - 1))
+        text = f"{name}: Q is smallest at rest and reaches {_percent(largest[1])} of that when the bottom turns."
         return text + _pairs(curve, largest)
     drop, rise = curve.ratio(FLOW, lowest), curve.ratio(FLOW, len(curve.points) - 1, lowest)
     if drop is None:
         return ""
-    found = curve.minimum()
-    between = f" (90 % interval {found.low:g} to {found.high:g} Hz)" if found is not None else ""
+    minimum = curve.minimum()
+    between = f" (90 % interval {minimum.low:g} to {minimum.high:g} Hz)" if minimum is not None else ""
     at = f"{curve.frequencies[lowest]:g} Hz{between}"
-    text = f"{who}: Q falls to {_percent(drop)} of that at rest, its smallest, at {at}"
+    text = f"{name}: Q falls to {_percent(drop)} of that at rest, its smallest, at {at}"
     last = len(curve.points) - 1
     if rise is None or lowest == last:
         return f"{text}.{_pairs(curve, (lowest, drop))}"
@@ -112,15 +112,15 @@ def sentence(curve: Rotation) -> str:
 
 
 def _pairs(curve: Rotation, *ratios: tuple[int, Pooled]) -> str:
-    """A sentence on how many pairs of runs ratios at these points rest on, and on runs at rest that gave no Q."""
+    """State the number of pairs of runs behind ratios at these points, and the remark on runs at rest."""
     counts = [f"{ratio.n} pair{'' if ratio.n == 1 else 's'} at {curve.frequencies[k]:g} Hz" for k, ratio in ratios]
     remark = curve.points[0].remark
     rest = f" (at rest: {remark})" if remark else ""
     return f" Each ratio rests on runs of equal seed: {' and '.join(counts)}{rest}."
 
 
-def _begun(sentence: str) -> str:
-    """With a capital letter."""
+def _capitalised(sentence: str) -> str:
+    """Capitalise a sentence."""
     return sentence[:1].upper() + sentence[1:]
 
 
@@ -132,57 +132,57 @@ def _percent(ratio) -> str:
 
 
 def _flow(curves: Sequence[Rotation], folder: Path) -> tuple[list[Picture], list[str]]:
-    """Q and its ratio to that at rest against f, of the curves that have any; and why others have none."""
-    flowing = [one for one in curves if one.flows]
-    lacking = dict.fromkeys(f"Q against f is not drawn: {_no_flow(one)}." for one in curves if not one.flows)
-    for one in flowing:
-        if not one.rated:
-            why = one.points[0].no_flow or "no seed gave Q both at rest and with the bottom turning"
-            lacking[f"{_who(one)}: Q(f)/Q(0) is not drawn: {why}."] = None
+    """Picture Q and its ratio to that at rest against f, and list the reasons for missing curves."""
+    flowing = [curve for curve in curves if curve.flows]
+    lacking = dict.fromkeys(f"Q against f is not drawn: {_no_flow(curve)}." for curve in curves if not curve.flows)
+    for curve in flowing:
+        if not curve.rated:
+            why = curve.points[0].no_flow or "no seed gave Q both at rest and with the bottom turning"
+            lacking[f"{_curve_name(curve)}: Q(f)/Q(0) is not drawn: {why}."] = None
     if not flowing:
         return [], list(lacking)
-    below = _BELOW if any(one.rated for one in flowing) else ""
+    below = _BELOW if any(curve.rated for curve in flowing) else ""
     caption = f"{_FLOW if below else _FLOW_ALONE}{below}{_hollow(flowing)}"
     figure = figures.flow_against_rotation(flowing)
     return [picture(figure, folder / "rotation-flow", "flow rate against f", caption)], list(lacking)
 
 
-def _who(curve: Rotation) -> str:
-    """Shape and outlet."""
+def _curve_name(curve: Rotation) -> str:
+    """Name a curve by shape and outlet."""
     return ", ".join(filter(None, (curve.shape, curve.label)))
 
 
 def _no_flow(curve: Rotation) -> str:
-    reasons = dict.fromkeys(one.no_flow for one in curve.points if one.no_flow)
+    reasons = dict.fromkeys(point.no_flow for point in curve.points if point.no_flow)
     return " and ".join(reasons) or "no run has a flow rate"
 
 
 def _hollow(curves: Sequence[Rotation]) -> str:
-    """The end of a caption, if any point has a remark."""
-    any_one = any(point.remark for one in curves for point in one.points)
+    """Caption on hollow markers; empty without remarks."""
+    any_one = any(point.remark for curve in curves for point in curve.points)
     return " Hollow: see the remarks in the table of flow rates." if any_one else ""
 
 
-def _lacks(what: str, results: StudyResults, curves: Sequence[Rotation]) -> str:
-    """Why means above the orifice or accelerations are not shown."""
+def _lacks(subject: str, results: StudyResults, curves: Sequence[Rotation]) -> str:
+    """Give the reason why means above the orifice or accelerations are not shown."""
     if OrificeMeans.name not in results.study.measure:
-        return f"{what} need `orifice` among the measures."
-    points = [point for one in curves for point in one.points]
+        return f"{subject} need `orifice` among the measures."
+    points = [point for curve in curves for point in curve.points]
     reasons = dict.fromkeys(point.no_flow for point in points if point.no_flow)
     measured = (run.measured.get(_MEANS[0]) for point in points for run in point.runs)
-    reasons = reasons or dict.fromkeys(one.note for one in measured if one is not None and one.note)
-    return f"{what} are not shown: {' and '.join(reasons) or 'fewer than two frequencies have them'}."
+    reasons = reasons or dict.fromkeys(number.note for number in measured if number is not None and number.note)
+    return f"{subject} are not shown: {' and '.join(reasons) or 'fewer than two frequencies have them'}."
 
 
 def _falls(curves: Sequence[Rotation]):
-    """Accelerations of each curve: at rest, where the flow is smallest, and with the fastest rotation."""
+    """Collect accelerations of each curve: at rest, at the smallest flow, and at the fastest rotation."""
     fallen = []
     for curve in curves:
-        wanted = chosen(curve, range(len(curve.points)))
-        profiles = [(float(curve.frequencies[k]), acceleration(curve.points[k])) for k in wanted]
-        known = [(f, profile) for f, profile in profiles if profile is not None]
-        if known:
-            fallen.append((curve, known))
+        indices = select_indices(curve, range(len(curve.points)))
+        profiles = [(float(curve.frequencies[k]), acceleration(curve.points[k])) for k in indices]
+        available = [(f, profile) for f, profile in profiles if profile is not None]
+        if available:
+            fallen.append((curve, available))
     return fallen
 
 
@@ -215,57 +215,57 @@ _FEW = 3
 
 
 def maps(curves: Sequence[Rotation], folder: Path) -> tuple[list[Picture], list[str]]:
-    """Pictures of recorded runs and sentences on what is lacking. Raises ImportError without Numba."""
+    """Picture recorded runs, and list sentences on missing maps. Raises ImportError without Numba."""
     pictures: list[Picture] = []
     lacking: set[str] = set()
     for number, curve in enumerate(curves, start=1):
-        filmed = [k for k, one in enumerate(curve.points) if _filmed(one)]
-        found, without = maps_of(curve, [curve.points[k] for k in chosen(curve, filmed)])
+        filmed = [k for k, point in enumerate(curve.points) if _filmed(point)]
+        rendered, remarks = maps_of(curve, [curve.points[k] for k in select_indices(curve, filmed)])
         suffix = f"-{number}" if len(curves) > 1 else ""
         where = ", ".join(filter(None, (curve.shape, curve.label)))
-        for name, alt, caption, figure in found:
+        for name, alt, caption, figure in rendered:
             whole = f"{where[:1].upper()}{where[1:]}. {caption}"
             pictures.append(picture(figure, folder / f"rotation-{name}{suffix}", f"{alt}, {where}", whole))
-        lacking |= set(without)
+        lacking |= set(remarks)
     if not pictures and not lacking:
         lacking.add("Maps need recorded runs: add `record: {every: 100 ms, replicates: 1}`.")
     return pictures, sorted(lacking)
 
 
-def chosen(curve: Rotation, known: Sequence[int]) -> list[int]:
-    """Of known points the one at rest, the one of the smallest flow and the fastest; all, if they are no more."""
-    if len(known) <= _FEW:
-        return list(known)
-    return sorted({known[0], next((k for k in known[1:] if k == curve.lowest()), known[1]), known[-1]})
+def select_indices(curve: Rotation, indices: Sequence[int]) -> list[int]:
+    """Select the points at rest, of the smallest flow and of the fastest rotation; all if there are at most _FEW."""
+    if len(indices) <= _FEW:
+        return list(indices)
+    return sorted({indices[0], next((k for k in indices[1:] if k == curve.lowest()), indices[1]), indices[-1]})
 
 
 def maps_of(curve: Rotation, points: Sequence[PointResult]):
-    """File name, what it shows in words, caption and figure of every map of these points; what is lacking."""
-    found, lacking = [], []
-    known = [(result, moments(result)) for result in points]
-    rows = [row for _, row in known if row]
+    """Draw the maps of some points: file name, description, caption and figure of each; and remarks on missing maps."""
+    rendered, lacking = [], []
+    instants = [(result, moments(result)) for result in points]
+    rows = [row for _, row in instants if row]
     # grains hardly move within an instant, but the bed shakes: velocities take more frames than positions
-    quick = [row for row in rows if all(one.frames >= FEWEST for one in row)]
+    quick = [row for row in rows if all(flowing.frames >= FEWEST for flowing in row)]
     if rows:
-        found.append(("packing", "packing fraction", _PACKING, figures.packing_maps(rows)))
+        rendered.append(("packing", "packing fraction", _PACKING, figures.packing_maps(rows)))
     if quick:
-        found.append(("speed", "speed", _SPEED, figures.speed_maps(quick)))
-    slow = [result for result, row in known if not row or any(one.frames < FEWEST for one in row)]
+        rendered.append(("speed", "speed", _SPEED, figures.speed_maps(quick)))
+    slow = [result for result, row in instants if not row or any(flowing.frames < FEWEST for flowing in row)]
     without = {result: why for result in slow if (why := _no_window(result))}
     for why in dict.fromkeys(without.values()):
         places = ", ".join(turning_at(result) for result in slow if without.get(result) == why)
-        lacking.append(f"{_who(curve)}: no maps at {places}, as {why}.")
+        lacking.append(f"{_curve_name(curve)}: no maps at {places}, as {why}.")
     if rare := [result for result in slow if result not in without]:
         lacking.append(closer(rare))
     patterns = [every[0] for result in points if (every := flow_patterns(result))]
     if patterns:
-        titles = [turning_at(one.result) for one in patterns]
-        found.append(("patterns", "how the beds flow", PATTERNS, draw_patterns(patterns, titles)))
-        if all(one.fields.axes is not None for one in patterns):
-            found.append(("order", "orientation", _ORDER, figures.order_maps(patterns)))
-        if pressed := [(one, stress) for one in patterns if (stress := _stress(one)) is not None]:
-            found.append(("pressure", "contact pressure", _PRESSURE, figures.pressure_maps(pressed)))
-    return found, lacking
+        titles = [turning_at(flowing.result) for flowing in patterns]
+        rendered.append(("patterns", "how the beds flow", PATTERNS, draw_patterns(patterns, titles)))
+        if all(flowing.fields.axes is not None for flowing in patterns):
+            rendered.append(("order", "orientation", _ORDER, figures.order_maps(patterns)))
+        if pressed := [(flowing, stress) for flowing in patterns if (stress := _stress(flowing)) is not None]:
+            rendered.append(("pressure", "contact pressure", _PRESSURE, figures.pressure_maps(pressed)))
+    return rendered, lacking
 
 
 def _filmed(result: PointResult) -> bool:
@@ -279,7 +279,7 @@ def _windows(result: PointResult) -> list[tuple[float, float]]:
 
 
 def _no_window(result: PointResult) -> str:
-    """Why no recorded run has a window to be shown; empty if one has."""
+    """Give the reason why no recorded run has a window; empty if one has."""
     if _windows(result):
         return ""
     ended = dict.fromkeys(run.outcome for run in result.runs if run.recorded and run.outcome in ("clogged", "diverged"))
@@ -289,7 +289,7 @@ def _no_window(result: PointResult) -> str:
 
 
 def closer(results: Sequence[PointResult]) -> str:
-    """How close to each other frames have to be for maps of speed, and how to get them."""
+    """State the interval of frames that maps of speed need, and the key that sets it."""
     shortest = min(
         instant(result.point.scene, result.runs[0].window, times) for result in results for times in _windows(result)
     )
@@ -301,13 +301,13 @@ def closer(results: Sequence[PointResult]) -> str:
 
 
 def _rounded_down(time: float) -> float:
-    """To one significant digit."""
+    """Round down to one significant digit."""
     digit = 10.0 ** math.floor(math.log10(time))
     return float(f"{math.floor(time / digit) * digit:.1g}")
 
 
 def _stress(pattern: Flowing) -> Fields | None:
-    """Fields with the contact stress of the first run of a point that has them."""
+    """Find the fields with the contact stress of the first run of a point that has them."""
     return next((run.stress for run in pattern.result.runs if run.stress is not None), None)
 
 

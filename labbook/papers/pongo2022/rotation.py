@@ -1,5 +1,5 @@
-"""What a turning bottom does (Pongo et al. 2022): points that differ in nothing else, over the one at rest; and how
-drop and rise of the flow depend on the length of the grains and on the outlet (Fig. 3)."""
+"""Effect of a rotating bottom (Pongo et al. 2022): points that differ only in rotation, over the one at rest; and the
+dependence of drop and rise of the flow on the length of the grains and on the outlet (Fig. 3)."""
 
 import math
 from collections.abc import Callable, Mapping, Sequence
@@ -18,13 +18,13 @@ from labbook.stats.ratio import paired_ratio
 ROTATION = "container.rotation"
 FLOW = "grain_rate"
 CONFIDENCE = 0.9
-"""Of the intervals that statements are held against: two one-sided tests at 5 %."""
+"""Confidence of the intervals that statements are compared with: two one-sided tests at 5 %."""
 _DRAWS, _SEED = 2000, 0
 
 
 @dataclass(frozen=True)
 class Extreme:
-    """Where a curve is lowest: frequency [Hz] and the ends of its interval."""
+    """Minimum of a curve: frequency [Hz] and the ends of its interval."""
 
     frequency: float
     low: float
@@ -33,7 +33,7 @@ class Extreme:
 
 @dataclass(frozen=True, eq=False)
 class Rotation:
-    """Points of one shape and outlet, slowest bottom first. `missing`: f [Hz] of those without any run."""
+    """Points of one shape and outlet, in the order of frequency. `missing`: f [Hz] of points without any run."""
 
     points: tuple[PointResult, ...]
     missing: tuple[float, ...] = ()
@@ -41,12 +41,12 @@ class Rotation:
     @property
     def frequencies(self) -> np.ndarray:
         """f [Hz] of the points, shape [n]."""
-        return np.array([_frequency(one) for one in self.points])
+        return np.array([_frequency(point) for point in self.points])
 
     @property
     def unfinished(self) -> tuple[float, ...]:
         """f [Hz] of the points that lack runs, ascending."""
-        return tuple(sorted([*self.missing, *(_frequency(one) for one in self.points if one.partial)]))
+        return tuple(sorted([*self.missing, *(_frequency(point) for point in self.points if point.partial)]))
 
     @cached_property
     def shape(self) -> str:
@@ -55,7 +55,7 @@ class Rotation:
 
     @property
     def label(self) -> str:
-        """What the points have in common beside their shape."""
+        """Common settings of the points, besides their shape."""
         at = self.points[0].at
         return display.label(at, {name for name in at if name == ROTATION or name.startswith("grains.")} | _OF_SHAPE)
 
@@ -65,23 +65,29 @@ class Rotation:
         return self.points[0].orifice
 
     def has(self, quantity: str) -> bool:
-        """Whether the quantity was measured at two frequencies at least."""
-        return sum(quantity in one.pooled for one in self.points) > 1
+        """True if the quantity was measured at two frequencies at least."""
+        return sum(quantity in point.pooled for point in self.points) > 1
 
     @property
     def flows(self) -> bool:
-        """Whether any point has a flow rate."""
-        return any(FLOW in one.pooled for one in self.points)
+        """True if any point has a flow rate."""
+        return any(FLOW in point.pooled for point in self.points)
 
     @property
     def rated(self) -> bool:
-        """Whether a flow rate with the bottom turning can be divided by that at rest."""
+        """True if a flow rate with the bottom rotating can be divided by that at rest."""
         return any(self.ratio(FLOW, k) is not None for k in range(1, len(self.points)))
 
     def ratio(self, quantity: str, index: int, over: int = 0) -> Pooled | None:
-        """Quantity at a point over that at another one (at rest, unless said otherwise), paired by seeds.
+        """Quantity at a point over that at another one, paired by seeds.
 
-        None where no seed has both.
+        Args:
+            quantity: Name of the quantity.
+            index: Index of the point.
+            over: Index of the other point; 0: at rest.
+
+        Returns:
+            Ratio with its interval of CONFIDENCE; None if no seed has both.
         """
         above, below = (by_seed(self.points[k], quantity) for k in (index, over))
         seeds = sorted(set(above) & set(below))
@@ -90,57 +96,76 @@ class Rotation:
         return paired_ratio([above[s] for s in seeds], [below[s] for s in seeds], CONFIDENCE)
 
     def lowest(self, quantity: str = FLOW, first: int = 0, before_last: bool = False) -> int | None:
-        """Index of the point at which the quantity is smallest in size, as v_z is negative, from the index `first` on
-        and, if asked for, before the fastest; None with fewer than three frequencies."""
-        known = [k for k, one in enumerate(self.points) if quantity in one.pooled]
-        if len(known) < 3:
+        """Find the point at which the quantity has its smallest absolute value.
+
+        Args:
+            quantity: Name of the quantity; the absolute value matters for v_z, which is negative.
+            first: First index to consider.
+            before_last: Leave out the fastest rotation.
+
+        Returns:
+            Index of the point; None with fewer than three frequencies.
+        """
+        measured = [k for k, point in enumerate(self.points) if quantity in point.pooled]
+        if len(measured) < 3:
             return None
-        among = [k for k in known if k >= first and not (before_last and k == known[-1])]
+        among = [k for k in measured if k >= first and not (before_last and k == measured[-1])]
         return min(among, key=lambda k: abs(self.points[k].pooled[quantity].value))
 
     def minimum(self, quantity: str = FLOW) -> Extreme | None:
-        """Where the quantity is smallest in size; None with fewer than three frequencies or two seeds that have all.
+        """Minimum of the absolute value of a quantity, with the interval of its frequency.
 
-        The interval holds 90 % of the minima of curves drawn from the multivariate Student distribution of the means,
-        whose covariance is that of the seeds: a seed that flows fast does so at all frequencies.
+        The interval holds 90 % of the minima of curves drawn from the multivariate Student distribution of the means.
+        Its covariance is that of the seeds: a seed that flows fast does so at all frequencies.
+
+        Returns:
+            The minimum; None with fewer than three frequencies, or two seeds that have all.
         """
         lowest = self.lowest(quantity)
-        known = [one for one in self.points if quantity in one.pooled]
-        values = [by_seed(one, quantity) for one in known]
+        measured = [point for point in self.points if quantity in point.pooled]
+        values = [by_seed(point, quantity) for point in measured]
         seeds = sorted(set.intersection(*map(set, values))) if values else []
         if lowest is None or len(seeds) < 2:
             return None
-        table, n = np.array([[one[s] for one in values] for s in seeds]), len(seeds)
+        table, n = np.array([[numbers[s] for numbers in values] for s in seeds]), len(seeds)
         rng, mean = np.random.default_rng(_SEED), table.mean(axis=0)
-        drawn = rng.standard_normal((_DRAWS, n)) @ (table - mean) / math.sqrt(n * (n - 1))
-        curves = mean + drawn / np.sqrt(rng.chisquare(n - 1, (_DRAWS, 1)) / (n - 1))
-        found = np.array([_frequency(one) for one in known])[abs(curves).argmin(axis=1)]
+        # random combinations of the seeds' deviations have the covariance of the mean; chi^2 makes them Student's
+        deviations = rng.standard_normal((_DRAWS, n)) @ (table - mean) / math.sqrt(n * (n - 1))
+        curves = mean + deviations / np.sqrt(rng.chisquare(n - 1, (_DRAWS, 1)) / (n - 1))
+        minima = np.array([_frequency(point) for point in measured])[abs(curves).argmin(axis=1)]
         tail = (1 - CONFIDENCE) / 2
-        low, high = np.quantile(found, [tail, 1 - tail], method="nearest")
+        low, high = np.quantile(minima, [tail, 1 - tail], method="nearest")
         return Extreme(float(self.frequencies[lowest]), float(low), float(high))
 
 
 _OF_SHAPE = {"contact.normal_stiffness"}
-"""Swept along with the shape, for the law's sake."""
+"""Key swept along with the shape: the law's stiffness scales with the grains."""
 
 
 def rotations(points: Sequence[PointResult], missing: Sequence[Mapping[str, float | str]] = ()) -> tuple[Rotation, ...]:
-    """Points in groups that differ in the rotation of the bottom only and have one at rest, two points at least; in the
-    order of shape (spheres, then longer and longer rods) and orifice. `missing`: where points without any run are."""
+    """Group points that differ in the rotation of the bottom only, at least two, of which one is at rest.
+
+    Args:
+        points: The points.
+        missing: Settings of points without any run.
+
+    Returns:
+        Curves in the order of shape (spheres, then rods by length) and orifice.
+    """
     groups: dict[tuple, list[PointResult]] = {}
-    for one in points:
-        if ROTATION in one.at:
-            groups.setdefault(_but_turning(one.at), []).append(one)
+    for point in points:
+        if ROTATION in point.at:
+            groups.setdefault(_but_turning(point.at), []).append(point)
     lacking: dict[tuple, list[float]] = {}
     for at in missing:
         if ROTATION in at:
             lacking.setdefault(_but_turning(at), []).append(abs(float(at[ROTATION])))
-    found = [
+    curves = [
         Rotation(tuple(sorted(group, key=_frequency)), tuple(lacking.get(key, ())))
         for key, group in groups.items()
         if len(group) > 1 and min(map(_frequency, group)) == 0
     ]
-    return tuple(sorted(found, key=lambda one: (aspect_ratio(one.points[0]), one.orifice)))
+    return tuple(sorted(curves, key=lambda curve: (aspect_ratio(curve.points[0]), curve.orifice)))
 
 
 def rotations_of(results: StudyResults) -> tuple[Rotation, ...]:
@@ -154,13 +179,13 @@ def _but_turning(at: Mapping[str, float | str]) -> tuple:
 
 
 def shape_of(result: PointResult) -> str:
-    """`spheres`, or `rods, L/d = 3.33`."""
+    """Name of the shape: `spheres`, or `rods, L/d = 3.33`."""
     ratio = aspect_ratio(result)
     return "spheres" if ratio == 1 else f"rods, L/d = {ratio:.3g}"
 
 
 def turning_at(result: PointResult) -> str:
-    """`f = 0.32 Hz`."""
+    """Rotation of a point in words: `f = 0.32 Hz`."""
     return display.setting(ROTATION, result.at[ROTATION])
 
 
@@ -170,7 +195,7 @@ def aspect_ratio(result: PointResult) -> float:
 
 
 def relative_orifice(result: PointResult) -> float:
-    """D/d*: the orifice in diameters of the sphere of a grain's volume."""
+    """D/d*: orifice over the diameter of the sphere of a grain's volume."""
     return result.orifice / result.point.scene.grains.equivalent_diameter
 
 
@@ -183,14 +208,13 @@ CLOSE = 0.03
 
 
 def drop_of(curve: Rotation, quantity: str) -> Pooled | None:
-    """1 less the smallest ratio to that at rest, while turning; None with fewer than three frequencies or no pair of
-    seeds."""
+    """1 less the smallest ratio to the value at rest, while rotating; None with too few frequencies or pairs."""
     if curve.lowest(quantity) is None:
         return None
     slowest = curve.lowest(quantity, first=1)
     assert slowest is not None
-    one = curve.ratio(quantity, slowest)
-    return one and Pooled(1 - one.value, one.error, one.half_width, one.n, one.confidence)
+    ratio = curve.ratio(quantity, slowest)
+    return ratio and Pooled(1 - ratio.value, ratio.error, ratio.half_width, ratio.n, ratio.confidence)
 
 
 def rise_of(curve: Rotation, quantity: str) -> Pooled | None:
@@ -201,14 +225,20 @@ def rise_of(curve: Rotation, quantity: str) -> Pooled | None:
 
 @dataclass(frozen=True)
 class Dependence:
-    """Dependence of a drop or a rise on the curve: the logarithm `of` each, and the slope `by` one of FACTORS."""
+    """Dependence of a drop or a rise on a property of the curves.
+
+    Args:
+        of: Drop or rise of a quantity on a curve.
+        sign: Sign of the logarithm: negative for a drop.
+        by: Property, one of FACTORS.
+    """
 
     of: Callable[[Rotation, str], Pooled | None]
     sign: float
     by: str
 
     def value(self, curve: Rotation, quantity: str) -> float | None:
-        """ln(Q(0)/Q_min) of a drop, ln(Q_max f/Q_min) of a rise; None where a curve has none."""
+        """ln(Q(0)/Q_min) of a drop, ln(Q_max f/Q_min) of a rise; None if a curve has none."""
         size = self.of(curve, quantity)
         if size is None:
             return None
@@ -226,13 +256,17 @@ TRENDS: Mapping[str, Dependence] = {
     for name, of, sign in (("drop", drop_of, -1.0), ("rise", rise_of, 1.0))
     for factor in FACTORS
 }
-"""By the name of the feature in a statement."""
+"""Dependences by name of the feature in a statement."""
 
 
 def trend(curves: Sequence[Rotation], quantity: str, feature: str) -> tuple[Pooled, tuple[Rotation, ...]]:
-    """A slope of TRENDS, of a plane by those of FACTORS that vary, through all curves that have the number; and these.
+    """Fit a slope of TRENDS: that of a plane in all varied FACTORS, through all curves with the number.
 
-    Raises ValueError, which says what is lacking.
+    Returns:
+        The slope, and the curves used.
+
+    Raises:
+        ValueError: A factor does not vary, or there are too few curves; the message names the lack.
     """
     by, numbers = TRENDS[feature].by, [TRENDS[feature].value(curve, quantity) for curve in curves]
     used = tuple(curve for curve, number in zip(curves, numbers, strict=True) if number is not None)
@@ -246,9 +280,15 @@ def trend(curves: Sequence[Rotation], quantity: str, feature: str) -> tuple[Pool
 
 
 def along_rotation(frequencies: Sequence[float], values: Sequence[float]) -> tuple[float, float, float, float]:
-    """A positive number over the fastest turning bottom over that over the slowest, along a straight line of its
-    logarithm against f, with its standard error and the ends of its interval. Raises ValueError for too few places."""
+    """Ratio of a positive number from the slowest to the fastest rotation, along a line of its logarithm against f.
+
+    Returns:
+        The ratio, its standard error, and the ends of its interval.
+
+    Raises:
+        ValueError: There are too few places.
+    """
     (slope,) = slopes([[f] for f in frequencies], np.log(values).tolist(), CONFIDENCE)
     span = max(frequencies) - min(frequencies)
-    ratio, low, high = (math.exp(span * one) for one in (slope.value, slope.low, slope.high))
+    ratio, low, high = (math.exp(span * exponent) for exponent in (slope.value, slope.low, slope.high))
     return ratio, ratio * span * slope.error, low, high

@@ -1,4 +1,4 @@
-"""What is stated of a turning bottom, held against ours."""
+"""Judgement of statements of a reference on a rotating bottom."""
 
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
@@ -25,9 +25,9 @@ from labbook.stats.ratio import paired_ratio
 from labbook.study import Statement
 
 TURNING = "rotation"
-"""Statements on `rotation.QUANTITY` speak of the quantity over that with the bottom at rest."""
+"""Head of statements `rotation.QUANTITY`, on the quantity over that with the bottom at rest."""
 FEATURES = ("drop", "minimum", "rise", "for_O_zz", *TRENDS)
-"""What `rotation.QUANTITY.FEATURE` may be.
+"""Features of statements `rotation.QUANTITY.FEATURE`.
 
 | feature            | number                                                                        |
 |--------------------|-------------------------------------------------------------------------------|
@@ -57,8 +57,17 @@ _ALONG = "Parameters against the rotation: along a line of their logarithm, with
 
 
 def judged(statement: Statement, curves: Sequence[Rotation], series: Sequence[Series] = ()) -> list[Judged]:
-    """A statement on `rotation.QUANTITY` or one of its FEATURES, at each curve that it speaks of; on a trend, of all
-    these curves at once; on a parameter of a law, of each group of series that differ in the rotation only."""
+    """Judge a statement on `rotation.QUANTITY` or one of its FEATURES.
+
+    Args:
+        statement: The statement.
+        curves: Curves of the study.
+        series: Series of the study, for parameters of laws.
+
+    Returns:
+        A judgement at each curve that the statement applies to; for a trend one over all these curves; for a parameter
+        of a law one for each group of series that differ in the rotation only.
+    """
     quantity = statement.quantity.partition(".")[2]
     name, _, feature = quantity.partition(".")
     if feature in TRENDS:
@@ -67,16 +76,16 @@ def judged(statement: Statement, curves: Sequence[Rotation], series: Sequence[Se
         ratios = [replace(ratio, how=_ALONG) for ratio in _along(statement, name, feature, series)]
         why = f"fit {name} to outlets over turning bottoms"
         return ratios or [Judged(statement, display.label(statement.at), None, why=why)]
-    found = [one for curve in curves for one in _turning(statement, quantity or FLOW, curve)]
-    if not found:
+    judgements = [judgement for curve in curves for judgement in _turning(statement, quantity or FLOW, curve)]
+    if not judgements:
         return [Judged(statement, display.label(statement.at), None, why=_NONE)]
-    return [replace(one, how=_HOW) for one in found]
+    return [replace(judgement, how=_HOW) for judgement in judgements]
 
 
 def _turning(statement: Statement, name: str, curve: Rotation) -> Iterator[Judged]:
-    """`QUANTITY`: over that at rest, at each frequency; `QUANTITY.FEATURE`: see FEATURES."""
-    asked = {key: value for key, value in statement.at.items() if key != ROTATION}
-    if not matches(asked, curve.points[0].point):
+    """Judge `QUANTITY` over that at rest, at each frequency, or `QUANTITY.FEATURE` (see FEATURES)."""
+    conditions = {key: value for key, value in statement.at.items() if key != ROTATION}
+    if not matches(conditions, curve.points[0].point):
         return
     quantity, _, feature = name.partition(".")
     where = ", ".join(filter(None, (curve.shape, curve.label)))
@@ -117,7 +126,7 @@ def _turning(statement: Statement, name: str, curve: Rotation) -> Iterator[Judge
 
 
 def _trend(statement: Statement, quantity: str, feature: str, curves: Sequence[Rotation]) -> Judged:
-    """One slope through all curves that the statement speaks of and that have all their runs."""
+    """Judge a slope through all curves that the statement applies to and that have all their runs."""
     matching = [curve for curve in curves if matches(statement.at, curve.points[0].point)]
     whole = [curve for curve in matching if not curve.unfinished]
     where = display.label(statement.at)
@@ -155,7 +164,7 @@ def _exchange(curve: Rotation, k: int) -> Pooled | None:
     seeds = sorted(set.intersection(*map(set, values)))
     if not seeds:
         return None
-    r0, z0, r, z = ([one[s] for s in seeds] for one in values)
+    r0, z0, r, z = ([numbers[s] for s in seeds] for numbers in values)
     gained, lost = [b - a for a, b in zip(r0, r, strict=True)], [a - b for a, b in zip(z0, z, strict=True)]
     return paired_ratio(gained, lost, CONFIDENCE)
 

@@ -25,7 +25,7 @@ from labbook.accuracy import (
 )
 from labbook.accuracy.calibration import PATH as SHIPS
 from labbook.accuracy.calibration import extend, load, write
-from labbook.accuracy.regression import Observed, curved, regress
+from labbook.accuracy.regression import Observation, curved, regress
 from labbook.backend.numerics import Numerics
 from labbook.filling.bed import PACKED
 from labbook.plan.demand import stopping_rule
@@ -101,7 +101,7 @@ def runs(rng, slopes, seeds=40, within=0.01, between=0.02):
             bed = rng.normal(0, math.sqrt(between**2 - within**2))
             for overlap, step, filled in settings:
                 rate = math.exp(bed + slopes @ [overlap, step**2, filled] + rng.normal(0, within))
-                found.append(Observed(f"{seed} {first}", filled, overlap, step, rate))
+                found.append(Observation(f"{seed} {first}", filled, overlap, step, rate))
     return found
 
 
@@ -128,7 +128,7 @@ def bent(rng, slope, curvature, seeds=30):
         bed = rng.normal(0, 0.017)
         for overlap, step in ((0.001, 0.02), (0.001, 0.06), (0.003, 0.04), (0.006, 0.06), (0.013, 0.04), (0.013, 0.06)):
             rate = math.exp(bed + slope * overlap + curvature * overlap**2 + rng.normal(0, 0.01))
-            found.append(Observed(str(seed), 0.001, overlap, step, rate))
+            found.append(Observation(str(seed), 0.001, overlap, step, rate))
     return found
 
 
@@ -267,7 +267,7 @@ def test_a_scene_that_was_not_measured_has_the_scatter_between_those_that_were_i
     guessed = bias_of(between, soft, soft, apart)
     assert guessed.value == pytest.approx(deeper, rel=1e-9)
     assert guessed.half_width == pytest.approx(4.3027 * 2 * math.sqrt(4 / 3) * deeper, rel=1e-3), "of a prediction"
-    two = calibration(apart.known[0].effects[:2])
+    two = calibration(apart.similar[0].effects[:2])
     assert bias_of(SCENE, soft, soft, two) == measured, "a scene that was measured needs no others"
     for asked in (
         lambda: bias_of(between, soft, soft, two),
@@ -291,12 +291,12 @@ def test_measurements_of_one_scene_count_together():
     second = scene((0.0, float(steps[:, 1] @ z) / weight, 0.0), only, overlap=0.004, step=0.05)
     all_at_once = np.linalg.lstsq(np.vstack([design, steps]), np.concatenate([y, z]), rcond=None)[0]
     for order in ((first, second), (second, first)):
-        (alike,) = calibration(order).known
+        (alike,) = calibration(order).similar
         (both,) = alike.effects
         assert both.slopes == pytest.approx(all_at_once)
         assert both.covariance == pytest.approx(np.linalg.inv(design.T @ design + steps.T @ steps))
         assert (both.here.overlap, both.here.step, both.freedom) == (first.here.overlap, 0.05, 200)
-    (alone,) = calibration([second, second]).known[0].effects
+    (alone,) = calibration([second, second]).similar[0].effects
     assert alone.source == "made up"
     assert alone.slopes == pytest.approx(second.slopes)
     assert [alone.covariance[i][i] for i in range(3)] == pytest.approx([math.inf, 0.5 / weight, math.inf])
@@ -305,8 +305,8 @@ def test_measurements_of_one_scene_count_together():
 def test_beds_whose_stiffness_was_not_varied_bound_no_overlap():
     step = ((math.inf, 0.0, 0.0), (0.0, 1e-6, 0.0), (0.0, 0.0, math.inf))
     firm = [scene((0.0, 1.0, 0.0), step, overlap=overlap, ratio=20 * overlap / 0.001) for overlap in (0.001, 0.003)]
-    assert calibration(firm).known[0].range("overlap") == (0.0, 0.003)
-    assert calibration([*firm, scene()]).known[0].range("overlap") == (0.0, LARGEST.overlap)
+    assert calibration(firm).similar[0].range("overlap") == (0.0, 0.003)
+    assert calibration([*firm, scene()]).similar[0].range("overlap") == (0.0, LARGEST.overlap)
 
 
 def test_the_interval_of_one_more_effect_holds_it_as_often_as_it_says():
@@ -329,7 +329,7 @@ def test_the_interval_of_one_more_effect_holds_it_as_often_as_it_says():
 
 def test_the_calibration_that_ships_is_of_scenes_that_differ():
     """Softness moves W by amounts of both signs: no scene's slope serves for another."""
-    slopes = [one.slopes[0] for alike in shipped().known for one in alike.effects]
+    slopes = [one.slopes[0] for alike in shipped().similar for one in alike.effects]
     assert len(slopes) > 5
     assert min(slopes) < -2
     assert max(slopes) > 2
@@ -361,11 +361,11 @@ def test_what_was_measured_by_another_version_of_the_law_does_not_count(tmp_path
     today = {"hertz-mindlin": HertzMindlin.version, "hertz-printed": HertzPrinted.version}
     assert laws == today, "the calibration that ships is of today's laws"
     both = calibration([scene(ratio=10.0), scene(ratio=10.0, version=1, slopes=(9.0, 0.0, 0.0))])
-    assert [one.effects[0].slopes[0] for one in both.known] == [0.5, 9.0], "they are never taken together"
+    assert [one.effects[0].slopes[0] for one in both.similar] == [0.5, 9.0], "they are never taken together"
     write(tmp_path / "own.json", [scene(), scene(version=1)])
     stored = json.loads((tmp_path / "own.json").read_text())["effects"]
     assert [one["scene"].get("version") for one in stored] == [2, None], "of version 1 files have always been without"
-    assert [one.here.version for alike in load(tmp_path / "own.json").known[:2] for one in alike.effects] == [2, 1]
+    assert [one.here.version for alike in load(tmp_path / "own.json").similar[:2] for one in alike.effects] == [2, 1]
 
 
 def test_a_rotating_bottom_is_told_from_one_at_rest():
@@ -453,7 +453,7 @@ def in_both(rng, change, steps=(0.05,), slope=0.0, seeds=200, filling=None):
             for step in steps:
                 for mixed in (True,) if filled else (False, True):
                     rate = math.exp(bed + slope * step**2 + change * mixed + rng.normal(0, 0.01))
-                    found.append(Observed(f"{seed} {filled}", 0.001, 0.001, step, rate, mixed, filled))
+                    found.append(Observation(f"{seed} {filled}", 0.001, 0.001, step, rate, mixed, filled))
     return found
 
 
@@ -488,7 +488,7 @@ def test_the_scatter_of_one_run_does_not_depend_on_how_many_runs_beds_have():
     """Beds that are all alike, with one run and with two: all scatter is that within beds."""
     rng = np.random.default_rng(6)
     runs = [
-        Observed(f"bed {bed}", 0.001, 0.001, 0.05, math.exp(rng.normal(0, 0.02)), mixed)
+        Observation(f"bed {bed}", 0.001, 0.001, 0.05, math.exp(rng.normal(0, 0.02)), mixed)
         for bed in range(8000)
         for mixed in ((False,) if bed % 2 else (False, True))
     ]
@@ -560,19 +560,19 @@ def test_a_pilot_of_more_points_keeps_those_that_were_measured(tmp_path):
     file = tmp_path / "own.json"
     write(file, [scene((1.0, 0.0, 0.0), ratio=10.0), scene((2.0, 0.0, 0.0), ratio=15.0)])
     extend(file, [scene((3.0, 0.0, 0.0), ratio=12.0), scene((4.0, 0.0, 0.0), ratio=15.0)])
-    effects = load(file).known[0].effects
+    effects = load(file).similar[0].effects
     assert [(one.here.ratio, one.slopes[0]) for one in effects] == [(10.0, 1.0), (12.0, 3.0), (15.0, 4.0)]
     extend(tmp_path / "new.json", effects)
-    assert load(tmp_path / "new.json").known[0].effects == effects
+    assert load(tmp_path / "new.json").similar[0].effects == effects
 
 
 def test_a_scene_measured_by_step_and_by_precision_keeps_both(tmp_path):
     stepped = scene((0.0, 2.0, 0.0), ((math.inf, 0, 0), (0, 0.04, 0), (0, 0, math.inf)))
-    (alike,) = calibration([stepped, rounded(0.002, 1e-3), rounded(0.004, 1e-3)]).known
+    (alike,) = calibration([stepped, rounded(0.002, 1e-3), rounded(0.004, 1e-3)]).similar
     (one,) = alike.effects
     assert one.slopes[1] == pytest.approx(2.0)
     assert one.mixed == pytest.approx((0.003, 0.5e-6))
     assert one.here.step == stepped.here.step
     write(tmp_path / "own.json", alike.effects)
-    (read_back,) = load(tmp_path / "own.json").known[0].effects
+    (read_back,) = load(tmp_path / "own.json").similar[0].effects
     assert read_back.mixed == one.mixed

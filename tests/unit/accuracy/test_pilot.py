@@ -10,7 +10,7 @@ import pytest
 from labbook_toy import Backend, Ensemble
 from toy_lab import labbook, study, study_file
 
-from labbook.accuracy.regression import Observed, regress
+from labbook.accuracy.regression import Observation, regress
 from labbook.api import Lab, PilotNeeded
 from labbook.lab import LabFolder, studies
 from labbook.results.calibrating import PilotStopped
@@ -215,7 +215,7 @@ def test_the_lab_keeps_it_with_the_study(tmp_path, monkeypatch, few):
 def test_the_step_alone_says_nothing_of_softness():
     rng, slope = np.random.default_rng(5), 3.0
     runs = [
-        Observed(f"bed {bed}", 1e-3, 1e-3, step, math.exp(slope * step**2 + 0.02 * math.sin(bed) + noise))
+        Observation(f"bed {bed}", 1e-3, 1e-3, step, math.exp(slope * step**2 + 0.02 * math.sin(bed) + noise))
         for bed in range(16)
         for step, noise in zip((0.02, 0.06), 1e-4 * rng.standard_normal(2), strict=True)
     ]
@@ -225,4 +225,4 @@ def test_the_step_alone_says_nothing_of_softness():
     assert np.all(np.isinf(errors[[0, 2]]))
     assert found.freedom == 32 - 16 - 1
     with pytest.raises(ValueError, match="the step or the precision, and overlap"):
-        regress([Observed(one.bed, one.filled, one.overlap + one.step, 0.02, one.rate) for one in runs])
+        regress([Observation(one.bed, one.filled, one.overlap + one.step, 0.02, one.rate) for one in runs])

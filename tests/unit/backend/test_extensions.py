@@ -13,8 +13,8 @@ from toy_lab import carry_out, labbook, study_file
 from labbook import plugins
 from labbook.backend import load as load_backend
 from labbook.checks import doctor
-from labbook.checks.verify.cases import EVERY, chosen
-from labbook.checks.verify.show import judged
+from labbook.checks.verify.cases import EVERY, select_cases
+from labbook.checks.verify.show import judge_all
 from labbook.checks.verify.stand import Stand
 from labbook.cli.options import told
 from labbook.filling.placing import Start
@@ -310,8 +310,8 @@ class Own(Case):
 
 def test_a_case_that_fails_to_run_is_a_failed_verdict_with_the_reason(put):
     put(EVERY, "labbook.cases", "case", CASE)
-    assert [case.name for case in chosen(["rebound"])] == ["rebound"]
-    (verdict,) = judged(chosen(["rebound"]), Stand(load_backend("reference")))
+    assert [case.name for case in select_cases(["rebound"])] == ["rebound"]
+    (verdict,) = judge_all(select_cases(["rebound"]), Stand(load_backend("reference")))
     assert verdict.result == "failed"
     assert verdict.note.startswith("case rebound of bed-extras 0.1: AttributeError: 'Stand' object has no attribute")
     assert verdict.note.endswith("(bed_extras/case.py, line 3)")

@@ -7,8 +7,8 @@ import pytest
 from stands import stands
 
 from labbook.checks.bench import contacts
-from labbook.checks.bench.contacts import SITUATIONS, at_floor, errors, head_on, measured
-from labbook.checks.bench.order import fitted
+from labbook.checks.bench.contacts import SITUATIONS, at_floor, errors, head_on, measure
+from labbook.checks.bench.order import fit_order
 from labbook.checks.verify.materials import EVERY_LAW
 from labbook.checks.verify.planar import PlanarLaw
 from labbook.checks.verify.stand import Stand
@@ -20,26 +20,26 @@ REFERENCE = next(one for one in stands() if one.backend.capabilities.name == "re
 
 def test_order_of_a_power_is_its_exponent():
     h = 1 / np.array(STEPS)
-    order = fitted(h, 3 * h**1.7)
+    order = fit_order(h, 3 * h**1.7)
     assert order.value == pytest.approx(1.7, abs=1e-12)
     assert order.error == pytest.approx(0, abs=1e-12)
 
 
 def test_order_is_that_of_the_finer_half_and_has_an_error():
     h = 1 / np.array(STEPS)
-    order = fitted(h, h * np.where(np.array(STEPS) <= 80, 100, 1) * [1, 1, 1, 1.1, 1.0, 1.1])
+    order = fit_order(h, h * np.where(np.array(STEPS) <= 80, 100, 1) * [1, 1, 1, 1.1, 1.0, 1.1])
     assert abs(order.value - 1) < 3 * order.error < 1
 
 
 @pytest.mark.parametrize("bad", [0.0, math.nan, math.inf])
 def test_there_is_no_order_where_an_error_is_no_positive_number(bad):
-    assert math.isnan(fitted([1, 0.5, 0.25], [1, 0.5, bad]).value)
+    assert math.isnan(fit_order([1, 0.5, 0.25], [1, 0.5, bad]).value)
 
 
 def test_a_rule_of_first_order_is_found_to_be_one():
     """Euler's explicit rule: x' = -x until t = 1."""
     h = 1 / np.array(STEPS)
-    assert fitted(h, np.abs((1 - h) ** np.array(STEPS) - math.exp(-1))).value == pytest.approx(1, abs=0.01)
+    assert fit_order(h, np.abs((1 - h) ** np.array(STEPS) - math.exp(-1))).value == pytest.approx(1, abs=0.01)
 
 
 @pytest.mark.parametrize(
@@ -57,12 +57,12 @@ def test_a_head_on_impact_has_the_order_that_its_first_touch_leaves(law, given, 
     """Leapfrog is of second order where forces are smooth. Where the force rises as t^p from a touch anywhere within a
     step, a step is wrong by dt^{1+p} times the force: order 1 + p, of the scatter between phases. On the slow backend,
     the finest steps are left out."""
-    found = measured(REFERENCE, head_on(EVERY_LAW[law], **given), ("head-on", law), (20, 40, 80, 160))
+    found = measure(REFERENCE, head_on(EVERY_LAW[law], **given), ("head-on", law), (20, 40, 80, 160))
     assert found.order_scatter.value == pytest.approx(expected, abs=0.1)
 
 
 def test_the_mean_over_phases_of_damped_impacts_is_of_second_order():
-    found = measured(REFERENCE, head_on(EVERY_LAW["linear"], restitution=0.5), ("head-on", "linear"), (20, 40, 80))
+    found = measure(REFERENCE, head_on(EVERY_LAW["linear"], restitution=0.5), ("head-on", "linear"), (20, 40, 80))
     assert found.order_bias.value == pytest.approx(2.0, abs=0.2)
     assert max(found.bias) < max(found.scatter)
 

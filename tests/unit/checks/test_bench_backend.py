@@ -7,7 +7,7 @@ from switches import STILL, bed_of, variants
 from labbook.backend import load
 from labbook.backend.probes import Contacts
 from labbook.checks.bench import speed
-from labbook.checks.bench.speed import FAN_STEP, SETTLED, fan, settled
+from labbook.checks.bench.speed import FAN_STEP, SETTLED, fan, settle
 
 pytestmark = [pytest.mark.compiles, pytest.mark.ring]
 
@@ -49,7 +49,7 @@ def test_the_bed_stays_as_it_is_while_switches_are_timed():
     """Whatever is left out, there are as many contacts afterwards: rates differ by what a contact costs."""
     closed = fan(grains=200).close()
     numba = load("numba")
-    bed = settled(numba, closed, FAN_STEP, SETTLED)
+    bed = settle(numba, closed, FAN_STEP, SETTLED)
     scenes = {"as it is": closed, **variants(closed)}
     found = {}
     for what in ("as it is", "without friction", "without front and back", "with several sizes", "with two kinds"):

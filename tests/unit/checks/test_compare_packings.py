@@ -9,7 +9,7 @@ from labbook_toy import Backend, Twin
 from toy_lab import carry_out
 from toy_pair import compared, records, stamps, stamps_of_packings, study
 
-from labbook.checks.compare.compare import compare, narrowed, stale
+from labbook.checks.compare.compare import compare, select_points, stale
 from labbook.checks.compare.sides import Side
 from labbook.checks.compare.verdict import Verdict, path_of
 from labbook.lab import Catalogue, LabFolder
@@ -126,7 +126,7 @@ def test_more_replicates_add_only_those(tmp_path):
     asked, lab = study(tmp_path), tmp_path / "lab"
     compared(asked, lab)
     before = stamps(lab)
-    verdict = compared(narrowed(asked, (1,), 3), lab)
+    verdict = compared(select_points(asked, (1,), 3), lab)
     after = stamps(lab)
     assert before.items() <= after.items()
     assert len(after) - len(before) == 2 + 2, "a run and a packing of each backend"

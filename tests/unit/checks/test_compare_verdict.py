@@ -7,7 +7,7 @@ from labbook_toy import Backend, Ensemble, Twin
 from toy_pair import compared, contestants, study
 
 from labbook.backend import Unsupported
-from labbook.checks.compare.compare import compare, narrowed, stale
+from labbook.checks.compare.compare import compare, select_points, stale
 from labbook.checks.compare.sides import CannotCompare, Side
 from labbook.checks.compare.verdict import NoVerdict, Verdict, path_of
 from labbook.cli.work.sides import parse
@@ -112,9 +112,9 @@ def test_packings_that_cannot_be_made_have_no_number(tmp_path):
 def test_what_cannot_be_compared_is_refused(tmp_path):
     asked = study(tmp_path, replicates=1)
     with pytest.raises(CannotCompare, match="--replicates"):
-        narrowed(asked)
+        select_points(asked)
     with pytest.raises(CannotCompare, match="--point 3"):
-        narrowed(asked, (2,), 2)
+        select_points(asked, (2,), 2)
     for backends, devices in (("toy", "cpu,cpu"), ("toy,toy", "cpu,cpu"), ("toy,twin", "cpu")):
         with pytest.raises(CannotCompare):
             parse(backends, devices)

@@ -20,7 +20,7 @@ def test_the_cpu_backend_bounces_a_grain():
     from labbook_numba import Backend
 
     backend = Backend(wide=True)  # whose kernels are those of the contract's tests
-    assert doctor.bounce(backend, "cpu") == pytest.approx(doctor.ASKED, abs=2e-3)
+    assert doctor.bounce(backend, "cpu") == pytest.approx(doctor.TARGET, abs=2e-3)
 
 
 @pytest.mark.parametrize(
@@ -69,7 +69,7 @@ def test_every_device_is_a_line_that_works_or_says_why_not(monkeypatch):
     def bounce(backend, device):
         tried.append(device)
         if device == "cpu":
-            return doctor.ASKED
+            return doctor.TARGET
         raise Unsupported("device", "the toy backend runs on cpu only")
 
     monkeypatch.setattr(doctor, "installed", lambda: {"toy": "labbook_toy:Backend"})
@@ -101,7 +101,7 @@ class Surveyed(TwoDevices):
 def test_every_device_that_is_there_is_named_with_its_memory(monkeypatch):
     monkeypatch.setattr(doctor, "installed", lambda: {"toy": "labbook_toy:Backend"})
     monkeypatch.setattr(doctor, "load", lambda _name: Surveyed())
-    monkeypatch.setattr(doctor, "bounce", lambda _backend, _device: doctor.ASKED)
+    monkeypatch.setattr(doctor, "bounce", lambda _backend, _device: doctor.TARGET)
     found = doctor.examine()
     assert found.versions == {"toy": {"Toy": "7.1", "CUDA": "none"}}
     named = [(backend.device, backend.what) for backend in found.backends]

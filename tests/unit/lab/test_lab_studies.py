@@ -11,7 +11,7 @@ from toy_lab import carry_out, labbook, study, study_file
 from toy_pair import compared
 
 from labbook.api import Lab
-from labbook.checks.compare.compare import narrowed
+from labbook.checks.compare.compare import select_points
 from labbook.lab import DiskFull, LabFolder, studies
 from labbook.plan.demand import PointDemand
 from labbook.run.watch import Unwatched, View
@@ -94,7 +94,7 @@ def test_a_study_made_in_python_is_kept_as_yaml(tmp_path):
 def test_a_comparison_and_packings_alone_keep_the_whole_study(tmp_path):
     path, lab = commented(tmp_path, replicates=2, orifices="[18, 24]"), LabFolder(tmp_path / "lab")
     asked = load(path)
-    compared(narrowed(asked, [1]), lab.folder)
+    compared(select_points(asked, [1]), lab.folder)
     assert studies.study_files(lab)["toy-study"].read_bytes() == path.read_bytes()
     carry_out(asked, tmp_path / "packings", packings_only=True)
     assert studies.study_files(LabFolder(tmp_path / "packings"))["toy-study"].read_bytes() == path.read_bytes()
