@@ -431,7 +431,7 @@ class Catalogue:
             measurements.c.quantity == "flow_rate", measurements.c.value.is_not(None)
         )
         rates: dict[str, dict[int, list[float]]] = {}
-        with self._asking() as connection:
+        with self._connection() as connection:
             for row in select_in(connection, query, measurements.c.run_key, run_keys):
                 rates.setdefault(row.run_key, {}).setdefault(row.version, []).append(row.value)
         return {key: tuple(dict.fromkeys(of[max(of)])) for key, of in rates.items()}
