@@ -18,10 +18,14 @@ from labbook.api.results import Results
 from labbook.backend import Backend, Unsupported, load_to_plan
 from labbook.backend import load as load_backend
 from labbook.commands import command
-from labbook.lab import Catalogue, LabError, LabFolder, NoCatalogue
+from labbook.export.film import of_run
+from labbook.export.frames import NotRecorded
+from labbook.export.recording import path_of
+from labbook.lab import Catalogue, LabError, LabFolder, NoCatalogue, Unreadable
 from labbook.lab.folder import DEFAULT
 from labbook.lab.index import Index
 from labbook.plan.advice import foresee, forewarn
+from labbook.plan.coverage import finished
 from labbook.plan.devices import named
 from labbook.plan.plan import Plan, flow_rates
 from labbook.results.calibrating import Calibrated, NotCalibrated, PilotStopped, calibrate, flow_and_filling
@@ -135,7 +139,9 @@ class Lab:
                 else:
                     runner = Runner(study, self.place, backend, first, *options, shard=part, base=other)
                 summary = runner.run()
-        summary = replace(summary, study=summary.study or study)
+            summary = replace(summary, study=summary.study or study)
+            if study.record is not None and study.record.film and not summary.stopped:
+                self._film(summary.study or study, watcher)
         if shard is None and base is None and not summary.stopped:
             summary = replace(summary, no_flow=self._no_flow(study, summary))
         if plain:
@@ -158,6 +164,19 @@ class Lab:
             index = Index(self.place)  # to run makes the index of a lab without one, where a plan only looks
             index.close()
             return (*(f"Unreadable: {problem}" for problem in index.report.problems), *looked())
+
+    def _film(self, study: Study, watcher: Watcher) -> None:
+        """Make films of the recorded runs of a study that have none. No study is lost for a film: problems are told."""
+        with self._catalogue() as catalogue:
+            runs = finished(catalogue, study, self.backend)
+        for run in runs:
+            if run.entry.coverage is None or run.entry.coverage.recording is None:
+                continue
+            try:
+                path = path_of(self.place.folder / "films", run.record, study.name, run.point, "-layers.webp")
+                watcher.tell(f"Film: {of_run(run.folder, path, study.name, run.point)}")
+            except (Unreadable, NotRecorded, OSError) as problem:
+                watcher.tell(f"No film of {run.point.label}, {run.repeat}: {problem}")
 
     def _piloted(self, study: Study, needed: Study, watcher: Watcher, whole: bool) -> Study:
         """The study with numerics chosen by its pilot. whole: whether all of its runs are to be made here."""

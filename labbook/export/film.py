@@ -22,7 +22,7 @@ from labbook.export.colour_bar import BACKGROUND
 from labbook.export.colouring import Colouring, Legend, force_colours
 from labbook.export.forces import PairForces, packing_of, pair_forces, scale_of
 from labbook.export.frames import Frame, frames_of_run
-from labbook.export.recording import titled
+from labbook.export.recording import source_of, titled
 from labbook.export.wall_shapes import DrawnWall, drawn_walls
 from labbook.lab import RunRecord
 from labbook.lab.folder import write_bytes
@@ -38,6 +38,8 @@ from labbook.study import Point
 if TYPE_CHECKING:
     from PIL.Image import Image
 
+VERSION = 1
+"""Raised when films made before are no longer what would be drawn now."""
 SECONDS, SIZE, TILE = 6.0, 480, 200
 """Default duration of a film [s], and pixels of the longer side of a bed, alone and in a sweep."""
 FORMATS = (".webp", ".gif", ".mp4")
@@ -124,7 +126,9 @@ class FilmFile(NamedTuple):
     seconds: float
 
 
-def film(shot: Shot, path: Path, *, seconds: float = SECONDS, size: int = SIZE) -> FilmFile:
+def film(
+    shot: Shot, path: Path, *, seconds: float = SECONDS, size: int = SIZE, source: str = ""
+) -> FilmFile:  # fmt: skip
     """Write a film of one run, with W(t) where grains leave.
 
     Args:
@@ -132,13 +136,14 @@ def film(shot: Shot, path: Path, *, seconds: float = SECONDS, size: int = SIZE) 
         path: File to write, with an ending among FORMATS.
         seconds: Duration of the film.
         size: Pixels of the longer side of the picture of the bed.
+        source: Text that is kept in a WebP, by which `shows` knows the run again.
 
     Raises:
         NoFilm: The format is unknown or needs an encoder that is not installed.
     """
     check(path)
     times = _times([shot], seconds)
-    return _write(_alone(Camera(shot, size), times), path, seconds)
+    return _write(_alone(Camera(shot, size), times), path, seconds, source)
 
 
 def sweep_film(
@@ -162,6 +167,31 @@ def sweep_film(
     times = _times(list(shots.values()), seconds)
     cameras = {place: Camera(shot, size) for place, shot in shots.items()}
     return _write(_together(rows, columns, cameras, times), path, seconds)
+
+
+def of_run(folder: Path, path: Path, study: str | None = None, point: Point | None = None) -> Path:
+    """The film of a recorded run with its layers, written to `path` (.webp) unless that is it already. study, point: as
+    of `shot_of_run`, which says what is raised."""
+    source = source_of_film(RunRecord.read(folder))
+    if not shows(path, source):
+        film(shot_of_run(folder, "layers", study, point), path, source=source)
+    return path
+
+
+def source_of_film(record: RunRecord) -> str:
+    """Run of a film and the version of its drawing."""
+    return f"{source_of(record)}-film-{VERSION}"
+
+
+def shows(path: Path, source: str) -> bool:
+    """True if the file is a film of this source."""
+    from PIL import Image
+
+    try:
+        with Image.open(path) as image:
+            return image.info.get("xmp") == source.encode()
+    except (OSError, SyntaxError, ValueError):
+        return False
 
 
 def shot_of_run(folder: Path, by: str, study: str | None = None, point: Point | None = None) -> Shot:
@@ -497,18 +527,18 @@ def _hex(colour: tuple[int, int, int]) -> str:
 # files
 
 
-def _write(frames: Iterator["Image"], path: Path, seconds: float) -> FilmFile:
+def _write(frames: Iterator["Image"], path: Path, seconds: float, source: str = "") -> FilmFile:
     images = list(frames)
     path.parent.mkdir(parents=True, exist_ok=True)
     if path.suffix.lower() == ".mp4":
         _write_mp4(images, path, seconds)
     else:
-        write_bytes(path, _encoded(images, path.suffix.lower(), seconds), durable=False)
+        write_bytes(path, _encoded(images, path.suffix.lower(), seconds, source), durable=False)
     return FilmFile(path, len(images), images[0].size, seconds)
 
 
-def _encoded(images: Sequence["Image"], form: str, seconds: float) -> bytes:
-    """A film as WebP or GIF that repeats itself."""
+def _encoded(images: Sequence["Image"], form: str, seconds: float, source: str) -> bytes:
+    """A film as WebP, with its source, or as GIF that repeats itself."""
     from PIL.Image import Dither
 
     stored = BytesIO()
@@ -516,7 +546,9 @@ def _encoded(images: Sequence["Image"], form: str, seconds: float) -> bytes:
     durations = [end - begin for begin, end in pairwise(ends)]
     common = {"save_all": True, "duration": durations, "loop": 0}
     if form == ".webp":
-        images[0].save(stored, "WEBP", append_images=images[1:], quality=_QUALITY, method=4, **common)
+        images[0].save(
+            stored, "WEBP", append_images=images[1:], quality=_QUALITY, method=4, xmp=source.encode(), **common
+        )
     else:
         palette = images[len(images) // 2].quantize(_PALETTE, dither=Dither.NONE)
         reduced = [image.quantize(palette=palette, dither=Dither.NONE) for image in images]

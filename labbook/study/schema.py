@@ -274,6 +274,8 @@ class Record(Model):
     """Time between two recorded frames, to the nearest time step. The first frame is at the opening."""
     replicates: Annotated[Whole, Field(ge=1, le=10_000)] = 1
     """Number of replicates of each point that are recorded; of each bed the first discharge."""
+    film: StrictBool = False
+    """Make a film of every recorded run in LAB/films once the study has run."""
 
 
 Names = Annotated[tuple[str, ...], BeforeValidator(lambda names: [names] if isinstance(names, str) else names)]

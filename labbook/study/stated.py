@@ -55,20 +55,20 @@ Changed = TypedDict("Changed", {
     "window.until": object, "window.gap": object, "window.moment": object, "window.interval": object,
     "window.layer": object, "stop.discharged": object, "stop.max_time": object, "stop.stall": object,
     "stop.still": object, "stop.fill_height": object, "record.every": object, "record.replicates": object,
-    "grains.shape": object, "grains.diameter": object, "grains.density": object, "grains.count": object,
-    "grains.sizes.kind": object, "grains.sizes.smallest": object, "grains.sizes.mean": object,
-    "grains.sizes.deviation": object, "grains.sizes.median": object, "grains.sizes.spread": object,
-    "grains.sizes.by": object, "grains.sizes.diameters": object, "grains.sizes.number_fractions": object,
-    "grains.sizes.mass_fractions": object, "grains.length": object, "contact.law": object,
-    "contact.friction": object, "contact.rolling_friction": object, "contact.restitution": object,
-    "contact.damping": object, "contact.rolling": object, "contact.rolling_model": object,
-    "contact.rolling_stiffness": object, "contact.rolling_damping": object, "contact.shear_modulus": object,
-    "contact.poisson_ratio": object, "contact.tangential_damping": object, "contact.normal_damping": object,
-    "contact.youngs_modulus": object, "contact.tension": object, "contact.normal_stiffness": object,
-    "contact.tangential_stiffness": object, "contact.contact_time": object, "contact.largest_overlap": object,
-    "contact.impact_speed": object, "container.kind": object, "container.sink": object, "container.width": object,
-    "container.height": object, "container.thickness": object, "container.angle": object,
-    "container.orifice": object, "container.gap": object, "container.diameter": object,
+    "record.film": object, "grains.shape": object, "grains.diameter": object, "grains.density": object,
+    "grains.count": object, "grains.sizes.kind": object, "grains.sizes.smallest": object,
+    "grains.sizes.mean": object, "grains.sizes.deviation": object, "grains.sizes.median": object,
+    "grains.sizes.spread": object, "grains.sizes.by": object, "grains.sizes.diameters": object,
+    "grains.sizes.number_fractions": object, "grains.sizes.mass_fractions": object, "grains.length": object,
+    "contact.law": object, "contact.friction": object, "contact.rolling_friction": object,
+    "contact.restitution": object, "contact.damping": object, "contact.rolling": object,
+    "contact.rolling_model": object, "contact.rolling_stiffness": object, "contact.rolling_damping": object,
+    "contact.shear_modulus": object, "contact.poisson_ratio": object, "contact.tangential_damping": object,
+    "contact.normal_damping": object, "contact.youngs_modulus": object, "contact.tension": object,
+    "contact.normal_stiffness": object, "contact.tangential_stiffness": object, "contact.contact_time": object,
+    "contact.largest_overlap": object, "contact.impact_speed": object, "container.kind": object,
+    "container.sink": object, "container.width": object, "container.height": object, "container.thickness": object,
+    "container.angle": object, "container.orifice": object, "container.gap": object, "container.diameter": object,
     "container.rotation": object, "container.depth": object, "container.lid": object,
     "container.outlet_plane": object, "walls.all.friction": object, "walls.all.rolling_friction": object,
     "walls.all.restitution": object, "walls.all.youngs_modulus": object, "walls.all.shear_modulus": object,
@@ -212,6 +212,8 @@ class RecordKeys(TypedDict, total=False):
     above 0."""
     replicates: object
     """Number of replicates of each point that are recorded; of each bed the first discharge. Range: of at least 1."""
+    film: object
+    """Make a film of every recorded run in LAB/films once the study has run."""
 
 
 class GrainsSizesKeys(TypedDict, total=False):
@@ -764,7 +766,7 @@ KEYS = """\
     accuracy: flow_rate, clogging, max_replicates, calibration, numerics, count_suspect
     window: start, end, after [s], until [s], gap [s], moment [s], interval [s], layer [m]
     stop: discharged, max_time [s], stall [s], still, fill_height [m]
-    record: every [s], replicates
+    record: every [s], replicates, film
     grains: shape, diameter [m], density [kg/m^3], count, length [m]
     grains.sizes: kind, smallest [m], mean [m], deviation [m], median [m], spread, by, diameters [m],
         number_fractions, mass_fractions

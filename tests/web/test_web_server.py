@@ -5,6 +5,7 @@ import math
 import re
 import socket
 import sqlite3
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -18,6 +19,7 @@ from labbook_web.serve import serve
 from toy_lab import WINDOW, carry_out, labbook, study_file
 from toy_web import ORIFICES, REPLICATES, Read, client, everything, keys_of, listing, make, pages, twin_table, twins
 
+from labbook.export.film import film
 from labbook.lab import Catalogue, LabFolder, notes, studies
 from labbook.lab.catalogue import RUN_COLUMNS
 from labbook.lab.notes import Note
@@ -100,8 +102,8 @@ def test_links_of_all_pages_lead_to_pages(done, asked):
     found.discard("")
     assert any(one.startswith("/run/") for one in found)
     for link in found:
-        if link.endswith(("/viewer", ".rrd")):
-            continue  # asks for the viewer, which tests in a browser open
+        if link.endswith(("/viewer", ".rrd", "film.webp")):
+            continue  # asks for the viewer, which tests in a browser open, or for a film (below)
         assert asked.get(link).status_code in (200, 301), link
 
 
@@ -268,6 +270,23 @@ def test_files_of_a_run_are_handed_out_as_they_are(done, asked):
     assert asked.get(f"/run/{key[:16]}/picture.png").content == (folder / "picture.png").read_bytes()
     text = asked.get(f"/study/{STUDY}/{STUDY}.yaml")
     assert text.text == (done / "toy.yaml").read_text()
+
+
+def test_a_film_is_made_when_it_is_asked_for_and_kept(copied, tmp_path, monkeypatch):
+    monkeypatch.setenv("LABBOOK_CACHE", str(tmp_path))
+    monkeypatch.setattr("labbook.export.film.film", partial(film, seconds=0.1, size=40))
+    recorded = {path.parent.name for path in (copied / "lab").glob("runs/*/recording.npz")}
+    key, other = min(recorded), min(set(keys_of(copied / "lab")) - recorded)
+    app = client(copied / "lab")
+    assert f'loading="lazy" src="/run/{key[:16]}/film.webp"' in app.get(f"/run/{key[:16]}").text
+    first = app.get(f"/run/{key[:16]}/film.webp")
+    assert first.headers["content-type"] == "image/webp"
+    assert first.content[8:12] == b"WEBP"
+    (path,) = (tmp_path / "web/films").iterdir()
+    path.write_bytes(first.content + b"kept")
+    assert app.get(f"/run/{key[:16]}/film.webp").content == first.content + b"kept"
+    assert app.get(f"/run/{other[:16]}/film.webp").status_code == 404
+    assert "film.webp" not in app.get(f"/run/{other[:16]}").text
 
 
 def test_a_run_without_a_picture_is_sketched(copied):

@@ -2,6 +2,8 @@
 
 import json
 import re
+import shutil
+from functools import partial
 from pathlib import Path
 from urllib.parse import unquote, urlsplit
 
@@ -11,7 +13,10 @@ from labbook_web.site import MARK, CannotWrite, write
 from toy_lab import labbook, study_file
 from toy_web import ORIFICES, REPLICATES, Read, client, keys_of, listing, make
 
+from labbook.export.film import film, shot_of_run, source_of_film
 from labbook.export.frames import NotRecorded
+from labbook.export.recording import path_of
+from labbook.lab import RunRecord
 
 STUDY, POINTS = "toy-study", len(ORIFICES)
 
@@ -197,6 +202,30 @@ def test_recordings_are_taken_along(done, tmp_path, monkeypatch):
     for path in found:
         page = path.parent.with_suffix(".html")
         assert f"{path.parent.name}/recording.rrd" in " ".join(Read(page.read_text()).links("href"))
+
+
+@pytest.mark.slow
+def test_films_are_on_the_pages_of_their_runs(done, tmp_path, monkeypatch):
+    """One run of the lab has a film, which is taken along in any case; with --films the others are made."""
+    monkeypatch.setenv("LABBOOK_CACHE", str(tmp_path / "cache"))
+    monkeypatch.setattr("labbook.export.film.film", partial(film, seconds=0.1, size=40))
+    lab = tmp_path / "lab"
+    shutil.copytree(done / "lab", lab)
+    recorded = sorted(path.parent for path in lab.glob("runs/*/recording.npz"))
+    record = RunRecord.read(recorded[0])
+    path = path_of(lab / "films", record, None, None, "-layers.webp")
+    film(shot_of_run(recorded[0], "layers"), path, seconds=0.1, size=50, source=source_of_film(record))
+    assert [viewer.kept_film(folder) for folder in recorded] == [path, *(None for _ in recorded[1:])]
+    labbook("site", tmp_path / "out", done / "toy.yaml", "--lab", lab, "--films")
+    taken = sorted((tmp_path / "out").rglob("film.webp"))
+    assert len(taken) == len(recorded) == POINTS
+    assert [one.read_bytes() == path.read_bytes() for one in taken] == [True, *(False for _ in recorded[1:])]
+    for one in taken:
+        page = Read(one.parent.with_suffix(".html").read_text())
+        assert f"{one.parent.name}/film.webp" in " ".join(page.links("src"))
+    sound(tmp_path / "out")
+    path.write_bytes(path.read_bytes().replace(record.run_key.encode(), b"0" * len(record.run_key)))
+    assert viewer.kept_film(recorded[0]) is None, "a film of another run"
 
 
 def test_without_the_viewer_recordings_are_refused(done, tmp_path, monkeypatch):

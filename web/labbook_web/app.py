@@ -95,6 +95,7 @@ class App:
             Route("/note/{kind}/{name}", self._write_note, methods=["POST"]),
             Route("/run/{key}/picture.png", self._threaded(self._picture)),
             Route("/run/{key}/viewer", self._threaded(self._viewer)),
+            Route("/run/{key}/film.webp", self._threaded(self._film)),
             Route("/run/{key}/recording.rrd", self._threaded(self._recording)),
             Route("/run/{key}/file/{file}", self._threaded(self._file)),
             Route("/viewer/{version}/{file:path}", self._threaded(self._viewer_file)),
@@ -255,6 +256,14 @@ class App:
         host = f"{request.url.scheme}://{request.headers['host']}"
         shown = {"key": key, "version": viewer.version(), "source": f"{host}/run/{key}/recording.rrd"}
         return HTMLResponse(part("viewer.html.j2", LINKS, **shown))
+
+    def _film(self, request: Request) -> Response:
+        key = key_of(self.shelf, hex_of(request))
+        try:
+            path = viewer.film(self.shelf.lab.run(key))
+        except NotRecorded as error:
+            raise NotThere(str(error)) from error
+        return FileResponse(path, media_type="image/webp", headers={"cache-control": "private, max-age=60"})
 
     def _recording(self, request: Request) -> Response:
         key = key_of(self.shelf, hex_of(request))

@@ -46,12 +46,14 @@ def write(
     studies: Sequence[Path],
     *,
     recordings: bool = False,
+    films: bool = False,
     notes: bool = False,
     say: Callable[[str], None] = lambda text: None,
 ) -> Path:
     """Write the pages of `studies` into the folder `out`; the path of the first page.
 
-    recordings: whether to take recordings along. notes: whether to publish the notes and tags of the studies and their
+    recordings: whether to take recordings along. films: whether to make films of all recorded runs; those that the lab
+    has are taken along in any case. notes: whether to publish the notes and tags of the studies and their
     runs. `say` is told what is being written. Raises CannotWrite.
     """
     if out.exists() and (not out.is_dir() or (any(out.iterdir()) and not (out / MARK).is_file())):
@@ -61,7 +63,7 @@ def write(
     if wrong := [one.problem for one in listed if one.problem]:
         raise CannotWrite(wrong[0])
     try:
-        writer = _Writer(out, shelf, [one.name for one in listed], recordings, say)
+        writer = _Writer(out, shelf, [one.name for one in listed], recordings, films, say)
         writer.write()
     except (StudyError, LabError, NotThere, Unreadable) as error:
         raise CannotWrite(str(error)) from error
@@ -74,8 +76,11 @@ def has_notes(lab: Path) -> bool:
 
 
 class _Writer:
-    def __init__(self, out: Path, shelf: Shelf, names: Sequence[str], recordings: bool, say: Callable[[str], None]):
+    def __init__(
+        self, out: Path, shelf: Shelf, names: Sequence[str], recordings: bool, films: bool, say: Callable[[str], None]
+    ):
         self._out, self._shelf, self._names, self._recordings, self._say = out, shelf, names, recordings, say
+        self._films = films
         self._found = {name: shelf.found(name, shelf.backend_of(name, None)) for name in names}
         points = [one for found in self._found.values() for one in found.results.points]
         self._runs = tuple(dict.fromkeys(run.run_key for one in points for run in one.runs))
@@ -148,7 +153,14 @@ class _Writer:
                 self._file(recording, made.read_bytes())
             except (NotRecorded, ViewerMissing) as error:
                 raise CannotWrite(str(error)) from error
-        self._page(page, recording=recording)
+        film = ""
+        if page.shown.get("recorded"):
+            folder = self._shelf.lab.run(key)
+            path = viewer.film(folder) if self._films else viewer.kept_film(folder)
+            if path is not None:
+                film = f"{page.path}/film.webp"
+                self._file(film, path.read_bytes())
+        self._page(page, recording=recording, film=film)
 
     def _page(self, page: Page, **more: Any) -> None:
         links = self._links(page.path or "index")

@@ -68,6 +68,9 @@ def register(app: typer.Typer) -> None:
         recordings: Annotated[
             bool, typer.Option("--recordings", help="Include the recordings of runs (.rrd) for download.")
         ] = False,
+        films: Annotated[
+            bool, typer.Option("--films", help="Make films of all recorded runs; those in the lab are included anyway.")
+        ] = False,
         notes: Annotated[
             bool, typer.Option("--notes/--no-notes", help="Publish the notes and tags of these studies and runs.")
         ] = False,
@@ -82,7 +85,9 @@ def register(app: typer.Typer) -> None:
             fail(f"{missing.name} is not installed; install it: pip install 'labbook[web]'")
         existing(lab).close()
         try:
-            first = write(out, lab, studies, recordings=recordings, notes=notes, say=lambda text: say(text, err=True))
+            first = write(
+                out, lab, studies, recordings=recordings, films=films, notes=notes, say=lambda text: say(text, err=True)
+            )
         except CannotWrite as why:
             fail(why)
         if notes:

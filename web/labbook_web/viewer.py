@@ -1,4 +1,4 @@
-"""The rerun viewer within a page: its files, as the installed wheel brings them, and recordings made for it.
+"""The rerun viewer within a page: its files, as the installed wheel brings them, recordings made for it, and films.
 
 Both are kept in the user's cache folder: the viewer by its version, recordings by what they show.
 """
@@ -16,8 +16,9 @@ from importlib.metadata import PackageNotFoundError
 from importlib.metadata import version as installed_version
 from pathlib import Path
 
+from labbook.export.film import of_run, shows, source_of_film
 from labbook.export.frames import NotRecorded
-from labbook.export.recording import holds, recording_id, source_of, write
+from labbook.export.recording import holds, path_of, recording_id, source_of, write
 from labbook.export.viewer import viewer_command
 from labbook.lab import RunRecord
 from labbook.lab.runs import read_recording, run_data
@@ -31,8 +32,8 @@ FILES = {
 _PATIENCE = 60.0  # s, for the viewer's own server to answer
 _LATER = 0.1  # s between two attempts
 _MOST_KEPT = 60
-"""Recordings that are kept; the ones that were not looked at for longest go first."""
-_one_at_a_time = threading.Lock()
+"""Recordings that are kept, and films; the ones that were not looked at for longest go first."""
+_one_at_a_time, _one_film_at_a_time = threading.Lock(), threading.Lock()
 
 
 class NoViewer(Exception):
@@ -129,8 +130,33 @@ def recording(folder: Path, name: str) -> Path:
     return path
 
 
-def _forget(folder: Path) -> None:
-    found = sorted(folder.glob("*.rrd"), key=lambda path: path.stat().st_mtime, reverse=True)
+def film(folder: Path) -> Path:
+    """The film (.webp) of the run in `folder`: that of the lab, or one made for the page, if it is not there.
+
+    Raises NotRecorded, Unreadable (of labbook.lab).
+    """
+    if (path := kept_film(folder)) is not None:
+        return path
+    record = RunRecord.read(folder)
+    if record.coverage.recording is None:
+        raise NotRecorded("the run kept no frames; to keep some, add `record: {every: 10 ms}` to the study and run it")
+    path = cache_folder() / "films" / f"{source_of_film(record)}.webp"
+    with _one_film_at_a_time:
+        of_run(folder, path)
+        _forget(path.parent, ".webp")
+        os.utime(path)
+    return path
+
+
+def kept_film(folder: Path) -> Path | None:
+    """The film of a run that the lab has; None without. Raises Unreadable."""
+    record = RunRecord.read(folder)
+    path = path_of(folder.parents[1] / "films", record, None, None, "-layers.webp")
+    return path if shows(path, source_of_film(record)) else None
+
+
+def _forget(folder: Path, ending: str = ".rrd") -> None:
+    found = sorted(folder.glob(f"*{ending}"), key=lambda path: path.stat().st_mtime, reverse=True)
     for path in found[_MOST_KEPT:]:
         path.unlink(missing_ok=True)
 

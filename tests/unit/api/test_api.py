@@ -8,7 +8,7 @@ import sys
 import warnings
 from dataclasses import replace
 from datetime import date
-from functools import cached_property
+from functools import cached_property, partial
 from pathlib import Path
 
 import numpy as np
@@ -17,7 +17,9 @@ from labbook_toy import Backend
 from toy_lab import study, study_file
 
 import labbook
-from labbook.lab import Catalogue
+from labbook.export.film import film, shows, source_of_film
+from labbook.export.frames import NotRecorded
+from labbook.lab import Catalogue, RunRecord
 from labbook.lab.folder import remove
 from labbook.plan.plan import Planner
 from labbook.report.setting import setting
@@ -273,6 +275,31 @@ def test_plan_run_and_report_tell_how_far_frames_are_apart(found, tmp_path):
     heavy = lab.plan(asked.change({"record": {"every": "100 us"}, "grains.count": 10**6}))
     assert any("record.every: a recorded run takes about" in one for one in heavy.warnings)
     assert not any("record.every" in one for one in closer.warnings)
+
+
+def test_a_run_writes_its_film(found, tmp_path):
+    path = found.run(1).film(tmp_path / "a.gif", colour="speed", seconds=0.1, size=40)
+    assert path.read_bytes()[:6] == b"GIF89a"
+    with pytest.raises(NotRecorded, match="record"):
+        found.run(2, seed=3).film(tmp_path / "b.gif")
+
+
+@pytest.mark.slow
+def test_a_study_may_ask_for_films_which_are_made_once(tmp_path, monkeypatch):
+    monkeypatch.setattr("labbook.export.film.film", partial(film, seconds=0.1, size=40))
+    lab = labbook.Lab(tmp_path / "lab", "toy")
+    asked = study(tmp_path, "record: {every: 20 ms, film: true}", orifices="[24]", replicates=2)
+    assert lab.run(asked, progress=False).complete
+    (path,) = (tmp_path / "lab/films/toy-study").iterdir()
+    assert path.name == "point-1-seed-1-toy-layers.webp"
+    (run,) = (run for run in lab.results(asked, progress=False).runs if run.recorded)
+    assert shows(path, source_of_film(RunRecord.read(run.folder)))
+    before = path.stat().st_mtime_ns
+    lab.run(asked, progress=False)
+    assert path.stat().st_mtime_ns == before
+    path.unlink()
+    lab.run(asked, progress=False)
+    assert path.exists()
 
 
 def test_a_run_that_kept_no_frames_says_how_to_keep_them(found):
