@@ -8,6 +8,8 @@ import html
 import json
 import posixpath
 import re
+from collections.abc import Sequence
+from dataclasses import dataclass
 from pathlib import Path
 
 from mkdocs.structure.files import File, Files
@@ -24,6 +26,17 @@ PAGES = {
 """Pages that are made of files of the repository."""
 ELSEWHERE = {"README.md": "index.md", "studies": "gallery.md"}
 """Where links to other things of the repository lead."""
+GROUPS = {
+    "fan2023-": "Fan et al. 2023",
+    "pongo2022-": "Pongó et al. 2022",
+    "dosta2024": "Dosta et al. 2024",
+    "accuracy-": "Calibration",
+    "": "Silos",
+}
+"""Parts of the gallery by how names of their studies begin."""
+PAPERS_FIRST = ("Fan et al. 2023", "Pongó et al. 2022", "Dosta et al. 2024", "Silos")
+CARDS = "<!-- cards of all results -->"
+"""Where the page of results has its cards."""
 COPIES = "files"
 """Folder of the site for other files of the repository that pages link to."""
 _LINK = re.compile(r"(!?\[[^\]]*\])\(([^)#\s]+)(#[^)\s]*)?\)")
@@ -35,6 +48,7 @@ def on_files(files: Files, config) -> Files:
         text = _notebook(ROOT / source) if source.endswith(".ipynb") else (ROOT / source).read_text(encoding="utf-8")
         files.append(File.generated(config, page, content=text))
     files.append(File.generated(config, "gallery.md", content=_gallery()))
+    files.append(File.generated(config, "logo.svg", abs_src_path=str(ROOT / "web/labbook_web/static/icon.svg")))
     linked = {name for file in files if file.src_uri.endswith(".md") for name in _outside(file)}
     for name in sorted(linked):
         files.append(File.generated(config, f"{COPIES}/{name}", abs_src_path=str(ROOT / name)))
@@ -44,6 +58,8 @@ def on_files(files: Files, config) -> Files:
 def on_page_markdown(markdown: str, page, config, files: Files) -> str:
     """Let links lead to where things are in the site."""
     home = posixpath.dirname(page.file.src_uri)
+    if CARDS in markdown:
+        markdown = markdown.replace(CARDS, _cards_of_results())
 
     def there(found: re.Match) -> str:
         label, target, anchor = found[1], found[2], found[3] or ""
@@ -96,19 +112,79 @@ def _outside(file: File) -> list[str]:
 
 
 def _gallery() -> str:
-    """Every study that ships, with the container and grains of its first point, drawn from the study itself."""
-    head = "Every study that ships. Pictures are sections through the container of the first point."
-    parts = ["# Gallery", head]
-    for path in sorted((ROOT / "studies").glob("*.yaml")):
-        study = labbook.load(path)
-        swept = ", ".join(f"`{key}`" for key in study.units) or "nothing"
-        points, runs = len(study.points), len(study.points) * study.replicates
-        parts += [
-            f"## {study.name}",
-            f"{study.about}. Sweeps {swept}: {points} points, {runs} runs. [Study file](../studies/{path.name})",
-            f'<div class="scene">{study.points[0].scene.svg()}</div>',
-        ]
+    """Every study that ships, papers first, as cards: container and grains of its first point, and its result."""
+    parts = ["# Gallery", "Every study that ships. Pictures are sections through the container of the first point."]
+    results = _results()
+    for title, stems in _groups(sorted(path.stem for path in (ROOT / "studies").glob("*.yaml"))).items():
+        parts += [f"## {title}", '<div class="cards" markdown>']
+        of = {stem: _of_study(stem, results) for stem in stems}
+        for stem, result in sorted(of.items(), key=lambda item: (item[1] is None, item[0])):
+            study = labbook.load(ROOT / "studies" / f"{stem}.yaml")
+            swept = ", ".join(f"`{key}`" for key in study.units) or "nothing"
+            points, runs = len(study.points), len(study.points) * study.replicates
+            parts += [
+                '<div class="card" markdown>',
+                f"### {study.name}",
+                f'<div class="scene">{study.points[0].scene.svg()}</div>',
+                f"{study.about}. Sweeps {swept}: {points} points, {runs} runs. [Study file](../studies/{stem}.yaml)",
+                *(result.shown("results/") if result is not None else []),
+                "</div>",
+            ]
+        parts.append("</div>")
     return "\n\n".join(parts) + "\n"
+
+
+def _groups(stems: Sequence[str]) -> dict[str, list[str]]:
+    """Names of studies by the title of their part of the gallery."""
+    groups: dict[str, list[str]] = {title: [] for title in GROUPS.values()}
+    for stem in stems:
+        groups[next(title for prefix, title in GROUPS.items() if stem.startswith(prefix))].append(stem)
+    return {title: groups[title] for title in dict.fromkeys((*PAPERS_FIRST, *groups))}
+
+
+@dataclass(frozen=True)
+class Result:
+    """A page of results: its title, its claim (its first bold words), its first figure, and the studies it names."""
+
+    page: str
+    title: str
+    claim: str
+    figure: str
+    studies: tuple[str, ...]
+
+    def shown(self, folder: str) -> list[str]:
+        """Figure and claim with a link to the page, as Markdown; `folder`: of results, as the card's page sees it."""
+        figure = self.figure.replace("](", f"]({folder}")
+        return [*([figure] if figure else []), f"{self.claim} [Result]({folder}{self.page})"]
+
+
+def _results() -> list[Result]:
+    """All pages of results that begin with a claim."""
+    results = []
+    for path in sorted((ROOT / "docs" / "results").glob("*.md")):
+        text = path.read_text(encoding="utf-8")
+        claim = re.search(r"^\*\*(.+?)\*\*", text, re.DOTALL | re.MULTILINE)
+        if path.name != "README.md" and claim is not None:
+            figure, title = re.search(r"!\[[^\]]*\]\([^)]+\)", text), text.partition("\n")[0].lstrip("# ")
+            words = re.sub(r"\[([^\]]*)\]\([^)]*\)", r"\1", " ".join(claim[1].split()))  # links lead from there only
+            studies = dict.fromkeys(re.findall(r"studies/([\w-]+)\.yaml", text))
+            results.append(Result(path.name, title, words, figure[0] if figure else "", tuple(studies)))
+    return results
+
+
+def _of_study(stem: str, results: Sequence[Result]) -> Result | None:
+    """The page of results that a study has: of its name, or else the first that names it."""
+    naming = [result for result in results if stem in result.studies]
+    return next((result for result in naming if result.page == f"{stem}.md"), next(iter(naming), None))
+
+
+def _cards_of_results() -> str:
+    """All pages of results as cards, papers first."""
+    pages = {result.page.removesuffix(".md"): result for result in _results()}
+    parts = ['<div class="cards" markdown>']
+    for result in (pages[page] for group in _groups(list(pages)).values() for page in group):
+        parts += ['<div class="card" markdown>', f"**{result.title}**", *result.shown(""), "</div>"]
+    return "\n\n".join([*parts, "</div>"])
 
 
 def _notebook(path: Path) -> str:

@@ -40,9 +40,23 @@ def test_every_page_is_there(site):
 def test_the_gallery_shows_every_study(site):
     gallery = (site / "gallery.html").read_text(encoding="utf-8")
     for path in (ROOT / "studies").glob("*.yaml"):
-        assert re.search(f'<h2 id="{re.escape(path.stem)}">', gallery), path.name
+        assert re.search(f'<h3 id="{re.escape(path.stem)}">', gallery), path.name
         assert (site / "files/studies" / path.name).exists()
     assert gallery.count('<div class="scene"') == len(list((ROOT / "studies").glob("*.yaml")))
+
+
+def test_cards_have_the_figure_and_the_claim_of_their_page_and_papers_come_first(site):
+    gallery = (site / "gallery.html").read_text(encoding="utf-8")
+    parts = re.findall(r'<h2 id="[^"]*">([^<]*)<', gallery)
+    assert parts == ["Fan et al. 2023", "Pongó et al. 2022", "Dosta et al. 2024", "Silos", "Calibration"]
+    card = gallery.split('<h3 id="clogging-layer">')[1].split("<h3")[0]
+    assert 'src="results/clogging-layer.png"' in card
+    assert "falls by a factor of 27" in card
+    assert 'href="results/clogging-layer.html"' in card
+    results = (site / "results/index.html").read_text(encoding="utf-8")
+    pages = [path for path in (ROOT / "docs/results").glob("*.md") if path.name != "README.md"]
+    assert results.count('<div class="card">') == len(pages), "each page of results begins with a claim"
+    assert results.index("fan2023-flat-column.png") < results.index("clogging-layer.png")
 
 
 def test_the_tutorial_shows_its_outputs(site):
