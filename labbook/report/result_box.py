@@ -35,6 +35,8 @@ _LEADING = {"beverloo": ("C", "C_particle", "k"), "beverloo_3d": ("C", "C_partic
 """Parameters by which a law is known, where it reports others too."""
 
 Row = tuple[str, str]
+_EXPECTED = {PACKING_FRACTION: "packing fraction", "power_released": "energy balance", "velocity_outlet": "velocities"}
+"""Quantities whose lack is stated with its reason, in words."""
 
 
 def result_box(results: StudyResults) -> Facts:
@@ -248,9 +250,10 @@ def concerns(results: StudyResults) -> list[str]:
     sentences += _few_stops(results)
     sentences += _limits(results)
     measured = [run.measured for result in points for run in result.runs]
-    packings = [one[PACKING_FRACTION] for one in measured if PACKING_FRACTION in one]
-    if unknown := [one for one in packings if math.isnan(one.value)]:
-        sentences.append(f"No packing fraction in {len(unknown)} of {_count(len(packings), 'run')}: {unknown[0].note}.")
+    for quantity, words in _EXPECTED.items():
+        numbers = [one[quantity] for one in measured if quantity in one]
+        if unknown := [number for number in numbers if math.isnan(number.value)]:
+            sentences.append(f"No {words} in {len(unknown)} of {_count(len(numbers), 'run')}: {unknown[0].note}.")
     if trending := _labels(points, lambda one: one.trending):
         sentences.append(f"No plateau of W within the window (trending): {_listed(trending)}.")
     if cut := _labels(points, lambda one: bool(one.notes[CUT_SHORT])):

@@ -112,7 +112,13 @@ def _plain(point: Point, part: str) -> Any:
         if wall.shape.summary:  # in place of coordinates of thousands of vertices
             numbers = {key: value for key, value in plain["shape"].items() if not isinstance(value, str)}
             plain["shape"] = {"kind": wall.shape.kind, "surface": wall.shape.summary, **numbers}
+    if zones := point.scene.container.zones:
+        dumped["container"]["zones"] = {zone.name: f"{_corner(zone.low)} to {_corner(zone.high)} mm" for zone in zones}
     return dumped.get(part)
+
+
+def _corner(point: tuple[float, float, float]) -> str:
+    return f"({', '.join(f'{1e3 * part:g}' for part in point)})"
 
 
 def _leaves(value: Any, name: str) -> Iterator[tuple[str, float | str | bool | None]]:

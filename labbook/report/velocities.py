@@ -73,7 +73,7 @@ def _label(result: PointResult) -> str:
 
 _CAPTION = (
     "Mean downward velocity of the grains in the plane of the outlet, N/Σ(1/v) over the grains that cross it within "
-    "the window of W: by rings of equal area of a hole, by x of a slot. Bars: 95 % intervals over beds."
+    "the window of W: by rings of equal area of a hole, by x of a slot. Bars: 95 % intervals over beds. Grey: rim."
 )
 _ZONES = (
     "Means over the grains in each zone, in about a hundred frames of the window of W. ± is one standard error between "

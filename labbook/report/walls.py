@@ -216,7 +216,7 @@ def _vector(vector: np.ndarray, scale: float) -> str:
 
 
 def _caption(fits: Mapping[str, Mapping[str, JanssenFit]]) -> str:
-    lines = " Lines: Janssen’s models; black: preferred." if fits else ""
+    lines = " Lines: Janssen’s models whose λ is determined; black: preferred." if fits else ""
     return f"{_CAPTION}{lines}"
 
 

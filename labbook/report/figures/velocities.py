@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from labbook.report.style import COLOURS, MARKERS, MILLIMETRE, PAGE, house, legend_columns, verbatim
+from labbook.report.style import COLOURS, FAINT, MARKERS, MILLIMETRE, PAGE, house, legend_columns, verbatim
 from labbook.results.velocities import PooledProfile
 
 if TYPE_CHECKING:
@@ -35,6 +35,10 @@ def outlet_velocities(points: Sequence[PooledProfile]) -> "Figure":
                 ax.errorbar(middle, velocity, yerr=np.nan_to_num(bars), label=verbatim(name), **style)
             ax.set_title("\n".join(textwrap.wrap(verbatim(pooled.result.label), _TITLE)))
             ax.set_ylim(bottom=0)
+            low, rim = pooled.edges[[0, -1]] * 1e3
+            ax.set_xlim(low - 0.03 * rim, 1.03 * rim)
+            for edge in {low, rim} - {0.0}:
+                ax.axvline(edge, color=FAINT, linewidth=0.7, zorder=0)
         for ax in axes.flat[len(points) :]:
             ax.set_axis_off()
         hole = points[0].result.point.scene.container.outlet_form == "hole"

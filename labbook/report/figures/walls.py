@@ -57,12 +57,14 @@ def _by_height(ax: "Axes", walls: PooledWalls, component: int, fits: Mapping[str
         per_area = _KILO / layout.rest_area[mine]
         stress, bars = rest[mine, component] * per_area, np.nan_to_num(error[mine, component] * per_area)
         style = {"color": colour, "marker": marker, "markersize": 3, "linestyle": ""}
-        ax.errorbar(stress, z, xerr=bars, elinewidth=0.7, label=f"{name}, at rest", **style)
+        ax.errorbar(stress, z, xerr=bars, elinewidth=0.7, label=str(name), **style)
         later = flow[mine, component] * per_area, np.nan_to_num(within[mine, component] * per_area)
-        ax.errorbar(later[0], z, xerr=later[1], elinewidth=0.7, fillstyle="none", label=f"{name}, later", **style)
+        ax.errorbar(later[0], z, xerr=later[1], elinewidth=0.7, fillstyle="none", **style)
     surface = float(np.mean(walls.by_bed("surface")))
     for when, models in fits.items():
         for index, (model, fit) in enumerate(models.items()):
+            if not fit.parameters["length"].determined():
+                continue
             depth = np.linspace(float(fit.profile.depth.min()), float(fit.profile.depth.max()), 200)
             best = model in walls.preferred(when)
             style = {"color": "black" if best else FAINT, "linestyle": DASHES[index], "linewidth": 0.9}
