@@ -21,20 +21,20 @@ from labbook.stats.pooling import student
 
 MODELS = ("J1", "J2", "J3")
 _STARTS = (0.4, 1.5)
-"""Screening lengths from which fits begin, in hydraulic diameters 4 A/P."""
+"""Screening lengths to start fits from, in hydraulic diameters 4 A/P."""
 _FEWEST = 4
-"""Bins below which nothing is fitted."""
+"""Fewest bins for a fit."""
 
 
 @dataclass(frozen=True, eq=False)
 class WallProfile:
-    """Stresses of upright walls by depth.
+    """Stresses on upright walls by depth.
 
     Attributes:
-        depth: Of the middle of each bin below the effective free surface [m], shape [n].
-        normal: Normal stress [Pa].
-        shear: Shear stress of the wall on the bed, positive upwards [Pa].
-        normal_error: Standard error, of which the size is left free.
+        depth: Depth of the middle of each bin below the effective free surface [m], shape [n].
+        normal: Normal stress [Pa], shape [n].
+        shear: Shear stress of the wall on the bed, positive upwards [Pa], shape [n].
+        normal_error: Relative weights of the normal stress, as standard errors up to a common factor, shape [n].
         shear_error: The same of the shear stress.
         specific_weight: rho_b g of the bulk [N/m^3].
         section: A/P [m].
@@ -51,8 +51,17 @@ class WallProfile:
 
 @dataclass(frozen=True, eq=False)
 class JanssenFit:
-    """A model fitted to a profile: `length` l [m], `ratio` K and, where it has one, the shift s or the thickness a of
-    the hydrostatic layer [m] as `layer`; `chi2` with `dof` degrees of freedom; AICc."""
+    """A model fitted to a profile.
+
+    Attributes:
+        model: One of MODELS.
+        parameters: `length` l [m], `ratio` K and `layer`, which is the shift s of J2 or the hydrostatic layer a of J3
+            [m].
+        chi2: Sum of squares of the residuals.
+        dof: Degrees of freedom.
+        aicc: Akaike's criterion for few points.
+        profile: The profile.
+    """
 
     model: str
     parameters: Mapping[str, Parameter]
@@ -119,14 +128,14 @@ def fit_janssen(profile: WallProfile, confidence: float = 0.95) -> dict[str, Jan
 
 
 def preferred(fits: Mapping[str, JanssenFit]) -> tuple[str, ...]:
-    """Models that no other beats by 4 in AICc: several of them are undecided."""
-    return unbeaten({name: (one.aicc,) for name, one in fits.items()}) if fits else ()
+    """Models that no other beats by 4 in AICc; several names mean that the data do not decide."""
+    return unbeaten({name: (entry.aicc,) for name, entry in fits.items()}) if fits else ()
 
 
 def _fit(
     model: str, profile: WallProfile, starts: Sequence[np.ndarray], confidence: float
 ) -> tuple[JanssenFit, np.ndarray]:
-    """A model fitted from some starts, and its free parameters. Raises RuntimeError if none converges."""
+    """Fit a model from some starts; also its free parameters. Raises RuntimeError if no start converges."""
     names = ("length", "ratio") if model == "J1" else ("length", "ratio", "layer")
 
     def residuals(free: np.ndarray) -> np.ndarray:
@@ -140,6 +149,7 @@ def _fit(
         )
 
     minimum = _lowest(residuals, [np.resize(start, len(names)) for start in starts])
+    # the shear stress follows from the same parameters, so that a bin counts twice
     points, dof = 2 * len(profile.depth), 2 * len(profile.depth) - len(names)
     errors = np.sqrt(np.diag(minimum.covariance) * minimum.chi2 / dof)
     width = student(confidence, dof)
@@ -173,7 +183,7 @@ def _starts(profile: WallProfile) -> list[np.ndarray]:
 
 
 def _lowest(residuals: Callable[[np.ndarray], np.ndarray], starts: Sequence[np.ndarray]) -> Minimum:
-    """The lowest of the minima that are reached from the starts. Raises RuntimeError if there is none."""
+    """Find the lowest of the minima reached from the starts. Raises RuntimeError if there is none."""
     minima = []
     for start in starts:
         try:
