@@ -32,7 +32,7 @@ from labbook.papers.pongo2022.rotation import ROTATION, Rotation
 from labbook.results.points import FLOW_RATE
 from labbook.stats import Pooled, StoppingRule, pool
 from labbook.stats.bootstrap import bootstrap_all
-from labbook.stats.effects import one_more
+from labbook.stats.effects import predict_effect
 from labbook.stats.equivalence import tost
 from labbook.stats.nested import by_bed, of_beds
 from labbook.stats.pooling import student
@@ -131,8 +131,8 @@ def sequential(rng: np.random.Generator, scale: float) -> Iterator[Case]:
             for _ in range(draws):
                 values = 1 + 0.01 * rng.standard_normal(cap)
                 n, decision = 0, rule.decide([])
-                while decision.more:
-                    n += decision.more
+                while decision.additional:
+                    n += decision.additional
                     decision = rule.decide(values[:n])
                 assert decision.pooled is not None
                 hits, runs = hits + holds(decision.pooled, 1), runs + n
@@ -233,7 +233,7 @@ def effects(rng: np.random.Generator, scale: float) -> Iterator[Case]:
             def one(scenes: int = scenes, spread: float = spread) -> bool:
                 errors = rng.uniform(0.7, 1.4, scenes)
                 measured = rng.normal(0, spread, scenes) + rng.normal(0, errors)
-                value, half = one_more(measured.tolist(), (errors**2).tolist())
+                value, half = predict_effect(measured.tolist(), (errors**2).tolist())
                 return abs(rng.normal(0, spread) - value) < half
 
             case = f"{scenes} scenes that scatter by {spread:g} times their errors"
@@ -381,8 +381,8 @@ def stored(rng: np.random.Generator, scale: float) -> Iterator[Case]:
                 shuffled, at = rng.permutation(rates), 0
                 while at + 400 <= len(shuffled):
                     n, decision = 0, rule.decide([])
-                    while decision.more:
-                        n += decision.more
+                    while decision.additional:
+                        n += decision.additional
                         decision = rule.decide(shuffled[at : at + n])
                     assert decision.pooled is not None
                     hits += holds(decision.pooled, float(rates.mean()))

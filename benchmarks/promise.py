@@ -79,8 +79,8 @@ def repeats(rates: Sequence[float], rule: StoppingRule) -> list[Reported]:
     found, at = [], 0
     while at + rule.first <= len(rates):
         n = rule.first
-        while (decision := rule.decide(rates[at : at + n])).more:
-            n += decision.more
+        while (decision := rule.decide(rates[at : at + n])).additional:
+            n += decision.additional
             if at + n > len(rates):
                 return found
         assert decision.pooled is not None

@@ -18,7 +18,7 @@ from typing import Any
 import numpy as np
 
 from labbook.accuracy.groups import Groups
-from labbook.stats.effects import FEWEST, one_more
+from labbook.stats.effects import FEWEST, predict_effect
 from labbook.stats.pooling import student
 
 PATH = Path(__file__).with_name("calibration.json")
@@ -229,7 +229,7 @@ class SimilarScenes:
 @lru_cache(maxsize=64)
 def _rounding(rounded: tuple[tuple[float, float], ...]) -> Bias:
     values, variances = zip(*rounded, strict=True)
-    return Bias(*one_more(values, variances, CONFIDENCE))
+    return Bias(*predict_effect(values, variances, CONFIDENCE))
 
 
 @lru_cache(maxsize=4096)  # the points of a study have the same numerics to choose from
@@ -239,7 +239,7 @@ def _predict(scenes: SimilarScenes, x: tuple[float, float, float, float]) -> Bia
     if len(measured) < FEWEST:
         return Bias(float(np.mean([value for value, _ in measured or changes])), math.inf)
     values, variances = zip(*measured, strict=True)
-    return Bias(*one_more(values, variances, CONFIDENCE))
+    return Bias(*predict_effect(values, variances, CONFIDENCE))
 
 
 @dataclass(frozen=True)

@@ -16,7 +16,7 @@ from labbook.export.packing import check_spheres, write_packings
 from labbook.export.stl import check_facets, write_walls
 from labbook.export.study import write_numbers, write_recordings
 from labbook.fit import LAWS, FitError, FitResult
-from labbook.fit import named as named_law
+from labbook.fit import law_name as named_law
 from labbook.lab import LabFolder
 from labbook.lab.records import repeat
 from labbook.report import gallery, page, style, tables

@@ -141,7 +141,7 @@ class Find(Goal):
         half = _half_width(curve, root, len(runs))
         progress = f"{self._amount(self.target)} at {self._setting(study, root)} (95 %: {ends}), known to "
         progress += f"±{percent(half, '.2f')} from {len(runs)} beds"
-        if beds >= _LEAST and Tolerance(self.within).kept(half):
+        if beds >= _LEAST and Tolerance(self.within).met(half):
             return held_out({self.key: x}, trials, progress)
         if beds >= study.accuracy.max_replicates:
             reason = "accuracy.max_replicates allows no more beds, and the promise is not reached"

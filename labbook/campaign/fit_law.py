@@ -27,7 +27,7 @@ from labbook.campaign.goal import (
     spread,
 )
 from labbook.campaign.strategy import Assignment, Proposal, Trial, Values, place
-from labbook.fit import LAWS, Context, FitError, FitResult, fit, named
+from labbook.fit import LAWS, Context, FitError, FitResult, fit, law_name
 from labbook.fit.profile import derivative
 from labbook.scene.model import Fault, Internal, refuse
 from labbook.scene.quantities import parse, percent
@@ -77,7 +77,7 @@ class FitLaw(Goal):
         if not (isinstance(mapping, Mapping) and len(mapping) == 1):
             refuse([Fault("", "one law with errors of its parameters is needed", _EXAMPLE)])
         ((law, errors),) = mapping.items()
-        law = named(str(law))
+        law = law_name(str(law))
         if law not in LAWS:
             refuse([Fault(str(law), "there is no such law", f"name one of: {', '.join(LAWS)}")])
         if not isinstance(errors, Mapping) or not errors:

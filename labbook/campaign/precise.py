@@ -31,6 +31,6 @@ class PreciseRun(Strategy):
         if half_width is None:
             return Proposal((Assignment(latest.at),), "the flow has a trend, or too few grains have left")
         known = f"W to {percent(half_width, '.2f')}, and {percent(self.error)} is asked"
-        if Tolerance(self.error).kept(half_width):
+        if Tolerance(self.error).met(half_width):
             return Proposal.end(known)
         return Proposal((Assignment(latest.at),), known)

@@ -47,7 +47,7 @@ class Replicates(Strategy):
 
     def _design(self, decision: Decision, beds: Beds, there: Design) -> Design:
         """Choose beds and discharges for the next look; at the end those that are there."""
-        extended = Design(there.beds + decision.more, there.discharges)
+        extended = Design(there.beds + decision.additional, there.discharges)
         if self.filling is None or decision.pooled is None or decision.ended not in (None, "cap"):
             return extended
         pooled, of, n = decision.pooled, shares(beds), len(beds)

@@ -17,8 +17,8 @@ LAWS: Registry[Law] = Registry[Law](
 """Laws of the flow rate against the orifice: those built in, and those of other packages."""
 
 
-def named(law: str) -> str:
-    """The name of a law that is written as reports show it: `beverloo_3d` for `Beverloo 3d`; others as they are."""
+def law_name(law: str) -> str:
+    """Return the name of a law written as reports show it: `beverloo_3d` for `Beverloo 3d`; others are unchanged."""
     plain = law.strip().lower().replace(" ", "_")
     return plain if plain in LAWS else law
 
@@ -33,5 +33,5 @@ __all__ = [
     "Parameter",
     "contenders",
     "fit",
-    "named",
+    "law_name",
 ]

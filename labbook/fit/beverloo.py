@@ -9,19 +9,19 @@ import numpy as np
 from labbook.fit.law import Context, Law, Reported, exponential, extended_log
 
 _NO_BETTER = 1e-6
-"""Fall of chi2 below that of a constant flow rate which is only rounding."""
+"""Fall of chi2 below that of a constant flow rate that counts as rounding."""
 
 
 class Beverloo(Law):
     """W = C rho_b sqrt(g) (D - k d)^n, times Z for a slot.
 
-    W^{1/n} is a straight line in D: `slope` is its slope, k d its zero. C is reported for both normalisations
-    in use: `C` with the bulk density rho_b = phi_B rho_p of the measured packing (left out without one),
-    `C_particle` with the density rho_p of the grains. The error of phi_B is not part of the interval of C.
+    W^{1/n} is a straight line in D: `slope` is its slope, k d its zero. C is reported for both normalisations in use.
+    `C` uses the bulk density rho_b = phi_B rho_p of the measured packing (left out without one), `C_particle` the
+    density rho_p of the grains. The interval of C does not include the error of phi_B.
     """
 
     power: ClassVar[float]
-    """Of D in the limit of wide outlets."""
+    """Exponent n of D in the limit of wide outlets."""
     version = 2
     free = ("ln C_particle", "k")
     least_ratio = 6.0
@@ -40,8 +40,11 @@ class Beverloo(Law):
     def without_minimum(
         self, D: np.ndarray, W: np.ndarray, relative: np.ndarray, context: Context, allowed: Callable[[float], float]
     ) -> str:
-        """As k runs to minus infinity and C to 0 the law becomes a constant. Where no finite k fits better than that
-        constant, k has an upper limit only."""
+        """Reason why chi2 has no minimum at a finite k, with the upper limit of k; empty if it has one.
+
+        For k to minus infinity and C to 0 the law becomes a constant. If no finite k fits better than that constant, k
+        has an upper limit only.
+        """
         from scipy.optimize import brentq
 
         x, weights, log_W = D / context.d, relative**-2.0, np.log(W)
@@ -50,16 +53,17 @@ class Beverloo(Law):
         def chi2(gap: float) -> float:
             """Least sum of squares with k at `gap` [d] below the smallest orifice, over all C."""
             with np.errstate(divide="ignore"):
-                left = log_W - self.power * np.log1p((x - middle) / (middle - x.min() + gap))
-            return float(np.sum(weights * (left - np.average(left, weights=weights)) ** 2))
+                residual = log_W - self.power * np.log1p((x - middle) / (middle - x.min() + gap))
+            return float(np.sum(weights * (residual - np.average(residual, weights=weights)) ** 2))
 
         constant = chi2(math.inf)
+        # from a millionth to a billion of the range: the profile of chi2 is flat beyond both ends
         gaps = float(np.ptp(x)) * np.logspace(-6, 9, 151)
-        found = [chi2(gap) for gap in gaps]
-        if min(found) < constant * (1 - 1e-9) - _NO_BETTER:
+        chi2_of_gaps = [chi2(gap) for gap in gaps]
+        if min(chi2_of_gaps) < constant * (1 - 1e-9) - _NO_BETTER:
             return ""
         rise = allowed(constant)
-        inside = [gap for gap, one in zip(gaps, found, strict=True) if one - constant > rise]
+        inside = [gap for gap, value in zip(gaps, chi2_of_gaps, strict=True) if value - constant > rise]
         limit = ""
         if inside:
             low = math.log(max(inside))
@@ -89,13 +93,13 @@ class Beverloo(Law):
         return (Reported("C", "", 0, lambda x: exponential(x) * ratio, "C (bulk density)"), *parameters)
 
     def _unit(self, context: Context) -> float:
-        """rho_p sqrt(g) d^n [kg/s], times Z for a slot."""
+        """Unit of the flow rate: rho_p sqrt(g) d^n [kg/s], times Z for a slot."""
         across = context.Z if self.outlet == "slot" else 1.0
         return context.rho_p * math.sqrt(context.g) * context.d**self.power * across
 
 
 class Beverloo2D(Beverloo):
-    """For a slot: n = 3/2."""
+    """Beverloo's law for a slot: n = 3/2."""
 
     name = "beverloo"
     formula = "W = C rho_b sqrt(g) (D - k d)^(3/2) Z"
@@ -105,7 +109,7 @@ class Beverloo2D(Beverloo):
 
 
 class Beverloo3D(Beverloo):
-    """For a circular hole: n = 5/2."""
+    """Beverloo's law for a circular hole: n = 5/2."""
 
     name = "beverloo_3d"
     formula = "W = C rho_b sqrt(g) (D - k d)^(5/2)"

@@ -15,14 +15,18 @@ from labbook.stats.choice import unbeaten
 from labbook.stats.pooling import student
 
 DECADES = 3.0
-"""Decades of the mean avalanche below which the laws cannot be told apart."""
+"""Decades of the mean avalanche that outlets have to span before the laws can be distinguished."""
 _RESTARTS = 8
 _LIMIT = 300.0
+"""Bound of |ln ⟨s⟩|, within which e^x and its inverse stay finite in double precision."""
 
 
 class AvalancheLaw(ABC):
-    """A law of the mean avalanche ⟨s⟩ [grains] through an outlet of D/d diameters; the probability of a stop per grain
-    is 1 / ⟨s⟩."""
+    """Law of the mean avalanche ⟨s⟩ [grains] through an outlet of D/d diameters.
+
+    The probability of a stop per grain is 1 / ⟨s⟩. A subclass defines its formula and source, the names of its free
+    parameters, and the methods below.
+    """
 
     name: ClassVar[str]
     formula: ClassVar[str]
@@ -31,28 +35,45 @@ class AvalancheLaw(ABC):
 
     @abstractmethod
     def log_mean(self, x: np.ndarray, free: np.ndarray, context: "Outlets") -> np.ndarray:
-        """ln ⟨s⟩ at the outlets x = D/d, shape [n]; infinite where the flow never stops."""
+        """ln ⟨s⟩ of the law.
+
+        Args:
+            x: Outlets D/d, shape [n].
+            free: Free parameters, shape [p].
+            context: Properties of the outlets.
+
+        Returns:
+            Shape [n]; infinite where the flow never stops.
+        """
 
     @abstractmethod
     def starts(self, x: np.ndarray, log_mean: np.ndarray, context: "Outlets") -> list[np.ndarray]:
-        """Free parameters to start from, for a rough ln ⟨s⟩ at outlets, shape [n], at all of which the flow stopped."""
+        """Free parameters to start fits from.
+
+        Args:
+            x: Outlets D/d with stops, shape [n].
+            log_mean: Rough ln ⟨s⟩ at each, shape [n].
+            context: Properties of the outlets.
+        """
 
     @abstractmethod
     def reported(self, free: float, index: int, context: "Outlets") -> tuple[str, float]:
-        """Name and value of the parameter that a free one stands for; monotone."""
+        """Name and value of the reported parameter that corresponds to a free one; a monotone function."""
 
 
 @dataclass(frozen=True)
 class Outlets:
-    """Dimension of the region of arches (2 of a slot, 3 of a hole), and the widest outlet at which the flow stopped, in
-    d."""
+    """Properties of the outlets of a fit.
+
+    `dimension`: of the region of arches (2 for a slot, 3 for a hole); `widest`: the widest outlet with a stop [d].
+    """
 
     dimension: int
     widest: float
 
 
 class CriticalSize(AvalancheLaw):
-    """⟨s⟩ = A / (R_c - D/d)^gamma: beyond R_c no arch stops the flow."""
+    """⟨s⟩ = A / (R_c - D/d)^gamma: outlets wider than R_c never clog (Zuriguel et al. 2005)."""
 
     name = "critical size"
     formula = "⟨s⟩ = A / (R_c - D/d)^gamma"
@@ -77,7 +98,7 @@ class CriticalSize(AvalancheLaw):
 
 
 class NoCriticalSize(AvalancheLaw):
-    """ln(1 + ⟨s⟩/s_1) = C ((D/d)^alpha - 1) with alpha the dimension: every outlet clogs at last."""
+    """ln(1 + ⟨s⟩/s_1) = C ((D/d)^alpha - 1), alpha the dimension: every outlet clogs (Thomas & Durian 2015)."""
 
     name = "no critical size"
     formula = "ln(1 + ⟨s⟩/s_1) = C ((D/d)^alpha - 1)"
@@ -87,6 +108,7 @@ class NoCriticalSize(AvalancheLaw):
     def log_mean(self, x: np.ndarray, free: np.ndarray, context: Outlets) -> np.ndarray:
         power = exponential(float(free[1])) * (x**context.dimension - 1)
         with np.errstate(over="ignore", invalid="ignore", divide="ignore"):
+            # ln(e^power - 1) is power itself, to double precision, from 30 on, where expm1 would soon overflow
             return free[0] + np.where(power > 30, power, np.log(np.expm1(np.minimum(power, 30))))
 
     def starts(self, x: np.ndarray, log_mean: np.ndarray, context: Outlets) -> list[np.ndarray]:
@@ -172,7 +194,7 @@ def fit_avalanches(
         except RuntimeError:
             continue
         minimum = trial if minimum is None or trial.chi2 < minimum.chi2 else minimum
-    allowed = student(0.95, math.inf) ** 2
+    allowed = student(0.95, math.inf) ** 2  # chi2 of one degree of freedom: Poisson counts have no unknown variance
     for _ in range(_RESTARTS):
         if minimum is None:
             break
@@ -180,7 +202,7 @@ def fit_avalanches(
             ends = [interval(residuals, minimum, index, allowed) for index in range(number)]
             break
         except LowerMinimum as lower:
-            minimum = minimise(residuals, lower.found)
+            minimum = minimise(residuals, lower.free)
         except RuntimeError:
             minimum = None
     else:
@@ -201,7 +223,7 @@ def fit_avalanches(
 
 
 def _deviances(law: AvalancheLaw, x: np.ndarray, k: np.ndarray, grains: np.ndarray, context: Outlets) -> Residuals:
-    """Signed roots of the deviance of each outlet."""
+    """Signed square roots of the deviance of each outlet; their sum of squares is -2 ln of the likelihood ratio."""
     from scipy.special import xlogy
 
     def residuals(free: np.ndarray) -> np.ndarray:
@@ -214,9 +236,9 @@ def _deviances(law: AvalancheLaw, x: np.ndarray, k: np.ndarray, grains: np.ndarr
 
 
 def preferred(fits: Sequence[AvalancheFit]) -> tuple[str, ...]:
-    """Names of the laws among which the data do not choose; a single one is what they prefer.
+    """Names of the laws between which the data do not decide; a single name is the preferred law.
 
-    As for laws of the flow rate, a law is beaten only by 4 or more, both in AICc and in the likelihood alone. Where the
-    criterion is not known, for few outlets, nothing is beaten.
+    A law is beaten only by 4 or more, in AICc and in the likelihood alone, as for laws of the flow rate. If there are
+    too few outlets for the criterion, nothing is beaten.
     """
     return unbeaten({fit.law.name: (fit.aicc, fit.deviance) for fit in fits})

@@ -8,9 +8,9 @@ from labbook.fit.law import Context, Law, Reported, exponential
 
 
 class Exponential(Law):
-    """W = W_0 e^{kappa D}, seen for rods in narrow outlets.
+    """W = W_0 e^{kappa D}, observed for rods in narrow outlets (Pongo et al. 2022).
 
-    `kappa` [1/m] and `W_0` [kg/s]. kappa by itself tells nothing apart: Beverloo's law has d ln W/dD = n/(D - k d),
+    `kappa` [1/m] and `W_0` [kg/s]. kappa alone does not distinguish laws: Beverloo's law has d ln W/dD = n/(D - k d),
     which is 0.08/mm at D = 45 mm for grains of 9.9 mm.
     """
 

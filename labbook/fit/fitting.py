@@ -1,4 +1,4 @@
-"""Fitting a law to flow rates with known errors."""
+"""Fit of a law to flow rates with known errors."""
 
 import math
 from collections.abc import Callable, Sequence
@@ -14,14 +14,14 @@ from labbook.stats.choice import aicc, deviance, unbeaten
 from labbook.stats.pooling import student
 
 _RESTARTS = 8
-_SAME = 1e-3
-"""Orifices that differ by less, in diameters of a grain, count as one."""
+_RESOLUTION = 1e-3
+"""Difference of orifices [d] below which they count as one."""
 _EXACT = 1e-6
-"""Relative scatter about a law below which it is that of numerics: flow rates are counts of grains."""
+"""Relative scatter about a law that counts as round-off: flow rates are counts of grains, and never lie so close."""
 OUTLETS = 6
-"""Outlets that decide k where Beverloo's law misses them: Student's t of four degrees of freedom is 2.8."""
+"""Outlets that determine k where Beverloo's law misses the points: with four degrees of freedom Student's t is 2.8."""
 _UNDECIDED = 1.0
-"""Width of the interval of k [d] from which on it is not decided: it then excludes little."""
+"""Width of the interval of k [d] above which k counts as undecided: such an interval excludes little."""
 _DIVERGES = (
     "the fit did not converge: these flow rates do not determine its parameters; use outlets over a wider range or "
     "more replicates, or leave the law out of `fit`"
@@ -37,13 +37,26 @@ def fit(
     replicates: Sequence[int] | np.ndarray | None = None,
     confidence: float = 0.95,
 ) -> FitResult:
-    """Fit `law` to mass flow rates W [kg/s] at orifices D [m], all of shape [n].
+    """Fit a law to mass flow rates.
 
-    `error`: standard errors of W from `replicates` seeds a point (NaN where there is one). They are pooled
-    (see `labbook.fit.weights`); left out, the errors count as exactly known. Residuals are those of ln W, in
-    which the relative scatter of flow rates has one size. Intervals come from the profile likelihood, with
-    errors and Student's t of `labbook.fit.result.widened`. Raises FitError for unusable data, data that do not
-    determine the parameters, and a fit that does not converge.
+    Residuals are those of ln W: the relative scatter of flow rates is the same at all orifices. Intervals come from the
+    profile likelihood (`labbook.fit.profile`), with errors and Student's t of `labbook.fit.result.widened`.
+
+    Args:
+        law: The law.
+        D: Orifices [m], shape [n].
+        W: Mass flow rates [kg/s], shape [n].
+        error: Standard errors of W over replicates [kg/s], shape [n]; NaN with one replicate.
+        context: Properties of grains, slot and gravity.
+        replicates: Number of replicates of each point, over which errors are pooled (`labbook.fit.weights`); None: the
+            errors are known exactly.
+        confidence: Confidence of the intervals.
+
+    Returns:
+        The fit.
+
+    Raises:
+        FitError: The data are unusable or do not determine the parameters, or the fit does not converge.
     """
     D, W, error = (np.asarray(a, float) for a in (D, W, error))
     _check(law, D, W, error, replicates, context)
@@ -63,6 +76,7 @@ def fit(
     start = law.start(D, W, context)
     if np.isnan(law.log_flow(D, start, context)).any():
         raise FitError(f"{law.name}: log_flow gives NaN at the free parameters of start, {start}")
+    # a profile that meets a lower minimum restarts the fit from there: the first minimum was a local one
     for _ in range(_RESTARTS):
         try:
             minimum = minimise(residuals, start)
@@ -74,7 +88,7 @@ def fit(
             parameters = _parameters(law, context, residuals, minimum, allowed(minimum.chi2), widening)
             break
         except LowerMinimum as lower:
-            start = lower.found
+            start = lower.free
         except RuntimeError as failure:
             raise FitError(f"{law.name}: {_DIVERGES}") from failure
     else:
@@ -82,14 +96,15 @@ def fit(
     outside = law.outside(D, context)
     p_value = _p_value(minimum.chi2, dof, weights)
     notes = _notes(law, D, outside, weights, p_value, dof, context)
-    if more := _more_outlets(D, context, widening, parameters):
-        notes = (*notes, more)
+    if advice := _more_outlets(D, context, widening, parameters):
+        notes = (*notes, advice)
     return FitResult(
         law=law,
         context=context,
         parameters=parameters,
         D=D,
         W=W,
+        # without replicates weights are relative only; the misfit gives them their size
         relative_error=weights.relative if replicated else weights.relative * misfit,
         residuals=residuals(minimum.best) * weights.relative,
         outside=outside,
@@ -105,7 +120,7 @@ def fit(
 
 
 def _allowed(confidence: float, dof: int, error_dof: float) -> Callable[[float], float]:
-    """The rise of chi2 over its least value that bounds the intervals: t^2, widened by the misfit."""
+    """Function that gives the rise of chi2 over its minimum that bounds the intervals: t^2, widened by the misfit."""
 
     def allowed(least: float) -> float:
         factor, freedom = widened(least, dof, error_dof)
@@ -119,19 +134,21 @@ def _check(law: Law, D: np.ndarray, W: np.ndarray, error: np.ndarray, replicates
         raise FitError(f"{law.name}: orifices, flow rates and errors must be lists of equal length")
     orifices, least = _distinct(D, context), len(law.free) + 1
     if orifices < least:
-        same = f" (those that differ by less than {_SAME:g} d count as one)" if orifices < len(np.unique(D)) else ""
+        resolution = (
+            f" (those that differ by less than {_RESOLUTION:g} d count as one)" if orifices < len(np.unique(D)) else ""
+        )
         few = "orifice is too few" if orifices == 1 else "orifices are too few"
-        raise FitError(f"{law.name}: {orifices} {few}{same}; its {least - 1} parameters need {least}")
+        raise FitError(f"{law.name}: {orifices} {few}{resolution}; its {least - 1} parameters need {least}")
     if not (np.isfinite(W).all() and (W > 0).all() and np.isfinite(D).all() and (D > 0).all()):
         raise FitError(f"{law.name}: orifices and flow rates must be positive and finite; leave out clogged points")
-    known = np.ones(len(D), bool) if replicates is None else np.asarray(replicates) > 1
-    if not (np.isfinite(error[known]).all() and (error[known] >= 0).all()):
+    replicated = np.ones(len(D), bool) if replicates is None else np.asarray(replicates) > 1
+    if not (np.isfinite(error[replicated]).all() and (error[replicated] >= 0).all()):
         raise FitError(f"{law.name}: the error of a point with several replicates must be finite and not negative")
 
 
 def _distinct(D: np.ndarray, context: Context) -> int:
-    """Number of orifices that differ."""
-    return min(len(D), 1) + int(np.sum(np.diff(np.unique(D)) >= _SAME * context.d))
+    """Number of different orifices."""
+    return min(len(D), 1) + int(np.sum(np.diff(np.unique(D)) >= _RESOLUTION * context.d))
 
 
 def _parameters(law, context, residuals, minimum: Minimum, rise: float, widening: float) -> dict[str, Parameter]:
@@ -141,6 +158,7 @@ def _parameters(law, context, residuals, minimum: Minimum, rise: float, widening
     parameters = {}
     for entry in reported:
         free = minimum.best[entry.free]
+        # error propagation by a central difference: the derivative of a reported parameter by its free one
         slope = (entry.of(free + 1e-6) - entry.of(free - 1e-6)) / 2e-6
         low, high = sorted(entry.of(end) for end in ends[entry.free])
         error = abs(slope) * errors[entry.free] if math.isfinite(errors[entry.free]) else math.inf
@@ -155,6 +173,7 @@ def _p_value(chi2: float, dof: int, weights: Weights) -> float:
         return math.nan
     if math.isinf(weights.degrees_of_freedom):
         return float(chdtrc(dof, chi2))
+    # F and not chi2: the errors are estimates themselves, from finitely many replicates
     return float(fdtrc(dof, weights.degrees_of_freedom, chi2 / dof))
 
 
@@ -176,7 +195,7 @@ def _notes(law: Law, D, outside, weights: Weights, p_value: float, dof: int, con
 
 
 def _more_outlets(D: np.ndarray, context: Context, widening: float, parameters: dict[str, Parameter]) -> str:
-    """Recommend OUTLETS where fewer leave k with an interval wider than _UNDECIDED, and the points miss the law."""
+    """Recommend OUTLETS if the points miss the law and fewer outlets leave k with an interval above _UNDECIDED."""
     outlets = _distinct(D, context)
     if "k" not in parameters or outlets >= OUTLETS or widening <= 1:
         return ""
@@ -188,11 +207,11 @@ def _more_outlets(D: np.ndarray, context: Context, widening: float, parameters: 
 
 
 def contenders(results: Sequence[FitResult]) -> tuple[str, ...]:
-    """Names of the laws among which the data do not choose; one alone is what they prefer.
+    """Names of the laws between which the data do not decide; a single name is the preferred law.
 
-    Another law beats one by AICc, and by the likelihood alone as well: with 8 points a third parameter costs 9 in AICc,
-    so that a law of two would win by more than 4 on data that both fit alike. Such a choice rests on the count of
-    parameters, not on the data. Raises FitError unless all laws were fitted to the same points.
+    A law is beaten only if another one wins by AICc and by the likelihood alone. With 8 points a third parameter costs
+    9 in AICc, so that a law with two would win by more than 4 on data that both fit equally well. Such a choice would
+    rest on the number of parameters, not on the data. Raises FitError unless all laws were fitted to the same points.
     """
     first = results[0]
     if any(not (np.array_equal(r.D, first.D) and np.array_equal(r.W, first.W)) for r in results):

@@ -1,8 +1,8 @@
-"""A measured quantity between the settings of its runs, for any quantity and key: values and intervals, in SI.
+"""Interpolation of a measured quantity between the settings of its runs: values and intervals, in SI.
 
-Quantities above 0 are interpolated as logarithms, against the logarithm of a length or any other key itself. What is
-known of the flow through an outlet is taken off before: W is proportional to (D - 1.4 d)^n with n of the outlet, to
-which the data add what they show beyond that.
+Positive quantities are interpolated as logarithms, against the logarithm of a length or any other key itself. The known
+trend of the flow through an outlet is subtracted first: W is proportional to (D - 1.4 d)^n with n of the outlet, and
+the fit describes the deviation from it.
 """
 
 from collections.abc import Callable, Sequence
@@ -14,15 +14,15 @@ from labbook.scene.scene import Scene
 from labbook.stats.response import Response
 
 CLOGGED = 0.2
-"""Part of the runs of a point up to which these may clog: of more, those that flowed are no fair sample."""
+"""Largest part of clogged runs at a point: with more, the runs that flowed are a biased sample."""
 _K = 1.4
 """k of Beverloo's law for spheres (Beverloo et al., Chem. Eng. Sci. 15 (1961) 260)."""
 _POWERS = {"slot": 1.5, "hole": 2.5}
 _NARROWEST = 2.0
-"""Outlet [d] from which on that is used."""
+"""Narrowest outlet [d] for which the trend is used."""
 _RATES = ("flow_rate", "grain_rate")
 Trend = Callable[[np.ndarray], np.ndarray]
-"""Logarithm of a quantity at m settings, up to a constant, shape [m]."""
+"""Logarithm of a quantity at m settings, up to a constant: a function of shape [m] to [m]."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -32,7 +32,7 @@ class Interpolation:
     Attributes:
         low: Smallest setting.
         high: Largest setting.
-        response: What is fitted, in transformed numbers.
+        response: Fitted response, in transformed numbers.
     """
 
     low: float
@@ -58,11 +58,11 @@ class Interpolation:
             settings: Of the runs [SI], shape [n].
             values: Of the runs [SI], shape [n].
             beds: Seeds of their beds, shape [n].
-            of_length: Whether the key is a length.
-            trend: What is known of the quantity (`trend_of_outlets`); not used where a value is not above 0.
+            of_length: True if the key is a length.
+            trend: Known trend of the quantity (`trend_of_outlets`); unused if a value is not positive.
 
         Raises:
-            ValueError: As for `Response.of`.
+            ValueError: See `Response.of`.
         """
         x, y = np.asarray(settings, float), np.asarray(values, float)
         of_length, logarithmic = of_length and bool((x > 0).all()), bool((y > 0).all())
@@ -106,7 +106,7 @@ class OutletTrend:
 
 
 def trend_of_outlets(quantity: str, key: str, scene: Scene, narrowest: float) -> OutletTrend | None:
-    """Give what is known of a quantity against a key.
+    """Build the known trend of a quantity against a key.
 
     Args:
         quantity: Name of the quantity.
@@ -115,8 +115,8 @@ def trend_of_outlets(quantity: str, key: str, scene: Scene, narrowest: float) ->
         narrowest: Smallest setting.
 
     Returns:
-        The trend of a flow rate against the outlet; None of other quantities and keys, and of outlets about as wide as
-        a grain.
+        The trend of a flow rate against the outlet; None for other quantities and keys, and for outlets hardly wider
+        than a grain.
     """
     form, d = scene.container.outlet_form, scene.grains.equivalent_diameter
     if key != "container.orifice" or quantity not in _RATES or form not in _POWERS or narrowest < _NARROWEST * d:

@@ -11,19 +11,19 @@ from labbook.fit.law import Context, Law, Reported, exponential, extended_log
 # Bounds of ln alpha_2/d beyond which the law no longer changes: a constant bracket, or one linear in D.
 _NARROWEST, _WIDEST = math.log(0.05), math.log(1e3)
 _NEAR = 0.01
-"""Distance of ln alpha_2/d from a bound at which it lies there."""
+"""Distance of ln alpha_2/d from a bound within which it counts as lying there."""
 
 
 class Janda(Law):
     """Q = C' (1 - alpha_1 e^{-D/alpha_2}) D^n, with Q in grains per second; the mass flow rate is W = m Q.
 
-    The bracket is the packing fraction in the orifice relative to that of a wide one. `C_prime` is in s^-1
-    m^-n, `alpha2` in m. Orifices all much wider than alpha_2 tell nothing of alpha_1 and alpha_2: their
-    intervals then have no upper or lower end (infinity, zero).
+    The bracket is the packing fraction in the orifice relative to that of a wide one. `C_prime` is in s^-1 m^-n,
+    `alpha2` in m. Orifices all much wider than alpha_2 do not determine alpha_1 and alpha_2: their intervals then have
+    no upper or lower end (infinity, zero).
     """
 
     power: ClassVar[float]
-    """Of D in the limit of wide outlets."""
+    """Exponent n of D in the limit of wide outlets."""
     version = 3
     source = "Janda, Zuriguel & Maza, Phys. Rev. Lett. 108 (2012) 248001"
     free = ("ln C' d^n sqrt(d/g)", "alpha_1", "ln alpha_2/d")
@@ -38,8 +38,11 @@ class Janda(Law):
         return math.log(context.unit_flow) + free[0] + self.power * np.log(ratio) + log_bracket
 
     def endless(self, free: np.ndarray) -> Collection[int]:
-        """All at the upper bound of alpha_2: the bracket is linear in D there, C' grows with alpha_2, and alpha_1 tends
-        to 1. At the lower bound C' is that of wide orifices, which the data set."""
+        """All parameters at the upper bound of alpha_2, where their intervals have no end.
+
+        There the bracket is linear in D, C' grows with alpha_2, and alpha_1 tends to 1. At the lower bound C' is that
+        of wide orifices, which the data determine.
+        """
         return (0, 1, 2) if free[2] >= _WIDEST - _NEAR else ()
 
     def start(self, D: np.ndarray, W: np.ndarray, context: Context) -> np.ndarray:
@@ -49,9 +52,9 @@ class Janda(Law):
         best, least = np.array([math.log(float(scaled.max())), 0.5, math.log(6.0)]), math.inf
         for log_range in np.linspace(math.log(0.5), math.log(4 * ratio.max()), 16):
             columns = np.column_stack([np.ones_like(ratio), -np.exp(-ratio * math.exp(-log_range))])
-            columns, left = columns / scaled[:, None], np.ones_like(ratio)
-            (c, product), *_ = np.linalg.lstsq(columns, left, rcond=None)
-            misfit = float(np.sum((left - columns @ (c, product)) ** 2))
+            columns, target = columns / scaled[:, None], np.ones_like(ratio)
+            (c, product), *_ = np.linalg.lstsq(columns, target, rcond=None)
+            misfit = float(np.sum((target - columns @ (c, product)) ** 2))
             if c > 0 and misfit < least:
                 best, least = np.array([math.log(c), product / c, log_range]), misfit
         return best
@@ -70,7 +73,7 @@ class Janda(Law):
 
 
 class Janda2D(Janda):
-    """For a slot: n = 3/2."""
+    """Janda's law for a slot: n = 3/2."""
 
     name = "janda"
     formula = "Q = C' (1 - alpha_1 exp(-D/alpha_2)) D^(3/2)"
@@ -79,7 +82,7 @@ class Janda2D(Janda):
 
 
 class Janda3D(Janda):
-    """For a circular hole: n = 5/2."""
+    """Janda's law for a circular hole: n = 5/2."""
 
     name = "janda_3d"
     formula = "Q = C' (1 - alpha_1 exp(-D/alpha_2)) D^(5/2)"

@@ -177,8 +177,8 @@ def _check(depth: np.ndarray, *errors: np.ndarray) -> None:
 
 
 def preferred(fits: Mapping[str, ModelFit]) -> tuple[str, ...]:
-    """Models that no other beats by 4 in AICc: several of them are undecided."""
-    return unbeaten({name: (one.aicc,) for name, one in fits.items()}) if fits else ()
+    """Models that no other beats by 4 in AICc; several names mean that the data do not decide."""
+    return unbeaten({name: (entry.aicc,) for name, entry in fits.items()}) if fits else ()
 
 
 def _fits(

@@ -8,9 +8,9 @@ from labbook.fit.law import Context, Law, Reported, exponential
 
 
 class Power(Law):
-    """W = W_d (D/d)^n: what is left of Beverloo's and Janda's laws for wide outlets, where n is 3/2 or 5/2.
+    """W = W_d (D/d)^n: the limit of Beverloo's and Janda's laws for wide outlets, where n is 3/2 or 5/2.
 
-    `n`, and `W_d` [kg/s], what the law comes to at D = d. Narrower outlets let through less, so that n is larger there.
+    `n`, and `W_d` [kg/s], the value at D = d. Narrower outlets let through less, so that n is larger there.
     """
 
     name = "power"

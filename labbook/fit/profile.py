@@ -1,9 +1,9 @@
 """Least squares with intervals from the profile likelihood.
 
-The interval of a parameter holds all values at which the sum of squares, minimised over all other parameters,
-exceeds its minimum by less than a given rise (Bates & Watts, Nonlinear Regression Analysis, 1988, section
-6.1; Venzon & Moolgavkar, Appl. Statist. 37 (1988) 87). Unlike value +- error it follows curved valleys, and
-it says so where the data set no limit.
+The interval of a parameter holds all values at which the sum of squares, minimised over all other parameters, exceeds
+its minimum by less than a given rise (Bates & Watts, Nonlinear Regression Analysis, 1988, section 6.1; Venzon &
+Moolgavkar, Appl. Statist. 37 (1988) 87). Unlike value +- error it follows curved valleys, and it is infinite where the
+data set no limit.
 """
 
 import math
@@ -14,17 +14,17 @@ from functools import cache
 import numpy as np
 
 Residuals = Callable[[np.ndarray], np.ndarray]
-"""Residuals in units of their standard errors, shape [n], of free parameters, shape [p]."""
+"""Function of free parameters, shape [p], that returns residuals over their standard errors, shape [n]."""
 
 _IMPOSSIBLE = 1e30
-"""Sum of squares of parameters for which the law has no value."""
+"""Sum of squares for parameters at which the law has no value."""
 _FARTHEST = 1e3
-"""Standard errors from the best value beyond which an interval counts as having no end."""
+"""Distance from the best value, in standard errors, beyond which an interval counts as unbounded."""
 
 
 @dataclass(frozen=True)
 class Minimum:
-    """Best parameters, sum of squares there, and their covariance, shape [p, p] (infinite if singular)."""
+    """Least-squares solution: parameters, shape [p], sum of squares, and covariance, shape [p, p], or infinity."""
 
     best: np.ndarray
     chi2: float
@@ -32,11 +32,11 @@ class Minimum:
 
 
 class LowerMinimum(Exception):
-    """A profile came upon a lower sum of squares: the minimum that it started from was a local one."""
+    """A profile met a lower sum of squares at the parameters `free`: the minimum that it started from was local."""
 
-    def __init__(self, found: np.ndarray):
+    def __init__(self, free: np.ndarray):
         super().__init__("the minimum was not the lowest one")
-        self.found = found
+        self.free = free
 
 
 def _least_squares(residuals: Residuals, start: np.ndarray):
@@ -50,7 +50,18 @@ def _least_squares(residuals: Residuals, start: np.ndarray):
 
 
 def minimise(residuals: Residuals, start: np.ndarray) -> Minimum:
-    """The minimum of the sum of squares. Raises RuntimeError if none is found."""
+    """Minimise the sum of squares.
+
+    Args:
+        residuals: The residuals.
+        start: Parameters to start from, shape [p].
+
+    Returns:
+        The minimum; its covariance is infinite if the data do not determine the parameters.
+
+    Raises:
+        RuntimeError: The iteration does not converge.
+    """
     best, chi2, message, status = _least_squares(residuals, np.asarray(start, float))
     if status not in (1, 2, 3, 4) or not np.isfinite(best).all() or chi2 == _IMPOSSIBLE:
         raise RuntimeError(f"the fit did not converge: {message}")
@@ -65,11 +76,11 @@ def minimise(residuals: Residuals, start: np.ndarray) -> Minimum:
 
 
 def derivative(function: Residuals, at: np.ndarray) -> np.ndarray:
-    """Central-difference derivative of a vector function, shape [n, p]."""
+    """Central-difference derivative of a vector function: shape [n, p]."""
     columns = []
     for i in range(len(at)):
         step = np.zeros_like(at)
-        step[i] = 6e-6 * max(1.0, abs(at[i]))
+        step[i] = 6e-6 * max(1.0, abs(at[i]))  # the cube root of the rounding error balances it with truncation
         columns.append((function(at + step) - function(at - step)) / (2 * step[i]))
     return np.column_stack(columns)
 
@@ -81,10 +92,20 @@ def interval(
     rise: float,
     endless: Callable[[np.ndarray], Collection[int]] = lambda free: (),
 ) -> tuple[float, float]:
-    """Ends of the interval of free parameter `index` in which the profile rises by less than `rise`.
+    """Interval of a free parameter by its profile likelihood.
 
-    An end that the data do not set is infinite; so is one at whose free parameters, shape [p], the parameter is among
-    those that `endless` gives. Raises LowerMinimum if `minimum` turns out to be a local one.
+    Args:
+        residuals: The residuals.
+        minimum: Their minimum.
+        index: Index of the parameter.
+        rise: Rise of the profile that bounds the interval.
+        endless: Indices of parameters without an end at free parameters of shape [p], which only a bound stops.
+
+    Returns:
+        Lower and upper end; infinite where the data set none.
+
+    Raises:
+        LowerMinimum: `minimum` is a local one.
     """
     error = math.sqrt(minimum.covariance[index, index])
     unit = error if math.isfinite(error) else 1.0
@@ -103,30 +124,30 @@ def _end(
     from scipy.optimize import brentq
 
     centre = minimum.best[index]
-    others = np.delete(np.arange(len(minimum.best)), index)
-    # Along the valley the other parameters move in proportion, as the covariance says.
+    remaining = np.delete(np.arange(len(minimum.best)), index)
+    # along the valley the other parameters change in proportion to their covariance: a good start for each step
     with np.errstate(invalid="ignore"):
-        along = minimum.covariance[others, index] / minimum.covariance[index, index]
+        along = minimum.covariance[remaining, index] / minimum.covariance[index, index]
     along = np.where(np.isfinite(along), along, 0.0)
-    guess = {0.0: minimum.best[others]}
+    guess = {0.0: minimum.best[remaining]}
 
     @cache
     def excess(steps: float) -> float:
-        """Root of the rise, less the root asked for: nearly linear in the distance."""
+        """Square root of the rise, less that of the target: nearly linear in the distance, so that brentq is fast."""
         if steps == 0:
             return -math.sqrt(rise)
         fixed = centre + steps * unit
 
         def constrained(free: np.ndarray) -> np.ndarray:
             full = np.empty(len(minimum.best))
-            full[index], full[others] = fixed, free
+            full[index], full[remaining] = fixed, free
             return residuals(full)
 
-        near = min(guess, key=lambda known: abs(known - steps))
+        near = min(guess, key=lambda solved: abs(solved - steps))
         start = guess[near] + along * unit * (steps - near)
         free, chi2, *_ = _least_squares(constrained, start)
         guess[steps] = free
-        if chi2 < minimum.chi2 * (1 - 1e-6) - 1e-9:
+        if chi2 < minimum.chi2 * (1 - 1e-6) - 1e-9:  # lower by more than the tolerance of the minimiser
             raise LowerMinimum(np.insert(free, index, fixed))
         return math.sqrt(max(chi2 - minimum.chi2, 0.0)) - math.sqrt(rise)
 
@@ -136,7 +157,7 @@ def _end(
         if outer > _FARTHEST:
             return math.copysign(math.inf, unit)
     steps: float = brentq(excess, inner, outer, xtol=1e-9, rtol=1e-6)  # type: ignore[assignment]
-    nearest = min(guess, key=lambda known: abs(known - steps))
+    nearest = min(guess, key=lambda solved: abs(solved - steps))
     if index in endless(np.insert(guess[nearest], index, centre + steps * unit)):
         return math.copysign(math.inf, unit)
     return float(centre + unit * steps)

@@ -1,4 +1,4 @@
-"""What a fit gives: parameters with intervals, goodness, and prediction bands."""
+"""Result of a fit: parameters with intervals, goodness, and prediction bands."""
 
 import math
 from collections.abc import Mapping, Sequence
@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 
 
 NOT_DETERMINED = "not determined"
-"""In place of a parameter that the data do not determine."""
+"""Text in place of a parameter that the data do not determine."""
 _WIDE = 10.0
 """Width of an interval, in values, from which on a parameter is not determined."""
 _FAR = 2.0
@@ -27,7 +27,7 @@ _FAR = 2.0
 
 
 class FitError(ValueError):
-    """The data cannot be fitted; the message says why and what would help."""
+    """The data cannot be fitted; the message gives the reason and a remedy."""
 
 
 @dataclass(frozen=True)
@@ -43,7 +43,7 @@ class Parameter:
     def determined(self, about_zero: bool = False) -> bool:
         """Decide whether the data determine the parameter: its interval has both ends and is at most ten values wide.
 
-        `about_zero`: a value that cannot be told from zero is a finding too, whatever its width.
+        `about_zero`: a value compatible with zero is a result too, whatever the width of its interval.
         """
         width = self.high - self.low
         return math.isfinite(width) and (about_zero or width <= _WIDE * abs(self.value))
@@ -53,10 +53,23 @@ class Parameter:
 class FitResult:
     """A law fitted to n points.
 
-    `D` [m], `W` [kg/s], `relative_error` (of W, as used for the weights), `residuals` (ln W - ln W_law, about
-    the relative deviation), `outside` (points outside the law's range: used all the same, and flagged): shape
-    [n]. `chi2` with `dof` = n - p; `p_value`: probability of a larger chi2 if the law holds (F distribution,
-    since the errors are estimates with `error_dof` degrees of freedom; NaN without replicates).
+    Attributes:
+        law: The law.
+        context: Properties of grains, slot and gravity.
+        parameters: Reported parameters by name.
+        D: Orifices [m], shape [n].
+        W: Flow rates [kg/s], shape [n].
+        relative_error: Relative standard errors of W, as used for the weights, shape [n].
+        residuals: ln W - ln W_law, about the relative deviation, shape [n].
+        outside: Points outside the range of the law; they are fitted all the same, shape [n].
+        chi2: Sum of squares of the residuals over their errors.
+        dof: Degrees of freedom, n - p.
+        p_value: Probability of a larger chi2 if the law holds; NaN without replicates. By the F distribution, since the
+            errors are estimates with `error_dof` degrees of freedom.
+        error_dof: Degrees of freedom of the errors; infinite if they are known exactly.
+        aicc: Akaike's criterion for few points.
+        confidence: Confidence of the intervals.
+        notes: Warnings for the reader.
     """
 
     law: Law
@@ -97,27 +110,31 @@ class FitResult:
         return widened(self.chi2, self.dof, self.error_dof)[1]
 
     def frame(self) -> "pd.DataFrame":
-        """The parameters: a row each, with value, error, ends of the interval, unit, and if the data determine it."""
+        """Tabulate the parameters: value, error, interval, unit, symbol, and if the data determine them."""
         import pandas as pd
 
         rows = [
-            {"parameter": name, **vars(found), "determined": found.determined()}
-            for name, found in self.parameters.items()
+            {"parameter": name, **vars(parameter), "determined": parameter.determined()}
+            for name, parameter in self.parameters.items()
         ]
         return pd.DataFrame([{**row, "symbol": self.symbols[row["parameter"]]} for row in rows])
 
     @property
     def symbols(self) -> dict[str, str]:
-        """What pages call the parameters, by name: `C (bulk density)` is the symbol of `C`."""
-        return {one.name: one.symbol or one.name for one in self.law.reported(self.context)}
+        """Symbols of the parameters on pages, by name: `C (bulk density)` is the symbol of `C`."""
+        return {entry.name: entry.symbol or entry.name for entry in self.law.reported(self.context)}
 
     def _repr_html_(self) -> str:
         rows = []
-        for one in self.law.reported(self.context):
-            found = self.parameters[one.name]
-            value, error, low, high = (one.scale * x for x in (found.value, found.error, found.low, found.high))
-            shown = f"{value:.4g} ± {error:.2g}" if found.determined() else NOT_DETERMINED
-            rows.append((one.symbol or one.name, one.name, shown, f"{low:.4g} to {high:.4g}", one.shown or one.unit))
+        for entry in self.law.reported(self.context):
+            parameter = self.parameters[entry.name]
+            value, error, low, high = (
+                entry.scale * x for x in (parameter.value, parameter.error, parameter.low, parameter.high)
+            )
+            text = f"{value:.4g} ± {error:.2g}" if parameter.determined() else NOT_DETERMINED
+            rows.append(
+                (entry.symbol or entry.name, entry.name, text, f"{low:.4g} to {high:.4g}", entry.shown or entry.unit)
+            )
         goodness = f"χ² = {self.chi2:.3g} with {self.dof} degrees of freedom, p = {self.p_value:.2g}"
         notes = (goodness, *(f"note: {note}" for note in self.notes))
         heads = ("parameter", "name", "value ± error", f"{percent(self.confidence)} interval", "unit")
@@ -125,25 +142,35 @@ class FitResult:
 
     def __repr__(self) -> str:
         lines = [f"<{self.law.name}: {self.law.formula}>"]
-        for name, one in self.parameters.items():
-            within = f"{percent(self.confidence)}: {one.low:.4g} to {one.high:.4g}"
+        for name, parameter in self.parameters.items():
+            within = f"{percent(self.confidence)}: {parameter.low:.4g} to {parameter.high:.4g}"
             symbol = self.symbols[name]
-            called = name if symbol == name else f"{name}, shown as {symbol},"
-            value = f"= {one.value:.4g} ± {one.error:.2g} {one.unit}".rstrip() if one.determined() else NOT_DETERMINED
-            lines.append(f"  {called} {value}  ({within})")
+            label = name if symbol == name else f"{name}, shown as {symbol},"
+            value = (
+                f"= {parameter.value:.4g} ± {parameter.error:.2g} {parameter.unit}".rstrip()
+                if parameter.determined()
+                else NOT_DETERMINED
+            )
+            lines.append(f"  {label} {value}  ({within})")
         lines.append(f"  χ² = {self.chi2:.3g} with {self.dof} degrees of freedom, p = {self.p_value:.2g}")
         return "\n".join(lines + [f"  note: {note}" for note in self.notes])
 
     def predict(
         self, D: float | str | Sequence[float | str] | np.ndarray, *, new_point: bool = False
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """W of the law at one or m orifices, and the ends of its pointwise interval [kg/s], each of shape [m]; NaN
-        where the law has no flow.
+        """Predict W of the law at one or m orifices, with its pointwise interval, linearised in ln W.
 
-        D: text with a unit (`"20 mm"`, `["20 mm", "8 d"]`), or numbers in m. The band of the law or, with `new_point`,
-        of the mean that as many seeds as the points have would give there; linearised in ln W. A LabWarning tells of
-        orifices below half the smallest or above twice the largest that was fitted. Raises ValueError for text that is
-        no length.
+        A LabWarning reports orifices below half the smallest or above twice the largest fitted one.
+
+        Args:
+            D: Orifices: text with a unit (`"20 mm"`, `["20 mm", "8 d"]`), or numbers [m].
+            new_point: Give the interval of a new mean over as many seeds as the points have, not that of the law.
+
+        Returns:
+            W, and lower and upper end of its interval [kg/s], each of shape [m]; NaN where the law has no flow.
+
+        Raises:
+            ValueError: A text is no length.
         """
         at = self._orifices(D)
         low, high = float(self.D.min()), float(self.D.max())
@@ -155,14 +182,19 @@ class FitResult:
         return self.band(at, new_point=new_point)
 
     def _orifices(self, D: float | str | Sequence[float | str] | np.ndarray) -> np.ndarray:
-        given = [D] if isinstance(D, str) else np.atleast_1d(np.asarray(D, dtype=object)).ravel()
+        orifices = [D] if isinstance(D, str) else np.atleast_1d(np.asarray(D, dtype=object)).ravel()
         try:
-            return np.array([parse(one, "m", self.context.d) if isinstance(one, str) else float(one) for one in given])
+            return np.array(
+                [
+                    parse(orifice, "m", self.context.d) if isinstance(orifice, str) else float(orifice)
+                    for orifice in orifices
+                ]
+            )
         except ValueError as problem:
             raise ValueError(f"orifice: {problem}; give text such as '20 mm', or numbers in m") from None
 
     def band(self, at: np.ndarray, *, new_point: bool = False) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """As `predict`, at m orifices `at` [m], without a word on how far they are from those fitted."""
+        """Compute the band of `predict` at m orifices `at` [m], without its warning."""
         best = self._minimum.best
         with np.errstate(over="ignore", invalid="ignore", divide="ignore"):
             slopes = derivative(lambda free: self.law.log_flow(at, free, self.context), best)
@@ -172,22 +204,31 @@ class FitResult:
             return value, value * np.exp(-reach), value * np.exp(reach)
 
     def together(self, values: Mapping[str, float]) -> float:
-        """How probable points as far from the law with these `values` [SI] of all its parameters at once would be, if
-        it were true. Parameters trade for one another: values that agree one by one may not agree together.
+        """Compute the p-value of a set of values for all parameters at once.
 
-        `values`: by names of `parameters`, so many that nothing is left free. F test of the rise of chi2 over its
-        minimum (Seber & Wild, Nonlinear Regression, 5.3), whose errors are those of the intervals. Raises KeyError for
-        a name that this law does not report, ValueError if a parameter is left free or cannot have the value.
+        Parameters are correlated: values that are each within their interval may be excluded together. The test is the
+        F test of the rise of chi2 over its minimum (Seber & Wild, Nonlinear Regression, 5.3), with the errors of the
+        intervals.
+
+        Args:
+            values: Values [SI] by names of `parameters`; together they have to fix all free parameters.
+
+        Returns:
+            Probability of points as far from the law with these values, if it were true.
+
+        Raises:
+            KeyError: The law does not report a name.
+            ValueError: A parameter is left free, or cannot have the value.
         """
         from scipy.special import chdtrc, fdtrc
 
-        reported = {one.name: one for one in self.law.reported(self.context)}
+        reported = {entry.name: entry for entry in self.law.reported(self.context)}
         free = np.full(len(self.law.free), np.nan)
         for name, value in values.items():
             free[reported[name].free] = reported[name].invert(value, self._minimum.best[reported[name].free])
         if np.isnan(free).any():
-            left = ", ".join(one.name for one in reported.values() if np.isnan(free[one.free]))
-            raise ValueError(f"{self.law.name}: {left} left free; give a value of each parameter")
+            unset = ", ".join(entry.name for entry in reported.values() if np.isnan(free[entry.free]))
+            raise ValueError(f"{self.law.name}: {unset} left free; give a value of each parameter")
         misfit = np.log(self.W) - self.law.log_flow(self.D, free, self.context)
         own = self.relative_error if self.error_dof else self.relative_error / self.widening
         rise = (float(np.sum((misfit / own) ** 2)) - self.chi2) / self.widening**2

@@ -314,7 +314,7 @@ class PointResult:
         if self.tolerance is None:
             return None
         bias = 0.0 if self.point.choice is None else self.point.choice.bias.bound
-        return self.flow_rate is not None and Tolerance(self.tolerance, bias).kept(self.flow_rate.relative)
+        return self.flow_rate is not None and Tolerance(self.tolerance, bias).met(self.flow_rate.relative)
 
     @property
     def partial(self) -> bool:

@@ -1,4 +1,4 @@
-"""Which law do the data prefer? Akaike's criterion for few points."""
+"""Choice between laws: Akaike's criterion for few points."""
 
 import math
 from collections.abc import Mapping, Sequence
@@ -9,7 +9,7 @@ DECISIVE = 4.0
 
 
 def deviance(chi2: float, points: int) -> float:
-    """-2 ln(likelihood) of a least-squares fit whose errors are known but for their size: n ln(chi2/n)."""
+    """-2 ln(likelihood) of a least-squares fit whose errors are known up to a common factor: n ln(chi2/n)."""
     if chi2 < 0:
         raise ValueError("a sum of squares cannot be negative")
     return points * math.log(chi2 / points) if chi2 > 0 else -math.inf
@@ -18,9 +18,16 @@ def deviance(chi2: float, points: int) -> float:
 def aicc(chi2: float, points: int, parameters: int) -> float:
     """AICc of a least-squares fit: deviance + 2K + 2K(K+1)/(n-K-1), with K = parameters + 1.
 
-    The K-th parameter is the overall size of the errors, which is left free: replicates give the weights of
-    the points relative to each other, but too few of them to be sure of the size. Hurvich & Tsai, Biometrika
-    76 (1989) 297. NaN unless there are more points than parameters + 2.
+    The K-th parameter is the common size of the errors, which is fitted: replicates give the relative weights of
+    points, but are too few to determine the size. Hurvich & Tsai, Biometrika 76 (1989) 297.
+
+    Args:
+        chi2: Sum of squares.
+        points: Number of points n.
+        parameters: Number of parameters of the law.
+
+    Returns:
+        The criterion; NaN unless there are more points than parameters + 2.
     """
     k = parameters + 1
     if points <= parameters + 2:
@@ -29,10 +36,15 @@ def aicc(chi2: float, points: int, parameters: int) -> float:
 
 
 def unbeaten(criteria: Mapping[str, Sequence[float]]) -> tuple[str, ...]:
-    """Names of the laws that no other beats, in the order given: by 4 or more in every one of its criteria (AICc,
-    deviance). A criterion that is NaN beats nothing and is not beaten.
+    """Names of the laws that no other law beats, in the order given.
 
-    Raises ValueError for no laws. All must have been fitted to the same data.
+    A law beats another if it is smaller by DECISIVE or more in every criterion. A NaN beats nothing and is not beaten.
+
+    Args:
+        criteria: Criteria (AICc, deviance) of each law by name, all fitted to the same data.
+
+    Raises:
+        ValueError: There are no laws.
     """
     if not criteria:
         raise ValueError("no law to choose from")
@@ -41,5 +53,5 @@ def unbeaten(criteria: Mapping[str, Sequence[float]]) -> tuple[str, ...]:
     )
 
 
-def _beats(one: Sequence[float], other: Sequence[float]) -> bool:
-    return all(b - a >= DECISIVE for a, b in zip(one, other, strict=True))
+def _beats(winner: Sequence[float], loser: Sequence[float]) -> bool:
+    return all(b - a >= DECISIVE for a, b in zip(winner, loser, strict=True))

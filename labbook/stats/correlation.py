@@ -1,8 +1,7 @@
 """Errors of a mean within one run: autocorrelation and block means.
 
-They check the seed-to-seed error; they do not replace it. The outflow of a hopper is anticorrelated: grains
-that came early are missing later, so the statistical inefficiency is often below 1, and nothing here forces
-it up.
+They check the seed-to-seed error; they do not replace it. The outflow of a hopper is anticorrelated: after many grains
+fewer follow. So the statistical inefficiency is often below 1, and it is not forced to be 1 or more.
 """
 
 import math
@@ -15,8 +14,11 @@ import numpy as np
 class Correlated:
     """Mean of a correlated series.
 
-    `inefficiency`: g = 1 + 2 sum rho_k, such that the squared error of the mean is g s^2/n; below 1 for
-    anticorrelated series.
+    Attributes:
+        mean: The mean.
+        error: Its standard error.
+        inefficiency: g = 1 + 2 sum rho_k, such that the squared error of the mean is g s^2/n; below 1 for
+            anticorrelated series.
     """
 
     mean: float
@@ -33,7 +35,7 @@ def autocorrelation(series: np.ndarray) -> np.ndarray:
     n = len(x)
     if n < 2 or not np.any(x):
         raise ValueError("a constant series has no autocorrelation")
-    size = 1 << (2 * n - 1).bit_length()
+    size = 1 << (2 * n - 1).bit_length()  # padded with zeros, so that the circular correlation does not wrap around
     spectrum = np.fft.rfft(x, size)
     covariance = np.fft.irfft(spectrum * spectrum.conj(), size)[:n]
     return covariance / covariance[0]
@@ -42,11 +44,10 @@ def autocorrelation(series: np.ndarray) -> np.ndarray:
 def correlated_mean(series: np.ndarray) -> Correlated:
     """Mean of a stationary series and its standard error from the integrated autocorrelation.
 
-    The sum over lags has a flat-top window whose width is found from the data: twice the first lag after
-    which the correlation stays insignificant (Politis, J. Nonparametr. Stat. 15 (2003) 517). Such a sum may
-    come out at or below zero for a perfectly regular series; it is bounded by 1/n, the scatter of one
-    interval at the ends of the window. A weak correlation over many samples, below strong noise, is not
-    significant at any one lag and is missed: average neighbouring samples first, or take blocks.
+    The sum over lags has a flat-top window whose width follows from the data: twice the first lag after which the
+    correlation stays insignificant (Politis, J. Nonparametr. Stat. 15 (2003) 517). A weak correlation over many
+    samples, below strong noise, is significant at no single lag and is missed: average neighbouring samples first, or
+    use blocks.
     """
     x = np.asarray(series, float)
     n = len(x)
@@ -57,13 +58,15 @@ def correlated_mean(series: np.ndarray) -> Correlated:
     width = _significant_lags(rho)
     lags = np.arange(1, min(2 * width, n - 1) + 1)
     window = np.clip(2 * (1 - lags / (2 * width)), 0, 1) if width else np.zeros(0)
+    # The sum may be zero or negative for a perfectly regular series. Its bound is 1/n: the scatter of one interval at
+    # the ends of the window.
     inefficiency = max(1 + 2 * float(np.sum(window * rho[lags])), 1 / n)
     error = spread * math.sqrt(inefficiency / n)
     return Correlated(mean, error, inefficiency)
 
 
 def _significant_lags(rho: np.ndarray) -> int:
-    """The lag after which at least five in a row are below 2 sqrt(log10 n / n)."""
+    """Find the lag after which at least five in a row are below 2 sqrt(log10 n / n) (Politis' rule)."""
     n = len(rho)
     quiet = np.abs(rho) < 2 * math.sqrt(math.log10(n) / n)
     run = max(5, math.ceil(math.sqrt(math.log10(n))))
@@ -76,17 +79,21 @@ def _significant_lags(rho: np.ndarray) -> int:
 
 @dataclass(frozen=True)
 class Blocks:
-    """Means over equal blocks of a series, shape [n], and `error`, the standard error of their mean."""
+    """Means over equal blocks of a series, shape [n], and the standard error of their mean."""
 
     means: np.ndarray
     error: float
 
 
 def block_mean(series: np.ndarray, blocks: int = 10) -> Blocks:
-    """Means over `blocks` equal blocks, with the error of their mean; the remainder at the start is left out.
+    """Compute means over equal blocks, with the error of their mean.
 
-    Blocks must be much longer than the correlation. Raises ValueError for fewer than 2 blocks or samples than
-    blocks.
+    Args:
+        series: The series; a remainder at its start is left out.
+        blocks: Number of blocks, which must be much longer than the correlation.
+
+    Raises:
+        ValueError: There are fewer than 2 blocks, or fewer samples than blocks.
     """
     x = np.asarray(series, float)
     length = len(x) // blocks if blocks >= 2 else 0

@@ -1,9 +1,9 @@
-"""An emulator: a response between runs at settings of several keys, with its error, as a Gaussian process.
+"""Emulator: a response to settings of several keys between runs, with its error, as a Gaussian process.
 
 The response is a plane plus a smooth deviation with a Matérn covariance of order 5/2, one length for each key
-(Rasmussen & Williams, Gaussian Processes for Machine Learning, 2006, chapters 2, 4 and 5). The noise of runs is stated,
-and so is what runs of one bed have in common. Lengths and size of the deviation maximise the likelihood. Settings are
-numbers from 0 to 1.
+(Rasmussen & Williams, Gaussian Processes for Machine Learning, 2006, chapters 2, 4 and 5). The noise of runs and the
+covariance of runs of one bed are given. Lengths and size of the deviation maximise the likelihood. Settings are numbers
+from 0 to 1.
 """
 
 import warnings
@@ -16,16 +16,16 @@ from typing import Any
 import numpy as np
 
 _SLOPES = 4.0
-"""Standard deviation of the plane's coefficients a priori, over that of the values, for keys from -1 to 1: the data
-decide."""
+"""Prior standard deviation of the plane's coefficients, over that of the values, for keys from -1 to 1: so wide that
+the data decide."""
 _LENGTHS = (0.4, 4.0)
-"""Bounds of lengths, for keys from -1 to 1: with longer ones errors were too small in simulations."""
+"""Bounds of lengths, for keys from -1 to 1. Longer ones gave too small errors in simulations."""
 _FAR = 1e6
-"""Length of a key that has no effect; seeds are numbers of this size below that of keys, and only the covariance of
-beds tells them apart."""
+"""Length of a key without effect. Seeds are scaled down by it beside keys, so that only the covariance of beds
+distinguishes them."""
 _SIZES = (0.01, 10.0)
-"""Bounds of the variance of the deviation, over that of the values: data that do not tell a deviation from the plane do
-not exclude it."""
+"""Bounds of the variance of the deviation, over that of the values: never 0, since data that show no deviation from the
+plane do not exclude one."""
 
 
 class LearnMissing(ImportError):
@@ -36,7 +36,7 @@ class LearnMissing(ImportError):
 
 
 def check_installed() -> None:
-    """Find the packages of emulators without importing them. Raises LearnMissing."""
+    """Check that the packages of emulators are installed, without importing them. Raises LearnMissing."""
     for package, module in (("scikit-learn", "sklearn"), ("threadpoolctl", "threadpoolctl")):
         if find_spec(module) is None:
             raise LearnMissing(package)
@@ -58,11 +58,11 @@ class Emulator:
         """Fit the response.
 
         Args:
-            settings: Of the runs, from 0 to 1, shape [n, d].
-            values: Of the runs, shape [n].
-            variance: Of the noise of a run.
+            settings: Settings of the runs, from 0 to 1, shape [n, d].
+            values: Values of the runs, shape [n].
+            variance: Variance of the noise of a run.
             beds: Seeds of the beds, shape [n].
-            of_beds: Variance of what all runs of one bed have in common.
+            of_beds: Variance of the contribution that all runs of one bed share.
 
         Raises:
             LearnMissing: scikit-learn is not installed.
@@ -107,6 +107,7 @@ class Emulator:
         prior = np.array([[self._prior(settings[:, i], settings[:, j]) for j in range(m)] for i in range(m)])
         covariance = np.moveaxis(prior, -1, 0) - np.einsum("nki,nkj->kij", pull, pull)
         i = np.arange(m)
+        # prior less the information of the runs: rounding may leave a variance below zero at the runs themselves
         covariance[:, i, i] = np.maximum(covariance[:, i, i], 1e-12)
         return mean.reshape(k, m), covariance * self._scale**2
 
@@ -116,7 +117,7 @@ class Emulator:
         return (self._process.kernel_.k1(_rows(settings)) - pull.T @ pull) * self._scale**2
 
     def _pull(self, settings: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Means at k settings, shape [k], and what the runs take off the covariance, as its root of shape [n, k]."""
+        """Means at k settings, shape [k], and the root, shape [n, k], of the covariance that the runs remove."""
         between = self._process.kernel_.k1(_rows(settings), self._process.X_train_)
         mean = between @ self._process.alpha_ * self._scale + self._mean
         return mean, self._root @ between.T
@@ -127,7 +128,7 @@ class Emulator:
         return np.linalg.inv(self._process.L_)
 
     def _prior(self, first: np.ndarray, second: np.ndarray) -> np.ndarray:
-        """Covariance a priori between pairs of settings, each of shape [k, d]; shape [k]."""
+        """Prior covariance between pairs of settings, each of shape [k, d]: shape [k]."""
         plane, deviation = self._process.kernel_.k1.k1, self._process.kernel_.k1.k2
         x, y = _rows(first), _rows(second)
         r = np.sqrt(5) * np.linalg.norm((x - y) / deviation.k2.length_scale, axis=1)
@@ -136,7 +137,7 @@ class Emulator:
 
 
 def _rows(settings: np.ndarray, beds: np.ndarray | None = None) -> np.ndarray:
-    """Settings as numbers from -1 to 1, beside seeds as tiny numbers; a bed that no run has where there are none."""
+    """Settings from -1 to 1, with a column of tiny numbers for seeds; without `beds`, that of a bed without runs."""
     seeds = np.full(len(settings), -1.0) if beds is None else np.asarray(beds, float)
     return np.column_stack([2 * settings - 1, seeds / _FAR])
 
@@ -144,27 +145,27 @@ def _rows(settings: np.ndarray, beds: np.ndarray | None = None) -> np.ndarray:
 def best_settings(
     covariances: Sequence[np.ndarray], noises: Sequence[float], weights: Sequence[np.ndarray], number: int
 ) -> list[int]:
-    """Choose runs that lower the variance of emulators most: each next one by the sum over all candidates.
+    """Choose the runs that lower the variance of emulators most.
 
-    That is the criterion of Cohn (Adv. Neural Inf. Process. Syst. 6 (1994) 679), which needs no result of the runs.
-
+    Each run is the best one given those before, by the sum of variances over all candidates. That is the criterion of
+    Cohn (Adv. Neural Inf. Process. Syst. 6 (1994) 679), which does not depend on the results of the runs.
     Args:
-        covariances: Of the errors of each emulator among k candidates, shape [k, k].
+        covariances: Covariance of the errors of each emulator among k candidates, shape [k, k].
         noises: Variance of a run about each emulator.
-        weights: Of the variance of each emulator at the candidates, shape [k].
-        number: Of runs.
+        weights: Weight of the variance of each emulator at the candidates, shape [k].
+        number: Number of runs.
 
     Returns:
         Indices of candidates.
     """
-    left = [covariance.copy() for covariance in covariances]
+    remaining = [covariance.copy() for covariance in covariances]
     picks = list[int]()
     for _ in range(number):
-        gain = np.zeros(len(left[0]))
-        for C, noise, weight in zip(left, noises, weights, strict=True):
+        gain = np.zeros(len(remaining[0]))
+        for C, noise, weight in zip(remaining, noises, weights, strict=True):
             gain += weight @ C**2 / (np.diag(C) + noise)
         best = int(np.argmax(gain))
         picks.append(best)
-        for C, noise in zip(left, noises, strict=True):
+        for C, noise in zip(remaining, noises, strict=True):
             C -= np.outer(C[:, best], C[best]) / (C[best, best] + noise)
     return picks

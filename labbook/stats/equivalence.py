@@ -1,7 +1,7 @@
-"""Are two means the same within a margin? Two one-sided tests.
+"""Equivalence of two means within a margin: two one-sided tests (TOST).
 
-Schuirmann, J. Pharmacokinet. Biopharm. 15 (1987) 657.
-A t test that finds no difference proves nothing; this one has to reject "they differ by the margin or more".
+Schuirmann, J. Pharmacokinet. Biopharm. 15 (1987) 657. A t test that finds no difference proves nothing; this one has to
+reject the hypothesis that the means differ by the margin or more.
 """
 
 import math
@@ -14,18 +14,24 @@ import numpy as np
 
 from labbook.stats.pooling import welch
 
-_MOST = 1001
+_MAX_REPLICATES = 1000
 
 
 @dataclass(frozen=True)
 class Equivalence:
     """Outcome of two one-sided tests.
 
-    `difference`: mean of b minus mean of a, and `error`, its standard error; `margin`: how large a difference
-    counts as none, in the same unit; `p`: the larger of the two one-sided probabilities; `power`: probability
-    that the test shows equivalence if the true difference is zero and the scatter as measured. `low`, `high`:
-    the interval of the difference at confidence 1 - 2 alpha, which lies within the margin exactly when
-    `equivalent`.
+    Attributes:
+        difference: Mean of b less mean of a.
+        error: Its standard error.
+        degrees_of_freedom: Of the error.
+        margin: Largest difference that counts as none, in the same unit.
+        p: The larger of the two one-sided probabilities.
+        power: Probability of a finding of equivalence if the true difference is zero and the scatter as measured.
+        low: Lower end of the interval of the difference at confidence 1 - 2 alpha. The interval lies within the margin
+            exactly when `equivalent`.
+        high: Upper end.
+        alpha: Level of the test.
     """
 
     difference: float
@@ -40,19 +46,19 @@ class Equivalence:
 
     @property
     def equivalent(self) -> bool:
-        """Whether equivalence within the margin is shown at level alpha."""
+        """True if equivalence within the margin is significant at level alpha."""
         return self.p < self.alpha
 
     @property
     def finding(self) -> Literal["equivalent", "different", "undecided"]:
-        """What the test shows: equivalence, a difference beyond the margin, or neither."""
+        """Finding of the test: equivalence, a difference beyond the margin, or neither."""
         if self.equivalent:
             return "equivalent"
         beyond = self.low > self.margin or self.high < -self.margin
         return "different" if beyond else "undecided"
 
     def over(self, scale: float) -> "Equivalence":
-        """The same, with difference, error, margin and interval as parts of `scale`, which is positive."""
+        """Express difference, error, margin and interval as parts of `scale`, which is positive."""
         parts = {name: getattr(self, name) / scale for name in ("difference", "error", "margin", "low", "high")}
         return replace(self, **parts)
 
@@ -65,11 +71,22 @@ def tost(
     *,
     paired: bool = False,
 ) -> Equivalence:
-    """Equivalence of two samples within +-`margin` (absolute).
+    """Test the equivalence of two samples.
 
-    Independent samples: Welch's error and degrees of freedom. `paired`: a[i] and b[i] share a seed (a
-    packing), and their differences are tested. Raises ValueError for fewer than 2 values in a sample, samples
-    of unequal length when paired, or a margin that is not positive.
+    Args:
+        a: First sample.
+        b: Second sample.
+        margin: Largest difference that counts as none, absolute.
+        alpha: Level of each one-sided test.
+        paired: a[i] and b[i] share a seed (a packing), and their differences are tested; otherwise samples are
+            independent, with Welch's error and degrees of freedom.
+
+    Returns:
+        The outcome.
+
+    Raises:
+        ValueError: A sample has fewer than 2 values, paired samples have unequal lengths, or the margin is not
+            positive.
     """
     x, y = np.asarray(a, float), np.asarray(b, float)
     if not margin > 0:
@@ -93,7 +110,7 @@ def tost(
 def _decide(difference: float, error: float, freedom: float, margin: float, alpha: float) -> Equivalence:
     from scipy.special import stdtr, stdtrit
 
-    if error == 0:
+    if error == 0:  # identical values: t is undefined, and the decision certain
         p = 0.0 if abs(difference) < margin else 1.0
         return Equivalence(difference, 0.0, freedom, margin, p, 1.0, difference, difference, alpha)
     p = max(
@@ -111,11 +128,16 @@ def _gauss_legendre(order: int) -> tuple[np.ndarray, np.ndarray]:
 
 
 def tost_power(margin: float, degrees_of_freedom: float, alpha: float = 0.05) -> float:
-    """Power of two one-sided tests where there is no true difference; `margin` in units of the standard error.
+    """Compute the power of two one-sided tests if there is no true difference.
 
-    Exact: both tests reject if |z| <= margin - t q with z normal and q^2 = chi2/nu, which is
-    integrated over q. (The usual sum of two noncentral t probabilities is a bound that fails for few degrees
-    of freedom.) Phillips, J. Pharmacokinet. Biopharm. 18 (1990) 137.
+    Exact: both tests reject if |z| <= margin - t q with z normal and q^2 = chi2/nu, integrated over q. The usual sum of
+    two noncentral t probabilities is a bound that fails for few degrees of freedom. Phillips, J. Pharmacokinet.
+    Biopharm. 18 (1990) 137.
+
+    Args:
+        margin: Margin in units of the standard error of the difference.
+        degrees_of_freedom: Of that error.
+        alpha: Level of each test.
     """
     from scipy.special import gammaln, ndtr, stdtrit, xlogy
 
@@ -133,15 +155,22 @@ def tost_power(margin: float, degrees_of_freedom: float, alpha: float = 0.05) ->
     return float(np.sum(weights * accepted * np.exp(log_density)) * (high - low) / 2)
 
 
-def replicates_needed(found: Equivalence, replicates: int, power: float = 0.9) -> int | None:
-    """Replicates of each sample at which the test would have `power`, if the true difference is zero and the scatter
-    as `found` from `replicates` of each; None if more than 1000 are needed.
+def replicates_needed(outcome: Equivalence, replicates: int, power: float = 0.9) -> int | None:
+    """Find the replicates of each sample for which the test would have a power, if the true difference is zero.
+
+    Args:
+        outcome: Test of samples with `replicates` each, whose scatter is assumed.
+        replicates: Replicates of each sample in that test.
+        power: The power.
+
+    Returns:
+        Number of replicates; None if it is above 1000.
     """
-    if found.error == 0:
+    if outcome.error == 0:
         return replicates
-    scatter = found.error * math.sqrt(replicates)
-    for n in range(2, _MOST):
-        freedom = found.degrees_of_freedom * (n - 1) / (replicates - 1)
-        if tost_power(found.margin * math.sqrt(n) / scatter, freedom, found.alpha) >= power:
+    scatter = outcome.error * math.sqrt(replicates)
+    for n in range(2, _MAX_REPLICATES + 1):
+        freedom = outcome.degrees_of_freedom * (n - 1) / (replicates - 1)
+        if tost_power(outcome.margin * math.sqrt(n) / scatter, freedom, outcome.alpha) >= power:
             return n
     return None

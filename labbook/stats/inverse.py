@@ -1,4 +1,4 @@
-"""The setting at which a response has a wanted value, with its interval: the settings whose intervals hold the value.
+"""Setting at which a response has a target value, with its interval: the settings whose intervals hold the value.
 
 That is Fieller's construction (J. R. Stat. Soc. B 16 (1954) 175), for any response with pointwise intervals.
 """
@@ -11,9 +11,9 @@ from typing import Any
 import numpy as np
 
 Band = Callable[[np.ndarray], tuple[np.ndarray, np.ndarray, np.ndarray]]
-"""Values of a response at m settings, and the ends of their intervals, each of shape [m]."""
+"""Function that gives values of a response at m settings and the ends of their intervals, each of shape [m]."""
 _PLACES, _FINE = 129, 17
-"""Settings at which a response is computed, and those between two of them."""
+"""Settings at which a response is computed to find sign changes, and settings between two of them."""
 
 
 class NoSetting(ValueError):
@@ -32,7 +32,7 @@ class NoSetting(ValueError):
 
 @dataclass(frozen=True)
 class Setting:
-    """A setting with its interval. An end that the range does not bound is infinite."""
+    """A setting with its interval; an end outside the range of settings is infinite."""
 
     value: float
     low: float
@@ -45,13 +45,13 @@ class Setting:
 
 
 def setting_for(band: Band, low: float, high: float, target: float) -> Setting:
-    """Find where a response has a value.
+    """Find the setting at which a response has a value.
 
     Args:
         band: The response.
         low: Smallest setting.
         high: Largest setting.
-        target: The value.
+        target: Value to find.
 
     Returns:
         The setting, and the settings about it whose intervals hold the value.
@@ -77,6 +77,7 @@ def setting_for(band: Band, low: float, high: float, target: float) -> Setting:
     if len(crossings) > 1 and off[crossings[1]] != 0:
         raise NoSetting(f"{len(crossings)} settings give the value", *reach, several=True)
     root = _zero(beyond, *places[crossings[0] :][:2].tolist())
+    # Fieller: an end of the interval is the place where the band, and not the mean, crosses the target
     outside = inside(places) < 0
     below, above = np.flatnonzero(outside & (places < root)), np.flatnonzero(outside & (places > root))
     first = _zero(inside, places[below[-1]], min(places[below[-1] + 1], root)) if len(below) else -math.inf
@@ -85,7 +86,7 @@ def setting_for(band: Band, low: float, high: float, target: float) -> Setting:
 
 
 def _zero(function: Callable[[np.ndarray], np.ndarray], start: Any, end: Any) -> float:
-    """Zero of a function that has another sign at the end than at the start: on a straight line between fine places."""
+    """Find the zero of a function whose sign changes between start and end, linear between fine places."""
     places = np.linspace(start, end, _FINE)
     values = function(places)
     index = int(np.argmax(np.sign(values) != np.sign(values[0]))) - 1

@@ -9,15 +9,15 @@ from labbook.stats.pooling import Pooled, student
 
 
 def slopes(factors: Sequence[Sequence[float]], values: Sequence[float], confidence: float = 0.95) -> tuple[Pooled, ...]:
-    """Slopes of a plane by each of its factors, all points weighing alike.
+    """Fit the slopes of a plane by each of its factors; all points have the same weight.
 
-    Errors are from the scatter of the points about the plane, so what the plane misses widens them; intervals are
-    Student's with as many degrees of freedom. Without any, errors are NaN and intervals infinite.
+    Errors follow from the scatter of the points about the plane, so that a lack of fit widens them. Intervals are
+    Student's. Without degrees of freedom errors are NaN and intervals infinite.
 
     Args:
-        factors: of each point, shape [n, k].
-        values: of each point, shape [n].
-        confidence: of the intervals.
+        factors: Factors of each point, shape [n, k].
+        values: Value of each point, shape [n].
+        confidence: Confidence of the intervals.
 
     Returns:
         k slopes, whose `n` is the number of points.
@@ -31,6 +31,7 @@ def slopes(factors: Sequence[Sequence[float]], values: Sequence[float], confiden
     sizes = np.abs(x).max(axis=0)
     if n < k + 1 or not sizes.all() or np.linalg.matrix_rank(x / sizes) < k:
         raise ValueError(f"{n} points do not determine the slopes of a plane by {k} factors")
+    # factors of very different size, such as L/d and D [m], are scaled before the matrix is inverted
     inverse = np.linalg.inv((x / sizes).T @ (x / sizes)) / np.outer(sizes, sizes)
     plane, freedom = inverse @ x.T @ y, n - k - 1
     scatter = math.sqrt(float(np.sum((y - x @ plane) ** 2)) / freedom) if freedom else math.nan

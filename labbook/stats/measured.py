@@ -1,4 +1,4 @@
-"""A measured number, which is never a bare float."""
+"""Measured number: a value with error, unit and method."""
 
 from dataclasses import dataclass
 
@@ -7,11 +7,16 @@ from dataclasses import dataclass
 class Measured:
     """One quantity of one run, in SI.
 
-    `error`: standard error from within the run, NaN where one run cannot tell (the error of a point is the
-    seed-to-seed error of `labbook.stats.pool`). `n_effective`: the number of independent samples that would
-    give the same error; regular outflow has more of them than it has grains. `window`: what was measured, in
-    words. `method`: how value and error were found. `unit`: SI, empty for a pure number. `note`: what a
-    reader must know, such as `trending`; notes are separated by semicolons.
+    Attributes:
+        quantity: Name of the quantity.
+        value: The value.
+        error: Standard error from within the run; NaN if one run cannot give it. The error of a point is the
+            seed-to-seed error of `labbook.stats.pool`.
+        n_effective: Number of independent samples with the same error; regular outflow has more of them than grains.
+        window: Measured part of the run, in words.
+        method: Method of value and error, in words.
+        unit: SI unit; empty for a pure number.
+        note: Warnings for the reader, such as `trending`, separated by semicolons.
     """
 
     quantity: str
@@ -25,5 +30,5 @@ class Measured:
 
     @property
     def notes(self) -> tuple[str, ...]:
-        """The notes one by one."""
+        """Single notes."""
         return tuple(part.strip() for part in self.note.split(";") if part.strip())

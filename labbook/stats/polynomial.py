@@ -1,12 +1,12 @@
 """A number against several settings at once: a polynomial through the runs, with its covariance and its lack of fit.
 
-The number is a plane, plus a smooth deviation from it, plus what one design deviates by itself (the misfit), plus
-contributions of the bed of a run and of its flow. The deviation is a sum of Legendre polynomials, whose coefficients
-have zero mean a priori and a standard deviation that falls with the cube of the degree, in the way of a smoothing
-spline (Wahba, J. R. Stat. Soc. B 40 (1978) 364; `labbook.stats.response` for one setting). Its size, the misfit and the
-share of the beds are averaged over by their restricted likelihood, the scatter leads to Student's t. So an interval has
-the noise of the runs and what the number may do between them. All of this is one vector of coefficients with one
-covariance matrix, which a page evaluates without Python.
+The number is the sum of a plane, a smooth deviation from it, a deviation of each design by itself (the misfit), and
+contributions of the bed of a run and of its flow. The deviation is a sum of Legendre polynomials. Their coefficients
+have prior mean zero and a prior standard deviation that falls with the cube of the degree, as for a smoothing spline
+(Wahba, J. R. Stat. Soc. B 40 (1978) 364; `labbook.stats.response` for one setting). Size of the deviation, misfit and
+share of the beds are averaged over by their restricted likelihood; the scatter leads to Student's t. So an interval
+includes the noise of the runs and the possible course of the number between them. The result is one vector of
+coefficients with one covariance matrix, which a page evaluates without Python.
 
 The polynomials are orthonormal over the swept range. A share of the variance (Sobol, Math. Comput. Simul. 55 (2001)
 271) is then a sum of squared coefficients, and the mean variance of the surface the trace of their covariance.
@@ -24,18 +24,18 @@ from labbook.stats.nested import bed_prior
 from labbook.stats.pooling import student
 
 DEGREES = (7, 5, 5, 4, 3)
-"""Degree of the polynomial by the number of settings, from one on; 2 of more."""
+"""Degree of the polynomial by the number of settings, from one on; with more settings the degree is 2."""
 _SHARES = np.array([0.05, 0.2, 0.45])
-"""Shares of the beds in the variance of runs."""
+"""Shares of the beds in the variance of runs that are averaged over."""
 _SIZES = np.logspace(-1, 2.5, 8)
-"""Sizes of the smooth deviation, over the scatter of runs."""
+"""Sizes of the smooth deviation that are averaged over, over the scatter of runs."""
 _DECAY, _MIXED = 3.0, 0.5
-"""Power of the degree with which coefficients fall, and their factor for each further setting in a term. Chosen by
+"""Exponent with which coefficients fall with the degree, and their factor for each further setting in a term. Chosen by
 simulation of plain, bent and wavy responses with known answers: intervals hold 93 to 100 % of them."""
 _MISFITS = np.array([0.0, 0.5, 2.0])
-"""Standard deviation of the misfit, over the scatter of runs."""
+"""Standard deviations of the misfit that are averaged over, over the scatter of runs."""
 _DRAWS = 4000
-"""Draws of the coefficients for the intervals of shares."""
+"""Number of draws of the coefficients for the intervals of shares."""
 _EDGE = 1e-9
 """Tolerance of the range, in half ranges."""
 
@@ -46,13 +46,13 @@ class Polynomial:
 
     Attributes:
         degrees: Degree of each of p terms in each setting, shape [p, k].
-        coefficients: Of the terms, shape [p].
-        covariance: Of the coefficients, shape [p, p].
+        coefficients: Coefficients of the terms, shape [p].
+        covariance: Covariance of the coefficients, shape [p, p].
         misfit: Standard deviation of the designs about the polynomial.
         scatter: Standard deviation of runs of one design.
-        freedom: Degrees of freedom of its intervals.
+        freedom: Degrees of freedom of the intervals.
         lack_of_fit: Probability of a larger distance of the designs from the surface if it were true (F test against
-            the scatter of replicates); NaN where it has no degree of freedom.
+            the scatter of replicates); NaN without degrees of freedom.
         hull: Half-spaces whose intersection is the convex hull of the designs: `hull[:, :k] @ u + hull[:, k] <= 0`.
     """
 
@@ -72,8 +72,8 @@ class Polynomial:
         """Fit a polynomial to runs.
 
         Args:
-            settings: Of the runs, from -1 to 1, shape [n, k].
-            values: Of the runs, shape [n].
+            settings: Settings of the runs, from -1 to 1, shape [n, k].
+            values: Values of the runs, shape [n].
             beds: Seeds of their beds, shape [n].
 
         Raises:
@@ -103,7 +103,7 @@ class Polynomial:
         return _basis(np.atleast_2d(settings), self.degrees)
 
     def inside(self, settings: np.ndarray) -> np.ndarray:
-        """Decide which of m settings are within the hull of the designs, shape [m]."""
+        """Mark the settings within the hull of the designs, of m settings: shape [m]."""
         u = np.atleast_2d(settings)
         return np.all(u @ self.hull[:, :-1].T + self.hull[:, -1] <= _EDGE, axis=1)
 
@@ -120,10 +120,10 @@ class Polynomial:
         return terms @ self.coefficients, self.student * np.sqrt(variance)
 
     def line(self, factor: int, settings: np.ndarray) -> tuple[float, float] | None:
-        """Find the part of a line along one setting that is within the hull.
+        """Find the part of a line along one setting within the hull.
 
         Args:
-            factor: Number of the setting that varies.
+            factor: Index of the setting that varies.
             settings: Values of all settings, shape [k]; that of `factor` is ignored.
 
         Returns:
@@ -141,13 +141,12 @@ class Polynomial:
     def shares(self, trends: Mapping[int, np.ndarray]) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Compute the parts of the variance over the range that each setting explains alone, and all together.
 
-        A squared coefficient is too large by its variance on the average, which is taken off. The interval holds both
-        the percentile and the basic interval of draws of the coefficients, so it reaches zero for a setting without an
-        effect.
+        The interval holds both the percentile and the basic interval of draws of the coefficients, so that it reaches
+        zero for a setting without an effect.
 
         Args:
-            trends: What the number has besides the polynomial in a setting: coefficients of orthonormal Legendre
-                polynomials from degree 1 on, by number of the setting.
+            trends: Known trend of the number in a setting, besides the polynomial: coefficients of orthonormal Legendre
+                polynomials from degree 1 on, by index of the setting.
 
         Returns:
             Parts, and lower and upper ends of their 95 % intervals, each of shape [k + 1]; the last is the part that
@@ -157,11 +156,13 @@ class Polynomial:
         root = np.linalg.cholesky(self.covariance + 1e-14 * np.trace(self.covariance) * np.eye(len(self.covariance)))
         wide = np.sqrt(self.freedom / rng.chisquare(self.freedom, _DRAWS))[:, None]
         draws = self.coefficients + wide * (rng.standard_normal((_DRAWS, len(root))) @ root.T)
-        best, random = (self._parts(one, trends) for one in (self.coefficients[None], draws))
+        best, random = (self._parts(sets, trends) for sets in (self.coefficients[None], draws))
         low, high = np.quantile(random, [0.025, 0.975], axis=0)
+        # a squared coefficient exceeds its true value by its variance on average: the mean of the draws is as far above
+        # the estimate as that is above the truth
         value = 2 * best[0] - random.mean(axis=0)
         ends = np.minimum(low, 2 * best[0] - high), np.maximum(high, 2 * best[0] - low)
-        low, high = (np.clip(one, 0.0, 1.0) for one in ends)
+        low, high = (np.clip(end, 0.0, 1.0) for end in ends)
         return np.clip(value, low, high), low, high
 
     def _parts(self, coefficients: np.ndarray, trends: Mapping[int, np.ndarray]) -> np.ndarray:
@@ -179,8 +180,11 @@ class Polynomial:
         return squares / squares.sum(axis=1, keepdims=True)
 
     def change(self, factor: int) -> tuple[float, float]:
-        """Compute the change from the lower to the upper end of a setting, averaged over the others, and the half width
-        of its 95 % interval."""
+        """Compute the change from the lower to the upper end of a setting, averaged over the others.
+
+        Returns:
+            The change, and the half width of its 95 % interval.
+        """
         own = (self.degrees > 0).sum(axis=1) == (self.degrees[:, factor] > 0)
         ends = np.zeros((2, self.degrees.shape[1]))
         ends[:, factor] = -1, 1
@@ -197,23 +201,22 @@ class Polynomial:
         """Compute the mean variance that more beds of each of m designs would remove, shape [m].
 
         Args:
-            settings: Of the designs, shape [m, k].
-            before: Beds of each design now, shape [m].
-            after: Beds then.
+            settings: Settings of the designs, shape [m, k].
+            before: Present beds of each design, shape [m].
+            after: Beds of each design then.
         """
         terms, weight = self.basis(settings), self._added(before, after)
-        pull = terms @ self.covariance
+        pull = terms @ self.covariance  # Sherman-Morrison: each design adds one observation to the information
         return weight * (pull**2).sum(axis=1) / (1 + weight * (pull * terms).sum(axis=1))
 
     def with_beds(self, settings: np.ndarray, before: int, after: int) -> "Polynomial":
-        """Give the polynomial the covariance that it will have with more beds of one design (arguments as for
-        `removed`, of one design)."""
+        """Return the polynomial with its covariance after more beds of one design; arguments as for `removed`."""
         (terms,), (weight,) = self.basis(settings), self._added(np.array([before]), after)
         pull = self.covariance @ terms
         return replace(self, covariance=self.covariance - weight * np.outer(pull, pull) / (1 + weight * terms @ pull))
 
     def _added(self, before: np.ndarray, after: int) -> np.ndarray:
-        """Compute the weights that more beds add to m designs, shape [m]: inverse variances of their means."""
+        """Weights that more beds add to m designs, shape [m]: inverse variances of their means."""
         now, then = (beds / (self.misfit**2 * beds + self.scatter**2) for beds in (before, np.maximum(before, after)))
         return then - now
 
@@ -222,7 +225,7 @@ def legendre(function: Any, degree: int) -> np.ndarray:
     """Expand a function of u from -1 to 1 in orthonormal Legendre polynomials, from degree 1 to `degree`."""
     places, weights = np.polynomial.legendre.leggauss(2 * degree)
     values = function(places) * weights / 2
-    return np.array([values @ _orthonormal(places, one) for one in range(1, degree + 1)])
+    return np.array([values @ _orthonormal(places, order) for order in range(1, degree + 1)])
 
 
 def _orthonormal(u: np.ndarray, degree: int) -> np.ndarray:
@@ -242,8 +245,8 @@ def _basis(u: np.ndarray, degrees: np.ndarray) -> np.ndarray:
 def _degrees(factors: int) -> np.ndarray:
     """Degree of each term in each of k settings, shape [p, k], in order of the total degree."""
     highest = DEGREES[factors - 1] if factors <= len(DEGREES) else 2
-    every = (one for one in product(range(highest + 1), repeat=factors) if sum(one) <= highest)
-    return np.array(sorted(every, key=lambda one: (sum(one), one[::-1])))
+    candidates = (degrees for degrees in product(range(highest + 1), repeat=factors) if sum(degrees) <= highest)
+    return np.array(sorted(candidates, key=lambda degrees: (sum(degrees), degrees[::-1])))
 
 
 def _hull(designs: np.ndarray) -> np.ndarray:
@@ -260,12 +263,23 @@ def _hull(designs: np.ndarray) -> np.ndarray:
 
 
 def _fit(x: np.ndarray, degree: np.ndarray, mixed: np.ndarray, y: np.ndarray, seeds: np.ndarray, of_run: np.ndarray):
-    """Fit p terms of known total degree to n runs: coefficients, covariance, misfit, scatter, degrees of freedom, lack
-    of fit."""
+    """Fit p terms to n runs.
+
+    Args:
+        x: Terms at each run, shape [n, p].
+        degree: Total degree of each term, shape [p].
+        mixed: Number of settings in each term, shape [p].
+        y: Values, shape [n].
+        seeds: Seeds of the beds, shape [n].
+        of_run: Index of the design of each run, shape [n].
+
+    Returns:
+        Coefficients, covariance, misfit, scatter, degrees of freedom and lack of fit.
+    """
     beds = (seeds[:, None] == np.unique(seeds)).astype(float)
     points = (of_run[:, None] == np.arange(of_run.max() + 1)).astype(float)
     n, m, curved = len(y), points.shape[1], degree > 1
-    freedom = n - int((~curved).sum())
+    freedom = n - int((~curved).sum())  # the plane takes its coefficients; the others have a proper prior
     spread = np.where(curved, (2.0 / np.maximum(degree, 1)) ** _DECAY * _MIXED ** (mixed - 1.0), np.inf)
     fits = []
     for share, misfit in product(_SHARES, _MISFITS):
@@ -273,15 +287,18 @@ def _fit(x: np.ndarray, degree: np.ndarray, mixed: np.ndarray, y: np.ndarray, se
         for size in _SIZES:
             prior = (size * spread) ** -2.0
             best, inverse, squares = _solved(normal, prior)
+            # restricted likelihood: the plane and the scatter of runs are integrated out
             volume = determinant - float(np.linalg.slogdet(inverse)[1]) - float(np.log(prior[curved]).sum())
             likelihood = -0.5 * (volume + freedom * math.log(squares))
             fits.append((likelihood, share, misfit, size, best, inverse, squares / freedom))
-    likelihood, share, misfit, size, best, inverse, scale = (np.array(one) for one in zip(*fits, strict=True))
+    likelihood, share, misfit, size, best, inverse, scale = (np.array(column) for column in zip(*fits, strict=True))
     weights = np.exp(likelihood - likelihood.max()) * bed_prior(share)
     weights /= weights.sum()
     mean = weights @ best
     off = best - mean
+    # law of total covariance: within each member of the average, and between members
     covariance = np.einsum("k,kij->ij", weights * scale, inverse) + np.einsum("k,ki,kj->ij", weights, off, off)
+    # the test is for the surface alone: of the members without misfit, the most likely one
     top = int(np.argmax(np.where(misfit == 0, weights, 0)))
     lack = _lack_of_fit(x, y, beds, points, float(share[top]), (size[top] * spread) ** -2.0) if n > m else math.nan
     return mean, covariance, math.sqrt(weights @ (scale * misfit**2)), math.sqrt(weights @ scale), freedom, lack
@@ -290,14 +307,17 @@ def _fit(x: np.ndarray, degree: np.ndarray, mixed: np.ndarray, y: np.ndarray, se
 def _lack_of_fit(
     x: np.ndarray, y: np.ndarray, beds: np.ndarray, points: np.ndarray, share: float, prior: np.ndarray
 ) -> float:
-    """Probability of a larger misfit: F test of the smooth surface, with its effective number of parameters, against
-    the scatter within designs (Hastie & Tibshirani, Generalized Additive Models, 1990, section 3.9)."""
+    """Probability of a larger misfit if the smooth surface were true.
+
+    F test of the surface, with its effective number of parameters, against the scatter within designs (Hastie &
+    Tibshirani, Generalized Additive Models, 1990, section 3.9).
+    """
     from scipy.special import fdtrc
 
     normal, _ = _normal(x, y, beds, points, share, 0.0)
     best, inverse, _ = _solved(normal, prior)
     information = normal[:-1, :-1]
-    parameters = float(np.trace(inverse @ information))
+    parameters = float(np.trace(inverse @ information))  # effective number: a prior that binds takes less than one
     squares = float(normal[-1, -1] - 2 * normal[:-1, -1] @ best + best @ information @ best)
     _, _, pure = _solved(_normal(points, y, beds, points, share, 0.0)[0], np.zeros(points.shape[1]))
     n, m = points.shape
@@ -310,8 +330,10 @@ def _lack_of_fit(
 def _normal(
     x: np.ndarray, y: np.ndarray, beds: np.ndarray, points: np.ndarray, share: float, misfit: float
 ) -> tuple[np.ndarray, float]:
-    """Normal equations of x, and of y in the last row and column, under the covariance (1 - share) I + share beds +
-    misfit^2 points, and the logarithm of its determinant."""
+    """Normal equations of weighted least squares, and ln of the determinant of the covariance.
+
+    The covariance is (1 - share) I + share beds + misfit^2 points. The last row and column are those of y.
+    """
     own, both = 1 - share, np.column_stack([x, y])
     inner, across = beds.T @ beds + own / share * np.eye(beds.shape[1]), beds.T @ both
     determinant = (len(y) - beds.shape[1]) * math.log(own) + beds.shape[1] * math.log(share)
@@ -327,8 +349,15 @@ def _normal(
 
 
 def _solved(normal: np.ndarray, prior: np.ndarray) -> tuple[np.ndarray, np.ndarray, float]:
-    """Coefficients, their covariance over the variance of runs, and the weighted sum of squares, with the prior
-    precision of each coefficient."""
+    """Solve the normal equations with a prior.
+
+    Args:
+        normal: Normal equations, as `_normal` gives them.
+        prior: Prior precision of each coefficient, shape [p].
+
+    Returns:
+        Coefficients, their covariance over the variance of runs, and the weighted sum of squares.
+    """
     inverse = np.linalg.inv(normal[:-1, :-1] + np.diag(prior))
     best = inverse @ normal[:-1, -1]
     return best, inverse, max(float(normal[-1, -1] - normal[:-1, -1] @ best), np.finfo(float).tiny)

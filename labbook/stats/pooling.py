@@ -1,4 +1,4 @@
-"""Pooling replicates: the mean over seeds, with the seed-to-seed error and a Student interval."""
+"""Pooling of replicates: mean over seeds, seed-to-seed error and Student's interval."""
 
 import math
 from collections.abc import Sequence
@@ -9,10 +9,14 @@ import numpy as np
 
 @dataclass(frozen=True)
 class Pooled:
-    """Mean of `n` independent replicates.
+    """Mean of independent replicates.
 
-    `error`: standard error of the mean from the scatter between replicates (NaN for one replicate).
-    `half_width`: of the interval at `confidence` (infinite for one replicate).
+    Attributes:
+        value: The mean.
+        error: Standard error from the scatter between replicates; NaN for one replicate.
+        half_width: Half width of the interval; infinite for one replicate.
+        n: Number of replicates.
+        confidence: Confidence of the interval.
     """
 
     value: float
@@ -33,44 +37,58 @@ class Pooled:
 
     @property
     def significant(self) -> float:
-        """Size of the mean beyond its interval about zero: max(0, |mean| - half width)."""
+        """Absolute mean beyond its interval about zero: max(0, |mean| - half width)."""
         return max(0.0, abs(self.value) - self.half_width)
 
     @property
     def relative(self) -> float:
-        """Half width relative to the size of the mean; infinite for a mean of zero."""
+        """Half width relative to the absolute mean; infinite for a mean of zero."""
         return self.half_width / abs(self.value) if self.value else math.inf
 
 
 def welch(a: float, n: int, b: float, m: int) -> float:
-    """Degrees of freedom of the difference of two means of n and m values, whose squared standard errors are `a` and
-    `b` (Welch, Biometrika 34 (1947) 28)."""
+    """Degrees of freedom of the difference of two means (Welch, Biometrika 34 (1947) 28).
+
+    Args:
+        a: Squared standard error of the first mean.
+        n: Its number of values.
+        b: Squared standard error of the second mean.
+        m: Its number of values.
+    """
     spread = a**2 / (n - 1) + b**2 / (m - 1)
     return (a + b) ** 2 / spread if spread else float(n + m - 2)
 
 
 def student(confidence: float, degrees_of_freedom: float) -> float:
-    """Two-sided Student quantile t: |T| < t with probability `confidence`; infinite without degrees of
-    freedom.
+    """Two-sided quantile t of Student's distribution: |T| < t with probability `confidence`.
+
+    Infinite below one degree of freedom.
     """
     return float(students(confidence, np.asarray(degrees_of_freedom, float)))
 
 
 def students(confidence: float, degrees_of_freedom: np.ndarray) -> np.ndarray:
-    """Quantiles as `student` gives them, of the same shape."""
+    """Quantiles of `student`, of the shape of `degrees_of_freedom`."""
     from scipy.special import stdtrit
 
     if not 0 < confidence < 1:
         raise ValueError(f"a confidence lies between 0 and 1, not at {confidence}")
-    t = stdtrit(np.clip(degrees_of_freedom, 1, 1e8), 0.5 + confidence / 2)
+    t = stdtrit(np.clip(degrees_of_freedom, 1, 1e8), 0.5 + confidence / 2)  # stdtrit fails for infinitely many
     return np.where(degrees_of_freedom < 1, math.inf, t)
 
 
 def pool(values: Sequence[float] | np.ndarray, confidence: float = 0.95) -> Pooled:
-    """Mean of one value per replicate with its Student interval, x +- t_{n-1} s / sqrt(n).
+    """Pool one value per replicate: mean and Student's interval, x +- t_{n-1} s / sqrt(n).
 
-    For a number of replicates that was fixed beforehand; where it was decided by looking at the values, use
-    `StoppingRule`. Raises ValueError for no values or values that are not finite.
+    The interval holds for a number of replicates that was fixed beforehand. If it was decided from the values, use
+    `StoppingRule`.
+
+    Args:
+        values: Value of each replicate, shape [n].
+        confidence: Confidence of the interval.
+
+    Raises:
+        ValueError: There is no value, or one is not finite.
     """
     array = np.asarray(values, float)
     if array.ndim != 1 or not len(array):

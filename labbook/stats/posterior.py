@@ -1,7 +1,7 @@
-"""A posterior of a few parameters, each from 0 to 1 with a uniform prior.
+"""Posterior of a few parameters, each from 0 to 1 with a uniform prior.
 
-Up to four parameters it is computed on a grid, which is narrowed to where the posterior is; of more, it is sampled with
-emcee (Foreman-Mackey et al., Publ. Astron. Soc. Pac. 125 (2013) 306).
+Up to four parameters it is computed on a grid, which is narrowed to the bulk of the posterior. With more it is sampled
+by emcee (Foreman-Mackey et al., Publ. Astron. Soc. Pac. 125 (2013) 306).
 """
 
 from collections.abc import Callable
@@ -13,14 +13,14 @@ import numpy as np
 from labbook.stats.emulator import LearnMissing
 
 LogLikelihood = Callable[[np.ndarray], np.ndarray]
-"""Logarithm of the likelihood at k sets of parameters, shape [k, p], up to a constant; shape [k]."""
+"""Function that gives ln of the likelihood, up to a constant, at k sets of parameters: shape [k, p] to [k]."""
 GRID = 4
-"""Most parameters of a grid."""
+"""Largest number of parameters of a grid."""
 _CELLS = {1: 801, 2: 71, 3: 23, 4: 11}
 """Cells of a grid along each parameter, by the number of parameters."""
 _PASSES = 4
 _NEGLIGIBLE = 1e-5
-"""Density over the largest one below which the posterior is left out."""
+"""Density, over the largest one, below which the grid is cut off."""
 _WALKERS, _STEPS, _BURN = 64, 1500, 500
 
 
@@ -29,10 +29,10 @@ class Posterior:
     """Sets of parameters with their weights.
 
     Attributes:
-        places: Shape [k, p].
-        weights: Shape [k]; their sum is 1.
-        density: Of the posterior, up to a constant, shape [k].
-        cell: Extent of the cell of a grid about each place, shape [p]; 0 of samples.
+        places: Sets of parameters, shape [k, p].
+        weights: Weights, shape [k]; their sum is 1.
+        density: Density of the posterior, up to a constant, shape [k].
+        cell: Extent of the grid cell about each place, shape [p]; 0 for samples.
     """
 
     places: np.ndarray
@@ -49,10 +49,11 @@ class Posterior:
     def covariance(self) -> np.ndarray:
         """Covariance, shape [p, p]."""
         off = self.places - self.mean
+        # the variance of a uniform distribution over the cell comes on top of that between cells
         return (off * self.weights[:, None]).T @ off + np.diag(self.cell**2 / 12)
 
     def quantiles(self, parts: np.ndarray) -> np.ndarray:
-        """Compute quantiles of each parameter, for m parts, shape [m, p]."""
+        """Compute quantiles of each parameter, for m probabilities: shape [m, p]."""
         columns = []
         for index, width in enumerate(self.cell):
             values, inverse = np.unique(self.places[:, index], return_inverse=True)
@@ -70,21 +71,25 @@ class Posterior:
         return np.clip(self.places[index] + self.cell * rng.uniform(-0.5, 0.5, (number, len(self.cell))), 0, 1)
 
     def region(self, part: float) -> np.ndarray:
-        """Mark the places of the region of highest density with this part of the posterior, shape [k]."""
+        """Mark the places in the region of highest density that holds this part of the posterior, shape [k]."""
         return self.density >= self.threshold(part)
 
     def threshold(self, part: float) -> float:
-        """Compute the density at the edge of that region."""
+        """Compute the density at the edge of that region of highest density."""
         order = np.argsort(self.density)[::-1]
         last = int(np.searchsorted(np.cumsum(self.weights[order]), part))
         return float(self.density[order[min(last, len(order) - 1)]])
 
 
 def posterior(log_likelihood: LogLikelihood, parameters: int) -> Posterior:
-    """Compute the posterior of so many parameters.
+    """Compute the posterior of a number of parameters.
+
+    Args:
+        log_likelihood: ln of the likelihood.
+        parameters: Number of parameters.
 
     Raises:
-        LearnMissing: emcee is needed, and not installed.
+        LearnMissing: emcee is needed but not installed.
     """
     return _on_grid(log_likelihood, parameters) if parameters <= GRID else _sampled(log_likelihood, parameters)
 
@@ -118,6 +123,7 @@ def _sampled(log_likelihood: LogLikelihood, p: int) -> Posterior:
 
     walkers = max(_WALKERS, 4 * p)
     rng = np.random.RandomState(1)  # emcee takes no Generator
+    # walkers start at the best of many random places: those in a lobe of negligible density would stay there
     trial = rng.uniform(size=(64 * walkers, p))
     start = trial[np.argsort(inside(trial))[-walkers:]]
     sampler = emcee.EnsembleSampler(walkers, p, inside, vectorize=True)

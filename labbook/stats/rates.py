@@ -1,8 +1,8 @@
-"""Rates of rare events: events over exposure, with exact intervals, and with censoring.
+"""Rates of rare events: events over exposure, with exact intervals, also for censored runs.
 
-Of a silo the events are stops and the exposure is the grains that left. If a flow has no memory, the number of stops
-among G grains is a Poisson number as long as stops are rare, however the G grains are spread over runs, and whether the
-last grain of a run was followed by a stop or by the end of the run: nothing else is needed for right-censored runs.
+For a silo the events are stops and the exposure is the number of grains that left. If a flow has no memory and stops
+are rare, the number of stops among G grains is Poisson distributed. That holds however the G grains are spread over
+runs, and whether a run ended by a stop or by its time: right-censored runs need nothing else.
 """
 
 import math
@@ -21,8 +21,8 @@ class PooledRate(Pooled):
     """Events over exposure, of `n` independent replicates.
 
     Attributes:
-        events: Events in all replicates together.
-        exposure: Exposure of all replicates together, such as grains.
+        events: Events in all replicates.
+        exposure: Exposure of all replicates, such as grains.
         low_end: Lower end of the exact interval.
         high_end: Upper end of the exact interval.
     """
@@ -39,12 +39,12 @@ class PooledRate(Pooled):
 
     @property
     def high(self) -> float:
-        """Upper end of the interval: without events the bound that they set."""
+        """Upper end of the interval; without events the upper bound of the rate."""
         return self.high_end
 
     @property
     def bound(self) -> bool:
-        """True without events, where only an upper bound is known."""
+        """True without events, when only an upper bound is known."""
         return self.events == 0
 
 
@@ -55,10 +55,10 @@ def rate(events: int, exposure: float, replicates: int = 1, confidence: float = 
     upper end is 3.69 / G at 95 %.
 
     Args:
-        events: k, counted in all replicates.
-        exposure: G, above 0.
+        events: Events k in all replicates.
+        exposure: Exposure G, above 0.
         replicates: Number of independent replicates.
-        confidence: Of the interval.
+        confidence: Confidence of the interval.
 
     Returns:
         The rate; its `error` is sqrt(k) / G, and its `half_width` the distance to the upper end.
@@ -71,6 +71,7 @@ def rate(events: int, exposure: float, replicates: int = 1, confidence: float = 
     if events < 0 or not exposure > 0:
         raise ValueError(f"a rate needs a count and an exposure above 0, not {events} and {exposure:g}")
     tail = (1 - confidence) / 2
+    # chdtri takes the upper tail: the lower end comes from 2k degrees of freedom, the upper one from 2k + 2
     low = float(chdtri(2 * events, 1 - tail)) / (2 * exposure) if events else 0.0
     high = float(chdtri(2 * events + 2, tail)) / (2 * exposure)
     value = events / exposure
@@ -80,8 +81,7 @@ def rate(events: int, exposure: float, replicates: int = 1, confidence: float = 
 
 
 def events_needed(error: float, confidence: float = 0.95) -> int:
-    """Events from which on the relative half width of the interval of a rate is below `error`: (z / error)^2, 97 for
-    20 % at 95 %."""
+    """Events needed for a relative half width `error` of the interval of a rate: (z / error)^2, 97 for 20 % at 95 %."""
     from scipy.special import ndtri
 
     if not error > 0:
@@ -92,16 +92,16 @@ def events_needed(error: float, confidence: float = 0.95) -> int:
 def clustered(
     events: Sequence[int] | np.ndarray, exposures: Sequence[float] | np.ndarray, confidence: float = 0.95, seed: int = 0
 ) -> tuple[float, float]:
-    """Interval of a rate by a bootstrap over clusters, which may have events that depend on one another.
+    """Compute the interval of a rate by a bootstrap over clusters, whose events may depend on one another.
 
-    Whole clusters are weights with replacement (Davison & Hinkley, Bootstrap Methods, 1997, section 3.8), and the ends
-    are percentiles. For few clusters it is too narrow: use 32 or more.
+    Whole clusters are drawn with replacement (Davison & Hinkley, Bootstrap Methods, 1997, section 3.8), and the ends
+    are percentiles. For few clusters the interval is too narrow: use 32 or more.
 
     Args:
-        events: Of each cluster, such as the runs of one packing.
-        exposures: Of each cluster.
-        confidence: Of the interval.
-        seed: Of the draws.
+        events: Events of each cluster, such as the runs of one packing.
+        exposures: Exposure of each cluster.
+        confidence: Confidence of the interval.
+        seed: Seed of the draws.
 
     Returns:
         Lower and upper end; NaN for fewer than two clusters.

@@ -1,4 +1,4 @@
-"""Ratio of two means: of replicates that share what a seed decides, or of independent ones."""
+"""Ratio of two means: of paired replicates, which share a seed, or of independent ones."""
 
 import math
 from collections.abc import Sequence
@@ -11,12 +11,19 @@ from labbook.stats.pooling import Pooled, student, welch
 def paired_ratio(
     above: Sequence[float] | np.ndarray, below: Sequence[float] | np.ndarray, confidence: float = 0.95
 ) -> Pooled:
-    """R = mean(above) / mean(below); above[i] and below[i] share a seed.
+    """R = mean(above) / mean(below) of paired replicates.
 
     The error is that of the mean of above[i] - R below[i], over mean(below), with Student's t on n - 1 degrees of
-    freedom (Cochran, Sampling Techniques, 3rd ed., section 6.3): what a seed does to both divides out. The mean of the
-    single ratios would be biased where `below` scatters. Raises ValueError for samples of unequal length or without any
-    value, or a denominator of zero.
+    freedom (Cochran, Sampling Techniques, 3rd ed., section 6.3): a common effect of the seed cancels. The mean of the
+    single ratios would be biased if `below` scatters.
+
+    Args:
+        above: Values of the numerator.
+        below: Values of the denominator; below[i] shares a seed with above[i].
+        confidence: Confidence of the interval.
+
+    Raises:
+        ValueError: Samples have unequal lengths or no value, or the denominator is zero.
     """
     x, y = np.asarray(above, float), np.asarray(below, float)
     if len(x) != len(y) or not len(x):
@@ -32,11 +39,22 @@ def paired_ratio(
 
 
 def independent_ratio(above: Pooled, below: Pooled, confidence: float = 0.95) -> Pooled:
-    """R = above / below of means that are independent of one another; `n` is the smaller number of replicates.
+    """R = above / below of independent means.
 
     The error is that of above - R below, over below, with Student's t on the degrees of freedom of Welch and
-    Satterthwaite. Of a single replicate the error is NaN and the interval has no ends. Raises ValueError for a
-    denominator of zero.
+    Satterthwaite.
+
+    Args:
+        above: The numerator.
+        below: The denominator.
+        confidence: Confidence of the interval.
+
+    Returns:
+        The ratio, whose `n` is the smaller number of replicates. With a single replicate the error is NaN and the
+        interval infinite.
+
+    Raises:
+        ValueError: The denominator is zero.
     """
     if below.value == 0:
         raise ValueError("a ratio needs a denominator that is not zero")

@@ -1,4 +1,4 @@
-"""Survival of avalanches and of times between grains, of which some are censored: their end was not observed."""
+"""Survival of avalanches and of times between grains, with censored values whose end was not observed."""
 
 import math
 from collections.abc import Sequence
@@ -10,12 +10,12 @@ import numpy as np
 from labbook.stats.rates import PooledRate, rate
 
 FEWEST_TIMES = 50
-"""Times above `t_min` below which no power law is fitted (Clauset, Shalizi & Newman, SIAM Rev. 51 (2009) 661)."""
+"""Fewest times above `t_min` for a power law (Clauset, Shalizi & Newman, SIAM Rev. 51 (2009) 661)."""
 _DECIDED = 0.05
 _CUTS = 100
-"""Values of t_min that are tried, at most."""
+"""Largest number of trial values of t_min."""
 _LARGEST_STRETCH = 5.0
-"""Exponent of a stretched exponential, at most."""
+"""Largest exponent of a stretched exponential."""
 
 Verdict = Literal["clogs", "flows", "undecided"]
 
@@ -31,18 +31,18 @@ class Survival:
 
 
 def kaplan_meier(values: np.ndarray, ended: np.ndarray) -> Survival:
-    """Survival function of values, of which some are censored from the right.
+    """Estimate the survival function of values, some of which are censored from the right.
 
     Args:
         values: Sizes or times, shape [n].
-        ended: True where the value is the whole, false where it is censored, shape [n].
+        ended: True where the value is complete, false where it is censored, shape [n].
 
     Returns:
         The estimate at every distinct value (Kaplan & Meier, J. Am. Stat. Assoc. 53 (1958) 457), with the interval of
         Greenwood in log-log scale.
 
     Raises:
-        ValueError: No value.
+        ValueError: There is no value.
     """
     import warnings
 
@@ -51,14 +51,14 @@ def kaplan_meier(values: np.ndarray, ended: np.ndarray) -> Survival:
         raise ValueError("a survival function needs at least one value")
     function = _survival_function(values, ended)
     with warnings.catch_warnings(), np.errstate(all="ignore"):
-        warnings.simplefilter("ignore", RuntimeWarning)  # of an interval that the data do not determine
+        warnings.simplefilter("ignore", RuntimeWarning)  # Greenwood's variance is undefined at a survival of 0 or 1
         interval = function.confidence_interval(method="log-log")
     low, high = (np.asarray(end.probabilities, float) for end in (interval.low, interval.high))
     return Survival(np.asarray(function.quantiles, float), np.asarray(function.probabilities, float), low, high)
 
 
 def _survival_function(values: np.ndarray, ended: np.ndarray) -> Any:
-    """Kaplan-Meier estimate, as SciPy has it."""
+    """Kaplan-Meier estimate of SciPy."""
     from scipy import stats
 
     return stats.ecdf(stats.CensoredData(values[ended], right=values[~ended])).sf
@@ -66,12 +66,12 @@ def _survival_function(values: np.ndarray, ended: np.ndarray) -> Any:
 
 @dataclass(frozen=True, eq=False)
 class Hazard:
-    """Rate of ends within bins of size.
+    """Hazard within bins of size: rate of ends.
 
     Attributes:
-        edges: Of the bins, shape [n + 1].
-        rates: Ends in each bin over what passed in it.
-        p: Probability of rates that differ by more, if the hazard is constant; NaN of a single bin.
+        edges: Edges of the bins, shape [n + 1].
+        rates: Ends in each bin over the exposure in it.
+        p: Probability of rates that differ by more, if the hazard is constant; NaN for a single bin.
     """
 
     edges: np.ndarray
@@ -80,21 +80,21 @@ class Hazard:
 
 
 def hazard(values: np.ndarray, ended: np.ndarray, bins: int = 6) -> Hazard:
-    """Hazard per unit of size, in bins with about equally many ends, and a test of its constancy.
+    """Compute the hazard per unit of size, in bins with about equally many ends, and test its constancy.
 
-    In a process without memory the hazard is constant. The test is that of homogeneity of Poisson counts with known
+    The hazard of a process without memory is constant. The test is that of homogeneity of Poisson counts with known
     exposures, by the likelihood ratio, whose deviance follows chi-square with bins - 1 degrees of freedom.
 
     Args:
         values: Sizes, such as the grains of each avalanche, shape [n].
-        ended: True where the value is the whole, false where it is censored, shape [n].
-        bins: Number of bins, at most; each has five ends or more.
+        ended: True where the value is complete, false where it is censored, shape [n].
+        bins: Largest number of bins; each has five ends or more.
 
     Returns:
-        The rates in all bins.
+        The rates in all bins, with the p-value of the test.
 
     Raises:
-        ValueError: No value above 0.
+        ValueError: There is no value above 0.
     """
     from scipy.special import chdtrc, xlogy
 
@@ -105,6 +105,7 @@ def hazard(values: np.ndarray, ended: np.ndarray, bins: int = 6) -> Hazard:
     number = max(1, min(bins, len(ends) // 5))
     inner = np.quantile(ends, np.arange(1, number) / number) if number > 1 else np.array([])
     edges = np.unique([0.0, *inner, values.max()])
+    # exposure of a bin: each value counts by the part of it that lies in the bin
     passed = np.diff(np.minimum(values[:, None], edges[None, :]), axis=1).sum(axis=0)
     place = np.clip(np.searchsorted(edges, ends, "left") - 1, 0, len(edges) - 2)
     counts = np.bincount(place, minlength=len(edges) - 1)
@@ -118,7 +119,7 @@ def hazard(values: np.ndarray, ended: np.ndarray, bins: int = 6) -> Hazard:
 
 @dataclass(frozen=True)
 class Correlation:
-    """A correlation of `n` pairs with its 95 % interval by Fisher's z; NaN of fewer than four pairs."""
+    """Correlation of `n` pairs with its 95 % interval by Fisher's z; NaN for fewer than four pairs."""
 
     value: float
     low: float
@@ -136,23 +137,23 @@ def _correlation(x: np.ndarray, y: np.ndarray) -> Correlation:
 
 
 def lag_correlation(series: Sequence[np.ndarray]) -> Correlation:
-    """Correlation of ln s between consecutive avalanches of one silo, over all silos.
+    """Compute the correlation of ln s between consecutive avalanches of one silo, over all silos.
 
     Args:
-        series: Sizes of the avalanches that ended, of each silo in the order of time; sizes of 0 count as 1/2.
+        series: Sizes of the complete avalanches of each silo, in the order of time; sizes of 0 count as 1/2.
     """
     logs = [np.log(np.maximum(np.asarray(sizes, float), 0.5)) for sizes in series]
-    pairs = [(one[:-1], one[1:]) for one in logs if len(one) > 1]
+    pairs = [(sizes[:-1], sizes[1:]) for sizes in logs if len(sizes) > 1]
     if not pairs:
         return Correlation(math.nan, math.nan, math.nan, 0)
     return _correlation(np.concatenate([a for a, _ in pairs]), np.concatenate([b for _, b in pairs]))
 
 
 def rank_correlation(groups: Sequence[np.ndarray]) -> Correlation:
-    """Rank correlation of values within groups: the intraclass correlation of their ranks among all.
+    """Compute the rank correlation within groups: the intraclass correlation of the ranks of values among all.
 
-    All ordered pairs within a group count, each value as often in groups of any size (Fisher's symmetric form); `n` is
-    the number of values in groups of two or more, by which the interval is approximate.
+    All ordered pairs within a group count, and each value has the same weight in groups of any size (Fisher's symmetric
+    form). `n` is the number of values in groups of two or more; the interval based on it is approximate.
 
     Args:
         groups: Values of each group, such as the first avalanches of all discharges of a packing.
@@ -183,19 +184,19 @@ def rank_correlation(groups: Sequence[np.ndarray]) -> Correlation:
 
 @dataclass(frozen=True)
 class PowerTail:
-    """Tail of times between grains: P(t >= T) = (T / t_min)^-(alpha - 1) above `t_min`.
+    """Power-law tail of times between grains: P(t >= T) = (T / t_min)^-(alpha - 1) above `t_min`.
 
     Attributes:
         alpha: Exponent of the probability density.
         low: Lower end of its interval.
         high: Upper end of its interval.
-        t_min: Where the tail begins [s].
-        n: Times above it whose end was observed.
-        censored: Times above it that are censored.
+        t_min: Start of the tail [s].
+        n: Observed times in the tail.
+        censored: Censored times in the tail.
         clogs: Probability of alpha <= 2, for which the mean time diverges.
-        exponential: ln of the likelihood ratio to an exponential tail; above 0 the power law describes it better.
+        exponential: ln of the likelihood ratio to an exponential tail; positive if the power law is better.
         stretched: The same to a stretched exponential, exp(-l (t^b - t_min^b)), whose limit of small b is the power
-            law: never above 0, and below -2 a better description in spite of its further parameter.
+            law. It is never positive; below -2 the stretched one is better in spite of its further parameter.
     """
 
     alpha: float
@@ -210,31 +211,31 @@ class PowerTail:
 
     @property
     def verdict(self) -> Verdict:
-        """The state of the agitated silo: `undecided` where P(alpha <= 2) is between 0.05 and 0.95."""
+        """State of the agitated silo; `undecided` if P(alpha <= 2) is between 0.05 and 0.95."""
         if self.clogs > 1 - _DECIDED:
             return "clogs"
         return "flows" if self.clogs < _DECIDED else "undecided"
 
 
 def power_tail(times: np.ndarray, ended: np.ndarray, t_min: float | None = None, confidence: float = 0.95) -> PowerTail:
-    """Power-law tail of times between grains of an agitated silo, of which some are censored.
+    """Fit the power-law tail of times between grains of an agitated silo, some of which are censored.
 
-    With n times observed and all of them, censored or not, in the sum, alpha = 1 + n / sum ln(t / t_min), and
-    2 (alpha - 1) sum ln(t / t_min) follows chi-square with 2n degrees of freedom. Leaving out censored times would make
-    alpha too large. `t_min` is that of the smallest Kolmogorov-Smirnov distance (Clauset, Shalizi & Newman, SIAM Rev.
-    51 (2009) 661), here to the Kaplan-Meier estimate.
+    With n observed times, and all times, censored or not, in the sum, alpha = 1 + n / sum ln(t / t_min), and
+    2 (alpha - 1) sum ln(t / t_min) follows chi-square with 2n degrees of freedom. Without the censored times alpha
+    would be too large. `t_min` minimises the Kolmogorov-Smirnov distance (Clauset, Shalizi & Newman, SIAM Rev. 51
+    (2009) 661), here to the Kaplan-Meier estimate.
 
     Args:
-        times: Between grains [s], shape [n].
+        times: Times between grains [s], shape [n].
         ended: True where a grain ended the time, false where it is censored, shape [n].
-        t_min: Where the tail begins [s]; None: as above.
-        confidence: Of the interval of alpha.
+        t_min: Start of the tail [s]; None: as above.
+        confidence: Confidence of the interval of alpha.
 
     Returns:
         The tail.
 
     Raises:
-        ValueError: Fewer than FEWEST_TIMES observed times in the tail.
+        ValueError: There are fewer than FEWEST_TIMES observed times in the tail.
     """
     from scipy.special import chdtr, chdtri
 
@@ -251,6 +252,7 @@ def power_tail(times: np.ndarray, ended: np.ndarray, t_min: float | None = None,
     low, high = 1 + float(chdtri(2 * n, 1 - a)) / (2 * total), 1 + float(chdtri(2 * n + 2, a)) / (2 * total)
     power = n * math.log((alpha - 1) / t_min) - alpha * float(logs[ended[tail]].sum())
     power -= (alpha - 1) * float(logs[~ended[tail]].sum())
+    # both likelihoods are those of t; `_stretched` is that of t/t_min, hence the Jacobian n ln(t_min)
     exponential, stretched = (
         power - _stretched(logs, ended[tail], b) + n * math.log(t_min) for b in (1.0, _best_stretch(logs, ended[tail]))
     )
@@ -259,19 +261,22 @@ def power_tail(times: np.ndarray, ended: np.ndarray, t_min: float | None = None,
 
 
 def tail_goodness(times: np.ndarray, ended: np.ndarray, tail: PowerTail, draws: int = 200, seed: int = 0) -> float:
-    """Probability that a power law gives a tail farther from its fit than this one, by parametric bootstrap.
+    """Compute the goodness of fit of a power-law tail by parametric bootstrap.
 
-    The distance is that of Kolmogorov and Smirnov between the Kaplan-Meier estimate and the fit. In each draw the
-    observed times above `t_min` come from the fitted law; those that are censored stay. `t_min` stays too. Where it was
-    chosen for the smallest distance, the probability is too large: a small one rules out the power law, a large one
-    proves nothing (Clauset, Shalizi & Newman, SIAM Rev. 51 (2009) 661).
+    The statistic is the Kolmogorov-Smirnov distance between the Kaplan-Meier estimate and the fit. In each draw the
+    observed times above `t_min` come from the fitted law; censored times and `t_min` stay. If `t_min` was chosen for
+    the smallest distance, the probability is too large: a small one rules out the power law, a large one proves nothing
+    (Clauset, Shalizi & Newman, SIAM Rev. 51 (2009) 661).
 
     Args:
-        times: Between grains [s], shape [n], as given to `power_tail`.
+        times: Times between grains [s], shape [n], as given to `power_tail`.
         ended: True where a grain ended the time, shape [n].
-        tail: Its fit.
+        tail: Fit of the tail.
         draws: Number of samples.
-        seed: Of the samples.
+        seed: Seed of the samples.
+
+    Returns:
+        Probability of a tail farther from its fit than this one, if the power law holds.
     """
     inside = np.asarray(times, float) >= tail.t_min
     above, over = np.asarray(times, float)[inside], np.asarray(ended, bool)[inside]
@@ -289,7 +294,7 @@ def tail_goodness(times: np.ndarray, ended: np.ndarray, tail: PowerTail, draws: 
 
 
 def _stretched(logs: np.ndarray, ended: np.ndarray, b: float) -> float:
-    """ln of the largest likelihood of a stretched exponential tail with the exponent b, of t/t_min.
+    """ln of the largest likelihood of a stretched exponential tail of t/t_min, with the exponent b.
 
     Args:
         logs: ln(t/t_min), shape [n].
@@ -304,7 +309,7 @@ def _best_stretch(logs: np.ndarray, ended: np.ndarray) -> float:
     """Exponent of the stretched exponential tail with the largest likelihood."""
     from scipy.optimize import minimize_scalar
 
-    highest = min(_LARGEST_STRETCH, 500 / float(logs.max()))
+    highest = min(_LARGEST_STRETCH, 500 / float(logs.max()))  # (t/t_min)^b must not overflow
     lowest = minimize_scalar(lambda b: -_stretched(logs, ended, b), bounds=(1e-4, highest), method="bounded")
     return float(lowest.x)  # pyright: ignore[reportAttributeAccessIssue]
 
@@ -331,15 +336,23 @@ def _best_cut(times: np.ndarray, ended: np.ndarray) -> float:
 
 
 def _distance(times: np.ndarray, ended: np.ndarray, cut: float, x: np.ndarray, p: np.ndarray) -> float:
-    """Largest distance between the estimate p of the survival at x of times above a cut [s], and the power law fitted
-    to these times."""
+    """Largest distance between a survival estimate and the power law fitted to the times.
+
+    Args:
+        times: Times above the cut [s].
+        ended: True where a grain ended the time.
+        cut: Start of the tail [s].
+        x: Times of the steps of the estimate [s].
+        p: Survival after each step.
+    """
     total = float(np.log(times / cut).sum())
     if not total > 0:
         return math.inf
+    # a step function is farthest from a smooth one at its steps: before and after each
     law, before = (x / cut) ** -(ended.sum() / total), np.concatenate([[1.0], p[:-1]])
     return float(max(np.abs(law - p).max(), np.abs(law - before).max()))
 
 
 def flowing_fraction(flowing: float, stopped: float) -> float:
-    """Part of the time in which grains leave: <t_f> / (<t_f> + <t_c>), of the times of all flows and of all stops."""
+    """Part of the time in which grains leave: <t_f> / (<t_f> + <t_c>), of the times of all flows and all stops."""
     return flowing / (flowing + stopped)

@@ -1,4 +1,4 @@
-"""The error that is tolerated in a number, and whether it is kept: the one place where that is decided."""
+"""Tolerated error of a number, and the only place that decides if it is met."""
 
 from dataclasses import dataclass
 
@@ -7,11 +7,11 @@ import numpy as np
 
 @dataclass(frozen=True)
 class Tolerance:
-    """|bias| + half width of the 95 % interval <= `error`; all are parts of the number.
+    """Criterion |bias| + half width of the 95 % interval <= `error`; all are parts of the number.
 
     Attributes:
-        error: What is tolerated.
-        bias: What numerics add at most, which does not average out.
+        error: Tolerated error.
+        bias: Largest bias by numerics, which averaging does not reduce.
     """
 
     error: float
@@ -19,13 +19,13 @@ class Tolerance:
 
     @property
     def left(self) -> float:
-        """What the bias leaves for the half width; not positive where the bias alone is too large."""
+        """Part of the error left for the half width; not positive if the bias alone is too large."""
         return self.error - self.bias
 
-    def kept(self, half_width: float) -> bool:
-        """Decide whether a number whose interval has this half width, relative to it, is as good as was asked."""
+    def met(self, half_width: float) -> bool:
+        """Decide if a number whose interval has this relative half width meets the error."""
         return bool(self.within(np.asarray(half_width)))
 
     def within(self, half_widths: np.ndarray) -> np.ndarray:
-        """Decide it of several half widths, shape [...]."""
+        """Decide the same for several half widths, of any shape."""
         return half_widths <= self.left

@@ -21,7 +21,7 @@ from labbook.campaign import STRATEGIES, Strategy
 from labbook.filling import GrainFile
 from labbook.filling.mobilising import Mobilise
 from labbook.filling.placing import STARTS, FromFile, FromStream
-from labbook.fit import named
+from labbook.fit import law_name
 from labbook.scene.attached import AttachedFile
 from labbook.scene.contact import AnyLaw
 from labbook.scene.model import Among, Fault, Model, OrWord, refuse
@@ -312,7 +312,7 @@ class Settings(Model):
     @field_validator("fit")
     @classmethod
     def _named(cls, laws: tuple[str, ...]) -> tuple[str, ...]:
-        return tuple(map(named, laws))
+        return tuple(map(law_name, laws))
 
     @model_validator(mode="after")
     def _fits_together(self):

@@ -31,7 +31,7 @@ from labbook.filling.bed import PACKED
 from labbook.plan.demand import stopping_rule
 from labbook.scene import CylinderSilo, HertzMindlin, HertzPrinted, LinearSpringDashpot, Scene, Spheres, WedgeHopper
 from labbook.scene.timescales import collision, largest_stable_step
-from labbook.stats.effects import one_more
+from labbook.stats.effects import predict_effect
 from labbook.study import define
 
 LAW = HertzMindlin(shear_modulus=1e8, poisson_ratio=0.25, friction=0.5, rolling_friction=0.01, restitution=0.2)
@@ -319,12 +319,12 @@ def test_the_interval_of_one_more_effect_holds_it_as_often_as_it_says():
             for _ in range(repeats):
                 errors = rng.uniform(0.7, 1.4, cases)
                 measured = 5 + rng.normal(0, spread, cases) + rng.normal(0, errors)
-                mean, half_width = one_more(measured.tolist(), (errors**2).tolist())
+                mean, half_width = predict_effect(measured.tolist(), (errors**2).tolist())
                 hits += abs(rng.normal(5, spread) - mean) < half_width
             assert hits / repeats > 0.92 - 3 * math.sqrt(0.92 * 0.08 / repeats), (cases, spread)
     for few in ([], [2.0], [2.0, 3.0]):
         with pytest.raises(ValueError, match=f"at least 3 that were measured, not {len(few)}"):
-            one_more(few, [1.0] * len(few))
+            predict_effect(few, [1.0] * len(few))
 
 
 def test_the_calibration_that_ships_is_of_scenes_that_differ():

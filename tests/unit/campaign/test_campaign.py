@@ -176,7 +176,7 @@ def test_values_are_by_point_and_seed():
     ("half_width", "bias", "is_kept"), [(0.01, 0.0, True), (0.008, 0.002, True), (0.009, 0.002, False)]
 )
 def test_the_sum_of_bias_and_half_width_is_what_is_tolerated(half_width, bias, is_kept):
-    assert Tolerance(0.01, bias).kept(half_width) is is_kept
+    assert Tolerance(0.01, bias).met(half_width) is is_kept
 
 
 def one_point(values: Sequence[float | None]) -> History:

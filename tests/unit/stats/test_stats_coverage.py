@@ -75,8 +75,8 @@ def test_with_the_stopping_rule_in_the_loop(case, tolerance):
     hits, counts, ended = [], [], set()
     for values in series:
         n, decision = 0, rule.decide([])
-        while decision.more:
-            n += decision.more
+        while decision.additional:
+            n += decision.additional
             decision = rule.decide(values[:n])
         assert decision.pooled is not None
         hits.append(covered(decision.pooled, 1.0))

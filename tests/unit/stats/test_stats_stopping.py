@@ -11,10 +11,10 @@ def run_to_the_end(rule, values):
     n = 0
     while True:
         decision = rule.decide(values[:n])
-        if decision.more == 0:
+        if decision.additional == 0:
             return n, decision
         assert decision.ended is None
-        n += decision.more
+        n += decision.additional
 
 
 def test_runs_the_minimum_and_stops_when_precise():
@@ -42,15 +42,15 @@ def test_replicates_without_any_value_are_given_up():
     assert rule.decide([]) == Decision(None, 5, None)
     assert rule.decide([], without=5) == Decision(None, 1, None)
     assert rule.decide([], without=6) == Decision(None, 0, "nothing")
-    assert rule.decide([1.0], without=9).more == 4
+    assert rule.decide([1.0], without=9).additional == 4
     assert StoppingRule(0.05, 2, 4).decide([], without=4) == Decision(None, 0, "cap")
     assert StoppingRule(0.05, 2, 10).decide([1.0, 2.0], without=8).ended == "cap"
 
 
 def test_fewer_than_five_replicates_are_too_few_to_judge_by():
-    assert StoppingRule(0.5, 2, 10).decide([1.0, 1.0]).more == 3
-    assert StoppingRule(0.5, 4, 10).decide([1.0, 1.0, 1.0, 1.0]).more == 1
-    assert StoppingRule(0.5, 2, 4).decide([1.0, 1.0]).more == 2, "as many as the cap allows"
+    assert StoppingRule(0.5, 2, 10).decide([1.0, 1.0]).additional == 3
+    assert StoppingRule(0.5, 4, 10).decide([1.0, 1.0, 1.0, 1.0]).additional == 1
+    assert StoppingRule(0.5, 2, 4).decide([1.0, 1.0]).additional == 2, "as many as the cap allows"
     assert StoppingRule(0.5, 2, 2).decide([1.0, 1.0]).ended == "tolerance"
 
 
@@ -70,7 +70,7 @@ def test_few_replicates_are_ordered_at_a_time():
     rng = np.random.default_rng(0)
     rule = StoppingRule(1e-4, 3, 50)
     for n in range(5, 50):
-        assert 1 <= rule.decide(rng.normal(1, 0.5, n)).more <= max(1, n // 3)
+        assert 1 <= rule.decide(rng.normal(1, 0.5, n)).additional <= max(1, n // 3)
 
 
 @pytest.mark.parametrize(
