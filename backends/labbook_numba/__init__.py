@@ -15,10 +15,13 @@ CACHE_VERSION = 6
 
 
 class Backend(DemBackend):
-    """See `labbook.backend.Backend`. Nothing of Numba is loaded before `open`.
+    """The CPU backend; see `labbook.backend.Backend`. Numba is not loaded before `open`.
 
-    `threads`: that one large scene may use while cores are idle (None: as many as there are). `wide`: compile in what
-    any scene of the same law and shape may need, for tests, which then share kernels; no run of a study does.
+    Args:
+        threads: threads that one large scene may use while cores are idle; None: one a core.
+        wide: compile in all features that a scene of the same law and shape may need. Tests share kernels by it; no run
+            of
+        a study uses it.
     """
 
     requires = ("numba",)
@@ -37,15 +40,16 @@ class Backend(DemBackend):
         self._threads, self._wide = threads, wide
 
     def specialise(self, scene: Scene, numerics: Numerics, probes: Sequence[Probe] = ()) -> Spec:
-        """Features compiled in. Raises Unsupported."""
+        """Return the features compiled in. Raises Unsupported."""
         from labbook_dem.features import specialise
 
         return specialise(self.capabilities, scene, numerics, probes, self._wide)
 
     def open(self, spec: Spec, slots: int | None = None, device: str = "cpu"):
-        """An ensemble that steps `slots` members at a time (None: one a core).
+        """Return an ensemble that steps `slots` members at a time (None: one a core).
 
-        Raises Unsupported for a device other than `cpu`, and where Numba is switched off.
+        Raises:
+            Unsupported: a device other than `cpu`, or Numba is switched off.
         """
         from numba import config
 
@@ -64,8 +68,8 @@ class Backend(DemBackend):
             raise Unsupported("device", f"the backend numba runs on cpu, not on {device}; {remedy}")
         compiling.watch()
         module = kernels(spec)
-        many = cores()
-        return Ensemble(self.capabilities, spec, module, min(slots or many, many), self._threads or many)
+        members = cores()
+        return Ensemble(self.capabilities, spec, module, min(slots or members, members), self._threads or members)
 
     def generated(self, spec: Spec) -> str:
         """See `labbook.backend.Backend`."""
@@ -82,19 +86,19 @@ class Backend(DemBackend):
         return compiled(spec)
 
     def compiling(self) -> bool:
-        """Whether Numba is compiling a kernel now."""
+        """Return True while Numba compiles a kernel."""
         from labbook_numba import compiling
 
-        return compiling.going()
+        return compiling.any_running()
 
     def verify(self, scene: Scene, numerics: Numerics, checkpoint: Checkpoint, step: int) -> None:
         """See `labbook.backend.Backend`. Nothing is compiled for it."""
         from labbook_dem.ensemble import check_checkpoint
 
         from labbook_numba.state import STEP
-        from labbook_numba.stored import check_state, kept
+        from labbook_numba.stored import array_names, check_state
 
-        check_checkpoint(self.capabilities, kept(scene), checkpoint)
+        check_checkpoint(self.capabilities, array_names(scene), checkpoint)
         check_state(checkpoint.arrays, scene, numerics)
         if (at := int(checkpoint.arrays["count"][STEP])) != step:
             raise ValueError(f"the checkpoint is of step {at}, not of step {step}")

@@ -1,9 +1,9 @@
-"""From features to compiled kernels: one generated module per specialisation, cached on disk.
+"""From features to compiled kernels: one generated module a specialisation, cached on disk.
 
-Numba's own cache does not notice when an imported law was edited, and never hits for closures. So each
-specialisation is written out as a module of its own, whose folder is named by a hash of all that it is made of: the
-sources of physics and kernels, the features, and the versions of Python, Numba and llvmlite. Numba keeps its compiled
-code beside it, told apart by CPU.
+Numba's own cache does not notice an edited law in an imported module, and never hits for closures. So each
+specialisation is written as a module of its own, in a folder named by a hash of everything it consists of: the sources
+of physics and kernels, the features, and the versions of Python, Numba and llvmlite. Numba caches its compiled code
+beside it, by type of CPU.
 """
 
 import ctypes
@@ -53,17 +53,17 @@ PLACES += ("X", "V", "W", "U", "P", "Q", "A", "M", "F", "T")
 
 BEFORE = (cells, blocks, bodies, transfer)
 AFTER = (pairs, near, move, neighbours, meet, step, observe, traction)
-"""Kernels that all shapes share, before and after their own in the generated module."""
+"""Kernels common to all shapes, before and after those of a shape in the generated module."""
 
 
 _ARENA_MAX = -8  # glibc's M_ARENA_MAX
 
 
 def share_one_heap() -> None:
-    """Let all threads allocate from one heap, where the C library is glibc.
+    """Let all threads allocate from one heap, with glibc.
 
-    LLVM's memory is given back to the heap of the thread that compiled, where another thread that compiles cannot use
-    it: with two threads the process would grow by 24 MB more. Kernels allocate nothing, so they do not wait for it.
+    LLVM's memory is returned to the heap of the compiling thread, where another compiling thread cannot use it: two
+    threads would need 24 MB more. Kernels allocate nothing, so they do not wait for the heap.
     """
     if platform.libc_ver()[0] == "glibc":
         ctypes.CDLL(None).mallopt(_ARENA_MAX, 1)
@@ -75,18 +75,20 @@ share_one_heap()
 def module_text(spec: Spec) -> str:
     """Source of the kernel module of one specialisation."""
     kinds, grains = spec.feature("walls"), spec.feature("shape")
-    own = SHAPES[grains]
-    hold(f"the shape {grains} in labbook_numba", shape, own.kernels)
-    layout = state.MIXTURES if spec.feature("VARIED") else own.layout
+    shape_kernels = SHAPES[grains]
+    hold(f"the shape {grains} in labbook_numba", shape, shape_kernels.kernels)
+    layout = state.MIXTURES if spec.feature("VARIED") else shape_kernels.layout
     layout = layout.with_rolling_springs() if spec.feature("ROLLING_SPRING") else layout
     layout = layout.with_meshes() if spec.feature("MESHES") else layout
-    # the numbers by which host and kernels agree on places and return codes; those that kernels index with are unsigned
+    # places and return codes, shared by host and kernels; indices are unsigned, see `_Unsigned`
     shared = _numbers(state) | layout._asdict()
-    places = {name: value for module in (blocks, *own.kernels) for name, value in _numbers(module).items()}
+    places = {name: value for module in (blocks, *shape_kernels.kernels) for name, value in _numbers(module).items()}
     places |= {name: shared[name] for name in PLACES}
-    named: dict[str, object] = {**_numbers(vocabulary), **shared, **constants(spec)}
-    named |= {name: _Unsigned(value) for name, value in places.items() if name in PLACES or name not in named}
-    del named["LANES"]  # the header's
+    numbers_by_name: dict[str, object] = {**_numbers(vocabulary), **shared, **constants(spec)}
+    numbers_by_name |= {
+        name: _Unsigned(value) for name, value in places.items() if name in PLACES or name not in numbers_by_name
+    }
+    del numbers_by_name["LANES"]  # the header's
     physics = [
         contact,
         *modules_of(str(spec.feature("law"))),
@@ -97,17 +99,17 @@ def module_text(spec: Spec) -> str:
         traction_sums,
     ]
     walls = dispatch.functions(kinds, rods=layout.ORIENTED, at="walls[{k}]", looks_first=True)
-    named["WALL_NUMBERS"] = width = max(map(dispatch.how_many, kinds), default=1)
+    numbers_by_name["WALL_NUMBERS"] = width = max(map(dispatch.how_many, kinds), default=1)
     numbers = f"@func\ndef wall_numbers(walls, w):\n    return {''.join(f'walls[w, {k}], ' for k in range(width))}\n"
     meshes = [poses, mesh_walls, *([rod_meshes] if layout.ORIENTED else [])] if spec.feature("MESHES") else []
-    modules = [surfaces, numbers, walls, *BEFORE, *meshes, *own.kernels, *AFTER]
-    text = source.generate(dialect.header(spec.feature("precision")), named, physics, modules)
+    modules = [surfaces, numbers, walls, *BEFORE, *meshes, *shape_kernels.kernels, *AFTER]
+    text = source.generate(dialect.header(spec.feature("precision")), numbers_by_name, physics, modules)
     # annotations name the backend's Python types, which compiled code has no use for
     return re.sub(r": (State|Params|Lists|Grid|Numbers)\b", "", text)
 
 
 class _Unsigned(int):
-    """An offset: a signed one in its place would undo the vectorisation of the law loop."""
+    """Unsigned offset: a signed index would prevent the vectorisation of the law loop."""
 
     def __repr__(self) -> str:
         return f"uint64({int(self)})"
@@ -118,11 +120,11 @@ def _numbers(module: ModuleType) -> dict[str, int]:
 
 
 COMPILED_IN = (vector, lanes, rows, squeeze, meeting, state)
-"""Modules that a kernel module imports."""
+"""Modules that kernel modules import."""
 
 
 def digest(text: str) -> str:
-    """Hash of a kernel module and of everything else that decides what it compiles to."""
+    """Hash of a kernel module and of all else that decides its compiled code."""
     sources = [Path(str(module.__file__)).read_text(encoding="utf-8") for module in COMPILED_IN]
     return generated.digest(text, numba.__version__, llvmlite.__version__, platform.python_version(), *sources)
 
@@ -130,13 +132,13 @@ def digest(text: str) -> str:
 @lru_cache(maxsize=64)
 @generated.alone
 def kernels(spec: Spec) -> ModuleType:
-    """The kernel module of one specialisation, written if it is not there yet. Compiling happens at first use."""
+    """Import the kernel module of one specialisation, written if necessary. It is compiled at first use."""
     text = module_text(spec)
     key = digest(text)
     return generated.load(f"labbook_numba_{key}", text, generated.cache_folder("numba") / key)
 
 
 def compiled(spec: Spec) -> bool:
-    """Tell if compiled code of a specialisation is cached."""
+    """Return True if compiled code of a specialisation is cached."""
     key = digest(module_text(spec))
     return next((generated.cache_folder("numba") / key).glob("__pycache__/*.nbi"), None) is not None

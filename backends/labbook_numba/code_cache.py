@@ -1,7 +1,7 @@
-"""Numba's compiled code on disk, each file with a checksum: a damaged one is thrown away and compiled again.
+"""Numba's compiled code on disk, each file with a checksum: a damaged one is removed and compiled again.
 
-Numba unpickles whatever is there, and machine code with a changed bit would run. Unpickling stops where a pickle ends,
-so a checksum behind it changes nothing for Numba.
+Numba unpickles any content, and would run machine code with a changed bit. Unpickling stops at the end of a pickle, so
+a checksum behind it does not disturb Numba.
 """
 
 import hashlib
@@ -20,7 +20,8 @@ _LENGTH = 16  # bytes of a checksum
 
 
 def cached(**options: Any) -> Callable[[Callable], Any]:
-    """`numba.njit` with these options, whose compiled code is kept beside the module of the function."""
+    """Return a decorator `numba.njit` with these options, whose compiled code is cached beside the function's
+    module."""
 
     def compiled(function: Callable) -> Any:
         dispatcher: Any = njit(**options)(function)
@@ -38,7 +39,7 @@ class _Cache(FunctionCache):
 
 
 class _Files(IndexDataCacheFile):
-    """The index of the kernels of one function, and their code."""
+    """Index and code of the kernels of one function."""
 
     @contextmanager
     def _open_for_write(self, filepath: str) -> Iterator[io.BytesIO]:
@@ -47,18 +48,18 @@ class _Files(IndexDataCacheFile):
         generated.write(Path(filepath), content.getvalue() + _checksum(content.getvalue()))
 
     def _load_index(self) -> dict:
-        return super()._load_index() if _is_whole(self._index_path) else {}
+        return super()._load_index() if _is_intact(self._index_path) else {}
 
     def _load_data(self, name: str) -> Any:
-        return super()._load_data(name) if _is_whole(self._data_path(name)) else None
+        return super()._load_data(name) if _is_intact(self._data_path(name)) else None
 
 
 def _checksum(content: bytes) -> bytes:
     return hashlib.blake2b(content, digest_size=_LENGTH).digest()
 
 
-def _is_whole(path: str) -> bool:
-    """Whether a file has the checksum of its content, or is not there; one that has not is removed."""
+def _is_intact(path: str) -> bool:
+    """Return True if a file has the checksum of its content or does not exist; remove it otherwise."""
     try:
         content = Path(path).read_bytes()
     except FileNotFoundError:

@@ -1,15 +1,15 @@
-"""Whether Numba is compiling, by its own events. Importing this loads nothing of Numba."""
+"""State of Numba's compiler, by its own events. Importing this loads nothing of Numba."""
 
 import threading
 from functools import cache
 
 _lock = threading.Lock()
-_going = 0
+_running = 0
 
 
-def going() -> bool:
-    """Whether a kernel is being compiled in any thread. Kernels read from the cache do not count."""
-    return _going > 0
+def any_running() -> bool:
+    """Return True while a kernel is compiled in any thread. Reading one from the cache does not count."""
+    return _running > 0
 
 
 @cache
@@ -18,9 +18,9 @@ def watch() -> None:
     from numba.core import event
 
     def count(change: int) -> None:
-        global _going
+        global _running
         with _lock:
-            _going += change
+            _running += change
 
     class Listener(event.Listener):
         def on_start(self, event) -> None:

@@ -1,6 +1,6 @@
-"""Numba's vocabulary for the physics: what `labbook_dem.words` means in a generated kernel module.
+"""Vocabulary of the physics for Numba: the meaning of `labbook_dem.words` in a generated kernel module.
 
-fastmath without nnan and ninf: a guard must be able to see a NaN.
+fastmath without nnan and ninf: checks must detect NaN.
 """
 
 FAST = "{'contract', 'arcp', 'nsz', 'afn'}"
@@ -55,7 +55,7 @@ _CROSS = "(a.y * b.z - a.z * b.y, a.z * b.x - a.x * b.z, a.x * b.y - a.y * b.x)"
 
 
 def header(precision: str) -> str:
-    """The header of a kernel module in `double`, or `mixed` (contact law in single)."""
+    """Header of a kernel module in `double` or `mixed` precision (contact laws in single)."""
     single = precision == "mixed"
     vec3 = "vec3f" if single else "vec3d"
     return _HEADER.format(fast=FAST, real="float32" if single else "float64", vec3=vec3, cross=vec3 + _CROSS)

@@ -1,9 +1,9 @@
-"""Threads within one scene: large scenes are split into domains, where members are fewer than cores.
+"""Threads within one scene: a large scene is split into domains if there are fewer members than cores.
 
-A *domain* is a range of rows. Its thread moves these grains and adds up all forces on them, also those of pairs whose
-other grain is another domain's: such a pair is computed by both. A domain keeps its own copy of the springs of those
-pairs whose first grain is another's (`borrowed`); as both compute the same, both stay the same. Sums so have the order
-that they have in one thread: how many domains there are is decided beat by beat, and no bit depends on it.
+A *domain* is a range of rows. Its thread moves these grains and adds up all forces on them, including those of pairs
+with a grain of another domain: such a pair is computed by both threads. A domain has its own copy of the springs of the
+pairs whose first grain is in another domain (`borrowed`); both copies stay equal, since both threads compute the same.
+All sums have the order of one thread: the number of domains, chosen beat by beat, decides no bit.
 """
 
 import threading
@@ -21,19 +21,19 @@ from labbook.scene.packing import Packing
 from labbook_numba import state as S
 from labbook_numba.state import Layout, Params, State
 
-NEAR_WORK = 2  # work of a near pair, in grains; so that domains take equally long
+NEAR_WORK = 2  # work of a near pair relative to a grain, to balance domains
 STEP = CROSSING_COLUMNS.index("step")
 LARGE, LARGE_RODS = 50_000, 10_000
-"""Spheres and rods from which on a scene may be split; domains have a quarter of that at least. A rod takes four times
-as long to step as a sphere, and the meetings of the threads take as long."""
+"""Smallest numbers of spheres and of rods of a scene that is split; a domain has at least a quarter of that. A rod
+takes four times as long as a sphere to step, and the barriers of the threads take as long for either."""
 LAYERED = 2000
-"""Grains from which on they are put in layers: fewer fit into a core's own cache in any order."""
+"""Smallest number of grains that are ordered in layers: fewer fit into the cache of a core in any order."""
 
 
 def in_layers(packing: Packing, d: float) -> Packing:
-    """A packing of some size, its grains in the order of cells of size d [m], layer by layer; a small one as it is.
+    """Packing with its grains in the order of cells of size d [m], layer by layer; small packings as they are.
 
-    Grains that touch then stand close together in memory, and those of a large scene mostly in the same domain.
+    Grains in contact are then close in memory, and those of a large scene mostly in the same domain.
     """
     if len(packing) < LAYERED:
         return packing
@@ -46,15 +46,17 @@ _lock = threading.Lock()
 
 
 @contextmanager
-def threads_for(grains: int, most: int, large: int) -> Iterator[int]:
-    """Threads that a member should take its beat with: its share of the cores, if it has `large` grains or more, and
-    `most` at most."""
+def threads_for(grains: int, limit: int, large: int) -> Iterator[int]:
+    """Return a context with the number of threads for a member's beat: its share of the cores, at most `limit`.
+
+    A member of fewer than `large` grains gets one thread.
+    """
     global _running
     with _lock:
         _running += 1
         share = cores() // _running
     try:
-        yield max(1, min(share, most, grains // (large // 4))) if grains >= large else 1
+        yield max(1, min(share, limit, grains // (large // 4))) if grains >= large else 1
     finally:
         with _lock:
             _running -= 1
@@ -63,9 +65,9 @@ def threads_for(grains: int, most: int, large: int) -> Iterator[int]:
 def advance(
     kernels: ModuleType, state: State, params: Params, target: int, layout: Layout, threads: int = 1
 ) -> int:  # fmt: skip
-    """Take steps up to `target` with so many threads; the code that `advance` of the kernels gives.
+    """Take steps up to `target` with several threads; return the code of the kernel `advance`.
 
-    If a domain raises, the others stop waiting for it, and what it raised is raised here; the state is then of no step.
+    If a thread raises, the others stop waiting for it, and its exception is raised here; the state is then of no step.
     """
     if threads == 1:
         state.domain[:] = 0, 1, 0, state.count[S.GRAINS], 0, state.count[S.PAIRS], 0
@@ -86,17 +88,18 @@ def _advance(kernels: ModuleType, domain: State, params: Params, target: int) ->
 
 
 def _split(state: State, params: Params, layout: Layout, threads: int) -> list[State]:
-    """States that share grains and lists, each with its own of all that a thread writes outside its domain."""
+    """Return states that share grains and lists; each has its own copy of what its thread writes outside its domain."""
     n, pairs = int(state.count[S.GRAINS]), int(state.count[S.PAIRS])
     i, j = state.pair_i[:pairs], state.pair_j[:pairs]
-    work = np.cumsum(1 + NEAR_WORK * np.bincount(i, minlength=n))
-    bounds = [0, *(int(row) for row in np.searchsorted(work, work[-1] * np.arange(1, threads) / threads)), n]
-    told, meetings = np.zeros((threads, S.CACHE_LINE)), np.zeros(1, np.int64)
+    cumulative_work = np.cumsum(1 + NEAR_WORK * np.bincount(i, minlength=n))
+    shares = cumulative_work[-1] * np.arange(1, threads) / threads
+    row_bounds = [0, *(int(row) for row in np.searchsorted(cumulative_work, shares)), n]
+    shared_values, meetings = np.zeros((threads, S.CACHE_LINE)), np.zeros(1, np.int64)
     precision = "mixed" if state.block.dtype == np.float32 else "double"
     domains = []
-    for number, (first, last) in enumerate(pairwise(bounds)):
+    for number, (first, last) in enumerate(pairwise(row_bounds)):
         first_pair, last_pair = (int(k) for k in np.searchsorted(i, (first, last)))
-        before = np.flatnonzero((j[:first_pair] >= first) & (j[:first_pair] < last))
+        borrowed_pairs = np.flatnonzero((j[:first_pair] >= first) & (j[:first_pair] < last))
         count, loads = state.count.copy(), S.loads(len(state.ids))
         count[S.CROSSED], count[S.FAIL_GRAIN] = 0, -1
         mass = state.body[first:last, 1] if len(state.body) else params.mass
@@ -106,9 +109,9 @@ def _split(state: State, params: Params, layout: Layout, threads: int) -> list[S
             cross=np.zeros_like(state.cross),
             count=count,
             sums=state.sums.copy(),
-            domain=np.array([number, threads, first, last, first_pair, last_pair, len(before)]),
-            **S.borrowed(state, before),
-            told=told,
+            domain=np.array([number, threads, first, last, first_pair, last_pair, len(borrowed_pairs)]),
+            **S.borrowed(state, borrowed_pairs),
+            shared_values=shared_values,
             meetings=meetings,
             **S.scratch(len(state.ids), precision, layout),
         )
@@ -116,8 +119,9 @@ def _split(state: State, params: Params, layout: Layout, threads: int) -> list[S
     return domains
 
 
-def _join(state: State, domains: list[State], deep: bool) -> None:
-    """Bring together what the domains counted, as one thread would have; `deep`: an overlap was too large."""
+def _join(state: State, domains: list[State], by_overlap: bool) -> None:
+    """Combine the counters and crossings of domains as one thread would have them. by_overlap: an overlap was too
+    large."""
     crossed, failed = int(state.count[S.CROSSED]), int(state.count[S.FAIL_GRAIN])
     state.count[:], state.sums[:] = domains[0].count, domains[0].sums
     rows = np.concatenate([domain.cross[: domain.count[S.CROSSED]] for domain in domains])
@@ -126,8 +130,8 @@ def _join(state: State, domains: list[State], deep: bool) -> None:
     state.count[S.LEAVING] = sum(domain.count[S.LEAVING] for domain in domains)
     state.sums[S.MAX_OVERLAP] = max(domain.sums[S.MAX_OVERLAP] for domain in domains)
     state.count[S.FAIL_GRAIN] = failed
-    blamed = [domain for domain in domains if domain.count[S.FAIL_GRAIN] >= 0]
-    if deep:  # of the deepest overlap, and in one thread the first of them; else the last grain
-        blamed = [max(blamed, key=lambda domain: domain.sums[S.MAX_OVERLAP])]
-    if blamed:
-        state.count[S.FAIL_GRAIN] = blamed[-1].count[S.FAIL_GRAIN]
+    failing = [domain for domain in domains if domain.count[S.FAIL_GRAIN] >= 0]
+    if by_overlap:  # one thread names the first of the largest overlaps; for other failures the last grain
+        failing = [max(failing, key=lambda domain: domain.sums[S.MAX_OVERLAP])]
+    if failing:
+        state.count[S.FAIL_GRAIN] = failing[-1].count[S.FAIL_GRAIN]

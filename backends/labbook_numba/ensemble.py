@@ -1,4 +1,4 @@
-"""Members of one Spec, stepped side by side on the cores of a CPU."""
+"""Members of one Spec, stepped in parallel on the cores of a CPU."""
 
 from collections.abc import Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
@@ -16,16 +16,22 @@ from labbook_numba.member import Run
 
 
 class Ensemble(ensemble.Ensemble[Run]):
-    """See `labbook.backend.Ensemble`. Each member runs on a thread of its own, without the interpreter's lock.
+    """Members on threads without the interpreter's lock; see `labbook.backend.Ensemble`.
 
-    `members` take a beat at the same time; a large one may be split among `threads` more or less idle cores.
+    Args:
+        capabilities: capabilities of the backend.
+        spec: features.
+        kernels: kernel module.
+        members: members that take a beat at the same time.
+        threads: threads for one large member.
     """
 
     def __init__(self, capabilities: Capabilities, spec: Spec, kernels: ModuleType, members: int, threads: int):
         super().__init__(capabilities, spec)
         self._kernels = kernels
         self._pool = ThreadPoolExecutor(members, thread_name_prefix="labbook-numba")
-        self._threads = 1 if spec.feature("LEDGER") else threads  # its work is a sum over grains in their order
+        # contact work is one sum in the order of grains: threads would split it
+        self._threads = 1 if spec.feature("LEDGER") else threads
         self._large = domains.LARGE_RODS if spec.feature("ORIENTED") else domains.LARGE
 
     def _begin(self, scene: Scene, numerics: Numerics, start: Packing | Checkpoint) -> Run:
@@ -37,22 +43,22 @@ class Ensemble(ensemble.Ensemble[Run]):
         return run
 
     def advance(self, beats: int = 1) -> Sequence[Event]:
-        """Let every member take `beats` beats; those that failed or emptied rest."""
+        """Take `beats` beats with every member; failed and empty ones rest."""
         events: list[Event] = []
         jobs = [self._pool.submit(self._take, member, run, beats) for member, run in self._going().items()]
         for job in jobs:
-            for rows, found in job.result():
+            for rows, new_events in job.result():
                 self._keep(rows)
-                events += found
+                events += new_events
         return events
 
     def _take(self, member: Member, run: Run, beats: int) -> list[tuple[Mapping[Probe, Table], list[Event]]]:
-        found = []
-        while len(found) < beats and run.failure is None and run.grains > 0:
+        observed_beats = []
+        while len(observed_beats) < beats and run.failure is None and run.grains > 0:
             with domains.threads_for(run.grains, self._threads, self._large) as threads:
                 run.beat(threads)
-            found.append((self._observed({member: run}), self._events(member, run)))
-        return found
+            observed_beats.append((self._observed({member: run}), self._events(member, run)))
+        return observed_beats
 
     def close(self) -> None:
         """Free threads and arrays."""

@@ -1,9 +1,9 @@
-"""SIMD values in compiled code: `eight` doubles side by side, the `row` of four that holds a vector, `mask`s.
+"""SIMD values in compiled code: `eight` doubles, the `row` of four that holds a vector, `mask`s of eight bits.
 
-Numba vectorises loops but no indirect access, and it is there that a contact code spends its time. With these types a
-kernel says itself what goes through one register: grains are stored as rows of four doubles (x, y, z, spare), loaded at
-once; `columns` turns eight rows into three `eight`s, as laws want them, and `rows` turns them back. They are lowered to
-LLVM's portable vectors: processors with narrower registers use several.
+Numba vectorises loops but no indirect access, where a contact code spends its time. With these types a kernel states
+the contents of a register: grains are stored as rows of four doubles (x, y, z, spare), loaded at once; `columns`
+transposes eight rows into three `eight`s for the laws, and `rows` transposes them back. They are lowered to LLVM's
+portable vectors: processors with narrower registers use several.
 """
 
 import operator
@@ -15,14 +15,14 @@ from numba.core.typing.templates import ConcreteTemplate, infer_global, signatur
 from numba.extending import intrinsic as _intrinsic
 from numba.extending import lower_builtin, models, register_model
 
-intrinsic: Any = _intrinsic  # whose results are called without the first of their arguments
+intrinsic: Any = _intrinsic  # typed as Any: the decorated functions are called without their first argument
 
 DOUBLE, INT32, BIT = ir.DoubleType(), ir.IntType(32), ir.IntType(1)
 FOUR, EIGHT, EIGHT_INTS = ir.VectorType(DOUBLE, 4), ir.VectorType(DOUBLE, 8), ir.VectorType(INT32, 8)
 
 
 class Simd(types.Type):
-    """A value that LLVM holds as `llvm`."""
+    """Type of a value that LLVM represents as `llvm`."""
 
     def __init__(self, name: str, llvm: ir.Type):
         self.llvm = llvm
@@ -33,7 +33,7 @@ row = Simd("row", FOUR)
 eight = Simd("eight", EIGHT)
 mask = Simd("mask", ir.VectorType(BIT, 8))
 eight_rows = Simd("eight_rows", ir.ArrayType(EIGHT, 4))
-"""Four registers of two rows each: rows 0 and 4, 1 and 5, 2 and 6, 3 and 7 (so that `columns` costs least)."""
+"""Four registers of two rows each: 0 and 4, 1 and 5, 2 and 6, 3 and 7. This order makes `columns` cheapest."""
 
 
 @register_model(Simd)
@@ -46,7 +46,7 @@ class _SimdModel(models.PrimitiveModel):
 
 
 def _spread(builder, number, vector: ir.VectorType):
-    """A vector of equal elements."""
+    """Vector of equal elements."""
     first = builder.insert_element(ir.Constant(vector, ir.Undefined), number, INT32(0))
     return builder.shuffle_vector(first, first, ir.Constant(ir.VectorType(INT32, vector.count), [0] * vector.count))
 
@@ -105,7 +105,7 @@ class _MinusRows(ConcreteTemplate):
 
 
 def address(context, builder, kind, array, place, llvm: ir.Type):
-    """Pointer to `llvm` at element `place` of an array."""
+    """Pointer of type `llvm` to element `place` of an array."""
     data = context.make_array(kind)(context, builder, array).data
     return builder.bitcast(builder.gep(data, [place]), llvm.as_pointer())
 
@@ -116,7 +116,7 @@ def size_of(kind) -> int:
 
 @intrinsic
 def row_at(typing, array, place):
-    """The four doubles of `array` from `place` on."""
+    """Load four doubles of `array` from `place` on."""
 
     def code(context, builder, sig, args):
         return builder.load(address(context, builder, sig.args[0], *args, llvm=FOUR), align=8)
@@ -126,7 +126,7 @@ def row_at(typing, array, place):
 
 @intrinsic
 def put_row(typing, array, place, value):
-    """Write a row to `array` from `place` on."""
+    """Store a row in `array` from `place` on."""
 
     def code(context, builder, sig, args):
         builder.store(args[2], address(context, builder, sig.args[0], *args[:2], llvm=FOUR), align=8)
@@ -149,7 +149,7 @@ def square(typing, value):
 
 @intrinsic
 def put(typing, array, place, value):
-    """Write eight numbers to `array` from `place` on, rounded to its type."""
+    """Store eight numbers in `array` from `place` on, rounded to its type."""
 
     def code(context, builder, sig, args):
         kind, vector = sig.args[0], args[2]
@@ -164,7 +164,7 @@ def put(typing, array, place, value):
 
 @intrinsic
 def eight_at(typing, array, place):
-    """Eight numbers of `array` from `place` on, in double."""
+    """Load eight numbers of `array` from `place` on, in double precision."""
 
     def code(context, builder, sig, args):
         kind = sig.args[0]
@@ -177,7 +177,7 @@ def eight_at(typing, array, place):
 
 @intrinsic
 def spread(typing, number):
-    """Eight times the same number."""
+    """Eight copies of a number."""
 
     def code(context, builder, sig, args):
         return _spread(builder, args[0], EIGHT)

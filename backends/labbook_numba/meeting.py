@@ -1,4 +1,4 @@
-"""Threads that wait for each other in compiled code, on one counter that all of them see."""
+"""Barrier of threads in compiled code, on one counter that all of them see."""
 
 import os
 
@@ -13,7 +13,7 @@ INT64 = ir.IntType(64)
 
 @intrinsic
 def arrive(typing, meetings):
-    """Count one more arrival in meetings[0] (int64); how many there were before."""
+    """Add an arrival to meetings[0] (int64) atomically; return the number before."""
 
     def code(context, builder, sig, args):
         place = address(context, builder, sig.args[0], args[0], INT64(0), INT64)
@@ -24,7 +24,7 @@ def arrive(typing, meetings):
 
 @intrinsic
 def arrived(typing, meetings):
-    """How many arrivals there are; what other threads wrote before theirs can be read from here on."""
+    """Number of arrivals. What a thread wrote before its arrival can be read after this (sequential consistency)."""
 
     def code(context, builder, sig, args):
         place = address(context, builder, sig.args[0], args[0], INT64(0), INT64)
@@ -35,7 +35,7 @@ def arrived(typing, meetings):
 
 @intrinsic
 def give_way(typing):
-    """Let another thread have the processor, if one wants it and the system has a call for that."""
+    """Yield the processor to another thread, if the system has a call for that."""
 
     def code(context, builder, sig, args):
         if os.name == "posix":

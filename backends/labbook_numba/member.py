@@ -1,4 +1,4 @@
-"""One running scene: its arrays, its kernels, and how it starts, stops and is read."""
+"""A member: its arrays and kernels, its start, beats and readings."""
 
 from collections.abc import Mapping
 from types import ModuleType
@@ -20,14 +20,14 @@ from labbook_numba import state as S
 from labbook_numba.domains import advance, in_layers
 from labbook_numba.parameters import parameters
 from labbook_numba.state import Params
-from labbook_numba.stored import check_state, kept, layout_of
+from labbook_numba.stored import array_names, check_state, layout_of
 
-PAIRS_PER_GRAIN, WALLS_PER_GRAIN = 6, 3  # first guesses; arrays grow when they are too short
+PAIRS_PER_GRAIN, WALLS_PER_GRAIN = 6, 3  # initial capacities; arrays grow after an overflow
 GUARDS = {2: "state", 3: "speed", 4: "overlap"}
 
 
 class Run(Standing):
-    """A scene being stepped by compiled kernels."""
+    """Scene that compiled kernels step."""
 
     def __init__(self, can: Capabilities, kernels: ModuleType, scene: Scene, numerics: Numerics, probes):
         self._can, self.kernels = can, kernels
@@ -38,14 +38,14 @@ class Run(Standing):
         self.layout = layout_of(scene)
         self.failure: Failure | None = None
         self._varied, self._rolling = scene.grains.varied, rolling_springs(scene)
-        self._kept = kept(scene)
+        self._array_names = array_names(scene)
         self._first_feature = first_features(shapes_of(scene.container.walls()), self.rods)
         self._posed = has_meshes(scene) and bool(kernels.POSES)
 
-    # how it starts
+    # start
 
     def start(self, packing: Packing) -> None:
-        """Begin from a packing at step 0."""
+        """Start from a packing at step 0."""
         packing = in_layers(packing, self.scene.grains.diameter)
         n = len(packing)
         near, walls = PAIRS_PER_GRAIN * n + 64, WALLS_PER_GRAIN * n + 64
@@ -73,19 +73,19 @@ class Run(Standing):
 
     def _set_springs(self, packing: Packing) -> None:
         st, pairs = self.state, int(self.state.count[S.PAIRS])
-        at = places(_keys(st.pair_i[:pairs], st.pair_j[:pairs]), _keys(*packing.pairs.T))
-        found = at >= 0
-        st.spring[at[found], :3] = packing.pair_spring[found]
-        of_pairs, of_walls = packing.rolling
+        index = places(_keys(st.pair_i[:pairs], st.pair_j[:pairs]), _keys(*packing.pairs.T))
+        listed = index >= 0
+        st.spring[index[listed], :3] = packing.pair_spring[listed]
+        pair_rolling, wall_rolling = packing.rolling
         if self._rolling:
-            st.spring[at[found], S.ROLL : S.ROLL + 3] = of_pairs[found]
-        st.held[at[found]] = 1
+            st.spring[index[listed], S.ROLL : S.ROLL + 3] = pair_rolling[listed]
+        st.held[index[listed]] = 1
         for w, name in enumerate(self.names):
             first, last = st.wall_first[w], st.wall_first[w + 1]
-            mine = packing.wall_name == name
-            at = places(st.wall_grain[first:last], packing.wall_grain[mine])
-            found = at >= 0
-            entry, part = first + at[found], packing.wall_part[mine][found]
+            of_wall = packing.wall_name == name
+            index = places(st.wall_grain[first:last], packing.wall_grain[of_wall])
+            listed = index >= 0
+            entry, part = first + index[listed], packing.wall_part[of_wall][listed]
             first_feature, next_feature = self._first_feature[w : w + 2]
             if part.max(initial=0) >= (next_feature - first_feature or self.layout.WALL_PARTS):
                 raise ValueError(f"the packing has a spring at part {part.max()} of the wall {name}")
@@ -93,15 +93,18 @@ class Run(Standing):
                 feature, part = part + first_feature, spring_places(entry)
                 st.wall_spring[entry * self.layout.WALL_PARTS + part, SPRING_KEY] = feature
             row = entry * self.layout.WALL_PARTS + part
-            st.wall_spring[row, :3] = packing.wall_spring[mine][found]
+            st.wall_spring[row, :3] = packing.wall_spring[of_wall][listed]
             if self._rolling:
-                st.wall_spring[row, S.ROLL : S.ROLL + 3] = of_walls[mine][found]
+                st.wall_spring[row, S.ROLL : S.ROLL + 3] = wall_rolling[of_wall][listed]
             np.bitwise_or.at(st.wall_held, entry, (1 << part).astype(np.uint8))
 
     def restore(self, checkpoint: Checkpoint) -> None:
-        """Continue where a checkpoint was taken. Raises ValueError if it is not of this backend and version, or if no
-        member of this scene can have stood there."""
-        check_checkpoint(self._can, self._kept, checkpoint)
+        """Continue from a checkpoint.
+
+        Raises:
+            ValueError: it is not of this backend and version, or no member of this scene can have left it.
+        """
+        check_checkpoint(self._can, self._array_names, checkpoint)
         stored = {name: np.array(array, order="C") for name, array in checkpoint.arrays.items()}
         if stored["sums"].shape == (S.OLDER_SUMS,):
             stored["sums"] = np.append(stored["sums"], [UNKNOWN, UNKNOWN])
@@ -115,10 +118,10 @@ class Run(Standing):
 
     def checkpoint(self) -> Checkpoint:
         """The exact state, copied."""
-        arrays = {name: a.copy() for name, a in self.state._asdict().items() if name in self._kept}
+        arrays = {name: a.copy() for name, a in self.state._asdict().items() if name in self._array_names}
         return Checkpoint(self._can.name, self._can.cache_version, arrays)
 
-    # how it runs
+    # beats
 
     @property
     def step(self) -> int:
@@ -131,11 +134,11 @@ class Run(Standing):
         return int(self.state.count[S.GRAINS])
 
     def beat(self, threads: int = 1) -> None:
-        """Take one beat of steps; on a failed guard, `failure` says why and the state is that before the beat.
+        """Take one beat of steps; after a failure, set `failure` and restore the state before the beat.
 
-        No bit depends on the number of threads. If a thread raises, so does this, with the state before the beat.
+        The number of threads decides no bit. An exception of a thread is raised here, with the state before the beat.
         """
-        before = {name: a.copy() for name, a in self.state._asdict().items() if name in self._kept}
+        before = {name: a.copy() for name, a in self.state._asdict().items() if name in self._array_names}
         target = (self.step // self.numerics.steps_per_beat + 1) * self.numerics.steps_per_beat
         self._drop_leavers()
         self.frames.clear()
@@ -155,22 +158,22 @@ class Run(Standing):
             grain = int(st.count[S.FAIL_GRAIN])
             self._fail(GUARDS[code], grain, float(st.sums[S.FAIL_VALUE]), before)
             return
-        # speeds are watched at every step; a spin moves nothing until its grain touches another, so a look a beat does
+        # speeds are checked at every step; a spin moves nothing until its grain touches another: once a beat is enough
         lost = ~np.isfinite(st.w[: st.count[S.GRAINS]]).all(axis=1)
         if lost.any():
             self._fail("spin", int(st.ids[np.argmax(lost)]), np.nan, before)
 
     def _advance_to(self, step: int, threads: int) -> int:
-        if self.step == step:  # kernels would take this for reading, and advance the springs
+        if self.step == step:  # the kernel would take the call as a reading, which advances springs
             return self.kernels.DONE
         while (code := self._advance(step, threads)) == self.kernels.REBUILD:
             self._rebuild()
         return code
 
     def _take_frames_of_copy(self) -> None:
-        """Take the frames that are due now, of a copy: reading may rebuild lists, and rebuilds are counted."""
+        """Read the frames that are due, from a copy: reading may rebuild lists, and rebuilds are counted."""
         state = self.state
-        self.state = state._replace(**{name: getattr(state, name).copy() for name in self._kept})
+        self.state = state._replace(**{name: getattr(state, name).copy() for name in self._array_names})
         try:
             self.take_frames()
         finally:
@@ -181,7 +184,7 @@ class Run(Standing):
         return advance(self.kernels, self.state, self.params, target, self.layout, threads)
 
     def _drop_leavers(self) -> None:
-        """Let grains far below the outlet go, even when nothing else moves."""
+        """Drop grains far below the outlet, even if nothing else moves."""
         if self.state.count[S.LEAVING] > 0:
             self._rebuild()
 
@@ -211,7 +214,7 @@ class Run(Standing):
         self._list_features()
 
     def _list_features(self) -> None:
-        """Find the features of meshes near each entry of the lists; these and positions decide them."""
+        """List the features of meshes near each entry of the lists; lists and positions determine them."""
         if not self._first_feature[-1]:
             return
         self._bring_poses(self.step)
@@ -220,10 +223,10 @@ class Run(Standing):
             near = np.zeros(int(1.3 * length) + 64, np.int32)
         self.state = self.state._replace(mesh_first=first, mesh_near=near)
 
-    # how it is read
+    # readings
 
     def look(self, moving: bool = True, inside: Inside | None = None) -> Grains:
-        """Its grains, always at the whole step; views, but for v, w and m."""
+        """Return its grains at the whole step; views, except v, w and m."""
         v, w = self.whole_step()
         st, n, m = self.state, len(v), momenta(self.scene.grains, w, self.q)
         half = st.m if self.rods else st.w
@@ -241,22 +244,24 @@ class Run(Standing):
         return float(self.state.sums[S.DEEPEST]), float(np.sqrt(self.state.sums[S.FASTEST2]))
 
     def crossings(self) -> np.ndarray:
-        """First passages since the last call."""
+        """Return the first passages since the last call."""
         rows = self.state.cross[: self.state.count[S.CROSSED]].copy()
         self.state.count[S.CROSSED] = 0
         return rows
 
     def bodies(self) -> Bodies | None:
-        """What each grain is; None where all are alike."""
+        """Return the properties of each grain; None if all are the same."""
         if not self._varied:
             return None
         radius, mass, inertia, kind = self.state.body[: self.grains].T
         return Bodies(radius, mass, inertia, kind.astype(np.int64))
 
     def packing(self) -> Packing:
-        """The portable state, without grains that are far below the outlet. Reading it leaves no trace: a run that is
-        read at other moments, as after it was killed, ends in the same bits."""
-        before = {name: a.copy() for name, a in self.state._asdict().items() if name in self._kept}
+        """Return the portable state, without grains far below the outlet.
+
+        Reading leaves no trace: a run that is read at other times, as after a kill, ends in the same bits.
+        """
+        before = {name: a.copy() for name, a in self.state._asdict().items() if name in self._array_names}
         self._drop_leavers()
         try:
             return self._packing()
@@ -268,9 +273,9 @@ class Run(Standing):
         walls = int(st.wall_first[-1])
         wall = np.repeat(np.arange(len(self.names)), np.diff(st.wall_first))
         entry, part = np.nonzero(st.wall_held[:walls, None] >> np.arange(self.layout.WALL_PARTS) & 1)
-        held = st.held[:pairs] == 1
+        touching = st.held[:pairs] == 1
         v, w = self.whole_step()
-        own, row = self.bodies(), entry * self.layout.WALL_PARTS + part
+        varied, row = self.bodies(), entry * self.layout.WALL_PARTS + part
         roll = slice(S.ROLL, S.ROLL + 3)
         first_feature, next_feature = self._first_feature[wall[entry]], self._first_feature[wall[entry] + 1]
         feature = st.wall_spring[row, SPRING_KEY].astype(np.int64) - first_feature
@@ -280,15 +285,15 @@ class Run(Standing):
             omega=w,
             q=None if self.q is None else self.q.copy(),
             ids=st.ids[:n].copy(),
-            pairs=np.column_stack([st.pair_i[:pairs], st.pair_j[:pairs]])[held].astype(np.int64),
-            pair_spring=st.spring[:pairs, :3][held],
+            pairs=np.column_stack([st.pair_i[:pairs], st.pair_j[:pairs]])[touching].astype(np.int64),
+            pair_spring=st.spring[:pairs, :3][touching],
             wall_grain=st.wall_grain[:walls][entry].astype(np.int64),
             wall_name=np.array([*self.names, ""], "U40")[wall[entry]],
             wall_spring=st.wall_spring[row, :3],
             wall_part=np.where(next_feature > first_feature, feature, part),
-            pair_rolling=st.spring[:pairs, roll][held] if self._rolling else None,
+            pair_rolling=st.spring[:pairs, roll][touching] if self._rolling else None,
             wall_rolling=st.wall_spring[row, roll] if self._rolling else None,
-            **(own.carried(self.scene.grains) if own else {}),
+            **(varied.carried(self.scene.grains) if varied else {}),
         )
 
     def present(self) -> np.ndarray:
@@ -297,7 +302,7 @@ class Run(Standing):
         return self.state.ids[: self.grains]
 
     def put_back(self, grains: Packing, half_v: np.ndarray) -> None:
-        """See `Standing`; they get the rows behind the others."""
+        """Insert grains in rows behind the others; see `Standing`."""
         self._drop_leavers()
         first, last = self.grains, self.grains + len(grains)
         if last > len(self.state.ids):
@@ -311,7 +316,7 @@ class Run(Standing):
         self._rebuild()
 
     def _grow(self, rows: int) -> None:
-        """Give the arrays room for so many grains: those of a stream were not there at the start."""
+        """Enlarge the arrays for `rows` grains: those of a stream were not present at the start."""
         old, n = self.state, self.grains
         sizes = rows, PAIRS_PER_GRAIN * rows + 64, len(self.names), WALLS_PER_GRAIN * rows + 64, self._crossings(rows)
         new = S.allocate(*sizes, self.numerics.precision, self.layout)
@@ -329,13 +334,13 @@ class Run(Standing):
         st.v[rows], st.u[rows] = v, v
 
     def _make(self, packing: Packing, rows: slice) -> None:
-        """Give the grains in `rows` their weights, bodies and orientations."""
+        """Set the weights, bodies and orientations of the grains in `rows`."""
         st = self.state
         st.f[rows, 2] = -self.params.mass * self.params.gravity
         if self._varied:
-            own = Bodies.of(self.scene.grains, packing)
-            st.body[: len(st.ids)][rows] = np.column_stack([own.radius, own.mass, own.inertia, own.kind])
-            st.f[rows, 2] = -own.mass * self.params.gravity
+            varied = Bodies.of(self.scene.grains, packing)
+            st.body[: len(st.ids)][rows] = np.column_stack([varied.radius, varied.mass, varied.inertia, varied.kind])
+            st.f[rows, 2] = -varied.mass * self.params.gravity
         if self.rods:
             self._orient(packing, rows)
 
@@ -345,10 +350,10 @@ class Run(Standing):
         return self.state.q[: self.grains] if self.rods else None
 
     def whole_step(self) -> tuple[np.ndarray, np.ndarray]:
-        """Velocities [m/s] and spins [rad/s], shape [n, 3], at the same time as the positions."""
-        if self.step == 0:  # those of the start, even where grains in one place have forces of 0/0
+        """Return velocities [m/s] and spins [rad/s], shape [n, 3], at the time of the positions."""
+        if self.step == 0:  # those of the start: coincident grains would have forces of 0/0
             return self.state.v[: self.grains].copy(), self.state.w[: self.grains].copy()
-        self._fresh_lists()  # whereby grains far below the outlet lose their rows
+        self._fresh_lists()  # may drop grains far below the outlet, and so their rows
         n = self.grains
         v, w = np.empty((n, 3)), np.empty((n, 3))
         changed = ("loads", "held", "spring", "wall_held", "wall_spring", "sums", "count")
@@ -359,7 +364,8 @@ class Run(Standing):
         return v, w
 
     def contacts(self) -> np.ndarray:
-        """Touching contacts: i, j, wall, force on i [N] and branch vector [m], as the probe `Contacts` gives them."""
+        """Return touching contacts: i, j, wall, force on i [N] and branch vector [m], as the probe `Contacts` has
+        them."""
         self._fresh_lists()
         out = np.zeros((int(self.state.count[S.PAIRS] + self.state.wall_first[-1] * self.layout.WALL_PARTS), 9))
         return out[: self.kernels.contact_rows(self.state, self.params, out)]
@@ -375,7 +381,7 @@ class Run(Standing):
     def _fresh_lists(self) -> None:
         self._bring_poses(self.step)
         if self.state.sums[S.MOVED] >= 0.5 * self.params.skin:
-            self._rebuild()  # lists decide nothing about the motion, so this changes none
+            self._rebuild()  # a rebuild decides no bit of the motion
 
 
 def _keys(i: np.ndarray, j: np.ndarray) -> np.ndarray:

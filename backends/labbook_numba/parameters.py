@@ -1,4 +1,4 @@
-"""From a scene to the numbers that its kernels take as arguments."""
+"""Parameters of kernels from a scene."""
 
 from collections.abc import Sequence
 from math import inf
@@ -15,11 +15,18 @@ from labbook_numba.state import Params
 
 
 def parameters(scene: Scene, numerics: Numerics, probes: Sequence[Probe], wall_numbers: int) -> Params:
-    """Arguments of the kernels for one member, which take up so many numbers of a wall."""
+    """Arguments of the kernels for one member.
+
+    Args:
+        scene: scene.
+        numerics: numerics.
+        probes: probes of the run.
+        wall_numbers: length of a row of a wall's numbers in the kernels.
+    """
     grains = scene.grains
     d = grains.diameter
     plane, drop = features.planes(scene, probes)
-    # nothing passes a plane that is not asked for, also where kernels look for it all the same
+    # at minus infinity, kernels that record crossings all the same find none
     plane = plane if any(isinstance(probe, Crossing) for probe in probes) else -inf
     drop = drop if scene.outlet is not None else -inf
     pair_c = features.pair_table(scene, numerics)

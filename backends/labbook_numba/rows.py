@@ -1,4 +1,4 @@
-"""Eight rows at a time from and to scattered places, turned into columns and back; see `labbook_numba.lanes`."""
+"""Transposed loads and stores of eight rows at scattered places; see `labbook_numba.lanes`."""
 
 from llvmlite import ir
 from numba import types
@@ -10,12 +10,14 @@ def _shuffle(builder, a, b, picks):
     return builder.shuffle_vector(a, b, ir.Constant(ir.VectorType(INT32, len(picks)), list(picks)))
 
 
-LOW, HIGH = (0, 8, 2, 10, 4, 12, 6, 14), (1, 9, 3, 11, 5, 13, 7, 15)  # of each pair of elements, from both registers
-FIRST, SECOND = (0, 1, 8, 9, 4, 5, 12, 13), (2, 3, 10, 11, 6, 7, 14, 15)  # of each four elements, from both
+# selections from two registers: even and odd elements; first and second pair of each four elements
+LOW, HIGH = (0, 8, 2, 10, 4, 12, 6, 14), (1, 9, 3, 11, 5, 13, 7, 15)
+FIRST, SECOND = (0, 1, 8, 9, 4, 5, 12, 13), (2, 3, 10, 11, 6, 7, 14, 15)
 
 
 def _places(context, builder, kind, index, start, width):
-    """The starts in an array of rows `width` long of the eight rows numbered by index[start:start + 8]."""
+    """Yield the offsets of the eight rows with numbers index[start:start + 8] in an array of rows of `width`
+    elements."""
     llvm = context.get_data_type(kind.dtype)
     first = address(context, builder, kind, index, start, llvm)
     wide = ir.IntType(64)
@@ -26,9 +28,9 @@ def _places(context, builder, kind, index, start, width):
 
 @intrinsic
 def rows_at(typing, array, index, start, width, column):
-    """Four elements, from `column` on, of the eight rows of `array` numbered by index[start:start + 8].
+    """Load four elements, from `column` on, of the eight rows of `array` with numbers index[start:start + 8].
 
-    `width`: of the rows of `array`; a constant, so that it costs nothing.
+    width: length of a row, a constant, so that the multiplication costs nothing.
     """
 
     def code(context, builder, sig, args):
@@ -49,21 +51,21 @@ def rows_at(typing, array, index, start, width, column):
 
 @intrinsic
 def columns(typing, value):
-    """The first, second, third and fourth elements of eight rows."""
+    """Transpose eight rows: their first, second, third and fourth elements."""
 
     def code(context, builder, sig, args):
         z = [builder.extract_value(args[0], part) for part in range(4)]
         even = [_shuffle(builder, z[k], z[k + 1], LOW) for k in (0, 2)]
         odd = [_shuffle(builder, z[k], z[k + 1], HIGH) for k in (0, 2)]
-        found = [_shuffle(builder, a, b, picks) for picks in (FIRST, SECOND) for a, b in (even, odd)]
-        return context.make_tuple(builder, sig.return_type, found)
+        vectors = [_shuffle(builder, a, b, picks) for picks in (FIRST, SECOND) for a, b in (even, odd)]
+        return context.make_tuple(builder, sig.return_type, vectors)
 
     return types.UniTuple(eight, 4)(eight_rows), code
 
 
 @intrinsic
 def rows(typing, x, y, z, spare):
-    """Eight rows from their columns."""
+    """Transpose columns into eight rows."""
 
     def code(context, builder, sig, args):
         x, y, z, spare = args
@@ -92,14 +94,15 @@ def _add(context, builder, kind, array, place, value):
 
 @intrinsic
 def add_rows(typing, array, index, start, width, column, value):
-    """Add eight rows to those of `array` numbered by index[start:start + 8], one after the other."""
+    """Add eight rows to those of `array` with numbers index[start:start + 8], one after the other: numbers may
+    repeat."""
 
     def code(context, builder, sig, args):
         kind, index_kind = sig.args[:2]
         array, index, start, width, column, value = args
         places = list(_places(context, builder, index_kind, index, start, width))
-        for place, one in zip(places, _each_row(builder, value), strict=True):
-            _add(context, builder, kind, array, builder.add(place, column), one)
+        for place, row in zip(places, _each_row(builder, value), strict=True):
+            _add(context, builder, kind, array, builder.add(place, column), row)
         return context.get_dummy_value()
 
     return types.void(array, index, types.uint64, types.uint64, types.uint64, eight_rows), code
@@ -107,16 +110,16 @@ def add_rows(typing, array, index, start, width, column, value):
 
 @intrinsic
 def add_two_rows(typing, array, index, start, width, column, value, column2, value2):
-    """Both of `add_rows` for two columns at once, which takes fewer instructions."""
+    """Do `add_rows` for two columns at once, with fewer instructions."""
 
     def code(context, builder, sig, args):
         kind, index_kind = sig.args[:2]
         array, index, start, width, column, value, column2, value2 = args
         places = list(_places(context, builder, index_kind, index, start, width))
         both = zip(places, _each_row(builder, value), _each_row(builder, value2), strict=True)
-        for place, one, two in both:
-            _add(context, builder, kind, array, builder.add(place, column), one)
-            _add(context, builder, kind, array, builder.add(place, column2), two)
+        for place, row, row2 in both:
+            _add(context, builder, kind, array, builder.add(place, column), row)
+            _add(context, builder, kind, array, builder.add(place, column2), row2)
         return context.get_dummy_value()
 
     return types.void(
@@ -126,18 +129,16 @@ def add_two_rows(typing, array, index, start, width, column, value, column2, val
 
 @intrinsic
 def put_rows(typing, array, index, start, width, column, value):
-    """Write eight rows over the four elements from `column` on of those of `array`, numbered by index[start:start + 8].
-
-    `width`: as of `rows_at`.
-    """
+    """Store eight rows in the four elements from `column` on of the rows index[start:start + 8]; width: as in
+    `rows_at`."""
 
     def code(context, builder, sig, args):
         kind, index_kind = sig.args[:2]
         array, index, start, width, column, value = args
         places = list(_places(context, builder, index_kind, index, start, width))
-        for place, one in zip(places, _each_row(builder, value), strict=True):
+        for place, row in zip(places, _each_row(builder, value), strict=True):
             pointer = address(context, builder, kind, array, builder.add(place, column), FOUR)
-            builder.store(one, pointer, align=8)
+            builder.store(row, pointer, align=8)
         return context.get_dummy_value()
 
     return types.void(array, index, types.uint64, types.uint64, types.uint64, eight_rows), code

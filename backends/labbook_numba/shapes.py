@@ -1,4 +1,4 @@
-"""Which kernels a shape of grains has, and how it lies in memory."""
+"""Shapes of grains: kernels and memory layout."""
 
 from types import ModuleType
 from typing import NamedTuple
@@ -17,7 +17,12 @@ from labbook_numba.state import LAYOUTS, Layout
 
 
 class Shape(NamedTuple):
-    """layout: of equal grains; kernels: the modules that define what `labbook_numba.kernels.shape` lists."""
+    """Kernels of a shape.
+
+    Attributes:
+        layout: layout of equal grains.
+        kernels: modules that define the functions of `labbook_numba.kernels.shape`.
+    """
 
     layout: Layout
     kernels: tuple[ModuleType, ...]
@@ -27,4 +32,4 @@ SHAPES = {
     "sphere": Shape(LAYOUTS["sphere"], (sphere_pairs, sphere_walls, spheres, sphere_observe)),
     "spherocylinder": Shape(LAYOUTS["spherocylinder"], (rod_pairs, rod_walls, rods, rod_observe)),
 }
-"""Shapes by the names that scenes know."""
+"""Shapes by the names of scenes."""

@@ -1,7 +1,7 @@
-"""Picking out of eight: masks, and writing only the elements that a mask has, side by side.
+"""Compressed stores: masks of eight, and stores of the selected elements only, contiguously.
 
-Processors with AVX-512 have an instruction for that. Those with AVX2 permute by a table of all masks, doubles four by
-four. On others LLVM writes one by one. The same elements are written by all.
+Processors with AVX-512 have an instruction for that. Those with AVX2 permute by a table of all masks, doubles four at a
+time. On others LLVM stores one by one. All variants store the same elements.
 """
 
 from typing import Any
@@ -16,7 +16,7 @@ BYTES, BITS = ir.VectorType(ir.IntType(8), 8), mask.llvm
 
 @intrinsic
 def positive(typing, value):
-    """Which of eight numbers are above zero; one that is no number is not."""
+    """Mask of the numbers above zero; NaN is not."""
 
     def code(context, builder, sig, args):
         return builder.fcmp_ordered(">", args[0], ir.Constant(EIGHT, [0.0] * 8))
@@ -26,7 +26,7 @@ def positive(typing, value):
 
 @intrinsic
 def first_of(typing, count):
-    """The first `count` of eight, or all."""
+    """Mask of the first `count` of eight, or of all."""
 
     def code(context, builder, sig, args):
         wide = ir.VectorType(ir.IntType(64), 8)
@@ -38,8 +38,8 @@ def first_of(typing, count):
 
 
 @intrinsic
-def both(typing, one, other):
-    """What two masks have in common."""
+def both(typing, first, second):
+    """Intersection of two masks."""
 
     def code(context, builder, sig, args):
         return builder.and_(*args)
@@ -49,7 +49,7 @@ def both(typing, one, other):
 
 @intrinsic
 def how_many(typing, value):
-    """How many elements a mask has."""
+    """Number of selected elements of a mask."""
 
     def code(context, builder, sig, args):
         bits = builder.ctpop(builder.bitcast(args[0], ir.IntType(8)))
@@ -59,21 +59,21 @@ def how_many(typing, value):
 
 
 def _permutes(context) -> bool:
-    """Whether code is made for a processor with AVX2, which permutes, and without AVX-512, which compresses."""
+    """True for a processor with AVX2, which permutes, but without AVX-512, which compresses."""
     features = context.codegen().magic_tuple()[2].split(",")
     return "+avx2" in features and "+avx512f" not in features
 
 
-def _put(context, builder, vector, picked, pointer, align: int) -> None:
-    """Write the picked elements to `pointer`; up to eight elements from there on are lost."""
+def _put(context, builder, vector, selected, pointer, align: int) -> None:
+    """Store the selected elements at `pointer`; up to eight elements from there on are overwritten."""
     if not _permutes(context):
         kind = "i32" if vector.type == EIGHT_INTS else "f64" if vector.type == EIGHT else "f32"
-        of = ir.FunctionType(vector.type, [vector.type, BITS, vector.type])
-        compress = builder.module.declare_intrinsic(f"llvm.experimental.vector.compress.v8{kind}", (), of)
-        left = ir.Constant(vector.type, ir.Undefined)
-        builder.store(builder.call(compress, [vector, picked, left]), pointer, align=align)
+        signature = ir.FunctionType(vector.type, [vector.type, BITS, vector.type])
+        compress = builder.module.declare_intrinsic(f"llvm.experimental.vector.compress.v8{kind}", (), signature)
+        undefined = ir.Constant(vector.type, ir.Undefined)
+        builder.store(builder.call(compress, [vector, selected, undefined]), pointer, align=align)
         return
-    bits = builder.bitcast(picked, ir.IntType(8))
+    bits = builder.bitcast(selected, ir.IntType(8))
     if vector.type != EIGHT:
         builder.store(_permuted(builder, vector, bits, 8), pointer, align=align)
         return
@@ -85,13 +85,13 @@ def _put(context, builder, vector, picked, pointer, align: int) -> None:
         builder.gep(builder.bitcast(pointer, DOUBLE.as_pointer()), [before], source_etype=DOUBLE), half.as_pointer()
     )
     for part, place, first in ((low, to, 0), (high, behind, 4)):
-        chosen = ir.Constant(ir.VectorType(INT32, 4), list(range(first, first + 4)))
-        four = builder.shuffle_vector(vector, vector, chosen)
+        lanes = ir.Constant(ir.VectorType(INT32, 4), list(range(first, first + 4)))
+        four = builder.shuffle_vector(vector, vector, lanes)
         builder.store(_permuted(builder, four, part, 4), place, align=align)
 
 
 def _permuted(builder, vector, bits, several: int):
-    """The elements of a vector of 256 bits, of which there are `several`, that `bits` has first."""
+    """Elements of a vector of 256 bits with the selected ones first; several: number of elements."""
     kind = ir.FunctionType(EIGHT_INTS, [EIGHT_INTS, EIGHT_INTS])
     permute = builder.module.declare_intrinsic("llvm.x86.avx2.permd", (), kind)
     place = [ir.IntType(64)(0), builder.zext(bits, ir.IntType(64))]
@@ -101,14 +101,15 @@ def _permuted(builder, vector, bits, several: int):
 
 
 def _table(module: ir.Module, several: int) -> ir.GlobalVariable:
-    """Of every mask of `several` elements, the places of its eighths, those of picked elements first."""
+    """Table of permutations: for every mask of `several` elements the order of the 32-bit words, selected ones
+    first."""
     name = f"labbook.squeeze.{several}"
     if name in module.globals:
         return module.globals[name]
     words, rows = 8 // several, []
     for bits in range(2**several):
-        picked = [k for k in range(several) if bits >> k & 1]
-        places = [words * k + word for k in picked for word in range(words)]
+        selected = [k for k in range(several) if bits >> k & 1]
+        places = [words * k + word for k in selected for word in range(words)]
         rows.append(ir.Constant(EIGHT_INTS, places + [0] * (8 - len(places))))
     kind = ir.ArrayType(EIGHT_INTS, len(rows))
     table: Any = ir.GlobalVariable(module, kind, name)
@@ -118,8 +119,8 @@ def _table(module: ir.Module, several: int) -> ir.GlobalVariable:
 
 
 @intrinsic
-def squeeze(typing, array, place, value, picked):
-    """Write the picked numbers to `array` from `place` on, rounded to its type; what follows them is lost."""
+def squeeze(typing, array, place, value, selected):
+    """Store the selected numbers in `array` from `place` on, rounded to its type; what follows them is overwritten."""
 
     def code(context, builder, sig, args):
         kind, vector = sig.args[0], args[2]
@@ -134,56 +135,58 @@ def squeeze(typing, array, place, value, picked):
 
 
 @intrinsic
-def squeeze_numbers(typing, array, place, source, start, picked):
-    """Write the picked of source[start:start + 8] (int32) to `array` from `place` on; what follows them is lost."""
+def squeeze_numbers(typing, array, place, source, start, selected):
+    """Store the selected of source[start:start + 8] (int32) in `array` from `place` on; what follows them is
+    overwritten."""
 
     def code(context, builder, sig, args):
-        to, place, source, start, picked = args
+        to, place, source, start, selected = args
         vector = builder.load(address(context, builder, sig.args[2], source, start, EIGHT_INTS), align=4)
         pointer = address(context, builder, sig.args[0], to, place, EIGHT_INTS)
-        _put(context, builder, vector, picked, pointer, 4)
+        _put(context, builder, vector, selected, pointer, 4)
         return context.get_dummy_value()
 
     return types.void(array, types.uint64, source, types.uint64, mask), code
 
 
 @intrinsic
-def squeeze_places(typing, array, place, start, picked):
-    """Write the picked of start, ..., start + 7 to `array` (int32) from `place` on; what follows them is lost."""
+def squeeze_places(typing, array, place, start, selected):
+    """Store the selected of start, ..., start + 7 in `array` (int32) from `place` on; what follows is overwritten."""
 
     def code(context, builder, sig, args):
-        to, place, start, picked = args
+        to, place, start, selected = args
         low = builder.trunc(start, INT32)
         vector = builder.insert_element(ir.Constant(EIGHT_INTS, ir.Undefined), low, INT32(0))
         vector = builder.shuffle_vector(vector, vector, ir.Constant(EIGHT_INTS, [0] * 8))
         vector = builder.add(vector, ir.Constant(EIGHT_INTS, list(range(8))))
         pointer = address(context, builder, sig.args[0], to, place, EIGHT_INTS)
-        _put(context, builder, vector, picked, pointer, 4)
+        _put(context, builder, vector, selected, pointer, 4)
         return context.get_dummy_value()
 
     return types.void(array, types.uint64, types.uint64, mask), code
 
 
 @intrinsic
-def exchange(typing, array, place, now, here):
-    """Eight flags (uint8) of `array` from `place` on, as numbers; `now` takes the places of those in `here`.
+def exchange(typing, array, place, new, present):
+    """Load eight flags (uint8) of `array` from `place` on, as numbers, and replace those of the mask `present` by
+    `new`.
 
-    Others are not written: they may be another thread's.
+    The others are not written: they may belong to another thread.
     """
 
     def code(context, builder, sig, args):
-        array, place, now, here = args
+        array, place, new, present = args
         pointer = address(context, builder, sig.args[0], array, place, BYTES)
         before = builder.load(pointer, align=1)
-        flags = builder.zext(now, BYTES)
-        all_eight = builder.icmp_unsigned("==", builder.bitcast(here, ir.IntType(8)), ir.IntType(8)(255))
+        flags = builder.zext(new, BYTES)
+        all_eight = builder.icmp_unsigned("==", builder.bitcast(present, ir.IntType(8)), ir.IntType(8)(255))
         with builder.if_else(all_eight, likely=True) as (whole, partly):
             with whole:
                 builder.store(flags, pointer, align=1)
             with partly:
                 kind = ir.FunctionType(ir.VoidType(), [BYTES, pointer.type, ir.IntType(32), BITS])
                 store = builder.module.declare_intrinsic("llvm.masked.store.v8i8.p0", (), kind)
-                builder.call(store, [flags, pointer, ir.IntType(32)(1), here])
+                builder.call(store, [flags, pointer, ir.IntType(32)(1), present])
         return builder.uitofp(before, EIGHT)
 
     return eight(array, types.uint64, mask, mask), code

@@ -1,4 +1,4 @@
-"""The arrays that a member's kernels work on."""
+"""Arrays of a member that kernels work on."""
 
 from typing import NamedTuple
 
@@ -14,36 +14,45 @@ COUNTERS = 10
 # sums and clocks, in State.sums
 MOVED, WORK, MAX_OVERLAP, FAIL_VALUE, DEEPEST, FASTEST2 = range(6)
 SUMS = 6
-OLDER_SUMS = 4  # in checkpoints from before DEEPEST and FASTEST2: the largest overlap, and square of a speed, so far
-# of a domain, in State.domain: its number, and how many there are; its rows and its pairs, from the first to behind the
-# last; how many pairs it has borrowed
+# FASTEST2 and DEEPEST: square of the largest speed and largest overlap so far; older checkpoints lack both
+OLDER_SUMS = 4
+# in State.domain: number of the domain, number of domains; half-open ranges of its rows and of its pairs; number of its
+# borrowed pairs
 NUMBER, DOMAINS, FIRST, LAST, FIRST_PAIR, LAST_PAIR, BORROWED = range(7)
-# what domains tell each other, columns of State.told
+# columns of State.shared_values
 OVERLAP, SPEED = range(2)
-CACHE_LINE = 8  # numbers in one; each domain has its own to write to
-BROKEN = 1 << 62  # arrivals at meetings, from which on no domain waits: one has failed
+CACHE_LINE = 8  # doubles in a cache line: each domain writes to a line of its own, without false sharing
+BROKEN = 1 << 62  # value of the counter of arrivals after a domain has failed: no domain waits any more
 BLOCK = 384  # contacts that a law works on at a time
-CELLS, SPARE_CELLS = 4, 64  # a grid has at most so many cells a grain, and so many besides
+CELLS, SPARE_CELLS = 4, 64  # a grid has at most CELLS n + SPARE_CELLS cells for n grains
 PAD = 16  # spare places behind lists, which are read eight or LANES at a time
-# of the columns of a block: no power of two, whose columns would share cache sets; a multiple of 16, without which LLVM
-# fears for the forwarding of stores to loads in registers of 16, and uses smaller ones
+# stride of the columns of a block: not a power of two, whose columns would share cache sets; a multiple of 16, without
+# which LLVM expects failed store-to-load forwarding in registers of 16, and uses smaller ones
 STRIDE = BLOCK + 16
-# rows of State.grains: where in them position, velocity, spin and predicted velocity start; for rods predicted spin,
-# quaternion, axis and reduced angular momentum too; rows of State.loads
+# first columns in State.grains of position, velocity, spin and predicted velocity; for rods, of predicted spin,
+# quaternion, axis and reduced angular momentum; first columns in State.loads of force and torque
 X, V, W, U = 0, 4, 8, 12
 P, Q, A, M = 16, 20, 24, 28
 F, T, LOAD = 0, 4, 8
-ROLL = 4  # where in a row of springs that of rolling resistance starts, if there is one
+ROLL = 4  # first column of the rolling spring in a row of springs, if there is one
 BODY = 4  # numbers of a row of State.body
-GHOSTS = 2  # rows behind the grains: one that may be written to for nothing, and one too far away to touch it
+GHOSTS = 2  # rows behind the grains that pad blocks: one that collects unused results, and one too far away to touch it
 FAR = 1e30
 
 
 class Layout(NamedTuple):
-    """What equal and unlike spheres and rods take: lengths of rows of grains, columns of blocks and of State.near, and
-    points (the parts of a rod) at which a grain may touch one wall, each with its spring. ORIENTED: whether grains have
-    an orientation; VARIED: whether they differ; SPRING: length of a row of springs; SPRING_KEPT: how much of it
-    goes over to a new list."""
+    """Layout of the arrays for a kind of grains.
+
+    Attributes:
+        GRAIN: length of a row of State.grains.
+        BLOCK_COLUMNS: columns of a block.
+        NEAR_COLUMNS: columns of State.near.
+        WALL_PARTS: points (parts of a rod) at which a grain may touch one wall, each with a spring.
+        ORIENTED: grains have an orientation.
+        VARIED: grains differ.
+        SPRING: length of a row of springs.
+        SPRING_KEPT: numbers of a row of springs that a rebuild of lists copies.
+    """
 
     GRAIN: int
     BLOCK_COLUMNS: int
@@ -55,11 +64,12 @@ class Layout(NamedTuple):
     SPRING_KEPT: int = 3
 
     def with_rolling_springs(self) -> "Layout":
-        """The same where contacts have rolling springs too."""
+        """Return the layout for contacts with rolling springs too."""
         return self._replace(SPRING=8, SPRING_KEPT=7, BLOCK_COLUMNS=MIXTURES.BLOCK_COLUMNS + 3)
 
     def with_meshes(self) -> "Layout":
-        """The same where walls are meshes, at which a grain may have several contacts, each with its feature."""
+        """Return the layout for walls that are meshes, where a grain may have several contacts, each with its
+        feature."""
         return self._replace(WALL_PARTS=mesh.MESH_CONTACTS, SPRING_KEPT=max(self.SPRING_KEPT, mesh.SPRING_KEY + 1))
 
 
@@ -67,24 +77,27 @@ SPHERES = Layout(GRAIN=16, BLOCK_COLUMNS=21, NEAR_COLUMNS=7, WALL_PARTS=1, ORIEN
 MIXTURES = SPHERES._replace(BLOCK_COLUMNS=35, VARIED=True)
 RODS = Layout(GRAIN=32, BLOCK_COLUMNS=33, NEAR_COLUMNS=10, WALL_PARTS=4, ORIENTED=True)
 LAYOUTS = {"sphere": SPHERES, "spherocylinder": RODS}
-"""By shape, of equal grains."""
+"""Layouts of equal grains by shape."""
 
 
 class State(NamedTuple):
-    """Grains are rows 0..GRAINS-1; vectors are four doubles, of which the last is zero, so that one load takes them.
+    """State of a member. Grains are rows 0..GRAINS-1; vectors are four doubles, of which the last is zero, for one
+    load.
 
-    grains: x [m] at whole steps; v [m/s], w [rad/s] half a step before; u: v predicted for now. loads: f [N], t [N m].
-    Near pairs: grains pair_i < pair_j, both ascending, with the spring [m] of each, valid where `held`, which says that
-    it touched at the last step; behind the last come pairs of ghosts. Near walls likewise: those of wall w are
-    wall_first[w]..wall_first[w + 1], grains ascending; each has as many springs as a grain may have contacts there, and
-    `wall_held` has a bit for each. A row of springs has that of friction, and from ROLL on, where there is one, the
-    torque on pair_i of that of rolling resistance [N m].
+    grains: x [m] at whole steps; v [m/s], w [rad/s] half a step before; u: predicted v. loads: forces [N], torques [N
+    m].
 
-    Of an entry k at a mesh, mesh_near[mesh_first[k]:mesh_first[k + 1]] are the features that it may touch, and column
-    SPRING_KEY of a row of springs is the feature of its contact (`labbook_dem.mesh`).
+    Near pairs: grains pair_i < pair_j, both ascending, each with a spring [m], valid where `held`, which is set if the
+    pair touched at the last step; pairs of ghosts follow the last one. Near walls: entries wall_first[w]..wall_first[w
+    + 1] are those of wall w, grains ascending; each has as many springs as a grain may have contacts there, and
+    `wall_held` has a bit for each. A row of springs has that of friction, and from ROLL on the torque of rolling
+    resistance on pair_i [N m].
 
-    Rods have more in their rows: p, the spin predicted for now; q, the orientation, and a, its axis, at whole steps; m,
-    the reduced angular momentum half a step before (`labbook_dem.rotation`), of which w is the spin.
+    At a mesh, mesh_near[mesh_first[k]:mesh_first[k + 1]] are the features that entry k may touch, and column SPRING_KEY
+    of a row of springs is the feature of its contact (`labbook_dem.mesh`).
+
+    Rows of rods also have p, the predicted spin; q, the orientation, and a, its axis, at whole steps; m, the reduced
+    angular momentum half a step before (`labbook_dem.rotation`), whose spin is w.
     """
 
     grains: np.ndarray
@@ -103,17 +116,16 @@ class State(NamedTuple):
     cross: np.ndarray
     count: np.ndarray
     sums: np.ndarray
-    # how the scene is split among threads: this thread's domain; pairs borrowed from others, as above; what domains
-    # tell each other; arrivals at their meetings
+    # threads: this thread's domain; pairs borrowed from others, as above; shared values; arrivals at barriers
     domain: np.ndarray
     borrowed_i: np.ndarray
     borrowed_j: np.ndarray
     borrowed_held: np.ndarray
     borrowed_spring: np.ndarray
-    told: np.ndarray
+    shared_values: np.ndarray
     meetings: np.ndarray
     # scratch: a block of contacts, in the precision of laws, the same memory as integers, the grains and the list
-    # entries in it; what is near a wall; squares of speeds; and the same memory as integers
+    # entries of its contacts; measures of near walls; squares of speeds, and the same memory as integers
     block: np.ndarray
     bits: np.ndarray
     block_i: np.ndarray
@@ -167,15 +179,15 @@ class State(NamedTuple):
 
 
 SCRATCH = (
-    *("domain", "borrowed_i", "borrowed_j", "borrowed_held", "borrowed_spring", "told", "meetings"),
+    *("domain", "borrowed_i", "borrowed_j", "borrowed_held", "borrowed_spring", "shared_values", "meetings"),
     *("block", "bits", "block_i", "block_j", "slot", "near", "speed2", "speed_bits"),
     *("mesh_first", "mesh_near", "touch", "pose", "pose_first"),
 )
-"""Arrays that hold nothing from one beat to the next that the others do not tell."""
+"""Arrays without state of their own from one beat to the next; checkpoints leave them out."""
 
 
 class Lists(NamedTuple):
-    """The lists of a State, by the same names."""
+    """Lists of a State, under the same names."""
 
     pair_i: np.ndarray
     pair_j: np.ndarray
@@ -188,28 +200,29 @@ class Lists(NamedTuple):
 
 
 class Grid(NamedTuple):
-    """Scratch for making lists: cell [n, 3] of each grain; first grain of a cell, and next of each grain; new rows."""
+    """Scratch for building lists: cell [n, 3] of each grain, first grain of a cell, next grain in its cell, new
+    rows."""
 
     cell: np.ndarray
     head: np.ndarray
-    following: np.ndarray
+    next_grain: np.ndarray
     place: np.ndarray
 
 
 class Params(NamedTuple):
-    """What does not change during a run. c: coefficients between grains; wall_c: the same of each wall [W, 8].
+    """Parameters that do not change during a run.
 
-    Where grains differ: radius of the largest; of K kinds, pair_c [K K, 8] between kinds a and b in row a K + b, and
-    wall_c [W K, 8].
+    c: coefficients between grains; wall_c: those of each wall [W, 8]. In a mixture radius is the largest; of K kinds,
+    pair_c [K K, 8] has kinds a and b in row a K + b, and wall_c is [W K, 8].
 
-    half: half the length of a rod's segment [m]; slender: I_t/I_a - 1, inertia: I_t [kg m^2].
+    half: half the length of a rod's segment [m]; slender: I_t/I_a - 1; inertia: I_t [kg m^2].
 
-    walls [W, n]: the numbers that describe each; wall_kind [W]; wall_motion [W, 4]: velocity and spin of its surface.
+    walls [W, n]: numbers of each wall; wall_kind [W]; wall_motion [W, 4]: velocity and spin of its surface.
 
     rolling_stiffness, rolling_damping: of rolling springs (`labbook_dem.spheres.rolling_resistance`).
 
-    mesh_...: of walls that are meshes (`labbook_dem.mesh_grid`); mesh_moves: distance [m] by which a grain may move
-    in the frame of one before lists are rebuilt; part_speed: largest speed [m/s] of parts that move.
+    mesh_...: of walls that are meshes (`labbook_dem.mesh_grid`); mesh_moves: distance [m] by which a grain may move in
+    the frame of one before lists are rebuilt; part_speed: largest speed [m/s] of parts that move.
     """
 
     c: tuple
@@ -244,7 +257,8 @@ class Params(NamedTuple):
 def allocate(
     n: int, pairs: int, walls: int, near_walls: int, crossings: int, precision: str, layout: Layout
 ) -> State:  # fmt: skip
-    """Zeroed arrays for n grains, so many listed pairs, walls and grains near them, and crossings to be recorded."""
+    """Zeroed arrays for n grains and the given numbers of listed pairs, walls, grains near them, and recorded
+    crossings."""
     grains = _aligned((n + GHOSTS) * layout.GRAIN).reshape(-1, layout.GRAIN)
     grains[-1, X] = FAR
     return State(
@@ -262,7 +276,7 @@ def allocate(
         borrowed_held=np.zeros(PAD, np.uint8),
         borrowed_spring=np.zeros((PAD, layout.SPRING)),
         domain=np.array([0, 1, 0, 0, 0, 0, 0]),
-        told=np.zeros((1, CACHE_LINE)),
+        shared_values=np.zeros((1, CACHE_LINE)),
         meetings=np.zeros(1, np.int64),
         mesh_first=np.zeros(1, np.int64),
         mesh_near=np.zeros(0, np.int32),
@@ -273,7 +287,8 @@ def allocate(
 
 
 def lists(pairs: int, walls: int, near_walls: int, layout: Layout) -> Lists:
-    """Empty lists, with places for so many pairs and grains near `walls` walls, PAD of each among them."""
+    """Empty lists with room for `pairs` pairs and `near_walls` entries at `walls` walls, PAD places of each
+    included."""
     return Lists(
         pair_i=np.zeros(pairs, np.int32),
         pair_j=np.zeros(pairs, np.int32),
@@ -287,22 +302,22 @@ def lists(pairs: int, walls: int, near_walls: int, layout: Layout) -> Lists:
 
 
 def grid(n: int) -> Grid:
-    """Scratch for making lists of n grains, which come to lie in CELLS n + SPARE_CELLS cells at most."""
+    """Scratch for building lists of n grains in at most CELLS n + SPARE_CELLS cells."""
     return Grid(
         cell=np.empty((n, 3), np.int32),
         head=np.empty(CELLS * n + SPARE_CELLS, np.int32),
-        following=np.empty(n, np.int32),
+        next_grain=np.empty(n, np.int32),
         place=np.empty(n, np.int32),
     )
 
 
 def loads(n: int) -> np.ndarray:
-    """No loads on n grains, and on ghosts."""
+    """Zero loads of n grains and the ghosts."""
     return _aligned((n + GHOSTS) * LOAD).reshape(-1, LOAD)
 
 
 def borrowed(state: State, pairs: np.ndarray) -> dict[str, np.ndarray]:
-    """Copies of listed pairs, and places behind them."""
+    """Copies of listed pairs, padded."""
     return {
         "borrowed_i": _padded(state.pair_i[pairs]),
         "borrowed_j": _padded(state.pair_j[pairs]),
@@ -333,7 +348,7 @@ def scratch(n: int, precision: str, layout: Layout) -> dict[str, np.ndarray]:
 
 
 def _aligned(n: int, kind: type = np.float64) -> np.ndarray:
-    """Zeros that start on a cache line, as wide loads like it."""
+    """Zeros that start on a cache line: wide loads across two lines cost more."""
     raw = np.zeros(n * np.dtype(kind).itemsize + 64, np.uint8)
     start = -raw.ctypes.data % 64
     return raw[start : start + n * np.dtype(kind).itemsize].view(kind)

@@ -1,4 +1,4 @@
-"""What a checkpoint must hold: kernels look nothing up twice, and indices out of range would end the process."""
+"""Validation of checkpoints. Kernels check no index: one out of range would crash the process."""
 
 from collections.abc import Mapping
 
@@ -15,21 +15,28 @@ from labbook_numba.state import Layout, State
 
 
 def layout_of(scene: Scene) -> Layout:
-    """Lengths of rows of the grains of a scene."""
+    """Layout of the rows of a scene."""
     layout = S.MIXTURES if scene.grains.varied else S.LAYOUTS[scene.grains.shape]
     layout = layout.with_rolling_springs() if rolling_springs(scene) else layout
     return layout.with_meshes() if has_meshes(scene) else layout
 
 
-def kept(scene: Scene) -> set[str]:
-    """Arrays of a State that a checkpoint has."""
+def array_names(scene: Scene) -> set[str]:
+    """Names of the arrays of a State that checkpoints contain."""
     return set(State._fields) - set(S.SCRATCH) - (set() if scene.grains.varied else {"body"})
 
 
 def check_state(arrays: Mapping[str, np.ndarray], scene: Scene, numerics: Numerics, crossings: bool = False) -> None:
-    """Raises ValueError, saying what is wrong, for arrays that no member of `scene` can have.
+    """Validate the arrays of a checkpoint.
 
-    crossings: whether they must have room for the crossings of all grains. The names are those of `kept`.
+    Args:
+        arrays: arrays by the names of `array_names`.
+        scene: scene of the member.
+        numerics: its numerics.
+        crossings: the arrays must have room for the crossings of all grains.
+
+    Raises:
+        ValueError: no member of `scene` can have these arrays; the message names the array.
     """
     layout, walls = layout_of(scene), len(scene.container.walls())
     lengths = {name: array.shape[0] if array.ndim else 0 for name, array in arrays.items()}
@@ -40,9 +47,9 @@ def check_state(arrays: Mapping[str, np.ndarray], scene: Scene, numerics: Numeri
     of_grains = {"grains": rows + S.GHOSTS, "loads": rows + S.GHOSTS, "body": rows + S.GHOSTS, "gone": rows}
     of_pairs = {"pair_j": pairs + S.PAD, "held": pairs + S.PAD, "spring": pairs + S.PAD}
     of_walls = {"wall_held": near + S.PAD, "wall_spring": (near + S.PAD) * layout.WALL_PARTS, "wall_first": walls + 1}
-    wanted = of_grains | of_pairs | of_walls | {"count": S.COUNTERS, "sums": S.SUMS}
+    expected_lengths = of_grains | of_pairs | of_walls | {"count": S.COUNTERS, "sums": S.SUMS}
     for name, array in arrays.items():
-        shape = (wanted.get(name, lengths[name]), *template[name].shape[1:])
+        shape = (expected_lengths.get(name, lengths[name]), *template[name].shape[1:])
         if array.shape != shape or array.dtype != template[name].dtype:
             raise ValueError(f"{name} has shape {array.shape} of {array.dtype}, not {shape} of {template[name].dtype}")
     if lengths["cross"] not in (0, rows) or (crossings and lengths["cross"] < rows):
@@ -56,8 +63,8 @@ def check_state(arrays: Mapping[str, np.ndarray], scene: Scene, numerics: Numeri
 def _check_counters(arrays: Mapping[str, np.ndarray], rows: int, pairs: int, near: int) -> None:
     count, first = arrays["count"], arrays["wall_first"]
     n = int(count[S.GRAINS])
-    most = {S.GRAINS: rows, S.PAIRS: pairs, S.CROSSED: len(arrays["cross"]), S.LEAVING: n}
-    for counter, limit in most.items():
+    limits = {S.GRAINS: rows, S.PAIRS: pairs, S.CROSSED: len(arrays["cross"]), S.LEAVING: n}
+    for counter, limit in limits.items():
         if not 0 <= count[counter] <= limit:
             raise ValueError(f"count[{counter}] is {count[counter]}, not within 0 to {limit}")
     if not 0 <= count[S.STEP] < LONGEST:
@@ -81,13 +88,13 @@ def _check_lists(arrays: Mapping[str, np.ndarray], walls: int) -> None:
         if len(grain) and not (grain[0] >= 0 and grain[-1] < n and (np.diff(grain) > 0).all()):
             raise ValueError(f"wall_grain is not ascending within {n} grains")
     parts = len(arrays["wall_spring"]) // len(arrays["wall_grain"])
-    for name, most in (("held", 1), ("wall_held", (1 << parts) - 1)):
-        if (arrays[name] > most).any():
-            raise ValueError(f"{name} is not within 0 to {most}")
+    for name, largest in (("held", 1), ("wall_held", (1 << parts) - 1)):
+        if (arrays[name] > largest).any():
+            raise ValueError(f"{name} is not within 0 to {largest}")
 
 
 def _check_features(arrays: Mapping[str, np.ndarray], scene: Scene, layout: Layout) -> None:
-    """Springs at meshes are of features that these have."""
+    """Raise ValueError if a spring at a mesh is not of one of its features."""
     shapes, first = shapes_of(scene.container.walls()), arrays["wall_first"]
     bounds = first_features(shapes, is_oriented(scene))
     for w in np.flatnonzero(np.diff(bounds)):

@@ -1,6 +1,6 @@
 """Three-component vectors as Numba value types: `vec3f` (single) and `vec3d` (double), with +, -, *, unary -.
 
-Operators are lowered straight to LLVM instructions, so that they inline, vectorise and cost no compile time.
+Operators are lowered directly to LLVM instructions: they inline, vectorise and cost no compile time.
 """
 
 import operator
@@ -12,7 +12,7 @@ from numba.extending import lower_builtin, make_attribute_wrapper, models, regis
 
 
 class Vec3Type(types.Type):
-    """Three floats of type `scalar`."""
+    """Type of three floats of type `scalar`."""
 
     def __init__(self, scalar: types.Float):
         self.scalar = scalar
@@ -55,8 +55,8 @@ def _define(constructor: type, kind: Vec3Type) -> None:
     @lower_builtin(constructor, types.Number, types.Number, types.Number)
     def construct(context, builder, sig, args):
         vector = cgutils.create_struct_proxy(kind)(context, builder)
-        for name, value, given in zip("xyz", args, sig.args, strict=True):
-            setattr(vector, name, context.cast(builder, value, given, scalar))
+        for name, value, argument_type in zip("xyz", args, sig.args, strict=True):
+            setattr(vector, name, context.cast(builder, value, argument_type, scalar))
         return vector._getvalue()
 
     def binary(operation, instruction: str) -> None:

@@ -14,7 +14,7 @@ CACHE_VERSION = 4
 
 
 class Backend(DemBackend):
-    """See `labbook.backend.Backend`. Nothing of Warp is needed to plan."""
+    """The GPU backend; see `labbook.backend.Backend`. Planning needs nothing of Warp."""
 
     requires = ("warp",)
     capabilities = capabilities(
@@ -30,36 +30,44 @@ class Backend(DemBackend):
     )
 
     def __init__(self, lanes: int | None = None):
-        """lanes: threads a grain on a GPU, or None for as many as suit. Where several share a rod, each part of it that
-        may touch a wall has one of its own: they are four at least, or two if all walls are planes.
+        """Make a backend.
 
-        Raises ValueError unless they are 1, 2, 4 or 8.
+        Args:
+            lanes: threads a grain on a GPU: 1, 2, 4 or 8; None: the fastest number. Where several share a rod, they are
+                at
+            least as many as its parts that may touch a wall: four, or two if all walls are planes.
+
+        Raises:
+            ValueError: another number of threads.
         """
         if lanes not in (None, 1, 2, 4, 8):
             raise ValueError(f"{lanes} threads a grain are not possible: take 1, 2, 4 or 8")
         self._lanes = lanes
 
     def specialise(self, scene: Scene, numerics: Numerics, probes: Sequence[Probe] = ()) -> Spec:
-        """Features compiled in. Raises Unsupported."""
+        """Return the features compiled in. Raises Unsupported."""
         from labbook_warp.spec import specialise
 
         return specialise(self.capabilities, scene, numerics, probes)
 
     def open(self, spec: Spec, slots: int | None = None, device: str = "cpu"):
-        """An ensemble that grows with its members. Raises Unsupported for a device that is not there."""
+        """Return an ensemble that grows with its members. Raises Unsupported for a missing device."""
         from labbook_warp.devices import find
         from labbook_warp.ensemble import Ensemble
 
         return Ensemble(self.capabilities, spec, find(device), slots, self._lanes)
 
     def generated(self, spec: Spec) -> str:
-        """See `labbook.backend.Backend`: the kernels for many grains that are alike, with a thread each."""
+        """Return the source of the kernels for many equal grains with a thread each."""
         from labbook_warp.build import module_text
 
         return module_text(spec, uniform=True, lanes=1, registers=0, apart=0, asked=0)
 
     def capacity(self, spec: Spec, scene: Scene, device: str) -> int | None:
-        """How many members of `scene` fit into the device's free memory; None: any number, or Warp is not installed."""
+        """Number of members of `scene` that fit into the device's free memory.
+
+        None: no limit, or Warp is not installed.
+        """
         if self.missing():
             return None
         from labbook_warp.devices import find
@@ -83,13 +91,13 @@ class Backend(DemBackend):
         precompile(members, find(device), self._lanes)
 
     def compiling(self) -> bool:
-        """Whether kernels are being compiled that members will need."""
-        from labbook_warp.compiling import going
+        """Return True while kernels that members will need are being compiled."""
+        from labbook_warp.compiling import any_running
 
-        return going()
+        return any_running()
 
     def survey(self) -> Survey:
-        """Versions of Warp and CUDA, and every device; where Warp is not installed, the devices that it may have."""
+        """Return versions of Warp and CUDA, and all devices; without Warp, those of the capabilities."""
         if self.missing():
             return super().survey()
         from labbook_warp.devices import survey

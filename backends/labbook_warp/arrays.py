@@ -1,4 +1,4 @@
-"""The arrays of an ensemble on a device: copied in and out slot by slot, and backed up."""
+"""Arrays of an ensemble on a device: copies to and from the host slot by slot, and backups."""
 
 from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from contextlib import AbstractContextManager, contextmanager, nullcontext
@@ -18,46 +18,53 @@ from labbook_warp.layout import COPIED, SOMETIMES, WORDS_OF_STATE, Sizes, contac
 from labbook_warp.shapes import SHAPES
 
 SEVERAL = 2
-"""Slots from which on they are copied together, array by array: a copy takes some 30 us, however small."""
+"""Number of slots from which on they are copied together, array by array: a copy takes some 30 us, however small."""
 PART = 0.5
-"""Part of all slots from which on arrays are read as a whole, instead of the parts of these slots."""
+"""Part of all slots above which arrays are read as a whole."""
 MIRRORED = 4_000_000_000  # bytes of arrays of which the host may have copies
 
 
 def fetch(array: Any, first: int = 0, count: int | None = None) -> np.ndarray:
-    """A copy on the host, of `count` entries from `first` on, after all that was launched before.
+    """Copy `count` entries of an array from `first` on to the host, after all launches before.
 
-    On an H200 a few kilobytes take 27 us, and 43 us by `array[first:last].numpy()`: that makes an array of the part,
-    and another stream the current one. On the CPU it would be a view, which the next launch changes.
+    On an H200 a few kilobytes take 27 us, but 43 us by `array[first:last].numpy()`, which makes an array of the part
+    and another stream the current one. On the CPU the latter would be a view, which the next launch changes.
+
+    Args:
+        array: Warp array of one dimension.
+        first: first entry.
+        count: number of entries; None: all.
+
+    Returns:
+        Array of shape [count], or [count, ...] for vectors.
     """
     count = array.shape[0] - first if count is None else count
-    found = wp.empty(count, dtype=array.dtype, device="cpu")
+    values = wp.empty(count, dtype=array.dtype, device="cpu")
     if count:
-        wp.copy(found, array, 0, first, count)
+        wp.copy(values, array, 0, first, count)
         if array.device.is_cuda:
             wp.synchronize_stream(array.device.stream)
-    return found.numpy()
+    return values.numpy()
 
 
 def send(values: np.ndarray, array: Any, first: int) -> None:
-    """Overwrite the entries of an array from `first` on."""
+    """Overwrite the entries of an array from `first` on with `values` from the host."""
     if len(values):
-        held = wp.array(np.ascontiguousarray(values), dtype=array.dtype, device="cpu", copy=False)
-        wp.copy(array, held, first, 0, held.size)
+        source = wp.array(np.ascontiguousarray(values), dtype=array.dtype, device="cpu", copy=False)
+        wp.copy(array, source, first, 0, source.size)
 
 
 class Outgoing:
-    """Buffers on the host for what is written to some slots of arrays, until it is sent to the device."""
+    """Host buffers for values of some slots, until they are sent to the device together."""
 
     def __init__(self, slots: int, targets: Collection[int]):
-        """slots: how many the arrays have; targets: those that may be written to."""
+        """slots: number of slots of the arrays; targets: slots that may be written to."""
         self._slots, self._places = slots, {slot: place for place, slot in enumerate(sorted(targets))}
         self._buffers: dict[int, tuple[Any, Any, np.ndarray, set[int]]] = {}
-        """By pointer, an array on the device, the entries of all these slots for Warp and for NumPy, and the slots
-        written to so far."""
+        """By pointer: an array on the device, its buffer for Warp and as a NumPy view, and the slots written to."""
 
     def entries(self, array: Any, slot: int) -> np.ndarray:
-        """Return the entries that an array is to have for a slot: zeros at first, and to be written to."""
+        """Return the buffer of an array for a slot: zeros at first, to be written to."""
         size = array.shape[0] // self._slots
         if array.ptr not in self._buffers:
             buffer = wp.zeros(len(self._places) * size, dtype=array.dtype, device="cpu")
@@ -68,7 +75,7 @@ class Outgoing:
         return entries[first : first + size]
 
     def send(self) -> None:
-        """Copy all that was written to the device."""
+        """Copy the buffers to the device."""
         for array, buffer, _, slots in self._buffers.values():
             size = array.shape[0] // self._slots
             for first, count, _ in _runs(sorted(slots)):
@@ -76,14 +83,21 @@ class Outgoing:
 
 
 class Arrays:
-    """Zeroed arrays of the given sizes, and `system`, the argument that kernels take."""
+    """Zeroed arrays of the given sizes, and `system`, the argument that kernels take.
+
+    Args:
+        module: kernel module, which knows the types of the arrays.
+        sizes: capacities.
+        device: Warp device.
+        crossings: allocate rows of crossings.
+    """
 
     p: Any
     q: Any
 
     def __init__(self, module: ModuleType, sizes: Sizes, device: wp.Device, crossings: bool):
         self.module, self.sizes, self.device = module, sizes, device
-        self.codec = Codec(not module.FINE, SHAPES[sizes.shape].shown)
+        self.codec = Codec(not module.FINE, SHAPES[sizes.shape].shared_fields)
         self.state = state(sizes.shape, module.VARIED, sizes.listed, module.ROLLING_SPRING, module.MESHES)
         self.system = system = module.System()
         system.cap, system.near, system.walls = sizes.cap, sizes.near, sizes.walls
@@ -101,31 +115,31 @@ class Arrays:
         copied = (self.p if name == "p" else getattr(system, name) for name in COPIED if name not in missing)
         self._saved = [(array, wp.clone(array)) for array in copied]
         self._whole: dict[int, np.ndarray] | None = None
-        """Copies on the host, by pointer, within `together`."""
+        """Host copies of whole arrays by pointer, within `together`."""
         self._outgoing: Outgoing | None = None
         """Buffers within `written_together`."""
         self._places: dict[int, int] = {}
-        """Place of each slot that is read within `gathered`."""
+        """Position of each slot in the gathered parts, within `gathered`."""
         self._gathered: dict[int, np.ndarray] = {}
-        """Parts of arrays that belong to these slots, on the host, by pointer."""
+        """Host copies of the parts of arrays that belong to these slots, by pointer."""
         self._used = set[int]()
-        """Slots that a member has had: the others are zero."""
+        """Slots that a member has used: the others are zero."""
         self._rows: np.ndarray | None = np.zeros(sizes.slots, np.int32)
-        """What `system.rows` holds; None if kernels may have changed it."""
+        """Copy of `system.rows`; None if kernels may have changed it."""
 
     def back_up(self) -> None:
-        """Copy the state of all slots aside; may be captured."""
+        """Copy the state of all slots aside. May be captured in a graph."""
         for array, copy in self._saved:
             wp.copy(copy, array)
 
     def restore(self, slot: int) -> None:
-        """Put back the state of one slot as it was backed up."""
+        """Restore the backup of one slot."""
         for array, copy in self._saved:
             size = array.shape[0] // self.sizes.slots
             wp.copy(array, copy, slot * size, slot * size, size)
 
     def set_rows(self, rows: Mapping[int, int]) -> None:
-        """Let kernels work on that many rows of these slots, and on no others."""
+        """Let kernels work on these numbers of rows by slot, and on no other slot."""
         numbers = np.zeros(self.sizes.slots, np.int32)
         for slot, count in rows.items():
             numbers[slot] = count
@@ -134,15 +148,17 @@ class Arrays:
             self._rows = numbers
 
     def forget_rows(self) -> None:
-        """Forget what `system.rows` holds: kernels set it to 0 for members with a failed grain or a full list."""
+        """Drop the copy of `system.rows`: kernels set it to 0 for members with a failed grain or a full list."""
         self._rows = None
 
     # one slot, to and from the host
 
     @contextmanager
     def together(self) -> Iterator[None]:
-        """Within this context, an array is copied to the host once, for all slots, when one slot of it is first read.
-        Nothing may change it meanwhile."""
+        """Return a context in which an array is copied to the host once, for all slots, at its first reading.
+
+        Nothing may change the array meanwhile.
+        """
         self._whole = {}
         try:
             yield
@@ -151,8 +167,10 @@ class Arrays:
 
     @contextmanager
     def written_together(self, slots: Collection[int]) -> Iterator[None]:
-        """Within this context, what is written to these slots is put together on the host, array by array, and copied
-        to the device at its end. Nothing may read it meanwhile."""
+        """Return a context in which values for these slots are collected on the host, and sent at its end.
+
+        Nothing may read these slots meanwhile.
+        """
         if len(slots) < SEVERAL or len(slots) / self.sizes.slots * self.bytes > MIRRORED:
             yield
             return
@@ -172,8 +190,10 @@ class Arrays:
 
     @contextmanager
     def gathered(self, slots: Collection[int]) -> Iterator[None]:
-        """Within this context, what is read of these slots is first put together on the device, array by array, and
-        copied to the host at once. Nothing may change it meanwhile, but a slot after it was read."""
+        """Return a context in which the parts of an array that belong to these slots are copied to the host at once.
+
+        They are first gathered on the device. Nothing may change a slot before it was read.
+        """
         self._places = {slot: place for place, slot in enumerate(sorted(slots))}
         try:
             yield
@@ -203,7 +223,7 @@ class Arrays:
             self._outgoing.entries(array, slot)[: len(values)] = values
 
     def part(self, array: Any, slot: int, size: int, count: int) -> np.ndarray:
-        """The first `count` of the `size` entries that `array` has for a slot, on the host. Read only."""
+        """Return the first `count` of the `size` entries of `array` for a slot, on the host. Read only."""
         first = slot * size
         if self._whole is None and slot in self._places:
             first = self._places[slot] * size
@@ -213,7 +233,7 @@ class Arrays:
         return self._copy(array)[first : first + count]
 
     def read(self, name: str, slot: int, rows: int) -> np.ndarray:
-        """State array `name` of the first `rows` rows of a slot: [rows, ...], or [entries, rows, ...]."""
+        """Return state array `name` of the first `rows` rows of a slot: shape [rows, ...], or [entries, rows, ...]."""
         if name == "p":
             words = self.codec.words
             return self.part(self.p, slot, self.sizes.cap * words, rows * words).reshape(rows, -1)
@@ -236,7 +256,7 @@ class Arrays:
                 self._outgoing.entries(array, slot)[:] = 0
 
     def write(self, name: str, slot: int, values: np.ndarray) -> None:
-        """Put what `read` gave, of any number of rows and entries that fit, into a slot; the rest becomes zero."""
+        """Write values of `read`, of any number of rows and entries that fit, into a slot; the rest becomes zero."""
         self._used.add(slot)
         if name == "p":
             self._set(self.p, slot, values.reshape(-1, self.p.dtype._length_))
@@ -248,7 +268,7 @@ class Arrays:
         self._set(array, slot, block.reshape(-1, *values.shape[2:]))
 
     def write_rows(self, name: str, slot: int, first: int, values: np.ndarray) -> None:
-        """Overwrite rows of a state array of one entry a row, from `first` on."""
+        """Overwrite rows of a state array with one entry a row, from `first` on."""
         array, per = (self.p, self.codec.words) if name == "p" else (getattr(self.system, name), 1)
         if name == "p":
             values = values.reshape(-1, array.dtype._length_)
@@ -267,7 +287,7 @@ class Arrays:
         }
 
     def take_up(self, state: Mapping[str, np.ndarray]) -> None:
-        """Write what `state_of_all` gave of arrays that had room for no more; the rest becomes zero."""
+        """Write the arrays of `state_of_all` from smaller arrays; the rest becomes zero."""
         slots, cap = self.sizes.slots, self.sizes.cap
         for name, block in state.items():
             entries = 1 if name == "p" else self.sizes.entries[self.state[name]]
@@ -283,7 +303,7 @@ class Arrays:
         self._set(getattr(self.system, name), slot, values)
 
     def put_records(self, name: str, records: Mapping[int, Any]) -> None:
-        """Write the records of slots in an array of records."""
+        """Write the records of some slots in an array of records."""
         if records:
             array = getattr(self.system, name)
             together = wp.array([records[slot] for slot in sorted(records)], dtype=array.dtype, device=self.device)
@@ -291,7 +311,7 @@ class Arrays:
                 wp.copy(array, together, first, place, count)
 
     def of_slot(self, slot: int, rows: int) -> "SlotState":
-        """Return the state of the first `rows` rows of a slot; each array is read when it is asked for."""
+        """Return the state of the first `rows` rows of a slot; each array is read on access."""
         read = partial(self.read, slot=slot, rows=rows)
         return SlotState(self.sizes, self.state, self.codec, bool(self.module.ORIENTED), read)
 
@@ -301,11 +321,11 @@ class SlotState:
     """State arrays of the rows of one slot.
 
     Attributes:
-        sizes: What the arrays are made for.
-        kinds: Which of `Sizes.entries` each array has.
-        codec: Reads the words of grains.
-        oriented: Whether grains have an orientation.
-        read: Gives an array by its name, as `Arrays.read` does.
+        sizes: capacities of the arrays.
+        kinds: key of `Sizes.entries` for each array.
+        codec: decoder of the shared state of grains.
+        oriented: True if grains have an orientation.
+        read: function that returns an array by its name, as `Arrays.read` does.
     """
 
     sizes: Sizes
@@ -315,12 +335,12 @@ class SlotState:
     read: Callable[[str], np.ndarray]
 
     def stored(self) -> "SlotState":
-        """Return the same with all arrays read now; it can be pickled."""
+        """Return a copy with all arrays read now, which can be pickled."""
         blocks = {name: self.read(name) for name in ("p", *self.kinds)}
         return replace(self, read=blocks.__getitem__)
 
     def states(self) -> States:
-        """States of all rows."""
+        """Return the states of all rows."""
         x, v, m = self.codec.decode(self.read("p"))
         if not self.oriented:
             return States(x, v, m)
@@ -329,7 +349,8 @@ class SlotState:
 
 
 def _runs(slots: Sequence[int]) -> Iterator[tuple[int, int, int]]:
-    """First slot, number of slots, and place of the first among `slots`, which ascend, of those beside each other."""
+    """Yield first slot, number of slots, and position of the first in `slots` (ascending), of each run of consecutive
+    slots."""
     ends = [k for k in range(1, len(slots)) if slots[k] != slots[k - 1] + 1]
     for first, end in pairwise((0, *ends, len(slots))):
         yield slots[first], end - first, first

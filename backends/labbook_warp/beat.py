@@ -15,12 +15,17 @@ from labbook_warp.dialect import THREADS
 from labbook_warp.kernels.words import REPORTED
 
 _GROUPS = 2  # of members whose steps are launched side by side; three or four are no faster
-_ADDERS, _ADDED = 64, 1024
-"""Threads a member that add up energies, at least, and energies that a thread adds up, at most."""
+_MIN_ADDERS, _MAX_ADDED = 64, 1024
+"""Least number of threads a member that add up energies, and largest number of energies a thread adds up."""
 
 
 class Beat:
-    """All launches over one set of arrays."""
+    """Launches of kernels over one set of arrays.
+
+    Args:
+        arrays: arrays of an ensemble.
+        steps: steps of a beat.
+    """
 
     def __init__(self, arrays: Arrays, steps: int):
         self.arrays, self.steps = arrays, steps
@@ -28,8 +33,8 @@ class Beat:
         sizes = arrays.sizes
         self._rows, self._cells, self._slots = sizes.rows, sizes.slots * sizes.cells, sizes.slots
         self._apart = self.kernels.APART
-        self.told = wp.zeros(1 + REPORTED * self._slots, dtype=wp.int64, device=self.device)
-        """What the last beat left behind; see `labbook_warp.report`."""
+        self.report = wp.zeros(1 + REPORTED * self._slots, dtype=wp.int64, device=self.device)
+        """Events of the last beat on the device; see `labbook_warp.report`."""
         self._arrived = wp.zeros(1, dtype=wp.uint32, device=self.device)
         compiling.wait_for(self.kernels)
         fit = self.fit_at_once()
@@ -38,15 +43,15 @@ class Beat:
         groups = _GROUPS if self.device.is_cuda and self._slots > 1 and not fit else 0
         self._streams = [wp.Stream(self.device) for _ in range(groups)]
         self._graphs: dict[tuple[int, ...], Any] = {}
-        """Of a beat by how often displacements are checked; of its parts also by their first check and their steps."""
-        self._looked: Any = None
+        """Graphs of beats, by interval of checks; of parts, also by steps until the first check and number of steps."""
+        self._whole_step_arrays: Any = None
 
     def renew(self) -> None:
-        """Forget captured graphs: they hold the material that all members share as it was."""
+        """Drop captured graphs: they contain the material that all members share as a constant."""
         self._graphs = {}
 
     def fit_at_once(self) -> bool:
-        """Whether all threads of a step are on the device at the same time, if nothing else runs meanwhile."""
+        """True if all threads of a step are resident on the device at once, given an idle device."""
         if not self.device.is_cuda:
             return False
         size, blocks = wp.get_suggested_block_size(self.kernels.step, self.device)
@@ -56,49 +61,54 @@ class Beat:
         wp.launch(kernel, dim, [self.arrays.system, *inputs], device=self.device, block_dim=THREADS)
 
     def run(self, every: int) -> None:
-        """Take the beat's steps with every member whose `rows` are not zero. Displacements are checked `every` so many
-        steps."""
-        self._captured((every,), lambda: self._whole(every))
+        """Take the beat's steps with every member whose `rows` is not zero; check displacements every `every` steps."""
+        self._run_captured((every,), lambda: self._beat_launches(every))
 
-    def _whole(self, every: int) -> None:
+    def _beat_launches(self, every: int) -> None:
         self.begin()
         done = 0
         while done < self.steps:
             some = min(every, self.steps - done)
-            self._check(some)
-            self._take_some(done, some)
+            self._check_displacements(some)
+            self._take_steps(done, some)
             done += some
         self.end(self.steps)
 
     def begin(self) -> None:
-        """Begin a beat."""
+        """Back up the state and list the rows near walls."""
         self.arrays.back_up()
-        self._line_up()
+        self._list_rows_near_walls()
 
     def end(self, steps: int) -> None:
-        """End a beat, and count these steps."""
-        self._launch(self.kernels.end, self._slots, steps, self.told)
+        """End a beat and add `steps` to the step counters."""
+        self._launch(self.kernels.finish_beat, self._slots, steps, self.report)
 
-    def part(self, done: int, stop: int, every: int) -> int:
-        """Take some steps of a beat from `done` on, up to `stop` at most; how many. They are not counted yet.
+    def part(self, first: int, stop: int, every: int) -> int:
+        """Take some steps of a beat from step `first` on, up to `stop` at most, without counting them.
 
-        Displacements are checked after the same steps as in `run`. Some are 1, 2, 4, 8, ... steps, or intervals between
-        checks: so few graphs do for stops after any steps.
+        Displacements are checked at the same steps as in `run`. The number of steps is a power of two of steps, or of
+        intervals between checks, so that few graphs serve stops at any step.
+
+        Returns:
+            The number of steps taken.
         """
-        ahead = min(every, self.steps - done) if done % every == 0 else 0
-        many = (stop - done) // every if ahead == every else 0
-        steps = every * _power_of_two(many) if many else _power_of_two(min(stop - done, every - done % every))
-        self._captured((every, ahead, steps), lambda: self._piece(ahead, steps, every))
+        until_check = min(every, self.steps - first) if first % every == 0 else 0
+        intervals = (stop - first) // every if until_check == every else 0
+        if intervals:
+            steps = every * _power_of_two(intervals)
+        else:
+            steps = _power_of_two(min(stop - first, every - first % every))
+        self._run_captured((every, until_check, steps), lambda: self._part_launches(until_check, steps, every))
         return steps
 
-    def _piece(self, ahead: int, steps: int, every: int) -> None:
+    def _part_launches(self, ahead: int, steps: int, every: int) -> None:
         for first in range(0, steps, every):
             if ahead:
-                self._check(ahead)
-            self._take_some(first, min(every, steps - first))
+                self._check_displacements(ahead)
+            self._take_steps(first, min(every, steps - first))
 
-    def _captured(self, key: tuple[int, ...], launches: Callable[[], None]) -> None:
-        """What these `launches` do, on a GPU as one graph."""
+    def _run_captured(self, key: tuple[int, ...], launches: Callable[[], None]) -> None:
+        """Carry out `launches`; on a GPU as one graph, captured at its first use."""
         if not self.device.is_cuda:
             launches()
             return
@@ -109,21 +119,23 @@ class Beat:
             self._graphs[key] = capture.graph
         wp.capture_launch(self._graphs[key])
 
-    def _check(self, ahead: int) -> None:
-        """Rebuild the lists that may not do for so many steps more."""
-        self._launch(self.kernels.check, self._rows, self.arrays.p, ahead)
-        self._if_asked(self.rebuild)
+    def _check_displacements(self, ahead: int) -> None:
+        """Rebuild the lists that may become too old within the next `ahead` steps."""
+        self._launch(self.kernels.check_displacements, self._rows, self.arrays.p, ahead)
+        self._if_flagged(self.rebuild)
 
-    def _take_some(self, first: int, some: int) -> None:
+    def _take_steps(self, first: int, some: int) -> None:
         self._move(first, some)
         if some % 2:
-            self._launch(self.kernels.bring, self._rows, self.arrays.q, self.arrays.p)
+            self._launch(self.kernels.copy_states, self._rows, self.arrays.q, self.arrays.p)
 
     def _move(self, first: int, some: int) -> None:
-        """Take `some` steps from `first` on: with all members, or with two groups of them side by side. As the last
-        blocks of one group's step end, there is still work of the other's."""
+        """Take `some` steps from `first` on, with all members or with two groups of them on two streams.
+
+        While the last blocks of one group's step finish, those of the other keep the device busy.
+        """
         if not self._streams:
-            self._take(first, some, 0, self._slots)
+            self._launch_steps(first, some, 0, self._slots)
             return
         main = self.device.stream
         begin = main.record_event()
@@ -131,10 +143,10 @@ class Beat:
             slot, end = (n * self._slots // len(self._streams) for n in (k, k + 1))
             stream.wait_event(begin)
             with wp.ScopedStream(stream, sync_enter=False):
-                self._take(first, some, slot, end - slot)
+                self._launch_steps(first, some, slot, end - slot)
             main.wait_event(stream.record_event())
 
-    def _take(self, first: int, some: int, slot: int, slots: int) -> None:
+    def _launch_steps(self, first: int, some: int, slot: int, slots: int) -> None:
         """Take these steps with the members in `slots` slots from `slot` on."""
         here, there = self.arrays.p, self.arrays.q
         at_once = some if self._several else 1
@@ -146,83 +158,91 @@ class Beat:
                 self._launch(self.kernels.tick, slots, slot)
             here, there = there, here
 
-    def _if_asked(self, what: Callable[[], None]) -> None:
-        asked = self.arrays.system.any_flag
+    def _if_flagged(self, launch: Callable[[], None]) -> None:
+        flag = self.arrays.system.any_flag
         if self.device.is_cuda:
-            wp.capture_if(asked, on_true=what)
-        elif asked.numpy()[0]:
-            what()
+            wp.capture_if(flag, on_true=launch)
+        elif flag.numpy()[0]:
+            launch()
 
     def rebuild(self) -> None:
-        """Rebuild the lists of all members whose flag is set."""
+        """Rebuild the lists of all flagged members."""
         k = self.kernels
-        self._launch(k.clear, self._cells)
-        self._launch(k.fill, self._rows, self.arrays.p)
+        self._launch(k.clear_cells, self._cells)
+        self._launch(k.fill_cells, self._rows, self.arrays.p)
         if self.lanes > 1:
-            self._launch(k.gather, self._rows * self.lanes, self.arrays.p)
-        self._launch(k.build, self._rows, self.arrays.p)
+            self._launch(k.collect_shared, self._rows * self.lanes, self.arrays.p)
+        self._launch(k.build_lists, self._rows, self.arrays.p)
         if k.MESHES:
             self.list_features()
-        self._launch(k.finish, self._slots)
-        self._line_up()
+        self._launch(k.finish_rebuild, self._slots)
+        self._list_rows_near_walls()
 
     def list_features(self) -> None:
-        """List the features of meshes that are near the grains of all members whose flag is set."""
+        """List the features of meshes near the grains of all flagged members."""
         self._launch(self.kernels.list_features, self._rows)
 
-    def _line_up(self) -> None:
+    def _list_rows_near_walls(self) -> None:
         if self._apart:
             self.arrays.system.beside_count.zero_()
-            self._launch(self.kernels.line_up, self._rows)
+            self._launch(self.kernels.list_rows_near_walls, self._rows)
 
     def _meet_walls(self, state: Any, keep: bool, slot: int, slots: int) -> None:
         if self._apart:
-            # those by edges and the others are rounded up to 32 each
+            # rows near edges and the others are rounded up to 32 each
             self._launch(self.kernels.meet_walls, slots * (self.arrays.sizes.cap + 32), state, slot, slots, keep)
 
-    def look(self) -> tuple[Any, Any]:
-        """Velocities and reduced angular momenta at the whole step, on the device; changes nothing."""
-        if self._looked is None:
+    def whole_step(self) -> tuple[Any, Any]:
+        """Return velocities [m/s] and reduced angular momenta [rad/s] at the whole step, on the device.
+
+        The state does not change.
+        """
+        if self._whole_step_arrays is None:
             double3 = self.kernels.wide3
-            self._looked = [wp.zeros(self._rows, dtype=double3, device=self.device) for _ in range(2)]
-        self._line_up()
+            self._whole_step_arrays = [wp.zeros(self._rows, dtype=double3, device=self.device) for _ in range(2)]
+        self._list_rows_near_walls()
         self._meet_walls(self.arrays.p, False, 0, self._slots)
-        self._launch(self.kernels.look, self._rows * self.lanes, self.arrays.p, *self._looked)
-        return self._looked[0], self._looked[1]
+        self._launch(self.kernels.whole_step, self._rows * self.lanes, self.arrays.p, *self._whole_step_arrays)
+        return self._whole_step_arrays[0], self._whole_step_arrays[1]
 
     def kinetic(self, v: Any, w: Any):
-        """Kinetic energy [J] of every slot from what `look` gave, shape [slots]."""
-        adders = max(_ADDERS, self.arrays.sizes.cap // _ADDED)
+        """Return the kinetic energy [J] of every slot, shape [slots]. v, w: from `whole_step`."""
+        adders = max(_MIN_ADDERS, self.arrays.sizes.cap // _MAX_ADDED)
         out = wp.zeros(2 * self._slots * adders, dtype=wp.float64, device=self.device)
         self._launch(self.kernels.kinetic, self._slots * adders, self.arrays.p, v, w, adders, out)
         return fetch(out).reshape(self._slots, adders, 2).sum(axis=1).sum(axis=1)
 
     def contacts(self) -> np.ndarray:
-        """Rows slot, i, j, wall, force, branch of all touching contacts, in any order."""
-        return self._collected(self.kernels.contacts, 10, self.arrays.sizes.contacts)
+        """Return rows slot, i, j, wall, force, branch of all touching contacts, in any order."""
+        return self._collect_rows(self.kernels.contacts, 10, self.arrays.sizes.contacts)
 
-    def layer(self, v: Any, low: np.ndarray, high: np.ndarray) -> np.ndarray:
-        """Rows slot, id, position, velocity of the grains between the heights `low` and `high` [m] of their slots, in
-        any order. v: what `look` gave; low, high: shape [slots]."""
+    def slab(self, v: Any, low: np.ndarray, high: np.ndarray) -> np.ndarray:
+        """Return rows slot, id, position, velocity of the grains in a slab, in any order.
+
+        Args:
+            v: velocities of `whole_step`.
+            low: lower height [m] by slot, shape [slots].
+            high: upper height [m] by slot.
+        """
         heights = (wp.array(bound, dtype=wp.float64, device=self.device) for bound in (low, high))
-        return self._collected(self.kernels.layer, 8, self._rows, v, *heights)
+        return self._collect_rows(self.kernels.slab, 8, self._rows, v, *heights)
 
     def wall_sums(self, bins: np.ndarray, units: np.ndarray, total: int) -> np.ndarray:
-        """Sums over contacts with walls, whole numbers of shape [total, SUMS]; see `kernels.traction`."""
+        """Return sums over contacts with walls, integers of shape [total, SUMS]; see `kernels.traction`."""
         numbers = (wp.array(array.ravel(), dtype=wp.float64, device=self.device) for array in (bins, units))
         sums = wp.zeros(SUMS * total, dtype=wp.int64, device=self.device)
         self._launch(self.kernels.wall_sums, self._rows, self.arrays.p, *numbers, SLIDING, sums)
         return fetch(sums).reshape(total, SUMS)
 
-    def _collected(self, kernel: Any, width: int, most: int, *inputs: Any) -> np.ndarray:
-        """The rows of `width` numbers, at most so many, that a kernel writes wherever there is room."""
+    def _collect_rows(self, kernel: Any, width: int, capacity: int, *inputs: Any) -> np.ndarray:
+        """Return the rows of `width` numbers, at most `capacity`, that a kernel appends by an atomic counter."""
         counter = wp.zeros(1, dtype=wp.int32, device=self.device)
-        out = wp.zeros(width * most, dtype=wp.float64, device=self.device)
+        out = wp.zeros(width * capacity, dtype=wp.float64, device=self.device)
         self._launch(kernel, self._rows, self.arrays.p, *inputs, counter, out)
-        found = int(fetch(counter)[0])
-        return fetch(out, 0, width * found).reshape(-1, width)
+        count = int(fetch(counter)[0])
+        return fetch(out, 0, width * count).reshape(-1, width)
 
 
-def _power_of_two(most: int) -> int:
-    """The largest power of two that is not more."""
-    return 1 << most.bit_length() - 1
+def _power_of_two(limit: int) -> int:
+    """Largest power of two up to `limit`."""
+    return 1 << limit.bit_length() - 1

@@ -1,4 +1,4 @@
-"""From features to compiled kernels: one generated module per specialisation; Warp caches what it compiles from it."""
+"""From features to compiled kernels: one generated module a specialisation, which Warp compiles and caches."""
 
 import re
 from collections.abc import Iterator, Sequence
@@ -41,12 +41,12 @@ OF_MESHES = ("CROWDED", "MESH_LISTED", "FIRST_PARTS", "MESH_NUMBER")
 
 
 def _edges(parts: int) -> int:
-    """Bits of the parts that lie across an edge, the third and fourth of each wall, as a signed number of 32 bits."""
+    """Mask of the parts that lie across an edge, the third and fourth of each wall, as a signed number of 32 bits."""
     return -0x33333334 if parts == 4 else 0  # 0xCCCCCCCC
 
 
 def _system_text(meshes: bool) -> str:
-    """Source of `kernels.system`, without the arrays of meshes where a scene has none."""
+    """Source of `kernels.system`, without the arrays of meshes if a scene has none."""
     text = source.device_source(system)
     if not meshes:
         text = re.sub(r"    # of scenes with a mesh only.*?\n\n", "\n", text, flags=re.DOTALL)
@@ -105,7 +105,7 @@ def module_text(spec: Spec, uniform: bool, lanes: int, registers: int, apart: in
     own, meshes, moves = SHAPES[grains], bool(spec.feature("MESHES")), bool(spec.feature("POSES"))
     of_shape = own.mesh_kernels if meshes else own.kernels
     hold(f"the shape {grains} in labbook_warp", shape, of_shape)
-    codec, entries, turns = Codec(precision == "mixed", own.shown), most_parts(spec), spec.feature("ORIENTED")
+    codec, entries, turns = Codec(precision == "mixed", own.shared_fields), most_parts(spec), spec.feature("ORIENTED")
     together = [kind for kind in kinds if dispatch.finds_edges_together(kind)]
     named: dict[str, object] = {
         **features.constants(spec),
@@ -159,11 +159,15 @@ def module_text(spec: Spec, uniform: bool, lanes: int, registers: int, apart: in
 def kernels(
     spec: Spec, uniform: bool = False, lanes: int = 1, registers: int = 0, apart: int = 0, asked: int = 0
 ) -> ModuleType:  # fmt: skip
-    """The kernel module of one specialisation. Compiling happens at first use, per device.
+    """Import the kernel module of one specialisation, which is compiled at first use on a device.
 
-    registers: how many a thread of the step may use, and apart: one that meets walls; 0 leaves it to the compiler, and
-    meets walls in the step. asked: for how many entries of lists the step asks beforehand. Only where threads do not
-    share grains can walls be met apart, or lists be asked for.
+    Args:
+        spec: features.
+        uniform: all members have the same material.
+        lanes: threads that share a grain.
+        registers: cap for a thread of the step; 0: the compiler's choice.
+        apart: cap for a thread of a separate kernel of walls; 0: walls are part of the step. For one thread a grain.
+        asked: entries of lists that the step prefetches. For one thread a grain.
     """
     assert lanes == 1 or not (apart or asked)
     text = module_text(spec, uniform, lanes, registers, apart, asked)

@@ -1,7 +1,7 @@
-"""What a grain shows to others, as words of 16 bytes: written and read by the host, and by kernels.
+"""State of grains that other threads read, packed into words of 16 bytes, which host and kernels read and write.
 
-The words hold, one after another, vectors in double and vectors of the precision of velocities. `Codec` is the host's;
-`kernel_text` writes the functions that kernels call (listed in `labbook_warp.kernels.shown`).
+A word holds, in this order, vectors in double precision, then vectors in the precision of velocities. `Codec` is the
+host's part; `kernel_text` writes the functions of kernels (listed in `labbook_warp.kernels.shown`).
 """
 
 from collections.abc import Iterator
@@ -11,18 +11,28 @@ import numpy as np
 
 
 class GrainFields(NamedTuple):
-    """What grains of a shape show. exact: vectors in double, x among them as the first; others: of the precision of
-    velocities, v and w among them as the first; rest: whether what rounding has kept of a velocity stands behind them,
-    where velocities are in single."""
+    """Shared fields of grains of a shape.
+
+    Attributes:
+        exact: vectors in double precision, x first.
+        moving: vectors in the precision of velocities, v and w first.
+        rest: the rounding error of a velocity follows, if velocities are in single precision.
+    """
 
     exact: tuple[str, ...]
-    others: tuple[str, ...]
+    moving: tuple[str, ...]
     rest: bool
 
 
 class States(NamedTuple):
-    """Positions x [m], shape [n, 3]; velocities v [m/s] and reduced angular momenta m [rad/s], half a step before; and
-    of rods the orientations q, shape [n, 4]."""
+    """States of n grains.
+
+    Attributes:
+        x: positions [m], shape [n, 3].
+        v: velocities half a step before [m/s], shape [n, 3].
+        m: reduced angular momenta half a step before [rad/s], shape [n, 3].
+        q: orientations of rods, shape [n, 4].
+    """
 
     x: np.ndarray
     v: np.ndarray
@@ -31,37 +41,43 @@ class States(NamedTuple):
 
 
 class Codec:
-    """Words of grains in arrays on the host. In mixed precision velocities are in single, else in double."""
+    """Words of grains in host arrays. In mixed precision velocities are in single, else in double precision."""
 
-    def __init__(self, mixed: bool, shown: GrainFields):
-        self.mixed, self.shown = mixed, shown
-        self.exact = 3 * len(shown.exact) * (2 if mixed else 1)
-        """Numbers that the vectors in double take up: two in single each, in mixed precision."""
-        self._used = self.exact + 3 * len(shown.others)
-        self.rest = mixed and shown.rest
+    def __init__(self, mixed: bool, fields: GrainFields):
+        self.mixed, self.fields = mixed, fields
+        self.exact = 3 * len(fields.exact) * (2 if mixed else 1)
+        """Numbers of the vectors in double precision; in mixed precision each is stored as two singles."""
+        self._used = self.exact + 3 * len(fields.moving)
+        self.rest = mixed and fields.rest
         self.numbers = 4 if mixed else 2
-        """Of a word."""
+        """Numbers of a word."""
         self.words = -(-(self._used + self.rest) // self.numbers)
-        """Of a grain."""
+        """Words of a grain."""
 
     def encode(self, x: np.ndarray, v: np.ndarray, w: np.ndarray, axis: np.ndarray | None = None) -> np.ndarray:
-        """Numbers of grains that are predicted to go on as they do, shape [n, numbers of all words].
+        """Encode grains whose predicted velocities equal the present ones.
 
-        x [m], v [m/s], w [rad/s] and the unit vectors `axis` of rods: shape [n, 3].
+        Args:
+            x: positions [m], shape [n, 3].
+            v: velocities [m/s].
+            w: angular velocities [rad/s].
+            axis: unit vectors of rods.
+
+        Returns:
+            Numbers of all words, shape [n, words times numbers].
         """
-        known = {"x": x, "axis": axis, "v": v, "w": w, "u": v, "y": w}
-        exact, others = ([known[name] for name in names] for names in (self.shown.exact, self.shown.others))
+        vectors = {"x": x, "axis": axis, "v": v, "w": w, "u": v, "y": w}
+        exact, moving = ([vectors[name] for name in names] for names in (self.fields.exact, self.fields.moving))
         if self.mixed:
             exact = [np.ascontiguousarray(a).view(np.float32) for a in exact]
-            others = [np.asarray(a, np.float32) for a in others]
+            moving = [np.asarray(a, np.float32) for a in moving]
         rest = np.zeros((len(x), self.words * self.numbers - self._used), exact[0].dtype)
-        return np.hstack([*exact, *others, rest])
+        return np.hstack([*exact, *moving, rest])
 
     def with_velocities(self, numbers: np.ndarray, v: np.ndarray) -> np.ndarray:
-        """Numbers of grains with other velocities v [m/s], shape [n, 3], also as predicted, and nothing that rounding
-        has kept."""
+        """Return a copy with velocities v [m/s], shape [n, 3], also as predicted ones, and zero rounding errors."""
         changed = numbers.copy()
-        for place, name in enumerate(self.shown.others):
+        for place, name in enumerate(self.fields.moving):
             if name in ("v", "u"):
                 first = self.exact + 3 * place
                 changed[:, first : first + 3] = v
@@ -69,20 +85,20 @@ class Codec:
         return changed
 
     def decode(self, numbers: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """x, v and w, in double."""
+        """Return x, v and w in double precision, shape [n, 3] each."""
         x = np.ascontiguousarray(numbers[:, : self.exact]).view(np.float64)[:, :3].copy()
         v, w = (numbers[:, self.exact + k : self.exact + k + 3].astype(np.float64) for k in (0, 3))
         return x, v, w
 
 
 def kernel_text(codec: Codec) -> str:
-    """Source of `Spot`, `spot`, `motion`, `rest` and `put` of `labbook_warp.kernels.shown`."""
-    written = ["\n".join(lines) + "\n" for lines in (_record(codec), *_functions(codec))]
-    return "\n\n".join([f"# written by {__name__}", *written])
+    """Source of `Spot`, `spot`, `motion`, `rest` and `put`, which `labbook_warp.kernels.shown` lists."""
+    parts = ["\n".join(lines) + "\n" for lines in (_record(codec), *_functions(codec))]
+    return "\n\n".join([f"# written by {__name__}", *parts])
 
 
 _WORD = "shared"
-"""Of Spot: the word in which the vectors in double end and the others begin."""
+"""Field of Spot: the word that contains both the end of the vectors in double and the start of the others."""
 
 
 def _split(codec: Codec) -> bool:
@@ -92,7 +108,7 @@ def _split(codec: Codec) -> bool:
 def _record(codec: Codec) -> Iterator[str]:
     yield "@struct"
     yield "class Spot:"
-    yield from (f"    {name}: wide3" for name in codec.shown.exact)
+    yield from (f"    {name}: wide3" for name in codec.fields.exact)
     if _split(codec):
         yield f"    {_WORD}: word"
 
@@ -119,10 +135,10 @@ def _spot(codec: Codec, begins: int) -> Iterator[str]:
     yield "def spot(p: Words, i: int):"
     yield from _loads(codec, 0, begins)
     yield "    s = Spot()"
-    for k, name in enumerate(codec.shown.exact):
+    for k, name in enumerate(codec.fields.exact):
         if codec.mixed:
             at = range(6 * k, 6 * k + 6, 2)
-            parts = [f"joined({_number(codec, one)}, {_number(codec, one + 1)})" for one in at]
+            parts = [f"joined({_number(codec, low)}, {_number(codec, low + 1)})" for low in at]
         else:
             parts = [_number(codec, 3 * k + c) for c in range(3)]
         yield f"    s.{name} = wide3({', '.join(parts)})"
@@ -136,7 +152,7 @@ def _motion(codec: Codec, begins: int) -> Iterator[str]:
     yield "def motion(p: Words, i: int, s: Spot):"
     yield from _loads(codec, begins, codec.words)
     vectors = []
-    for k in range(len(codec.shown.others)):
+    for k in range(len(codec.fields.moving)):
         at = [_number(codec, codec.exact + 3 * k + c) for c in range(3)]
         vectors.append(f"vec3({', '.join(at)})".replace(f"n{begins - 1}[", f"s.{_WORD}["))
     yield f"    return {', '.join(vectors)}"
@@ -151,13 +167,15 @@ def _rest(codec: Codec) -> list[str]:
 
 
 def _put(codec: Codec) -> Iterator[str]:
-    exact, others = codec.shown.exact, codec.shown.others
-    takes = [f"{name}: wide3" for name in exact] + [f"{name}: vec3" for name in others]
+    exact, moving = codec.fields.exact, codec.fields.moving
+    parameters = [f"{name}: wide3" for name in exact] + [f"{name}: vec3" for name in moving]
     yield "@func"
-    yield f"def put(p: Words, i: int, {', '.join(takes)}{', more: real' if codec.shown.rest else ''}):"
-    wide = [f"{name}[{c}]" for name in exact for c in range(3)]
-    numbers = [f"halved({one}, {half})" for one in wide for half in (0, 1)] if codec.mixed else wide
-    numbers += [f"{name}[{c}]" for name in others for c in range(3)] + (["more"] if codec.rest else [])
+    yield f"def put(p: Words, i: int, {', '.join(parameters)}{', rest: real' if codec.fields.rest else ''}):"
+    wide_numbers = [f"{name}[{c}]" for name in exact for c in range(3)]
+    numbers = wide_numbers
+    if codec.mixed:
+        numbers = [f"halved({number}, {half})" for number in wide_numbers for half in (0, 1)]
+    numbers = [*numbers, *(f"{name}[{c}]" for name in moving for c in range(3)), *(["rest"] if codec.rest else [])]
     for k in range(codec.words):
-        own = numbers[k * codec.numbers : (k + 1) * codec.numbers]
-        yield f"    store_word(p, i * {codec.words}{f' + {k}' if k else ''}, word({', '.join(own)}))"
+        word_numbers = numbers[k * codec.numbers : (k + 1) * codec.numbers]
+        yield f"    store_word(p, i * {codec.words}{f' + {k}' if k else ''}, word({', '.join(word_numbers)}))"

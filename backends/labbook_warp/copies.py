@@ -13,13 +13,14 @@ _COPIES = 20
 
 @lru_cache(maxsize=16)
 def present_bandwidth(name: str) -> float | None:
-    """Measure the bandwidth of the device `name`, once in a process; None on a CPU, or if too little memory is free."""
+    """Measure the bandwidth of the device `name` [bytes/s], once a process; None on a CPU, or with too little free
+    memory."""
     device = devices.find(name)
     return bandwidth(device) if (devices.free(device) or 0) > 4 * _COPIED else None
 
 
 def bandwidth(device: wp.Device) -> float:
-    """Bytes read and written per second by a plain copy of words of 16 bytes; 0 on a CPU, which it does not limit."""
+    """Bytes read and written per second by a copy of words of 16 bytes; 0 on a CPU, where it is no limit."""
     if not device.is_cuda:
         return 0.0
     count = _COPIED // _WORD

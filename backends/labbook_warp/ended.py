@@ -1,4 +1,4 @@
-"""The end of a member: what its slot held, from which packing and checkpoint follow in any process."""
+"""State of a member at its end, from which packing and checkpoint follow in any process."""
 
 from dataclasses import dataclass
 from functools import cached_property
@@ -13,16 +13,16 @@ from labbook_warp.arrays import SlotState
 
 @dataclass(frozen=True, eq=False)
 class SlotEnd:
-    """See `labbook.backend.EndState`.
+    """Arrays of a slot at the end of its member; see `labbook.backend.EndState`.
 
     Attributes:
-        maker: Name and version of the backend.
-        state: Arrays of the slot.
-        numbers: Numbers that belong to the checkpoint.
-        past_work: Work [J] of contacts on grains that have no row any more.
-        scene: Scene of the member.
-        v: Velocities at the whole step [m/s], by row, shape [n, 3].
-        m: Reduced angular momenta at the whole step [rad/s], by row, shape [n, 3].
+        maker: name and version of the backend.
+        state: arrays of the slot.
+        numbers: numbers of the checkpoint.
+        past_work: work [J] of contacts on grains without a row.
+        scene: scene of the member.
+        v: velocities at the whole step [m/s], by row, shape [n, 3].
+        m: reduced angular momenta at the whole step [rad/s], by row, shape [n, 3].
     """
 
     maker: tuple[str, int]

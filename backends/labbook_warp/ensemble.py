@@ -30,7 +30,8 @@ GUARDS = {0: "state", 1: "speed", 2: "state", 3: "overlap"}
 
 
 class Ensemble(ensemble.Ensemble[ReadableRun]):
-    """See `labbook.backend.Ensemble`. Members get their slots, all at once, when something is first asked of them."""
+    """Members on one device; see `labbook.backend.Ensemble`. They get their slots together at the first use of one of
+    them."""
 
     def __init__(
         self, capabilities: Capabilities, spec: Spec, device: wp.Device, slots: int | None, lanes: int | None
@@ -50,8 +51,11 @@ class Ensemble(ensemble.Ensemble[ReadableRun]):
         return run
 
     def advance(self, beats: int = 1) -> Sequence[Event]:
-        """Let every member take `beats` beats; those that failed or emptied rest. Raises MemoryError, and what
-        `labbook.backend.Ensemble` raises."""
+        """Take `beats` beats with every member; failed and empty ones rest.
+
+        Raises:
+            MemoryError: larger arrays do not fit.
+        """
         with self._stage.within_memory():
             return self._advance(beats)
 
@@ -59,62 +63,65 @@ class Ensemble(ensemble.Ensemble[ReadableRun]):
         self._stage.seat()
         events: list[Event] = []
         for _ in range(beats):
-            going = self._going()
-            if not going:
+            active = self._going()
+            if not active:
                 break
             self._stage.close_up()
-            self._beat(list(going.values()))
-            with self._reading(going.values()):
-                self._keep(self._observed(going))
-                for member, run in going.items():
+            self._beat(list(active.values()))
+            with self._reading(active.values()):
+                self._keep(self._observed(active))
+                for member, run in active.items():
                     events += self._events(member, run)
         return events
 
     def _reading(self, runs: Collection[ReadableRun]) -> AbstractContextManager[None]:
-        """Copies what is read of these runs together."""
+        """Return a context in which data of these runs are copied together."""
         return self._stage.arrays.reading([run.slot for run in looking(runs, self._spec.steps_per_beat)])
 
     def _beat(self, runs: list[ReadableRun]) -> None:
         """Take a beat with these members.
 
-        Lists that were late may have let a grain fail, which runs into another unseen. So a failure counts only if it
-        comes again with lists checked at every step.
+        A late list may cause a false failure: a grain runs into another one unseen. So a failure counts only if it
+        happens again with lists checked at every step.
         """
-        failed = self._attempt(runs)
+        failed = self._try_beat(runs)
         if failed:
             with self._stage.checking_every_step():
-                for run, word in self._attempt(list(failed)).items():
-                    self._fails(run, word)
+                for run, word in self._try_beat(list(failed)).items():
+                    self._set_failure(run, word)
 
-    def _attempt(self, runs: list[ReadableRun]) -> Mapping[ReadableRun, int]:
-        """Take a beat with these members; those whose lists were short or late take it again. What failed, if anything,
-        of those that are back at its beginning."""
+    def _try_beat(self, runs: list[ReadableRun]) -> Mapping[ReadableRun, int]:
+        """Take a beat with these members, and repeat it for those whose lists were late or too short.
+
+        Returns:
+            Failures of the members that failed, which are back at the beginning of the beat.
+        """
         stage, failed = self._stage, {}
         while runs:
             report = self._take(runs)
-            again = []
+            to_repeat = []
             for run in runs:
-                said = report[run.slot]
-                if said.well:
-                    run.left = said.left
+                report_of_slot = report[run.slot]
+                if report_of_slot.valid:
+                    run.left = report_of_slot.left
                     run.step += self._spec.steps_per_beat
                     run.crossed = report.crossings(run.slot)
                     continue
-                if said.fail == NO_FAILURE:
-                    again.append(run)
+                if report_of_slot.fail == NO_FAILURE:
+                    to_repeat.append(run)
                 else:
-                    failed[run] = said.fail
+                    failed[run] = report_of_slot.fail
                 stage.restore(run)
-            if any(report[run.slot].late for run in again):
-                stage.check_oftener()
-            elif all(report[run.slot].well for run in runs):
+            if any(report[run.slot].late for run in to_repeat):
+                stage.check_more_often()
+            elif all(report[run.slot].valid for run in runs):
                 stage.was_calm()
-            stage.make_room(report, again)
-            runs = again
+            stage.make_room(report, to_repeat)
+            runs = to_repeat
         return failed
 
     def _take(self, runs: Sequence[ReadableRun]) -> Report:
-        """Take a beat with these members, and the frames that are due within it."""
+        """Take a beat with these members, and read the frames that are due within it."""
         due: dict[int, list[ReadableRun]] = defaultdict(list)
         for run in runs:
             run.frames.clear()
@@ -123,14 +130,14 @@ class Ensemble(ensemble.Ensemble[ReadableRun]):
         stops = iter(sorted(due))
 
         def look() -> None:
-            filmed = due[next(stops)]
-            with self._stage.arrays.reading([run.slot for run in filmed]):
-                for run in filmed:
+            runs_to_read = due[next(stops)]
+            with self._stage.arrays.reading([run.slot for run in runs_to_read]):
+                for run in runs_to_read:
                     run.take_frames()
 
         return self._stage.beat(runs, sorted(due), look)
 
-    def _fails(self, run: Run, word: int) -> None:
+    def _set_failure(self, run: Run, word: int) -> None:
         step, guard, grain = word >> 26, GUARDS[word >> 24 & 3], word & (MOST_GRAINS - 1)
         value = self._stage.bad_value(run, grain)
         value = math.inf if value > NO_NUMBER else value
@@ -138,7 +145,7 @@ class Ensemble(ensemble.Ensemble[ReadableRun]):
         run.failure = ensemble.Failure(guard, step, grain, message)
 
     def retire(self, member: Member) -> None:
-        """Drop a member; its slot is free."""
+        """Drop a member and free its slot."""
         self._stage.leave(self._runs[member])
         super().retire(member)
 
@@ -154,15 +161,15 @@ class Ensemble(ensemble.Ensemble[ReadableRun]):
     def bed(self, member: Member) -> Packing:
         """See `labbook.backend.Ensemble`."""
         run = self._runs[member]
-        now = run.look()
-        own: dict[str, Any] = now.bodies.carried(run.scene.grains) if now.bodies else {}
-        return Packing(x=now.x, v=now.v, omega=now.w, q=now.q, ids=now.ids, **own)
+        grains = run.look()
+        varied: dict[str, Any] = grains.bodies.carried(run.scene.grains) if grains.bodies else {}
+        return Packing(x=grains.x, v=grains.v, omega=grains.w, q=grains.q, ids=grains.ids, **varied)
 
     def _put_back(self, returning: Sequence[tuple[ReadableRun, Packing, np.ndarray]]) -> None:
         self._view.put_back(returning)
 
     def load(self) -> Load:
-        """What a grain-step comes to now; see `labbook.backend.Load`."""
+        """Cost of a grain-step now; see `labbook.backend.Load`."""
         return weigh(self._stage)
 
     def close(self) -> None:

@@ -1,4 +1,4 @@
-"""Which arrays an ensemble has, how long they are, and what they come to in bytes."""
+"""Arrays of an ensemble: names, lengths and memory."""
 
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -14,7 +14,18 @@ from labbook_warp.shapes import SHAPES
 
 @dataclass(frozen=True)
 class Sizes:
-    """What arrays are made for; see `labbook_warp.kernels.system`."""
+    """Sizes of arrays; see `labbook_warp.kernels.system`.
+
+    Attributes:
+        slots: slots.
+        cap: rows a slot.
+        near: neighbours a grain.
+        walls: walls a member.
+        cells: cells a slot.
+        depth: grains a cell.
+        parts: entries a wall of each grain.
+        shape: shape of the grains.
+    """
 
     slots: int
     cap: int
@@ -25,7 +36,7 @@ class Sizes:
     parts: int
     shape: str
     listed: bool
-    """Whether members have more walls than a grain has entries for."""
+    """True if members have more walls than a grain has entries for."""
 
     @property
     def seats(self) -> int:
@@ -39,14 +50,14 @@ class Sizes:
 
     @property
     def entries(self) -> dict[str, int]:
-        """How many entries a grain the kinds of arrays below have."""
+        """Numbers of entries a grain of the kinds of arrays below."""
         return {"one": 1, "near": self.near, "walls": self.seats * self.parts, "seats": self.seats}
 
     def holds(self, sizes: "Sizes") -> bool:
-        """Return whether each slot has room for all that a slot of `sizes` has."""
-        alike = (self.parts, self.shape, self.listed) == (sizes.parts, sizes.shape, sizes.listed)
+        """Return True if each slot has room for all that a slot of `sizes` has."""
+        same_kind = (self.parts, self.shape, self.listed) == (sizes.parts, sizes.shape, sizes.listed)
         return (
-            alike
+            same_kind
             and self.slots >= sizes.slots
             and self.cap >= sizes.cap
             and all(self.entries[kind] >= sizes.entries[kind] for kind in sizes.entries)
@@ -54,19 +65,21 @@ class Sizes:
 
     @property
     def contacts(self) -> int:
-        """Rows of contacts for which there is room."""
+        """Capacity in rows of contacts."""
         at_walls = max(6, 2 * self.parts if self.parts == MESH_CONTACTS else 0)
         return self.rows * (self.near // 2 + min(self.walls * self.parts, at_walls)) + 1
 
 
 def state(shape: str, varied: bool, listed: bool, rolling: bool, meshes: bool) -> dict[str, str]:
-    """Arrays that make up a member's state, beside its words, and which of `Sizes.entries` each has; rolling: whether
-    contacts have rolling springs; meshes: whether a wall consists of triangles."""
-    more = dict(SHAPES[shape].state) | (OF_MIXTURES if varied else {}) | (OF_MANY_WALLS if listed else {})
-    return STATE | more | (OF_ROLLING if rolling else {}) | (OF_MESHES if meshes else {})
+    """Names of a member's state arrays, except its words, with their kinds of `Sizes.entries`.
+
+    rolling: contacts have rolling springs; meshes: a wall consists of triangles.
+    """
+    further = dict(SHAPES[shape].state) | (OF_MIXTURES if varied else {}) | (OF_MANY_WALLS if listed else {})
+    return STATE | further | (OF_ROLLING if rolling else {}) | (OF_MESHES if meshes else {})
 
 
-# arrays of grains that make up a member's state, and their entries a grain
+# State arrays of grains and their kinds of entries. Their names are also those of checkpoints: they stay.
 STATE = {
     "ids": "one",
     "gone": "one",
@@ -87,7 +100,7 @@ OF_ROLLING = {"rolling": "near", "wall_rolling": "walls"}
 OF_MESHES = {"wall_feature": "walls"}
 BESIDE = ("beside", "wall_touching", "wall_force", "wall_torque", "wall_deep")
 BESIDE_FINE = ("wall_fine_force", "wall_fine_torque")
-SCRATCH = {"found": "one", "new_nbr": "near", "new_key": "near", "new_spring": "near", "bad": "one"}
+SCRATCH = {"new_count": "one", "new_nbr": "near", "new_key": "near", "new_spring": "near", "bad": "one"}
 SCRATCH_OF_ROLLING = {"new_rolling": "near"}
 EXTREMES = ("most_deep", "most_speed2")
 OF_SLOTS = ("rows", "material", "place", "step", "flag", "late", "rebuilds", "left", "fail", *EXTREMES)
@@ -95,14 +108,14 @@ OF_WALLS = ("wall_kind", "wall_motion")
 WORDS_OF_STATE = ("p", "q")
 OF_SHAPES = tuple(dict.fromkeys(name for shape in SHAPES.values() for name in shape.state))
 SOMETIMES = (*OF_SHAPES, *OF_MANY_WALLS, *OF_ROLLING, *OF_MESHES)
-"""Arrays that are copied aside where there are any."""
+"""Optional arrays that are backed up."""
 COPIED = ("p", *(name for name in STATE if name != "ids"), *SOMETIMES, "rebuilds", "left", *EXTREMES)
-"""Arrays that are copied aside before every beat."""
+"""Arrays that are backed up before every beat."""
 
 
 @dataclass(frozen=True)
 class ArrayShape:
-    """Of one array."""
+    """Name, type and length of one array."""
 
     name: str
     dtype: Any
@@ -110,16 +123,16 @@ class ArrayShape:
 
     @property
     def bytes(self) -> int:
-        """Memory that it takes, with its copy if it has one."""
+        """Memory, including the backup if there is one."""
         return self.length * wp.types.type_size_in_bytes(self.dtype) * (2 if self.name in COPIED else 1)
 
 
 def shapes(module: ModuleType, sizes: Sizes, crossings: bool) -> Iterator[ArrayShape]:
-    """All arrays. module: the kernels' module, which knows the types; crossings: whether they are recorded."""
+    """Yield all arrays. module: kernel module, which knows the types; crossings: rows of crossings are recorded."""
     rows, slots = sizes.rows, sizes.slots
-    mine = state(sizes.shape, module.VARIED, sizes.listed, module.ROLLING_SPRING, module.MESHES)
+    own_state = state(sizes.shape, module.VARIED, sizes.listed, module.ROLLING_SPRING, module.MESHES)
     scratch = SCRATCH | (SCRATCH_OF_ROLLING if module.ROLLING_SPRING else {})
-    lengths = {name: rows * sizes.entries[of] for name, of in (mine | scratch).items()}
+    lengths = {name: rows * sizes.entries[of] for name, of in (own_state | scratch).items()}
     lengths |= {name: rows if module.APART else 1 for name in BESIDE}
     lengths |= {name: rows if module.APART and module.FINE else 1 for name in BESIDE_FINE} | {"beside_count": 2 * slots}
     lengths |= dict.fromkeys(OF_SLOTS, slots)
@@ -149,5 +162,5 @@ def contact_rows(module: ModuleType) -> int:
 
 
 def memory(module: ModuleType, sizes: Sizes, crossings: bool) -> int:
-    """Bytes of all arrays, their copies included."""
+    """Bytes of all arrays, backups included."""
     return sum(shape.bytes for shape in shapes(module, sizes, crossings))

@@ -1,4 +1,4 @@
-"""A member, as probes see it."""
+"""Members as probes read them."""
 
 import math
 from collections.abc import Mapping
@@ -20,7 +20,7 @@ from labbook_warp.view import DeviceView
 
 @dataclass(eq=False)
 class ReadableRun(Run, Standing):
-    """A run, and the view through which it is read; see `labbook_dem.reading.Readable`."""
+    """Run with the view that reads it; see `labbook_dem.reading.Readable`."""
 
     view: DeviceView = field(kw_only=True)
 
@@ -41,7 +41,7 @@ class ReadableRun(Run, Standing):
         return self.view.packing(self)
 
     def end_state(self) -> EndState:
-        """The state in which it ends."""
+        """State at the end of the member."""
         return self.view.end_state(self)
 
     def present(self) -> np.ndarray:
@@ -61,25 +61,25 @@ class ReadableRun(Run, Standing):
         return self.crossed
 
     def look(self, moving: bool = True, inside: Inside | None = None) -> Grains:
-        """Its grains; v, w and m are half a step old unless `moving`."""
+        """Return its grains; v, w and m are half a step old unless `moving`."""
         arrays, slot, n = self.view.stage.arrays, self.slot, self.rows
         state = arrays.of_slot(slot, n)
         x, v_half, m_half, q = state.states()
         v, m = self.view.whole_step(self) if moving else (v_half, m_half)
         ids = arrays.read("ids", slot, n).astype(np.int64)
-        order = transfer.here(x, ids, inside)
+        order = transfer.present_rows(x, ids, inside)
         m, now = m[order], None if q is None else q[order]
         bodies = transfer.bodies(state, self.scene, order)
         w = spins(self.scene.grains, m, now)
         return Grains(ids[order], x[order], v[order], w, m, v_half[order], m_half[order], now, bodies)
 
     def layer(self, slab: Slab) -> SlabGrains:
-        """Its grains in a slab."""
+        """Return its grains in a slab."""
         rows = self.view.layer(self, slab)
         return SlabGrains(rows[:, 0].astype(np.int64), rows[:, 1:4], rows[:, 4:])
 
     def contacts(self) -> np.ndarray:
-        """Its touching contacts."""
+        """Return its touching contacts."""
         return self.view.contacts(self)
 
     def wall_sums(self, probe: Traction) -> np.ndarray:
@@ -87,7 +87,7 @@ class ReadableRun(Run, Standing):
         return self.view.wall_sums(self, probe)
 
     def counted(self) -> Mapping[str, float]:
-        """What the kernels counted; see `labbook_dem.reading.Readable`."""
+        """Return the totals that the kernels counted; see `labbook_dem.reading.Readable`."""
         arrays, slot, n = self.view.stage.arrays, self.slot, self.rows
         pairs, walls = (int(np.bitwise_count(arrays.read(name, slot, n)).sum()) for name in ("held", "wall_held"))
         return {

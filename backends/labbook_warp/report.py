@@ -1,4 +1,4 @@
-"""What a beat left behind."""
+"""Report of a beat: failures, late lists, overflows and crossings by slot."""
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
@@ -11,9 +11,17 @@ from labbook_warp.kernels.words import NO_FAILURE, REPORTED
 
 
 @dataclass(frozen=True)
-class Said:
-    """What a beat left behind in a slot. near, depth, walls: entries of a list, of a cell and at walls that would have
-    been needed, where they did not fit."""
+class SlotReport:
+    """Events of a beat in one slot.
+
+    Attributes:
+        fail: first failure as a word (`kernels.step.record_failure`), or NO_FAILURE.
+        late: a grain moved farther than half of the skin before its list was rebuilt.
+        near: needed entries of a neighbour list, 0 if they fitted.
+        depth: needed entries of a cell, 0 if they fitted.
+        walls: needed entries at walls, 0 if they fitted.
+        left: grains that have left so far.
+    """
 
     fail: int
     late: bool
@@ -24,46 +32,50 @@ class Said:
 
     @property
     def crowded(self) -> bool:
-        """Whether lists or cells were too short."""
+        """True if lists or cells overflowed."""
         return self.near > 0 or self.depth > 0 or self.walls > 0
 
     @property
-    def well(self) -> bool:
-        """Whether the beat is valid: no failure, no late list, no overflow."""
+    def valid(self) -> bool:
+        """True if the beat is valid: no failure, no late list, no overflow."""
         return self.fail == NO_FAILURE and not (self.late or self.crowded)
 
 
 @dataclass(frozen=True)
 class Report:
-    """What a beat left behind. rows: of crossings, id, step, time, x, y, z, vx, ..., wz, and of rods qw, ..., qz, those
-    of each slot together; first: where those of a slot begin, and where the last end."""
+    """Events of a beat.
 
-    slots: Sequence[Said]
+    Attributes:
+        slots: reports of all slots.
+        rows: crossings, sorted by slot: id, step, time [s], x, y, z [m], vx ... wz, and of rods qw ... qz.
+        first: first row of each slot, and the end of the last.
+    """
+
+    slots: Sequence[SlotReport]
     rows: np.ndarray
     first: np.ndarray
 
-    def __getitem__(self, slot: int) -> Said:
+    def __getitem__(self, slot: int) -> SlotReport:
         return self.slots[slot]
 
     def crossings(self, slot: int) -> np.ndarray:
-        """Rows of crossings of a slot, in the order of steps and ids."""
+        """Return the rows of crossings of a slot, sorted by step and id."""
         return self.rows[self.first[slot] : self.first[slot + 1]]
 
     def needed(self, slots: Iterable[int]) -> tuple[int, int, int]:
-        """Entries of a list, of a cell and at walls that these slots would have needed beyond what fits; 0 where all
-        fitted."""
-        said = [(one.near, one.depth, one.walls) for one in (self.slots[slot] for slot in slots)]
-        near, depth, walls = np.max([(0, 0, 0), *said], axis=0).tolist()
+        """Return the needed entries of a neighbour list, of a cell and at walls in these slots; 0 where all fitted."""
+        needed = [(report.near, report.depth, report.walls) for report in (self.slots[slot] for slot in slots)]
+        near, depth, walls = np.max([(0, 0, 0), *needed], axis=0).tolist()
         return near, depth, walls
 
 
-def collect(arrays: Arrays, told: Any) -> Report:
-    """Read what the last beat left behind. told: how many grains crossed, and what `end` has written of each slot."""
-    numbers = fetch(told)
+def collect(arrays: Arrays, report: Any) -> Report:
+    """Read the report of the last beat. report: number of crossings, and the numbers that `finish_beat` wrote."""
+    numbers = fetch(report)
     crossed = int(numbers[0])
     columns = arrays.module.COLUMNS
     rows = fetch(arrays.system.cross, 0, columns * crossed).reshape(-1, columns)
     slots = numbers[1:].reshape(-1, REPORTED).tolist()
-    said = [Said(fail, bool(late), near, depth, walls, left) for fail, late, near, depth, walls, left in slots]
+    reports = [SlotReport(fail, bool(late), near, depth, walls, left) for fail, late, near, depth, walls, left in slots]
     rows = rows[np.lexsort((rows[:, 1], rows[:, 2], rows[:, 0]))]
-    return Report(said, rows[:, 1:], np.searchsorted(rows[:, 0], np.arange(len(said) + 1)))
+    return Report(reports, rows[:, 1:], np.searchsorted(rows[:, 0], np.arange(len(reports) + 1)))

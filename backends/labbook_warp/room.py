@@ -1,4 +1,4 @@
-"""How large arrays have to be, how many members a device can hold, and which kernels suit them."""
+"""Sizes of arrays, capacity of a device, and the kernels that suit both."""
 
 from collections.abc import Collection
 from dataclasses import replace
@@ -14,31 +14,34 @@ from labbook.scene import Scene
 from labbook_warp import devices
 from labbook_warp.build import kernels
 from labbook_warp.layout import Sizes, memory, shapes
-from labbook_warp.parameters import most_cells
+from labbook_warp.parameters import max_cells
 from labbook_warp.run import Run
 from labbook_warp.shapes import SHAPES
 from labbook_warp.spec import most_parts
 
-NEAR, DEPTH = 16, 8  # first guesses of neighbours a grain and grains a cell; both grow when they are too few
+NEAR, DEPTH = 16, 8  # initial capacities: neighbours a grain, grains a cell; both grow after an overflow
 MOST_NEAR = 32  # bits of a mask
 CACHE = 60_000_000
-"""Bytes of what a step moves that stay in a large GPU's second cache, about."""
+"""Bytes a step moves that stay in the second-level cache of a large GPU, about."""
 LARGE = 20_000
-"""Rows of a member from which on it pays to close up those of grains that have left."""
+"""Rows of a member from which on closing up the rows of grains that have left saves time."""
 SPARE = 8
-"""Rows of a member that is fed for each spare one."""
-LARGEST_INDEX = 2**31 - 1  # of an array, in kernels
+"""Rows of a fed member for each spare one."""
+LARGEST_INDEX = 2**31 - 1  # indices of arrays in kernels are signed, of 32 bits
 USED = 0.8
-"""Part of a device's free memory that members may fill; the rest is for what else goes on there."""
+"""Part of a device's free memory that members may fill; the rest is for other allocations."""
 
 
 def empty(spec: Spec, slots: int) -> Sizes:
-    """Sizes for nobody yet, in at least so many slots."""
+    """Sizes without members, for at least `slots` slots."""
     return Sizes(slots, 0, NEAR, 0, 0, DEPTH, most_parts(spec), spec.feature("shape"), spec.feature("LISTED"))
 
 
 def with_members(sizes: Sizes, seated: int, new: Collection[Run]) -> Sizes:
-    """Sizes for `seated` members that fit already, and new ones: of several, the next may be spread over more cells."""
+    """Sizes for new members beside `seated` ones that fit already.
+
+    With several slots some cells are spare, since later members may spread over more.
+    """
     cells = max(run.cells for run in new)
     return replace(
         sizes,
@@ -51,7 +54,7 @@ def with_members(sizes: Sizes, seated: int, new: Collection[Run]) -> Sizes:
 
 
 def with_spare_rows(sizes: Sizes, runs: Collection[Run]) -> Sizes:
-    """Sizes with rows for all grains of these members, and for some that come back beside those that have left."""
+    """Sizes with rows for all grains of these members, and for some that return beside those that have left."""
     rows = max(max(run.rows, run.scene.grains.count) for run in runs)
     return replace(sizes, cap=max(sizes.cap, rounded(rows + rows // SPARE)))
 
@@ -60,14 +63,21 @@ _INSTEAD = "use a thinner numerics.skin, or the backend numba, whose lists are o
 
 
 def rounded(grains: int) -> int:
-    """Rows for so many grains."""
+    """Number of rows for this many grains: a multiple of 32."""
     return max(32, -(-grains // 32) * 32)
 
 
 def grown(sizes: Sizes, near: int, depth: int, walls: int) -> Sizes:
-    """Sizes for lists of `near` neighbours and cells of `depth` grains, where these are not 0.
+    """Sizes with room for longer lists.
 
-    Raises Overflow where no lists are that long: for neighbours, and for `walls` that a grain is near, if not 0.
+    Args:
+        sizes: present sizes.
+        near: needed neighbours a grain, 0 if they fit.
+        depth: needed grains a cell, 0 if they fit.
+        walls: needed walls a grain, 0 if they fit.
+
+    Raises:
+        Overflow: lists of walls or of neighbours cannot be that long.
     """
     if walls:
         unite = ", or unite meshes into one part" if sizes.parts == MESH_CONTACTS else ""
@@ -79,8 +89,10 @@ def grown(sizes: Sizes, near: int, depth: int, walls: int) -> Sizes:
 
 
 def closed_up(sizes: Sizes, runs: Collection[Run]) -> Sizes:
-    """Sizes for one large member of which half of the grains have left: a row without a grain costs a part of a step,
-    and threads may then share grains. Else as they are."""
+    """Sizes without empty rows, for a single large member of which half of the grains have left; else `sizes`.
+
+    A row without a grain costs a part of a step, and with few rows threads may share grains.
+    """
     if sizes.slots > 1 or sizes.cap < LARGE:
         return sizes
     cap = max((rounded(run.grains) for run in runs), default=sizes.cap)
@@ -88,47 +100,59 @@ def closed_up(sizes: Sizes, runs: Collection[Run]) -> Sizes:
 
 
 def suitable(spec: Spec, sizes: Sizes, uniform: bool, lanes: int) -> ModuleType:
-    """The kernels for arrays of these sizes. uniform: whether all members have the same material."""
+    """Kernel module for arrays of these sizes.
+
+    Args:
+        spec: features.
+        sizes: sizes of the arrays.
+        uniform: all members have the same material.
+        lanes: threads a grain.
+    """
     precision, shape = spec.feature("precision"), SHAPES[sizes.shape]
     assert 2 * lanes <= sizes.near, "each thread asks for its first two neighbours, whether there are any or not"
-    many = lanes == 1
-    most = shape.registers[precision] if many else shape.registers_of_few[precision]
-    if many and "frustum" in spec.feature("walls"):
-        most += shape.registers_of_rims[precision]
-    # one launch more a step would cost more than it saves where grains are few, or walls are quickly met
-    of_walls = shape.registers_of_meshes if spec.feature("MESHES") else shape.registers_of_walls
-    apart = of_walls.get(precision, 0) if many and spec.feature("ANY_WALLS") else 0
-    far = sizes.rows * shape.bytes > CACHE
-    asked = shape.asked if many and far and spec.feature("FRICTION") else 0
-    assert not asked or asked + 2 <= sizes.near, "lines are asked for whether lists are as long or not"
-    return kernels(spec, uniform, lanes, most, apart=apart, asked=asked)
+    one_lane = lanes == 1
+    registers = shape.registers[precision] if one_lane else shape.registers_of_few[precision]
+    if one_lane and "frustum" in spec.feature("walls"):
+        registers += shape.registers_of_rims[precision]
+    # with few grains, or cheap contacts with walls, a second launch a step costs more than it saves
+    wall_registers = shape.registers_of_meshes if spec.feature("MESHES") else shape.registers_of_walls
+    apart = wall_registers.get(precision, 0) if one_lane and spec.feature("ANY_WALLS") else 0
+    uncached = sizes.rows * shape.bytes > CACHE
+    prefetched = shape.prefetch if one_lane and uncached and spec.feature("FRICTION") else 0
+    assert not prefetched or prefetched + 2 <= sizes.near, "lines are asked for whether lists are as long or not"
+    return kernels(spec, uniform, lanes, registers, apart=apart, asked=prefetched)
 
 
-def lanes(sizes: Sizes, device: wp.Device, asked: int | None) -> int:
-    """Threads a grain, a power of two; unless asked for, what is fastest. They decide no bit."""
+def lanes(sizes: Sizes, device: wp.Device, requested: int | None) -> int:
+    """Threads a grain, a power of two: the requested number, or the fastest. It decides no bit.
+
+    Threads that share a rod are at least as many as its parts: each part at a wall has its own.
+    """
     if not device.is_cuda:
         return 1
-    if asked:
+    if requested:
         shared = sizes.parts if PHYSICS[sizes.shape].oriented else 1
-        return max(asked, shared) if asked > 1 else 1
+        return max(requested, shared) if requested > 1 else 1
     return next((threads for rows, threads in SHAPES[sizes.shape].threads if sizes.rows <= rows), 1)
 
 
 def records_crossings(spec: Spec) -> bool:
-    """Whether rows of crossings are kept."""
+    """True if crossings are recorded."""
     return any(isinstance(probe, Crossing) for probe in spec.probes)
 
 
 def largest(spec: Spec, scene: Scene) -> Sizes:
-    """What one member of a scene may come to need."""
+    """Largest sizes that one member of a scene may need."""
     n = scene.grains.count
     walls, rows = len(scene.container.walls()), n if scene.feed is None else n + n // SPARE
-    return replace(empty(spec, 1), cap=rounded(rows), near=MOST_NEAR, walls=walls, cells=most_cells(n), depth=DEPTH + 4)
+    return replace(empty(spec, 1), cap=rounded(rows), near=MOST_NEAR, walls=walls, cells=max_cells(n), depth=DEPTH + 4)
 
 
 def capacity(spec: Spec, scene: Scene, device: wp.Device) -> int | None:
-    """How many members of a scene the device has memory for, and kernels can index, at least one; None where nothing
-    limits them."""
+    """Number of members of a scene that fit into the free memory and the indices of kernels, at least 1.
+
+    None on a device without a limit.
+    """
     free = devices.free(device)
     if free is None:
         return None

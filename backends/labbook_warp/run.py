@@ -1,4 +1,4 @@
-"""One running scene: where it stands, and what it was started from."""
+"""State of a member on the host: its progress and its start."""
 
 import math
 from collections.abc import Sequence
@@ -19,7 +19,15 @@ from labbook_warp.shapes import SHAPES
 
 @dataclass(eq=False)
 class Run:
-    """A member. `begin`: what it starts from, until it has a slot."""
+    """A member of an ensemble.
+
+    Attributes:
+        begin: packing or checkpoint to start from, until the member has a slot.
+        slot: number of its slot, -1 without one.
+        rows: rows of its slot, including grains that have left.
+        left: grains that have left, of these rows.
+        names: names of its walls.
+    """
 
     scene: Scene
     numerics: Numerics
@@ -28,18 +36,18 @@ class Run:
     slot: int = -1
     rows: int = 0
     near: int = 0
-    """Neighbours a grain for which the lists that it starts with have room."""
+    """Capacity of the neighbour lists of its checkpoint, 0 for a packing."""
     left: int = 0
     step: int = 0
     failure: Failure | None = None
     names: list[str] = field(default_factory=list)
     rebuilds: int = 0
-    most: tuple[float, float] = (0.0, 0.0)
-    """Largest overlap [m] so far, and square of the largest speed, as it gets its slot."""
+    start_extremes: tuple[float, float] = (0.0, 0.0)
+    """Largest overlap [m] and square of the largest speed [m^2/s^2] at the time it gets a slot."""
     past_work: np.ndarray = field(default_factory=lambda: np.zeros(0))
-    """Work [J] of contacts on grains that have no row any more."""
+    """Work [J] of contacts on grains without a row."""
     lattice: tuple[int, ...] = ()
-    """Cells along x, y, z."""
+    """Numbers of cells along x, y, z."""
     crossed: np.ndarray = field(default_factory=lambda: np.zeros((0, 12)))
     """Rows of crossings of the last beat."""
 
@@ -56,13 +64,13 @@ class Run:
         self.lattice = lattice(positions, cell_size(self.scene, self.numerics), SHAPES[self.scene.grains.shape].reach)
 
     def takes_up(self, stored: Checkpoint) -> None:
-        """Stand where a checkpoint was taken; grains that had left by then have no row any more."""
+        """Take over the counters of a checkpoint, which has no rows of grains that had left."""
         arrays = stored.arrays
         self.rows, self.left, self.past_work = len(arrays["ids"]), 0, arrays["past_work"]
         self.near = len(arrays["nbr"])
         self.step, self.rebuilds = int(arrays["step"]), int(arrays["rebuilds"])
         deep, speed2 = arrays.get("most", (UNKNOWN, UNKNOWN))
-        self.most = float(deep), float(speed2)
+        self.start_extremes = float(deep), float(speed2)
 
     @property
     def grains(self) -> int:
@@ -71,7 +79,7 @@ class Run:
 
     @property
     def cells(self) -> int:
-        """Cells of its lattice."""
+        """Number of cells of its lattice."""
         return math.prod(self.lattice)
 
     def first_energy(self) -> float:

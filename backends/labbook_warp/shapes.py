@@ -1,4 +1,4 @@
-"""Which kernels a shape of grains has, how it lies in memory, and what suits it on a GPU."""
+"""Shapes of grains: their kernels, memory layout and tuning for GPUs."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -20,45 +20,47 @@ from labbook_warp.kernels import (
 
 @dataclass(frozen=True)
 class Shape:
-    """One shape. Numbers of registers are those of a thread, by precision; 0 leaves them to the compiler."""
+    """Kernels and layout of a shape. Numbers of registers are those of a thread, by precision; 0: the compiler's
+    choice."""
 
     kernels: tuple[ModuleType, ...]
-    """The modules that define what `labbook_warp.kernels.shape` lists."""
+    """Modules that define the functions of `labbook_warp.kernels.shape`."""
     mesh_kernels: tuple[ModuleType, ...]
     """The same for scenes with a mesh."""
-    shown: GrainFields
+    shared_fields: GrainFields
+    """Fields that other threads read."""
     state: Mapping[str, str]
-    """Arrays of its state beside those that all shapes have; see `labbook_warp.layout.state`."""
+    """Further state arrays; see `labbook_warp.layout.state`."""
     reach: int
-    """How many cells away a neighbour may be: rods have small cells, since most of what is within a length of them is
-    not listed."""
+    """Cells to the farthest neighbour, along each axis: rods have small cells, since most grains within a length of
+    them are not listed."""
     threads: tuple[tuple[int, int], ...]
-    """Threads a grain up to so many grains on a large GPU, and one where there are more. Each part of a rod that may
-    touch a wall has a thread of its own, where threads share it."""
+    """Pairs of rows and threads a grain up to so many rows on a large GPU; one thread beyond. Each part of a rod at a
+    wall has a thread of its own, if threads share it."""
     registers: Mapping[str, int]
-    """Of the step, where grains are many."""
+    """Registers of the step with one thread a grain."""
     registers_of_few: Mapping[str, int]
-    """The same where threads share grains."""
+    """Registers of the step with several threads a grain."""
     registers_of_rims: Mapping[str, int]
-    """How many more, where a grain may meet a wall that is round."""
+    """Further registers if a grain may meet a round wall."""
     registers_of_walls: Mapping[str, int]
-    """Of a kernel that meets walls apart from the step, where that pays; none: walls are met in the step."""
+    """Registers of the separate kernel of walls, if it saves time; empty: walls are part of the step."""
     registers_of_meshes: Mapping[str, int]
     """The same in scenes with a mesh."""
     bytes: int
-    """What a step moves for a grain, about."""
-    asked: int
-    """Entries of a list that are asked for beforehand, where lists do not stay in the GPU's cache. (Of a rod in double
-    as many as 32 lines hold, some four.)"""
+    """Bytes that a step moves for a grain, about."""
+    prefetch: int
+    """Entries of a list to prefetch if lists do not stay in the GPU's cache. (For a rod in double precision, the 32
+    lines of a warp hold some four.)"""
     unroll: int
-    """Loops that are longer are compiled as loops."""
+    """Longest loop that is unrolled."""
 
 
 SHAPES = {
     "sphere": Shape(
         kernels=(spheres, sphere_walls),
         mesh_kernels=(spheres, meshes, mesh_walls),
-        shown=GrainFields(("x",), ("v", "w", "u"), rest=True),
+        shared_fields=GrainFields(("x",), ("v", "w", "u"), rest=True),
         state={},
         reach=1,
         threads=((5_000, 8), (15_000, 4), (42_000, 2)),
@@ -68,13 +70,13 @@ SHAPES = {
         registers_of_walls={},
         registers_of_meshes={"mixed": 128, "double": 168},
         bytes=240,
-        asked=6,
+        prefetch=6,
         unroll=16,
     ),
     "spherocylinder": Shape(
         kernels=(rods, rod_walls, rod_contacts, rod_plates),
         mesh_kernels=(rods, rod_walls, rod_contacts, meshes, rod_meshes),
-        shown=GrainFields(("x", "axis"), ("v", "w", "u", "y"), rest=False),
+        shared_fields=GrainFields(("x", "axis"), ("v", "w", "u", "y"), rest=False),
         state={"facing": "one", "turned": "one", "momentum": "one"},
         reach=2,
         threads=((5_600, 8), (50_000, 4)),
@@ -84,8 +86,8 @@ SHAPES = {
         registers_of_walls={"mixed": 128, "double": 168},
         registers_of_meshes={"mixed": 128, "double": 168},
         bytes=480,
-        asked=8,
+        prefetch=8,
         unroll=1,
     ),
 }
-"""Shapes by the names that scenes know."""
+"""Shapes by the names of scenes."""

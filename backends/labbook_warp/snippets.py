@@ -1,6 +1,6 @@
-"""What Warp has no words for, in C++: for the GPU, and the same for the processor. `dialect` gives it its names."""
+"""C++ for operations that Warp lacks: a variant for the GPU and an equivalent for the processor (names: `dialect`)."""
 
-# A word is 16 bytes: one load, through the read-only path (a step never writes the words that it reads).
+# A word is 16 bytes: one load, through the read-only cache (a step never writes the words that it reads).
 LOAD = """
 #if defined(__CUDA_ARCH__)
     {vector} t = __ldg(reinterpret_cast<const {vector}*>(array.data + k)); return {type}({parts});
@@ -15,8 +15,8 @@ STORE = """
     array.data[k] = v;
 #endif
 """
-# The same where a launch takes several steps: the next one writes them. Which array it is, is chosen in the kernel, so
-# that a compiler has to be told that it is global memory.
+# For launches of several steps, where the next step writes these words. The kernel selects the array at run time, so
+# the compiler must be told that it is in global memory.
 LOAD_CHANGING = """
 #if defined(__CUDA_ARCH__)
     __builtin_assume(__isGlobal(array.data + k));
@@ -26,9 +26,9 @@ LOAD_CHANGING = """
 #endif
 """
 STORE_CHANGING = STORE.replace("    *re", "    __builtin_assume(__isGlobal(array.data + k));\n    *re")
-# Without a look at whether an index counts from the end.
+# Without Warp's test for negative indices.
 LOAD_PLAINLY = " return array.data[k]; "
-# Of numbers that are not negative.
+# Quotient of non-negative numbers: unsigned division is cheaper.
 QUOTIENT = " return (int)((unsigned)i / (unsigned)n); "
 LOAD_INT = """
 #if defined(__CUDA_ARCH__)
@@ -37,7 +37,7 @@ LOAD_INT = """
     return array.data[k];
 #endif
 """
-# Four numbers as few loads or stores. Loads stay where they stand, as those below.
+# Four numbers in one or two instructions. The loads are volatile for the reason given at LOAD_NOW.
 LOAD_FOUR_SINGLES = """
 #if defined(__CUDA_ARCH__)
     float a, b, c, d;
@@ -73,8 +73,8 @@ STORE_FOUR_DOUBLES = """
     array.data[k] = v;
 #endif
 """
-# A load that stays where it stands: compilers would put it off to where the number is needed, and then wait for it.
-# What a kernel stores to the same place depends on what it has loaded, so that no store can come before.
+# A load that the compiler does not move: it would delay it to the first use, and then wait for memory. A store to the
+# same place depends on the loaded value, so no store can overtake the load.
 LOAD_NOW = """
 #if defined(__CUDA_ARCH__)
     int t; asm volatile("ld.volatile.global.s32 %0, [%1];" : "=r"(t) : "l"(array.data + k)); return t;
@@ -82,7 +82,7 @@ LOAD_NOW = """
     return array.data[k];
 #endif
 """
-# Approximate arithmetic treats the tiniest singles as zero, and looks for them in every conversion: not in these.
+# With fast math, compilers flush subnormal singles to zero and test for them in every conversion; these do not.
 ROUNDED = """
 #if defined(__CUDA_ARCH__)
     float s; asm("cvt.rn.f32.f64 %0, %1;" : "=f"(s) : "d"(v)); return s;
@@ -97,8 +97,8 @@ WIDENED = """
     return (double)v;
 #endif
 """
-SAME = " return v; "
-# Sum (elsewhere: bits, largest) over the `lanes` neighbouring threads that share a grain.
+IDENTITY = " return v; "
+# Sum over the `lanes` neighbouring threads that share a grain; `dialect` derives `or` and maximum from it.
 ADD_LANES = """
 #if defined(__CUDA_ARCH__)
     unsigned lane = threadIdx.x & 31u;
@@ -107,10 +107,10 @@ ADD_LANES = """
 #endif
     return v;
 """
-# Lists that have not stayed in a cache come from afar, and loads wait for them. So the threads of 32 grains in a row
-# ask beforehand for a line of 128 bytes each: of springs, and of the neighbours two entries on, since the step knows of
-# the first two by then. at: where the list of this thread's grain begins; entries: for how many, as far as 32 lines go.
-ASK_FOR_LISTS = """
+# Lists that are not in a cache come from device memory, and loads wait for them. So each thread of a warp prefetches a
+# line of 128 bytes for its 32 grains: of springs, and of neighbours from the third entry on, since the step has already
+# loaded the first two. at: first entry of this thread's list; entries: number to prefetch, as far as 32 lines reach.
+PREFETCH_LISTS = """
 #if defined(__CUDA_ARCH__)
     const int l = threadIdx.x & 31;
     const int lines = sizeof(*springs.data) / 4;
@@ -121,7 +121,7 @@ ASK_FOR_LISTS = """
     if (entry < entries) asm volatile("prefetch.global.L2 [%0];" :: "l"(there));
 #endif
 """
-# What Warp gives is worked out in 64 bits, for launches of any shape. This is the same for all that have one dimension.
+# Warp computes the thread's number in 64 bits, for launches of any shape. This is cheaper, and equal in one dimension.
 THIS_THREAD = """
 #if defined(__CUDA_ARCH__)
     return (int)(((blockIdx.z * gridDim.y + blockIdx.y) * gridDim.x + blockIdx.x) * blockDim.x + threadIdx.x);
@@ -129,10 +129,10 @@ THIS_THREAD = """
     return i;
 #endif
 """
-# In a launch whose blocks are all on the device at once: no thread goes on before all have come, and then it sees what
-# they had stored. The counter's highest bit turns as the last block comes, so that it never has to be set back; it
-# cannot turn before this block has come itself. Looking at it leaves the first cache alone, which other blocks still
-# use; the fence empties it, once.
+# Barrier of all blocks of a launch, which must all be resident: no thread continues before all have arrived, and then
+# it sees their stores. The highest bit of the counter flips as the last block arrives, so it is never reset; it cannot
+# flip before this block has arrived. Polling bypasses the first-level cache, which other blocks still use; the fence
+# invalidates it once.
 WAIT_FOR_ALL = """
 #if defined(__CUDA_ARCH__)
     __syncthreads();

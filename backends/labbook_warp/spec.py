@@ -1,4 +1,4 @@
-"""From a scene to what is compiled for it. Nothing here needs Warp: plans ask for it where Warp is not installed."""
+"""Features of kernels from a scene. Nothing here needs Warp: plans use it without Warp installed."""
 
 from collections.abc import Sequence
 from dataclasses import replace
@@ -24,10 +24,14 @@ def plate_parts(spec: Spec) -> int:
 
 
 def specialise(capabilities: Capabilities, scene: Scene, numerics: Numerics, probes: Sequence[Probe]) -> Spec:
-    """Features compiled in; LISTED: whether there are more walls than a grain has entries for. Raises Unsupported."""
+    """Features compiled in. LISTED: there are more walls than a grain has entries for.
+
+    Raises:
+        Unsupported: the backend lacks a feature, or has too few numbers for the grains.
+    """
     if scene.grains.count > MOST_GRAINS:
         remedy = f"the backend warp numbers at most {MOST_GRAINS} grains; use fewer, or the backend numba"
         raise Unsupported("grains.count", remedy)
-    found = features.specialise(capabilities, scene, numerics, probes)
-    listed = len(scene.container.walls()) * most_parts(found) > MOST_CONTACTS
-    return replace(found, features=tuple(sorted((*found.features, ("LISTED", listed)))))
+    spec = features.specialise(capabilities, scene, numerics, probes)
+    listed = len(scene.container.walls()) * most_parts(spec) > MOST_CONTACTS
+    return replace(spec, features=tuple(sorted((*spec.features, ("LISTED", listed)))))

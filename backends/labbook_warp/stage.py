@@ -1,4 +1,4 @@
-"""The slots of an ensemble: members get their seats, in larger arrays if need be, and take beats."""
+"""Slots of an ensemble: members get their slots, in larger arrays if necessary, and take beats."""
 
 import math
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
@@ -26,71 +26,79 @@ from labbook_warp.poses import PoseTables
 from labbook_warp.report import Report, collect
 from labbook_warp.run import Run
 
-LONGEST_CHECK, OFTENEST = 50, 1
-"""Steps between two checks of displacements, at most and at least: a check costs about a step, and decides nothing
-about the motion."""
+MAX_INTERVAL, MIN_INTERVAL = 50, 1
+"""Largest and smallest number of steps between two checks of displacements. A check costs about a step and decides no
+bit of the motion."""
 CALM = 100
 """Beats without a late list after which checks become half as frequent. A late list costs one beat."""
 
 
 class Stage:
-    """See above. slots: how many to make at least; lanes: threads a grain, or None for as many as suit."""
+    """Members of an ensemble in the slots of device arrays.
+
+    Args:
+        can: capabilities of the backend.
+        spec: features of the kernels.
+        device: Warp device.
+        slots: least number of slots.
+        lanes: threads a grain, or None for the fastest number.
+    """
 
     def __init__(self, can: Capabilities, spec: Spec, device: wp.Device, slots: int, lanes: int | None):
-        self._can, self._spec, self.device, self._asked_lanes = can, spec, device, lanes
+        self._can, self._spec, self.device, self._lanes = can, spec, device, lanes
         self._sizes = room.empty(spec, slots)
         self._seated: dict[int, Run] = {}
         self._waiting: list[Run] = []
-        self._every, self._calm = LONGEST_CHECK, 0
-        """Steps between two checks of displacements, and beats without a late list since that number changed."""
+        self._interval, self._beats_without_late = MAX_INTERVAL, 0
+        """Steps between two checks of displacements, and beats without a late list since this interval changed."""
         self._uniform = True
-        self._within = False
-        """Whether a beat is going on."""
+        self._in_beat = False
+        """True within a beat that is taken in parts."""
         self._arrays: Arrays | None = None
         self._beats: Beat | None = None
         self._meshes = MeshTables(device)
         self._poses = PoseTables(device, spec.steps_per_beat)
         self.changes = 0
-        """Rises whenever the state of a member may have changed."""
-        self._of_all, self._of_one = 0, dict[int, int]()  # `changes` at the last that concerned all slots, or one
+        """Counter of changes of the state of members."""
+        self._of_all, self._of_one = 0, dict[int, int]()  # `changes` at the last change of all slots, or of one
 
     @property
     def arrays(self) -> Arrays:
-        """The arrays, once someone is seated."""
+        """Device arrays, once a member has a slot."""
         assert self._arrays is not None
         return self._arrays
 
     @property
     def beats(self) -> Beat:
-        """What is launched over the arrays."""
+        """Launches of kernels over the arrays."""
         assert self._beats is not None
         return self._beats
 
     def changed_since(self, then: int, slot: int) -> bool:
-        """Whether the state of the member in a slot may have changed since `changes` was as large as `then`."""
+        """True if the state of the member in a slot may have changed since `changes` had the value `then`."""
         return max(self._of_all, self._of_one.get(slot, 0)) > then
 
     def _has_changed(self, run: Run | None = None) -> None:
-        """The state of a member has; None: of all."""
+        """Count a change of the state of a member; None: of all members."""
         self.changes += 1
         if run is None:
             self._of_all = self.changes
         else:
             self._of_one[run.slot] = self.changes
 
-    # who is there
+    # members and slots
 
     @property
     def runs(self) -> Sequence[Run]:
-        """Members that have a slot."""
+        """Members with a slot."""
         return tuple(self._seated.values())
 
     def wait(self, run: Run) -> None:
-        """Let a member wait for its slot."""
+        """Queue a member for a slot."""
         self._waiting.append(run)
 
     def leave(self, run: Run) -> None:
-        """Free a member's slot."""
+        """Free the slot of a member."""
         if run in self._waiting:
             self._waiting.remove(run)
         self._seated.pop(run.slot, None)
@@ -101,11 +109,11 @@ class Stage:
         self._arrays = self._beats = None
 
     def seat(self) -> None:
-        """Give every waiting member a slot, in larger arrays if need be. Raises MemoryError."""
+        """Give every waiting member a slot, in larger arrays if necessary. Raises MemoryError."""
         new, self._waiting = self._waiting, []
         if not new:
             return
-        self._every = min(self._every, usual_check(new))
+        self._interval = min(self._interval, usual_check(new))
         uniform = same_material((run.scene, run.numerics) for run in (*self.runs, *new)) and not mixed(self._spec)
         needed = room.with_members(self._sizes, len(self._seated), new)
         if self._arrays is None or (needed, uniform) != (self._sizes, self._uniform):
@@ -135,11 +143,16 @@ class Stage:
         self._has_changed()
 
     def put_back(self, returning: Sequence[tuple[Run, Packing, np.ndarray]]) -> None:
-        """Give members grains that left again: each with their velocities [m/s] half a step before. Raises MemoryError,
-        Overflow.
+        """Insert grains that left a member again, in rows behind the others.
 
-        They get rows behind the others. Once there are no rows left, those of grains that left are closed up, and some
-        are added, so that it need not be done after each beat: it moves all of a member's state to the host and back.
+        If no rows are free, those of grains that left are closed up, and some are added, so that this is not necessary
+        after each beat: it moves all of a member's state to the host and back.
+
+        Args:
+            returning: members, their grains, and velocities [m/s] half a step before, shape [grains, 3].
+
+        Raises:
+            MemoryError, Overflow.
         """
         self.seat()
         fits = [back for back in returning if back[0].rows + len(back[1]) <= self._sizes.cap]
@@ -150,7 +163,7 @@ class Stage:
             self._close_up_with(crowded)
 
     def _append(self, returning: Sequence[tuple[Run, Packing, np.ndarray]]) -> bool:
-        """Put grains into free rows of members. False if their lists have no room; nothing has changed then."""
+        """Put grains into free rows of members. Returns False, without a change, if their lists have no room."""
         arrays, runs = self.arrays, [run for run, _, _ in returning]
         arrays.back_up()
         for run, grains, half_v in returning:
@@ -167,7 +180,8 @@ class Stage:
         return True
 
     def _close_up_with(self, returning: Sequence[tuple[Run, Packing, np.ndarray]]) -> None:
-        """Give members grains, and close up the rows of those that left. What is copied is copied for all at once."""
+        """Insert grains into members and close up the rows of grains that left, with one copy of each array for all
+        members."""
         states = dict[Run, Checkpoint]()
         with self.arrays.reading([run.slot for run, _, _ in returning]):
             for run, grains, half_v in returning:
@@ -191,7 +205,7 @@ class Stage:
             self._has_changed(run)
 
     def set_velocities(self, run: Run, ids: np.ndarray, v: np.ndarray) -> None:
-        """Give grains of a member other velocities [m/s], half a step before and as predicted for now."""
+        """Set velocities [m/s] of grains of a member: half a step before, and the predicted ones."""
         self.seat()
         transfer.set_velocities(self.arrays, run.slot, run.rows, ids, v)
         self._has_changed(run)
@@ -205,8 +219,10 @@ class Stage:
             transfer.restore(self.arrays, run.slot, run.begin)
 
     def _parameters(self, runs: Sequence[Run]) -> None:
-        """Put what kernels know of the scenes of members into their slots. Replicates have a scene in common, and what
-        follows from it."""
+        """Write the parameters of members into their slots.
+
+        Replicates share a scene, whose tables are computed once.
+        """
         arrays, module = self.arrays, self.arrays.module
         of_scenes: dict[tuple[int, int], tuple[Any, dict[str, np.ndarray]]] = {}
         materials, places = dict[int, Any](), dict[int, Any]()
@@ -218,7 +234,7 @@ class Stage:
             places[run.slot] = place(module, run.scene, run.numerics, run.probes, run.lattice)
             for name, table in tables.items():
                 arrays.put(name, run.slot, table)
-            for name, value in zip(EXTREMES, run.most, strict=True):
+            for name, value in zip(EXTREMES, run.start_extremes, strict=True):
                 arrays.put(name, run.slot, np.array([value]))
         arrays.put_records("material", materials)
         arrays.put_records("place", places)
@@ -226,7 +242,7 @@ class Stage:
             arrays.system.common = materials[runs[-1].slot]
 
     def _tables(self, run: Run) -> dict[str, np.ndarray]:
-        """Coefficients of pairs of kinds, and of walls, by the names of their arrays."""
+        """Coefficients of pairs of kinds, and tables of walls, by the names of their arrays."""
         tables: dict[str, np.ndarray] = {}
         if run.scene.grains.varied:
             tables["pair_c"] = features.pair_table(run.scene, run.numerics)
@@ -269,14 +285,14 @@ class Stage:
             self.arrays.system.flag.zero_()
 
     def _flag(self, runs: Sequence[Run]) -> None:
-        """Let kernels work on these members, and make lists for them."""
+        """Flag these members for a rebuild of their lists, and let kernels work on them alone."""
         flags = np.zeros(self._sizes.slots, np.int32)
         flags[[run.slot for run in runs]] = 1
         self.wake(runs)
         self.arrays.system.flag.assign(flags)
 
     def _counters(self) -> None:
-        """Bring the arrays of slots in line with what is known of the members."""
+        """Write steps, grains that left, and rebuilds of all members to the device."""
         system, n = self.arrays.system, self._sizes.slots
         step, left, rebuilds = (np.zeros(n, np.int64), np.zeros(n, np.int32), np.zeros(n, np.int32))
         for slot, run in self._seated.items():
@@ -287,13 +303,13 @@ class Stage:
         system.rebuilds.assign(rebuilds)
 
     def _build_lists(self, runs: Sequence[Run]) -> None:
-        """Build the lists of members that have none, in larger arrays if they are crowded."""
+        """Build the lists of new members, in larger arrays if they overflow."""
         if runs and any(needed := self._lists(runs)):
             self._resize(room.grown(self._sizes, *needed))
             self._build_lists(runs)
 
     def _lists(self, runs: Sequence[Run]) -> tuple[int, int, int]:
-        """Build the lists of members; what they would have needed, as `room.grown` takes it, where they did not fit."""
+        """Build the lists of members; return the needed sizes as `room.grown` takes them, 0 where lists fitted."""
         system = self.arrays.system
         before = fetch(system.rebuilds)
         self._flag(runs)
@@ -305,20 +321,20 @@ class Stage:
         system.overflow.zero_()
         return near, depth, walls
 
-    def _resize(self, sizes: Sizes, known: Mapping[Run, Checkpoint] = MappingProxyType({})) -> None:
-        """Move all members to new arrays, in the states that are `known`, else as they are. Raises MemoryError."""
-        whole, stored = dict[str, np.ndarray](), dict[Run, Checkpoint]()
-        if self.runs and not known and sizes.holds(self._sizes):
-            whole = self._taken_up_as_a_whole()
+    def _resize(self, sizes: Sizes, checkpoints: Mapping[Run, Checkpoint] = MappingProxyType({})) -> None:
+        """Move all members to new arrays, in their states of `checkpoints`, else as they are. Raises MemoryError."""
+        all_slots, stored = dict[str, np.ndarray](), dict[Run, Checkpoint]()
+        if self.runs and not checkpoints and sizes.holds(self._sizes):
+            all_slots = self._taken_up_as_a_whole()
         elif self.runs:
             with self.arrays.reading([run.slot for run in self.runs]):
-                stored = {run: known.get(run) or self.stored(run) for run in self.runs}
+                stored = {run: checkpoints.get(run) or self.stored(run) for run in self.runs}
         for run, checkpoint in stored.items():
             run.takes_up(checkpoint)
         spec = self._spec
-        lanes = room.lanes(sizes, self.device, self._asked_lanes)
+        lanes = room.lanes(sizes, self.device, self._lanes)
         module = room.suitable(spec, sizes, self._uniform, lanes)
-        self._arrays, self._beats = None, None  # freed before more is asked for
+        self._arrays, self._beats = None, None  # freed before the new ones are allocated
         self._sizes = sizes
         self._arrays = Arrays(module, sizes, self.device, room.records_crossings(spec))
         self._beats = Beat(self._arrays, spec.steps_per_beat)
@@ -326,23 +342,23 @@ class Stage:
             self._parameters(self.runs)
             for run, checkpoint in stored.items():
                 transfer.restore(self._arrays, run.slot, checkpoint)
-        if whole:
-            self._arrays.take_up(whole)
+        if all_slots:
+            self._arrays.take_up(all_slots)
         self._counters()
         self._take_meshes(self.runs)
         self._has_changed()
 
     def _taken_up_as_a_whole(self) -> dict[str, np.ndarray]:
-        """Return the state of all slots, and let members stand where it was taken: rows without a grain stay."""
+        """Return the state of all slots, and update the members' counters to it: rows without a grain stay."""
         rebuilds, extremes = fetch(self.arrays.system.rebuilds), self.extremes()
         for run in self.runs:
             run.rebuilds = int(rebuilds[run.slot])
-            run.most = float(extremes[run.slot, 0]), float(extremes[run.slot, 1])
+            run.start_extremes = float(extremes[run.slot, 0]), float(extremes[run.slot, 1])
         return self.arrays.state_of_all()
 
     @contextmanager
     def within_memory(self) -> Iterator[None]:
-        """Turns Warp's error of an allocation within into MemoryError, whatever it was for."""
+        """Return a context that turns Warp's allocation errors into MemoryError."""
         members = len(self._seated) + len(self._waiting)
         try:
             yield
@@ -354,52 +370,63 @@ class Stage:
             ) from error
 
     def close_up(self) -> None:
-        """Close up rows of grains that have left, if that pays. Raises MemoryError."""
+        """Close up rows of grains that have left, if that saves time. Raises MemoryError."""
         smaller = room.closed_up(self._sizes, self.runs)
         if smaller != self._sizes:
             self._resize(smaller)
 
-    # a beat
+    # beats
 
     def wake(self, runs: Iterable[Run]) -> None:
         """Let kernels work on these members only."""
         self.arrays.set_rows({run.slot: run.rows for run in runs})
 
     def show_all(self) -> None:
-        """Let kernels that read work on all members; within a beat, on those that take it."""
-        if not self._within:
+        """Let reading kernels work on all members; within a beat, on those that take it."""
+        if not self._in_beat:
             self.wake(self.runs)
 
     def beat(self, runs: Sequence[Run], stops: Sequence[int] = (), look: Callable[[], None] = lambda: None) -> Report:
-        """Let these members take a beat. After so many of its steps as each of `stops` says, in ascending order, `look`
-        may read them as they are then."""
+        """Take a beat with these members.
+
+        Args:
+            runs: members.
+            stops: steps of the beat, ascending, after which `look` is called.
+            look: reads members as they are then.
+
+        Returns:
+            The report of the beat.
+
+        Raises:
+            RuntimeError: the device failed.
+        """
         self.wake(runs)
         if self.arrays.module.POSES:
             self._poses.bring(self.runs, runs)
         if stops:
             self._take_parts(runs, stops, look)
         else:
-            self.beats.run(self._every)
+            self.beats.run(self._interval)
         self._has_changed()
         try:
-            report = collect(self.arrays, self.beats.told)
+            report = collect(self.arrays, self.beats.report)
         except RuntimeError as error:
             raise RuntimeError(
                 f"{self.device.alias} has failed in a beat ({error}); if NVIDIA's Multi-Process Service was started "
                 "meanwhile, start labbook again: steps that wait for one another need the device to themselves"
             ) from error
-        if not all(slot.well for slot in report.slots):
+        if not all(slot.valid for slot in report.slots):
             self.arrays.forget_rows()
         return report
 
     def _take_parts(self, runs: Sequence[Run], stops: Sequence[int], look: Callable[[], None]) -> None:
         begun, done = {run: run.step for run in runs}, 0
         self.beats.begin()
-        self._within = True
+        self._in_beat = True
         try:
             for stop in (*stops, self._spec.steps_per_beat):
                 while done < stop:
-                    steps = self.beats.part(done, stop, self._every)
+                    steps = self.beats.part(done, stop, self._interval)
                     done += steps
                     for run in runs:
                         run.step += steps
@@ -408,7 +435,7 @@ class Stage:
                     self._has_changed()
                     look()
         finally:
-            self._within = False
+            self._in_beat = False
             for run, step in begun.items():
                 run.step = step
         self.beats.end(0)
@@ -420,36 +447,40 @@ class Stage:
         self.arrays.system.step.assign(step)
 
     def make_room(self, report: Report, runs: Sequence[Run]) -> None:
-        """Make arrays large enough for those of these members that were crowded. Raises Overflow, MemoryError."""
+        """Enlarge the arrays for those of these members whose lists or cells overflowed.
+
+        Raises:
+            Overflow, MemoryError.
+        """
         needed = report.needed(run.slot for run in runs)
         if any(needed):
             self._resize(room.grown(self._sizes, *needed))
 
-    def check_oftener(self) -> None:
+    def check_more_often(self) -> None:
         """Halve the steps between two checks of displacements, down to one."""
-        self._check(max(OFTENEST, 2 * (self._every // 4)))
+        self._check(max(MIN_INTERVAL, 2 * (self._interval // 4)))
 
     def was_calm(self) -> None:
-        """Note a beat without a late list; after many, double the steps between two checks."""
-        self._calm += 1
-        if self._calm >= CALM:
-            self._check(min(2 * self._every, usual_check(self.runs)))
+        """Count a beat without a late list; after CALM of them, double the steps between two checks."""
+        self._beats_without_late += 1
+        if self._beats_without_late >= CALM:
+            self._check(min(2 * self._interval, usual_check(self.runs)))
 
     @contextmanager
     def checking_every_step(self) -> Iterator[None]:
-        """So long as this lasts no list is ever late."""
-        every = self._every
-        self._check(OFTENEST)
+        """Return a context in which displacements are checked at every step, so that no list is late."""
+        every = self._interval
+        self._check(MIN_INTERVAL)
         try:
             yield
         finally:
             self._check(every)
 
     def _check(self, every: int) -> None:
-        self._every, self._calm = every, 0
+        self._interval, self._beats_without_late = every, 0
 
     def restore(self, run: Run) -> None:
-        """Put a member back to the beginning of the beat."""
+        """Restore a member to the beginning of the beat."""
         self.arrays.restore(run.slot)
         step = fetch(self.arrays.system.step)
         step[run.slot] = run.step
@@ -460,26 +491,26 @@ class Stage:
         self._has_changed(run)
 
     def bad_value(self, run: Run, grain: int) -> float:
-        """Overlap [m] or speed [m/s] with which a grain failed a guard."""
+        """Return the overlap [m] or speed [m/s] with which a grain failed."""
         row = int(np.flatnonzero(self.arrays.read("ids", run.slot, run.rows) == grain)[-1])
         return float(fetch(self.arrays.system.bad, run.slot * self._sizes.cap + row, 1)[0])
 
     def extremes(self) -> np.ndarray:
-        """Largest overlap [m] so far, and square of the largest speed, of all slots, shape [slots, 2]."""
+        """Return largest overlap [m] and square of the largest speed so far, of all slots, shape [slots, 2]."""
         return np.stack([fetch(getattr(self.arrays.system, name)) for name in EXTREMES], axis=1).astype(np.float64)
 
     def stored(self, run: Run) -> Checkpoint:
-        """The exact state of a member that has a slot."""
+        """Return the exact state of a member with a slot."""
         state, numbers = self.state_of(run)
         return Checkpoint(*self.maker, transfer.checkpoint(state, run.past_work) | numbers)
 
     @property
     def maker(self) -> tuple[str, int]:
-        """Name and version of the backend, as checkpoints have them."""
+        """Name and version of the backend, as in checkpoints."""
         return self._can.name, self._can.cache_version
 
     def state_of(self, run: Run) -> tuple[SlotState, dict[str, np.ndarray]]:
-        """Return the arrays of a member that has a slot, and the numbers that belong to its checkpoint."""
+        """Return the arrays of a member with a slot, and the numbers of its checkpoint."""
         arrays, system = self.arrays, self.arrays.system
         run.rebuilds = int(arrays.part(system.rebuilds, run.slot, 1, 1)[0])
         numbers = {"step": np.array(run.step), "rebuilds": np.array(run.rebuilds)}
@@ -489,7 +520,7 @@ class Stage:
 
 
 def usual_check(runs: Sequence[Run]) -> int:
-    """Steps between two checks, even, where no list was late: as many as suit all members."""
+    """Steps between two checks if no list was late, even: the smallest interval of all members."""
     return min(check_interval(run.scene, run.numerics) for run in runs)
 
 
@@ -501,4 +532,4 @@ def check_interval(scene: Scene, numerics: Numerics) -> int:
         reach = mesh_reach(scene.grains.radius + scene.grains.half_length, features.mesh_moves(scene, numerics))
         speed = max(speed, features.part_speed(scene, reach))
     steps = int(0.1 * numerics.skin * d / (speed * numerics.dt))
-    return max(OFTENEST, min(LONGEST_CHECK, 2 * (steps // 2)))
+    return max(MIN_INTERVAL, min(MAX_INTERVAL, 2 * (steps // 2)))

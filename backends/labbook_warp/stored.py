@@ -1,4 +1,4 @@
-"""What a checkpoint must hold: kernels look nothing up twice, and indices out of range would spoil other members."""
+"""Validation of checkpoints. Kernels check no index: one out of range would corrupt other members."""
 
 from collections.abc import Mapping
 
@@ -19,21 +19,32 @@ from labbook_warp.spec import most_parts
 
 _NUMBERS = ("step", "rebuilds")
 _NEWER = frozenset({"most"})
-"""Older checkpoints lack these."""
+"""Arrays that older checkpoints lack."""
 _WIDE = {"origin": 3, "facing": 3, "turned": 4, "body": 4, "work": 0, "deep": 0}
 _REAL = {"spring": 3, "wall_spring": 3, "rolling": 3, "wall_rolling": 3, "momentum": 4}
 _WHOLE = ("ids", "gone", "count", "nbr", "wall_seat", "wall_feature")
-"""Types of arrays, and how many numbers an entry has; other ones are masks of 32 bits."""
+"""Types of arrays, with numbers an entry; all others are masks of 32 bits."""
 
 
 def check(can: Capabilities, spec: Spec, scene: Scene, numerics: Numerics, stored: Checkpoint) -> None:
-    """Raises ValueError, saying what is wrong, for a checkpoint that no member of `scene` with `spec` can have left."""
+    """Validate a checkpoint.
+
+    Args:
+        can: capabilities of the backend.
+        spec: features.
+        scene: scene of the member.
+        numerics: its numerics.
+        stored: the checkpoint.
+
+    Raises:
+        ValueError: no member of `scene` with `spec` can have left this checkpoint; the message names the array.
+    """
     listed, rolling = spec.feature("LISTED"), spec.feature("ROLLING_SPRING")
     entries = state(scene.grains.shape, scene.grains.varied, listed, rolling, spec.feature("MESHES"))
     check_checkpoint(can, {"p", *entries, *_NUMBERS, "past_work", *_NEWER}, stored, _NEWER)
     arrays = {name: np.asarray(array) for name, array in stored.arrays.items()}
     codec, real = (
-        Codec(numerics.precision == "mixed", SHAPES[scene.grains.shape].shown),
+        Codec(numerics.precision == "mixed", SHAPES[scene.grains.shape].shared_fields),
         np.dtype("f4" if numerics.precision == "mixed" else "f8"),
     )
     n = len(arrays["ids"]) if arrays["ids"].ndim else -1
@@ -41,19 +52,19 @@ def check(can: Capabilities, spec: Spec, scene: Scene, numerics: Numerics, store
     if not (0 <= n <= scene.grains.count and 0 < near <= MOST_NEAR and walls > 0):
         raise ValueError(f"it has {n} grains of {scene.grains.count}, {near} neighbours a grain and {walls} walls")
     parts = most_parts(spec)
-    lead = {"one": (n,), "near": (near, n), "walls": (walls, n), "seats": (walls // parts, n)}
-    wanted: dict[str, tuple[tuple[int, ...], np.dtype]] = {name: ((), np.dtype(np.int64)) for name in _NUMBERS}
-    wanted |= {
+    leading_shapes = {"one": (n,), "near": (near, n), "walls": (walls, n), "seats": (walls // parts, n)}
+    expected: dict[str, tuple[tuple[int, ...], np.dtype]] = {name: ((), np.dtype(np.int64)) for name in _NUMBERS}
+    expected |= {
         "p": ((n, codec.words * codec.numbers), real),
         "past_work": (arrays["past_work"].shape[:1], np.dtype("f8")),
     }
-    for name, of in entries.items():
+    for name, kind_of_entries in entries.items():
         size = _WIDE.get(name, _REAL.get(name, 0))
         kind = np.float64 if name in _WIDE else real if name in _REAL else np.int32 if name in _WHOLE else np.uint32
-        wanted[name] = ((*lead[of], *((size,) if size else ())), np.dtype(kind))
+        expected[name] = ((*leading_shapes[kind_of_entries], *((size,) if size else ())), np.dtype(kind))
     if "most" in arrays:
-        wanted["most"] = ((2,), np.dtype("f8"))
-    for name, (shape, kind) in wanted.items():
+        expected["most"] = ((2,), np.dtype("f8"))
+    for name, (shape, kind) in expected.items():
         if arrays[name].shape != shape or arrays[name].dtype != kind:
             raise ValueError(f"{name} has shape {arrays[name].shape} of {arrays[name].dtype}, not {shape} of {kind}")
         if name == "most":
@@ -77,9 +88,9 @@ def _check_lists(arrays: Mapping[str, np.ndarray], scene: Scene, n: int, near: i
             raise ValueError(f"{name} is not within 0 to {limit - 1}")
     if len(np.unique(arrays["ids"])) != n:
         raise ValueError("two grains have the same id")
-    for name, most in {"held": near, "wall_near": walls, "wall_held": walls}.items():
-        if (arrays[name].astype(np.uint64) >> np.uint64(most)).any():
-            raise ValueError(f"{name} has bits beyond {most}")
+    for name, bits in {"held": near, "wall_near": walls, "wall_held": walls}.items():
+        if (arrays[name].astype(np.uint64) >> np.uint64(bits)).any():
+            raise ValueError(f"{name} has bits beyond {bits}")
     if not 0 <= arrays["step"] < LONGEST or arrays["rebuilds"] < 0:
         raise ValueError(f"it was saved at step {arrays['step']}")
     if "wall_feature" in arrays:
@@ -92,11 +103,11 @@ def _check_lists(arrays: Mapping[str, np.ndarray], scene: Scene, n: int, near: i
 
 
 def _check_features(arrays: Mapping[str, np.ndarray], scene: Scene, parts: int) -> None:
-    """Springs at meshes are of features that these have."""
+    """Raise ValueError if a spring at a mesh is not of one of its features."""
     features = np.diff(first_features(shapes_of(scene.container.walls()), is_oriented(scene)))
     entries = np.arange(len(arrays["wall_feature"]))[:, None]
-    of = arrays["wall_seat"] if "wall_seat" in arrays else np.arange(len(entries) // parts)[:, None]
-    wall = np.repeat(of, parts, axis=0).clip(max=len(features) - 1)
+    wall_of_entry = arrays["wall_seat"] if "wall_seat" in arrays else np.arange(len(entries) // parts)[:, None]
+    wall = np.repeat(wall_of_entry, parts, axis=0).clip(max=len(features) - 1)
     valid = arrays["wall_held"] >> entries.astype(np.uint32) & 1 == 1
     feature = arrays["wall_feature"]
     if not ((feature >= 0) & (feature < np.maximum(features[wall], 1)))[valid].all():

@@ -1,4 +1,4 @@
-"""Bytes that a grain-step must move, and those that the device can move in a second."""
+"""Memory traffic of a grain-step, and bandwidth of the device."""
 
 import numpy as np
 
@@ -12,7 +12,7 @@ _INTS = 4
 
 
 def weigh(stage: Stage) -> Load:
-    """Averages over the grains that are there now."""
+    """Averages over the present grains of all members."""
     arrays, runs = stage.arrays, stage.runs
     listed = touching = walls = rows = rebuilds = 0
     for run in runs:
@@ -34,10 +34,11 @@ def weigh(stage: Stage) -> Load:
 
 
 def _bytes(arrays: Arrays, listed: float, touching: float, walls: bool) -> float:
-    """At least: state in and out, list in, springs of what touches in and out, bits and counts."""
-    spring = 3 * (4 if arrays.codec.mixed else 8) * (2 if arrays.module.ROLLING_SPRING else 1)
-    masks = 2 * _INTS + (2 * _INTS if walls else 0)  # neighbours: how many, which are held; walls: near, held
-    what = 2 * _WORD if arrays.module.VARIED else 0
+    """Least bytes a grain-step: state read and written, list read, springs of contacts read and written, masks and
+    counts."""
+    spring_bytes = 3 * (4 if arrays.codec.mixed else 8) * (2 if arrays.module.ROLLING_SPRING else 1)
+    mask_bytes = 2 * _INTS + (2 * _INTS if walls else 0)  # neighbours: count, mask of springs; walls: near, springs
+    state = 2 * _WORD if arrays.module.VARIED else 0
     if arrays.module.ORIENTED:
-        what += 2 * (2 * _WORD + (_WORD if arrays.codec.mixed else 2 * _WORD))  # orientation, momentum
-    return what + 2 * arrays.codec.words * _WORD + listed * _INTS + 2 * touching * spring + masks
+        state += 2 * (2 * _WORD + (_WORD if arrays.codec.mixed else 2 * _WORD))  # orientation, momentum
+    return state + 2 * arrays.codec.words * _WORD + listed * _INTS + 2 * touching * spring_bytes + mask_bytes

@@ -1,4 +1,4 @@
-"""Reading members: states, energies, contacts. What is costly is read for all members at once."""
+"""Readings of members: states, energies, contacts. Expensive ones are made for all members at once."""
 
 import math
 from collections.abc import Sequence
@@ -18,34 +18,34 @@ from labbook_warp.stage import Stage
 
 
 class DeviceView:
-    """See above. Reading changes nothing, but members that wait for their slots get them.
+    """Cache of readings of the members on a device.
 
-    What was read stands until its member changes: where grains are put back into a thousand members, one after another,
-    each would else be read a thousand times.
+    Reading changes nothing, except that waiting members get their slots. A reading is valid until its member changes:
+    if grains were put back into a thousand members, one after another, each would else be read a thousand times.
     """
 
     def __init__(self, stage: Stage):
         self.stage = stage
-        self._at = -1  # the stage's `changes` at which velocities and energies were read
+        self._state_version = -1  # `Stage.changes` when velocities and energies were read
         self._velocities: tuple[Any, Any] | None = None
         self._energies = np.zeros(0)
         self._extremes = np.zeros((0, 2))
-        self._touched_at = -1  # the same, of contacts
-        self._touching: dict[int, np.ndarray] = {}
+        self._contacts_version = -1  # `Stage.changes` when contacts were read
+        self._contacts: dict[int, np.ndarray] = {}
         self._sums: dict[Traction, tuple[int, dict[int, np.ndarray]]] = {}
-        """The same, and sums over contacts with walls by slot."""
+        """By probe: `Stage.changes` at the reading, and sums over contacts with walls by slot."""
         self._layers: dict[int, tuple[int, dict[int, np.ndarray]]] = {}
-        """The same, and rows by slot, of the first slab of every member, the second ..."""
+        """By number of a member's slab: `Stage.changes` at the reading, and rows by slot."""
 
     def _look(self, run: Run) -> tuple[Any, Any]:
         stage = self.stage
         stage.seat()
-        if self._velocities is None or stage.changed_since(self._at, run.slot):
+        if self._velocities is None or stage.changed_since(self._state_version, run.slot):
             stage.show_all()
-            self._velocities = stage.beats.look()
+            self._velocities = stage.beats.whole_step()
             self._energies = stage.beats.kinetic(*self._velocities)
             self._extremes = stage.extremes()
-            self._at = stage.changes
+            self._state_version = stage.changes
         return self._velocities
 
     def whole_step(self, run: Run) -> tuple[np.ndarray, np.ndarray]:
@@ -61,32 +61,35 @@ class DeviceView:
     def contacts(self, run: Run) -> np.ndarray:
         """Rows i, j, wall, force, branch of a member's touching contacts, in the order of i, j, wall."""
         stage = self.stage
-        if stage.changed_since(self._touched_at, run.slot):
+        if stage.changed_since(self._contacts_version, run.slot):
             stage.show_all()
-            self._touching = _by_slot(stage.beats.contacts(), keys=3)
-            self._touched_at = stage.changes
-        return self._touching.get(run.slot, np.zeros((0, 9)))
+            self._contacts = _by_slot(stage.beats.contacts(), keys=3)
+            self._contacts_version = stage.changes
+        return self._contacts.get(run.slot, np.zeros((0, 9)))
 
     def layer(self, run: Run, slab: Slab) -> np.ndarray:
-        """Rows id, position, velocity of a member's grains in one of its slabs, by id. The same of all members is read
-        at once: a slab has few grains, and to copy all of them to the host would take longer than a beat."""
-        stage, which = self.stage, _slabs(run).index(slab)
-        at, found = self._layers.get(which, (-1, {}))
-        if stage.changed_since(at, run.slot):
+        """Return rows id, position, velocity of a member's grains in one of its slabs, by id.
+
+        The corresponding slabs of all members are read at once: copying all grains to the host would take longer than a
+        beat.
+        """
+        stage, place = self.stage, _slabs(run).index(slab)
+        version, rows = self._layers.get(place, (-1, {}))
+        if stage.changed_since(version, run.slot):
             velocities, _ = self._look(run)
             low, high = np.full((2, stage.arrays.sizes.slots), np.inf)
-            for one in stage.runs:
-                if which < len(_slabs(one)):
-                    low[one.slot], high[one.slot] = _slabs(one)[which].low, _slabs(one)[which].high
-            found = _by_slot(stage.beats.layer(velocities, low, high), keys=1)
-            self._layers[which] = stage.changes, found
-        return found.get(run.slot, np.zeros((0, 7)))
+            for member in stage.runs:
+                if place < len(_slabs(member)):
+                    low[member.slot], high[member.slot] = _slabs(member)[place].low, _slabs(member)[place].high
+            rows = _by_slot(stage.beats.slab(velocities, low, high), keys=1)
+            self._layers[place] = stage.changes, rows
+        return rows.get(run.slot, np.zeros((0, 7)))
 
     def wall_sums(self, run: Run, probe: Traction) -> np.ndarray:
-        """Sums of a member over its contacts with walls by bin; those of all members are made at once."""
+        """Return sums of a member over its contacts with walls, by bin; those of all members are computed at once."""
         stage = self.stage
-        at, sums = self._sums.get(probe, (-1, {}))
-        if stage.changed_since(at, run.slot):
+        version, sums = self._sums.get(probe, (-1, {}))
+        if stage.changed_since(version, run.slot):
             stage.show_all()
             sums = self._all_wall_sums(probe)
             self._sums[probe] = stage.changes, sums
@@ -120,7 +123,7 @@ class DeviceView:
     def extremes(self, run: Run) -> tuple[float, float]:
         """Largest overlap [m] and speed [m/s] of a member so far."""
         if run.slot < 0:
-            deep, speed2 = run.most
+            deep, speed2 = run.start_extremes
         else:
             self._look(run)
             deep, speed2 = self._extremes[run.slot]
@@ -132,7 +135,7 @@ class DeviceView:
         return transfer.packing(self.stage.arrays.of_slot(run.slot, run.rows), run.scene, v, m)
 
     def end_state(self, run: Run) -> SlotEnd:
-        """The state of a member that ends here; packing and checkpoint follow from it when they are asked for."""
+        """Return the state of a member that ends here; packing and checkpoint are derived on access."""
         v, m = self.whole_step(run)
         state, numbers = self.stage.state_of(run)
         return SlotEnd(self.stage.maker, state.stored(), numbers, run.past_work, run.scene, v, m)
@@ -147,20 +150,20 @@ class DeviceView:
         self.stage.seat()
         arrays = self.stage.arrays
         ids = arrays.read("ids", run.slot, run.rows).astype(np.int64)
-        return ids[transfer.here(arrays.of_slot(run.slot, run.rows).states().x, ids)]
+        return ids[transfer.present_rows(arrays.of_slot(run.slot, run.rows).states().x, ids)]
 
     def put_back(self, returning: Sequence[tuple[Run, Packing, np.ndarray]]) -> None:
-        """Give members grains that left again."""
+        """Insert grains that left members again; see `Stage.put_back`."""
         self.stage.put_back(returning)
 
     def set_velocities(self, run: Run, ids: np.ndarray, v: np.ndarray) -> None:
-        """Give grains of a member other velocities."""
+        """Set velocities of grains of a member; see `Stage.set_velocities`."""
         self.stage.set_velocities(run, ids, v)
 
     def close(self) -> None:
         """Free the device's memory."""
         self._velocities = None
-        self._touching, self._layers, self._sums = {}, {}, {}
+        self._contacts, self._layers, self._sums = {}, {}, {}
 
 
 def _slabs(run: Run) -> list[Slab]:
@@ -168,7 +171,7 @@ def _slabs(run: Run) -> list[Slab]:
 
 
 def _by_slot(rows: np.ndarray, keys: int) -> dict[int, np.ndarray]:
-    """Rows that begin with their slot, without it, by slot: those of each in the order of the first `keys` columns."""
+    """Split rows by their first column, the slot, and drop it; sort by the first `keys` further columns."""
     rows = rows[np.lexsort(rows[:, keys::-1].T)]
     slots, first = np.unique(rows[:, 0], return_index=True)
     parts = np.split(rows[:, 1:], first[1:]) if len(slots) else []

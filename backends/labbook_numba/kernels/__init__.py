@@ -1,4 +1,4 @@
-"""Kernels of the CPU backend, in the words of `labbook_dem.words` and with the features of `features` as constants.
+"""Kernels of the CPU backend, in the vocabulary of `labbook_dem.words`, with the switches of `features` as constants.
 
-`labbook_numba.build` puts their source together with the physics into one generated module per specialisation.
+`labbook_numba.build` joins their source with the physics into one generated module a specialisation.
 """

@@ -1,9 +1,9 @@
-"""The block of contacts that a law works on: columns of one small buffer, so that the law runs in SIMD registers.
+"""Block of contacts for a law: columns of one small buffer, so that the law runs in SIMD registers.
 
-Contacts go through three stages: *gather* copies what the law needs of BLOCK contacts into columns, *law* runs over the
-columns without a branch or an indirect address, *scatter* adds the results to the grains. Three things each silently
-undo the vectorisation of the law loop: signed indices (hence uint64 throughout), columns in separate arrays or at
-offsets unknown to the compiler (hence one buffer, constant offsets), and a law that is not inlined.
+Contacts pass three stages: *gather* copies the inputs of BLOCK contacts into columns, *law* runs over the columns
+without a branch or an indirect address, *scatter* adds the results to the grains. Three things silently prevent the
+vectorisation of the law loop: signed indices (hence uint64 throughout), columns in separate arrays or at offsets
+unknown to the compiler (hence one buffer, constant offsets), and a law that is not inlined.
 """
 
 from labbook_dem.words import FRICTION, func, real, vec3, wide
@@ -12,34 +12,34 @@ from labbook_numba.kernels.features import COEFFICIENTS, KINDS, LANES, ORIENTED,
 from labbook_numba.state import MIXTURES, SPHERES
 from labbook_numba.state import RODS as LAYOUT_OF_RODS
 
-# columns; in: normal or branch, DEPTH, velocity predicted and half a step old, spins of i and j, spring and its
-# advance; out, in the places of the velocities, spins and spring: force, torque on i and on j, spring. DEPTH is the
-# overlap [m], but until the law stage of two grains `overlap2` [m^2], as `sphere_on_sphere` and `rod_on_rod` take it
+# columns. Input: normal or branch, DEPTH, velocity predicted and half a step old, spins of i and j, spring and the time
+# to advance it by. Output, over velocities, spins and spring: force, torques on i and on j, spring. DEPTH is the
+# overlap [m], but for two grains before the law stage `overlap2` [m^2], as `sphere_on_sphere` and `rod_on_rod` take it
 (NX, NY, NZ, DEPTH, UX, UY, UZ, VX, VY, VZ, AX, AY, AZ, BX, BY, BZ, SX, SY, SZ, DT, SPARE) = (
     uint64(column * STRIDE) for column in range(SPHERES.BLOCK_COLUMNS)
 )
-# where grains differ: radius, mass and moment of inertia of i and j; and where kinds do, coefficients from C0 on
+# for mixtures: radius, mass and moment of inertia of i and j; coefficients from C0 on
 (RI, RJ, MI, MJ, TI, TJ, C0) = (
     uint64(column * STRIDE) for column in range(SPHERES.BLOCK_COLUMNS, MIXTURES.BLOCK_COLUMNS - COEFFICIENTS + 1)
 )
-# of rods: levers of i and j, spins of i and j predicted for now
+# for rods: levers of i and j, predicted spins of i and j
 (IX, IY, IZ, JX, JY, JZ, PX, PY, PZ, OX, OY, OZ) = (
     uint64(column * STRIDE) for column in range(SPHERES.BLOCK_COLUMNS, LAYOUT_OF_RODS.BLOCK_COLUMNS)
 )
-# torques of rolling springs, in and out: behind all that others need
+# torques of rolling springs, input and output: behind all other columns
 GX, GY, GZ = (uint64(column * STRIDE) for column in range(MIXTURES.BLOCK_COLUMNS, MIXTURES.BLOCK_COLUMNS + 3))
-HELD = DT  # 1 for a contact that has a spring; becomes DT
+HELD = DT  # 1 for a contact with a spring, else 0; `gather_springs` replaces it by the time
 
 
 @func
 def whole(count):
-    """Places to compute for `count` contacts: full registers, so that every contact sees the same instructions."""
+    """Places to compute for `count` contacts: full registers, so that every contact takes the same instructions."""
     return (uint64(count) + LANES - uint64(1)) // LANES * LANES
 
 
 @func
 def row_of(table, k):
-    """Coefficients in row k of a table."""
+    """Coefficients in row k of a table, as a tuple."""
     return (
         table[k, 0], table[k, 1], table[k, 2], table[k, 3], table[k, 4], table[k, 5], table[k, 6], table[k, 7],
     )  # fmt: skip
@@ -53,7 +53,7 @@ def reals(c):
 
 @func
 def coefficients_at(b, t, c):
-    """Coefficients of contact t; c where there are no kinds."""
+    """Coefficients of contact t; c if there is one species."""
     if KINDS > 1:
         d = C0 + t
         return (
@@ -65,13 +65,13 @@ def coefficients_at(b, t, c):
 
 @func
 def vector_at(b, place):
-    """The vector of a contact, from a column and the two behind it."""
+    """Load a vector of a contact from three columns."""
     return vec3(b[place], b[place + STRIDE], b[place + STRIDE + STRIDE])
 
 
 @func
 def put_vector(b, place, v):
-    """Write the vector of a contact to a column and the two behind it."""
+    """Store a vector of a contact in three columns."""
     b[place] = v.x
     b[place + STRIDE] = v.y
     b[place + STRIDE + STRIDE] = v.z
@@ -79,7 +79,7 @@ def put_vector(b, place, v):
 
 @func
 def put_forces(b, t, force, torque, spring):
-    """What a law gives of contact t, in the places of velocities, spins and springs."""
+    """Store the results of contact t over its velocities, spins and spring."""
     put_vector(b, UX + t, force)
     if FRICTION or ORIENTED:
         put_vector(b, AX + t, torque)
@@ -89,11 +89,14 @@ def put_forces(b, t, force, torque, spring):
 
 @kernel
 def largest_depth(b, bits, count):
-    """Largest of DEPTH, zero if none. Positive floats sort like the integers of their bits, and integers vectorise."""
-    most = bits[DEPTH] - bits[DEPTH]
+    """Largest of DEPTH, zero if none is positive.
+
+    Positive floats sort like the integers of their bits, and a maximum of integers vectorises.
+    """
+    largest = bits[DEPTH] - bits[DEPTH]
     for t in range(uint64(count)):
-        most = max(most, bits[DEPTH + t])
-    bits[SPARE] = most
+        largest = max(largest, bits[DEPTH + t])
+    bits[SPARE] = largest
     return wide(b[SPARE])
 
 

@@ -1,4 +1,4 @@
-"""Names that a generated module defines as constants; here only so that kernels read and type-check as Python."""
+"""Names that a generated module defines as constants; they exist here so that kernels read and type-check as Python."""
 
 from collections.abc import Callable
 from typing import Any, TypeVar
@@ -60,12 +60,12 @@ Function = TypeVar("Function", bound=Callable)
 
 
 def kernel(function: Function) -> Function:
-    """Marks a function compiled on its own, with arrays as arguments, that other kernels call."""
+    """Mark a function that is compiled on its own, takes arrays and is called by other kernels."""
     return function
 
 
 def entry(function: Function) -> Function:
-    """Marks a kernel that Python calls: the compiled code of those is what is kept on disk."""
+    """Mark a kernel that Python calls: only the compiled code of these is cached on disk."""
     return function
 
 
@@ -74,13 +74,13 @@ ORIENTED = True  # grains have an orientation
 GRAIN, WALL_PARTS, SPRING, SPRING_KEPT = RODS.GRAIN, RODS.WALL_PARTS, RODS.SPRING, RODS.SPRING_KEPT
 CROSSING = True  # the first passage of grains through a plane is recorded
 OUTLET = True  # grains far below the outlet are dropped
-LEDGER = True  # contact work and touching contacts are added up
+LEDGER = True  # contact work and numbers of contacts are recorded
 ANY_WALLS = True
 MESHES = True  # some wall consists of triangles
 POSES = True  # parts move as a whole
 PLATE_PARTS = RODS.WALL_PARTS  # parts of a rod at a wall without triangles
 KINDS = 1  # kinds of grains
-LANES = 16  # contacts that a law is computed for at a time: as many as compilers were seen to take together
+LANES = 16  # contacts a pass of the law loop: the largest number that compilers were seen to combine
 
 DONE, REBUILD, BAD_STATE, BAD_SPEED, BAD_OVERLAP = range(5)
 

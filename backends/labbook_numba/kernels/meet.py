@@ -1,4 +1,4 @@
-"""Threads that step one scene together: how they wait for each other, and agree."""
+"""Synchronisation of the threads that step one scene."""
 
 import numpy as np
 from labbook_dem.words import func
@@ -9,8 +9,8 @@ from labbook_numba.state import State
 
 
 @kernel
-def meet(meetings, domains):
-    """Wait until all domains are here, or will never be; whether they are."""
+def wait_for_domains(meetings, domains):
+    """Wait until all domains have arrived; return False if one has failed and never will."""
     goal = (arrive(meetings) // domains + 1) * domains
     while arrived(meetings) < goal:
         give_way()
@@ -18,26 +18,26 @@ def meet(meetings, domains):
 
 
 @kernel
-def largest_told(domain, told, meetings, column, value):
-    """The largest of the values of all domains; a NaN if one is among them, or if a domain has failed.
+def largest_of_domains(domain, shared_values, meetings, column, value):
+    """Largest of the values of all domains; NaN if one of them is NaN, or if a domain has failed.
 
-    No guard lets a NaN pass: all domains end. A domain may tell another value in the same column when all have agreed
-    on something else in between.
+    All domains end on NaN, since no check passes it. A domain may write the same column again only after a call for
+    another column: it is the barrier that tells that all have read this one.
     """
     domains = domain[DOMAINS]
     if domains > 1:
-        told[domain[NUMBER], column] = value
-        if not meet(meetings, domains):
+        shared_values[domain[NUMBER], column] = value
+        if not wait_for_domains(meetings, domains):
             return np.nan
         for k in range(domains):
-            other = told[k, column]
-            if other != other:
-                return other
-            value = max(value, other)
+            domain_value = shared_values[k, column]
+            if domain_value != domain_value:
+                return domain_value
+            value = max(value, domain_value)
     return value
 
 
 @func
-def agree(st: State, column, value):
-    """The largest of the values of all domains, or a NaN if one is among them; `column`: what they are of."""
-    return largest_told(st.domain, st.told, st.meetings, column, value)
+def domain_maximum(st: State, column, value):
+    """Largest of the values of all domains, or NaN if one is NaN; column: OVERLAP or SPEED."""
+    return largest_of_domains(st.domain, st.shared_values, st.meetings, column, value)

@@ -1,4 +1,4 @@
-"""Moving grains by one step; how they turn is in `spheres` and `rods`."""
+"""Motion of grains by one step; their rotation is in `spheres` and `rods`."""
 
 from labbook_dem.motion import drift, kick, predict
 from labbook_dem.words import VARIED, wide
@@ -11,34 +11,34 @@ from labbook_numba.state import Params, State
 
 @kernel
 def move(st: State, p: Params, kick_dt, dt):
-    """Kick, drift, turn and predict the domain's grains; forces become gravity.
+    """Kick, drift, turn and predict the domain's grains; replace forces by gravity.
 
-    Squares of speeds, of no point of a grain's segment more: zero for leavers.
+    Writes squares of speeds [m^2/s^2], upper bounds for the ends of rods, and zero for leavers.
     """
     g = st.grains
     loads = st.loads
-    per_mass = wide(1.0) / p.mass
-    per_inertia = wide(1.0) / p.inertia
-    far = len(g) - 1  # the ghost that no contact writes to
-    loads[far, F + 2] = -p.mass * p.gravity
-    weight = row_at(loads, uint64(far) * LOAD + F)
-    unit = weight * per_mass
-    none = weight * wide(0.0)
+    inverse_mass = wide(1.0) / p.mass
+    inverse_inertia = wide(1.0) / p.inertia
+    ghost = len(g) - 1  # the ghost that no contact writes to
+    loads[ghost, F + 2] = -p.mass * p.gravity
+    weight = row_at(loads, uint64(ghost) * LOAD + F)
+    gravity_row = weight * inverse_mass
+    zero = weight * wide(0.0)
     for i in range(uint64(st.domain[FIRST]), uint64(st.domain[LAST])):
         at = i * GRAIN
         load = i * LOAD
         if VARIED:
-            per_mass = wide(1.0) / st.body[i, 1]
-            per_inertia = wide(1.0) / st.body[i, 2]
-            weight = unit * st.body[i, 1]
-        a = row_at(loads, load + F) * per_mass
+            inverse_mass = wide(1.0) / st.body[i, 1]
+            inverse_inertia = wide(1.0) / st.body[i, 2]
+            weight = gravity_row * st.body[i, 1]
+        a = row_at(loads, load + F) * inverse_mass
         v = kick(row_at(g, at + V), a, kick_dt)
         put_row(g, at + V, v)
         put_row(g, at + X, drift(row_at(g, at + X), v, dt))
         put_row(g, at + U, predict(v, a, dt))
-        turns = row_at(loads, load + T) * per_inertia
-        st.speed2[i] = turn_grain(g, i, turns, v, p.slender, p.half, kick_dt, dt)
+        turn_acc = row_at(loads, load + T) * inverse_inertia
+        st.speed2[i] = turn_grain(g, i, turn_acc, v, p.slender, p.half, kick_dt, dt)
         put_row(loads, load + F, weight)
-        put_row(loads, load + T, none)
+        put_row(loads, load + T, zero)
         if OUTLET and g[i, X + 2] < p.drop:
             st.speed2[i] = wide(0.0)

@@ -1,4 +1,4 @@
-"""Which grains are near one another, and near walls; which of them are is in `spheres` and `rods`."""
+"""Candidate lists of pairs and of grains near walls; the criteria are in `spheres` and `rods`."""
 
 from labbook_dem.words import wide
 
@@ -10,52 +10,52 @@ from labbook_numba.state import Params, State
 
 
 @kernel
-def near_pairs(st: State, p: Params, pair_i, pair_j, cell, head, following):
-    """Fill the list of pairs i < j of grains whose surfaces are closer than a skin, ascending; its length."""
+def near_pairs(st: State, p: Params, pair_i, pair_j, cell, head, next_grain):
+    """List the pairs i < j of grains whose surfaces are closer than a skin, in ascending order; return their number."""
     grains, body, n = st.grains, st.body, st.count[GRAINS]
     reach = wide(2.0) * p.radius + p.skin
-    nx, ny, nz = fill_cells(grains, n, reach + wide(2.0) * p.half, cell, head, following)
-    room = len(pair_j) - PAD
-    found = 0
+    nx, ny, nz = fill_cells(grains, n, reach + wide(2.0) * p.half, cell, head, next_grain)
+    capacity = len(pair_j) - PAD
+    count = 0
     for i in range(n):
-        start = found
+        start = count
         for a in range(max(cell[i, 0] - 1, 0), min(cell[i, 0] + 2, nx)):
             for b in range(max(cell[i, 1] - 1, 0), min(cell[i, 1] + 2, ny)):
                 for c in range(max(cell[i, 2] - 1, 0), min(cell[i, 2] + 2, nz)):
                     j = head[(a * ny + b) * nz + c]
                     while j > i:
                         if near_grain(grains, body, i, j, reach, p.half, p.skin):
-                            if found < room:
-                                k = found
+                            if count < capacity:
+                                k = count
                                 while k > start and pair_j[k - 1] > j:
                                     pair_j[k] = pair_j[k - 1]
                                     k -= 1
                                 pair_j[k] = j
-                                pair_i[found] = i
-                            found += 1
-                        j = following[j]
-    return found
+                                pair_i[count] = i
+                            count += 1
+                        j = next_grain[j]
+    return count
 
 
 @kernel
 def near_walls(st: State, p: Params, first, grain):
-    """Fill the list of those grains that could touch a wall before the next rebuild, wall by wall; its length."""
+    """List the grains that could touch a wall before the next rebuild, wall by wall; return their number."""
     half_skin = wide(0.5) * p.skin
-    found = 0
+    count = 0
     first[0] = 0
     for w in range(len(p.wall_kind)):
         for i in range(st.count[GRAINS]):
             near = False
-            a_mesh = False
+            is_mesh = False
             if MESHES:
-                a_mesh = p.wall_kind[w] == MESH_NUMBER
-                if a_mesh:
+                is_mesh = p.wall_kind[w] == MESH_NUMBER
+                if is_mesh:
                     near = near_mesh(st, p, w, i, p.mesh_moves)
-            if not a_mesh:
+            if not is_mesh:
                 near = near_wall(st.grains, st.body, i, p.walls, p.wall_kind, w, p.radius, p.half, half_skin)
             if near:
-                if found < len(grain) - PAD:
-                    grain[found] = i
-                found += 1
-        first[w + 1] = found
-    return found
+                if count < len(grain) - PAD:
+                    grain[count] = i
+                count += 1
+        first[w + 1] = count
+    return count

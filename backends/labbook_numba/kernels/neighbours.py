@@ -1,4 +1,4 @@
-"""Lists of near grains and near walls, rebuilt when a grain may have moved half a skin; springs are carried over."""
+"""Lists of near grains and near walls, rebuilt when a grain may have moved half a skin; springs are copied."""
 
 from labbook_dem.words import VARIED, wide
 
@@ -31,7 +31,7 @@ from labbook_numba.state import Grid, Lists, Params, State
 
 @kernel
 def pad_pairs(pair_i, pair_j, pairs, rows):
-    """Put pairs of ghosts, which do not touch, behind the last."""
+    """Write pairs of ghosts, which do not touch, behind the last pair: lists are read eight at a time."""
     for k in range(pairs, pairs + PAD):
         pair_i[k] = rows - GHOSTS
         pair_j[k] = rows - 1
@@ -39,24 +39,24 @@ def pad_pairs(pair_i, pair_j, pairs, rows):
 
 @kernel
 def drop_leavers(st: State, p: Params, place):
-    """Take out grains below p.drop, keeping the order of the others, and renumber lists; `place`: their new rows."""
+    """Remove grains below p.drop, keep the order of the others, and renumber lists; place: scratch for new rows."""
     n = st.count[GRAINS]
-    kept = 0
+    new_row = 0
     for i in range(n):
         place[i] = -1
         if not st.grains[i, X + 2] < p.drop:
-            place[i] = kept
+            place[i] = new_row
             for c in range(GRAIN):
-                st.grains[kept, c] = st.grains[i, c]
+                st.grains[new_row, c] = st.grains[i, c]
             for c in range(LOAD):
-                st.loads[kept, c] = st.loads[i, c]
+                st.loads[new_row, c] = st.loads[i, c]
             if VARIED:
                 for c in range(BODY):
-                    st.body[kept, c] = st.body[i, c]
-            st.ids[kept] = st.ids[i]
-            st.gone[kept] = st.gone[i]
-            kept += 1
-    st.count[GRAINS] = kept
+                    st.body[new_row, c] = st.body[i, c]
+            st.ids[new_row] = st.ids[i]
+            st.gone[new_row] = st.gone[i]
+            new_row += 1
+    st.count[GRAINS] = new_row
     st.count[LEAVING] = 0
     pairs = 0
     for k in range(st.count[PAIRS]):
@@ -89,28 +89,33 @@ def drop_leavers(st: State, p: Params, place):
 
 
 @kernel
-def carry(springs_each, old, old_last, old_i, old_j, old_held, old_spring, first, last, new_i, new_j, held, spring):
-    """Springs of entries that are in both lists, each ascending in (i, j); new entries hold none."""
+def copy_springs(
+    per_entry, old, old_last, old_i, old_j, old_held, old_spring, first, last, new_i, new_j, new_held, new_spring
+):
+    """Copy springs from the old list to the new one, for entries in both; each list ascends in (i, j).
+
+    New entries have no spring. per_entry: springs of one entry.
+    """
     for k in range(first, last):
         i, j = new_i[k], new_j[k]
         while old < old_last and (old_i[old] < i or (old_i[old] == i and old_j[old] < j)):
             old += 1
         if old < old_last and old_i[old] == i and old_j[old] == j:
-            held[k] = old_held[old]
-            for part in range(springs_each):
+            new_held[k] = old_held[old]
+            for part in range(per_entry):
                 for c in range(int64(SPRING_KEPT)):
-                    spring[k * springs_each + part, c] = old_spring[old * springs_each + part, c]
+                    new_spring[k * per_entry + part, c] = old_spring[old * per_entry + part, c]
 
 
 @entry
 def rebuild(st: State, p: Params, new: Lists, grid: Grid):
-    """Make all lists new. False, and the lengths needed in WANT_*, if an array of `new` is too short."""
+    """Rebuild all lists. Returns False, and the needed lengths in WANT_*, if an array of `new` is too short."""
     if OUTLET and st.count[LEAVING] > 0:
         drop_leavers(st, p, grid.place)
     n = st.count[GRAINS]
     pairs = 0
     if n > 0:
-        pairs = near_pairs(st, p, new.pair_i, new.pair_j, grid.cell, grid.head, grid.following)
+        pairs = near_pairs(st, p, new.pair_i, new.pair_j, grid.cell, grid.head, grid.next_grain)
     walls = 0
     if ANY_WALLS:
         walls = near_walls(st, p, new.wall_first, new.wall_grain)
@@ -119,12 +124,12 @@ def rebuild(st: State, p: Params, new: Lists, grid: Grid):
         st.count[WANT_WALLS] = walls
         return False
     if FRICTION:
-        carry(
+        copy_springs(
             int64(1), int64(0), st.count[PAIRS], st.pair_i, st.pair_j, st.held, st.spring,
             int64(0), int64(pairs), new.pair_i, new.pair_j, new.held, new.spring,
         )  # fmt: skip
         for w in range(len(p.wall_kind)):
-            carry(
+            copy_springs(
                 int64(WALL_PARTS), st.wall_first[w], st.wall_first[w + 1], st.wall_grain, st.wall_grain, st.wall_held,
                 st.wall_spring, new.wall_first[w], new.wall_first[w + 1], new.wall_grain, new.wall_grain, new.wall_held,
                 new.wall_spring,

@@ -1,6 +1,6 @@
-"""Forces of grains on grains, a block of touching pairs at a time: pack, gather, law, scatter.
+"""Forces between grains, a block of touching pairs at a time: pack, gather, law, scatter.
 
-What the shape of the grains decides is in `sphere_pairs` and `rod_pairs`: which pairs touch, and what acts on one.
+The shape of the grains decides which pairs touch and the forces on one: see `sphere_pairs` and `rod_pairs`.
 """
 
 from labbook_dem.contact import rolling_rate
@@ -32,35 +32,35 @@ from labbook_numba.state import Params, State
 
 @kernel
 def pair_law(b, count, coefficients, radius, mass, inertia, dt, stiffness, damping):
-    """Law stage of grain on grain. Branch in NX.., overlap2 in DEPTH, which becomes the overlap; velocities relative.
+    """Law stage of two grains: branch in NX.., overlap2 in DEPTH, which becomes the overlap; relative velocities.
 
-    radius, mass, inertia: of all, if they are alike. dt: step [s]. stiffness, damping: of rolling springs.
+    radius, mass, inertia: of all grains, if they are the same; dt: step [s]; stiffness, damping: of rolling springs.
     """
     c = reals(coefficients)
     rate = rolling_rate(inertia, dt)
     for t in range(whole(count)):
-        force, torque, other, kept, delta = pair_contact(b, t, c, radius, mass, rate, dt, stiffness, damping)
-        put_forces(b, t, force, torque, kept)
+        force, torque, torque_j, spring, delta = pair_contact(b, t, c, radius, mass, rate, dt, stiffness, damping)
+        put_forces(b, t, force, torque, spring)
         if FRICTION or ORIENTED:
-            put_vector(b, BX + t, other)
+            put_vector(b, BX + t, torque_j)
         b[DEPTH + t] = delta
 
 
 @kernel
 def pair_forces(st: State, p: Params):
-    """Add the forces of grains on grains to f and t; note touching pairs, the largest overlap, and whose it is."""
+    """Add the forces between grains to loads; count touching pairs, record the largest overlap and its grain."""
     domain = st.domain
     st.sums[MAX_OVERLAP] = wide(0.0)
     if LEDGER:
         st.count[TOUCHING] = 0
-    # rows are first of all second in their pairs, and those that stand before this domain come first
+    # borrowed pairs first: their first grains are in earlier domains, so the order of each sum is that of one thread
     listed_forces(st, p, st.borrowed_i, st.borrowed_j, st.borrowed_held, st.borrowed_spring, int64(0), domain[BORROWED])
     listed_forces(st, p, st.pair_i, st.pair_j, st.held, st.spring, domain[FIRST_PAIR], domain[LAST_PAIR])
 
 
 @kernel
-def listed_forces(st: State, p: Params, pair_i, pair_j, held, spring, first, end):
-    """What `pair_forces` does, of the listed pairs first..end."""
+def listed_forces(st: State, p: Params, pair_i, pair_j, valid, spring, first, end):
+    """Add the forces of the listed pairs first..end; see `pair_forces`."""
     last = uint64(end)
     b = st.block
     i = st.block_i
@@ -73,12 +73,12 @@ def listed_forces(st: State, p: Params, pair_i, pair_j, held, spring, first, end
     ghost = len(st.grains) - GHOSTS
     spare = len(spring) - 1
     touching = uint64(0)
-    deepest = st.sums[MAX_OVERLAP]
-    # kernels of a block take arrays, not the State: its many references would be counted at every call; hence the last
-    # lines of the loop stand in `sphere_walls` again
+    largest_overlap = st.sums[MAX_OVERLAP]
+    # kernels of a block take arrays, not the State, whose many references would be counted at every call; therefore
+    # `sphere_walls` repeats the last lines of the loop
     for k in range(uint64(first), last, BLOCK):
         end = min(k + BLOCK, last)
-        count = pack_pairs(st.grains, st.body, st.near, pair_i, pair_j, held, b, i, j, slot, k, end, p.half, reach2)
+        count = pack_pairs(st.grains, st.body, st.near, pair_i, pair_j, valid, b, i, j, slot, k, end, p.half, reach2)
         fill_up(i, j, slot, count, ghost, spare)
         gather_pairs(st.grains, i, j, b, count)
         if FRICTION:
@@ -96,10 +96,10 @@ def listed_forces(st: State, p: Params, pair_i, pair_j, held, spring, first, end
             scatter_springs(spring, slot, b, count)
         touching += count
         overlap = largest_depth(b, st.bits, count)
-        if not overlap <= deepest:
-            deepest = overlap
-            if not deepest <= p.overlap_limit:
+        if not overlap <= largest_overlap:
+            largest_overlap = overlap
+            if not largest_overlap <= p.overlap_limit:
                 st.count[FAIL_GRAIN] = st.ids[i[where_depth(b, count, overlap)]]
-    st.sums[MAX_OVERLAP] = deepest
+    st.sums[MAX_OVERLAP] = largest_overlap
     if LEDGER:
         st.count[TOUCHING] += touching

@@ -1,4 +1,4 @@
-"""A rod, and what it touches, as they are now."""
+"""Contacts of a rod at the present time, for readings."""
 
 from labbook_dem.contact import rolling_rate
 from labbook_dem.rods import rod_on_rod
@@ -16,7 +16,7 @@ from labbook_numba.state import Params, State
 
 @func
 def pair_now(st: State, p: Params, i, j, k, dt):
-    """Whether listed pair k touches, the force on i [N], and the branch from i to j [m]."""
+    """Contact of listed pair k now: True if it touches, force on i [N], and branch from i to j [m]."""
     zero = real(0.0)
     rate = rolling_rate(rolling_inertia(p.inertia, p.slender), dt)
     diameter = wide(2.0) * p.radius
@@ -24,13 +24,13 @@ def pair_now(st: State, p: Params, i, j, k, dt):
     branch = load(g, i, X) - load(g, j, X)
     a = load(g, i, A)
     b = load(g, j, A)
-    s, t, away = closest(branch, a, b, p.half)
-    overlap2 = diameter * diameter - dot(away, away)
+    s, t, r = closest(branch, a, b, p.half)
+    overlap2 = diameter * diameter - dot(r, r)
     touches = overlap2 > wide(0.0)
     force = vec3(zero, zero, zero)
     if touches:
         force, _, _, _, _ = rod_on_rod(
-            reals(p.c), real(p.radius), real(p.mass), narrow(away), real(overlap2), narrow(a * s), narrow(b * t),
+            reals(p.c), real(p.radius), real(p.mass), narrow(r), real(overlap2), narrow(a * s), narrow(b * t),
             narrow(load(g, i, U) - load(g, j, U)), narrow(load(g, i, V) - load(g, j, V)),
             narrow(load(g, i, P)), narrow(load(g, j, P)), narrow(load(g, i, W)), narrow(load(g, j, W)),
             spring_of(st.spring, st.held, k), advance_of(st.held, k, dt), rate,
@@ -39,38 +39,38 @@ def pair_now(st: State, p: Params, i, j, k, dt):
 
 
 @func
-def walls_now(st: State, p: Params, w, k, dt, out, found):
-    """Write the contacts of entry k at wall w, at each part that touches; how many rows there are then."""
+def walls_now(st: State, p: Params, w, k, dt, out, count):
+    """Write the contacts of entry k with wall w to `out` from row `count` on; return the new number of rows."""
     rate = rolling_rate(rolling_inertia(p.inertia, p.slender), dt)
     half_dt = real(0.5) * dt
     i = st.wall_grain[k]
-    a_mesh = MESHES and p.wall_kind[w] == MESH_NUMBER
+    is_mesh = MESHES and p.wall_kind[w] == MESH_NUMBER
     now, older = measure_rod_at(st, p, w, k)
-    was = int(st.wall_held[k])
+    before = int(st.wall_held[k])
     for part in range(WALL_PARTS):
         if (now >> part) & 1:
-            spring, held = heritage(st.wall_spring, k, part, was, now, a_mesh, older)
-            force, _, _, point = wall_contact(st, p, w, i, part, spring, half_dt * (real(1.0) + held), rate)
-            write_row(out, found, st.ids[i], -1, w, force, point)
-            found += 1
-    return found
+            spring, has_spring = heritage(st.wall_spring, k, part, before, now, is_mesh, older)
+            force, _, _, point = wall_contact(st, p, w, i, part, spring, half_dt * (real(1.0) + has_spring), rate)
+            write_row(out, count, st.ids[i], -1, w, force, point)
+            count += 1
+    return count
 
 
 @func
 def normal_now(st: State, p: Params, w, k, row, rows):
-    """Unit normal from wall w to the part of the rod of entry k that makes the contact."""
+    """Unit normal from wall w to the rod of entry k at contact number `row`."""
     now, _ = measure_rod_at(st, p, w, k)
-    at, count = 0, 0
+    number, contacts = 0, 0
     for part in range(WALL_PARTS):
         if (now >> part) & 1:
-            if count == row:
-                at = part
-            count += 1
-    return wide3(wide(st.near[at * 5 + 1]), wide(st.near[at * 5 + 2]), wide(st.near[at * 5 + 3]))
+            if contacts == row:
+                number = part
+            contacts += 1
+    return wide3(wide(st.near[number * 5 + 1]), wide(st.near[number * 5 + 2]), wide(st.near[number * 5 + 3]))
 
 
 @func
-def spin_later(grains, loads, body, i, later, p: Params):
-    """Spin [rad/s] of rod i, `later` [s] later."""
-    m = load(grains, i, M) + load(loads, i, T) * (later / p.inertia)
+def spin_after(grains, loads, body, i, duration, p: Params):
+    """Spin [rad/s] of grain i, `duration` [s] later under the torque in `loads`."""
+    m = load(grains, i, M) + load(loads, i, T) * (duration / p.inertia)
     return spin(m, load(grains, i, A), p.slender)

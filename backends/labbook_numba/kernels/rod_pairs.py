@@ -1,6 +1,6 @@
-"""Pairs of rods: which touch, by the closest points of near pairs, and what acts on them.
+"""Pairs of rods: selection of touching pairs by closest points, and their forces.
 
-Closest points are taken 384 near pairs at a time, in columns of State.near, in double whatever the law.
+Closest points are computed for 384 near pairs at a time, in columns of State.near, in double precision.
 """
 
 from labbook_dem.rods import rod_on_rod
@@ -15,14 +15,15 @@ from labbook_numba.rows import columns, rows_at
 from labbook_numba.squeeze import both, first_of, how_many, positive, squeeze_numbers
 from labbook_numba.state import RODS as LAYOUT
 
-# of State.near: branch between centres, which becomes that between closest points; axes, which become levers;
+# columns of State.near: branch between centres, replaced by that between closest points; axes, replaced by levers;
 # overlap2, as `rod_on_rod` takes it
 (CX, CY, CZ, KX, KY, KZ, LX, LY, LZ, CLOSE) = (uint64(column * STRIDE) for column in range(LAYOUT.NEAR_COLUMNS))
 
 
 @kernel
 def gather_rods(grains, pair_i, pair_j, near, first, count):
-    """Branches between centres and axes of the listed pairs first..first + count; behind them, those of ghosts."""
+    """Copy branches between centres and axes of the listed pairs first..first + count into columns, padded by
+    ghosts."""
     for t in range(uint64(0), count, uint64(8)):
         k = first + t
         x, y, z, _ = columns(rows_at(grains, pair_i, k, GRAIN, X) - rows_at(grains, pair_j, k, GRAIN, X))
@@ -35,26 +36,27 @@ def gather_rods(grains, pair_i, pair_j, near, first, count):
 
 @kernel
 def closest_points(b, count, half, reach2):
-    """Branch, levers and overlap2 (diameter^2 - r^2) of near pairs."""
+    """Replace branches and axes of near pairs by branch, levers and overlap2 (diameter^2 - r^2) at their closest
+    points."""
     for t in range(whole(count)):
-        a = wide3(b[KX + t], b[KY + t], b[KZ + t])
-        other = wide3(b[LX + t], b[LY + t], b[LZ + t])
-        r, s, away = closest(wide3(b[CX + t], b[CY + t], b[CZ + t]), a, other, half)
+        axis_i = wide3(b[KX + t], b[KY + t], b[KZ + t])
+        axis_j = wide3(b[LX + t], b[LY + t], b[LZ + t])
+        r, s, away = closest(wide3(b[CX + t], b[CY + t], b[CZ + t]), axis_i, axis_j, half)
         b[CX + t] = away.x
         b[CY + t] = away.y
         b[CZ + t] = away.z
-        b[KX + t] = a.x * r
-        b[KY + t] = a.y * r
-        b[KZ + t] = a.z * r
-        b[LX + t] = other.x * s
-        b[LY + t] = other.y * s
-        b[LZ + t] = other.z * s
+        b[KX + t] = axis_i.x * r
+        b[KY + t] = axis_i.y * r
+        b[KZ + t] = axis_i.z * r
+        b[LX + t] = axis_j.x * s
+        b[LY + t] = axis_j.y * s
+        b[LZ + t] = axis_j.z * s
         b[CLOSE + t] = wide(reach2) - dot(away, away)
 
 
 @kernel
-def pack_pairs(grains, body, near, pair_i, pair_j, held, b, block_i, block_j, slot, first, last, half, reach2):
-    """Bring those of the listed pairs first..last that touch into the block; how many they are.
+def pack_pairs(grains, body, near, pair_i, pair_j, has_spring, b, block_i, block_j, slot, first, last, half, reach2):
+    """Copy the touching ones of the listed pairs first..last into the block; return their number.
 
     Branches between closest points, overlap2 (diameter^2 - r^2) and levers go to columns, grains to `block_i` and
     `block_j`, list entries to `slot`.
@@ -66,12 +68,12 @@ def pack_pairs(grains, body, near, pair_i, pair_j, held, b, block_i, block_j, sl
     for t in range(uint64(0), near_count, uint64(8)):
         k = first + t
         overlap2 = eight_at(near, CLOSE + t)
-        here = first_of(near_count - t)
-        touching = both(positive(overlap2), here)
+        in_list = first_of(near_count - t)
+        touching = both(positive(overlap2), in_list)
         squeeze_vectors(b, NX + count, eights_at(near, CX + t), touching)
         squeeze_vectors(b, IX + count, eights_at(near, KX + t), touching)
         squeeze_vectors(b, JX + count, eights_at(near, LX + t), touching)
-        squeeze_entries(b, slot, count, overlap2, held, k, touching, here)
+        squeeze_entries(b, slot, count, overlap2, has_spring, k, touching, in_list)
         squeeze_numbers(block_i, count, pair_i, k, touching)
         squeeze_numbers(block_j, count, pair_j, k, touching)
         count += how_many(touching)

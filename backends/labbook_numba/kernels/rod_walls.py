@@ -1,5 +1,7 @@
-"""Forces of walls on rods, one rod and wall at a time: few rods are at walls, and each touches at up to four points, at
-a mesh at up to eight."""
+"""Forces of walls on rods, one rod and wall at a time.
+
+Few rods are at walls. Each touches at up to four points, at a mesh at up to eight.
+"""
 
 from labbook_dem.chosen import wall_edges, wall_part
 from labbook_dem.contact import rolling_rate
@@ -41,14 +43,15 @@ from labbook_numba.state import Params, State
 
 @kernel
 def measure_rod(grains, near, walls, kind, w, i, half, radius):
-    """Distance, unit normal and place of each part of rod i at wall w, to `near`; which touch, as bits."""
+    """Write distance, unit normal and position of each part of rod i at wall w to `near`; return the mask of touching
+    parts."""
     x = load(grains, i, X)
-    a = load(grains, i, A)
+    axis = load(grains, i, A)
     numbers = wall_numbers(walls, w)
-    met, on, other, back = wall_edges(numbers, w, kind[w], x, a, half, radius)
+    met, on, twin, back = wall_edges(numbers, w, kind[w], x, axis, half, radius)
     now = 0
     for part in range(PLATE_PARTS):
-        distance, normal, s = wall_part(numbers, w, kind[w], x, a, half, radius, part, met, on, other, back)
+        distance, normal, s = wall_part(numbers, w, kind[w], x, axis, half, radius, part, met, on, twin, back)
         if distance < radius:
             now |= 1 << part
             near[part * 5] = distance
@@ -61,7 +64,8 @@ def measure_rod(grains, near, walls, kind, w, i, half, radius):
 
 @kernel
 def measure_rod_at(st: State, p: Params, w, k):
-    """Measure the rod of entry k at wall w; which parts touch, as bits, and of a mesh which have an older spring."""
+    """Measure the rod of entry k at wall w; return the masks of touching parts and, at a mesh, of parts with an older
+    spring."""
     if MESHES:  # noqa: SIM102 - compiled code leaves out what one constant decides
         if p.wall_kind[w] == MESH_NUMBER:
             return measure_rod_at_mesh(st, p, w, k)
@@ -70,8 +74,10 @@ def measure_rod_at(st: State, p: Params, w, k):
 
 @func
 def wall_contact(st: State, p: Params, w, i, part, spring, dt, rate):
-    """Force and torque of wall w on a measured part of rod i, spring, and branch from the rod's centre [m]; springs are
-    in the frame of the wall."""
+    """Force and torque of wall w on a measured part of rod i, spring, and branch from the rod's centre [m].
+
+    Springs are in the frame of the wall.
+    """
     c = p.wall_c
     zero = real(0.0)
     distance = st.near[part * 5]
@@ -92,66 +98,68 @@ def wall_contact(st: State, p: Params, w, i, part, spring, dt, rate):
     if POSES:
         spin = spin + part_spin(st.pose, pose_now(st), w)
         spring = spring_outwards(st.pose, pose_now(st), w, spring)
-    force, torque, kept = rod_on_wall(
+    force, torque, new_spring = rod_on_wall(
         reals((c[w, 0], c[w, 1], c[w, 2], c[w, 3], c[w, 4], c[w, 5], c[w, 6], c[w, 7])), real(p.radius), real(p.mass),
         real(p.radius - distance), narrow(n), narrow(lever), narrow(u), narrow(v), narrow(load(st.grains, i, P)),
         narrow(load(st.grains, i, W)), spin, spring, dt, rate,
     )  # fmt: skip
     if POSES:
-        return force, torque, spring_inwards(st.pose, pose_now(st), w, kept), branch
-    return force, torque, kept, branch
+        return force, torque, spring_inwards(st.pose, pose_now(st), w, new_spring), branch
+    return force, torque, new_spring, branch
 
 
 @func
-def heritage(spring, k, part, was, now, a_mesh, older):
-    """Spring that a part goes on with, and 1 if there is one, else 0; at a mesh its own, if that is `older`."""
-    old = heir(part, was, now)
+def heritage(spring, k, part, before, now, is_mesh, older):
+    """Spring that a part inherits, and 1 if there is one, else 0; at a mesh its own spring, if that is `older`."""
+    source = heir(part, before, now)
     if MESHES:
-        mine = part if has(older, part) else -1
-        old = mine if a_mesh else old
-    kept = wide(1.0) if old >= 0 else wide(0.0)
-    row = k * WALL_PARTS + max(old, 0)
-    return narrow(wide3(spring[row, 0] * kept, spring[row, 1] * kept, spring[row, 2] * kept)), real(kept)
+        own_part = part if has(older, part) else -1
+        source = own_part if is_mesh else source
+    valid = wide(1.0) if source >= 0 else wide(0.0)
+    row = k * WALL_PARTS + max(source, 0)
+    return narrow(wide3(spring[row, 0] * valid, spring[row, 1] * valid, spring[row, 2] * valid)), real(valid)
 
 
 @kernel
 def wall_forces(st: State, p: Params):
-    """Add the forces of walls on rods to f and t; after `pair_forces`, whose totals it goes on with."""
+    """Add the forces of walls on rods to loads; continues the totals of `pair_forces`."""
     dt = real(0.5) * real(p.dt)
     rate = rolling_rate(rolling_inertia(p.inertia, p.slender), real(p.dt))
     zero = real(0.0)
     touching = 0
     for w in range(len(p.wall_kind)):
-        a_mesh = MESHES and p.wall_kind[w] == MESH_NUMBER
+        is_mesh = MESHES and p.wall_kind[w] == MESH_NUMBER
         first, last = near_here(st.domain, st.wall_grain, st.wall_first[w], st.wall_first[w + 1])
         for k in range(first, last):
             i = st.wall_grain[k]
             now, older = measure_rod_at(st, p, w, k)
-            was = int(st.wall_held[k])
+            before = int(st.wall_held[k])
             if FRICTION:
                 st.wall_held[k] = now
             if now == 0:
                 continue
-            # of plates all are read before one is written: a part may go on with the spring of another
-            spring0, held0 = heritage(st.wall_spring, k, 0, was, now, a_mesh, older)
-            spring1, held1 = heritage(st.wall_spring, k, 1, was, now, a_mesh, older)
-            spring2, held2 = heritage(st.wall_spring, k, 2, was, now, a_mesh, older)
-            spring3, held3 = heritage(st.wall_spring, k, 3, was, now, a_mesh, older)
+            # at plates all springs are read before one is written: a part may inherit the spring of another
+            spring0, valid0 = heritage(st.wall_spring, k, 0, before, now, is_mesh, older)
+            spring1, valid1 = heritage(st.wall_spring, k, 1, before, now, is_mesh, older)
+            spring2, valid2 = heritage(st.wall_spring, k, 2, before, now, is_mesh, older)
+            spring3, valid3 = heritage(st.wall_spring, k, 3, before, now, is_mesh, older)
             for part in range(WALL_PARTS):
                 if has(now, part):
-                    spring, held = spring0, held0
+                    spring, valid = spring0, valid0
                     if part == 1:
-                        spring, held = spring1, held1
+                        spring, valid = spring1, valid1
                     if part == 2:
-                        spring, held = spring2, held2
+                        spring, valid = spring2, valid2
                     if part == 3:
-                        spring, held = spring3, held3
+                        spring, valid = spring3, valid3
                     if MESHES:  # noqa: SIM102 - compiled code leaves out what one constant decides
                         if part > 3:
-                            spring, held = heritage(st.wall_spring, k, part, was, now, a_mesh, older)
+                            spring, valid = heritage(st.wall_spring, k, part, before, now, is_mesh, older)
                     if not FRICTION:
                         spring = vec3(zero, zero, zero)
-                    force, torque, kept, _ = wall_contact(st, p, w, i, part, spring, dt * (real(1.0) + held), rate)
+                    force, torque, new_spring, _ = wall_contact(
+                        st, p, w, i, part, spring, dt * (real(1.0) + valid), rate
+                    )
                     st.loads[i, F + 0] += force.x
                     st.loads[i, F + 1] += force.y
                     st.loads[i, F + 2] += force.z
@@ -159,16 +167,16 @@ def wall_forces(st: State, p: Params):
                     st.loads[i, T + 1] += torque.y
                     st.loads[i, T + 2] += torque.z
                     if FRICTION:
-                        st.wall_spring[k * WALL_PARTS + part, 0] = kept.x
-                        st.wall_spring[k * WALL_PARTS + part, 1] = kept.y
-                        st.wall_spring[k * WALL_PARTS + part, 2] = kept.z
+                        st.wall_spring[k * WALL_PARTS + part, 0] = new_spring.x
+                        st.wall_spring[k * WALL_PARTS + part, 1] = new_spring.y
+                        st.wall_spring[k * WALL_PARTS + part, 2] = new_spring.z
                     touching += 1
                     overlap = p.radius - st.near[part * 5]
                     if not overlap <= st.sums[MAX_OVERLAP]:
                         st.sums[MAX_OVERLAP] = overlap
                         if not overlap <= p.overlap_limit:
                             st.count[FAIL_GRAIN] = st.ids[i]
-            if FRICTION and a_mesh:
+            if FRICTION and is_mesh:
                 key_rod_springs(st, k, now)
     if LEDGER:
         st.count[TOUCHING] += touching

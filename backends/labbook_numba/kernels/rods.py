@@ -1,4 +1,4 @@
-"""A rod: when it is near another or a wall, how it turns, and the work of contacts on it; of spheres see `spheres`."""
+"""Rods: criteria for lists, rotation, and work of contacts; as `spheres`."""
 
 from labbook_dem.chosen import wall_edges, wall_part
 from labbook_dem.motion import kick, predict
@@ -15,66 +15,66 @@ from labbook_numba.state import Params, State
 
 @func
 def near_grain(grains, body, i, j, reach, half, skin):
-    """Whether the segments of two rods are closer than `reach` [m], a diameter and a skin."""
-    far = reach + wide(2.0) * half  # centres further apart cannot be near
+    """True if the segments of two rods are closer than `reach` [m], a diameter and a skin."""
+    centre_limit = reach + wide(2.0) * half  # centres further apart cannot be near
     branch = load(grains, i, X) - load(grains, j, X)
-    near = dot(branch, branch) < far * far
+    near = dot(branch, branch) < centre_limit * centre_limit
     if near:
-        _, _, away = closest(branch, load(grains, i, A), load(grains, j, A), half)
-        near = dot(away, away) < reach * reach
+        _, _, closest_branch = closest(branch, load(grains, i, A), load(grains, j, A), half)
+        near = dot(closest_branch, closest_branch) < reach * reach
     return near
 
 
 @func
 def near_wall(grains, body, i, walls, kind, w, radius, half, skin):
-    """Whether some part of rod i is closer than a radius and a skin to wall w."""
+    """True if a part of rod i is closer than a radius and a skin to wall w."""
     x = load(grains, i, X)
-    a = load(grains, i, A)
+    axis = load(grains, i, A)
     reach = radius + skin
     numbers = wall_numbers(walls, w)
-    met, on, other, back = wall_edges(numbers, w, kind[w], x, a, half, reach)
+    met, on, twin, back = wall_edges(numbers, w, kind[w], x, axis, half, reach)
     near = False
     for part in range(PLATE_PARTS):
-        distance, _, _ = wall_part(numbers, w, kind[w], x, a, half, reach, part, met, on, other, back)
+        distance, _, _ = wall_part(numbers, w, kind[w], x, axis, half, reach, part, met, on, twin, back)
         near = near or distance < reach
     return near
 
 
 @func
 def store(a, i, c, vector):
-    """Write a vector from column c of row i on."""
+    """Store a vector in row i from column c on."""
     a[i, c] = vector.x
     a[i, c + 1] = vector.y
     a[i, c + 2] = vector.z
 
 
 @func
-def turn_grain(g, i, turns, v, slender, half, kick_dt, dt):
-    """Kick, turn and predict rod i, with T/I_t = `turns` [rad/s^2].
+def turn_grain(g, i, turn_acc, v, slender, half, kick_dt, dt):
+    """Kick, turn and predict rod i by the angular acceleration turn_acc = T/I_t [rad/s^2].
 
-    The square of the speed of an end, at most |v| + h |m x a|.
+    Returns the square of an upper bound of the speed of its ends, |v| + h |m x a| [m^2/s^2].
     """
     at = i * GRAIN
-    put_row(g, at + M, kick(row_at(g, at + M), turns, kick_dt))
+    put_row(g, at + M, kick(row_at(g, at + M), turn_acc, kick_dt))
     m = load(g, i, M)
     qw, qx, qy, qz = turn(g[i, Q], g[i, Q + 1], g[i, Q + 2], g[i, Q + 3], m, slender, dt)
     g[i, Q] = qw
     g[i, Q + 1] = qx
     g[i, Q + 2] = qy
     g[i, Q + 3] = qz
-    along = axis(qw, qx, qy, qz)
-    store(g, i, A, along)
-    store(g, i, W, spin(m, along, slender))
-    put_row(g, at + P, predict(row_at(g, at + M), turns, dt))
-    store(g, i, P, spin(load(g, i, P), along, slender))
-    end = wide3(m.y * along.z - m.z * along.y, m.z * along.x - m.x * along.z, m.x * along.y - m.y * along.x)
-    speed = sqrt(square(v)) + half * sqrt(dot(end, end))
+    a = axis(qw, qx, qy, qz)
+    store(g, i, A, a)
+    store(g, i, W, spin(m, a, slender))
+    put_row(g, at + P, predict(row_at(g, at + M), turn_acc, dt))
+    store(g, i, P, spin(load(g, i, P), a, slender))
+    rate = wide3(m.y * a.z - m.z * a.y, m.z * a.x - m.x * a.z, m.x * a.y - m.y * a.x)
+    speed = sqrt(square(v)) + half * sqrt(dot(rate, rate))
     return speed * speed
 
 
 @kernel
 def contact_work(st: State, p: Params, kick_dt):
-    """Work [J] that the contact forces in f and t are about to do: force times mean velocity of the kick."""
+    """Work [J] of the contact forces in loads during the next kick: force times mean velocity of the kick."""
     work = wide(0.0)
     half = wide(0.5) * kick_dt
     for i in range(uint64(st.count[GRAINS])):

@@ -1,7 +1,7 @@
-"""What the kernels of a shape of grains must bring, and what goes on where all shapes are alike calls by these names.
+"""Functions that the kernels of a shape of grains must define, and that kernels common to all shapes call.
 
-Nothing here is compiled: a generated module has the functions of its shape (`labbook_numba.shapes`) in place of these,
-under the same names and with the same parameters. That is checked as it is made.
+Nothing here is compiled: a generated module contains the functions of its shape (`labbook_numba.shapes`) instead, with
+the same names and parameters, which is checked when it is generated.
 """
 
 from typing import Any
@@ -12,33 +12,35 @@ _OF_SHAPE = "each shape of grains has its own; see labbook_numba.shapes"
 
 
 def near_grain(grains, body, i, j, reach, half, skin) -> bool:
-    """Whether the surfaces of grains i and j are closer than a skin [m]; `reach`: the largest diameter and a skin."""
+    """True if the surfaces of grains i and j are closer than a skin [m]; reach: largest diameter plus skin."""
     raise NotImplementedError(_OF_SHAPE)
 
 
 def near_wall(grains, body, i, walls, kind, w, radius, half, skin) -> bool:
-    """Whether grain i is closer than a skin [m] to wall w; `radius`: of all, if they are alike."""
+    """True if grain i is closer than a skin [m] to wall w; radius: of all grains, if they are the same."""
     raise NotImplementedError(_OF_SHAPE)
 
 
-def turn_grain(g, i, turns, v, slender, half, kick_dt, dt) -> Any:
-    """Kick grain i by torque over inertia, `turns` [rad/s^2], and turn it; v: its velocity, a row. The square of a
-    speed that no point of its segment exceeds [m^2/s^2]."""
+def turn_grain(g, i, turn_acc, v, slender, half, kick_dt, dt) -> Any:
+    """Kick grain i by the angular acceleration turn_acc [rad/s^2] and turn it; v: its velocity, a row.
+
+    Returns the square of a bound for the speed of its segment [m^2/s^2].
+    """
     raise NotImplementedError(_OF_SHAPE)
 
 
 def contact_work(st: State, p: Params, kick_dt) -> Any:
-    """Work [J] that the contact forces in State.loads are about to do: force times mean velocity of the kick."""
+    """Work [J] of the contact forces in State.loads during the next kick: force times mean velocity of the kick."""
     raise NotImplementedError(_OF_SHAPE)
 
 
 def pack_pairs(
-    grains, body, near, pair_i, pair_j, held, b, block_i, block_j, slot, first, last, half, reach2
+    grains, body, near, pair_i, pair_j, has_spring, b, block_i, block_j, slot, first, last, half, reach2
 ) -> Any:  # fmt: skip
-    """Bring those of the listed pairs first..last that touch into the block; how many they are.
+    """Copy the touching ones of the listed pairs first..last into the block; return their number.
 
-    Branches, the square of the distance at which they touch less that of the branch, and what else the law stage needs
-    of where they are go to columns; grains to `block_i` and `block_j`, list entries to `slot`.
+    Branches, overlap2 (square of the contact distance minus square of the branch) and further geometry for the law
+    stage go to columns; grains to `block_i` and `block_j`, list entries to `slot`.
     """
     raise NotImplementedError(_OF_SHAPE)
 
@@ -49,27 +51,25 @@ def pair_contact(b, t, c, radius, mass, rate, dt, stiffness, damping) -> Any:
 
 
 def wall_forces(st: State, p: Params) -> None:
-    """Add the forces of walls to loads; after `pairs.pair_forces`, whose totals it goes on with."""
+    """Add the forces of walls to loads; continues the totals of `pairs.pair_forces`."""
     raise NotImplementedError(_OF_SHAPE)
 
 
 def pair_now(st: State, p: Params, i, j, k, dt) -> Any:
-    """Of grains i and j, listed pair k: whether they touch, the force on i [N], and the branch from i to j [m]."""
+    """Contact of listed pair k now: True if it touches, force on i [N], and branch from i to j [m]."""
     raise NotImplementedError(_OF_SHAPE)
 
 
-def walls_now(st: State, p: Params, w, k, dt, out, found) -> Any:
-    """Write a row of `out`, from `found` on, for each contact of the grain of entry k with wall w; how many rows there
-    are then."""
+def walls_now(st: State, p: Params, w, k, dt, out, count) -> Any:
+    """Write the contacts of entry k with wall w to `out` from row `count` on; return the new number of rows."""
     raise NotImplementedError(_OF_SHAPE)
 
 
 def normal_now(st: State, p: Params, w, k, row, rows) -> Any:
-    """Unit normal from wall w to the grain of entry k at contact `row` of those that `walls_now` has just written to
-    `rows`."""
+    """Unit normal from wall w to the grain of entry k at contact `row` of those that `walls_now` wrote to `rows`."""
     raise NotImplementedError(_OF_SHAPE)
 
 
-def spin_later(grains, loads, body, i, later, p: Params) -> Any:
-    """Spin [rad/s] of grain i, `later` [s] later by the torque in `loads`."""
+def spin_after(grains, loads, body, i, duration, p: Params) -> Any:
+    """Spin [rad/s] of grain i, `duration` [s] later under the torque in `loads`."""
     raise NotImplementedError(_OF_SHAPE)

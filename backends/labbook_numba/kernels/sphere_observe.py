@@ -1,4 +1,4 @@
-"""A sphere, and what it touches, as they are now."""
+"""Contacts of a sphere at the present time, for readings."""
 
 from labbook_dem.chosen import wall_distance
 from labbook_dem.contact import rolling_rate
@@ -16,33 +16,33 @@ from labbook_numba.state import Params, State
 
 @func
 def pair_now(st: State, p: Params, i, j, k, dt):
-    """Whether listed pair k touches, the force on i [N], and the branch from i to j [m]."""
+    """Contact of listed pair k now: True if it touches, force on i [N], and branch from i to j [m]."""
     zero = real(0.0)
-    away = load(st.grains, i, X) - load(st.grains, j, X)
+    branch = load(st.grains, i, X) - load(st.grains, j, X)
     ri, rj = radius_of(st.body, i, p.radius), radius_of(st.body, j, p.radius)
     mi, mj = mass_of(st.body, i, p.mass), mass_of(st.body, j, p.mass)
-    overlap2 = (ri + rj) * (ri + rj) - dot(away, away)
+    overlap2 = (ri + rj) * (ri + rj) - dot(branch, branch)
     touches = overlap2 > wide(0.0)
     force = vec3(zero, zero, zero)
     if touches:
         force, _, _, _, _ = sphere_on_sphere(
             reals(row_of(p.pair_c, kind_of(st.body, i) * KINDS + kind_of(st.body, j))),
-            real(ri), real(rj), real(mi), real(mj), narrow(away), real(overlap2),
+            real(ri), real(rj), real(mi), real(mj), narrow(branch), real(overlap2),
             narrow(load(st.grains, i, U) - load(st.grains, j, U)),
             narrow(load(st.grains, i, V) - load(st.grains, j, V)),
             narrow(load(st.grains, i, W)), narrow(load(st.grains, j, W)),
             spring_of(st.spring, st.held, k), advance_of(st.held, k, dt),
             rate_of(st.body, i, p), rate_of(st.body, j, p),
         )  # fmt: skip
-    return touches, force, -away
+    return touches, force, -branch
 
 
 @func
-def walls_now(st: State, p: Params, w, k, dt, out, found):
-    """Write the contact of entry k at wall w, if they touch; how many rows there are then."""
+def walls_now(st: State, p: Params, w, k, dt, out, count):
+    """Write the contacts of entry k with wall w to `out` from row `count` on; return the new number of rows."""
     if MESHES:  # noqa: SIM102 - compiled code leaves out what one constant decides
         if p.wall_kind[w] == MESH_NUMBER:
-            return mesh_now(st, p, w, k, dt, out, found)
+            return mesh_now(st, p, w, k, dt, out, count)
     zero = real(0.0)
     spin = vec3(zero, zero, real(p.wall_motion[w, 3]))
     i = st.wall_grain[k]
@@ -63,9 +63,9 @@ def walls_now(st: State, p: Params, w, k, dt, out, found):
             spring_at(st.wall_spring, int64(k) * int64(WALL_PARTS), wide(st.wall_held[k])),
             advance_of(st.wall_held, k, dt), rate_of(st.body, i, p),
         )  # fmt: skip
-        write_row(out, found, st.ids[i], -1, w, force, -(normal_w * distance))
-        found += 1
-    return found
+        write_row(out, count, st.ids[i], -1, w, force, -(normal_w * distance))
+        count += 1
+    return count
 
 
 @func
@@ -82,6 +82,6 @@ def rate_of(body, i, p):
 
 
 @func
-def spin_later(grains, loads, body, i, later, p: Params):
-    """Spin [rad/s] of grain i, `later` [s] later."""
-    return load(grains, i, W) + load(loads, i, T) * (later / inertia_of(body, i, p.inertia))
+def spin_after(grains, loads, body, i, duration, p: Params):
+    """Spin [rad/s] of grain i, `duration` [s] later under the torque in `loads`."""
+    return load(grains, i, W) + load(loads, i, T) * (duration / inertia_of(body, i, p.inertia))

@@ -1,4 +1,4 @@
-"""A sphere: when it is near another or a wall, how it turns, and the work of contacts on it; of rods see `rods`."""
+"""Spheres: criteria for lists, rotation, and work of contacts; as `rods`."""
 
 from labbook_dem.chosen import wall_distance
 from labbook_dem.motion import kick
@@ -14,30 +14,31 @@ from labbook_numba.state import Params, State
 
 @func
 def near_grain(grains, body, i, j, reach, half, skin):
-    """Whether two spheres are closer than their radii and a skin; `reach`: that of the largest [m]."""
-    away = load(grains, i, X) - load(grains, j, X)
-    far = body[i, 0] + body[j, 0] + skin if VARIED else reach
-    return dot(away, away) < far * far
+    """True if two spheres are closer than their radii and a skin; reach: that of the largest [m]."""
+    branch = load(grains, i, X) - load(grains, j, X)
+    limit = body[i, 0] + body[j, 0] + skin if VARIED else reach
+    return dot(branch, branch) < limit * limit
 
 
 @func
 def near_wall(grains, body, i, walls, kind, w, radius, half, skin):
-    """Whether sphere i is closer than its radius and a skin to wall w; `radius`: of all, if they are alike."""
+    """True if sphere i is closer than its radius and a skin to wall w; radius: of all, if they are the same."""
     distance, _ = wall_distance(wall_numbers(walls, w), w, kind[w], load(grains, i, X))
     return distance < radius_of(body, i, radius) + skin
 
 
 @func
-def turn_grain(g, i, turns, v, slender, half, kick_dt, dt):
-    """Kick the spin of sphere i by `turns` [rad/s^2]. The square of its speed."""
+def turn_grain(g, i, turn_acc, v, slender, half, kick_dt, dt):
+    """Kick the spin of sphere i by the angular acceleration turn_acc [rad/s^2]; return the square of its speed
+    [m^2/s^2]."""
     at = i * GRAIN
-    put_row(g, at + W, kick(row_at(g, at + W), turns, kick_dt))
+    put_row(g, at + W, kick(row_at(g, at + W), turn_acc, kick_dt))
     return square(v)
 
 
 @kernel
 def contact_work(st: State, p: Params, kick_dt):
-    """Work [J] that the contact forces in f and t are about to do: force times mean velocity of the kick."""
+    """Work [J] of the contact forces in loads during the next kick: force times mean velocity of the kick."""
     g = st.grains
     loads = st.loads
     work = wide(0.0)

@@ -37,7 +37,7 @@ from labbook_numba.kernels.features import (
     kernel,
     uint64,
 )
-from labbook_numba.kernels.meet import agree
+from labbook_numba.kernels.meet import domain_maximum
 from labbook_numba.kernels.move import move
 from labbook_numba.kernels.pairs import pair_forces
 from labbook_numba.kernels.shape import contact_work, wall_forces
@@ -45,18 +45,18 @@ from labbook_numba.state import Params, State
 
 
 @kernel
-def largest(first, last, speed2, bits):
-    """Largest of speed2[first:last], or a NaN if one is among them: by the bits, which unlike floats vectorise."""
-    most = bits[0] - bits[0]
+def largest_or_nan(first, last, speed2, bits):
+    """Largest of speed2[first:last], or NaN if one is NaN: by their bits, since a maximum of integers vectorises."""
+    largest = bits[0] - bits[0]
     for i in range(uint64(first), uint64(last)):
-        most = max(most, bits[i] & 0x7FFFFFFFFFFFFFFF)
-    bits[last] = most  # one behind the rows of a domain is its own: so is the array
+        largest = max(largest, bits[i] & 0x7FFFFFFFFFFFFFFF)
+    bits[last] = largest  # `speed2` has one spare place, and a domain has an array of its own
     return speed2[last]
 
 
 @kernel
-def leave(st: State, p: Params, dt):
-    """Record first passages through p.plane; count the grains that are far enough below the outlet to be dropped."""
+def record_leavers(st: State, p: Params, dt):
+    """Record first passages through p.plane; count the grains far enough below the outlet to be dropped."""
     step = st.count[STEP]
     leaving = 0
     g = st.grains
@@ -86,7 +86,7 @@ def leave(st: State, p: Params, dt):
 
 @kernel
 def integrate(st: State, p: Params):
-    """Advance the domain's grains by one step. Gives the square of the largest speed, or a NaN."""
+    """Advance the domain's grains by one step; return the square of the largest speed [m^2/s^2], or NaN."""
     dt = wide(p.dt)
     # the first kick brings velocities from a whole to a half step
     kick_dt = dt if st.count[STEP] > 0 else wide(0.5) * dt
@@ -94,17 +94,18 @@ def integrate(st: State, p: Params):
         st.sums[WORK] += contact_work(st, p, kick_dt)
     move(st, p, kick_dt, dt)
     if CROSSING or OUTLET:
-        leave(st, p, dt)
+        record_leavers(st, p, dt)
     st.count[STEP] += 1
-    return largest(st.domain[FIRST], st.domain[LAST], st.speed2, st.speed_bits)
+    return largest_or_nan(st.domain[FIRST], st.domain[LAST], st.speed2, st.speed_bits)
 
 
 @entry
 def advance(st: State, p: Params, target):
-    """Take steps up to step `target`; DONE, or why not. After REBUILD and a rebuild it is called again.
+    """Take steps up to step `target`; return DONE, or the code of what stopped it. After REBUILD the host rebuilds and
+    calls again.
 
-    If that is the present step, forces and torques of now are left in loads, and the springs advanced: on a copy of
-    the state, this is how they are read. The threads of all domains of a scene call it together and end alike.
+    If `target` is the present step, the forces and torques of now are left in loads, and springs are advanced: readings
+    call it so, on a copy of the state. The threads of all domains of a scene call it together and return the same code.
     """
     limit2 = p.speed_limit * p.speed_limit
     reading = st.count[STEP] == target
@@ -116,12 +117,12 @@ def advance(st: State, p: Params, target):
             wall_forces(st, p)
         if reading:
             return DONE
-        overlap = agree(st, OVERLAP, st.sums[MAX_OVERLAP])
+        overlap = domain_maximum(st, OVERLAP, st.sums[MAX_OVERLAP])
         if not overlap <= p.overlap_limit:
             st.sums[FAIL_VALUE] = overlap
             return BAD_OVERLAP
         st.sums[DEEPEST] = max(st.sums[DEEPEST], overlap)
-        fastest2 = agree(st, SPEED, integrate(st, p))
+        fastest2 = domain_maximum(st, SPEED, integrate(st, p))
         if not fastest2 <= limit2:
             st.sums[FAIL_VALUE] = sqrt(fastest2)
             for i in range(st.domain[FIRST], st.domain[LAST]):

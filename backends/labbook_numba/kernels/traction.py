@@ -14,7 +14,8 @@ from labbook_numba.state import Params, State
 
 @entry
 def wall_sums(st: State, p: Params, bins, part, force_unit, torque_unit, rows, sums):
-    """Add up the contacts with walls, in whole numbers; bins, sums: see `BinTable`; rows: room for those of a grain."""
+    """Add up the contacts with walls in integer quanta; bins, sums: see `BinTable`; rows: scratch for the contacts of a
+    grain."""
     dt = real(p.dt)
     if not ANY_WALLS:
         return

@@ -1,8 +1,7 @@
-"""Between grains and the block of contacts, eight at a time: gather before the law, scatter after it; near contacts
-are squeezed to those that touch. And one grain or contact at a time.
+"""Transfer between grains and a block of contacts, eight at a time: gather before the law, scatter after it, and
+compress near contacts to touching ones. Also loads and stores for one grain or contact.
 
-Which grains are in the block stands in `i` and `j`, which list entries in `slot`; both are filled up to a
-multiple of eight with ghosts.
+`i` and `j` are the grains of a block, `slot` their list entries; all are padded by ghosts to a multiple of eight.
 """
 
 from labbook_dem.words import ROLLING_SPRING, func, narrow, real, wide, wide3
@@ -56,7 +55,7 @@ from labbook_numba.squeeze import exchange, squeeze, squeeze_places
 
 @kernel
 def fill_up(i, j, slot, count, ghost, spare):
-    """Put the row `ghost` and the list entry `spare` behind the `count` contacts of the block."""
+    """Pad the `count` contacts of the block by the row `ghost` and the list entry `spare`."""
     for t in range(count, count + uint64(8)):
         i[t] = ghost
         j[t] = ghost
@@ -65,7 +64,7 @@ def fill_up(i, j, slot, count, ghost, spare):
 
 @func
 def put_vectors(b, place, x, y, z):
-    """Write the columns of eight vectors."""
+    """Store eight vectors in three columns."""
     put(b, place, x)
     put(b, place + STRIDE, y)
     put(b, place + STRIDE + STRIDE, z)
@@ -73,9 +72,10 @@ def put_vectors(b, place, x, y, z):
 
 @kernel
 def gather_pairs(g, i, j, b, count):
-    """Velocities of i relative to j, predicted and half a step old, and both spins, of rods predicted too.
+    """Copy velocities of i relative to j, predicted and half a step old, and both spins, of rods also the predicted
+    ones.
 
-    All is read before anything is written: the compiler then looks up the eight places once.
+    All loads precede the stores: the compiler then computes the eight addresses once.
     """
     for t in range(uint64(0), count, uint64(8)):
         ux, uy, uz, _ = columns(rows_at(g, i, t, GRAIN, U) - rows_at(g, j, t, GRAIN, U))
@@ -97,9 +97,9 @@ def gather_pairs(g, i, j, b, count):
 
 @kernel
 def gather_grains(g, i, b, count, of_mesh):
-    """Velocities relative to the wall, predicted and half a step old, and spins.
+    """Copy velocities relative to the wall, predicted and half a step old, and spins.
 
-    of_mesh: the velocity of the wall half a step before stands in VX.., where parts may move; else it is that of now.
+    of_mesh: VX.. has the velocity of the wall half a step before, if parts move; else the present one serves for both.
     """
     for t in range(uint64(0), count, uint64(8)):
         ux, uy, uz, _ = columns(rows_at(g, i, t, GRAIN, U))
@@ -126,33 +126,33 @@ def gather_grains(g, i, b, count, of_mesh):
 
 @kernel
 def gather_springs(spring, slot, b, count, half_dt):
-    """Springs, and by how much to advance them: those of new contacts are zero, and advance by half a step."""
+    """Copy springs and the time to advance them by: those of new contacts are zero, and advance by half a step."""
     for t in range(uint64(0), count, uint64(8)):
-        held = eight_at(b, HELD + t)
+        has_spring = eight_at(b, HELD + t)
         x, y, z, _ = columns(rows_at(spring, slot, t, SPRING, uint64(0)))
-        put(b, SX + t, x * held)
-        put(b, SY + t, y * held)
-        put(b, SZ + t, z * held)
+        put(b, SX + t, x * has_spring)
+        put(b, SY + t, y * has_spring)
+        put(b, SZ + t, z * has_spring)
         if ROLLING_SPRING:
             gx, gy, gz, _ = columns(rows_at(spring, slot, t, SPRING, ROLL))
-            put_vectors(b, GX + t, gx * held, gy * held, gz * held)
-        put(b, DT + t, held * half_dt + spread(half_dt))
+            put_vectors(b, GX + t, gx * has_spring, gy * has_spring, gz * has_spring)
+        put(b, DT + t, has_spring * half_dt + spread(half_dt))
 
 
 @kernel
 def scatter_forces(loads, i, j, b, count, pairs):
-    """Add forces and torques to the grains, to j only if these are `pairs`.
+    """Add forces and torques to the grains, to j only for `pairs`.
 
-    Those on j come first: a list that ascends in i then j names a grain as j before it names it as i, so that the
-    order of the sum is that of the list, wherever the groups of eight begin.
+    Those on j come first: a list that ascends in i, then j, has a grain as j before it has it as i, so that the order
+    of each sum is that of the list, wherever the groups of eight begin.
     """
-    nothing = spread(0.0)
+    zero = spread(0.0)
     for t in range(uint64(0), count, uint64(8)):
-        force = rows(eight_at(b, UX + t), eight_at(b, UY + t), eight_at(b, UZ + t), nothing)
+        force = rows(eight_at(b, UX + t), eight_at(b, UY + t), eight_at(b, UZ + t), zero)
         if FRICTION or ORIENTED:
-            torque = rows(eight_at(b, AX + t), eight_at(b, AY + t), eight_at(b, AZ + t), nothing)
+            torque = rows(eight_at(b, AX + t), eight_at(b, AY + t), eight_at(b, AZ + t), zero)
             if pairs:
-                torque_j = rows(eight_at(b, BX + t), eight_at(b, BY + t), eight_at(b, BZ + t), nothing)
+                torque_j = rows(eight_at(b, BX + t), eight_at(b, BY + t), eight_at(b, BZ + t), zero)
                 add_two_rows(loads, j, t, LOAD, F, -force, T, torque_j)
             add_two_rows(loads, i, t, LOAD, F, force, T, torque)
         else:
@@ -163,25 +163,25 @@ def scatter_forces(loads, i, j, b, count, pairs):
 
 @kernel
 def scatter_springs(spring, slot, b, count):
-    """Keep the springs."""
-    nothing = spread(0.0)
+    """Store the springs of the block in the list."""
+    zero = spread(0.0)
     for t in range(uint64(0), count, uint64(8)):
-        kept = rows(eight_at(b, SX + t), eight_at(b, SY + t), eight_at(b, SZ + t), nothing)
-        put_rows(spring, slot, t, SPRING, uint64(0), kept)
+        spring_rows = rows(eight_at(b, SX + t), eight_at(b, SY + t), eight_at(b, SZ + t), zero)
+        put_rows(spring, slot, t, SPRING, uint64(0), spring_rows)
         if ROLLING_SPRING:
-            kept = rows(eight_at(b, GX + t), eight_at(b, GY + t), eight_at(b, GZ + t), nothing)
-            put_rows(spring, slot, t, SPRING, ROLL, kept)
+            spring_rows = rows(eight_at(b, GX + t), eight_at(b, GY + t), eight_at(b, GZ + t), zero)
+            put_rows(spring, slot, t, SPRING, ROLL, spring_rows)
 
 
 @func
 def eights_at(near, place):
-    """Eight vectors, from columns of State.near."""
+    """Load eight vectors from columns of State.near."""
     return eight_at(near, place), eight_at(near, place + STRIDE), eight_at(near, place + STRIDE + STRIDE)
 
 
 @func
 def squeeze_vectors(b, place, vectors, touching):
-    """Write the picked of eight vectors to columns of the block."""
+    """Store the touching ones of eight vectors in columns of the block."""
     x, y, z = vectors
     squeeze(b, place, x, touching)
     squeeze(b, place + STRIDE, y, touching)
@@ -189,46 +189,45 @@ def squeeze_vectors(b, place, vectors, touching):
 
 
 @func
-def squeeze_entries(b, slot, count, depth, held, k, touching, here):
-    """Write `depth` of the picked of the list entries k..k + 8, whether they hold springs, and which entries they are.
+def squeeze_entries(b, slot, count, depth, has_spring, k, touching, in_list):
+    """Store `depth`, flag of a spring and index of the touching ones of the list entries k..k + 8.
 
-    depth: what goes to DEPTH.
-
-    From now on those that touch hold one; `here`: those of the eight that are in the list.
+    depth: values of DEPTH; in_list: mask of the eight that are in the list. The touching ones have a spring from now
+    on, the others have not.
     """
     squeeze(b, DEPTH + count, depth, touching)
     if FRICTION:
-        squeeze(b, HELD + count, exchange(held, k, touching, here), touching)
+        squeeze(b, HELD + count, exchange(has_spring, k, touching, in_list), touching)
         squeeze_places(slot, count, k, touching)
 
 
 @func
 def load(a, i, c):
-    """The vector that starts at column c of row i."""
+    """Load the vector that starts at column c of row i."""
     return wide3(a[i, c], a[i, c + 1], a[i, c + 2])
 
 
 @func
 def spring_of(spring, held, k):
-    """The spring of entry k; none if it is not held."""
+    """Spring of entry k; zero if it is not valid."""
     return spring_at(spring, k, wide(held[k]))
 
 
 @func
-def spring_at(spring, row, kept):
-    """The spring in a row; none if `kept` is 0 and not 1."""
-    return narrow(wide3(spring[row, 0] * kept, spring[row, 1] * kept, spring[row, 2] * kept))
+def spring_at(spring, row, factor):
+    """Spring in a row times a factor of 0 or 1."""
+    return narrow(wide3(spring[row, 0] * factor, spring[row, 1] * factor, spring[row, 2] * factor))
 
 
 @func
 def advance_of(held, k, dt):
-    """By how much the spring of entry k is to be advanced [s]."""
+    """Time [s] to advance the spring of entry k by."""
     return real(0.5) * dt * (real(1.0) + real(held[k]))
 
 
 @kernel
 def write_row(out, row, i, j, wall, force, branch):
-    """Write one row."""
+    """Write one row of contacts."""
     out[row, 0] = i
     out[row, 1] = j
     out[row, 2] = wall

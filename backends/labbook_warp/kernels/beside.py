@@ -1,7 +1,7 @@
-"""Walls met by a kernel of their own, one thread a grain: of the grains that have one near, side by side.
+"""Contacts with walls in a kernel of their own: one thread for each grain that is near a wall.
 
-What a rod does at a wall takes many more registers, and more code, than what it does among its neighbours, and few rods
-are near one. Sums over contacts are exact, so it decides no bit where they are made.
+A rod at a wall takes many more registers, and more code, than a rod among its neighbours, and few rods are near a wall.
+Sums over contacts are exact, so that no bit depends on the kernel that computes them.
 """
 
 from __future__ import annotations
@@ -9,17 +9,18 @@ from __future__ import annotations
 from labbook_dem.words import wide
 
 from labbook_warp.kernels.shape import at_walls, grain
-from labbook_warp.kernels.sums import Sums, put_aside
+from labbook_warp.kernels.sums import Sums, store_wall_sums
 from labbook_warp.kernels.system import System, material
 from labbook_warp.kernels.words import EDGES, PARKED, Words, kernel, this_thread, wall_kernel, wp
 
 
 @kernel
-def line_up(a: System):
-    """List the grains that have a wall near, those by an edge from the end; `beside_count` is zero before.
+def list_rows_near_walls(a: System):
+    """List the rows of grains near a wall; rows of rods near an edge are listed from the end. `beside_count` is zero
+    before.
 
-    Edges take long: they are begun with, and threads side by side should all have one. Order, which is by chance,
-    decides nothing.
+    Edges take long: their threads start first, and threads of one warp should all have one. The order within a list is
+    random and decides nothing.
     """
     i = wp.tid()
     s = i // a.cap
@@ -34,28 +35,28 @@ def line_up(a: System):
 
 @wall_kernel
 def meet_walls(a: System, p: Words, slot: int, slots: int, keep: bool):
-    """Sum up the contacts with walls of each grain that has one near, of the members in `slots` slots from `slot` on.
+    """Sum up the contacts with walls of each listed grain, for the members in `slots` slots from `slot` on.
 
-    keep: whether springs are advanced in memory.
+    keep: store the springs of the next step.
     """
     n = this_thread(wp.tid())
-    # first come those by edges of all members, 32 of one side by side, and then the others
+    # edges of all members come first, in groups of 32 of one member: a warp then takes one branch only
     s = slot + (n // 32) % slots
     k = n // 32 // slots * 32 + n % 32
-    by_edges = a.beside_count[2 * s + 1]
-    other = k - (by_edges + 31) // 32 * 32
+    edges = a.beside_count[2 * s + 1]
+    rank = k - (edges + 31) // 32 * 32
     r = int(-1)
-    if k < by_edges:
+    if k < edges:
         r = a.beside[(s + 1) * a.cap - 1 - k]
-    elif other >= 0 and other < a.beside_count[2 * s]:
-        r = a.beside[s * a.cap + other]
+    elif rank >= 0 and rank < a.beside_count[2 * s]:
+        r = a.beside[s * a.cap + rank]
     if r >= 0:
         i = s * a.cap + r
         m = material(a, s)
         g = grain(p, m, i)
         if r < a.rows[s] and g.x[2] > wide(0.5) * wide(PARKED):
-            sums, held = at_walls(a, m, s, r, 0, g, a.wall_near[i], a.wall_held[i], Sums(), keep)
-            put_aside(a, i, held, sums)
-            if keep:
-                if held != a.wall_held[i]:
-                    a.wall_held[i] = held
+            sums, mask = at_walls(a, m, s, r, 0, g, a.wall_near[i], a.wall_held[i], Sums(), keep)
+            store_wall_sums(a, i, mask, sums)
+            if keep:  # most masks are as before: reading costs less than a scattered store
+                if mask != a.wall_held[i]:
+                    a.wall_held[i] = mask

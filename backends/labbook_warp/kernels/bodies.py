@@ -1,4 +1,4 @@
-"""What the grains are: all alike, or each by its own row."""
+"""Properties of grains: the same for all, or a row for each."""
 
 from __future__ import annotations
 
@@ -11,26 +11,26 @@ from labbook_warp.kernels.words import KINDS
 
 @struct
 class Body:
-    """One grain. reach: its radius, for overlaps, which are small differences of large lengths."""
+    """Properties of one grain."""
 
-    reach: wide
-    radius: real
-    mass: real
-    rolling_rate: real
-    kind: int
+    reach: wide  # radius [m] in double: an overlap is a small difference of large lengths
+    radius: real  # [m]
+    mass: real  # [kg]
+    rolling_rate: real  # see `labbook_dem.contact.rolling_rate`
+    kind: int  # number of its species
 
 
 @func
 def body(a: System, m: Material, i: int):
-    """What grain i is."""
+    """Properties of grain i."""
     b = Body()
     if VARIED:
-        own = a.body[i]
-        b.reach = own[0]
-        b.radius = real(own[0])
-        b.mass = real(own[1])
-        b.rolling_rate = rolling_rate(real(own[2]), real(m.dt))
-        b.kind = int(own[3])
+        row = a.body[i]
+        b.reach = row[0]
+        b.radius = real(row[0])
+        b.mass = real(row[1])
+        b.rolling_rate = rolling_rate(real(row[2]), real(m.dt))
+        b.kind = int(row[3])
     else:
         b.reach = m.reach
         b.radius = m.radius
@@ -40,55 +40,55 @@ def body(a: System, m: Material, i: int):
 
 
 @func
-def between(a: System, m: Material, s: int, one: Body, other: Body):
-    """Coefficients of the law between two grains of slot s."""
+def between(a: System, m: Material, s: int, first: Body, second: Body):
+    """Coefficients of the contact law between two grains of slot s."""
     c = m.c
     if VARIED:
-        c = a.pair_c[(s * KINDS + one.kind) * KINDS + other.kind]
+        c = a.pair_c[(s * KINDS + first.kind) * KINDS + second.kind]
     return c
 
 
 @func
-def with_plate(a: System, g: int, one: Body):
-    """Coefficients of the law between a grain and wall g."""
-    at = g
+def with_plate(a: System, g: int, b: Body):
+    """Coefficients of the contact law between a grain and wall g."""
+    row = g
     if VARIED:
-        at = g * KINDS + one.kind
-    return a.wall_c[at]
+        row = g * KINDS + b.kind
+    return a.wall_c[row]
 
 
 @func
-def touching2(m: Material, one: Body, other: Body):
-    """Square of the distance [m] at which two grains touch."""
+def touching2(m: Material, first: Body, second: Body):
+    """Square of the centre distance [m^2] below which two grains overlap."""
     square = m.reach2
     if VARIED:
-        square = (one.reach + other.reach) * (one.reach + other.reach)
+        square = (first.reach + second.reach) * (first.reach + second.reach)
     return square
 
 
 @func
 def listed2(a: System, m: Material, i: int, j: int):
-    """Square of the distance [m] up to which two grains are listed as neighbours."""
+    """Square of the centre distance [m^2] up to which two grains are listed as neighbours."""
     square = m.listed2
     if VARIED:
-        far = a.body[i][0] + a.body[j][0] + wide(2.0) * m.half_skin
-        square = far * far
+        distance = a.body[i][0] + a.body[j][0] + wide(2.0) * m.half_skin
+        square = distance * distance
     return square
 
 
 @func
-def per_mass(a: System, m: Material, i: int):
-    """One over the mass of grain i [1/kg]."""
-    per = m.per_mass
+def inverse_mass(a: System, m: Material, i: int):
+    """Inverse mass of grain i [1/kg]."""
+    inverse = m.inverse_mass
     if VARIED:
-        per = wide(1.0) / a.body[i][1]
-    return per
+        inverse = wide(1.0) / a.body[i][1]
+    return inverse
 
 
 @func
-def per_inertia(a: System, m: Material, i: int):
-    """One over the moment of inertia of grain i [1/(kg m^2)]."""
-    per = m.per_inertia
+def inverse_inertia(a: System, m: Material, i: int):
+    """Inverse moment of inertia of grain i [1/(kg m^2)]."""
+    inverse = m.inverse_inertia
     if VARIED:
-        per = wide(1.0) / a.body[i][2]
-    return per
+        inverse = wide(1.0) / a.body[i][2]
+    return inverse

@@ -1,7 +1,7 @@
-"""Lists of near neighbours and near walls, rebuilt per member when one of its grains has moved too far.
+"""Lists of near neighbours and near walls, rebuilt for a member when one of its grains has moved too far.
 
-Cells lie on a lattice that is wrapped around to a member's few hundred or thousand; wrapped neighbours drop out by
-their distance. A cell holds a fixed number of grains: their order, which is by chance, decides nothing.
+Cells form a periodic lattice of a few hundred or thousand a member; grains that are neighbours only by periodicity are
+rejected by their distance. A cell holds a fixed number of grains, in random order, which decides nothing.
 """
 
 from __future__ import annotations
@@ -31,12 +31,13 @@ from labbook_warp.kernels.words import (
 
 
 @kernel
-def check(a: System, p: Words, every: int):
-    """Ask for a rebuild if a grain could have moved by half of the skin before the next check, `every` steps on.
+def check_displacements(a: System, p: Words, interval: int):
+    """Flag a member for a rebuild if a grain could move by half of the skin before the next check, after `interval`
+    steps.
 
-    A grain that has already moved farther (it was hit in between) was checked `late`: the beat is taken again,
-    with checks more often. Checked at every step, lists are never older than half of the skin. A member of which a
-    grain has failed rests.
+    A grain that has already moved farther (after a collision since the last check) sets `late`: the host repeats the
+    beat with more frequent checks. With a check at every step no list is older than half of the skin. Members with a
+    failed grain stop.
     """
     i = wp.tid()
     s = i // a.cap
@@ -47,11 +48,11 @@ def check(a: System, p: Words, every: int):
         g = grain(p, m, i)
         if g.x[2] > wide(0.5) * wide(PARKED):
             so_far, speed = strayed(a, m, i, g)
-            if every > 1 and not so_far <= m.half_skin:
+            if interval > 1 and not so_far <= m.half_skin:
                 a.late[s] = 1
-            ahead = wide(1.5) * speed * m.dt * wide(every)
+            ahead = wide(1.5) * speed * m.dt * wide(interval)
             if POSES:
-                if lists_are_due(a, s, every):
+                if lists_are_due(a, s, interval):
                     ahead = ahead + m.half_skin + m.half_skin
             if not so_far + ahead <= m.half_skin:
                 a.flag[s] = 1
@@ -59,49 +60,54 @@ def check(a: System, p: Words, every: int):
 
 
 @func
-def wrapped(x: wide, cell: wide, cells: int):
-    """Cell number of a coordinate, 0 to cells - 1."""
-    at = int(wp.floor(x / cell)) % cells
-    if at < 0:
-        at = at + cells
-    return at
+def cell_number(x: wide, cell: wide, cells: int):
+    """Number of the cell of a coordinate, 0 to cells - 1."""
+    n = int(wp.floor(x / cell)) % cells
+    if n < 0:
+        n = n + cells
+    return n
 
 
 @func
-def inside(c: int, cells: int):
-    """Cell number c on the lattice, from one that may lie less than all of it beyond."""
-    if c < 0:
-        c = c + cells
-    if c >= cells:
-        c = c - cells
-    return c
+def wrap(n: int, cells: int):
+    """Wrap a cell number that is at most one period outside of the lattice."""
+    if n < 0:
+        n = n + cells
+    if n >= cells:
+        n = n - cells
+    return n
 
 
 @func
-def cell_at(b: Place, cx: int, cy: int, cz: int):
-    """Number of a cell of one member, from cell numbers that may lie beyond the lattice."""
-    return (inside(cz, b.gz) * b.gy + inside(cy, b.gy)) * b.gx + inside(cx, b.gx)
+def cell_index(b: Place, cx: int, cy: int, cz: int):
+    """Index of a cell within its member, from cell numbers that may lie outside of the lattice."""
+    return (wrap(cz, b.gz) * b.gy + wrap(cy, b.gy)) * b.gx + wrap(cx, b.gx)
 
 
 @kernel
-def clear(a: System):
-    """Empty the cells of the members to be rebuilt."""
+def clear_cells(a: System):
+    """Empty the cells of flagged members."""
     c = wp.tid()
     if a.flag[c // a.cells] == 1:
         a.cell_count[c] = 0
 
 
 @kernel
-def fill(a: System, p: Words):
-    """Put grains into cells."""
+def fill_cells(a: System, p: Words):
+    """Sort the grains of flagged members into cells."""
     i = wp.tid()
     s = i // a.cap
     if a.flag[s] == 1 and i - s * a.cap < a.rows[s]:
         x = spot(p, i).x
         if x[2] > wide(0.5) * wide(PARKED):
             b = a.place[s]
-            at = cell_at(b, wrapped(x[0], b.cell, b.gx), wrapped(x[1], b.cell, b.gy), wrapped(x[2], b.cell, b.gz))
-            c = s * a.cells + at
+            index = cell_index(
+                b,
+                cell_number(x[0], b.cell, b.gx),
+                cell_number(x[1], b.cell, b.gy),
+                cell_number(x[2], b.cell, b.gz),
+            )
+            c = s * a.cells + index
             place = wp.atomic_add(a.cell_count, c, 1)
             if place < a.depth:
                 a.cell_rows[c * a.depth + place] = i - s * a.cap
@@ -110,39 +116,40 @@ def fill(a: System, p: Words):
 
 
 @func
-def look_around(a: System, p: Words, m: Material, s: int, r: int, g: Grain, lane: int):
-    """Put the rows near row r into its new list, in any order. How many, where no other threads share the grain."""
+def collect_neighbours(a: System, p: Words, m: Material, s: int, r: int, g: Grain, lane: int):
+    """Write the rows near row r into its new list, in any order; return their number if no other thread shares the
+    grain."""
     i = s * a.cap + r
     b = a.place[s]
-    cx = wrapped(g.x[0], b.cell, b.gx)
-    cy = wrapped(g.x[1], b.cell, b.gy)
-    cz = wrapped(g.x[2], b.cell, b.gz)
-    across = 2 * REACH + 1
-    found = int(0)
-    for side in range(lane, across * across * across, LANES):
-        dx = side % across - REACH
-        dy = side // across % across - REACH
-        dz = side // (across * across) - REACH
-        # a lattice one cell thick is its own neighbour: look there once
+    cx = cell_number(g.x[0], b.cell, b.gx)
+    cy = cell_number(g.x[1], b.cell, b.gy)
+    cz = cell_number(g.x[2], b.cell, b.gz)
+    width = 2 * REACH + 1
+    count = int(0)
+    for offset in range(lane, width * width * width, LANES):
+        dx = offset % width - REACH
+        dy = offset // width % width - REACH
+        dz = offset // (width * width) - REACH
+        # a lattice one cell thick is its own periodic neighbour: visit it once
         if (b.gx > 1 or dx == 0) and (b.gy > 1 or dy == 0) and (b.gz > 1 or dz == 0):
-            c = s * a.cells + cell_at(b, cx + dx, cy + dy, cz + dz)
+            c = s * a.cells + cell_index(b, cx + dx, cy + dy, cz + dz)
             for e in range(min(a.cell_count[c], a.depth)):
-                o = a.cell_rows[c * a.depth + e]
-                d2 = apart2(p, m, g, s * a.cap + o)
-                if d2 < listed2(a, m, i, s * a.cap + o) and o != r:
+                row = a.cell_rows[c * a.depth + e]
+                d2 = apart2(p, m, g, s * a.cap + row)
+                if d2 < listed2(a, m, i, s * a.cap + row) and row != r:
                     if SHARED:
-                        found = wp.atomic_add(a.found, i, 1)
-                    if found < a.near:
-                        to = entry(a, s, a.near, found, r)
-                        a.new_key[to] = wp.float32(d2)
-                        a.new_nbr[to] = o
-                    found = found + 1
-    return found
+                        count = wp.atomic_add(a.new_count, i, 1)
+                    if count < a.near:
+                        at = entry(a, s, a.near, count, r)
+                        a.new_key[at] = wp.float32(d2)
+                        a.new_nbr[at] = row
+                    count = count + 1
+    return count
 
 
 @kernel
-def gather(a: System, p: Words):
-    """Where threads share a grain: let them look for its neighbours together."""
+def collect_shared(a: System, p: Words):
+    """Collect the neighbours of each grain with all threads that share it."""
     thread = wp.tid()
     i = thread // LANES
     s = i // a.cap
@@ -151,12 +158,13 @@ def gather(a: System, p: Words):
         m = material(a, s)
         g = grain(p, m, i)
         if g.x[2] > wide(0.5) * wide(PARKED):
-            look_around(a, p, m, s, r, g, thread - i * LANES)
+            collect_neighbours(a, p, m, s, r, g, thread - i * LANES)
 
 
 @kernel
-def build(a: System, p: Words):
-    """List the neighbours of each grain by distance, so that those that touch come first, and carry springs over."""
+def build_lists(a: System, p: Words):
+    """Sort the neighbours of each grain by distance, so that touching ones come first, and copy springs to the new
+    list."""
     i = wp.tid()
     s = i // a.cap
     r = i - s * a.cap
@@ -164,36 +172,36 @@ def build(a: System, p: Words):
         m = material(a, s)
         g = grain(p, m, i)
         mark(a, i, g)
-        found = int(0)
+        count = int(0)
         near = wp.uint32(0)
         if g.x[2] > wide(0.5) * wide(PARKED):
             if SHARED:
-                found = a.found[i]
-                a.found[i] = 0
+                count = a.new_count[i]
+                a.new_count[i] = 0
             else:
-                found = look_around(a, p, m, s, r, g, 0)
-            # sorted after all are found: threads side by side find theirs one after another, but sort at the same time
-            for k in range(1, min(found, a.near)):
+                count = collect_neighbours(a, p, m, s, r, g, 0)
+            # sorted only now: threads of a warp find neighbours at different times, but sort in step
+            for k in range(1, min(count, a.near)):
                 at = entry(a, s, a.near, k, r)
-                insert(a, s, r, k, a.new_nbr[at], a.new_key[at])
-            if found > a.near:
-                wp.atomic_max(a.overflow, 3 * s, found)
-                found = a.near
+                insert_sorted(a, s, r, k, a.new_nbr[at], a.new_key[at])
+            if count > a.near:
+                wp.atomic_max(a.overflow, 3 * s, count)
+                count = a.near
             if ANY_WALLS:
                 near = near_walls(a, m, s, r, g)
         if ANY_WALLS:
             a.wall_near[i] = near
             if near == wp.uint32(0):  # nobody will look at its springs again
                 a.wall_held[i] = near
-        carry(a, s, r, i, found)
+        replace_list(a, s, r, i, count)
 
 
 @func
 def near_walls(a: System, m: Material, s: int, r: int, g: Grain):
-    """The entries of row r at walls that it may touch before its list is built again, WALL_PARTS each, as bits."""
+    """Mask of the walls, WALL_PARTS bits each, that row r may touch before its list is rebuilt."""
     near = wp.uint32(0)
     if LISTED:
-        near = seat_walls(a, m, s, r, g)
+        near = assign_wall_entries(a, m, s, r, g)
     else:
         for q in range(a.place[s].walls):
             near = near | (parts_near(a, m, g, s * a.walls + q) << wp.uint32(q * WALL_PARTS))
@@ -201,88 +209,92 @@ def near_walls(a: System, m: Material, s: int, r: int, g: Grain):
 
 
 @func
-def seat_walls(a: System, m: Material, s: int, r: int, g: Grain):
-    """`near_walls` where members have more walls than a grain has entries for: one that stays near keeps its own."""
+def assign_wall_entries(a: System, m: Material, s: int, r: int, g: Grain):
+    """`near_walls` for members with more walls than a grain has entries for.
+
+    A wall that stays near keeps its entry, and with it its spring.
+    """
     i = s * a.cap + r
-    every = wp.uint32((1 << WALL_PARTS) - 1)
-    was = a.wall_near[i]
-    held = a.wall_held[i]
+    all_parts = wp.uint32((1 << WALL_PARTS) - 1)
+    near_before = a.wall_near[i]
+    springs = a.wall_held[i]
     near = wp.uint32(0)
-    crowd = int(0)
+    needed = int(0)
     for q in range(a.seats):
-        if (was >> wp.uint32(q * WALL_PARTS)) & every != wp.uint32(0):
+        if (near_before >> wp.uint32(q * WALL_PARTS)) & all_parts != wp.uint32(0):
             near = near | (parts_near(a, m, g, wall_at(a, s, r, q)) << wp.uint32(q * WALL_PARTS))
     for w in range(a.place[s].walls):
-        mine = int(-1)
-        free = int(-1)
+        own_entry = int(-1)
+        free_entry = int(-1)
         for q in range(a.seats):
-            if (near >> wp.uint32(q * WALL_PARTS)) & every == wp.uint32(0):
-                free = q
+            if (near >> wp.uint32(q * WALL_PARTS)) & all_parts == wp.uint32(0):
+                free_entry = q
             elif a.wall_seat[entry(a, s, a.seats, q, r)] == w:
-                mine = q
-        if mine >= 0:
-            crowd = crowd + 1
+                own_entry = q
+        if own_entry >= 0:
+            needed = needed + 1
         else:
             parts = parts_near(a, m, g, s * a.walls + w)
             if parts != wp.uint32(0):
-                crowd = crowd + 1
-                if free >= 0:
-                    a.wall_seat[entry(a, s, a.seats, free, r)] = w
-                    near = near | (parts << wp.uint32(free * WALL_PARTS))
-                    held = held & ~(every << wp.uint32(free * WALL_PARTS))
-    a.wall_held[i] = held
-    if crowd > a.seats:
-        wp.atomic_max(a.overflow, 3 * s + 2, crowd)
+                needed = needed + 1
+                if free_entry >= 0:
+                    a.wall_seat[entry(a, s, a.seats, free_entry, r)] = w
+                    near = near | (parts << wp.uint32(free_entry * WALL_PARTS))
+                    springs = springs & ~(all_parts << wp.uint32(free_entry * WALL_PARTS))
+    a.wall_held[i] = springs
+    if needed > a.seats:
+        wp.atomic_max(a.overflow, 3 * s + 2, needed)
     return near
 
 
 @func
-def insert(a: System, s: int, r: int, found: int, o: int, key: float32):
-    """Put row o into the new list of row r, which is kept in order of distance."""
-    k = int(found)
+def insert_sorted(a: System, s: int, r: int, count: int, neighbour: int, key: float32):
+    """Insert a row into the new list of row r, which is sorted by distance and has `count` entries."""
+    k = int(count)
     while k > 0 and a.new_key[entry(a, s, a.near, wp.max(k - 1, 0), r)] > key:
-        to = entry(a, s, a.near, k, r)
-        a.new_key[to] = a.new_key[to - a.cap]
-        a.new_nbr[to] = a.new_nbr[to - a.cap]
+        at = entry(a, s, a.near, k, r)
+        a.new_key[at] = a.new_key[at - a.cap]
+        a.new_nbr[at] = a.new_nbr[at - a.cap]
         k = k - 1
-    to = entry(a, s, a.near, k, r)
-    a.new_key[to] = key
-    a.new_nbr[to] = o
+    at = entry(a, s, a.near, k, r)
+    a.new_key[at] = key
+    a.new_nbr[at] = neighbour
 
 
 @func
-def carry(a: System, s: int, r: int, i: int, found: int):
-    """Replace the list of row r by the new one, with the springs that are held."""
-    old = a.held[i]
-    held = wp.uint32(0)
-    count = a.count[i]
+def replace_list(a: System, s: int, r: int, i: int, new_count: int):
+    """Copy friction springs from the old neighbour list of row r to the new one, and replace the list."""
+    old_springs = a.held[i]
+    springs = wp.uint32(0)
+    old_count = a.count[i]
     if FRICTION:
-        for k in range(found):
-            to = entry(a, s, a.near, k, r)
-            o = a.new_nbr[to]
-            for b in range(count):
-                if has_bit(old, b):
-                    at = entry(a, s, a.near, b, r)
-                    if a.nbr[at] == o:
-                        a.new_spring[to] = a.spring[at]
+        for k in range(new_count):
+            at = entry(a, s, a.near, k, r)
+            neighbour = a.new_nbr[at]
+            for old_k in range(old_count):
+                if has_bit(old_springs, old_k):
+                    old_at = entry(a, s, a.near, old_k, r)
+                    if a.nbr[old_at] == neighbour:
+                        a.new_spring[at] = a.spring[old_at]
                         if ROLLING_SPRING:
-                            a.new_rolling[to] = a.rolling[at]
-                        held = held | (wp.uint32(1) << wp.uint32(k))
-    for k in range(found):
-        to = entry(a, s, a.near, k, r)
-        a.nbr[to] = a.new_nbr[to]
+                            a.new_rolling[at] = a.rolling[old_at]
+                        springs = springs | (wp.uint32(1) << wp.uint32(k))
+    # in a second pass: the first still reads the old list
+    for k in range(new_count):
+        at = entry(a, s, a.near, k, r)
+        a.nbr[at] = a.new_nbr[at]
         if FRICTION:
-            if has_bit(held, k):
-                a.spring[to] = a.new_spring[to]
+            if has_bit(springs, k):
+                a.spring[at] = a.new_spring[at]
                 if ROLLING_SPRING:
-                    a.rolling[to] = a.new_rolling[to]
-    a.count[i] = found
-    a.held[i] = held
+                    a.rolling[at] = a.new_rolling[at]
+    a.count[i] = new_count
+    a.held[i] = springs
 
 
 @kernel
-def finish(a: System):
-    """Count the rebuild; members whose lists or cells did not fit rest until the host has made room."""
+def finish_rebuild(a: System):
+    """Count the rebuild. Members whose lists or cells overflowed stop until the host has enlarged the arrays."""
     s = wp.tid()
     if a.flag[s] == 1:
         a.rebuilds[s] = a.rebuilds[s] + 1

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from labbook_dem.words import dot, func, narrow, vec3, wide, wide3
 
-from labbook_warp.kernels.bodies import per_inertia, per_mass
+from labbook_warp.kernels.bodies import inverse_inertia, inverse_mass
 from labbook_warp.kernels.forces import forces, listed
-from labbook_warp.kernels.shape import at_wall, grain, own, spinning, whole, with_neighbour
+from labbook_warp.kernels.shape import angular_velocity, at_wall, complete, grain, private, with_neighbour
 from labbook_warp.kernels.system import System, entry, has_bit, material
 from labbook_warp.kernels.walls import wall_at
 from labbook_warp.kernels.words import (
@@ -25,11 +25,10 @@ from labbook_warp.kernels.words import (
 
 
 @kernel
-def look(a: System, p: Words, v_out: Wides3, w_out: Wides3):
-    """Velocities and reduced angular momenta at the whole step: half a kick by the forces there, as precise as the
-    state is.
+def whole_step(a: System, p: Words, v_out: Wides3, w_out: Wides3):
+    """Velocities [m/s] and reduced angular momenta [rad/s] at the whole step: half a kick by the forces there.
 
-    Grains that have left: zero.
+    They are rounded as the state is; grains that have left have zero.
     """
     thread = wp.tid()
     i = thread // LANES
@@ -41,17 +40,17 @@ def look(a: System, p: Words, v_out: Wides3, w_out: Wides3):
         near = listed(a, s, r, lane)
         g = grain(p, m, i)
         if g.x[2] > wide(0.5) * wide(PARKED):
-            f, t, _held, _wall_held, _deepest = forces(a, p, m, s, r, lane, g, near, False)
-            later = wide(0.5) * m.dt
+            force, torque, _springs, _wall_springs, _deepest = forces(a, p, m, s, r, lane, g, near, False)
+            half_dt = wide(0.5) * m.dt
             gravity = wide3(wide(0.0), wide(0.0), wide(-1.0)) * m.gravity
-            faster = (f * per_mass(a, m, i) + gravity) * later
-            spun = t * (per_inertia(a, m, i) * later)
+            dv = (force * inverse_mass(a, m, i) + gravity) * half_dt
+            dw = torque * (inverse_inertia(a, m, i) * half_dt)
             if a.step[s] == wp.int64(0):  # velocities of the start, even where grains in one place have forces of 0/0
-                faster = wide3(wide(0.0), wide(0.0), wide(0.0))
-                spun = faster
+                dv = wide3(wide(0.0), wide(0.0), wide(0.0))
+                dw = dv
             if lane == 0:
-                v_out[i] = widen(narrow(widen(g.v) + faster))
-                w_out[i] = widen(narrow(widen(whole(g, own(a, p, i)).w) + spun))
+                v_out[i] = widen(narrow(widen(g.v) + dv))
+                w_out[i] = widen(narrow(widen(complete(g, private(a, p, i)).w) + dw))
         else:
             v_out[i] = wide3(wide(0.0), wide(0.0), wide(0.0))
             w_out[i] = wide3(wide(0.0), wide(0.0), wide(0.0))
@@ -59,33 +58,34 @@ def look(a: System, p: Words, v_out: Wides3, w_out: Wides3):
 
 @kernel
 def kinetic(a: System, p: Words, v: Wides3, w: Wides3, adders: int, out: Wides):
-    """Kinetic energy [J] of every `adders`-th grain of each member, to be added up: in quanta, and the rest.
+    """Kinetic energy [J] of every `adders`-th grain of each member, as partial sums in coarse and in fine quanta.
 
-    Exact, multiples of a quantum in double: which row a grain has decides no bit. A quantum is 2^-48 of the energy of
-    2^20 grains at the guard on speeds; what it leaves over is counted in quanta finer by 2^48.
+    The sums are exact: the row of a grain decides no bit. A coarse quantum is 2^-48 of the energy of 2^20 grains at the
+    limit of speeds, a fine one 2^-48 of a coarse one.
     """
     thread = wp.tid()
     s = thread // adders
     first = thread - s * adders
     m = material(a, s)
-    magic = wide(24.0 * 2.0**20.0) * wide(m.speed2) / m.per_mass
+    # adding and subtracting a large number rounds to the quantum, the spacing of doubles there
+    magic = wide(24.0 * 2.0**20.0) * wide(m.speed_limit2) / m.inverse_mass
     small = magic * wide(2.0**-48.0)
     coarse = wide(0.0)
     fine = wide(0.0)
     for r in range(first, a.rows[s], adders):
         i = s * a.cap + r
-        turning = dot(w[i], spinning(m, grain(p, m, i), w[i]))
-        energy = wide(0.5) * (dot(v[i], v[i]) / per_mass(a, m, i) + turning / per_inertia(a, m, i))
-        whole = (energy + magic) - magic
-        coarse += whole
-        fine += ((energy - whole) + small) - small
+        turning = dot(w[i], angular_velocity(m, grain(p, m, i), w[i]))
+        energy = wide(0.5) * (dot(v[i], v[i]) / inverse_mass(a, m, i) + turning / inverse_inertia(a, m, i))
+        complete = (energy + magic) - magic
+        coarse += complete
+        fine += ((energy - complete) + small) - small
     out[2 * thread] = coarse
     out[2 * thread + 1] = fine
 
 
 @kernel
-def layer(a: System, p: Words, v: Wides3, low: Wides, high: Wides, counter: Ints, out: Wides):
-    """Rows slot, id, position [m], velocity of `v` [m/s] of the grains between the heights `low` and `high` [m] of
+def slab(a: System, p: Words, v: Wides3, low: Wides, high: Wides, counter: Ints, out: Wides):
+    """Append rows slot, id, position [m], velocity `v` [m/s] of the grains between the heights `low` and `high` [m] of
     their slots, in any order."""
     i = wp.tid()
     s = i // a.cap
@@ -103,8 +103,8 @@ def layer(a: System, p: Words, v: Wides3, low: Wides, high: Wides, counter: Ints
 
 
 @func
-def row(out: Wides, at: int, s: int, i: int, j: int, wall: int, force: vec3, branch: wide3):
-    """Write one contact."""
+def write_contact(out: Wides, at: int, s: int, i: int, j: int, wall: int, force: vec3, branch: wide3):
+    """Write one row of `contacts`."""
     out[at] = wide(s)
     out[at + 1] = wide(i)
     out[at + 2] = wide(j)
@@ -116,7 +116,7 @@ def row(out: Wides, at: int, s: int, i: int, j: int, wall: int, force: vec3, bra
 
 @kernel
 def contacts(a: System, p: Words, counter: Ints, out: Wides):
-    """Rows slot, i, j, wall, force on i [N], branch vector from i [m] of all touching contacts, in any order."""
+    """Append rows slot, i, j, wall, force on i [N], branch vector from i [m] of all touching contacts, in any order."""
     i = wp.tid()
     s = i // a.cap
     r = i - s * a.cap
@@ -130,13 +130,15 @@ def contacts(a: System, p: Words, counter: Ints, out: Wides):
                 if a.ids[i] < a.ids[j]:
                     c = with_neighbour(a, p, m, at, j, has_bit(a.held[i], k), g)
                     if c.touches:
-                        row(out, 10 * wp.atomic_add(counter, 0, 1), s, a.ids[i], a.ids[j], -1, c.force, c.branch)
+                        write_contact(
+                            out, 10 * wp.atomic_add(counter, 0, 1), s, a.ids[i], a.ids[j], -1, c.force, c.branch
+                        )
             if ANY_WALLS:
                 for k in range(a.seats * WALL_PARTS):
                     if has_bit(a.wall_near[i], k):
                         c = at_wall(a, m, s, r, k, a.wall_near[i], a.wall_held[i], g)
                         if c.touches:
-                            row(
+                            write_contact(
                                 out,
                                 10 * wp.atomic_add(counter, 0, 1),
                                 s,

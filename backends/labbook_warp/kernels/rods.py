@@ -1,4 +1,4 @@
-"""A rod: its state, how it moves, and when it is near; as `spheres` for these. What it meets: `rod_contacts`."""
+"""Rods: state, motion, and distances for lists; as `spheres` for these. Contacts: `rod_contacts`."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ from labbook_warp.kernels.words import (
 
 @struct
 class Grain:
-    """State of a grain: what it shows to others, and what only it knows."""
+    """State of a rod: the shared part (`shown`), and the private part q, w."""
 
     x: wide3  # [m]
     axis: wide3  # unit vector
@@ -37,7 +37,7 @@ class Grain:
 
 @func
 def grain(p: Words, m: Material, i: int):
-    """Grain i, as far as it shows: q and w are not known."""
+    """Load the shared state of grain i; q and w are not set."""
     here = spot(p, i)
     v, w, u, y = motion(p, i, here)
     g = Grain()
@@ -51,52 +51,55 @@ def grain(p: Words, m: Material, i: int):
 
 
 @struct
-class Own:
-    """What a grain does not show: see `Grain`."""
+class Private:
+    """Per-grain data that only its own thread reads; see `Grain`."""
 
     q: wide4
     w: vec3
-    rest: real  # what rounding has kept from the vertical velocity [m/s]; see `shown`
+    rest: real  # rounding error of the vertical velocity [m/s]; see `shown`
 
 
 @func
-def own(a: System, p: Words, i: int):
-    """What grain i does not show."""
+def private(a: System, p: Words, i: int):
+    """Load the private data of grain i."""
     momentum = load_four(a.momentum, i)
-    found = Own()
-    found.q = load_wide4(a.turned, i)
-    found.w = vec3(momentum[0], momentum[1], momentum[2])
-    found.rest = momentum[3]
-    return found
+    hidden = Private()
+    hidden.q = load_wide4(a.turned, i)
+    hidden.w = vec3(momentum[0], momentum[1], momentum[2])
+    hidden.rest = momentum[3]
+    return hidden
 
 
 @func
-def whole(g: Grain, o: Own):
-    """The grain with what it does not show."""
+def complete(g: Grain, hidden: Private):
+    """Grain with its private data."""
     new = Grain()
     new.x = g.x
     new.axis = g.axis
     new.v = g.v
     new.spin = g.spin
-    new.q = o.q
-    new.w = o.w
+    new.q = hidden.q
+    new.w = hidden.w
     return new
 
 
 @func
-def store(a: System, q: Words, i: int, g: Grain, more: real):
-    """Write grain i."""
+def store(a: System, q: Words, i: int, g: Grain, rest: real):
+    """Write grain i; rest: rounding error of its vertical velocity [m/s]."""
     store_wide4(a.turned, i, g.q)
-    store_four(a.momentum, i, real4(g.w[0], g.w[1], g.w[2], more))
+    store_four(a.momentum, i, real4(g.w[0], g.w[1], g.w[2], rest))
     put(q, i, g.x, g.axis, g.v, g.spin, g.u, g.soon)
 
 
 @func
 def moved(m: Material, g: Grain, x: wide3, v: vec3, w: wide3, u: vec3, turn_acc: wide3):
-    """The grain at its new place, with new velocities, turned; w is not yet rounded."""
+    """Grain at its new position x, with new velocities and orientation; w is not yet rounded.
+
+    turn_acc: torque over the transverse moment of inertia [rad/s^2].
+    """
     new = Grain()
     new.x = x
-    q0, q1, q2, q3 = turn(g.q[0], g.q[1], g.q[2], g.q[3], w, m.slender, m.dt)
+    q0, q1, q2, q3 = turn(g.q[0], g.q[1], g.q[2], g.q[3], w, m.slenderness, m.dt)
     new.q = wide4(q0, q1, q2, q3)
     new.axis = axis(q0, q1, q2, q3)
     new.v = v
@@ -106,39 +109,39 @@ def moved(m: Material, g: Grain, x: wide3, v: vec3, w: wide3, u: vec3, turn_acc:
         wide3(predict(w[0], turn_acc[0], m.dt), predict(w[1], turn_acc[1], m.dt), predict(w[2], turn_acc[2], m.dt))
     )
     along = narrow(new.axis)
-    new.spin = spin(new.w, along, real(m.slender))
-    new.soon = spin(y, along, real(m.slender))
+    new.spin = spin(new.w, along, real(m.slenderness))
+    new.soon = spin(y, along, real(m.slenderness))
     return new
 
 
 @func
-def pace2(m: Material, g: Grain):
-    """Square of the largest speed [m^2/s^2] that an end of the grain may have."""
-    turning = cross(g.spin, narrow(g.axis))
-    speed = sqrt(dot(g.v, g.v)) + real(m.half) * sqrt(dot(turning, turning))
+def max_speed2(m: Material, g: Grain):
+    """Square of an upper bound of the speed [m^2/s^2] of the ends of the rod."""
+    axis_rate = cross(g.spin, narrow(g.axis))
+    speed = sqrt(dot(g.v, g.v)) + real(m.half) * sqrt(dot(axis_rate, axis_rate))
     return speed * speed
 
 
 @func
 def at_rest(g: Grain, z: wide):
-    """The grain at height z [m], where it stays."""
-    none = vec3(real(0.0), real(0.0), real(0.0))
+    """Grain at rest at height z [m]."""
+    zero = vec3(real(0.0), real(0.0), real(0.0))
     new = Grain()
     new.x = wide3(g.x[0], g.x[1], z)
     new.q = g.q
     new.axis = g.axis
-    new.v = none
-    new.w = none
-    new.u = none
-    new.spin = none
-    new.soon = none
+    new.v = zero
+    new.w = zero
+    new.u = zero
+    new.spin = zero
+    new.soon = zero
     return new
 
 
 @func
-def spinning(m: Material, g: Grain, w: wide3):
-    """Angular velocity [rad/s] of a grain whose reduced angular momentum is w."""
-    return w + g.axis * (m.slender * dot(w, g.axis))
+def angular_velocity(m: Material, g: Grain, w: wide3):
+    """Angular velocity [rad/s] of a grain with reduced angular momentum w [rad/s] (`labbook_dem.rotation`)."""
+    return w + g.axis * (m.slenderness * dot(w, g.axis))
 
 
 # lists
@@ -146,24 +149,24 @@ def spinning(m: Material, g: Grain, w: wide3):
 
 @func
 def strayed(a: System, m: Material, i: int, g: Grain):
-    """How far [m] grain i has moved since its list was built, and its speed [m/s] now: of its farthest point."""
-    away = g.x - a.origin[i]
+    """Displacement [m] of grain i since the last rebuild, and its speed [m/s]: bounds for its farthest point."""
+    shift = g.x - a.origin[i]
     tilt = g.axis - a.facing[i]
     v = widen(g.v)
     w = cross(widen(g.spin), g.axis)
-    return sqrt(dot(away, away)) + m.half * sqrt(dot(tilt, tilt)), sqrt(dot(v, v)) + m.half * sqrt(dot(w, w))
+    return sqrt(dot(shift, shift)) + m.half * sqrt(dot(tilt, tilt)), sqrt(dot(v, v)) + m.half * sqrt(dot(w, w))
 
 
 @func
 def mark(a: System, i: int, g: Grain):
-    """Remember where grain i is as its list is built."""
+    """Store the position of grain i at the rebuild of its list."""
     a.origin[i] = g.x
     a.facing[i] = g.axis
 
 
 @func
 def apart2(p: Words, m: Material, g: Grain, j: int):
-    """Square of the distance [m^2] from grain j: of their segments, where their centres are near enough to matter."""
+    """Square of the distance [m^2] to grain j: of the segments if the centres are close enough, else of the centres."""
     there = spot(p, j)
     away = g.x - there.x
     d2 = dot(away, away)

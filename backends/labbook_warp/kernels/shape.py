@@ -1,7 +1,7 @@
-"""What the kernels of a shape of grains must bring, and what goes on where all shapes are alike calls by these names.
+"""Functions that the kernels of a shape of grains must define, and that kernels common to all shapes call.
 
-Nothing here is compiled: a generated module has the functions of its shape (`labbook_warp.shapes`) in place of these,
-under the same names and with the same parameters. That is checked as it is made.
+Nothing here is compiled: a generated module contains the functions of its shape (`labbook_warp.shapes`) instead, with
+the same names and parameters, which is checked when it is generated.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ _OF_SHAPE = "each shape of grains has its own; see labbook_warp.shapes"
 
 
 class Grain:
-    """State of a grain, a record. Shapes with an orientation have also `axis`, a unit vector, and the quaternion q."""
+    """State of a grain. Shapes with an orientation also have `axis`, a unit vector, and the quaternion q."""
 
     x: wide3  # [m]
     v: vec3  # [m/s], half a step before
@@ -29,80 +29,83 @@ class Grain:
     q: Any
 
 
-class Own:
-    """What a grain does not show to others, a record."""
+class Private:
+    """Per-grain data that only its own thread reads."""
 
-    rest: real  # what rounding has kept from the vertical velocity [m/s]; see `shown`
+    rest: real  # rounding error of the vertical velocity [m/s]; see `shown`
 
 
-# its state, and how it moves
+# state and motion
 
 
 def grain(p: Words, m: Material, i: int) -> Grain:
-    """Grain i, as far as it shows."""
+    """Load the shared state of grain i."""
     raise NotImplementedError(_OF_SHAPE)
 
 
-def own(a: System, p: Words, i: int) -> Own:
-    """What grain i does not show."""
+def private(a: System, p: Words, i: int) -> Private:
+    """Load the private data of grain i."""
     raise NotImplementedError(_OF_SHAPE)
 
 
-def whole(g: Grain, o: Own) -> Grain:
-    """The grain with what it does not show."""
+def complete(g: Grain, hidden: Private) -> Grain:
+    """Grain with its private data."""
     raise NotImplementedError(_OF_SHAPE)
 
 
-def store(a: System, q: Words, i: int, g: Grain, more: real) -> None:
-    """Write grain i; more: what rounding has kept from its vertical velocity [m/s]."""
+def store(a: System, q: Words, i: int, g: Grain, rest: real) -> None:
+    """Write grain i; rest: rounding error of its vertical velocity [m/s]."""
     raise NotImplementedError(_OF_SHAPE)
 
 
-def pace2(m: Material, g: Grain) -> real:
-    """Square of the largest speed [m^2/s^2] of a grain, of rods of an end."""
+def max_speed2(m: Material, g: Grain) -> real:
+    """Square of the largest speed [m^2/s^2] of a grain; of a rod, of its ends."""
     raise NotImplementedError(_OF_SHAPE)
 
 
 def moved(m: Material, g: Grain, x: wide3, v: vec3, w: wide3, u: vec3, turn_acc: wide3) -> Grain:
-    """The grain at its new place, with new velocities, turned; w is not yet rounded. turn_acc: torque over I_t."""
+    """Grain at its new position x, with new velocities and orientation; w is not yet rounded.
+
+    turn_acc: torque over the transverse moment of inertia [rad/s^2].
+    """
     raise NotImplementedError(_OF_SHAPE)
 
 
 def at_rest(g: Grain, z: wide) -> Grain:
-    """The grain at height z [m], where it stays."""
+    """Grain at rest at height z [m]."""
     raise NotImplementedError(_OF_SHAPE)
 
 
-def spinning(m: Material, g: Grain, w: wide3) -> Any:
-    """Angular velocity [rad/s] of a grain whose reduced angular momentum is w."""
+def angular_velocity(m: Material, g: Grain, w: wide3) -> Any:
+    """Angular velocity [rad/s] of a grain with reduced angular momentum w [rad/s]."""
     raise NotImplementedError(_OF_SHAPE)
 
 
-# what it meets
+# contacts
 
 
 def with_neighbour(a: System, p: Words, m: Material, at: int, j: int, held: bool, g: Grain) -> Contact:
-    """The contact with grain j, whose spring stands at `at` and is valid if `held`."""
+    """Contact with grain j, whose spring is entry `at`; held: the spring is valid."""
     raise NotImplementedError(_OF_SHAPE)
 
 
 def at_wall(a: System, m: Material, s: int, r: int, k: int, near: uint32, old: uint32, g: Grain) -> Contact:
-    """The contact of row r at entry k of its walls, WALL_PARTS a wall. near, old: at which entries it is near, and at
-    which springs are held, as bits."""
+    """Contact of row r at entry k of its walls, WALL_PARTS entries a wall. near, old: masks of near entries and of
+    springs."""
     raise NotImplementedError(_OF_SHAPE)
 
 
 def normal_at(a: System, m: Material, s: int, r: int, k: int, wall: int, near: uint32, g: Grain) -> wide3:
-    """Unit normal from `wall` to row r at entry k of its walls, where it touches."""
+    """Unit normal of `wall` at the contact of row r with entry k of its walls."""
     raise NotImplementedError(_OF_SHAPE)
 
 
 def at_walls(
     a: System, m: Material, s: int, r: int, lane: int, g: Grain, near: uint32, old: uint32, sums: Sums, keep: bool
 ) -> Any:  # fmt: skip
-    """`sums` with the contacts with all walls that are `near`, and at which springs are held; old: were held.
+    """Sums with the contacts with all walls of the mask `near` added, and the new mask of springs; old: the old one.
 
-    Of threads that share the grain, each gives its share. keep: whether springs are advanced in memory.
+    Each of several threads that share a grain adds its share. keep: store the springs of the next step.
     """
     raise NotImplementedError(_OF_SHAPE)
 
@@ -111,21 +114,23 @@ def at_walls(
 
 
 def strayed(a: System, m: Material, i: int, g: Grain) -> Any:
-    """How far [m] grain i has moved since its list was built, and its speed [m/s] now: of its farthest point."""
+    """Displacement [m] of grain i since the last rebuild, and its speed [m/s]: bounds for its farthest point."""
     raise NotImplementedError(_OF_SHAPE)
 
 
 def mark(a: System, i: int, g: Grain) -> None:
-    """Remember where grain i is as its list is built."""
+    """Store the position of grain i at the rebuild of its list."""
     raise NotImplementedError(_OF_SHAPE)
 
 
 def apart2(p: Words, m: Material, g: Grain, j: int) -> wide:
-    """Square of the distance [m^2] from grain j: of their segments."""
+    """Square of the distance [m^2] from grain j; of rods, of their segments."""
     raise NotImplementedError(_OF_SHAPE)
 
 
 def parts_near(a: System, m: Material, g: Grain, wall: int) -> uint32:
-    """The parts of the grain that may touch a wall before its list is built again, as bits. An end counts wherever the
-    plate is near."""
+    """Mask of the parts of the grain that may touch a wall before the next rebuild.
+
+    An end of a rod counts wherever the wall's surface is near.
+    """
     raise NotImplementedError(_OF_SHAPE)

@@ -1,7 +1,6 @@
-"""What a grain shows to others: where it is, and how it moves. Loads by threads side by side are scattered, and none is
-made twice.
+"""State of grains that other threads read: position and motion. Each scattered load is made once.
 
-Nothing here is compiled: `labbook_warp.codec` writes these functions for a shape of grains and a precision.
+Nothing here is compiled: `labbook_warp.codec` writes these functions for a shape and a precision.
 """
 
 from __future__ import annotations
@@ -12,35 +11,39 @@ from labbook_dem.words import real, wide3
 
 from labbook_warp.kernels.words import Words
 
-_WRITTEN = "written by labbook_warp.codec for a shape and a precision"
+_GENERATED = "written by labbook_warp.codec for a shape and a precision"
 
 
 class Spot:
-    """Where a grain is: vectors in double, and the word that also holds the first of how it moves, if there is one."""
+    """Position and axis of a grain, in double precision.
+
+    A word that also contains the first component of its motion is kept here, so that `motion` need not load it again.
+    """
 
     x: wide3  # [m]
     axis: wide3  # unit vector of a rod
 
 
 def spot(p: Words, i: int) -> Spot:
-    """Where grain i is."""
-    raise NotImplementedError(_WRITTEN)
+    """Load the position of grain i, and the axis of a rod."""
+    raise NotImplementedError(_GENERATED)
 
 
 def motion(p: Words, i: int, s: Spot) -> Any:
-    """How grain i moves, by vectors: velocity [m/s] and angular velocity [rad/s] half a step before, and the velocity
-    predicted for now; of a rod the angular velocity too."""
-    raise NotImplementedError(_WRITTEN)
+    """Load the motion of grain i: velocity [m/s] and angular velocity [rad/s] half a step before, predicted velocity,
+    and of rods the predicted angular velocity."""
+    raise NotImplementedError(_GENERATED)
 
 
 def rest(p: Words, i: int) -> real:
-    """What rounding has kept from the vertical velocity [m/s]: gravity's small kicks would be rounded all one way.
+    """Rounding error of the vertical velocity [m/s]: without it, gravity's small kicks would all be rounded the same
+    way.
 
-    Nothing in double, where it does not matter, and of rods, which keep it elsewhere.
+    Zero in double precision, where it does not matter, and for rods, which store it elsewhere.
     """
-    raise NotImplementedError(_WRITTEN)
+    raise NotImplementedError(_GENERATED)
 
 
 def put(p: Words, i: int, *numbers: Any) -> None:
-    """Write what grain i shows: the vectors of `spot` and `motion`, and of a sphere what `rest` gives."""
-    raise NotImplementedError(_WRITTEN)
+    """Store the shared state of grain i: the vectors of `spot` and `motion`, and of a sphere also `rest`."""
+    raise NotImplementedError(_GENERATED)

@@ -1,7 +1,6 @@
-"""A sphere: its state, what it meets, how it moves, and when it is near.
+"""Spheres: state, contacts, motion, and distances for lists.
 
-All that depends on the shape of grains stands here, and in `rods` for these; sums over contacts, rows of contacts and
-steps do not.
+Only this module and `rods` depend on the shape of grains; sums over contacts, rows of contacts and steps do not.
 """
 
 from __future__ import annotations
@@ -33,19 +32,19 @@ from labbook_warp.kernels.words import MOVING, POSES, Words, load_int, widen
 
 @struct
 class Grain:
-    """State of a grain."""
+    """State of a sphere."""
 
     x: wide3  # [m]
     v: vec3  # [m/s], half a step before
-    w: vec3  # [rad/s], reduced angular momentum half a step before: of a sphere, its spin
+    w: vec3  # [rad/s], reduced angular momentum half a step before, which is a sphere's spin
     u: vec3  # [m/s], v predicted for now
     spin: vec3  # [rad/s], half a step before
-    index: int  # which it is
+    index: int  # its row among all slots
 
 
 @func
 def grain(p: Words, m: Material, i: int):
-    """Grain i."""
+    """Load grain i."""
     g = Grain()
     here = spot(p, i)
     g.x = here.x
@@ -59,35 +58,35 @@ def grain(p: Words, m: Material, i: int):
 
 
 @struct
-class Own:
-    """What a grain does not show to others."""
+class Private:
+    """Per-grain data that only its own thread reads."""
 
-    rest: real  # what rounding has kept from the vertical velocity [m/s]; see `shown`
-
-
-@func
-def own(a: System, p: Words, i: int):
-    """What grain i does not show."""
-    found = Own()
-    found.rest = rest(p, i)
-    return found
+    rest: real  # rounding error of the vertical velocity [m/s]; see `shown`
 
 
 @func
-def whole(g: Grain, o: Own):
-    """The grain: it shows all that moves it."""
+def private(a: System, p: Words, i: int):
+    """Load the private data of grain i."""
+    hidden = Private()
+    hidden.rest = rest(p, i)
+    return hidden
+
+
+@func
+def complete(g: Grain, hidden: Private):
+    """Grain with its private data: the shared state of a sphere is complete."""
     return g
 
 
 @func
-def store(a: System, q: Words, i: int, g: Grain, more: real):
-    """Write grain i."""
-    put(q, i, g.x, g.v, g.w, g.u, more)
+def store(a: System, q: Words, i: int, g: Grain, rest: real):
+    """Write grain i; rest: rounding error of its vertical velocity [m/s]."""
+    put(q, i, g.x, g.v, g.w, g.u, rest)
 
 
 @func
 def moved(m: Material, g: Grain, x: wide3, v: vec3, w: wide3, u: vec3, turn_acc: wide3):
-    """The grain at its new place, with what it has of new velocities; w is not yet rounded."""
+    """Grain at its new position x, with new velocities; w is not yet rounded."""
     new = Grain()
     new.x = x
     new.v = v
@@ -99,75 +98,76 @@ def moved(m: Material, g: Grain, x: wide3, v: vec3, w: wide3, u: vec3, turn_acc:
 
 
 @func
-def pace2(m: Material, g: Grain):
+def max_speed2(m: Material, g: Grain):
     """Square of the grain's speed [m^2/s^2]."""
     return dot(g.v, g.v)
 
 
 @func
 def at_rest(g: Grain, z: wide):
-    """The grain at height z [m], where it stays."""
-    none = vec3(real(0.0), real(0.0), real(0.0))
+    """Grain at rest at height z [m]."""
+    zero = vec3(real(0.0), real(0.0), real(0.0))
     new = Grain()
     new.x = wide3(g.x[0], g.x[1], z)
-    new.v = none
-    new.w = none
-    new.u = none
+    new.v = zero
+    new.w = zero
+    new.u = zero
     return new
 
 
 @func
-def spinning(m: Material, g: Grain, w: wide3):
-    """Angular velocity [rad/s] of a grain whose reduced angular momentum is w."""
+def angular_velocity(m: Material, g: Grain, w: wide3):
+    """Angular velocity [rad/s] of a grain with reduced angular momentum w [rad/s]."""
     return w
 
 
-# what it meets
+# contacts
 
 
 @func
 def with_neighbour(a: System, p: Words, m: Material, at: int, j: int, held: bool, g: Grain):
-    """The contact with grain j, whose spring stands at `at` and is valid if `held`."""
+    """Contact with grain j, whose spring is entry `at`; held: the spring is valid."""
     c = Contact()
     there = spot(p, j)
-    away = g.x - there.x
-    one = body(a, m, g.index)
-    other = body(a, m, j)
-    # what touched a step ago mostly still does: the rest is asked for before it is known
+    branch = g.x - there.x
+    first = body(a, m, g.index)
+    second = body(a, m, j)
+    # most contacts of the last step persist: their velocities are loaded before the overlap is known
     last, advance = spring_before(a.spring, at, held, real(wide(0.5) * m.dt))
     v = vec3(real(0.0), real(0.0), real(0.0))
     w = vec3(real(0.0), real(0.0), real(0.0))
     u = vec3(real(0.0), real(0.0), real(0.0))
     if held:
         v, w, u = motion(p, j, there)
-    overlap2 = touching2(m, one, other) - dot(away, away)
+    overlap2 = touching2(m, first, second) - dot(branch, branch)
     c.touches = overlap2 > wide(0.0)
     if c.touches:
         if not held:
             v, w, u = motion(p, j, there)
-        f, t, _t, kept, delta = sphere_on_sphere(
-            between(a, m, j // a.cap, one, other), one.radius, other.radius, one.mass, other.mass, narrow(away),
-            rounded(overlap2), g.u - u, g.v - v, g.w, w, last, advance, one.rolling_rate,
-            other.rolling_rate,
+        f, t, _t, spring, delta = sphere_on_sphere(
+            between(a, m, j // a.cap, first, second), first.radius, second.radius, first.mass, second.mass,
+            narrow(branch), rounded(overlap2), g.u - u, g.v - v, g.w, w, last, advance, first.rolling_rate,
+            second.rolling_rate,
         )  # fmt: skip
         if ROLLING_SPRING:
-            roll, turned = rolling_on_sphere(
-                between(a, m, j // a.cap, one, other), one.radius, other.radius, one.mass, other.mass, narrow(away),
-                delta, f, g.w, w, rolling_before(a.rolling, at, held), advance, m.rolling_stiffness, m.rolling_damping,
+            rolling, rolling_torque = rolling_on_sphere(
+                between(a, m, j // a.cap, first, second), first.radius, second.radius, first.mass, second.mass,
+                narrow(branch), delta, f, g.w, w, rolling_before(a.rolling, at, held), advance, m.rolling_stiffness,
+                m.rolling_damping,
             )  # fmt: skip
-            t = t + roll
-            c.rolling = turned
+            t = t + rolling
+            c.rolling = rolling_torque
         c.overlap = delta
         c.force = f
         c.torque = t
-        c.spring = kept
-        c.branch = -away
+        c.spring = spring
+        c.branch = -branch
     return c
 
 
 @func
 def with_wall(a: System, m: Material, wall: int, at: int, held: bool, g: Grain):
-    """The contact with a wall, whose spring stands at `at` and is valid if `held`."""
+    """Contact with a wall, whose spring is entry `at`; held: the spring is valid."""
     distance, normal = wall_distance(a.wall_numbers, wall, load_int(a.wall_kind, wall), g.x)
     overlap = rounded(body(a, m, g.index).reach - distance)
     return at_surface(a, m, wall, at, held, g, overlap, distance, normal)
@@ -177,7 +177,7 @@ def with_wall(a: System, m: Material, wall: int, at: int, held: bool, g: Grain):
 def at_surface(
     a: System, m: Material, wall: int, at: int, older: bool, g: Grain, overlap: real, distance: wide, normal: wide3
 ):  # fmt: skip
-    """The contact with a wall at a distance [m] along a unit normal; older: whether it has a spring at `at`."""
+    """Contact with a wall at a distance [m] along a unit normal; older: there is a spring at entry `at`."""
     c = Contact()
     one = body(a, m, g.index)
     c.touches = overlap > real(0.0)
@@ -225,20 +225,20 @@ def at_surface(
 
 @func
 def strayed(a: System, m: Material, i: int, g: Grain):
-    """How far [m] grain i has moved since its list was built, and its speed [m/s] now: of its farthest point."""
-    away = g.x - a.origin[i]
+    """Displacement [m] of grain i since the last rebuild, and its speed [m/s]: bounds for its farthest point."""
+    shift = g.x - a.origin[i]
     v = widen(g.v)
-    return sqrt(dot(away, away)), sqrt(dot(v, v))
+    return sqrt(dot(shift, shift)), sqrt(dot(v, v))
 
 
 @func
 def mark(a: System, i: int, g: Grain):
-    """Remember where grain i is as its list is built."""
+    """Store the position of grain i at the rebuild of its list."""
     a.origin[i] = g.x
 
 
 @func
 def apart2(p: Words, m: Material, g: Grain, j: int):
-    """Square of the distance [m^2] from grain j: of their centres."""
+    """Square of the distance [m^2] from the centre of grain j."""
     away = g.x - spot(p, j).x
     return dot(away, away)

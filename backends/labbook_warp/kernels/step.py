@@ -5,9 +5,20 @@ from __future__ import annotations
 from labbook_dem.motion import drift, kick, predict
 from labbook_dem.words import dot, func, narrow, real, rounded, wide, wide3
 
-from labbook_warp.kernels.bodies import per_inertia, per_mass
+from labbook_warp.kernels.bodies import inverse_inertia, inverse_mass
 from labbook_warp.kernels.forces import forces, listed
-from labbook_warp.kernels.shape import Grain, Own, at_rest, grain, moved, own, pace2, spinning, store, whole
+from labbook_warp.kernels.shape import (
+    Grain,
+    Private,
+    angular_velocity,
+    at_rest,
+    complete,
+    grain,
+    max_speed2,
+    moved,
+    private,
+    store,
+)
 from labbook_warp.kernels.system import Material, System, entry, material
 from labbook_warp.kernels.words import (
     APART,
@@ -30,7 +41,6 @@ from labbook_warp.kernels.words import (
     Bits,
     Longs,
     Words,
-    ask_for_lists,
     hot_kernel,
     int64,
     kernel,
@@ -38,6 +48,7 @@ from labbook_warp.kernels.words import (
     load_int,
     load_real,
     load_word,
+    prefetch_lists,
     quotient,
     store_word,
     this_thread,
@@ -48,24 +59,25 @@ from labbook_warp.kernels.words import (
 
 
 @func
-def fails(a: System, s: int, i: int, now: int64, code: int, value: real):
-    """Note the first failure of a member: smallest step, then code, then grain, whichever thread comes first.
+def record_failure(a: System, s: int, i: int, now: int64, code: int, value: real):
+    """Record the first failure of a member: smallest step, then kind, then grain, whatever the order of threads.
 
-    The member goes on until the next check, so that all that fail in the same step are heard.
+    The member goes on until the next check, so that all failures of a step compete for the minimum.
     """
-    word = (now << wp.int64(26)) | (wp.int64(code) << wp.int64(24)) | wp.int64(a.ids[i])
-    if word < wp.atomic_min(a.fail, s, word):
+    failure = (now << wp.int64(26)) | (wp.int64(code) << wp.int64(24)) | wp.int64(a.ids[i])
+    # a value that a later thread undercuts stays in the row of its own grain, where nobody reads it
+    if failure < wp.atomic_min(a.fail, s, failure):
         a.bad[i] = wide(value)
 
 
 @func
-def crosses(a: System, plane: wide, dt: wide, s: int, i: int, now: int64, before: wide, g: Grain):
-    """Record the first passage of grain i through the member's plane. before: z [m] a step ago."""
+def record_crossing(a: System, plane: wide, dt: wide, s: int, i: int, now: int64, z_before: wide, g: Grain):
+    """Record the first passage of grain i through the member's plane. z_before: height [m] a step ago."""
     a.gone[i] = 1
     row = COLUMNS * wp.atomic_add(a.crossed, 0, 1)
     fraction = wide(0.0)
-    if before > g.x[2]:
-        fraction = min(max((before - plane) / (before - g.x[2]), wide(0.0)), wide(1.0))
+    if z_before > g.x[2]:
+        fraction = min(max((z_before - plane) / (z_before - g.x[2]), wide(0.0)), wide(1.0))
     a.cross[row] = wide(s)
     a.cross[row + 1] = wide(a.ids[i])
     a.cross[row + 2] = wide(now + wp.int64(1))
@@ -80,24 +92,29 @@ def crosses(a: System, plane: wide, dt: wide, s: int, i: int, now: int64, before
 
 
 @func
-def advance(a: System, q: Words, m: Material, s: int, i: int, now: int64, g: Grain, more: real, f: wide3, t: wide3):
-    """Move grain i by one step and write it to q. more: what rounding has kept from its vertical velocity so far."""
+def advance(
+    a: System, q: Words, m: Material, s: int, i: int, now: int64, g: Grain, rest: real, force: wide3, torque: wide3
+):  # fmt: skip
+    """Move grain i by one step and write it to q (leapfrog; `labbook_dem.motion`).
+
+    rest: rounding error of its vertical velocity so far [m/s]; force [N], torque [N m].
+    """
     kick_dt = m.dt
     if now == wp.int64(0):
         kick_dt = wide(0.5) * m.dt  # the first kick brings velocities from a whole to a half step
-    weight = wide3(wide(0.0), wide(0.0), wide(-1.0)) * m.gravity
-    acc = f * per_mass(a, m, i) + weight
-    turn_acc = t * per_inertia(a, m, i)
-    v0 = widen(g.v) + wide3(wide(0.0), wide(0.0), wide(more))
+    gravity = wide3(wide(0.0), wide(0.0), wide(-1.0)) * m.gravity
+    acc = force * inverse_mass(a, m, i) + gravity
+    turn_acc = torque * inverse_inertia(a, m, i)
+    v0 = widen(g.v) + wide3(wide(0.0), wide(0.0), wide(rest))
     w0 = widen(g.w)
     v2 = wide3(kick(v0[0], acc[0], kick_dt), kick(v0[1], acc[1], kick_dt), kick(v0[2], acc[2], kick_dt))
     v1 = narrow(v2)
-    more = rounded(v2[2] - wide(v1[2]))
+    rest = rounded(v2[2] - wide(v1[2]))
     w2 = wide3(kick(w0[0], turn_acc[0], kick_dt), kick(w0[1], turn_acc[1], kick_dt), kick(w0[2], turn_acc[2], kick_dt))
     if LEDGER:
-        half = wide(0.5) * kick_dt
-        half_way = spinning(m, g, w0 + turn_acc * half)
-        a.work[i] = a.work[i] + (dot(f, v0 + acc * half) + dot(t, half_way)) * kick_dt
+        half_dt = wide(0.5) * kick_dt
+        w_mid = angular_velocity(m, g, w0 + turn_acc * half_dt)
+        a.work[i] = a.work[i] + (dot(force, v0 + acc * half_dt) + dot(torque, w_mid)) * kick_dt
     x1 = wide3(drift(g.x[0], v2[0], m.dt), drift(g.x[1], v2[1], m.dt), drift(g.x[2], v2[2], m.dt))
     u1 = narrow(wide3(predict(v2[0], acc[0], m.dt), predict(v2[1], acc[1], m.dt), predict(v2[2], acc[2], m.dt)))
     new = moved(m, g, x1, v1, w2, u1, turn_acc)
@@ -105,41 +122,42 @@ def advance(a: System, q: Words, m: Material, s: int, i: int, now: int64, g: Gra
         plane = a.place[s].plane
         if x1[2] < plane:
             if a.gone[i] == 0:
-                crosses(a, plane, m.dt, s, i, now, g.x[2], new)
+                record_crossing(a, plane, m.dt, s, i, now, g.x[2], new)
     if OUTLET:
-        if x1[2] < a.place[s].drop:  # nothing that is still to be counted touches it
+        if x1[2] < a.place[s].drop:  # far below the outlet: it touches no grain that is still counted
             wp.atomic_add(a.left, s, 1)
-            # what it touched at last is not counted any more
+            # its last contacts no longer count
             a.held[i] = wp.uint32(0)
             a.wall_held[i] = wp.uint32(0)
             if LEDGER:
                 a.deep[i] = wide(0.0)
             new = at_rest(new, wide(PARKED))
-            more = real(0.0)
-    fast2 = pace2(m, new)
-    if not fast2 <= m.speed2 or not dot(new.w, new.w) >= real(0.0):
+            rest = real(0.0)
+    speed2 = max_speed2(m, new)
+    # written so that NaN fails too
+    if not speed2 <= m.speed_limit2 or not dot(new.w, new.w) >= real(0.0):
         code = BAD_STATE
-        if fast2 > m.speed2:
+        if speed2 > m.speed_limit2:
             code = BAD_SPEED
-        fails(a, s, i, now + wp.int64(1), code, wp.sqrt(fast2))
-    elif fast2 > load_real(a.most_speed2, s):
-        wp.atomic_max(a.most_speed2, s, fast2)
-    store(a, q, i, new, more)
+        record_failure(a, s, i, now + wp.int64(1), code, wp.sqrt(speed2))
+    elif speed2 > load_real(a.most_speed2, s):  # rarely true: saves the atomic
+        wp.atomic_max(a.most_speed2, s, speed2)
+    store(a, q, i, new, rest)
 
 
 @func
-def pass_on(p: Words, q: Words, i: int):
-    """Copy what grain i shows."""
+def copy_words(p: Words, q: Words, i: int):
+    """Copy the shared state of grain i."""
     for k in range(WORDS):
         store_word(q, i * WORDS + k, load_word(p, i * WORDS + k))
 
 
 @hot_kernel
 def step(a: System, p: Words, q: Words, slot: int, first: int, some: int, arrived: Bits):
-    """Step `first` of this beat, for the members from slot `slot` on: from p to q.
+    """Step `first` of this beat from state p to state q, for the members from slot `slot` on.
 
-    Where threads share grains, which then are few, `some` steps from `first` on, from p to q and back: each begins when
-    all threads have ended the one before.
+    With several threads a grain (few grains), a launch takes `some` steps from `first` on, from p to q and back: each
+    begins when all threads have finished the one before.
     """
     thread = this_thread(wp.tid())
     i = slot * a.cap + thread // LANES
@@ -162,63 +180,63 @@ def step(a: System, p: Words, q: Words, slot: int, first: int, some: int, arrive
             near = listed(a, s, r, lane)
             g = grain(p, m, i)
             if ASKED > 0:
-                ask_for_lists(a.spring, a.nbr, entry(a, s, a.near, 0, r), a.cap, ASKED)
+                prefetch_lists(a.spring, a.nbr, entry(a, s, a.near, 0, r), a.cap, ASKED)
             if g.x[2] > wide(0.5) * wide(PARKED):
-                o = Own()
-                if SHARED:  # where grains are many, it would occupy registers meanwhile
-                    o = own(a, p, i)
+                hidden = Private()
+                if SHARED:  # with many grains it is loaded below: it would occupy registers during `forces`
+                    hidden = private(a, p, i)
                 now = a.step[s] + wp.int64(first + k)
-                f, t, held, wall_held, deepest = forces(a, p, m, s, r, lane, g, near, True)
-                sound = deepest <= m.deepest
-                if not sound:
+                force, torque, springs, wall_springs, deepest = forces(a, p, m, s, r, lane, g, near, True)
+                overlaps_valid = deepest <= m.overlap_limit
+                if not overlaps_valid:
                     code = BAD_OVERLAP
                     if deepest == real(NO_NUMBER):
                         code = BAD_FORCE
-                    fails(a, s, i, now, code, deepest)
-                if lane == 0 and sound:
-                    if deepest > load_real(a.most_deep, s):  # rarely: hardly any contact is the deepest there ever was
+                    record_failure(a, s, i, now, code, deepest)
+                if lane == 0 and overlaps_valid:
+                    if deepest > load_real(a.most_deep, s):  # rarely true: saves the atomic
                         wp.atomic_max(a.most_deep, s, deepest)
-                    if held != near.held:
-                        a.held[i] = held
+                    if springs != near.springs:
+                        a.held[i] = springs
                     if not APART:
-                        if wall_held != load_bits(a.wall_held, i):
-                            a.wall_held[i] = wall_held
+                        if wall_springs != load_bits(a.wall_held, i):
+                            a.wall_held[i] = wall_springs
                     if LEDGER:
                         a.deep[i] = wide(deepest)
                     if not SHARED:
-                        o = own(a, p, i)
-                    advance(a, q, m, s, i, now, whole(g, o), o.rest, f, t)
+                        hidden = private(a, p, i)
+                    advance(a, q, m, s, i, now, complete(g, hidden), hidden.rest, force, torque)
             else:
                 if lane == 0:
-                    pass_on(p, q, i)
+                    copy_words(p, q, i)
 
 
 @kernel
-def bring(a: System, p: Words, q: Words):
-    """Copy what grains of running members show from p to q, after an odd number of steps."""
+def copy_states(a: System, p: Words, q: Words):
+    """Copy the shared states of running members from p to q, after an odd number of steps."""
     i = wp.tid()
     s = i // a.cap
     if i - s * a.cap < a.rows[s]:
-        pass_on(p, q, i)
+        copy_words(p, q, i)
 
 
 @kernel
-def end(a: System, steps: int, told: Longs):
-    """Count the steps of a beat; tell what happened in it, so that the host reads it at once; and forget it."""
+def finish_beat(a: System, steps: int, report: Longs):
+    """Advance the step counter, write the beat's flags to `report` for the host, reset them."""
     s = wp.tid()
     if a.rows[s] > 0:
         a.step[s] = a.step[s] + wp.int64(steps)
-    at = 1 + REPORTED * s
-    told[at] = a.fail[s]
-    told[at + 1] = wp.int64(a.late[s])
-    told[at + 2] = wp.int64(a.overflow[3 * s])
-    told[at + 3] = wp.int64(a.overflow[3 * s + 1])
-    told[at + 4] = wp.int64(a.overflow[3 * s + 2])
-    told[at + 5] = wp.int64(a.left[s])
+    first = 1 + REPORTED * s
+    report[first] = a.fail[s]
+    report[first + 1] = wp.int64(a.late[s])
+    report[first + 2] = wp.int64(a.overflow[3 * s])
+    report[first + 3] = wp.int64(a.overflow[3 * s + 1])
+    report[first + 4] = wp.int64(a.overflow[3 * s + 2])
+    report[first + 5] = wp.int64(a.left[s])
     a.fail[s] = (wp.int64(1) << wp.int64(62)) - wp.int64(1)  # NO_FAILURE
     a.late[s] = 0
     for k in range(3):
         a.overflow[3 * s + k] = 0
     if s == 0:
-        told[0] = wp.int64(a.crossed[0])
+        report[0] = wp.int64(a.crossed[0])
         a.crossed[0] = 0

@@ -35,30 +35,30 @@ from labbook_warp.kernels.words import (
 
 @struct
 class Material:
-    """What a step needs to know of grains, law and clock; often the same for all members of a sweep.
+    """Properties of grains, contact law and clock of a member, which all members of a sweep often share.
 
-    Where grains differ: of the largest, or the mean; the kernels in `bodies` say what each is.
+    In a mixture, values of the largest grain or of the mean; `bodies` has those of each grain.
     """
 
     c: coefs
     radius: real
     mass: real
     inertia_rate: real
-    reach: wide  # radius; an overlap is a small difference of large lengths
+    reach: wide  # radius [m] in double: an overlap is a small difference of large lengths
     reach2: wide  # diameter squared
     half: wide  # half the length of a rod's segment
-    slender: wide  # I_t/I_a - 1; see `labbook_dem.rotation`
+    slenderness: wide  # I_t/I_a - 1; see `labbook_dem.rotation`
     listed2: wide  # square of the distance up to which neighbours are listed
     centres2: wide  # square of the distance up to which the centres of listed neighbours may be
     half_skin: wide
-    per_mass: wide
-    per_inertia: wide
+    inverse_mass: wide
+    inverse_inertia: wide
     gravity: wide
     dt: wide
-    speed2: real  # square of the guard on speeds
-    deepest: real  # guard on overlaps
-    quantum_f: wide  # in which forces are counted as they are summed [N], a power of two; and torques [N m]
-    quantum_t: wide
+    speed_limit2: real  # square of the limit of speeds [m^2/s^2]
+    overlap_limit: real  # limit of overlaps [m]
+    quantum_f: wide  # unit of sums of forces [N], a power of two
+    quantum_t: wide  # unit of sums of torques [N m]
     per_quantum_f: real
     per_quantum_t: real
     rolling_stiffness: real  # of rolling springs; see `labbook_dem.spheres.rolling_resistance`
@@ -67,12 +67,12 @@ class Material:
 
 @struct
 class Place:
-    """Where a member's grains leave, its lattice of cells, and how many walls it has."""
+    """Outlet of a member, its lattice of cells, and its number of walls."""
 
-    plane: wide
-    drop: wide
-    cell: wide
-    gx: int
+    plane: wide  # height [m] of the plane of crossings
+    drop: wide  # height [m] below which grains leave
+    cell: wide  # edge of a cell [m]
+    gx: int  # cells along x, y, z
     gy: int
     gz: int
     walls: int
@@ -80,12 +80,12 @@ class Place:
 
 @struct
 class System:
-    """Arrays of an ensemble; see above."""
+    """Arrays of an ensemble; see the head of this module."""
 
     cap: int  # rows a slot
     near: int  # neighbours a grain
     walls: int  # walls a member, at most
-    seats: int  # walls that a grain has entries for: all of them, or as many as a mask has bits for
+    seats: int  # walls that a grain has entries for: all, or as many as a mask has bits for
     cells: int  # cells a slot
     depth: int  # grains a cell
     rows: Ints
@@ -100,38 +100,37 @@ class System:
     wall_motion: Motions
     body: Bodies  # radius, mass, moment of inertia and kind, where grains differ
     ids: Ints
-    gone: Ints
-    origin: Wides3  # positions when lists were built
-    facing: Wides3  # axes of rods then
+    gone: Ints  # 1 after the first passage through the plane of crossings
+    origin: Wides3  # positions at the last rebuild of lists
+    facing: Wides3  # axes of rods at the last rebuild
     turned: Wides4  # orientations of rods
-    # of rods: reduced angular momenta [rad/s], and what rounding has kept from the vertical velocity [m/s]
+    # of rods: reduced angular momenta [rad/s], and the rounding error of the vertical velocity [m/s]
     momentum: Reals4
     count: Ints
     nbr: Ints
-    held: Bits  # whether the spring to neighbour k is valid
+    held: Bits  # bit k: the spring to neighbour k is valid
     spring: Vectors
-    rolling: Vectors  # torques of rolling springs [N m], where contacts have any, as those below
+    rolling: Vectors  # torques of rolling springs [N m], if the law has them; `wall_rolling` likewise
     wall_near: Bits
     wall_held: Bits
     wall_spring: Vectors
     wall_rolling: Vectors
-    wall_seat: Ints  # where members have more walls than seats: which of them each is of
-    # where walls are met apart: rows of a slot that have a wall near, those by an edge at the end, and how many of each
+    wall_seat: Ints  # wall of each entry, where members have more walls than a grain has entries for
+    # with a separate kernel for walls: rows near a wall, those near an edge at the end; and the number of either
     beside: Ints
     beside_count: Ints
-    wall_touching: Bits  # walls, or parts of them, that are touched now: of a grain that has any near
-    wall_force: (
-        Quanta  # sums over contacts with walls, where any is touched; an array of records would be copied byte by byte
-    )
+    wall_touching: Bits  # walls, or parts of them, that a grain touches; stale without near walls
+    # sums over contacts with walls; an array of records would be copied byte by byte
+    wall_force: Quanta
     wall_torque: Quanta
     wall_fine_force: Quanta
     wall_fine_torque: Quanta
     wall_deep: Reals
     work: Wides
-    deep: Wides  # largest overlap at the last step
+    deep: Wides  # largest overlap [m] at the last step
     most_deep: Reals  # largest overlap [m] of each member so far, and square of the largest speed
     most_speed2: Reals
-    found: Ints  # neighbours so far, while threads that share a grain look for them
+    new_count: Ints  # length of the new list while the threads that share a grain collect it
     new_nbr: Ints
     new_key: Floats
     new_spring: Vectors
@@ -143,7 +142,7 @@ class System:
     late: Ints
     rebuilds: Ints
     left: Ints
-    overflow: Ints  # per slot: the largest number of neighbours, of grains in a cell, of near walls, beyond what fits
+    overflow: Ints  # per slot: needed neighbours, grains in a cell and near walls; 0 where they fit
     fail: Longs
     bad: Wides
     crossed: Ints
@@ -170,7 +169,7 @@ class System:
 
 @func
 def material(a: System, s: int):
-    """The material of slot s; one that all members share comes with the arguments, and costs no register."""
+    """Material of slot s. One that all members share is a kernel argument and takes no register."""
     if UNIFORM:
         return a.common
     else:
@@ -179,11 +178,11 @@ def material(a: System, s: int):
 
 @func
 def entry(a: System, s: int, entries: int, k: int, r: int):
-    """Where entry k of row r of slot s stands."""
+    """Index of entry k of row r of slot s in an array of `entries` entries a grain."""
     return (s * entries + k) * a.cap + r
 
 
 @func
 def has_bit(mask: uint32, k: int):
-    """Whether bit k is set."""
+    """Test bit k of a mask."""
     return (mask & (wp.uint32(1) << wp.uint32(k))) != wp.uint32(0)

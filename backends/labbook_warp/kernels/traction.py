@@ -14,9 +14,10 @@ from labbook_warp.kernels.words import PARKED, WALL_PARTS, Longs, Wides, Words, 
 
 @kernel
 def wall_sums(a: System, p: Words, bins: Wides, units: Wides, part: wide, sums: Longs):
-    """Add up the contacts with walls of all members, in whole numbers.
+    """Add up the contacts with walls of all members as integers: the order of threads decides no bit.
 
-    bins: WALL_COLUMNS numbers of each wall (`BinTable`); units: of forces and torques, of each slot; sums: of each bin.
+    bins: WALL_COLUMNS numbers of each wall (`BinTable`); units: quanta of forces and torques of each slot; sums: of
+    each bin; part: see `slides`.
     """
     i = wp.tid()
     s = i // a.cap
@@ -33,7 +34,7 @@ def wall_sums(a: System, p: Words, bins: Wides, units: Wides, part: wide, sums: 
                     if c.touches:
                         wall = wall_at(a, s, r, k // WALL_PARTS)
                         count = int(bins[WALL_COLUMNS * wall + 3])
-                        if count == 0:  # a member that is not read by this probe
+                        if count == 0:  # this probe does not read this member
                             continue
                         normal = normal_at(a, m, s, r, k, wall, a.wall_near[i], g)
                         along = int(bins[WALL_COLUMNS * wall])

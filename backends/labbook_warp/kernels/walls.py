@@ -1,5 +1,4 @@
-"""What describes the walls of a member, which of them a grain is near, and how their surfaces move; where they are:
-`labbook_dem.chosen`."""
+"""Tables of a member's walls, the walls near a grain, and the motion of their surfaces."""
 
 from __future__ import annotations
 
@@ -17,7 +16,7 @@ def wall_number(walls: Wides, w: int, k: int):
 
 @func
 def wall_at(a: System, s: int, r: int, q: int):
-    """The wall that entry q of row r of slot s is of: its own number, where all walls of a member have an entry."""
+    """Wall of entry q of row r of slot s: wall q itself if a grain has entries for all walls."""
     wall = s * a.walls + q
     if LISTED:
         wall = s * a.walls + a.wall_seat[entry(a, s, a.seats, q, r)]
@@ -26,6 +25,6 @@ def wall_at(a: System, s: int, r: int, q: int):
 
 @func
 def wall_velocity(a: System, g: int, at: wide3):
-    """Velocity [m/s] of the surface of wall g at the point `at`."""
+    """Velocity [m/s] of the surface of wall g at the point `at` [m]: translation, and rotation about the z axis."""
     b = a.wall_motion[g]
     return wide3(b[0] - b[3] * at[1], b[1] + b[3] * at[0], b[2])

@@ -9,7 +9,7 @@ F = TypeVar("F", bound=Callable)
 
 
 class wide4(NamedTuple):
-    """A quaternion, in double."""
+    """Quaternion in double precision."""
 
     w: float
     x: float
@@ -18,7 +18,7 @@ class wide4(NamedTuple):
 
 
 class quanta3(NamedTuple):
-    """A vector of integers."""
+    """Vector of integers."""
 
     x: int
     y: int
@@ -26,29 +26,29 @@ class quanta3(NamedTuple):
 
 
 class word(tuple):
-    """Sixteen bytes: four numbers in single, or two in double."""
+    """Sixteen bytes: four numbers in single precision, or two in double."""
 
     def __new__(cls, *numbers: float):
         return super().__new__(cls, numbers)
 
 
 def kernel(function: F) -> F:
-    """Marks a function launched with one thread a grain, a cell or a member."""
+    """Mark a kernel with one thread a grain, a cell or a member."""
     return function
 
 
 def hot_kernel(function: F) -> F:
-    """Marks a kernel that takes steps: all else waits for it. Its registers are capped, so that enough threads fit."""
+    """Mark the kernel of a step. Its registers are capped, so that enough threads are resident."""
     return function
 
 
 def wall_kernel(function: F) -> F:
-    """Marks the kernel that meets walls: its registers are capped too, less tightly."""
+    """Mark the kernel of contacts with walls. Its registers are capped less tightly."""
     return function
 
 
 def rare_func(function: F) -> F:
-    """Marks a function that few grains ever call: it is not inlined, so that it takes no registers from the others."""
+    """Mark a function that few grains call. It is not inlined, so that it takes no registers from the others."""
     return function
 
 
@@ -74,36 +74,36 @@ load_int_now: Any = None
 load_bits_now: Any = None
 add_lanes: Any = None
 other_of_two: Any = None
-ask_for_lists: Any = None
+prefetch_lists: Any = None
 this_thread: Any = None
 wait_for_all: Any = None
 or_lanes: Any = None
-most_lanes: Any = None
+max_lanes: Any = None
 first_bit: Any = None
 without_first: Any = None
 joined: Any = None
 halved: Any = None
 
 MOVING = True
-ORIENTED = False  # whether grains have an orientation
+ORIENTED = False  # grains have an orientation
 CROSSING = True
 OUTLET = True
 LEDGER = True
 ANY_WALLS = True
-TOGETHER = True  # whether some wall finds both edges that a rod may lie across at once
-OTHERS_TOGETHER = False  # whether one that is no frustum does
-FRUSTUM = 2  # the kind of these
-WALL_NUMBERS = 6  # that a wall takes up
-LISTED = False  # whether members have more walls than a grain has entries for
+TOGETHER = True  # a wall finds both edges that a rod may lie across in one search
+OTHERS_TOGETHER = False  # a wall that is not a frustum does
+FRUSTUM = 2  # number of this kind of walls
+WALL_NUMBERS = 6  # numbers of a wall
+LISTED = False  # members have more walls than a grain has entries for
 
 FIRST_PARTS = 0x01010101  # bits of the first entry of each wall, where walls of triangles have several
 
-APART = False  # whether walls are met by a kernel of their own
-KINDS = 1  # kinds of grains a member
-LANES = 1  # threads that share a grain: many where grains are few
-FINE = False  # whether forces are computed in double, and summed as precisely
-UNIFORM = False  # whether all members have the same material
-SHARED = False  # whether several threads share a grain
+APART = False  # contacts with walls have a kernel of their own
+KINDS = 1  # species of grains of a member
+LANES = 1  # threads that share a grain: several where grains are few
+FINE = False  # forces are computed and summed in double precision
+UNIFORM = False  # all members have the same material
+SHARED = False  # several threads share a grain
 WORDS = 4  # that a grain shows to others
 WALL_PARTS = 1  # points, the parts of a rod, at which a grain may touch one wall
 PLATE_PARTS = 1  # the same of walls that are no mesh
@@ -116,14 +116,15 @@ REACH = 1  # how many cells away a neighbour may be
 COLUMNS = 13  # of a row of crossings
 REPORTED = 6  # numbers that a beat leaves behind for each slot
 PARKED = -1.0e9
-"""z [m] at which grains are kept that have left."""
+"""Height z [m] of the rows of grains that have left."""
 BAD_STATE, BAD_SPEED, BAD_FORCE, BAD_OVERLAP = 0, 1, 2, 3
-"""What guards find, in the order in which they look: at motion after a step, and at contacts in the next."""
+"""Failures in the order of their checks: of motion after a step, of contacts in the next."""
 NO_NUMBER = 1.0e30
-"""An overlap [m] that stands for a force that is no number, or too large to be counted."""
+"""Overlap [m] that stands for a force that is NaN, or too large for the quanta of sums."""
 NO_FAILURE = (1 << 62) - 1
 MOST_GRAINS = 1 << 24
-"""Of one member: the word of a failure has 24 bits for the grain, 2 for what was found, the rest for the step."""
+"""Largest number of grains of a member: a failure is one word of 24 bits for the grain, 2 for the kind, the rest for
+the step."""
 CROWDED = 2.0e30
 """An overlap [m] that stands for more contacts with a mesh than there is room for."""
 MESH_LISTED = 16

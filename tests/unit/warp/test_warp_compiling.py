@@ -60,7 +60,7 @@ def gate(monkeypatch):
 
     monkeypatch.setattr(wp, "compile_aot_module", compile_aot_module)
     monkeypatch.setattr(compiling, "_compiling", {})
-    monkeypatch.setattr(compiling, "_free", threading.Semaphore(2))
+    monkeypatch.setattr(compiling, "_workers", threading.Semaphore(2))
     yield SimpleNamespace(begun=begun, open=opened.set)
     opened.set()
 
@@ -85,12 +85,12 @@ def test_modules_are_compiled_once_and_waited_for(expected, gate):
     waiting.start()
     waiting.join(0.1)
     assert waiting.is_alive()
-    assert compiling.going()
+    assert compiling.any_running()
     gate.open()
     waiting.join(60)
     assert not waiting.is_alive()
     compiling.wait_for(needed[0])
-    assert not compiling.going()
+    assert not compiling.any_running()
     assert sorted(map(id, gate.begun)) == sorted(map(id, needed))
 
 

@@ -194,7 +194,7 @@ def test_a_beat_that_is_put_back_leaves_no_trace(precision, bed, monkeypatch):
         return replace(report, slots=slots)
 
     monkeypatch.setattr(stage, "collect", late)
-    monkeypatch.setattr(stage.Stage, "check_oftener", lambda _: None)
+    monkeypatch.setattr(stage.Stage, "check_more_often", lambda _: None)
     monkeypatch.setattr(room, "NEAR", 2)
     backend = Backend()
     ensemble = backend.open(backend.specialise(scene, how), 1)

@@ -283,13 +283,13 @@ def test_checks_that_became_frequent_become_less_frequent_again(monkeypatch):
         member = ensemble.admit(scene, how, start)
         ensemble.advance(1)
         at = ensemble._stage
-        usual = at._every
+        usual = at._interval
         if late:
             at.check_oftener()
         for _ in range(7):
-            often.append(at._every / usual)
+            often.append(at._interval / usual)
             ensemble.advance(1)
-        assert at._every == usual
+        assert at._interval == usual
         ends.append(ensemble.packing(member))
         ensemble.close()
     assert identical(*ends)
