@@ -104,6 +104,10 @@ SUSPECT = "suspect"
 """What may be asked for in place of an outcome: the runs that are suspect, however they ended."""
 
 
+FLOW_RATE = "flow_rate"
+"""Quantity by which runs can be sorted."""
+
+
 def _ended(outcome: str) -> "ColumnElement[bool]":
     return runs.c.suspect != "" if outcome == SUSPECT else runs.c.outcome == outcome
 
@@ -122,8 +126,10 @@ class Listing:
     """What the label, the name of the study or the beginning of the key has in it."""
     keys: tuple[str, ...] | None = None
     """Only these runs: at most some hundred."""
+    since: str | None = None
+    """Only runs that ended at this moment or later (UTC, the beginning of an ISO 8601 text)."""
     sort: str = "finished"
-    """One of RUN_COLUMNS."""
+    """One of RUN_COLUMNS, or FLOW_RATE."""
     descending: bool = True
     offset: int = 0
     limit: int | None = 100
@@ -140,6 +146,8 @@ class Listing:
                          | runs.c.study.icontains(self.text, autoescape=True) | begins)  # fmt: skip
         if self.keys is not None:
             found.append(runs.c.run_key.in_(self.keys))
+        if self.since is not None:
+            found.append(runs.c.finished >= self.since)
         return found
 
 
@@ -212,11 +220,20 @@ class Catalogue:
         return ""
 
     def listed(self, wanted: "Listing") -> "tuple[pd.DataFrame, int]":
-        """The part of all runs that a listing asks for, with the columns of `runs` and `packing_key`; and how many runs
-        fit it altogether."""
+        """The part of all runs that a listing asks for, with the columns of `runs`, `packing_key` and `flow_rate`
+        [kg/s]; and how many runs fit it altogether. The flow rate is that of the newest version of the measure and of
+        the window that opens last."""
+        rates = measurements.alias()
+        rate = (
+            select(rates.c.value)
+            .where(rates.c.run_key == runs.c.run_key, rates.c.quantity == FLOW_RATE, rates.c.value.is_not(None))
+            .order_by(rates.c.version.desc(), rates.c.window_start.desc())
+            .limit(1)
+            .scalar_subquery()
+        )
         columns = (runs.c[name].label(name) for name in (*RUN_COLUMNS, "packing_key"))
-        found = select(*columns).where(*wanted.conditions())
-        column = runs.c[wanted.sort]
+        found = select(*columns, rate.label(FLOW_RATE)).where(*wanted.conditions())
+        column = rate if wanted.sort == FLOW_RATE else runs.c[wanted.sort]
         ordered = found.order_by(
             column.desc().nulls_last() if wanted.descending else column.asc().nulls_first(), runs.c.run_key
         )

@@ -177,7 +177,7 @@ def arch(folder: Path, entry: Entry, record: RunRecord) -> str:
         return ""
     if bed is None:
         return ""
-    drawing = encoded(lambda: stopped_bed(record.scene, bed))
+    (drawing,) = encoded(lambda: stopped_bed(record.scene, bed), "svg")
     return f"data:image/svg+xml;base64,{b64encode(drawing).decode('ascii')}"
 
 

@@ -3,7 +3,7 @@
 import json
 import re
 import threading
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
 from functools import partial
 from typing import TYPE_CHECKING, Any
@@ -32,6 +32,7 @@ from labbook.results.points import ORIFICE, PointResult, followers, names_scene
 from labbook.results.reference import at_series
 from labbook.results.series import Series
 from labbook_web.page import Page, embedded, with_units
+from labbook_web.pages.changes import changes, latest, moment
 from labbook_web.pages.explore import explorable, map_view
 from labbook_web.pages.lab import outcomes, progress
 from labbook_web.pages.sheet import sheet
@@ -75,6 +76,8 @@ def study_page(shelf: Shelf, name: str, query: Mapping[str, str]) -> Page:
             "progress": now,
             "note": shelf.note("study", name),
             "linked": linked,
+            "changes": changes(results, moment(query["since"])) if query.get("since") else None,
+            "latest": found.once("latest", lambda: latest(results)),
             "outdated": linked is not None and linked != found.state,
             "command": command("run", study.path, lab=shelf.lab.folder, backend=backend),
         },
@@ -204,7 +207,7 @@ def picture(shelf: Shelf, contents: Found, address: str, kind: str = "svg") -> b
     lists."""
 
     def make() -> bytes:
-        return encoded(draw(contents, address)[1], kind)
+        return encoded(draw(contents, address)[1], kind)[0]
 
     return shelf.pictures.get((contents.study.name, contents.backend, address, kind), contents.state, make)
 
@@ -226,21 +229,25 @@ def numbers(contents: Found, address: str) -> "pd.DataFrame | None":
     return None if table is None else with_units(table)
 
 
-def figure(shelf: Shelf, contents: Found, address: str) -> dict[str, Any]:
-    """Title, caption and table of a figure as its template shows them, or why it cannot be drawn. Raises NotThere."""
+def figure(contents: Found, address: str, make: Callable[[], Any]) -> dict[str, Any]:
+    """Title, caption and table of a figure for its template, or why `make` cannot draw it. Raises NotThere."""
     title = draw(contents, address)[0]
     try:
-        picture(shelf, contents, address)
+        make()
         described = {"why": "", "caption": caption(contents, address), "table": numbers(contents, address) is not None}
     except CANNOT_DRAW as error:
         described = {"why": why_not(error, contents), "caption": "", "table": False}
     return {"address": address, "title": title, "kinds": style.FORMATS, **described}
 
 
-def encoded(make: Draw, kind: str = "svg") -> bytes:
-    """A figure as a file of a kind of FORMATS."""
+def encoded(make: Draw, *kinds: str) -> tuple[bytes, ...]:
+    """A figure as files of kinds of FORMATS."""
     with _drawing:
-        return style.encode(make(), kind)
+        drawing, files = make(), list[bytes]()
+        for kind in kinds:
+            files.append(style.encode(drawing, kind))
+            drawing.set_layout_engine("none")  # laid out once: that takes as long as drawing
+        return tuple(files)
 
 
 _drawing = threading.Lock()  # matplotlib's settings are those of the whole process
