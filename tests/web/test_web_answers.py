@@ -12,6 +12,7 @@ from toy_web import Read, client
 
 import labbook as package
 from labbook.api import Results
+from labbook.lab import RunRecord
 
 PLANE = "plane"
 ORIFICES, ANGLES, SEEDS = (8, 18, 24, 30), (40, 90), 2  # mm, degrees, as in conftest.py
@@ -172,3 +173,35 @@ def test_what_is_new_since_a_moment_is_told_with_the_means_before(plane, results
 )
 def test_moments_are_those_of_the_index(text, utc):
     assert moment(text) == utc
+
+
+# a point, and a run that clogged
+
+
+def test_a_point_has_its_pooled_mean_and_the_window_on_its_curves(plane, results):
+    result = results.points[2]
+    page = Read(client(plane / "lab").get(f"/study/{PLANE}/point/3").text)
+    pooled = page.data["pooled"]
+    assert pooled["mean"] == pytest.approx([result.flow_rate.value, result.flow_rate.low, result.flow_rate.high])
+    windows = [run.trace.window for run in result.runs]
+    assert pooled["window"] == pytest.approx([sum(ends) / SEEDS for ends in zip(*windows, strict=True)])
+    assert re.search(rf"Pooled mean: [\d.]+ \([\d.]+ to [\d.]+, 95 %\) g/s, n = {SEEDS}", page.words)
+    assert Read(client(plane / "lab").get(f"/study/{PLANE}/point/1").text).data["pooled"] is None
+
+
+def test_a_clogged_run_says_why_and_what_flows(plane, results):
+    run = results.points[0].runs[0]
+    assert run.outcome == "clogged"
+    somebody = client(plane / "lab")
+    page = somebody.get(f"/run/{run.run_key[:16]}").text
+    why = " ".join(re.sub("<[^>]+>", " ", page[page.index('id="why"') : page.index('class="two"')]).split())
+    record = RunRecord.read(plane / "lab/runs" / run.run_key)
+    assert f"after {record.coverage.crossed} of 300 grains" in why
+    assert "D = 8 mm = 2.67 grain diameters" in why, "8 mm over spheres of 3 mm"
+    assert f"{SEEDS} of {SEEDS} runs clogged" in why
+    assert re.search(rf"D = 18 mm = 6 grain diameters: W = [\d.]+ .* g/s, n = {SEEDS}", why)
+    assert f'href="/study/{PLANE}/point/3"' in page
+    assert "not measured: add arch to measure" in why
+    assert f"/run/{run.run_key[:16]}#why" in somebody.get(f"/study/{PLANE}/point/1").text
+    flowed = results.points[2].runs[0]
+    assert 'id="why"' not in somebody.get(f"/run/{flowed.run_key[:16]}").text

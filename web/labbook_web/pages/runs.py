@@ -82,23 +82,23 @@ def sortable(column: str) -> bool:
     return column in (*RUN_COLUMNS, *SORTED_BY) or column.startswith(KEY)
 
 
-def _listed(catalogue: Catalogue, wanted: Listing) -> tuple[pd.DataFrame, int]:
+def _listed(catalogue: Catalogue, listing: Listing) -> tuple[pd.DataFrame, int]:
     """Runs as the index lists them, those of one study with a column for each swept key. Keys sort as numbers."""
-    if not wanted.sort.startswith(KEY):
-        frame, total = catalogue.listed(wanted)
-        return _with_keys(frame, wanted), total
-    every, total = catalogue.listed(replace(wanted, sort="finished", descending=True, offset=0, limit=None))
-    every = _with_keys(every, wanted)
-    if wanted.sort not in every:
-        raise NotThere(f"these runs have no column {wanted.sort[:60]}; choose one study that sweeps this key")
-    every = every.sort_values(wanted.sort, ascending=not wanted.descending, kind="stable", na_position="last")
-    end = None if wanted.limit is None else wanted.offset + wanted.limit
-    return every.iloc[wanted.offset : end], total
+    if not listing.sort.startswith(KEY):
+        frame, total = catalogue.listed(listing)
+        return _with_keys(frame, listing), total
+    every, total = catalogue.listed(replace(listing, sort="finished", descending=True, offset=0, limit=None))
+    every = _with_keys(every, listing)
+    if listing.sort not in every:
+        raise NotThere(f"these runs have no column {listing.sort[:60]}; choose one study that sweeps this key")
+    every = every.sort_values(listing.sort, ascending=not listing.descending, kind="stable", na_position="last")
+    end = None if listing.limit is None else listing.offset + listing.limit
+    return every.iloc[listing.offset : end], total
 
 
-def _with_keys(frame: pd.DataFrame, wanted: Listing) -> pd.DataFrame:
+def _with_keys(frame: pd.DataFrame, listing: Listing) -> pd.DataFrame:
     columns: dict[str, list[Any]] = {}
-    if wanted.study is not None:
+    if listing.study is not None:
         settings = [dict(filter(None, map(_setting, str(label).split(", ")))) for label in frame["label"]]
         names = dict.fromkeys(name for one in settings for name in one)
         columns = {name: [one.get(name) for one in settings] for name in names}
@@ -117,9 +117,9 @@ def _setting(text: str) -> tuple[str, float | str] | None:
     return (f"{KEY}{name}", word) if name else None
 
 
-def _news(catalogue: Catalogue, wanted: Listing) -> dict[str, int]:
+def _news(catalogue: Catalogue, listing: Listing) -> dict[str, int]:
     """Number of runs since then by study."""
-    every, _ = catalogue.listed(replace(wanted, sort="finished", descending=True, offset=0, limit=None))
+    every, _ = catalogue.listed(replace(listing, sort="finished", descending=True, offset=0, limit=None))
     return {str(name): int(count) for name, count in every["study"].value_counts().items() if name}
 
 
