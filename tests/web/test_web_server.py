@@ -725,4 +725,10 @@ def test_compared_backends_are_known_to_the_pages(tmp_path):
     assert "only the seeds do" not in both
     numbers = asked.get(f"/compare.json?item=study:{STUDY}@toy&item=study:{STUDY}@twin").json()
     assert numbers["differences"] == [["backend", ["toy", "twin"]]]
+    assert [row["name"] for row in numbers["numbers"]] == ["W [g/s] at D = 24 mm", "W [g/s] at D = 30 mm"]
+    for row in numbers["numbers"]:
+        first, second = (float(value.split(" ±")[0]) for value in row["values"])
+        assert float(row["ratios"][0].split(" ±")[0]) == pytest.approx(second / first, rel=5e-3)
+        assert "2 pairs" in row["ratios"][0], "of runs from shared packings"
+    assert f"/study/{STUDY}/figure/compare-toy-twin?backend=twin" in page
     assert "--backend toy" in asked.get(f"/study/{STUDY}?backend=toy").text

@@ -139,6 +139,7 @@ def verdicts(compared: Sequence[Compared]) -> list[dict[str, Any]]:
             "table": shown.contrast_table(one.verdict),
             "study": one.study.name,
             "recorded": one.recording is not None,
+            "figure": f"compare-{slug(one.name)}",
         }
         for one in compared
     ]
