@@ -7,6 +7,7 @@ from pathlib import Path
 import pytest
 from labbook_web.pages.changes import changes, latest, moment
 from labbook_web.pages.sheet import extremes, sheet
+from labbook_web.pages.study import plotted
 from labbook_web.pages.tiles import tiles
 from toy_web import Read, client
 
@@ -205,3 +206,14 @@ def test_a_clogged_run_says_why_and_what_flows(plane, results):
     assert f"/run/{run.run_key[:16]}#why" in somebody.get(f"/study/{PLANE}/point/1").text
     flowed = results.points[2].runs[0]
     assert 'id="why"' not in somebody.get(f"/run/{flowed.run_key[:16]}").text
+
+
+def test_headings_have_the_meaning_of_their_quantity(page):
+    assert '<button type="button" title="mass flow rate in the window">W [g/s]</button>' in page
+    assert Read(page).data["quantities"]["flow_rate"]["meaning"] == "mass flow rate in the window"
+
+
+def test_laws_are_drawn_when_all_runs_are_there(done):
+    results = package.Lab(done / "lab", backend="toy").results(package.load(done / "toy.yaml"))
+    assert plotted(results)["series"]
+    assert plotted(results, lacking=True)["series"] == []

@@ -37,6 +37,7 @@ from labbook_web.pages.explore import explorable, map_view
 from labbook_web.pages.lab import outcomes, progress
 from labbook_web.pages.sheet import sheet
 from labbook_web.pages.tiles import tiles
+from labbook_web.render import meaning
 from labbook_web.shelf import Compared, Found, NotThere, Shelf
 
 if TYPE_CHECKING:
@@ -53,6 +54,7 @@ def study_page(shelf: Shelf, name: str, query: Mapping[str, str]) -> Page:
     asked = {"backend": query["backend"]} if "backend" in query else {}
     linked = query.get("as")
     now = progress(found, going)
+    lacking = bool(now["running"]) and now["done"] < now["asked"]
     labels = [job.label for process in now["running"] for job in process["jobs"]]
     return Page(
         "study.html.j2",
@@ -81,7 +83,7 @@ def study_page(shelf: Shelf, name: str, query: Mapping[str, str]) -> Page:
             "outdated": linked is not None and linked != found.state,
             "command": command("run", study.path, lab=shelf.lab.folder, backend=backend),
         },
-        found.once("plotted", lambda: embedded({**plotted(results), "map": _map(found)})),
+        found.once(f"plotted of {lacking}", lambda: embedded({**plotted(results, lacking), "map": _map(found)})),
         asked,
     )
 
@@ -153,7 +155,7 @@ def figures(found: Found) -> dict[str, str]:
 
 def _charted(contents: Found) -> list[str]:
     """Addresses of figures that the chart of the page shows already; for print they are linked below it."""
-    return [address for address in drawings(contents) if address.startswith(("flow-rate", "overview", "map"))]
+    return [address for address in ("overview", "flow-rate", "map") if address in drawings(contents)]
 
 
 _MANY = 48
@@ -289,8 +291,9 @@ def copied(text: str, name: str) -> str:
 # what the charts draw
 
 
-def plotted(results: Results) -> dict[str, Any]:
-    """Points, fits and their bands as the scripts of the page draw them: SI, with the factors to the units shown."""
+def plotted(results: Results, lacking: bool = False) -> dict[str, Any]:
+    """Points, fits and their bands as the scripts of the page draw them: SI, with the factors to the units shown.
+    Without fits while runs are `lacking`: laws of few runs would be taken for results."""
     units = {
         name: next(one.measured[name].unit for one in result.runs if name in one.measured)
         for result in results.points
@@ -308,7 +311,8 @@ def plotted(results: Results) -> dict[str, Any]:
              "value": one.reference, "error": one.reference_error, "source": results.source}
             for one in results.comparisons if len(one.points) == 1
         ],
-        "series": [_series(one) for one in results.series if one.fits],
+        "series": [] if lacking else [_series(one) for one in results.series if one.fits],
+        "lacking": lacking,
         "source": results.source,
         "nothing": no_number(results),
         "outlet": next((one.outlet for one in results.series), ""),
@@ -325,7 +329,7 @@ def _shown_key(name: str, results: Results) -> dict[str, Any]:
 
 def _shown_quantity(name: str, unit: str) -> dict[str, Any]:
     how = display.quantity(name, unit)
-    return {"label": how.name, "unit": how.unit, "scale": how.scale}
+    return {"label": how.name, "unit": how.unit, "scale": how.scale, "meaning": meaning(how.heading)}
 
 
 def _point(result: PointResult) -> dict[str, Any]:

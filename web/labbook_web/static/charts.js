@@ -249,7 +249,9 @@
       holder.dataset.points = points;
       holder.dataset.fits = traces.filter((one) => one.meta === "fit").length;
       const bits = [`${points} point${points === 1 ? "" : "s"}; bars and hovers are 95 % intervals over n runs.`];
+      if (Y.meaning) bits.push(`${Y.label.replace(/\^\(([^)]*)\)/g, "^$1")}: ${Y.meaning}.`);
       if (panels) bits.push(`${panels.values.length} panels, by ${every[0].keys[panels.key].label}, with one pair of axes.`);
+      if (every.some((one) => one.lacking)) bits.push("Preliminary: laws are drawn when all runs are there.");
       if (dropped.length) bits.push(`Not drawn, without ${X.label}: ${dropped.map((one) => one.label || one.study).join(", ")}.`);
       if (fitted && list.length > 4 && residuals) bits.push(`With ${list.length} curves, bands are not drawn.`);
       if (residuals) bits.push("Residuals: thin bars are 95 % intervals, thick ones the standard errors that fit and test use.");
