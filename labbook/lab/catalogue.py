@@ -122,6 +122,10 @@ SUSPECT = "suspect"
 """Filter value in place of an outcome: suspect runs, whatever their outcome."""
 
 
+FLOW_RATE = "flow_rate"
+"""Quantity by which runs can be sorted."""
+
+
 def _has_outcome(outcome: str) -> "ColumnElement[bool]":
     return runs.c.suspect != "" if outcome == SUSPECT else runs.c.outcome == outcome
 
@@ -140,8 +144,10 @@ class Listing:
     """Part of the label or of the study's name, or beginning of the run key."""
     keys: tuple[str, ...] | None = None
     """Keys of the runs: at most some hundred."""
+    since: str | None = None
+    """Only runs that ended at this moment or later (UTC, the beginning of an ISO 8601 text)."""
     sort: str = "finished"
-    """One of RUN_COLUMNS."""
+    """One of RUN_COLUMNS, or FLOW_RATE."""
     descending: bool = True
     offset: int = 0
     limit: int | None = 100
@@ -160,6 +166,8 @@ class Listing:
                          | runs.c.study.icontains(self.text, autoescape=True) | key_begins)  # fmt: skip
         if self.keys is not None:
             clauses.append(runs.c.run_key.in_(self.keys))
+        if self.since is not None:
+            clauses.append(runs.c.finished >= self.since)
         return clauses
 
 
@@ -250,11 +258,21 @@ class Catalogue:
             listing: Filters, sort order and page.
 
         Returns:
-            Table with the columns of `runs` (without scene_key) and packing_key, and the number of runs on all pages.
+            Table with the columns of `runs` (without scene_key), packing_key and flow_rate [kg/s], and the number of
+            runs on all pages. The flow rate is that of the newest version of the measure, and of the window that opens
+            last.
         """
+        rates = measurements.alias()
+        rate = (
+            select(rates.c.value)
+            .where(rates.c.run_key == runs.c.run_key, rates.c.quantity == FLOW_RATE, rates.c.value.is_not(None))
+            .order_by(rates.c.version.desc(), rates.c.window_start.desc())
+            .limit(1)
+            .scalar_subquery()
+        )
         columns = (runs.c[name].label(name) for name in (*RUN_COLUMNS, "packing_key"))
-        query = select(*columns).where(*listing.conditions())
-        column = runs.c[listing.sort]
+        query = select(*columns, rate.label(FLOW_RATE)).where(*listing.conditions())
+        column = rate if listing.sort == FLOW_RATE else runs.c[listing.sort]
         ordered = query.order_by(
             column.desc().nulls_last() if listing.descending else column.asc().nulls_first(), runs.c.run_key
         )

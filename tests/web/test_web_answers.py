@@ -2,14 +2,18 @@
 
 import re
 from html import unescape
+from pathlib import Path
 
 import pytest
+from labbook_web.pages.changes import changes, latest, moment
 from labbook_web.pages.sheet import extremes, sheet
+from labbook_web.pages.study import plotted
 from labbook_web.pages.tiles import tiles
 from toy_web import Read, client
 
 import labbook as package
 from labbook.api import Results
+from labbook.lab import RunRecord
 
 PLANE = "plane"
 ORIFICES, ANGLES, SEEDS = (8, 18, 24, 30), (40, 90), 2  # mm, degrees, as in conftest.py
@@ -107,3 +111,109 @@ def test_one_key_has_no_map(done):
     page = client(done / "lab").get("/study/toy-study").text
     assert 'id="map"' not in page
     assert Read(page).data["map"] is None
+
+
+# runs, and what is new
+
+
+def listed(plane: Path, **query: str) -> list[dict]:
+    answer = client(plane / "lab").get("/runs.json", params=query)
+    assert answer.status_code == 200, answer.text
+    return answer.json()["runs"]
+
+
+def test_runs_have_their_flow_rates_and_sort_by_them(plane, results):
+    rows = listed(plane, sort="-flow_rate")
+    known = [row["flow_rate"] for row in rows if row["flow_rate"] is not None]
+    assert known == sorted(known, reverse=True)
+    assert [row["flow_rate"] for row in rows[len(known) :]] == [None] * (len(rows) - len(known)), "unknown ones last"
+    measured = {run.run_key: run.measured["flow_rate"].value for one in results.points for run in one.runs
+                if run.outcome != "clogged"}  # fmt: skip
+    assert {row["run_key"]: row["flow_rate"] for row in rows if row["flow_rate"] is not None} == measured
+
+
+def test_swept_keys_are_columns_that_sort_as_numbers(plane):
+    rows = listed(plane, study=PLANE, sort="at:orifice [mm]")
+    assert [row["at:orifice [mm]"] for row in rows] == sorted(SEEDS * len(ANGLES) * list(map(float, ORIFICES)))
+    assert {row["at:angle [deg]"] for row in rows} == {*map(float, ANGLES)}
+    somebody = client(plane / "lab")
+    assert somebody.get("/runs", params={"sort": "at:orifice [mm]"}).status_code == 404, "of several studies"
+    page = Read(somebody.get("/runs", params={"study": PLANE}).text)
+    (head, *body) = page.rows["table 0"]
+    at = next(k for k, text in enumerate(head) if text.startswith("orifice [mm]"))
+    assert {row[at] for row in body} == {*map(str, ORIFICES)}
+
+
+def test_what_is_new_since_a_moment_is_told_with_the_means_before(plane, results):
+    ended = sorted((run.ended, one.point.index, run.run_key) for one in results.points for run in one.runs)
+    since = moment(ended[9][0])
+    new = {key for when, _, key in ended if moment(when) > since}
+    found = changes(results, since)
+    assert 0 < found.new_runs == len(new)
+    for row in found.rows:
+        runs = results.points[row.point - 1].runs
+        before = [run for run in runs if run.run_key not in new and run.outcome != "clogged"]
+        assert row.new_runs == sum(run.run_key in new for run in runs)
+        assert row.before.endswith(f"n = {len(before)}") if before else row.before == "–"
+    assert changes(results, moment(ended[-1][0])).rows == ()
+    somebody = client(plane / "lab")
+    page = unescape(somebody.get(f"/study/{PLANE}", params={"as": "0", "since": since}).text)
+    assert f"{found.new_runs} new run" in page
+    assert f"since={latest(results)}".replace(":", "%3A") in page, "the permalink names the moment"
+    assert {row["run_key"] for row in listed(plane, since=since)} >= new
+    assert somebody.get("/runs?since=yesterday").status_code == 400
+
+
+@pytest.mark.parametrize(
+    ("text", "utc"),
+    [
+        ("2026-11-20", "2026-11-20T00:00:00"),
+        ("2026-11-20T08:30:00+02:00", "2026-11-20T06:30:00"),
+        ("2026-11-20T06:30:00.25+00:00", "2026-11-20T06:30:00.250000"),
+    ],
+)
+def test_moments_are_those_of_the_index(text, utc):
+    assert moment(text) == utc
+
+
+# a point, and a run that clogged
+
+
+def test_a_point_has_its_pooled_mean_and_the_window_on_its_curves(plane, results):
+    result = results.points[2]
+    page = Read(client(plane / "lab").get(f"/study/{PLANE}/point/3").text)
+    pooled = page.data["pooled"]
+    assert pooled["mean"] == pytest.approx([result.flow_rate.value, result.flow_rate.low, result.flow_rate.high])
+    windows = [run.trace.window for run in result.runs]
+    assert pooled["window"] == pytest.approx([sum(ends) / SEEDS for ends in zip(*windows, strict=True)])
+    assert re.search(rf"Pooled mean: [\d.]+ \([\d.]+ to [\d.]+, 95 %\) g/s, n = {SEEDS}", page.words)
+    assert Read(client(plane / "lab").get(f"/study/{PLANE}/point/1").text).data["pooled"] is None
+
+
+def test_a_clogged_run_says_why_and_what_flows(plane, results):
+    run = results.points[0].runs[0]
+    assert run.outcome == "clogged"
+    somebody = client(plane / "lab")
+    page = somebody.get(f"/run/{run.run_key[:16]}").text
+    why = " ".join(re.sub("<[^>]+>", " ", page[page.index('id="why"') : page.index('class="two"')]).split())
+    record = RunRecord.read(plane / "lab/runs" / run.run_key)
+    assert f"after {record.coverage.crossed} of 300 grains" in why
+    assert "D = 8 mm = 2.67 grain diameters" in why, "8 mm over spheres of 3 mm"
+    assert f"{SEEDS} of {SEEDS} runs clogged" in why
+    assert re.search(rf"D = 18 mm = 6 grain diameters: W = [\d.]+ .* g/s, n = {SEEDS}", why)
+    assert f'href="/study/{PLANE}/point/3"' in page
+    assert "not measured: add arch to measure" in why
+    assert f"/run/{run.run_key[:16]}#why" in somebody.get(f"/study/{PLANE}/point/1").text
+    flowed = results.points[2].runs[0]
+    assert 'id="why"' not in somebody.get(f"/run/{flowed.run_key[:16]}").text
+
+
+def test_headings_have_the_meaning_of_their_quantity(page):
+    assert '<button type="button" title="mass flow rate in the window">W [g/s]</button>' in page
+    assert Read(page).data["quantities"]["flow_rate"]["meaning"] == "mass flow rate in the window"
+
+
+def test_laws_are_drawn_when_all_runs_are_there(done):
+    results = package.Lab(done / "lab", backend="toy").results(package.load(done / "toy.yaml"))
+    assert plotted(results)["series"]
+    assert plotted(results, lacking=True)["series"] == []

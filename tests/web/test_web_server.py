@@ -154,6 +154,7 @@ def test_a_card_tells_how_a_study_stands(asked):
     assert f"{POINTS * REPLICATES} finished" in card
     assert f"{POINTS * REPLICATES} of {POINTS * REPLICATES} runs" in " ".join(card.split())
     assert "Beverloo" in card
+    assert re.search(r"Flow rate W <b>[\d.]+ to [\d.]+</b> g/s", card)
     assert card.count("/picture.png") == POINTS
     assert asked.get("/card/none").status_code == 404
 
@@ -667,7 +668,8 @@ def test_a_permalink_warns_when_the_results_have_changed(copied):
     somebody = client(lab)
     state = somebody.get(f"/study/{STUDY}.json").json()["state"]
     link = f"/study/{STUDY}?as={state}"
-    assert link in Read(somebody.get(f"/study/{STUDY}").text).links("href")
+    (link,) = (one for one in Read(somebody.get(f"/study/{STUDY}").text).links("href") if one.startswith(link))
+    assert "Changes since" not in somebody.get(link).text
     assert "have changed" not in somebody.get(link).text
     assert client(lab).get(f"/study/{STUDY}.json").json()["state"] == state, "another process finds the same"
     text = (copied / "toy.yaml").read_text()
@@ -742,4 +744,10 @@ def test_compared_backends_are_known_to_the_pages(tmp_path):
     assert "only the seeds do" not in both
     numbers = asked.get(f"/compare.json?item=study:{STUDY}@toy&item=study:{STUDY}@twin").json()
     assert numbers["differences"] == [["backend", ["toy", "twin"]]]
+    assert [row["name"] for row in numbers["numbers"]] == ["W [g/s] at D = 24 mm", "W [g/s] at D = 30 mm"]
+    for row in numbers["numbers"]:
+        first, second = (float(value.split(" ±")[0]) for value in row["values"])
+        assert float(row["ratios"][0].split(" ±")[0]) == pytest.approx(second / first, rel=5e-3)
+        assert "2 pairs" in row["ratios"][0], "of runs from shared packings"
+    assert f"/study/{STUDY}/figure/compare-toy-twin?backend=twin" in page
     assert "--backend toy" in asked.get(f"/study/{STUDY}?backend=toy").text

@@ -41,6 +41,13 @@ def two(tmp_path_factory) -> tuple[Path, list[Path]]:
     return folder / "lab", [first, other]
 
 
+@pytest.fixture(autouse=True)
+def only_svg(request, monkeypatch):
+    """Figures of sites that a test writes itself are SVG only: a PDF takes as long as a figure. `site` has both."""
+    if "site" not in request.fixturenames:
+        monkeypatch.setattr("labbook_web.site.FILES", ("svg",))
+
+
 def linked(page: Path) -> list[Path]:
     """The files that a page needs or leads to."""
     read = Read(page.read_text())

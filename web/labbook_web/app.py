@@ -23,7 +23,6 @@ from labbook.backend import BackendMissing
 from labbook.export.frames import NotRecorded
 from labbook.export.recording import ViewerMissing
 from labbook.lab import LabError, Unreadable, notes
-from labbook.lab.catalogue import RUN_COLUMNS
 from labbook.lab.evaluations import NotEvaluated
 from labbook.lab.notes import Note
 from labbook.lab.runs import picture_content
@@ -32,6 +31,7 @@ from labbook_web import viewer
 from labbook_web.guard import LARGEST_BODY, Guard
 from labbook_web.page import Links, Page
 from labbook_web.pages import lab, run, runs, study
+from labbook_web.pages.changes import NoMoment
 from labbook_web.pages.compare import Malformed, compare_page
 from labbook_web.pages.explore import explore_page
 from labbook_web.pages.lab import card, lab_page
@@ -51,7 +51,7 @@ _LASTING = {"cache-control": "private, max-age=31536000, immutable"}
 _log = logging.getLogger("labbook.web")
 _ALLOWED = {
     "lab": {"q", "page", "token"},
-    "study": {"backend", "as", "x", "y", "scale", "fits", "brush", "sort", "find"},
+    "study": {"backend", "as", "x", "y", "scale", "fits", "brush", "sort", "find", "since"},
     "point": {"backend"},
     "explore": {"backend", "view", "at", "want", "over", "x", "y"},
     "run": set[str](),
@@ -134,8 +134,8 @@ class App:
             raise
         except NotThere as error:
             raise HTTPException(404, str(error)) from error
-        except (Malformed, StudyError) as error:
-            raise HTTPException(400 if isinstance(error, Malformed) else 422, str(error)) from error
+        except (Malformed, NoMoment, StudyError) as error:
+            raise HTTPException(422 if isinstance(error, StudyError) else 400, str(error)) from error
         except (LabError, Unreadable, BackendMissing, NotEvaluated) as error:
             raise HTTPException(503, str(error)) from error
 
@@ -220,7 +220,8 @@ class App:
             except study.CANNOT_DRAW as error:
                 raise NotThere(study.why_not(error, found)) from error
             return Response(content, media_type=_DRAWN[kind], headers=headers)
-        return HTMLResponse(part("figure.html.j2", LINKS, found=found, **study.figure(self.shelf, found, figure)))
+        shown = study.figure(found, figure, lambda: study.picture(self.shelf, found, figure))
+        return HTMLResponse(part("figure.html.j2", LINKS, found=found, **shown))
 
     def _yaml(self, request: Request) -> Response:
         text = self.shelf.study(request.path_params["name"])[1]
@@ -345,7 +346,7 @@ def asked(request: Request, page: str) -> dict[str, str]:
         )
     if "page" in found and not (found["page"].isascii() and found["page"].isdigit() and len(found["page"]) < 7):
         raise HTTPException(400, "page: write a whole number, such as page=2")
-    if page == "runs" and found.get("sort", "finished").removeprefix("-") not in RUN_COLUMNS:
+    if page == "runs" and not runs.sortable(found.get("sort", "finished").removeprefix("-")):
         raise HTTPException(400, f"sort: use one of {', '.join(runs.SORTED_BY)}, with - in front for descending order")
     return found
 

@@ -3,7 +3,9 @@
 from functools import cache
 from typing import Any
 
+from labbook.measure import MEASURES
 from labbook.report.page import environment
+from labbook.results import display
 from labbook.version import __version__
 from labbook_web.page import Links, Page, embedded
 
@@ -37,7 +39,19 @@ def _size(size: int) -> str:
 
 
 @cache
+def _meanings() -> dict[str, str]:
+    declared = [one for measure in MEASURES.values() for one in measure.declared]
+    return {display.quantity(one.name, one.unit).heading: one.meaning for one in declared if one.meaning}
+
+
+def meaning(heading: str) -> str:
+    """Meaning of a measured quantity by its heading, such as `W [g/s]`; empty of another one."""
+    return _meanings().get(heading, "")
+
+
+@cache
 def _templates():
     made = environment("labbook_web")
-    made.filters |= {"embedded": embedded, "ago": _ago, "size": _size, "combined": lambda one, other: {**one, **other}}
+    made.filters |= {"embedded": embedded, "ago": _ago, "size": _size, "meaning": meaning}
+    made.filters["combined"] = lambda one, other: {**one, **other}
     return made

@@ -7,6 +7,7 @@ comparisons, the embedded viewer.
 import shutil
 from collections.abc import Callable, Sequence
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -26,11 +27,11 @@ from labbook_web.pages.point import point_page
 from labbook_web.pages.run import run_page, sketch
 from labbook_web.pages.study import study_page
 from labbook_web.render import html, part
-from labbook_web.shelf import NotThere, Shelf
+from labbook_web.shelf import Found, NotThere, Shelf
 
 MARK = "labbook-site.txt"
 """A file by which a folder is known to hold a site, and may be written again."""
-_KINDS = ("svg", "pdf")
+FILES = ("svg", "pdf")
 """Files of each figure."""
 _MOST = 5000
 """Runs of a site."""
@@ -131,15 +132,18 @@ class _Writer:
         found, page = self._found[name], study_page(self._shelf, name, {})
         links, drawn = self._links(page.path), {}
         for address in (*page.shown["printed"], *page.shown["figures"]):
-            shown = {**study_module.figure(self._shelf, found, address), "kinds": _KINDS}
-            for kind in () if shown["why"] else _KINDS:
-                content = study_module.picture(self._shelf, found, address, kind)
-                self._file(f"{page.path}/figure/{address}.{kind}", content)
+            make = partial(self._figure, found, address, f"{page.path}/figure/{address}")
+            shown = {**study_module.figure(found, address, make), "kinds": FILES}
             if shown["table"] and (table := study_module.numbers(found, address)) is not None:
                 self._file(f"{page.path}/figure/{address}.csv", table.to_csv(index=False).encode())
             drawn[address] = _raw(part("figure.html.j2", links, found=found, **shown))
         self._file(f"{page.path}/{name}.yaml", found.text.encode())
         self._page(page, drawn=drawn, command=command("run", f"{name}.yaml"))
+
+    def _figure(self, found: Found, address: str, stem: str) -> None:
+        files = study_module.encoded(study_module.draw(found, address)[1], *FILES)
+        for kind, content in zip(FILES, files, strict=True):
+            self._file(f"{stem}.{kind}", content)
 
     def _run(self, key: str) -> None:
         page = run_page(self._shelf, key, {})

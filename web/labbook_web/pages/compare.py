@@ -18,6 +18,7 @@ from labbook_web.page import Page
 from labbook_web.pages.curves import caption
 from labbook_web.pages.point import curve_of, point_of
 from labbook_web.pages.run import curve, key_of, point_of_run
+from labbook_web.pages.sheet import leading
 from labbook_web.pages.study import plotted, verdicts
 from labbook_web.shelf import Compared, Found, NotThere, Shelf
 
@@ -61,7 +62,8 @@ def compare_page(shelf: Shelf, items: Sequence[str]) -> Page:
     curves = [{**curve, "title": one.label, "group": place,
                "label": f"{one.label}: {curve['label']}" if len(one.curves) > 1 else one.label}
               for place, one in enumerate(found) for curve in one.curves]  # fmt: skip
-    numbers = _numbers(found)
+    studies = bool(found) and all(one.point is None and one.found is not None for one in found)
+    numbers = _means(found) if studies else _numbers(found)
     return Page(
         "compare.html.j2",
         "compare",
@@ -73,6 +75,7 @@ def compare_page(shelf: Shelf, items: Sequence[str]) -> Page:
         ),
         {"items": found, "compared": verdicts(_compared(found)),
          "differences": differ, "numbers": numbers, "lacking": lacking, "caption": caption(curves),
+         "apart": studies and len(found) > 1 and not numbers,
          "studies": [one.name for one in shelf.listed() if one.path is not None]},
         {
             "curves": curves,
@@ -161,18 +164,40 @@ def _numbers(items: Sequence[ComparedItem]) -> list[dict[str, Any]]:
     """What was measured of points, and how each lies to the first: ratio with a 95 % interval, of independent runs."""
     results = [one.result for one in items]
     names = dict.fromkeys(name for one in results if one is not None for name in one.pooled)
+    return _numbers_of(results, tuple(names))
+
+
+def _numbers_of(results: Sequence[PointResult | None], names: Sequence[str]) -> list[dict[str, Any]]:
     rows = []
     for name in names:
-        unit = next(run.measured[name].unit for one in results if one is not None for run in one.runs
-                    if name in run.measured)  # fmt: skip
+        measured = (run.measured for one in results if one is not None for run in one.runs)
+        unit = next((of_run[name].unit for of_run in measured if name in of_run), "")
         shown = display.quantity(name, unit)
         pooled = [one.pooled.get(name) if one is not None else None for one in results]
         values = ["–" if one is None else f"{display.with_error(one.value, one.error, shown.scale)} (n = {one.n})"
                   for one in pooled]  # fmt: skip
         first = results[0]
         zero = shown.about_zero or first is None or name not in first.pooled or _about_zero(first.pooled[name])
-        ratios = ["–" if zero else _ratio(one, first, name) for one in results[1:]]
+        ratios = ["–" if zero or first is None else _ratio(one, first, name) for one in results[1:]]
         rows.append({"name": shown.heading, "values": values, "ratios": ratios})
+    return rows
+
+
+def _means(items: Sequence[ComparedItem]) -> list[dict[str, Any]]:
+    """Means of the leading quantity of studies or backends at points with the same settings, and their ratios to the
+    first, as `_numbers` gives them of points."""
+    studies = [one.found.results for one in items if one.found is not None]
+    quantity = next(filter(None, map(leading, studies)), "")
+    if not quantity:
+        return []
+    points = [{tuple(sorted(result.at.items())): result for result in results.points} for results in studies]
+    rows = []
+    for at, first in points[0].items():
+        results = [each.get(at) for each in points]
+        if sum(result is not None for result in results) < 2:
+            continue
+        (row,) = _numbers_of(results, (quantity,))
+        rows.append({**row, "name": f"{row['name']} at {first.label}" if first.label else row["name"]})
     return rows
 
 

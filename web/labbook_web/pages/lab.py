@@ -17,6 +17,7 @@ from labbook.scene.quantities import duration
 from labbook.study import StudyError
 from labbook_web.page import Page
 from labbook_web.pages.sheet import extremes
+from labbook_web.pages.tiles import value_range
 from labbook_web.shelf import Found, NotThere, Shelf, StudyListing
 
 CARDS = 24
@@ -72,7 +73,8 @@ def card(shelf: Shelf, listed: StudyListing) -> dict[str, Any]:
         **shown,
         "found": found,
         "beds": found.once("beds", lambda: extremes(results, _BEDS)),
-        "headline": headline(results),
+        "range": found.once("range", lambda: value_range(results)),
+        "headline": headline(results) if any(one.fits for one in results.series) else "",
         "concerns": found.once("concerns", lambda: concerns(results)) if results.points else [],
         "progress": progress(found, going),
         "outcomes": outcomes(results),

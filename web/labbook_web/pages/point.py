@@ -1,6 +1,6 @@
 """The page of a point of a study: its runs side by side, and their W(t)."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import pandas as pd
@@ -12,6 +12,7 @@ from labbook.results.frames import frames
 from labbook.results.points import PointResult, RunResult
 from labbook_web.page import Page
 from labbook_web.pages.curves import caption, curve
+from labbook_web.pages.sheet import with_unit
 from labbook_web.shelf import Found, NotThere, Shelf
 
 
@@ -22,6 +23,7 @@ def point_page(shelf: Shelf, name: str, number: int, query: Mapping[str, str]) -
     last = len(found.study.points)
     lacking: list[str] = []
     curves = [one for run in result.runs if (one := curve_of(run, run.repeat, lacking)) is not None]
+    pooled = _pooled(result, curves)
 
     def table() -> pd.DataFrame:
         rows = frames(found.results, ("runs",)).get("runs", pd.DataFrame())
@@ -35,10 +37,23 @@ def point_page(shelf: Shelf, name: str, number: int, query: Mapping[str, str]) -
                  "label": result.label, "runs": table().to_dict(orient="records")},
         table,
         {"found": found, "result": result, "number": number, "last": last, "runs": run_rows(result),
-         "lacking": lacking, "caption": caption(curves), "quantities": quantities(result)},
-        {"curves": curves},
+         "lacking": lacking, "caption": caption(curves), "quantities": quantities(result), "pooled": pooled},
+        {"curves": curves, "pooled": pooled},
         {"backend": query["backend"]} if "backend" in query else {},
     )  # fmt: skip
+
+
+def _pooled(result: PointResult, curves: Sequence[Mapping[str, Any]]) -> dict[str, Any] | None:
+    """Pooled flow rate with its interval [SI], and the window [s], the mean over runs; None without a mean."""
+    windows = [one["window"] for one in curves if one["window"]]
+    if result.flow_rate is None or not windows:
+        return None
+    flow = result.flow_rate
+    return {
+        "mean": [flow.value, flow.low, flow.high],
+        "window": [sum(ends) / len(windows) for ends in zip(*windows, strict=True)],
+        "text": with_unit(flow, display.quantity("flow_rate")),
+    }
 
 
 def point_of(found: Found, number: int) -> PointResult:

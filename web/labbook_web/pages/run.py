@@ -29,6 +29,7 @@ from labbook.study import Point
 from labbook.study.schema import Fill
 from labbook_web.page import Page, records
 from labbook_web.pages import curves
+from labbook_web.pages.clogged import clogged
 from labbook_web.pages.study import encoded
 from labbook_web.shelf import NotThere, Shelf
 
@@ -57,6 +58,7 @@ def run_page(shelf: Shelf, prefix: str, query: Mapping[str, str]) -> Page:
     shown |= {
         "record": record,
         "known": _known(shelf, record),
+        "clogged": clogged(shelf, record),
         "facts": _facts(record),
         "setting": Facts(tuple(row for row in common([point_of_run(record)]) if row[0] != "Filling")),
         "provenance": Facts(tuple(_flat(record.provenance))),
@@ -177,7 +179,7 @@ def arch(folder: Path, entry: Entry, record: RunRecord) -> str:
         return ""
     if bed is None:
         return ""
-    drawing = encoded(lambda: stopped_bed(record.scene, bed))
+    (drawing,) = encoded(lambda: stopped_bed(record.scene, bed), "svg")
     return f"data:image/svg+xml;base64,{b64encode(drawing).decode('ascii')}"
 
 

@@ -1,24 +1,35 @@
 """The list of runs: filtered, sorted and cut into pages by the index."""
 
+import re
 from collections.abc import Mapping
 from dataclasses import replace
 from typing import Any
 
+import pandas as pd
+
 from labbook.lab import notes
-from labbook.lab.catalogue import RUN_COLUMNS, SUSPECT, Listing
+from labbook.lab.catalogue import FLOW_RATE, RUN_COLUMNS, SUSPECT, Catalogue, Listing
 from labbook_web.page import Page, records
+from labbook_web.pages.changes import moment
 from labbook_web.shelf import NotThere, Shelf
 
 LONG = 100
 """Runs on a page."""
-SORTED_BY = tuple(name for name in RUN_COLUMNS if name != "problem")
-FILTERS = ("study", "backend", "outcome", "packing", "tag", "q")
+SORTED_BY = (*(name for name in RUN_COLUMNS if name != "problem"), FLOW_RATE)
+KEY = "at:"
+"""How the name of a column of a swept key begins."""
+FILTERS = ("study", "backend", "outcome", "packing", "tag", "q", "since")
+_UNITS = {FLOW_RATE: "kg/s", "duration": "s", "wall_time": "s", "rate": "1/s"}
+_NUMBER = re.compile(r"(?P<name>.+?) (?P<value>-?[\d.]+(?:e[-+]?\d+)?)(?: (?P<unit>\D.*))?")
 _MOST_TAGGED = 500
 
 
 def runs_page(shelf: Shelf, query: Mapping[str, str]) -> Page:
-    """The runs that the filters leave (`study`, `backend`, `outcome`, `packing`, `tag`, and `q`: text), in the order of
-    the column `sort`, from the greatest if it begins with a minus sign. `page`: from 1. Raises NotThere."""
+    """The runs that the filters leave (`study`, `backend`, `outcome`, `packing`, `tag`, `q`: text, `since`: a date),
+    in the order of the column `sort`, from the greatest if it begins with a minus sign. `page`: from 1.
+
+    Runs of one study have a column for each swept key, `at:` and its name. Raises NotThere, NoMoment.
+    """
     asked = {name: query[name] for name in FILTERS if query.get(name)}
     sort, number = query.get("sort", "-finished"), int(query.get("page", "1"))
     wanted = Listing(
@@ -28,13 +39,14 @@ def runs_page(shelf: Shelf, query: Mapping[str, str]) -> Page:
         packing=asked.get("packing"),
         text=asked.get("q"),
         keys=_tagged(shelf, asked["tag"]) if "tag" in asked else None,
+        since=moment(asked["since"]) if "since" in asked else None,
         sort=sort.removeprefix("-"),
         descending=sort.startswith("-"),
         offset=LONG * (number - 1),
         limit=LONG,
     )
     catalogue = shelf.catalogue
-    found, total = catalogue.listed(wanted)
+    found, total = _listed(catalogue, wanted)
     pages = max(1, -(-total // LONG))
     if not 1 <= number <= pages:
         raise NotThere(f"there is no page {number}; the last one is {pages}")
@@ -45,9 +57,11 @@ def runs_page(shelf: Shelf, query: Mapping[str, str]) -> Page:
         "runs",
         "Runs",
         lambda: {"total": total, "page": number, "pages": pages, "runs": found.to_dict("records")},
-        lambda: catalogue.listed(replace(wanted, offset=0, limit=None))[0],
+        lambda: _listed(catalogue, replace(wanted, offset=0, limit=None))[0],
         {
             "rows": records(found),
+            "keys": [name for name in found if name.startswith(KEY)],
+            "news": _news(catalogue, wanted) if wanted.since is not None else {},
             "total": total,
             "number": number,
             "pages": pages,
@@ -61,6 +75,52 @@ def runs_page(shelf: Shelf, query: Mapping[str, str]) -> Page:
         },
         query={**asked, **_stated(query)},
     )
+
+
+def sortable(column: str) -> bool:
+    """Decide if runs are sorted by a column of this name: one of the index, the flow rate, or that of a swept key."""
+    return column in (*RUN_COLUMNS, *SORTED_BY) or column.startswith(KEY)
+
+
+def _listed(catalogue: Catalogue, listing: Listing) -> tuple[pd.DataFrame, int]:
+    """Runs as the index lists them, those of one study with a column for each swept key. Keys sort as numbers."""
+    if not listing.sort.startswith(KEY):
+        frame, total = catalogue.listed(listing)
+        return _with_keys(frame, listing), total
+    every, total = catalogue.listed(replace(listing, sort="finished", descending=True, offset=0, limit=None))
+    every = _with_keys(every, listing)
+    if listing.sort not in every:
+        raise NotThere(f"these runs have no column {listing.sort[:60]}; choose one study that sweeps this key")
+    every = every.sort_values(listing.sort, ascending=not listing.descending, kind="stable", na_position="last")
+    end = None if listing.limit is None else listing.offset + listing.limit
+    return every.iloc[listing.offset : end], total
+
+
+def _with_keys(frame: pd.DataFrame, listing: Listing) -> pd.DataFrame:
+    columns: dict[str, list[Any]] = {}
+    if listing.study is not None:
+        settings = [dict(filter(None, map(_setting, str(label).split(", ")))) for label in frame["label"]]
+        names = dict.fromkeys(name for one in settings for name in one)
+        columns = {name: [one.get(name) for one in settings] for name in names}
+    for name, values in columns.items():
+        words = any(isinstance(value, str) for value in values)
+        frame[name] = [None if value is None else str(value) for value in values] if words else values
+    frame.attrs["units"] = _UNITS
+    return frame
+
+
+def _setting(text: str) -> tuple[str, float | str] | None:
+    """Name with unit, and value, of a part of a label such as `orifice 24 mm`; None of text without a value."""
+    if number := _NUMBER.fullmatch(text):
+        return f"{KEY}{number['name']}" + (f" [{number['unit']}]" if number["unit"] else ""), float(number["value"])
+    name, _, word = text.rpartition(" ")
+    return (f"{KEY}{name}", word) if name else None
+
+
+def _news(catalogue: Catalogue, listing: Listing) -> dict[str, int]:
+    """Number of runs since then by study."""
+    every, _ = catalogue.listed(replace(listing, sort="finished", descending=True, offset=0, limit=None))
+    return {str(name): int(count) for name, count in every["study"].value_counts().items() if name}
 
 
 def _stated(query: Mapping[str, str]) -> dict[str, Any]:

@@ -7,6 +7,7 @@ from labbook.api import Results
 from labbook.results import display
 from labbook.results.points import FLOW_RATE, PointResult
 from labbook.results.study import StudyResults
+from labbook.stats import Pooled
 
 Value = float | str
 _DIGITS = 300
@@ -67,6 +68,12 @@ def unit_of(results: StudyResults, quantity: str) -> display.Shown:
     """Name, unit and scale of a measured quantity."""
     measured = (run.measured for result in results.points for run in result.runs)
     return display.quantity(quantity, next((one[quantity].unit for one in measured if quantity in one), ""))
+
+
+def with_unit(pooled: Pooled, unit: display.Shown) -> str:
+    """`24.3 (23.4 to 25.2, 95 %) g/s, n = 3`: a mean with its interval and unit."""
+    interval, _, n = display.with_interval(pooled, unit.scale).rpartition(", n = ")
+    return f"{interval} {unit.unit}".rstrip() + f", n = {n}"
 
 
 def sheet(results: Results, going: Collection[str] = ()) -> Sheet:

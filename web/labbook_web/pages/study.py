@@ -3,7 +3,7 @@
 import json
 import re
 import threading
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
 from functools import partial
 from typing import TYPE_CHECKING, Any
@@ -32,10 +32,12 @@ from labbook.results.points import ORIFICE, PointResult, followers, names_scene
 from labbook.results.reference import at_series
 from labbook.results.series import Series
 from labbook_web.page import Page, embedded, with_units
+from labbook_web.pages.changes import changes, latest, moment
 from labbook_web.pages.explore import explorable, map_view
 from labbook_web.pages.lab import outcomes, progress
 from labbook_web.pages.sheet import sheet
 from labbook_web.pages.tiles import tiles
+from labbook_web.render import meaning
 from labbook_web.shelf import Compared, Found, NotThere, Shelf
 
 if TYPE_CHECKING:
@@ -52,6 +54,7 @@ def study_page(shelf: Shelf, name: str, query: Mapping[str, str]) -> Page:
     asked = {"backend": query["backend"]} if "backend" in query else {}
     linked = query.get("as")
     now = progress(found, going)
+    lacking = bool(now["running"]) and now["done"] < now["asked"]
     labels = [job.label for process in now["running"] for job in process["jobs"]]
     return Page(
         "study.html.j2",
@@ -75,10 +78,12 @@ def study_page(shelf: Shelf, name: str, query: Mapping[str, str]) -> Page:
             "progress": now,
             "note": shelf.note("study", name),
             "linked": linked,
+            "changes": changes(results, moment(query["since"])) if query.get("since") else None,
+            "latest": found.once("latest", lambda: latest(results)),
             "outdated": linked is not None and linked != found.state,
             "command": command("run", study.path, lab=shelf.lab.folder, backend=backend),
         },
-        found.once("plotted", lambda: embedded({**plotted(results), "map": _map(found)})),
+        found.once(f"plotted of {lacking}", lambda: embedded({**plotted(results, lacking), "map": _map(found)})),
         asked,
     )
 
@@ -136,6 +141,7 @@ def verdicts(compared: Sequence[Compared]) -> list[dict[str, Any]]:
             "table": shown.contrast_table(one.verdict),
             "study": one.study.name,
             "recorded": one.recording is not None,
+            "figure": f"compare-{slug(one.name)}",
         }
         for one in compared
     ]
@@ -149,7 +155,7 @@ def figures(found: Found) -> dict[str, str]:
 
 def _charted(contents: Found) -> list[str]:
     """Addresses of figures that the chart of the page shows already; for print they are linked below it."""
-    return [address for address in drawings(contents) if address.startswith(("flow-rate", "overview", "map"))]
+    return [address for address in ("overview", "flow-rate", "map") if address in drawings(contents)]
 
 
 _MANY = 48
@@ -204,7 +210,7 @@ def picture(shelf: Shelf, contents: Found, address: str, kind: str = "svg") -> b
     lists."""
 
     def make() -> bytes:
-        return encoded(draw(contents, address)[1], kind)
+        return encoded(draw(contents, address)[1], kind)[0]
 
     return shelf.pictures.get((contents.study.name, contents.backend, address, kind), contents.state, make)
 
@@ -226,21 +232,25 @@ def numbers(contents: Found, address: str) -> "pd.DataFrame | None":
     return None if table is None else with_units(table)
 
 
-def figure(shelf: Shelf, contents: Found, address: str) -> dict[str, Any]:
-    """Title, caption and table of a figure as its template shows them, or why it cannot be drawn. Raises NotThere."""
+def figure(contents: Found, address: str, make: Callable[[], Any]) -> dict[str, Any]:
+    """Title, caption and table of a figure for its template, or why `make` cannot draw it. Raises NotThere."""
     title = draw(contents, address)[0]
     try:
-        picture(shelf, contents, address)
+        make()
         described = {"why": "", "caption": caption(contents, address), "table": numbers(contents, address) is not None}
     except CANNOT_DRAW as error:
         described = {"why": why_not(error, contents), "caption": "", "table": False}
     return {"address": address, "title": title, "kinds": style.FORMATS, **described}
 
 
-def encoded(make: Draw, kind: str = "svg") -> bytes:
-    """A figure as a file of a kind of FORMATS."""
+def encoded(make: Draw, *kinds: str) -> tuple[bytes, ...]:
+    """A figure as files of kinds of FORMATS."""
     with _drawing:
-        return style.encode(make(), kind)
+        drawing, files = make(), list[bytes]()
+        for kind in kinds:
+            files.append(style.encode(drawing, kind))
+            drawing.set_layout_engine("none")  # laid out once: that takes as long as drawing
+        return tuple(files)
 
 
 _drawing = threading.Lock()  # matplotlib's settings are those of the whole process
@@ -281,8 +291,9 @@ def copied(text: str, name: str) -> str:
 # what the charts draw
 
 
-def plotted(results: Results) -> dict[str, Any]:
-    """Points, fits and their bands as the scripts of the page draw them: SI, with the factors to the units shown."""
+def plotted(results: Results, lacking: bool = False) -> dict[str, Any]:
+    """Points, fits and their bands as the scripts of the page draw them: SI, with the factors to the units shown.
+    Without fits while runs are `lacking`: laws of few runs would be taken for results."""
     units = {
         name: next(one.measured[name].unit for one in result.runs if name in one.measured)
         for result in results.points
@@ -300,7 +311,8 @@ def plotted(results: Results) -> dict[str, Any]:
              "value": one.reference, "error": one.reference_error, "source": results.source}
             for one in results.comparisons if len(one.points) == 1
         ],
-        "series": [_series(one) for one in results.series if one.fits],
+        "series": [] if lacking else [_series(one) for one in results.series if one.fits],
+        "lacking": lacking,
         "source": results.source,
         "nothing": no_number(results),
         "outlet": next((one.outlet for one in results.series), ""),
@@ -317,7 +329,7 @@ def _shown_key(name: str, results: Results) -> dict[str, Any]:
 
 def _shown_quantity(name: str, unit: str) -> dict[str, Any]:
     how = display.quantity(name, unit)
-    return {"label": how.name, "unit": how.unit, "scale": how.scale}
+    return {"label": how.name, "unit": how.unit, "scale": how.scale, "meaning": meaning(how.heading)}
 
 
 def _point(result: PointResult) -> dict[str, Any]:

@@ -97,7 +97,7 @@ def tiles(results: StudyResults, progress: Mapping[str, Any]) -> Tiles:
     nothing = no_number(results)
     sentences = [text for text in concerns(results) if text not in (*lacking, nothing)]
     return Tiles(
-        None if isinstance(results.study.adapt, Calibrate) else _range(results),
+        value_range(results),
         nothing,
         rows,
         surface.verdict if surface is not None and len(surface.factors) > 1 else "",
@@ -117,8 +117,11 @@ def surface_of(results: StudyResults) -> DesignSurface | None:
     return None
 
 
-def _range(results: StudyResults) -> Range | None:
+def value_range(results: StudyResults) -> Range | None:
+    """Range of the means over all points; None without any, and of a calibration: its points have no meaning alone."""
     quantity = leading(results)
+    if isinstance(results.study.adapt, Calibrate):
+        return None
     measured = sorted(
         (result for result in results.points if quantity in result.pooled),
         key=lambda result: result.pooled[quantity].value,

@@ -249,7 +249,9 @@
       holder.dataset.points = points;
       holder.dataset.fits = traces.filter((one) => one.meta === "fit").length;
       const bits = [`${points} point${points === 1 ? "" : "s"}; bars and hovers are 95 % intervals over n runs.`];
+      if (Y.meaning) bits.push(`${Y.label.replace(/\^\(([^)]*)\)/g, "^$1")}: ${Y.meaning}.`);
       if (panels) bits.push(`${panels.values.length} panels, by ${every[0].keys[panels.key].label}, with one pair of axes.`);
+      if (every.some((one) => one.lacking)) bits.push("Preliminary: laws are drawn when all runs are there.");
       if (dropped.length) bits.push(`Not drawn, without ${X.label}: ${dropped.map((one) => one.label || one.study).join(", ")}.`);
       if (fitted && list.length > 4 && residuals) bits.push(`With ${list.length} curves, bands are not drawn.`);
       if (residuals) bits.push("Residuals: thin bars are 95 % intervals, thick ones the standard errors that fit and test use.");
@@ -274,11 +276,18 @@
 
   // ---- W(t)
 
-  function drawCurves(holder, curves) {
+  // `pooled`: mean over runs with its interval, of a page of one point.
+  function drawCurves(holder, curves, pooled) {
     const t = theme(), traces = [], shapes = [];
+    if (pooled) {
+      const [mean, low, high] = pooled.mean.map((one) => (one === null ? null : one * 1e3)), [x0, x1] = pooled.window;
+      if (curves.length > 1) shapes.push({ type: "rect", layer: "below", xref: "x", yref: "paper", x0, x1, y0: 0, y1: 1, fillcolor: alpha(t.soft, 0.14), line: { width: 0 } });
+      if (low !== null && high !== null) shapes.push({ type: "rect", layer: "below", xref: "x", yref: "y", x0, x1, y0: low, y1: high, fillcolor: alpha(t.colours[1], 0.28), line: { width: 0 } });
+      traces.push({ type: "scatter", mode: "lines", name: "pooled mean", x: [x0, x1], y: [mean, mean], line: { color: t.colours[1], width: 4 }, hovertemplate: `pooled mean: ${escape(pooled.text)}<extra></extra>`, showlegend: curves.length > 1 });
+    }
     const named = new Set();
     curves.forEach((curve, at) => {
-      const group = curve.group === undefined ? at : curve.group, colour = t.colours[group % t.colours.length];
+      const group = curve.group === undefined ? at : curve.group, colour = pooled ? t.colours[group % (t.colours.length - 1) + (group % (t.colours.length - 1) ? 1 : 0)] : t.colours[group % t.colours.length];
       traces.push({ type: "scatter", mode: "lines", name: pretty(curve.group === undefined ? curve.label : curve.title), legendgroup: `g${group}`, x: curve.time, y: curve.rate.map((one) => one * 1e3), line: { color: colour, width: 1.6, shape: "hvh", dash: DASHES[group < 4 ? 0 : 1 + (group % 3)] }, hovertemplate: `<b>${pretty(curve.label)}</b><br>t = %{x:.3g} s, W = %{y:.4g} g/s<extra></extra>`, showlegend: curves.length > 1 && !named.has(group) });
       named.add(group);
       if (curve.window && curves.length === 1) shapes.push({ type: "rect", layer: "below", xref: "x", yref: "paper", x0: curve.window[0], x1: curve.window[1], y0: 0, y1: 1, fillcolor: alpha(colour, 0.13), line: { width: 0 } });
@@ -292,7 +301,7 @@
         Plotly.restyle(holder, { opacity: traces.map((_, k) => (k === at ? 1 : 0.25)) });
       });
       holder.on("plotly_unhover", () => Plotly.restyle(holder, { opacity: traces.map(() => 1) }));
-      scheme.addEventListener("change", () => drawCurves(holder, curves));
+      scheme.addEventListener("change", () => drawCurves(holder, curves, pooled));
     }
   }
 
@@ -326,7 +335,7 @@
     if (!data || typeof Plotly === "undefined") return;
     const chart = document.getElementById("chart"), curves = document.getElementById("curves"), ledger = document.getElementById("ledger");
     if (labbook.once(chart, "drawn")) drawStudy(chart, document.getElementById("axes"), document.getElementById("chart-note"), data);
-    if (labbook.once(curves, "drawn") && data.curves.length) drawCurves(curves, data.curves);
+    if (labbook.once(curves, "drawn") && data.curves.length) drawCurves(curves, data.curves, data.pooled);
     if (labbook.once(ledger, "drawn") && data.ledger) drawLedger(ledger, data.ledger);
   });
 })();

@@ -110,7 +110,7 @@ document.addEventListener("click", (event) => {
   const permalink = event.target.closest("a.permalink");
   if (permalink) {
     const asked = new URLSearchParams(location.search), kept = new URL(permalink.href);
-    for (const [name, value] of asked) if (name !== "as") kept.searchParams.set(name, value);
+    for (const [name, value] of asked) if (name !== "as" && name !== "since") kept.searchParams.set(name, value);
     permalink.href = kept.pathname + kept.search;
   }
   const compare = event.target.closest("button.compare");

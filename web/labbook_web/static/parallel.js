@@ -11,6 +11,15 @@
     return made;
   }
 
+  // Without quantities that are the same at all points, or run along with one before: their axes would tell nothing new.
+  function distinct(every, points) {
+    const kept = [];
+    const place = (axis, point) => { const value = axis.of(point); return value === null ? null : (value - axis.low) / (axis.high - axis.low); };
+    const along = (one, other) => points.every((point) => { const a = place(one, point), b = place(other, point); return (a === null) === (b === null) && (a === null || Math.abs(a - b) < 0.02); });
+    for (const axis of every) if (axis.key || (!axis.constant && !kept.some((one) => !one.words && along(axis, one)))) kept.push(axis);
+    return kept;
+  }
+
   function axes(data) {
     const found = [];
     const add = (id, shown, value) => {
@@ -26,8 +35,9 @@
       }
     };
     for (const [key, shown] of Object.entries(data.keys)) add(key, shown, (point) => point.at[key]);
+    for (const axis of found) axis.key = true;
     for (const [name, shown] of Object.entries(data.quantities)) add(name, { ...shown, words: false }, (point) => point.values[name] && point.values[name][0]);
-    return found.slice(0, MOST);
+    return distinct(found, data.points).slice(0, MOST);
   }
 
   const round = (value) => Number(value.toPrecision(4));
@@ -42,6 +52,8 @@
     const x = (k) => SIDE + (k * (WIDTH - 2 * SIDE)) / Math.max(every.length - 1, 1);
     const y = (axis, value) => TOP + HEIGHT * (1 - (value - axis.low) / (axis.high - axis.low));
     const back = (axis, place) => axis.low + (1 - (place - TOP) / HEIGHT) * (axis.high - axis.low);
+    const tinted = every.find((axis) => !axis.key && !axis.words); // the flow rate, where it was measured
+    document.getElementById("parallel-note").textContent = tinted ? `Lines are coloured by ${tinted.title}: orange where small, blue where large; dashed without a value.` : "";
     const lines = data.points.map((point) => {
       const parts = [];
       let on = false; // a line has a gap where a point has no value
@@ -50,7 +62,9 @@
         if (value !== null) parts.push(`${on ? "L" : "M"}${x(k).toFixed(1)} ${y(axis, value).toFixed(1)}`);
         on = value !== null;
       });
-      const path = node("path", { d: parts.join("") });
+      const path = node("path", { d: parts.join("") }), value = tinted && tinted.of(point);
+      if (value !== null && value !== undefined) path.style.setProperty("--part", `${(100 * (value - tinted.low) / (tinted.high - tinted.low)).toFixed(1)}%`);
+      else if (tinted) path.classList.add("without");
       path.append(node("title", {}, point.label));
       svg.append(path);
       return path;

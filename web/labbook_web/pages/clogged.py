@@ -1,0 +1,79 @@
+"""The reason why a run clogged, as far as its records tell: when, the outlet in grains, other seeds, and what flows."""
+
+from dataclasses import dataclass
+
+from labbook.lab import LabError, RunRecord
+from labbook.measure.arch import Arch
+from labbook.measure.clogging import width_ratio
+from labbook.results import display
+from labbook.results.points import FLOW_RATE, ORIFICE, PointResult
+from labbook.study import StudyError
+from labbook_web.pages.sheet import with_unit
+from labbook_web.shelf import NotThere, Shelf
+
+
+@dataclass(frozen=True)
+class Flowing:
+    """The point with the next wider outlet, all else equal, at which no run clogged."""
+
+    point: int
+    label: str
+    text: str
+
+
+@dataclass(frozen=True)
+class Clogged:
+    """Facts of a run that clogged, in terms and sentences. `arch`: it measured the arch."""
+
+    rows: tuple[tuple[str, str], ...]
+    flowing: Flowing | None
+    arch: bool
+
+
+def clogged(shelf: Shelf, record: RunRecord) -> Clogged | None:
+    """Sum up why a run clogged; None of a run that did not."""
+    if record.outcome != "clogged":
+        return None
+    coverage, container = record.coverage, record.scene.container
+    last = coverage.duration - coverage.waiting
+    rows = [("When", f"after {coverage.crossed} of {coverage.grains} grains; the last left at t = {last:.3g} s")]
+    if len(container.outlets) == 1:
+        width = f"{container.outlets[0].width * 1e3:.4g} mm"
+        rows.append(("Outlet", f"D = {width} = {width_ratio(record.scene):.3g} grain diameters"))
+    result, points = _point(shelf, record)
+    flowing = None
+    if result is not None:
+        stopped = result.outcomes["clogged"]
+        rows.append(("This point", f"{stopped} of {len(result.runs)} runs clogged"))
+        flowing = _flowing(result, points)
+        if flowing is None and ORIFICE in result.at:
+            rows.append(("Wider outlets", "no wider outlet of this study flowed in all runs, all else equal"))
+    return Clogged(tuple(rows), flowing, Arch.name in record.observe.measure)
+
+
+def _point(shelf: Shelf, record: RunRecord) -> tuple[PointResult | None, tuple[PointResult, ...]]:
+    """The point of the run, and all points of its study; none if the lab lacks its file."""
+    try:
+        points = shelf.found(record.study, record.backend).results.points
+    except (NotThere, StudyError, LabError, ValueError):
+        return None, ()
+    return next((one for one in points if any(run.run_key == record.run_key for run in one.runs)), None), points
+
+
+def _flowing(result: PointResult, points: tuple[PointResult, ...]) -> Flowing | None:
+    rest = {name: value for name, value in result.at.items() if name != ORIFICE}
+    wider = [
+        one
+        for one in points
+        if one.orifice > result.orifice
+        and not one.outcomes["clogged"]
+        and {name: value for name, value in one.at.items() if name != ORIFICE} == rest
+    ]
+    if not wider:
+        return None
+    nearest = min(wider, key=lambda one: one.orifice)
+    unit, flow = display.quantity(FLOW_RATE), nearest.flow_rate
+    text = f"D = {nearest.orifice * 1e3:.4g} mm = {width_ratio(nearest.point.scene):.3g} grain diameters"
+    if flow is not None:
+        text += f": {unit.name} = {with_unit(flow, unit)}"
+    return Flowing(nearest.point.index + 1, nearest.label, text)
