@@ -10,6 +10,7 @@ import numpy as np
 
 from labbook.fields import Fields, Ring, pattern_of
 from labbook.measure.acceleration import AccelerationProfile
+from labbook.measure.bed import omega_of
 from labbook.measure.stress import contact_pressure
 from labbook.papers.pongo2022.rotation import (
     CLOSE,
@@ -305,7 +306,8 @@ def packing_maps(rows: Sequence[Sequence[Flowing]]) -> "Figure":
     """Packing fraction, a row a point, a column an instant."""
     from matplotlib.colors import Normalize
 
-    maps = {id(one): _mirrored(one.fields, one.fields.packing_fraction, one.pattern.bed) for row in rows for one in row}
+    patterns = [one for row in rows for one in row]
+    maps = {id(one): _mirrored(one, one.fields, one.fields.packing_fraction, one.pattern.bed) for one in patterns}
     norm = Normalize(*_range(maps.values()))
 
     def draw(ax: "Axes", one: Flowing) -> None:
@@ -330,7 +332,7 @@ def speed_maps(rows: Sequence[Sequence[Flowing]]) -> "Figure":
 
 def pressure_maps(found: Sequence[tuple[Flowing, Fields]]) -> "Figure":
     """A third of the trace of the contact stress, a column a point."""
-    maps = [_mirrored(stress, contact_pressure(stress), pattern_of(stress).bed) for _, stress in found]
+    maps = [_mirrored(one, stress, contact_pressure(stress), pattern_of(stress).bed) for one, stress in found]
     return _points([one for one, _ in found], [("contact pressure [Pa]", maps)])
 
 
@@ -338,7 +340,7 @@ def order_maps(patterns: Sequence[Flowing]) -> "Figure":
     """Of rods O_zz and, below, the order S: the largest eigenvalue of the orientation tensor; a column a point."""
 
     def maps(of: Callable[[Fields], np.ndarray]) -> list[Map]:
-        return [_mirrored(one.fields, of(one.fields), one.pattern.bed) for one in patterns]
+        return [_mirrored(one, one.fields, of(one.fields), one.pattern.bed) for one in patterns]
 
     upright = maps(lambda fields: fields.orientation[2, 2])
     return _points(patterns, [("$O_{zz}$", upright), ("order $S$", maps(lambda fields: fields.nematic_order))])
@@ -389,10 +391,14 @@ def _instants(rows: Sequence[Sequence[Flowing]], draw: Callable[["Axes", Flowing
     return figure
 
 
-def _mirrored(fields: Fields, values: np.ndarray, bed: np.ndarray) -> Map:
+def _mirrored(pattern: Flowing, fields: Fields, values: np.ndarray, bed: np.ndarray) -> Map:
+    """Values of the bed on both sides of the axis, without the places within the width of the coarse-graining function:
+    the mean over the azimuth has few grains there."""
     assert isinstance(fields.grid, Ring)
     x, z = across(fields.grid)
-    return even(x) * 1e3, even(z) * 1e3, both(np.where(bed, values, np.nan))
+    r, _ = fields.grid.points
+    inside = bed & (r >= omega_of(pattern.result.point.scene))[:, None]
+    return even(x) * 1e3, even(z) * 1e3, both(np.where(inside, values, np.nan))
 
 
 def _range(maps) -> tuple[float, float]:
