@@ -242,22 +242,23 @@ class Results(StudyResults):
         say: Callable[[str], None] = lambda text: None,
         walls: bool = False,
         facets: int = AROUND,
+        headings: bool = False,
     ) -> list[Path]:
         """Write all tables; with `vtk` also recorded runs for ParaView, with `packings` also initial packings as data
         files of LIGGGHTS and LAMMPS with their walls as STL, with `walls` also the walls of all containers as STL.
         Returns the paths.
 
         folder: None for LAB/exports/NAME. every: also write the table `inside`, the number of grains inside at times
-        this far apart [s]. say: called with the name of each file. facets: corners of round walls in STL files. Raises
-        ValueError for another kind or number of facets, NoParquet (of `labbook.export.study`) without pyarrow,
-        NotSpheres (of `labbook.export.packing`) for packings of rods, and Unreadable (of `labbook.lab`) for a damaged
-        one.
+        this far apart [s]. say: called with the name of each file. facets: corners of round walls in STL files.
+        headings: write units into the headings of CSV files (`container.orifice [m]`). Raises ValueError for another
+        kind or number of facets, NoParquet (of `labbook.export.study`) without pyarrow, NotSpheres (of
+        `labbook.export.packing`) for packings of rods, and Unreadable (of `labbook.lab`) for a damaged one.
         """
         check_facets(facets)
         if packings:
             check_spheres(self.study)
         there = self._folder(folder, "exports")
-        paths = write_numbers(self, there, kind, every)
+        paths = write_numbers(self, there, kind, every, headings)
         if packings:
             paths += write_packings(self, self.place, there / "packings", say, facets)
         if walls:

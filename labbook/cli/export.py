@@ -37,6 +37,9 @@ def register(app: typer.Typer) -> None:
             str | None,
             typer.Option(help="Also write the table inside, N(t): the time between two of its rows, such as '0.1 s'."),
         ] = None,
+        headings: Annotated[
+            bool, typer.Option("--units", help="Write units into the headings of CSV tables, for spreadsheets.")
+        ] = False,
         lab: Lab = LAB,
         backend: Backend = BACKEND,
     ) -> None:
@@ -49,7 +52,9 @@ def register(app: typer.Typer) -> None:
         folder = out if out is not None else lab / "exports" / found.study.name
         try:
             with screen(stderr=True).status("writing") as status:
-                paths = found.export(folder, kind, vtk, packings, _seconds(inside), status.update, walls, facets)
+                paths = found.export(
+                    folder, kind, vtk, packings, _seconds(inside), status.update, walls, facets, headings
+                )
         except NoParquet as missing:
             raise typer.BadParameter(str(missing), param_hint="--format") from None
         except NotSpheres as rods:

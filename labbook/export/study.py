@@ -26,13 +26,16 @@ class NoParquet(Exception):
     """pandas has nothing to write Parquet with; the message says what to install."""
 
 
-def write_numbers(results: StudyResults, folder: Path, kind: Format, every: float | None = None) -> list[Path]:
+def write_numbers(
+    results: StudyResults, folder: Path, kind: Format, every: float | None = None, headings: bool = False
+) -> list[Path]:
     """Write every number of the analysis into `folder` (made if missing); the paths, one a table. Raises NoParquet, and
     ValueError for another kind.
 
     `units.json` beside the tables has the SI units of their columns; Parquet files have them as `attrs` too.
 
-    every: also the table `inside`, how many grains are inside at times so far apart [s].
+    every: also the table `inside`, how many grains are inside at times so far apart [s]. headings: write units into
+    the headings of CSV files, as in `container.orifice [m]`, for spreadsheets.
     """
     if kind not in get_args(Format):
         raise ValueError(f"kind: {kind!r} is none of {', '.join(get_args(Format))}")
@@ -44,6 +47,8 @@ def write_numbers(results: StudyResults, folder: Path, kind: Format, every: floa
     for name, frame in tables.items():
         path = folder / f"{name}.{kind}"
         if kind == "csv":
+            units_added = {name: f"{name} [{unit}]" for name, unit in frame.attrs["units"].items() if unit and headings}
+            frame = frame.rename(columns=units_added)
             write_bytes(path, frame.to_csv(index=False).encode(), durable=False)
         else:
             buffer = BytesIO()

@@ -10,6 +10,7 @@ import numpy as np
 
 from labbook.fields import Fields, Ring, pattern_of
 from labbook.measure.acceleration import AccelerationProfile
+from labbook.measure.bed import omega_of
 from labbook.measure.stress import contact_pressure
 from labbook.papers.pongo2022.rotation import (
     CLOSE,
@@ -305,7 +306,7 @@ def packing_maps(rows: Sequence[Sequence[Flowing]]) -> "Figure":
     from matplotlib.colors import Normalize
 
     maps = {
-        id(flowing): _mirrored(flowing.fields, flowing.fields.packing_fraction, flowing.pattern.bed)
+        id(flowing): _mirrored(flowing, flowing.fields, flowing.fields.packing_fraction, flowing.pattern.bed)
         for row in rows
         for flowing in row
     }
@@ -333,7 +334,7 @@ def speed_maps(rows: Sequence[Sequence[Flowing]]) -> "Figure":
 
 def pressure_maps(pressed: Sequence[tuple[Flowing, Fields]]) -> "Figure":
     """Map a third of the trace of the contact stress, a column a point."""
-    maps = [_mirrored(stress, contact_pressure(stress), pattern_of(stress).bed) for _, stress in pressed]
+    maps = [_mirrored(flowing, stress, contact_pressure(stress), pattern_of(stress).bed) for flowing, stress in pressed]
     return _points([flowing for flowing, _ in pressed], [("contact pressure [Pa]", maps)])
 
 
@@ -341,7 +342,7 @@ def order_maps(patterns: Sequence[Flowing]) -> "Figure":
     """Map O_zz of rods and, below, the order S (largest eigenvalue of the orientation tensor), a column a point."""
 
     def maps(of: Callable[[Fields], np.ndarray]) -> list[Map]:
-        return [_mirrored(flowing.fields, of(flowing.fields), flowing.pattern.bed) for flowing in patterns]
+        return [_mirrored(flowing, flowing.fields, of(flowing.fields), flowing.pattern.bed) for flowing in patterns]
 
     upright = maps(lambda fields: fields.orientation[2, 2])
     return _points(patterns, [("$O_{zz}$", upright), ("order $S$", maps(lambda fields: fields.nematic_order))])
@@ -392,10 +393,14 @@ def _instants(rows: Sequence[Sequence[Flowing]], draw: Callable[["Axes", Flowing
     return figure
 
 
-def _mirrored(fields: Fields, values: np.ndarray, bed: np.ndarray) -> Map:
+def _mirrored(pattern: Flowing, fields: Fields, values: np.ndarray, bed: np.ndarray) -> Map:
+    """Values of the bed on both sides of the axis, without the places within the width of the coarse-graining function:
+    the mean over the azimuth has few grains there."""
     assert isinstance(fields.grid, Ring)
     x, z = across(fields.grid)
-    return even(x) * 1e3, even(z) * 1e3, both(np.where(bed, values, np.nan))
+    r, _ = fields.grid.points
+    inside = bed & (r >= omega_of(pattern.result.point.scene))[:, None]
+    return even(x) * 1e3, even(z) * 1e3, both(np.where(inside, values, np.nan))
 
 
 def _range(maps) -> tuple[float, float]:

@@ -311,9 +311,11 @@ def _stress(pattern: Flowing) -> Fields | None:
     return next((run.stress for run in pattern.result.runs if run.stress is not None), None)
 
 
+_AXIS = "White along the axis: within the width of the coarse-graining function few grains are averaged."
 _PACKING = (
     "Packing fraction in a plane through the axis, mean over the azimuth and 1 s (or a third of the window of the flow "
-    "rate, if that is shorter) about three instants, of the first recorded run (Pongó et al. 2022, Fig. 6)."
+    "rate, if that is shorter) about three instants, of the first recorded run (Pongó et al. 2022, Fig. 6). "
+    f"{_AXIS}"
 )
 _SPEED = (
     f"Speed in that plane at the same instants, of {FEWEST} frames and more each, with streamlines (Pongó et al. 2022, "
@@ -321,6 +323,9 @@ _SPEED = (
 )
 _ORDER = (
     "Orientation of rods in the window, mean over the azimuth: above O_zz, the mean square of the cosine to the "
-    "vertical, below the order S; of directions at random both are 1/3."
+    "vertical, below the order S; of directions at random both are 1/3. "
+    f"{_AXIS}"
 )
-_PRESSURE = "Contact pressure, a third of the trace of the contact stress, mean over the azimuth and the window."
+_PRESSURE = (
+    f"Contact pressure, a third of the trace of the contact stress, mean over the azimuth and the window. {_AXIS}"
+)

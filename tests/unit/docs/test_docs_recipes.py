@@ -1,12 +1,15 @@
 """Recipes of docs/howto.md, run line by line: on the toy backend, with fewer grains."""
 
 import json
+import math
 import re
 import shlex
 from pathlib import Path
 
 import pytest
-from toy_lab import labbook, study_file
+from toy_lab import WINDOW, labbook, study_file
+
+from labbook.study import load
 
 ROOT = Path(__file__).parents[3]
 NUMERICS = "numerics: {dt: 10 us, steps_per_beat: 200, precision: double}\n"
@@ -102,3 +105,62 @@ def test_a_design_is_chosen_from_a_sweep_of_two_keys(tmp_path, monkeypatch):
         assert words in explore
     assert "hopper/index.html" in site.replace("\n", "")
     assert (tmp_path / "hopper/study/hopper-angle/explore.html").is_file()
+
+
+@pytest.fixture
+def rods_and_spheres(tmp_path):
+    """The study of the recipe, with fewer grains and seeds."""
+    text = (ROOT / "docs/howto.md").read_text(encoding="utf-8").split("## Compare rods with spheres\n")[1]
+    quick = text.split("```yaml\n")[1].split("```")[0].replace("count: 700", "count: 200")
+    path = tmp_path / "rods-and-spheres.yaml"
+    path.write_text(quick.replace("replicates: 3", "replicates: 1") + NUMERICS + WINDOW, encoding="utf-8")
+    return path
+
+
+def test_rods_and_spheres_of_a_recipe_have_one_volume(rods_and_spheres):
+    sphere, rod = (point.scene.grains for point in load(rods_and_spheres).points)
+    assert rod.mass == pytest.approx(sphere.mass, rel=1e-4)
+    assert sphere.mass == pytest.approx(2500 * math.pi / 6 * 0.0040716**3, rel=1e-3)
+    d, length = 0.003, 0.006  # the formula of the recipe for other lengths
+    volume = sphere.mass / 2500
+    assert (4 * volume / math.pi) ** (1 / 3) * (length / d - 1 / 3) ** (-1 / 3) == pytest.approx(d, rel=1e-4)
+
+
+@pytest.mark.ring
+@pytest.mark.slow
+def test_rods_and_spheres_of_a_recipe_both_have_a_flow_rate(rods_and_spheres, monkeypatch):
+    monkeypatch.chdir(rods_and_spheres.parent)
+    run, fit, report = recipe("Compare rods with spheres")
+    labbook(*run, "--backend", "toy")
+    told = labbook(*fit, "--backend", "toy", "--json").stdout
+    rows = [row for row in json.loads(told)["points"] if row["quantity"] == "flow_rate"]
+    assert [(row["grains.diameter"], row["grains.length"]) for row in rows] == [(0.0040716, 0.0040716), (0.003, 0.006)]
+    assert all(row["value"] > 0 for row in rows)
+    labbook(*report, "--backend", "toy")
+
+
+@pytest.mark.slow
+def test_two_outlets_open_at_the_start(tmp_path, monkeypatch):
+    (command,) = recipe("Two outlets or an insert")
+    (tmp_path / "studies").mkdir()
+    text = re.sub(r"count: \d+", "count: 200", (ROOT / command[1]).read_text(encoding="utf-8"))
+    (tmp_path / command[1]).write_text(re.sub(r"replicates: \d+", "replicates: 1", text) + NUMERICS, encoding="utf-8")
+    monkeypatch.chdir(tmp_path)
+    labbook(*command, "--backend", "toy")
+    rows = json.loads(labbook("runs", "--json").stdout)
+    assert {row["outcome"] for row in rows} <= {"finished", "emptied"}
+    study = load(tmp_path / command[1])
+    assert "outlets" in study.measure
+    lids = [part.name for part in study.points[0].scene.container.parts if part.opens == "start"]
+    assert sorted(lids) == ["lid-left", "lid-right"]
+
+
+def test_the_wall_of_the_recipe_moves_up_and_is_measured():
+    """Its run is a test of `wall_stress`; here the study is what the recipe says of it."""
+    (command, *_) = recipe("Pressure on the wall of a silo")
+    study = load(ROOT / command[1])
+    assert "wall_stress" in study.measure
+    scene = study.points[0].scene
+    assert scene.container.outlet_plane is None
+    (side,) = [wall for wall in scene.container.walls() if wall.name == "side"]
+    assert side.motion.velocity == pytest.approx((0, 0, 2e-3))

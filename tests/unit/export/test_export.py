@@ -100,6 +100,16 @@ def test_tables_hold_every_number(analysis):
     assert len(found["points"]) == sum(len(result.pooled) for result in analysis.points)
 
 
+@pytest.mark.slow
+def test_headings_of_csv_files_have_units_where_they_are_requested(analysis, tmp_path):
+    write_numbers(analysis, tmp_path / "plain", "csv")
+    write_numbers(analysis, tmp_path / "units", "csv", headings=True)
+    plain, with_units = (pd.read_csv(tmp_path / folder / "flow.csv") for folder in ("plain", "units"))
+    assert {"time", "flow_rate", "container.orifice"} <= set(plain)
+    assert {"time [s]", "flow_rate [kg/s]", "container.orifice [m]", "point"} <= set(with_units)
+    assert (with_units.to_numpy() == plain.to_numpy()).all()
+
+
 def test_bands_run_through_the_points_that_were_fitted(analysis):
     fit, made = analysis.series[0].fits["beverloo"], frames(analysis)["bands"]
     mine = made[made["law"] == "beverloo"].set_index("orifice")

@@ -9,6 +9,7 @@ from toy_results import analyse
 from turning_runs import SINKING, Run, point
 
 from labbook.backend.numerics import Numerics
+from labbook.measure.bed import omega_of
 from labbook.papers.pongo2022 import figures
 from labbook.papers.pongo2022.pages import closer, maps_of
 from labbook.papers.pongo2022.rotation import rotations_of
@@ -98,3 +99,15 @@ def test_maps_of_orientation_are_those_of_the_rods(analysis):
         assert values is not None
         assert np.ma.compressed(values) == pytest.approx(1)
         assert 0.5 < np.ma.count(values) / values.size < 1
+
+
+def test_maps_leave_out_the_axis_within_the_width_of_the_coarse_graining(analysis):
+    (pattern, *_) = flow_patterns(analysis.points[0])
+    (panel, *_) = figures.order_maps([pattern]).axes
+    values = panel.collections[0].get_array()
+    assert values is not None
+    values = np.ma.filled(values, np.nan).reshape(len(pattern.fields.grid.points[1]), -1)
+    radius = np.abs(pattern.section().x)
+    drawn = radius[np.isfinite(values).any(axis=0)]
+    omega = omega_of(pattern.result.point.scene)
+    assert omega <= drawn.min() < 1.6 * omega
