@@ -100,8 +100,8 @@ def contact_power(
         here = wall == number
         at, motion = x[i[here]] + branch[here], surface.motion
         moving[here] = np.asarray(motion.velocity) + np.cross([0.0, 0.0, motion.spin], at)
-        if surface.moves is not None:
-            pose = surface.moves.poses(np.array([time]))
+        if surface.is_posed:
+            pose = surface.poses(np.array([time]))
             moving[here] += pose.velocity[0] + np.cross(pose.spin[0], at)
     apart = v[i] + np.cross(w[i], point) - np.where(of_pair[:, None], of_grain, moving)
     pressing = -np.sum(force * towards, axis=1)

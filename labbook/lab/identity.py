@@ -158,6 +158,7 @@ def _walls(scene: Scene, versions: Versions) -> list[dict[str, Any]]:
     return [
         _wall(wall.name, _shape(wall.shape, versions), wall.motion, _surfaces(scene, wall), by_kind)
         | ({} if wall.moves is None else {"moves": _text(wall.moves)})
+        | ({} if wall.removal is None else {"opens": wall.removal})
         for wall in scene.container.walls()
     ]
 
