@@ -33,7 +33,7 @@ _FRAMES = 5
 some 30 bytes each: means over the azimuth of few frames already tell maps."""
 _EVERY = 5.0
 """Time between two frames in a container without an outlet, in sqrt(d*/g)."""
-_MOST = 12
+_LARGEST_COUNT = 12
 """Frames that are coarse-grained, spread over the window: each contact costs as much as some fifteen grains."""
 _PRESSURES = (
     Quantity("orifice_contact_pressure", "⟨p_c⟩", "Pa", "contact pressure of the layer above the orifice"),
@@ -70,13 +70,13 @@ class ContactStress(Measure):
         outlet = round_outlet(run.scene, NAME)
         where = window_in_words(window, "grains")
         how = "contacts, coarse-grained; error from seeds only"
-        found = stress_fields(run, window)
-        kept = apart(run)
-        if found is None:
+        mean = stress_fields(run, window)
+        suffix = apart(run)
+        if mean is None:
             note = "no frame within the window"
             none = (math.nan, math.nan, 0, where, how, "Pa", note)
-            return Evaluation(tuple(Measured(f"{one.name}{kept}", *none) for one in _PRESSURES))
-        fields, frames = found
+            return Evaluation(tuple(Measured(f"{one.name}{suffix}", *none) for one in _PRESSURES))
+        fields, frames = mean
         pressure = contact_pressure(fields)
         weight = fields.density * fields.grid.volumes
         means = {
@@ -85,8 +85,10 @@ class ContactStress(Measure):
             ),
             "bed_contact_pressure": float((pressure * weight).sum() / weight.sum()),
         }
-        told = (math.nan, frames, where, how, "Pa")
-        return Evaluation(tuple(Measured(name + kept, value, *told) for name, value in means.items()), fields.arrays())
+        common = (math.nan, frames, where, how, "Pa")
+        return Evaluation(
+            tuple(Measured(name + suffix, value, *common) for name, value in means.items()), fields.arrays()
+        )
 
 
 def contact_frames(scene: Scene, numerics: Numerics, window: Window | None) -> tuple[Sample, Contacts]:
@@ -123,17 +125,17 @@ def stress_fields(run: RunData, window: Window) -> tuple[Fields, int] | None:
 
 
 def bed_rows(run: RunData, begin: float, end: float) -> tuple[GrainRows, ContactRows] | None:
-    """Grains and contacts of a run in the frames between two times [s], of at most _MOST spread over them; None without
-    any frame."""
+    """Grains and contacts of a run in the frames between two times [s], of at most _LARGEST_COUNT frames; None without
+    any."""
     sample, contacts = run.with_bodies(run.tables["sample"]), run.tables["contacts"]
     steps = np.unique(contacts["step"][(contacts["time"] >= begin) & (contacts["time"] <= end)])
     if not len(steps):
         return None
-    chosen = steps[np.linspace(0, len(steps) - 1, min(_MOST, len(steps))).round().astype(int)]
-    sample, contacts = (_frames(table, chosen) for table in (sample, contacts))
+    spread = steps[np.linspace(0, len(steps) - 1, min(_LARGEST_COUNT, len(steps))).round().astype(int)]
+    sample, contacts = (_frames(table, spread) for table in (sample, contacts))
     return grains_between(run.scene, sample, begin, end), contacts_of(contacts, sample, begin, end)
 
 
 def _frames(table: Mapping[str, np.ndarray], steps: np.ndarray) -> dict[str, np.ndarray]:
-    chosen = np.isin(table["step"], steps)
-    return {name: np.asarray(column)[chosen] for name, column in table.items()}
+    inside = np.isin(table["step"], steps)
+    return {name: np.asarray(column)[inside] for name, column in table.items()}

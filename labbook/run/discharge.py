@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from labbook.backend import Backend, Emptied, EndState, Ensemble, Event, Member, Status
+from labbook.backend import Emptied, EndState, Ensemble, Event, Member, Status
 from labbook.backend.numerics import Numerics
 from labbook.backend.probes import (
     Contacts,
@@ -45,19 +45,15 @@ from labbook.measure.steady import steady_flow
 from labbook.picture import bed
 from labbook.plan.coverage import unobserved
 from labbook.plan.demand import Demand
+from labbook.run.frame_rows import BeforeOpening, frame_rows
 from labbook.run.job import Bench, Job, JobFailed, Kept, LabEntry, failure
 from labbook.run.ledger import ledger
-from labbook.scene import Packing, Scene
+from labbook.scene import Packing
 from labbook.scene.quantities import percent
 from labbook.scene.timescales import stop_time
-from labbook.scene.wall_bins import all_walls
 from labbook.stats.stopping import looks
 
 _LOG = logging.getLogger("labbook")
-_WHOLE = {"id": np.int32, "i": np.int32, "j": np.int32, "wall": np.int16, "step": np.int64, "time": np.float64}
-_WHOLE |= dict.fromkeys(("bin", "contacts", "sliding"), np.int32)
-
-
 _FRAMED = Sample | Zone | Contacts | Traction
 """Probes whose rows are kept in single precision."""
 
@@ -501,29 +497,6 @@ class DischargeJob(Job):
 
 
 @dataclass(frozen=True)
-class BeforeOpening:
-    """Forces of walls on a bed at rest, in the scene of its filling: with the lid in place."""
-
-    backend: Backend
-    closed: Scene
-    numerics: Numerics
-    probe: Traction
-
-    def rows(self, packing: Packing, scene: Scene) -> Table | None:
-        """Rows of the probe at step 0, without the column `member`; None of a backend that cannot tell.
-
-        Walls are numbered as `all_walls` does: those of the opened `scene` first.
-        """
-        table = self.backend.tractions(self.closed, self.numerics, packing, self.probe)
-        if table is None:
-            return None
-        places = {wall.name: place for place, wall in enumerate(all_walls(scene.container))}
-        number = np.array([places[wall.name] for wall in self.closed.container.walls()], np.int64)
-        rows = {name: column for name, column in table.items() if name != "member"}
-        return frame_rows({**rows, "wall": number[table["wall"]]})
-
-
-@dataclass(frozen=True)
 class KeptRun(Kept):
     """A run that has ended. record: without its ledger. unsaved: rows since the last save. start: its packing. drawn:
     whether there is to be a picture. seen: the bed that it shows; None: that at the end. before: as of `BeforeOpening`,
@@ -627,11 +600,3 @@ def parse_film(text: str | None, numerics: Numerics) -> Film | None:
     if probe is None or isinstance(probe, Film):
         return probe
     raise ValueError(f"film: no frames of grains, but {text}")
-
-
-def frame_rows(table: Table) -> Table:
-    """Rows of grains, contacts or walls in single precision, but for ids, step and time.
-
-    Positions are then known to 1e-8 m and velocities to 1e-7 of themselves: far below what fields resolve.
-    """
-    return {name: np.asarray(column).astype(_WHOLE.get(name, np.float32)) for name, column in table.items()}

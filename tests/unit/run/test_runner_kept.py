@@ -12,7 +12,8 @@ from labbook.lab import Catalogue, RunRecord
 from labbook.measure.trajectories import Trajectories
 from labbook.plan.coverage import finished
 from labbook.plan.demand import Conflict
-from labbook.run.discharge import frame_rows, parse_film
+from labbook.run.discharge import parse_film
+from labbook.run.frame_rows import frame_rows
 from labbook.run.job import Job
 
 
