@@ -18,7 +18,7 @@ from typing import Any
 from labbook import Lab
 from labbook.backend import load
 from labbook.backend.machine import hardware
-from labbook.plan.devices import named
+from labbook.plan.devices import parse_devices
 from labbook.study import Study
 from labbook.study import load as read
 
@@ -55,7 +55,7 @@ def main() -> None:
     parser.add_argument("--count", type=int, nargs="+", default=[1, 2, 4], help="numbers of devices, the least first")
     parser.add_argument("--out", type=Path, help="JSON file")
     given = parser.parse_args()
-    devices = named(given.device, load(given.backend))
+    devices = parse_devices(given.device, load(given.backend))
     found = measure(read(given.study), given.backend, devices, given.count)
     if given.out:
         text = json.dumps({"study": given.study.stem, "hardware": hardware(), "measured": found}, indent=2)

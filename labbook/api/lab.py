@@ -26,13 +26,13 @@ from labbook.lab.folder import DEFAULT
 from labbook.lab.index import Index
 from labbook.plan.advice import foresee, forewarn
 from labbook.plan.coverage import finished
-from labbook.plan.devices import named
+from labbook.plan.devices import parse_devices
 from labbook.plan.plan import Plan, flow_rates
 from labbook.results.calibrating import Calibrated, NotCalibrated, PilotStopped, calibrate, flow_and_filling
 from labbook.results.find import find
 from labbook.results.points import FLOW_RATE
 from labbook.run.cluster import Cluster
-from labbook.run.devices import Crew
+from labbook.run.devices import MultiDeviceRunner
 from labbook.run.execution import CHECKPOINT_EVERY
 from labbook.run.runner import Runner
 from labbook.run.shard import WHOLE, Shard
@@ -132,10 +132,10 @@ class Lab:
             if cluster is not None:
                 summary = Cluster(study, self.place, self.backend, cluster, self.device, watcher=watcher).run()
             else:
-                first, *others = named(self.device, backend)
+                first, *others = parse_devices(self.device, backend)
                 options = (checkpoint_every, watcher)
                 if others:
-                    runner = Crew(study, self.place, self.backend, (first, *others), *options, part, other)
+                    runner = MultiDeviceRunner(study, self.place, self.backend, (first, *others), *options, part, other)
                 else:
                     runner = Runner(study, self.place, backend, first, *options, shard=part, base=other)
                 summary = runner.run()

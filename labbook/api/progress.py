@@ -5,11 +5,11 @@ from contextlib import AbstractContextManager, contextmanager, nullcontext
 
 from labbook.run.notebook import NotebookBar, counting, in_notebook
 from labbook.run.progress import Bar
-from labbook.run.watch import Unwatched, Watcher
+from labbook.run.watch import NullWatcher, Watcher
 from labbook.warning import caller, warn
 
 
-class Quiet(Unwatched):
+class Quiet(NullWatcher):
     """A watcher that shows nothing; messages that must not be missed become warnings at the line of the user's code."""
 
     def __init__(self):

@@ -67,7 +67,7 @@ def register(app: typer.Typer) -> None:
         was written.
         """
         from labbook.backend import BackendMissing, load_to_plan
-        from labbook.run.slurm import Array, SlurmFailed
+        from labbook.run.slurm import JobArray, SlurmFailed
         from labbook.run.slurm import submit as hand_in
         from labbook.study.pilot import first_needed
 
@@ -81,7 +81,7 @@ def register(app: typer.Typer) -> None:
         try:
             capabilities = load_to_plan(backend).capabilities
             many = gpus if gpus is not None else int(backend == "warp" and device in (None, "cuda:0"))
-            array = Array(
+            array = JobArray(
                 study=asked,
                 backend=capabilities,
                 base=lab,

@@ -1,4 +1,4 @@
-"""The lab folder: where runs, packings and unfinished work lie, who may work on what, and how files get there whole.
+"""The lab folder: its layout, claims on keys, and atomic writes.
 
 | path                      | holds                                                                    |
 |---------------------------|--------------------------------------------------------------------------|

@@ -259,7 +259,7 @@ def _write_errors(theirs: Path, mine: Path) -> Iterator[None]:
 
 
 def covers_more(theirs: RunRecord, mine: RunRecord) -> bool:
-    """Compare coverages: their run covers all that ours does, and is longer, has more probes, or closer frames."""
+    """Decide whether their run covers all that ours does, and is longer, has more probes, or has closer frames."""
     their_coverage, our_coverage = theirs.coverage, mine.coverage
     their_probes, our_probes = set(their_coverage.probes), set(our_coverage.probes)
     their_interval, our_interval = (

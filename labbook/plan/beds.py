@@ -1,4 +1,4 @@
-"""The cost of a filling beside that of a discharge: on it rests how many discharges of a bed are cheapest."""
+"""Cost of a filling relative to a discharge, which determines the cheapest number of discharges of a bed."""
 
 from collections.abc import Iterable
 
@@ -7,18 +7,18 @@ from labbook.lab.packings import PackingRecord
 from labbook.lab.records import RunRecord
 
 _BEDS = 8
-"""Beds that the cost is a mean over, the first ones: it differs little between beds, and the optimum is flat."""
+"""Number of beds over which the cost is averaged: it differs little between beds, and the optimum is flat."""
 
 
 def filling_cost(lab: LabFolder, runs: Iterable[tuple[str, str]], points: int = 1) -> float:
-    """Cost of a filling, in discharges: grain-steps of both, by the records of what was run.
+    """Return the cost of a filling in discharges: ratio of their grain-steps, from the records of runs.
 
-    It is the same wherever and however often the runs were interrupted.
+    It does not depend on interruptions of the runs.
 
     Args:
-        lab: Has the runs and their packings.
+        lab: Folder of the lab.
         runs: Keys of a run and of its packing, for each bed of a point, by seed.
-        points: Points of the study that start from the same packings: each of them costs its part.
+        points: Number of points that start from the same packings and share their cost.
 
     Raises:
         Unreadable: A record cannot be read.
@@ -33,6 +33,5 @@ def filling_cost(lab: LabFolder, runs: Iterable[tuple[str, str]], points: int = 
 
 
 def mean_inside(discharged: float) -> float:
-    """Return the fraction of the grains that are inside on average over a run which ends at the fraction `discharged`:
-    they leave at a steady rate, and grains that left cost nothing."""
+    """Mean fraction of grains inside during a run that ends at the fraction `discharged`, for a steady flow."""
     return 1 - discharged / 2

@@ -1,4 +1,4 @@
-"""What a study asks for, run by run: the experiment, how it is computed, and what must be observed."""
+"""Demands: the runs that a study asks for, with their scenes, numerics and observations."""
 
 import math
 from collections.abc import Iterable, Iterator
@@ -24,18 +24,17 @@ from labbook.study import Point, Study
 from labbook.study.applicable import flat_area
 from labbook.study.schema import AUTO, EVERY, LONGEST, STALL, Stop
 
-_ENOUGH = math.ceil(1 / UNEVEN)
-"""Steps between two frames from which on these are as close to each other as asked."""
+_MIN_FRAME_STEPS = math.ceil(1 / UNEVEN)
+"""Minimum number of steps between two frames with which their spacing is even enough."""
 
 
 class Conflict(Exception):
-    """A study asks for observations that cannot be made in one run, or for a container that cannot do what it is said
-    to; the message says which."""
+    """A study demands observations that one run cannot make, or has an impossible container; the message says which."""
 
 
 @dataclass(frozen=True)
 class PackingsOf:
-    """The backend whose packings runs start from, and the precision in which it makes them."""
+    """Backend whose packings runs start from, and the precision with which it makes them."""
 
     backend: Capabilities
     precision: Precision
@@ -43,16 +42,23 @@ class PackingsOf:
 
 @dataclass(eq=False, slots=True)
 class PointDemand:
-    """All that the runs of one point have in common."""
+    """Shared part of the demands of one point.
+
+    Args:
+        study: The study.
+        point: The point.
+        packings_of: Backend whose packings its runs start from; None: each backend makes its own.
+
+    Attributes:
+        specs: Backend of the last request, with its Specs of filling and discharge (`labbook.plan.possible`).
+        outline: Forecast of its runs (`labbook.plan.forecast`), once it was requested.
+    """
 
     study: Study
     point: Point
     packings_of: PackingsOf | None = None
-    """Whose packings its runs start from; None: each backend makes its own."""
     specs: tuple[Backend, Spec, Spec] | None = field(default=None, init=False, repr=False)
-    """The backend that was asked last, and its sets of features for filling and discharge (`labbook.plan.plan`)."""
     outline: Any = field(default=None, init=False, repr=False)
-    """What is foreseen of its runs (`labbook.plan.forecast`), once that was asked for."""
     _scene_key: str = field(default="", init=False, repr=False)
     _closed_key: str = field(default="", init=False, repr=False)
     _versions: Versions = field(default_factory=dict, init=False, repr=False)
@@ -68,29 +74,29 @@ class PointDemand:
 
     @property
     def closed(self) -> Scene:
-        """The scene of its filling. Those of a few points are remembered: to keep all takes more memory than the rest
-        of a study."""
+        """Scene of the filling. Only those of a few points are cached: all would take more memory than the rest of a
+        study."""
         return _closed(self)
 
     @property
     def lifted(self) -> Scene | None:
-        """The scene of its filling while upright walls move, to mobilise their friction; None where they never do."""
+        """Scene of the filling while upright walls move, to mobilise their friction; None if they never do."""
         mobilise = self.point.fill.mobilise
         return mobilise and lifted(self.closed, mobilise.velocity)
 
     @property
     def numerics(self) -> Numerics:
-        """How the discharge is computed."""
+        """Numerics of the discharge."""
         return self.point.numerics
 
     @property
     def filled_by(self) -> Numerics:
-        """How the filling is computed."""
+        """Numerics of the filling."""
         numerics = self.point.fill.numerics or self.numerics
         return numerics if self.packings_of is None else _in_precision(numerics, self.packings_of.precision)
 
     def maker(self, backend: Capabilities) -> Maker:
-        """What makes the packings of runs on `backend`."""
+        """Return the backend and numerics of the packings of runs on `backend`."""
         return Maker(backend if self.packings_of is None else self.packings_of.backend, self.filled_by)
 
     @property
@@ -106,8 +112,9 @@ class PointDemand:
         return self._closed_key
 
     def identify(self, closed: Scene | None = None) -> None:
-        """Make the keys of both scenes, if there are none yet; `closed`: the closed one, if it is at hand."""
-        if not self._scene_key:
+        """Compute the keys of both scenes, if that has not been done. `closed`: the closed scene, if it is
+        available."""
+        if not self._scene_key:  # both at once, while the walls of both scenes are in memory
             closed = closed or self.closed
             self._closed_key = identity.scene_key(closed)
             self._scene_key = identity.scene_key(self.scene)
@@ -124,36 +131,38 @@ class PointDemand:
 
     @property
     def lineage_scenes(self) -> tuple[str, str]:
-        """Keys of the open and of the closed scene whatever the source of extensions, as lineages have them."""
+        """Keys of the open and closed scene without source hashes, as lineages use them."""
         self.identify()
         return self._lineage_scenes or (self._scene_key, self._closed_key)
 
     @property
     def older(self) -> tuple[tuple[str, tuple[str, str]], ...]:
-        """What has changed since each older version of laws and walls, the newest first, and the keys of the open and
-        of the closed scene by that version."""
+        """Changes since each older version of laws and walls, the newest first, with the keys of both scenes by it."""
         if self._older is None:
-            closed, now = self.closed if self.versions else self.scene, self.versions
+            closed, installed = self.closed if self.versions else self.scene, self.versions
             self._older = tuple(
-                (identity.outdated(made, now), (identity.scene_key(self.scene, made), identity.scene_key(closed, made)))
-                for made in identity.older(now)
+                (
+                    identity.outdated(versions, installed),
+                    (identity.scene_key(self.scene, versions), identity.scene_key(closed, versions)),
+                )
+                for versions in identity.older(installed)
             )
         return self._older
 
     @property
     def probes(self) -> tuple[Probe, ...]:
-        """What every run observes: grains leaving, and what the study's measures need. Raises Conflict."""
+        """Probes of every run: grains that leave, and those of the study's measures. Raises Conflict."""
         if self._probes is None:
-            self._probes = self._asked_probes()
+            self._probes = self._required_probes()
         return self._probes
 
-    def _asked_probes(self) -> tuple[Probe, ...]:
+    def _required_probes(self) -> tuple[Probe, ...]:
         plane = self.scene.container.outlet_plane
         leaving: tuple[Probe, ...] = () if plane is None else (Crossing(plane=plane),)
         window = self.study.window
         measures = [MEASURES[name] for name in self.study.measure]
-        asked = (probe for one in measures for probe in one.observed(self.scene, self.numerics, window))
-        probes = tuple(dict.fromkeys((*leaving, *asked)))
+        required = (probe for measure in measures for probe in measure.observed(self.scene, self.numerics, window))
+        probes = tuple(dict.fromkeys((*leaving, *required)))
         by_table = {table_name(probe): probe for probe in probes}
         for probe in probes:
             if by_table[table_name(probe)] != probe:
@@ -165,7 +174,7 @@ class PointDemand:
 
     @property
     def film(self) -> Film | None:
-        """The probe by which runs are recorded. Raises Conflict if frames cannot be as close to each other as asked."""
+        """Probe of the recording; None without. Raises Conflict if the frame interval is too few time steps."""
         record = self.study.record
         if record is None:
             return None
@@ -173,72 +182,79 @@ class PointDemand:
         assert every is not None
         film = film_probe(every, self.scene.grains)
         if film.uneven(dt) > UNEVEN:
-            few = every / dt
+            steps = every / dt
             raise Conflict(
-                f"{self.study.path}: record.every: frames lie on time steps, and {span(every)} is {few:.3g} "
-                f"steps of {span(dt)} (at {self.point.label})\n    remedy: use {span(_ENOUGH * dt)} or more"
+                f"{self.study.path}: record.every: frames lie on time steps, and {span(every)} is {steps:.3g} "
+                f"steps of {span(dt)} (at {self.point.label})\n    remedy: use {span(_MIN_FRAME_STEPS * dt)} or more"
             )
         return film
 
     @property
     def frame_interval(self) -> float | None:
-        """Time between two frames [s] of its recorded runs; None if none are recorded."""
+        """Time between two recorded frames [s]; None if runs are not recorded."""
         record = self.study.record
         return None if record is None else record.every or EVERY * gravity_time(self.scene)
 
     @property
     def declared(self) -> tuple[Probe, ...]:
-        """The probes of an ensemble that takes runs of this point, recorded or not."""
+        """Probes of an ensemble that takes runs of this point, recorded or not."""
         return self.probes if self.film is None else tuple(dict.fromkeys((*self.probes, self.film)))
 
     @property
     def longest_filling(self) -> float:
-        """Time [s] after which a bed that still moves is an error."""
+        """Time limit of a filling [s]."""
         return self.point.fill.max_time or LONGEST * gravity_time(self.scene) + self.pouring_time
 
     @property
     def pouring_time(self) -> float:
-        """Time [s] in which a stream brings all grains; 0 without one."""
+        """Time [s] in which a stream brings all grains; 0 without a stream."""
         stream, grains = self.point.fill.stream, self.scene.grains
         return 0.0 if stream is None else grains.count * grains.volume * grains.mean_density / stream.rate
 
     @property
     def stop(self) -> StopRule:
-        """When a run ends."""
+        """Stop rule of the runs."""
         if self._stop is None:
-            self._stop = self._stated_stop()
+            self._stop = self._resolved_stop()
         return self._stop
 
-    def _stated_stop(self) -> StopRule:
+    def _resolved_stop(self) -> StopRule:
         study, scale = self.study, gravity_time(self.scene)
         until = study.window.end if study.window.timed else 0.0
         if not study.fed:
             return _stop_rule(study.stop, scale, until)
-        asked = tolerance(study, self.point)
-        return _stop_rule(study.stop, scale, until, None if asked is None else (asked, study.window.start), fed=True)
+        tolerated = tolerance(study, self.point)
+        return _stop_rule(
+            study.stop, scale, until, None if tolerated is None else (tolerated, study.window.start), fed=True
+        )
 
     @property
-    def unstated(self) -> frozenset[str]:
-        """Which numbers of the stop rule, the guards and the recording the study leaves to labbook."""
+    def default_names(self) -> frozenset[str]:
+        """Numbers of stop rule, guards and recording that the study leaves to labbook."""
         stop, record = self.study.stop, self.study.record
-        limited = "speed_limit" in self.study.stated.get("numerics", {}) or "numerics.speed_limit" in self.point.at
-        left = {
+        has_speed_limit = (
+            "speed_limit" in self.study.stated.get("numerics", {}) or "numerics.speed_limit" in self.point.at
+        )
+        defaults = {
             "max_time": stop.max_time is None,
             "stall": stop.stall is None,
             "recording": record is not None and record.every is None,
-            "speed_limit": not limited,
+            "speed_limit": not has_speed_limit,
         }
-        return frozenset(name for name, is_left in left.items() if is_left)
+        return frozenset(name for name, is_default in defaults.items() if is_default)
 
     @property
     def height_ahead(self) -> float | None:
-        """Height [m] that the bed of a flat-bottomed silo will have at a packing fraction of PACKED; None of other
+        """Expected height [m] of the bed in a flat-bottomed silo at a packing fraction of PACKED; None of other
         containers."""
         return None if flat_area(self.scene.container) is None else bed.bed_height_ahead(self.scene)
 
     def reach(self, height: float | None = None) -> float:
-        """Discharged fraction at which the stop rule ends a run whose bed is `height` [m] high (None: as foreseen);
-        infinite for one that is fed."""
+        """Discharged fraction at which the stop rule ends a run; infinite for a fed bed.
+
+        Args:
+            height: Height of the bed [m]; None: as expected.
+        """
         stop = self.stop
         if stop.fill_height is None or (height := height or self.height_ahead) is None:
             return stop.discharged
@@ -246,17 +262,17 @@ class PointDemand:
 
     @property
     def probe_names(self) -> frozenset[str]:
-        """What every run observes, as coverage compares it."""
+        """Descriptions of the probes, as coverage compares them."""
         return _names(self.probes)
 
     def run(self, seed: int, discharge: int = 1) -> "Demand":
-        """The run with this seed, which is this discharge of its bed."""
+        """Return the run of a seed and a discharge of its bed."""
         record = self.study.record
         recorded = record is not None and discharge == 1 and seed <= record.replicates
         return Demand(self, seed, recorded=recorded, discharge=discharge)
 
     def runs(self, beds: int, discharges: int) -> "Iterator[Demand]":
-        """The runs of so many beds with so many discharges each, by seed."""
+        """Yield the runs of `beds` beds with `discharges` discharges each, by seed."""
         return (self.run(seed, number) for seed in range(1, beds + 1) for number in range(1, discharges + 1))
 
 
@@ -278,17 +294,25 @@ def _in_precision(numerics: Numerics, precision: Precision) -> Numerics:
 
 @once(256)
 def _stop_rule(
-    stated: Stop, scale: float, least: float, precise: tuple[float, float] | None = None, *, fed: bool = False
+    stop_settings: Stop, scale: float, min_time: float, precise: tuple[float, float] | None = None, *, fed: bool = False
 ) -> StopRule:
-    """The rule that a study states, with multiples of `scale`, sqrt(d*/g) [s], where it leaves times out, but no end
-    before `least` [s]; of beds that are fed, with the error and the start of the window where the flow rate is to be
-    known."""
-    usual: dict[str, Any] = {"max_time": max(LONGEST * scale, least), "stall": STALL * scale}
-    stop = StopRule.model_validate(usual | {key: v for key, v in stated.model_dump().items() if v is not None})
+    """Resolve the stop rule of a study.
+
+    Args:
+        stop_settings: Times that the study states.
+        scale: sqrt(d*/g) [s], of which times that it does not state are multiples.
+        min_time: Minimum of `max_time` [s].
+        precise: For fed beds: demanded error of the flow rate, and start of the window.
+        fed: Grains are fed.
+    """
+    defaults: dict[str, Any] = {"max_time": max(LONGEST * scale, min_time), "stall": STALL * scale}
+    stop = StopRule.model_validate(
+        defaults | {key: v for key, v in stop_settings.model_dump().items() if v is not None}
+    )
     if not fed:
         return stop
-    until = None if precise is None else Precise(flow_rate=precise[0], start=precise[1])
-    return stop.model_copy(update={"discharged": math.inf, "precise": until})
+    precision = None if precise is None else Precise(flow_rate=precise[0], start=precise[1])
+    return stop.model_copy(update={"discharged": math.inf, "precise": precision})
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -299,21 +323,21 @@ class Demand:
     seed: int
     recorded: bool
     discharge: int = 1
-    """Number of the discharge of its bed."""
+    """Number of the discharge of its bed, from 1."""
 
     @property
     def kick(self) -> Kick | None:
-        """The kick that it starts with; None of the first discharge of its bed."""
+        """Kick at its start; None for the first discharge of its bed."""
         return None if self.discharge == 1 else Kick(self.discharge)
 
     @property
     def number(self) -> tuple[int, int]:
-        """Seed of its bed, and number of the discharge of that."""
+        """Seed of its bed, and number of the discharge."""
         return self.seed, self.discharge
 
     @property
     def repeat(self) -> str:
-        """The number of a run among those of its point, for people: `seed 3, discharge 2`."""
+        """Label of the run among those of its point: `seed 3, discharge 2`."""
         return repeat(self.seed, self.discharge)
 
     @property
@@ -323,7 +347,7 @@ class Demand:
 
     @property
     def filling(self) -> Filling:
-        """How its packing is made."""
+        """Preparation of its packing."""
         fill, scene = self.point.fill, self.shared.scene
         start, moving = placing.STARTS[fill.kind], fill.moving
         if moving is None:
@@ -336,12 +360,12 @@ class Demand:
 
     @property
     def film(self) -> Film | None:
-        """The probe by which this run is recorded, if it is."""
+        """Probe of its recording; None if it is not recorded."""
         return self.shared.film if self.recorded else None
 
     @property
     def recording(self) -> float | None:
-        """Time between recorded frames [s], if this run is recorded."""
+        """Time between recorded frames [s]; None if the run is not recorded."""
         return self.film.every if self.film else None
 
     @property
@@ -350,40 +374,49 @@ class Demand:
         return identity.guards(self.shared.numerics)
 
     def keys(self, backend: Capabilities, scenes: tuple[str, str] | None = None) -> Keys:
-        """Identities of this run on `backend`; `scenes` as for `lineage`."""
-        s = self.shared
-        opened, closed = scenes or (s.scene_key, s.closed_key)
-        lineage = scenes or s.lineage_scenes
-        maker = s.maker(backend)
-        return identity.run_keys(opened, closed, self.filling, s.numerics, backend, maker, lineage, self.kick)
+        """Compute the keys of this run on `backend`. `scenes`: as for `lineage`."""
+        shared = self.shared
+        opened, closed = scenes or (shared.scene_key, shared.closed_key)
+        lineage = scenes or shared.lineage_scenes
+        maker = shared.maker(backend)
+        return identity.run_keys(opened, closed, self.filling, shared.numerics, backend, maker, lineage, self.kick)
 
     def run_key(self, backend: str, version: int) -> str:
         """Key of this run on one version of the backend called `backend`."""
-        s = self.shared
-        made = (backend, version)
-        if s.packings_of is not None:
-            made = (s.packings_of.backend.name, s.packings_of.backend.cache_version)
-        packing = identity.packing_key(s.closed_key, self.filling, s.filled_by, *made)
-        experiment = identity.experiment_key(s.scene_key, packing, self.kick)
-        return identity.run_key(experiment, s.numerics, backend, version)
+        shared = self.shared
+        maker = (backend, version)
+        if shared.packings_of is not None:
+            maker = (shared.packings_of.backend.name, shared.packings_of.backend.cache_version)
+        packing = identity.packing_key(shared.closed_key, self.filling, shared.filled_by, *maker)
+        experiment = identity.experiment_key(shared.scene_key, packing, self.kick)
+        return identity.run_key(experiment, shared.numerics, backend, version)
 
     def lineage(self, backend: str, scenes: tuple[str, str] | None = None) -> str:
-        """Identity of this run on any version of the backend called `backend`. `scenes`: keys of the open and of the
-        closed scene, if not by laws and walls as installed."""
-        s = self.shared
-        opened, closed = scenes or s.lineage_scenes
-        made = backend if s.packings_of is None else s.packings_of.backend.name
-        return identity.lineage_from(opened, closed, self.filling, s.filled_by, made, s.numerics, backend, self.kick)
+        """Lineage key of this run on any version of a backend.
+
+        Args:
+            backend: Name of the backend.
+            scenes: Keys of the open and closed scene; None: by laws and walls as installed.
+        """
+        shared = self.shared
+        opened, closed = scenes or shared.lineage_scenes
+        maker_name = backend if shared.packings_of is None else shared.packings_of.backend.name
+        return identity.lineage_from(
+            opened, closed, self.filling, shared.filled_by, maker_name, shared.numerics, backend, self.kick
+        )
 
     def older_lineages(self, backend: str) -> Iterator[tuple[str, str]]:
-        """Lineages of this run by older versions of laws and walls, the newest first, and what has changed since."""
+        """Lineage keys by older versions of laws and walls, the newest first, each with the changes since."""
         for outdated, scenes in self.shared.older:
             yield self.lineage(backend, scenes), outdated
 
 
 def demands(study: Study, seeds: int, packings_of: PackingsOf | None = None) -> Iterator[Demand]:
-    """All runs that the study may have of the seeds 1..`seeds` of every point: first the first seed of all points, then
-    the second, and so on. `packings_of`: the backend whose packings they start from, None for their own."""
+    """Yield all runs that a study may have of the seeds 1 to `seeds`: first seed of all points, then the second, and so
+    on.
+
+    `packings_of`: backend whose packings they start from; None: their own.
+    """
     shared = [PointDemand(study, point, packings_of) for point in study.points]
     numbers = range(1, discharges(study)[1] + 1)
     for seed in range(1, seeds + 1):
@@ -391,43 +424,53 @@ def demands(study: Study, seeds: int, packings_of: PackingsOf | None = None) -> 
 
 
 def discharges(study: Study) -> tuple[int, int]:
-    """Numbers of discharges that each bed of the study has at first, and at most."""
+    """Return the first and the maximum number of discharges of each bed."""
     number = study.discharges_per_bed
     return (1, LARGEST) if number == AUTO else (number, number)
 
 
 def fewest_runs(study: Study, point: Point | None = None) -> int:
-    """Runs that a point has at least; None as `point`: any that no strategy has proposed."""
+    """Return the minimum number of runs of a point; `point` None: of any point that no strategy has proposed."""
     beds = (None if point is None else point.replicates) or study.replicates
     return beds * discharges(study)[0]
 
 
 def recorded_in_words(points: Iterable[PointDemand]) -> str:
-    """Which runs of the points of a study are recorded, and how often; empty if none are."""
-    every = {point.frame_interval: point.study.record for point in points}
-    apart = sorted(interval for interval in every if interval is not None)
-    if not apart or (record := every[apart[0]]) is None:
+    """Describe which runs are recorded, and how often; empty if none are."""
+    records = {point.frame_interval: point.study.record for point in points}
+    intervals = sorted(interval for interval in records if interval is not None)
+    if not intervals or (record := records[intervals[0]]) is None:
         return ""
     seeds = "seed 1" if record.replicates == 1 else f"seeds 1 to {record.replicates}"
-    times = " to ".join(dict.fromkeys((span(apart[0]), span(apart[-1]))))
+    times = " to ".join(dict.fromkeys((span(intervals[0]), span(intervals[-1]))))
     return f"Recorded: {seeds} of each point, a frame every {times} from the opening on"
 
 
 def tolerance(study: Study, point: Point | None = None) -> float | None:
-    """What the bias of a point's numerics leaves of the error that is tolerated in its flow rate. None as `point`: any
-    point, whose numerics are not known to have a bias."""
+    """Error of the flow rate that is left for scatter after the bias of a point's numerics; None if no error is
+    requested.
+
+    `point` None: a point whose numerics have no known bias.
+    """
     return study.accuracy.flow_rate if point is None or point.choice is None else point.choice.left
 
 
 def stopping_rule(study: Study, point: Point | None = None) -> StoppingRule:
-    """The rule by which replicates are added to a point of `study`: until the half width of the interval is within the
-    `tolerance`. None are added for W where beds are fed, since there each run goes on for as long as it takes, nor
-    where a strategy has proposed how many there shall be. The cap is that of `accuracy.clogging` too."""
-    proposed = [one.replicates for one in (study.points if point is None else (point,)) if one.replicates is not None]
+    """Return the rule by which replicates are added to a point: until the half width of the interval is within
+    `tolerance`.
+
+    None are added for W of fed beds, where each run goes on as long as needed, nor where a strategy has proposed their
+    number. The cap also holds for `accuracy.clogging`.
+    """
+    proposed = [
+        candidate.replicates
+        for candidate in (study.points if point is None else (point,))
+        if candidate.replicates is not None
+    ]
     if proposed:
         return StoppingRule(tolerance=None, minimum=max(proposed), cap=max(proposed))
-    asked, least = tolerance(study, point), study.replicates
+    tolerated, least = tolerance(study, point), study.replicates
     cap = max(least, study.accuracy.max_replicates)
-    if asked is None or study.fed:
+    if tolerated is None or study.fed:
         return StoppingRule(tolerance=None, minimum=least, cap=least if study.accuracy.clogging is None else cap)
-    return StoppingRule(tolerance=asked, minimum=least, cap=cap)
+    return StoppingRule(tolerance=tolerated, minimum=least, cap=cap)

@@ -1,4 +1,4 @@
-"""Numbers that follow from what a study states, in words: mean sizes, and a stiffness stated by a collision."""
+"""Numbers derived from a study, in words: mean sizes, and a stiffness that is stated by a collision."""
 
 from collections.abc import Iterable, Iterator, Mapping
 
@@ -8,7 +8,7 @@ from labbook.study.point import Point
 
 
 def derived(points: Iterable[Point]) -> Mapping[str, list[str]]:
-    """Lines about sizes and stiffness, with the labels of the points that each is for."""
+    """Return lines about sizes and stiffness, with the labels of their points."""
     lines = dict[str, list[str]]()
     for point in points:
         for line in _lines(point.scene):

@@ -1,4 +1,4 @@
-"""Devices of a machine as the option `--device` names them, how fast they are, and how many runs each holds."""
+"""Devices of `--device`: names, speeds, and number of members that each holds."""
 
 import sys
 from collections import Counter
@@ -11,30 +11,33 @@ from labbook.plan.forecast import rate_of
 from labbook.plan.plan import PointPlan
 from labbook.plan.possible import specified
 
-_ENOUGH, _LEAST = 1_000_000, 16
-"""Grains and members of an ensemble from which on a GPU takes hardly more grain-steps per second with more of them."""
+_SATURATING_GRAINS, _MIN_MEMBERS = 1_000_000, 16
+"""Number of grains, and minimum number of members, of an ensemble at which the throughput of a GPU saturates."""
 
 
-def named(devices: str, backend: Backend) -> tuple[str, ...]:
-    """The devices that `cuda:0,cuda:1`, `cuda:all` or `cuda:all,cpu` names. Raises Unsupported for one named twice, or
-    where there is none of a kind."""
-    found: list[str] = []
-    for name in (one.strip() for one in devices.split(",")):
-        kind, _, which = name.partition(":")
-        if which != "all":
-            found.append(name)
+def parse_devices(devices: str, backend: Backend) -> tuple[str, ...]:
+    """Parse device names such as `cuda:0,cuda:1`, `cuda:all` or `cuda:all,cpu`.
+
+    Raises:
+        Unsupported: A device is named twice, or none of a kind exists.
+    """
+    names: list[str] = []
+    for name in (part.strip() for part in devices.split(",")):
+        kind, _, number = name.partition(":")
+        if number != "all":
+            names.append(name)
             continue
-        there = [device.alias for device in backend.survey().devices if device.alias.partition(":")[0] == kind]
-        if not there:
+        aliases = [device.alias for device in backend.survey().devices if device.alias.partition(":")[0] == kind]
+        if not aliases:
             raise absent(backend, name)
-        found += there
-    if twice := [name for name, times in Counter(found).items() if times > 1]:
-        raise Unsupported("--device", f"{twice[0]} is named twice; name each device once")
-    return tuple(found)
+        names += aliases
+    if duplicates := [name for name, times in Counter(names).items() if times > 1]:
+        raise Unsupported("--device", f"{duplicates[0]} is named twice; name each device once")
+    return tuple(names)
 
 
 def speeds(devices: Sequence[str], backend: Backend, points: Sequence[PointDemand]) -> tuple[float, ...]:
-    """Grain-steps per second that each device is foreseen to take with all its lanes full; only ratios count."""
+    """Forecast the grain-steps per second of each device with all lanes busy; only ratios matter."""
     scene, numerics = points[0].scene, points[0].numerics
     name, shape = backend.capabilities.name, scene.grains.shape
     return tuple(
@@ -44,19 +47,21 @@ def speeds(devices: Sequence[str], backend: Backend, points: Sequence[PointDeman
 
 
 def slots(backend: Backend, device: str, points: Iterable[PointPlan]) -> int:
-    """One on a CPU, where every core has a lane; else as many as the device holds of the point that needs most."""
+    """Number of members that a device holds: 1 on a CPU, where every core has a lane; else as many as fit for the point
+    that needs most memory."""
     if device == "cpu":
         return 1
-    fits = []
+    capacities = []
     for shared in (point.shared for point in points):
         filling, discharge = specified(backend, shared)
         for spec, scene in ((filling, shared.closed), (discharge, shared.scene)):
-            fits.append(backend.capacity(spec, scene, device))
-    return min((fit for fit in fits if fit is not None), default=sys.maxsize)
+            capacities.append(backend.capacity(spec, scene, device))
+    # Fillings and runs of all points share the device in turn, so the largest member decides.
+    return min((capacity for capacity in capacities if capacity is not None), default=sys.maxsize)
 
 
 def enough(points: Iterable[PointPlan]) -> int:
-    """Members of an ensemble, at most. With those of more a GPU would take no more grain-steps per second, and other
-    beds would not be filled, or written, meanwhile."""
+    """Maximum number of members of an ensemble: more would not raise the throughput of a GPU, and other beds would
+    wait."""
     grains = max((point.shared.scene.grains.count for point in points), default=1)
-    return max(_LEAST, _ENOUGH // grains)
+    return max(_MIN_MEMBERS, _SATURATING_GRAINS // grains)

@@ -1,4 +1,4 @@
-"""How long a plan will take and how much disk it needs: estimates, and what they rest on."""
+"""Forecast of the wall time and disk space of a plan, with its basis."""
 
 import math
 from collections import defaultdict
@@ -23,18 +23,24 @@ from labbook.scene.timescales import largest_stable_step
 from labbook.scene.wall_bins import bins_of_walls
 
 DEFAULT_SPEED = 5e6
-"""Grain-steps per second and lane that are assumed of a backend that nothing is known of."""
+"""Speed that is assumed for an unknown backend [grain-steps/s, per lane]."""
 CACHED = 50_000
-"""Grains beyond which a scene is larger than a processor's caches."""
-_BEYOND = 1.9
-"""How much dearer a grain-step is there (docs/cpu-backend.md: 26.5 and 13.7 million a second)."""
+"""Number of grains above which a scene exceeds a processor's caches."""
+_CACHE_FACTOR = 1.9
+"""Factor by which a grain-step costs more there (docs/cpu-backend.md: 26.5 and 13.7 million a second)."""
 
 
 @dataclass(frozen=True)
 class StepCost:
-    """Cost of one step of a lane: `step` [s] however few grains there are, and `grain` [s] for every grain; `compiling`
-    [s]: before the first step of a set of features, unless its code is cached. `source`: where that was measured.
-    `beat`: what each probe of a member costs the host at each beat [s], while the device waits."""
+    """Cost of one step of a lane.
+
+    Args:
+        step: Cost of starting a step [s].
+        grain: Cost of each grain [s].
+        compiling: Time before the first step of a Spec, unless its code is cached [s].
+        source: Machine on which it was measured.
+        beat: Cost of each probe of a member at each beat, while the device waits [s].
+    """
 
     step: float
     grain: float
@@ -43,24 +49,24 @@ class StepCost:
     beat: float = 0.0
 
     def of(self, grains: float) -> float:
-        """Cost of a grain-step [s] in a scene of so many grains."""
+        """Cost of a grain-step [s] in a scene of `grains` grains."""
         return self.grain * (beyond_caches(grains) if self.step == 0 else 1.0)
 
     def at(self, speed: float) -> "StepCost":
-        """The same on a processor of `speed` times that of the reference."""
+        """Return the cost on a processor of `speed` times the reference's speed."""
         return replace(self, grain=self.grain / speed, compiling=self.compiling / speed)
 
 
 def beyond_caches(grains: float) -> float:
-    """How many times dearer a grain-step is on a processor in a scene of so many grains than in a small one."""
-    return _BEYOND if grains > CACHED else 1.0
+    """Factor by which a grain-step costs more in a scene of `grains` grains than in a small one, on a processor."""
+    return _CACHE_FACTOR if grains > CACHED else 1.0
 
 
 _ZEN4 = "one core of an AMD EPYC with AVX-512"
 _ZEN3 = "one core of an AMD EPYC without AVX-512"
 _H200 = "an NVIDIA H200"
 _H200_COPIES = 4.0e12
-"""Copy bandwidth of that device, read and written [bytes/s] (docs/gpu-backend.md)."""
+"""Copy bandwidth of that device, reads plus writes [bytes/s] (docs/gpu-backend.md)."""
 _HOST = 1.5e-3  # 1 ms a beat with one probe (beside an H200) to 6 ms with three (beside an H100): docs/gpu-backend.md
 MEASURED = {
     ("numba", "cpu", "sphere", "double", True): StepCost(0, 1 / 24e6, 9, _ZEN4),
@@ -76,39 +82,45 @@ MEASURED = {
     ("warp", "cuda", "spherocylinder", "mixed", None): StepCost(1.0e-5, 3.0e-10, 8, _H200, _HOST),
     ("warp", "cuda", "spherocylinder", "double", None): StepCost(1.0e-5, 5.9e-10, 8, _H200, _HOST),
 }
-"""By backend, kind of device, shape, precision and, of processors, whether they have vectors of 512 bits. From
-benchmarks/results, docs/cpu-backend.md and docs/gpu-backend.md."""
+"""Measured costs by backend, kind of device, shape, precision and, for processors, vectors of 512 bits.
+
+From benchmarks/results, docs/cpu-backend.md and docs/gpu-backend.md.
+"""
 
 
 def rate_of(backend: str, device: str, shape: str, precision: str) -> StepCost:
-    """The measured cost of a step on `device` (`cpu`, `cuda:0`); DEFAULT_SPEED where nothing was measured."""
+    """Return the measured cost of a step on `device` (`cpu`, `cuda:0`); that of DEFAULT_SPEED where nothing was
+    measured."""
     kind = device.partition(":")[0]
     wide = wide_vectors() if kind == "cpu" else None
     return MEASURED.get((backend, kind, shape, precision, wide)) or StepCost(0, 1 / DEFAULT_SPEED, 0, "")
 
 
-_NEVER: Mapping[str, float] = {}
+_NO_TIMES: Mapping[str, float] = {}
 SETTLING = 2.0
-"""Time that a filling takes to rest, in falls from the top of its start."""
-_AGAIN = 0.2
-"""Part of that time which a bed takes to rest again after its walls have moved."""
+"""Time of a filling until rest, in falls from the top of its start."""
+_RESETTLING = 0.2
+"""Time to rest again after walls have moved, as a fraction of that."""
 HOLE = 0.6
-"""Part of `mass_flow` that passes a round outlet: there C, 0.58, is that of the bulk density (Beverloo et al. 1961)."""
+"""Fraction of `mass_flow` that passes a round outlet: there C = 0.58 belongs to the bulk density (Beverloo et al.
+1961)."""
 SCATTER = 1.3
-"""Half width of the interval of W of a fed bed times the root of the grains that passed, relative to W
-(docs/accuracy.md, outlets of 7 to 9 d)."""
-_RECENT = 20
-"""Runs of the same shape that a speed is the median of, at most."""
-_ROW = 8 * 14 * 0.75  # bytes of one crossing, compressed
+"""Relative half width of the interval of W of a fed bed, times the root of the number of grains that passed.
+
+From docs/accuracy.md, outlets of 7 to 9 d.
+"""
+_MAX_RECENT = 20
+"""Maximum number of runs of the same shape over which a speed is the median."""
+_CROSSING = 8 * 14 * 0.75  # bytes of one crossing, compressed
 _GRAIN = 400  # bytes of one grain's share of a checkpoint
 _FRAME, _TURNED = 23.0, 15.0  # bytes of one grain in one recorded frame, compressed; and of the orientation of a rod
-_NEAR, _CONTACTS = 30.0, 50.0  # bytes of one grain, and of its contacts, in one frame that is measured
+_GRAIN_FRAME, _CONTACTS = 30.0, 50.0  # bytes of one grain, and of its contacts, in one frame that is measured
 _SUMS = 50.0  # bytes of one bin of a wall in one frame
 
 
 @dataclass
 class _SpecCost:
-    """What members of one Spec cost: grain-steps side by side, and steps of the longest."""
+    """Cost of the members of one Spec: total grain-steps, and steps of the longest member."""
 
     grain_steps: float = 0.0
     cost: float = 0.0
@@ -127,26 +139,34 @@ def forecast(
     members: float = math.inf,
     measured: bool = True,
 ) -> Forecast:
-    """Time and disk for what `plan` still has to do, on `lanes` lanes.
+    """Forecast wall time and disk for what a plan lacks.
 
-    Speeds are those of runs in this lab on this machine. Where there are none, they are those of a reference machine,
-    scaled by what this machine gives at present, if `measured`: cores by `labbook.backend.machine.pace`, a GPU by the
-    bandwidth that the backend measures.
+    Speeds are those of runs in this lab on this machine. Without any, they are those of a reference machine, scaled by
+    the present speed of this one: cores by `labbook.backend.machine.pace`, a GPU by its bandwidth.
 
-    On a processor each lane computes one run. On other devices the runs of one set of features (of one Spec, if
-    `backend` tells) go on side by side, `members` of them at once, and a step costs what starting it does beside what
-    grains do. Compiling comes first, one set after another.
+    On a processor each lane computes one run. On other devices the members of one Spec are stepped together, and a step
+    costs its start plus its grains. Compiling comes first, one Spec after another.
+
+    Args:
+        plan: The plan.
+        catalogue: Index of the lab.
+        machine: Processor and device, as in the provenance of runs.
+        device: Device.
+        lanes: Number of lanes.
+        backend: Backend that gives Specs and bandwidth; None: unknown.
+        members: Maximum number of members at once.
+        measured: Measure the present speed of this machine.
     """
     on_cpu = device.partition(":")[0] == "cpu"
     busy = max(1, min(lanes, len(plan.todo))) if on_cpu else 1
     speeds = _Speeds(catalogue, plan.backend.name, machine, device, busy, backend, measured)
-    settled = catalogue.settling()
+    fill_times = catalogue.settling()
     specs = _Specs(backend)
     batches: dict[Spec | str, _SpecCost] = defaultdict(_SpecCost)
     chains: dict[str, float] = {}
     for item in plan.fillings.values():
         shared = item.demand.shared
-        work = fill_work(item.demand, settled)
+        work = fill_work(item.demand, fill_times)
         steps = work / shared.scene.grains.count
         chains[item.keys.packing] = _add(batches[specs.filling(shared)], speeds.of(shared), work, steps, shared)
     longest = 0.0
@@ -158,10 +178,13 @@ def forecast(
         longest = max(longest, cost + chains.get(item.keys.packing, 0.0))
     work = sum(batch.grain_steps for batch in batches.values())
     cost = sum(batch.cost for batch in batches.values())
-    known = specs.known(plan) if backend is not None else set(batches)
-    new = {key: batch for key, batch in batches.items() if key not in known and not specs.compiled(key, batch.rate)}
-    compiling = sum(batch.rate.compiling for batch in new.values())
+    cached = specs.computed_specs(plan) if backend is not None else set(batches)
+    uncached = {
+        key: batch for key, batch in batches.items() if key not in cached and not specs.compiled(key, batch.rate)
+    }
+    compiling = sum(batch.rate.compiling for batch in uncached.values())
     if on_cpu:
+        # Work spread evenly over lanes, but never less than the longest filling with its discharge, one after another.
         seconds = max(cost / busy, longest)
     else:
         waves = (math.ceil(batch.members / members) if members < math.inf else 1 for batch in batches.values())
@@ -170,11 +193,13 @@ def forecast(
     disk = sum(disk_of(item.demand) for item in plan.todo)
     disk += sum(100.0 * item.demand.point.scene.grains.count for item in plan.fillings.values())
     speed = work / cost if on_cpu and cost else work / seconds if seconds else 0.0
-    return Forecast(seconds + compiling, disk, work, speed or DEFAULT_SPEED, busy, speeds.basis, compiling, len(new))
+    return Forecast(
+        seconds + compiling, disk, work, speed or DEFAULT_SPEED, busy, speeds.basis, compiling, len(uncached)
+    )
 
 
 def _add(batch: _SpecCost, rate: StepCost, work: float, steps: float, shared: PointDemand, probes: int = 1) -> float:
-    """Count a member in; what its grain-steps and beats cost [s]."""
+    """Add a member to the cost of its Spec; return its own cost [s]."""
     cost = work * rate.of(shared.scene.grains.count) + steps / shared.numerics.steps_per_beat * probes * rate.beat
     batch.grain_steps += work
     batch.cost += cost
@@ -185,32 +210,33 @@ def _add(batch: _SpecCost, rate: StepCost, work: float, steps: float, shared: Po
 
 
 class _Specs:
-    """The sets of features that runs need, as the backend tells them; without one, fillings and discharges are two."""
+    """Specs of runs; without a backend fillings and discharges count as two."""
 
     def __init__(self, backend: Backend | None):
         self._backend = backend
 
     def filling(self, shared: PointDemand) -> Spec | str:
+        """Spec of the filling of a point."""
         return "filling" if self._backend is None else specified(self._backend, shared)[0]
 
     def discharge(self, shared: PointDemand) -> Spec | str:
+        """Spec of the discharge of a point."""
         return "discharge" if self._backend is None else specified(self._backend, shared)[1]
 
     def compiled(self, spec: Spec | str, rate: StepCost) -> bool:
-        """Tell if code is cached, of a lab without runs: there the backend is asked, which may take it a second."""
+        """Decide whether code is cached, in a lab without runs: asking the backend may take a second."""
         return (
             bool(rate.source) and self._backend is not None and isinstance(spec, Spec) and self._backend.compiled(spec)
         )
 
-    def known(self, plan: Plan) -> set[Spec | str]:
-        """Those that runs which are done were computed with: their code is cached, if they ran here."""
+    def computed_specs(self, plan: Plan) -> set[Spec | str]:
+        """Specs of finished runs: their code is cached, if they ran on this machine."""
         done = {item.demand.shared for item in plan.items if item.state == "done"}
         return {spec for shared in done for spec in (self.filling(shared), self.discharge(shared))}
 
 
 class _Speeds:
-    """Cost of a step: by runs of the same shape in this lab, else as measured when backends were made, scaled by the
-    present speed of this machine."""
+    """Costs of steps: from runs of the same shape in this lab, else measured reference costs scaled to this machine."""
 
     def __init__(
         self,
@@ -234,6 +260,7 @@ class _Speeds:
         return "; ".join(self._bases) or "nothing to do"
 
     def of(self, shared: PointDemand) -> StepCost:
+        """Cost of a step of a point's runs."""
         shape, precision = shared.scene.grains.shape, shared.numerics.precision
         if (shape, precision) not in self._rates:
             self._rates[shape, precision] = self._find(shape, precision)
@@ -255,13 +282,15 @@ class _Speeds:
         return rate
 
     def _scaled(self, rate: StepCost, on_cpu: bool) -> tuple[StepCost, str]:
-        """The cost of a step of the reference machine on this one, and its basis in words."""
+        """Scale the cost of the reference machine to this one; return it with its basis in words."""
         basis = f"speed of {rate.source}"
         if on_cpu and self._measured:
-            now = pace(self._threads)
+            current = pace(self._threads)
             lane = f"each of {self._threads} lanes" if self._threads > 1 else "the lane"
-            shares = f"a core is {now.core:.2g} times as fast, and {lane} gets {100 * now.share:.0f} % of one"
-            return rate.at(now.core * now.share), f"{basis} times {now.core * now.share:.2g}, measured now: {shares}"
+            shares = f"a core is {current.core:.2g} times as fast, and {lane} gets {100 * current.share:.0f} % of one"
+            return rate.at(
+                current.core * current.share
+            ), f"{basis} times {current.core * current.share:.2g}, measured now: {shares}"
         copies = self._backend.bandwidth(self._device) if self._measured and self._backend is not None else None
         if copies is None:
             return rate, basis
@@ -269,13 +298,13 @@ class _Speeds:
         return replace(rate, grain=rate.grain / speed), f"{basis} times {speed:.2g}, measured now: its copy bandwidth"
 
     def _recorded(self) -> dict[str, list[float]]:
-        """Grain-steps per second of the latest runs on this machine, by shape; of large scenes, what they would be in
-        the processor's caches."""
+        """Speeds of the latest runs on this machine, by shape [grain-steps/s]; large scenes are converted to scenes in
+        caches."""
         if self._by_shape is None:
             self._by_shape = defaultdict(list)
             for key, grains, rate in self._catalogue.speeds(self._name, self._machine, self._device):
                 shape = self._shape(key)
-                if shape is not None and len(self._by_shape[shape]) < _RECENT:
+                if shape is not None and len(self._by_shape[shape]) < _MAX_RECENT:
                     self._by_shape[shape].append(rate * beyond_caches(grains))
         return self._by_shape
 
@@ -287,59 +316,58 @@ class _Speeds:
 
 
 def discharge_time(shared: PointDemand) -> float:
-    """Expected simulated time [s] of a discharge: by Beverloo's law where there is an outlet, else the longest
-    allowed."""
+    """Expected simulated time of a discharge [s]: by Beverloo's law, or the maximum time if there is no outlet."""
     bed, flow = shared.scene.grains.count * shared.scene.grains.mass, _flow(shared.scene)
     if flow <= 0:
         return shared.stop.max_time
-    return min(shared.stop.max_time, _passing(shared) * bed / flow)
+    return min(shared.stop.max_time, _passing_fraction(shared) * bed / flow)
 
 
 def _flow(scene: Scene) -> float:
-    """Expected flow [kg/s]; 0 where none can be told."""
+    """Expected flow [kg/s]; 0 if it cannot be forecast."""
     return mass_flow(scene) * (HOLE if scene.container.outlet_form == "hole" else 1.0)
 
 
-def _passing(shared: PointDemand) -> float:
-    """Mass that leaves before a run ends, of that of the bed, if it is not out of time before."""
+def _passing_fraction(shared: PointDemand) -> float:
+    """Mass that leaves before a run ends, relative to that of the bed, if time does not end it."""
     precise = shared.stop.precise
     if precise is None:
         return shared.reach()
     return precise.start + (SCATTER / precise.flow_rate) ** 2 / shared.scene.grains.count
 
 
-def _left(shared: PointDemand) -> float:
-    """Mass that has left when a run ends, of that of the bed."""
+def _discharged_fraction(shared: PointDemand) -> float:
+    """Mass that has left when a run ends, relative to that of the bed."""
     if not shared.stop.fed:
         return shared.reach()
     return discharge_time(shared) * _flow(shared.scene) / (shared.scene.grains.count * shared.scene.grains.mass)
 
 
-def _inside(shared: PointDemand) -> float:
-    """Grains inside, on average over a run."""
+def _mean_grains(shared: PointDemand) -> float:
+    """Mean number of grains inside during a run."""
     return shared.scene.grains.count * (1.0 if shared.stop.fed else mean_inside(shared.reach()))
 
 
 def discharge_work(shared: PointDemand) -> float:
-    """Grain-steps of a discharge; grains that left cost nothing."""
-    return _inside(shared) * outline(shared).steps
+    """Grain-steps of a discharge; grains that have left cost nothing."""
+    return _mean_grains(shared) * outline(shared).steps
 
 
-def fill_work(demand: Demand, settled: Mapping[str, float] = _NEVER) -> float:
-    """Grain-steps of a filling; by the time that fillings of the same container took, where `settled` has it
-    (`Catalogue.settling`)."""
-    shared, known = demand.shared, settled.get(demand.shared.closed_key)
-    return shared.scene.grains.count * (known / shared.filled_by.dt if known else outline(shared).fill_steps)
+def fill_work(demand: Demand, fill_times: Mapping[str, float] = _NO_TIMES) -> float:
+    """Grain-steps of a filling, by the mean duration `fill_times` of earlier fillings of the container where there are
+    any."""
+    shared, duration = demand.shared, fill_times.get(demand.shared.closed_key)
+    return shared.scene.grains.count * (duration / shared.filled_by.dt if duration else outline(shared).fill_steps)
 
 
 def fill_time(demand: Demand) -> float:
-    """Expected simulated time [s] of a filling; of one that mobilises friction the bed then rests twice."""
+    """Expected simulated time of a filling [s]; one that mobilises friction rests twice."""
     mobilise, settling = demand.point.fill.mobilise, settling_time(demand)
-    return settling if mobilise is None else settling + mobilise.time + _AGAIN * settling
+    return settling if mobilise is None else settling + mobilise.time + _RESETTLING * settling
 
 
 def settling_time(demand: Demand) -> float:
-    """Expected simulated time [s] in which grains come to rest: a few falls from the height of their start."""
+    """Expected simulated time until grains come to rest [s]: a few falls from the height of their start."""
     scene = demand.shared.scene
     kind = demand.point.fill.kind
     top = placing.STARTS[kind].drop * placing.column(scene, kind)
@@ -350,44 +378,52 @@ def settling_time(demand: Demand) -> float:
 
 
 def disk_of(demand: Demand) -> float:
-    """Bytes that a run will keep."""
+    """Disk space of a run [bytes]."""
     count = demand.shared.scene.grains.count
     film = film_bytes(demand.shared) if demand.recorded else 0.0
-    seen = sum(_bytes_of(probe, demand.shared) for probe in demand.shared.probes)
-    return 5000 + count * (_ROW * _left(demand.shared) + _GRAIN) + film + seen
+    observed = sum(_bytes_of(probe, demand.shared) for probe in demand.shared.probes)
+    return 5000 + count * (_CROSSING * _discharged_fraction(demand.shared) + _GRAIN) + film + observed
 
 
 def film_bytes(shared: PointDemand) -> float:
-    """Bytes of the recording of a run, if it is recorded."""
+    """Disk space of the recording of a run, if it is recorded [bytes]."""
     if shared.film is None:
         return 0.0
     row = _FRAME + _TURNED * ("q" in shared.film.fields)
-    return row * _inside(shared) * (discharge_time(shared) / shared.film.every + 1)
+    return row * _mean_grains(shared) * (discharge_time(shared) / shared.film.every + 1)
 
 
 def _bytes_of(probe: Probe, shared: PointDemand) -> float:
-    """What is kept of whole frames of grains and contacts, and of those around an outlet."""
+    """Disk space of the frames of a probe [bytes]."""
     grains = shared.scene.grains
     if not isinstance(probe, Sample | Contacts | Zone | Traction):
         return 0.0
     frames = discharge_time(shared) / (probe.every * shared.numerics.beat)
     if isinstance(probe, Traction):
         bins = bins_of_walls(shared.scene, shared.scene.container.walls(), probe.size)
-        return _SUMS * frames * sum(one.count for one in bins)
+        return _SUMS * frames * sum(bins_of_wall.count for bins_of_wall in bins)
     if isinstance(probe, Zone):
         around, above = probe.radius**2 * probe.high, probe.core**2 * (probe.top - probe.high)
         within = PACKED * math.pi * (around + above) / (math.pi / 6 * grains.equivalent_diameter**3)
-        return _NEAR * within * frames * (2 if probe.again else 1)
-    return _inside(shared) * frames * (_NEAR if isinstance(probe, Sample) else _CONTACTS)
+        return _GRAIN_FRAME * within * frames * (2 if probe.again else 1)
+    return _mean_grains(shared) * frames * (_GRAIN_FRAME if isinstance(probe, Sample) else _CONTACTS)
 
 
 @dataclass(frozen=True, slots=True)
 class Outline:
-    """`dt` [s]; `limit` [s]: the largest step with which the beds of its flow and filling come to rest, as measured
-    (`labbook.scene.timescales.largest_stable_step`); `fill_steps` and `steps`: of a filling and a discharge, as
-    foreseen; `extent` [m]: the largest dimension of a grain; `ratio`: the orifice over it, None without one; `height`
-    [m]: of the bed above the outlet or bottom at a packing fraction of PACKED, None where the container does not
-    tell; `memory` [bytes] of one run."""
+    """Forecast numbers of the runs of a point.
+
+    Args:
+        dt: Time step [s].
+        limit: Largest time step with which its beds come to rest, as measured [s]
+            (`labbook.scene.timescales.largest_stable_step`).
+        fill_steps: Steps of a filling.
+        steps: Steps of a discharge.
+        extent: Largest dimension of a grain [m].
+        ratio: Orifice over `extent`; None without an orifice.
+        height: Height of the bed above outlet or bottom at a packing fraction of PACKED [m]; None if it is unknown.
+        memory: Memory of one run [bytes].
+    """
 
     dt: float
     limit: float
@@ -400,18 +436,20 @@ class Outline:
 
 
 BYTES = {"sphere": 800.0, "spherocylinder": 2200.0}
-"""Memory that a grain takes at most on the CPU backend, while it is placed and while it moves with its near neighbours
-and contacts. Measured: 435 with 200 000 spheres, 1800 with 50 000 rods; lists and checkpoints grow beyond that."""
+"""Maximum memory of a grain on the CPU backend, during placing and motion [bytes].
+
+Measured: 435 with 200 000 spheres, 1800 with 50 000 rods; lists and checkpoints grow beyond that.
+"""
 
 
 def outline(shared: PointDemand) -> Outline:
-    """What is foreseen of the runs of a point."""
+    """Return the forecast numbers of the runs of a point, computed once."""
     if shared.outline is None:
-        shared.outline = _outlined(shared)
+        shared.outline = _make_outline(shared)
     return shared.outline
 
 
-def _outlined(shared: PointDemand) -> Outline:
+def _make_outline(shared: PointDemand) -> Outline:
     scene, dt = shared.scene, shared.numerics.dt
     grains = scene.grains
     extent = grains.extent

@@ -1,4 +1,4 @@
-"""Lines of a plan on meshes: their size, their outlets, and the built-in containers that they are nearest to."""
+"""Lines of a plan on meshes: size, outlets, and the most similar built-in container."""
 
 import math
 from collections.abc import Iterable, Iterator
@@ -32,7 +32,7 @@ def _lines(name: str, mesh: TriangleMesh) -> Iterator[str]:
 
 
 def _keys(container: ContainerShape) -> str:
-    """Write a container as a study has it."""
+    """Format a container as in a study."""
     sizes = [f"kind: {container.kind}"]
     for key in (*_LENGTHS, "angle"):
         value = getattr(container, key, None)

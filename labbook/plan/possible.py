@@ -1,5 +1,5 @@
-"""Refusals before anything runs: of what a backend or a device cannot do, of containers from which grains leave while
-they are filled, and of surfaces faster than any grain may be."""
+"""Checks before anything runs: abilities of backend and device, containers that leak while filled, and too fast
+surfaces."""
 
 import math
 from collections.abc import Iterable
@@ -18,53 +18,61 @@ from labbook.scene.quantities import span, told_apart
 
 
 def check(backend: Backend, device: str, points: Iterable[PointDemand]) -> None:
-    """Check that `backend` can do all that is asked, on `device`. Raises Unsupported, Conflict or MeasureError.
+    """Check that `backend` can make the runs of `points` on `device`.
 
-    It costs least before a plan: it makes keys, too, while the walls of a point are at hand.
+    It computes the keys of points too, while their walls are in memory: it is cheapest before a plan.
+
+    Raises:
+        Unsupported: The backend or the device cannot do it.
+        Conflict: A container cannot be used.
+        MeasureError: A measure does not fit a scene.
     """
-    can = backend.capabilities
-    if device.split(":")[0] not in {known.split(":")[0] for known in can.devices}:
+    capabilities = backend.capabilities
+    if device.split(":")[0] not in {name.split(":")[0] for name in capabilities.devices}:
         raise absent(backend, device)
-    if device not in {found.alias for found in backend.survey().devices}:
+    if device not in {installed.alias for installed in backend.survey().devices}:
         raise absent(backend, device)
     for shared in points:
-        if shared.scene.feed is not None and not can.feeds:
-            raise Unsupported("feed", f"the backend {can.name} cannot feed grains back; leave feed out")
-        if shared.scene.restart is not None and not can.breaks:
-            raise Unsupported("restart", f"the backend {can.name} cannot break arches; leave restart out")
+        if shared.scene.feed is not None and not capabilities.feeds:
+            raise Unsupported("feed", f"the backend {capabilities.name} cannot feed grains back; leave feed out")
+        if shared.scene.restart is not None and not capabilities.breaks:
+            raise Unsupported("restart", f"the backend {capabilities.name} cannot break arches; leave restart out")
         specified(backend, shared)
         check_container(shared)
 
 
 def specified(backend: Backend, shared: PointDemand) -> tuple[Spec, Spec]:
-    """Return the sets of features of the filling and the discharge of a point. Raises Unsupported."""
-    found = shared.specs
-    if found is None or found[0] is not backend:
+    """Return the Specs of the filling and the discharge of a point. Raises Unsupported."""
+    specs = shared.specs
+    if specs is None or specs[0] is not backend:
         closed = shared.closed
         shared.identify(closed)  # while the walls of both scenes are at hand
         filling = backend.specialise(shared.lifted or closed, shared.filled_by, ())
         discharge = backend.specialise(shared.scene, shared.numerics, shared.declared)
-        found = shared.specs = _same(backend, filling, discharge)
-    return found[1], found[2]
+        specs = shared.specs = _shared_instance(backend, filling, discharge)
+    return specs[1], specs[2]
 
 
 @lru_cache(maxsize=1024)
-def _same(*specs: Any) -> tuple[Any, ...]:
-    """The same object for all that are equal: 100 000 points need few."""
+def _shared_instance(*specs: Any) -> tuple[Any, ...]:
+    """Return one object for all equal arguments: 100 000 points need few."""
     return specs
 
 
 def check_container(shared: PointDemand) -> None:
-    """Raises Conflict, with file, key and remedy, if the container of a point cannot be filled, loses grains meanwhile,
-    or has a surface beyond `numerics.speed_limit`."""
-    fault = _leaks(shared) or _too_fast(shared) or _lifted_too_fast(shared) or _astray(shared)
+    """Check that the container of a point can be filled, keeps its grains, and moves slowly enough.
+
+    Raises:
+        Conflict: It cannot; the message has file, key and remedy.
+    """
+    fault = _leaks(shared) or _surface_too_fast(shared) or _lifted_too_fast(shared) or _moves_badly(shared)
     if fault:
         raise Conflict(f"{shared.study.path}: {fault}")
 
 
 def leak_of(shared: PointDemand) -> Leak | None:
-    """Where the container of a point may lose grains while it is filled; None where it cannot, or where containers are
-    closed by themselves. Raises PlacingError."""
+    """Find a place where the container of a point may lose grains during the filling; None if there is none, or if
+    containers of its kind are always closed. Raises PlacingError."""
     if shared.scene.container.closes or not shared.scene.container.outlets:
         return None
     return leak(shared.closed, STARTS[shared.point.fill.kind].flat)
@@ -72,38 +80,38 @@ def leak_of(shared: PointDemand) -> Leak | None:
 
 def _leaks(shared: PointDemand) -> str | None:
     try:
-        found = leak_of(shared)
+        hole = leak_of(shared)
     except PlacingError as error:
         return f"container.parts: {error}"
-    if found is None or not found.certain:
+    if hole is None or not hole.certain:
         return None
     return (
-        f"container.outlet_plane: grains reach it while the container is filled, at {found.place}, so the discharge "
+        f"container.outlet_plane: grains reach it while the container is filled, at {hole.place}, so the discharge "
         "would start without them\n    remedy: close the outlet by a part with opens: start (it stands while filling "
         "and vanishes at the opening), or by a wall"
     )
 
 
-def _too_fast(shared: PointDemand) -> str | None:
+def _surface_too_fast(shared: PointDemand) -> str | None:
     scene, limit = shared.scene, shared.numerics.speed_limit
     moving = [wall for wall in scene.container.walls() if not wall.is_static]
     for wall in moving:
         reach = _reach(scene, wall)
         if wall.speed(reach) <= limit:
             continue
-        speed, most = told_apart(wall.speed(reach), limit)
+        speed, bound = told_apart(wall.speed(reach), limit)
         key, remedy = "container.parts[].motion", "use a slower motion"
         if wall.moves is not None:
             return (
                 f"container.parts[].moves: the part {wall.name} moves at up to {speed} m/s, faster than "
-                f"numerics.speed_limit ({most} m/s) allows any grain\n    remedy: use a slower motion, or raise "
+                f"numerics.speed_limit ({bound} m/s) allows any grain\n    remedy: use a slower motion, or raise "
                 "numerics.speed_limit"
             )
         if scene.container.spin_key is not None:
             fastest = limit / (2 * math.pi * reach)
             key, remedy = f"container.{scene.container.spin_key}", f"use at most {math.floor(fastest * 1e3) / 1e3:g} Hz"
         return (
-            f"{key}: the surface of {wall.name} moves at {speed} m/s, faster than numerics.speed_limit ({most} m/s) "
+            f"{key}: the surface of {wall.name} moves at {speed} m/s, faster than numerics.speed_limit ({bound} m/s) "
             f"allows any grain\n    remedy: {remedy}, or raise numerics.speed_limit"
         )
     return None
@@ -119,8 +127,9 @@ def _lifted_too_fast(shared: PointDemand) -> str | None:
     )
 
 
-def _astray(shared: PointDemand) -> str | None:
-    """Fault of a part that moves too quickly for the time step, or out of the container, or that vanishes too late."""
+def _moves_badly(shared: PointDemand) -> str | None:
+    """Describe the fault of a part that moves too quickly for the time step or out of the container, or vanishes too
+    late."""
     dt = shared.numerics.dt
     for wall in shared.scene.container.walls():
         if wall.removal is not None and wall.removal >= shared.stop.max_time:
@@ -149,11 +158,11 @@ def _astray(shared: PointDemand) -> str | None:
 
 
 STEPS_OF_A_PERIOD = 50
-"""Steps in a period of a vibration, at least."""
+"""Minimum number of steps in a period of a vibration."""
 
 
 class Outside(NamedTuple):
-    """Time [s] at which a part leaves a container, and place: the axis, and that of the wall on it [m]."""
+    """Place where a part leaves a container: axis, position of the wall on it [m], and time [s]."""
 
     axis: str
     at: float
@@ -161,8 +170,11 @@ class Outside(NamedTuple):
 
 
 def moves_out(scene: Scene, wall: Wall, end: float) -> Outside | None:
-    """First place at which a part that moves leaves the box that the other walls enclose, until `end` [s]; None if it
-    stays. Sides on which it stands outside at the opening, and sides without a wall that encloses, do not count."""
+    """Find the first place where a moving part leaves the box that the other walls enclose, until `end` [s]; None if it
+    stays.
+
+    Sides on which it is outside at the opening, and sides without an enclosing wall, do not count.
+    """
     if wall.moves is None or not isinstance(wall.shape, TriangleMesh):
         return None
     box = _box_around(scene, wall)
@@ -176,15 +188,15 @@ def moves_out(scene: Scene, wall: Wall, end: float) -> Outside | None:
         return np.concatenate([box.low - places.min(axis=0), places.max(axis=0) - box.high])
 
     stays = beyond(0.0) <= slack
-    before = 0.0
+    previous = 0.0
     for time in times.tolist():
         if (beyond(time)[stays] > slack).any():
-            for _ in range(30):
-                middle = (before + time) / 2
-                before, time = (before, middle) if (beyond(middle)[stays] > slack).any() else (middle, time)
+            for _ in range(30):  # bisection of the time of exit, to 1e-9 of the sampling interval
+                middle = (previous + time) / 2
+                previous, time = (previous, middle) if (beyond(middle)[stays] > slack).any() else (middle, time)
             side = int(np.argmax(np.where(stays, beyond(time), -math.inf)))
             return Outside("xyz"[side % 3], float(np.concatenate(box)[side]), time)
-        before = time
+        previous = time
     return None
 
 
@@ -194,8 +206,8 @@ class _Box(NamedTuple):
 
 
 def _box_around(scene: Scene, part: Wall) -> _Box:
-    """Box [m] that the walls beside a part enclose, infinite where they leave it open. Containers of a kind bound it
-    on all sides but up and down."""
+    """Box [m] that the walls other than `part` enclose; infinite on open sides. Built-in containers bound it
+    horizontally."""
     container = scene.container
     low, high = np.full(3, -math.inf), np.full(3, math.inf)
     for wall in container.walls():
@@ -208,7 +220,7 @@ def _box_around(scene: Scene, part: Wall) -> _Box:
 
 
 def _reach(scene: Scene, wall: Wall) -> float:
-    """Distance [m] from the axis x = y = 0 out to which grains touch a wall, at most."""
+    """Largest distance [m] from the axis x = y = 0 at which grains touch a wall."""
     if math.isfinite(wall.shape.reach):
         return wall.shape.reach
     try:

@@ -91,9 +91,9 @@ def kept(
 ) -> _R:
     """The same for those who only look: nothing is evaluated, and no folder is looked at.
 
-    `asked`: what `labbook.plan.coverage.asked` gives of the study, where it is known already. Profiles, traces and
-    fields that were not evaluated raise NotEvaluated (of `labbook.lab.evaluations`) when they are asked for; where fits
-    or comparisons of a paper rest on such ones, they are left out, and the run is among the unevaluated.
+    `asked`: what `labbook.plan.coverage.requested_runs` gives of the study, where it is known already. Profiles, traces
+    and fields that were not evaluated raise NotEvaluated (of `labbook.lab.evaluations`) when they are asked for; where
+    fits or comparisons of a paper rest on such ones, they are left out, and the run is among the unevaluated.
     """
     study, proposed = as_proposed(study, catalogue.lab, backend)
     runs, lost = (

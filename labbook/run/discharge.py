@@ -1,4 +1,4 @@
-"""A discharge: from the packing, or from where it was left, until the stop rule ends it; and a picture of its bed."""
+"""Discharges: from the packing, or from the last save, until the stop rule ends them; with a picture of the bed."""
 
 import logging
 import math
@@ -46,7 +46,7 @@ from labbook.picture import bed
 from labbook.plan.coverage import unobserved
 from labbook.plan.demand import Demand
 from labbook.run.frame_rows import BeforeOpening, frame_rows
-from labbook.run.job import Bench, Job, JobFailed, Kept, LabEntry, failure
+from labbook.run.job import Job, JobContext, JobFailed, JobOutput, LabEntry, failure
 from labbook.run.ledger import ledger
 from labbook.scene import Packing
 from labbook.scene.quantities import percent
@@ -54,38 +54,38 @@ from labbook.scene.timescales import stop_time
 from labbook.stats.stopping import looks
 
 _LOG = logging.getLogger("labbook")
-_FRAMED = Sample | Zone | Contacts | Traction
-"""Probes whose rows are kept in single precision."""
+_SINGLE_PRECISION = Sample | Zone | Contacts | Traction
+"""Probes whose rows are stored in single precision."""
 
 
 class DischargeJob(Job):
-    """The run of one demand."""
+    """The run of one demand, in the scene with its outlet open."""
 
     kind = "run"
 
-    def __init__(self, bench: Bench, demand: Demand, keys: Keys, claim: Claim, observe: Observe):
-        super().__init__(bench, demand, keys, keys.run, bench.lab.run(keys.run), claim)
+    def __init__(self, context: JobContext, demand: Demand, keys: Keys, claim: Claim, observe: Observe):
+        super().__init__(context, demand, keys, keys.run, context.lab.run(keys.run), claim)
         self.scene = demand.point.scene
         self.observe = observe
         self._plane = self.scene.container.outlet_plane
-        self._crossed, self._discharged, self._last = 0, 0.0, 0.0
-        self._looked, self._precision = 0, math.inf
-        self._advanced = False
+        self._crossed, self._discharged, self._last_crossing = 0, 0.0, 0.0
+        self._looks_taken, self._precision = 0, math.inf
+        self._has_advanced = False
         self._restarts: list[tuple[float, float]] = []
-        self._rests = False
+        self._is_at_rest = False
         self._failure: RunFailure | None = None
-        self._seen: Packing | None = None
-        """The bed in the middle of the window, which is drawn at the end."""
-        self._unseen = False
+        self._midway: Packing | None = None
+        """Bed in the middle of the window, of which a picture is drawn at the end."""
+        self._picture_failed = False
         self.film = demand.film
-        self._observes(demand.shared.probes)
+        self._set_probes(demand.shared.probes)
 
     @property
     def declared(self) -> tuple[Probe, ...]:
-        """Those of all runs of its point, so that recorded ones and others share an ensemble."""
+        """Probes of all runs of the point, so that recorded and other runs share an ensemble."""
         return tuple(dict.fromkeys((*self.demand.shared.declared, *self.probes)))
 
-    def _observes(self, probes: Sequence[Probe]) -> None:
+    def _set_probes(self, probes: Sequence[Probe]) -> None:
         """Observe `probes` and, if the run is recorded, its frames."""
         self._measured = tuple(probes)
         self.probes = tuple(dict.fromkeys((*probes, *((self.film,) if self.film else ()))))
@@ -93,8 +93,8 @@ class DischargeJob(Job):
     # start
 
     def fresh(self) -> Packing:
-        """The packing, with the outlet open, and the kick of a further discharge."""
-        packing = self._packed
+        """Open the outlet of the packing, and kick the bed of a further discharge. Raises JobFailed."""
+        packing = self._packing
         height = self.scene.container.roof
         level = float(packing.x[:, 2].max())
         if level > height:
@@ -114,13 +114,13 @@ class DischargeJob(Job):
 
     @cached_property
     def _feeder(self) -> Feeder | Inflow | None:
-        """What puts grains back; None where none come back. Raises JobFailed."""
+        """Source of grains that are fed; None without feed. Raises JobFailed."""
         if self.scene.feed is None:
             return None
         try:
             if self.scene.feed.stream is not None:
-                return Inflow(self.scene, self._packed, self.demand.seed, self.numerics.beat)
-            return Feeder(self.scene, self._packed, self.demand.filling.kind, self.demand.seed)
+                return Inflow(self.scene, self._packing, self.demand.seed, self.numerics.beat)
+            return Feeder(self.scene, self._packing, self.demand.filling.kind, self.demand.seed)
         except PlacingError as error:
             raise JobFailed(f"{self.label}: {error}") from error
 
@@ -132,48 +132,52 @@ class DischargeJob(Job):
         return Breaker(self.scene, self.demand.seed, self.numerics.beat)
 
     @cached_property
-    def _packed(self) -> Packing:
+    def _packing(self) -> Packing:
         try:
-            return load_packing(self.bench.lab.packing(self.keys.packing))
+            return load_packing(self.context.lab.packing(self.keys.packing))
         except Unreadable as problem:
             raise JobFailed(f"{self.label}: {problem}; delete the folder, and labbook run makes it again") from problem
 
     def recall(self, saved: Saved | None) -> Saved | None:
-        """The later of what is in the work folder and in the run's folder, if it observes all that is
-        asked. Raises Unreadable for a damaged work folder; a damaged run is noted, and made again."""
+        """Restore the later one of the save and the finished run, if it observes all that is demanded.
+
+        A damaged run is reported, and made again. Raises Unreadable for a damaged work folder.
+        """
         if saved is not None:
             self._check_saved(saved)
-        before = self._before()
-        if before and (not saved or saved.step <= before.coverage.steps):
-            saved = self._from_folder(before) or saved
-        if saved is None or not self._suffices(saved.state):
-            if before:
-                self._observe_also(before)
+        earlier = self._earlier_run()
+        if earlier and (not saved or saved.step <= earlier.coverage.steps):
+            saved = self._from_folder(earlier) or saved
+        if saved is None or not self._observes_enough(saved.state):
+            if earlier:
+                self._observe_as_before(earlier)
             self.start_over()
             return None
         state = saved.state
-        self._crossed, self._last = int(state["crossed"]), float(state["last"])
+        self._crossed, self._last_crossing = int(state["crossed"]), float(state["last"])
         self._discharged = float(state.get("discharged", self._crossed / self.scene.grains.count))
         self._restarts = _restarts(state)
-        self._looked = self._looks()
+        self._looks_taken = self._looks_due()
         self.film = parse_film(state["film"], self.numerics)
-        self._observes([parse_probe(text) for text in state["probes"]])
+        self._set_probes([parse_probe(text) for text in state["probes"]])
         return saved
 
     def _check_saved(self, saved: Saved) -> None:
-        """Whether everything in the work folder belongs together. Raises Unreadable."""
+        """Check that the files of the work folder are valid and consistent. Raises Unreadable."""
         folder, state = self.journal.folder, saved.state
         try:
             probes = {table_name(probe): probe for probe in map(parse_probe, state["probes"])}
             if (film := parse_film(state["film"], self.numerics)) is not None:
                 probes[FILM_TABLE] = film
             _restarts(state)
-            crossed, last, left = int(state["crossed"]), float(state["last"]), float(state.get("discharged", 0.0))
+            crossed, last, discharged = int(state["crossed"]), float(state["last"]), float(state.get("discharged", 0.0))
         except (KeyError, TypeError, ValueError, OverflowError) as error:
             raise Unreadable(f"{folder / PROGRESS}: state: {type(error).__name__}: {error}") from error
-        most = math.inf if self.scene.feed is not None else 1 + 1e-9  # of the bed
-        if not (0 <= crossed <= most * self.scene.grains.count and math.isfinite(last) and 0 <= left <= most):
-            raise Unreadable(f"{folder / PROGRESS}: state: {crossed} crossed, the last at {last} s, {left} of the mass")
+        limit = math.inf if self.scene.feed is not None else 1 + 1e-9  # of the bed
+        if not (0 <= crossed <= limit * self.scene.grains.count and math.isfinite(last) and 0 <= discharged <= limit):
+            raise Unreadable(
+                f"{folder / PROGRESS}: state: {crossed} crossed, the last at {last} s, {discharged} of the mass"
+            )
         for name, table in self.journal.iter_rows():
             if name not in probes:
                 raise Unreadable(f"{folder / PROGRESS}: chunks: {name} is unexpected")
@@ -189,7 +193,7 @@ class DischargeJob(Job):
                     raise Unreadable(f"{folder}: {table_name(probe)}: {fault}")
         self.check(saved, folder)
 
-    def _before(self) -> RunRecord | None:
+    def _earlier_run(self) -> RunRecord | None:
         try:
             return RunRecord.read(self.place)
         except Unreadable as problem:
@@ -197,10 +201,10 @@ class DischargeJob(Job):
                 self.damaged[self.place] = str(problem)
             return None
 
-    def _from_folder(self, before: RunRecord) -> Saved | None:
-        """A finished run as if it had been saved at its end; None if its state cannot be read."""
+    def _from_folder(self, earlier: RunRecord) -> Saved | None:
+        """Save the finished run in the work folder, as at its end; None if its state cannot be read."""
         try:
-            saved, rows = at_its_end(self.place, before)
+            saved, rows = at_its_end(self.place, earlier)
             self.check(saved, self.place)
         except Unreadable as problem:
             self.damaged[self.place] = str(problem)
@@ -209,222 +213,233 @@ class DischargeJob(Job):
         self.journal.save(saved.checkpoint, rows, saved.state, saved.sessions)
         return saved
 
-    def _suffices(self, state: Mapping[str, Any]) -> bool:
+    def _observes_enough(self, state: Mapping[str, Any]) -> bool:
         film = parse_film(state["film"], self.numerics)
         filmed = self.film is None or (film is not None and film.as_often(self.film))
         return filmed and not unobserved(self.demand.shared.probe_names, state["probes"])
 
-    def _observe_also(self, before: RunRecord) -> None:
-        """When running again, observe what the earlier run did too, so that nothing is lost."""
+    def _observe_as_before(self, earlier: RunRecord) -> None:
+        """Add the probes of the earlier run, so that repeating it loses no observations."""
         kinds = {table_name(probe) for probe in self._measured}
-        more = [probe for probe in map(parse_probe, before.coverage.probes) if table_name(probe) not in kinds]
-        film = film_of(before)
+        added = [probe for probe in map(parse_probe, earlier.coverage.probes) if table_name(probe) not in kinds]
+        film = film_of(earlier)
         if film is not None and (self.film is None or film.every < self.film.every):
             self.film = film
-        self._observes((*self._measured, *more))
+        self._set_probes((*self._measured, *added))
 
     # going on
 
     def state(self) -> dict[str, Any]:
-        """Grains that left, their part of the mass, when the last one did, and what is observed."""
+        """Return crossings, discharged mass, time of the last crossing, and probes."""
         return {
             "crossed": self._crossed,
             "discharged": self._discharged,
-            "last": self._last,
+            "last": self._last_crossing,
             "probes": [describe_probe(probe) for probe in self._measured],
             "film": describe_probe(self.film) if self.film else None,
             **({"restarts": [list(restart) for restart in self._restarts]} if self._restarts else {}),
         }
 
     def absorb(self, probe: Probe, table: Table) -> None:
-        """Keep rows; count grains that left."""
+        """Store rows, and count grains that left."""
         if isinstance(probe, Crossing) and probe.plane == self._plane and len(table["time"]):
             self._crossed += len(table["time"])
             if self.scene.grains.varied:
-                self._discharged += float(self._part_of_mass[table["id"]].sum())
+                self._discharged += float(self._mass_fractions[table["id"]].sum())
             else:
                 self._discharged = self._crossed / self.scene.grains.count
-            self._last = max(self._last, float(np.max(table["time"])))
+            self._last_crossing = max(self._last_crossing, float(np.max(table["time"])))
         if probe == self.film:
             self.keep(FILM_TABLE, frame_rows(table))
         if probe in self._measured:
-            self.keep(table_name(probe), frame_rows(table) if isinstance(probe, _FRAMED) else table)
+            self.keep(table_name(probe), frame_rows(table) if isinstance(probe, _SINGLE_PRECISION) else table)
 
     @property
     def looks(self) -> bool:
-        """True if the bed is in the middle of the window, and to be drawn."""
-        if self._seen is not None or self._unseen or self._plane is None or self.demand.seed > PICTURED:
+        """True if the bed is in the middle of the window, and a picture is to be drawn."""
+        if self._midway is not None or self._picture_failed or self._plane is None or self.demand.seed > PICTURED:
             return False
         middle = (self.observe.start + self.observe.end) / 2
         reached = self.status.time if self.observe.timed else self._discharged
         return reached >= middle
 
     def look(self, ensemble: Ensemble, member: Member) -> None:
-        """Keep the bed as it is, for a picture of it."""
+        """Store the present bed for the picture."""
         try:
-            self._seen = ensemble.packing(member)
+            self._midway = ensemble.packing(member)
         except Exception as problem:
-            self._unseen = True
-            _no_picture(self.label, problem)
+            self._picture_failed = True
+            _log_missing_picture(self.label, problem)
 
     def after(
         self, status: Status, tables: Mapping[Probe, Table], wall: float, process: float, grain_steps: float
     ) -> None:
-        """Account for a beat; after a failed one the member is in the last good state, into which grains came back."""
-        self._advanced = status.step > self.status.step
+        """Account for a beat.
+
+        After a failed beat the member is in its last good state, into which grains have already been fed: none are fed
+        again.
+        """
+        self._has_advanced = status.step > self.status.step
         super().after(status, tables, wall, process, grain_steps)
 
     @property
     def lacks_grains(self) -> bool:
-        """True if grains have left: a state that is saved has those that are put back after its beat."""
-        return self._feeder is not None and self._advanced and self.status.grains < self.scene.grains.count
+        """True if grains that have left are to be fed; a saved state includes those fed after its beat."""
+        return self._feeder is not None and self._has_advanced and self.status.grains < self.scene.grains.count
 
     def refill(self, bed: Packing) -> Refill:
-        """Return this bed with the grains that it has lost after this beat."""
+        """Return the bed with the source of the grains that it has lost."""
         assert self._feeder is not None
-        return Refill(self._feeder, bed, self._beat)
+        return Refill(self._feeder, bed, self._beat_number)
 
     @property
     def pauses(self) -> bool:
         """True if no grain has left for so long that the flow may have stopped, or if a push is due after a stop."""
         if self._breaker is None:
-            return self.demand.shared.stop.still and self._waits
-        return self._advanced and (self._push is not None if self._stuck else self._waits)
+            return self.demand.shared.stop.still and self._is_waiting
+        return self._has_advanced and (self._due_push is not None if self._is_stuck else self._is_waiting)
 
     def intervene(self, ensemble: Ensemble, member: Member, bed: Packing) -> None:
-        """Note that the flow has stopped if the grains near the outlet are still; push them where arches are broken."""
-        if not self._stuck:
-            self._rests = still(self.scene, bed)
-        if self._breaker is None or not (self._stuck or self._rests):
+        """Record a stop of the flow if the grains near the outlet are at rest; push them if arches are broken."""
+        if not self._is_stuck:
+            self._is_at_rest = still(self.scene, bed)
+        if self._breaker is None or not (self._is_stuck or self._is_at_rest):
             return
-        if not self._stuck:
-            self._restarts.append((self._last, self.status.time))
-        number, self._rests = self._push, False
+        if not self._is_stuck:
+            self._restarts.append((self._last_crossing, self.status.time))
+        number, self._is_at_rest = self._due_push, False
         assert number is not None
-        ensemble.set_velocities(member, *self._breaker.pushed(bed, self._beat, number))
+        ensemble.set_velocities(member, *self._breaker.pushed(bed, self._beat_number, number))
 
     @property
-    def _beat(self) -> int:
-        """Beats since the opening."""
+    def _beat_number(self) -> int:
+        """Number of beats since the opening."""
         return self.status.step // self.numerics.steps_per_beat
 
     @property
-    def _idle(self) -> float:
+    def _idle_time(self) -> float:
         """Time [s] since the last grain left or the last part vanished; negative before that."""
-        return self.status.time - max([self._last, *self._removals])
+        return self.status.time - max([self._last_crossing, *self._removal_times])
 
     @cached_property
-    def _removals(self) -> list[float]:
+    def _removal_times(self) -> list[float]:
         """Times [s] at which parts vanish."""
         return [wall.removal for wall in self.scene.container.walls() if wall.removal is not None]
 
     @property
-    def _waits(self) -> bool:
+    def _is_waiting(self) -> bool:
         """True if no grain has left for so long that the flow may count as stopped."""
-        return self._idle >= self._stop_time
+        return self._idle_time >= self._stop_time
 
     @cached_property
     def _stop_time(self) -> float:
         return stop_time(self.scene)
 
     @property
-    def _stuck(self) -> bool:
-        """True if no grain has left since the arch was pushed last."""
-        return bool(self._restarts) and self._last <= self._restarts[-1][1]
+    def _is_stuck(self) -> bool:
+        """True if no grain has left since the arch was last pushed."""
+        return bool(self._restarts) and self._last_crossing <= self._restarts[-1][1]
 
     @property
-    def _push(self) -> int | None:
-        """Number of the push that is due after this beat, from 1 on, since the last restart; None if none is."""
+    def _due_push(self) -> int | None:
+        """Number of the push that is due after this beat, from 1, since the last restart; None if none is due."""
         assert self._breaker is not None
-        return self._breaker.push(self._beat - round(self._restarts[-1][1] / self.numerics.beat))
+        return self._breaker.push(self._beat_number - round(self._restarts[-1][1] / self.numerics.beat))
 
     def verdict(self, events: Sequence[Event]) -> Outcome | None:
-        """The stop rule."""
+        """Apply the stop rule."""
         failed = failure(events)
         if failed:
             self._failure = RunFailure(guard=failed.guard, step=failed.step, grain=failed.grain, message=failed.message)
             return "diverged"
         stop = self.demand.shared.stop
-        if self._discharged >= self._enough:
+        if self._discharged >= self._target_fraction:
             return "finished"
         if stop.precise is not None and self._is_precise(stop.precise):
             return "precise"
         if self.status.grains == 0 or any(isinstance(event, Emptied) for event in events):
             return "emptied"
-        if self._plane is not None and self._idle >= 0 and (self._rests or self._idle >= stop.stall):
+        if self._plane is not None and self._idle_time >= 0 and (self._is_at_rest or self._idle_time >= stop.stall):
             return "clogged"
         return "time-limit" if self.status.time >= stop.max_time else None
 
-    def _is_precise(self, asked: Precise) -> bool:
-        """Whether the flow rate is known as precisely as asked, and has no trend; looked at now and then only."""
-        looked, self._looked = self._looked, self._looks()
-        if self._looked <= looked:
+    def _is_precise(self, required: Precise) -> bool:
+        """Decide whether the flow rate is as precise as required, without trend; evaluated only from time to time."""
+        looks_before, self._looks_taken = self._looks_taken, self._looks_due()
+        if self._looks_taken <= looks_before:
             return False
         grains, table = self.scene.grains, self.tables()[table_name(Crossing())]
-        times, mass = passages(grains, self._packed, table)
+        times, mass = passages(grains, self._packing, table)
         flow = steady_flow(times, grains.count, self.demand.shared.study.window, mass)
         self._precision = math.inf if flow is None or flow.trend.trending else flow.precision
-        known = {HALF_WIDTH: self._precision} if math.isfinite(self._precision) else {}
+        quantities = {HALF_WIDTH: self._precision} if math.isfinite(self._precision) else {}
         at = self.demand.point.at
-        look = Generation(0, (Assignment(at),), "", (Trial(at, self.demand.seed, self.key, "going on", known),))
+        look = Generation(0, (Assignment(at),), "", (Trial(at, self.demand.seed, self.key, "going on", quantities),))
         history = History(self.demand.shared.study, (look,), (), 1)
-        return PreciseRun.of(error=asked.flow_rate).propose(history).state == "end"
+        return PreciseRun.of(error=required.flow_rate).propose(history).state == "end"
 
-    def _looks(self) -> int:
-        """How often its flow rate was looked at so far."""
+    def _looks_due(self) -> int:
+        """Number of times that the flow rate should have been evaluated by now."""
         precise = self.demand.shared.stop.precise
         return 0 if precise is None else looks(int((self._discharged - precise.start) * self.scene.grains.count))
 
     def progress(self) -> float:
-        """By discharged fraction, by time or by precision, whichever is nearest to its end. A flow that rests is on its
-        way to the time at which it counts as clogged."""
+        """Return the progress by discharged fraction, time or precision, whichever is nearest to its end. A flow that
+        rests is on its way to the time at which it counts as clogged."""
         stop = self.demand.shared.stop
-        known = 0.0 if stop.precise is None else (stop.precise.flow_rate / self._precision) ** 2
-        resting = self.status.time / (self.status.time - self._idle + stop.stall) if self._pausing and self._breaker is None else 0.0
-        return min(1.0, max(self._discharged / self._enough, self.status.time / stop.max_time, known, resting))
+        precision_progress = 0.0 if stop.precise is None else (stop.precise.flow_rate / self._precision) ** 2
+        may_clog = self._is_pausing and self._breaker is None
+        wait_progress = self.status.time / (self.status.time - self._idle_time + stop.stall) if may_clog else 0.0
+        by_discharge, by_time = self._discharged / self._target_fraction, self.status.time / stop.max_time
+        return min(1.0, max(by_discharge, by_time, precision_progress, wait_progress))
 
     @property
-    def _pausing(self) -> bool:
+    def _is_pausing(self) -> bool:
         """True if no grain has left for so long that the run may end as clogged."""
-        return self._idle > _STILL * self.demand.shared.stop.stall
+        return self._idle_time > _REPORTED_WAIT * self.demand.shared.stop.stall
 
     def doing(self) -> tuple[str, ...]:
-        """The part of the mass that has left, where that ends the run, how long the flow rests, and the simulated
-        time; without an outlet, the simulated time and the longest."""
+        """Return the discharged mass and its target, how long no grain has left, and the simulated time.
+
+        Without an outlet: the simulated time and its maximum.
+        """
         if self._plane is None:
             return (f"{self.status.time:.2f} of {self.demand.shared.stop.max_time:g} s",)
-        discharged = f"{percent(self._discharged, '.0f')} discharged, ends at {percent(self._enough, '.0f')}"
+        discharged = f"{percent(self._discharged, '.0f')} discharged, ends at {percent(self._target_fraction, '.0f')}"
         if (stop := self.demand.shared.stop).fed:
-            known = f", W to {percent(self._precision, '.2f')}" if math.isfinite(self._precision) else ""
-            asked = f", ends at {percent(stop.precise.flow_rate)}" if stop.precise else f", ends at {stop.max_time:g} s"
-            discharged = f"{percent(self._discharged, '.0f')} of the bed has passed{known}{asked}"
-        still, stall = self._idle, self.demand.shared.stop.stall
-        waiting = (f"no grain for {still:.2f} s, clogged after {stall:g} s",) if self._pausing else ()
+            precision = f", W to {percent(self._precision, '.2f')}" if math.isfinite(self._precision) else ""
+            ending = (
+                f", ends at {percent(stop.precise.flow_rate)}" if stop.precise else f", ends at {stop.max_time:g} s"
+            )
+            discharged = f"{percent(self._discharged, '.0f')} of the bed has passed{precision}{ending}"
+        waiting, stall = (), self.demand.shared.stop.stall
+        if self._is_pausing:
+            waiting = (f"no grain for {self._idle_time:.2f} s, clogged after {stall:g} s",)
         return discharged, *waiting, f"{self.status.time:.2f} s"
 
     @cached_property
     def _bed_height(self) -> float:
         """Height [m] of the settled bed above the outlet plane."""
-        return bed_height(self.scene.grains, self._packed, self._plane or 0.0)
+        return bed_height(self.scene.grains, self._packing, self._plane or 0.0)
 
     @cached_property
-    def _part_of_mass(self) -> np.ndarray:
-        """Of the mass of all grains, the part that each is, by id."""
-        return parts_of_mass(self.scene.grains, self._packed)
+    def _mass_fractions(self) -> np.ndarray:
+        """Mass of each grain as a fraction of that of all grains, by id, shape [n]."""
+        return parts_of_mass(self.scene.grains, self._packing)
 
     @cached_property
-    def _enough(self) -> float:
-        """Discharged fraction at which the run has come far enough."""
+    def _target_fraction(self) -> float:
+        """Discharged fraction at which the run ends."""
         shared = self.demand.shared
         return shared.reach(self._bed_height) if shared.stop.fill_height is not None else shared.stop.discharged
 
     # end
 
-    def kept(self, verdict: str, left: EndState) -> "KeptRun":
-        """All of it."""
-        drawn = not self._unseen and (self.demand.seed <= PICTURED or verdict in ("clogged", "diverged"))
-        return KeptRun(
-            self.bench.lab,
+    def output(self, verdict: str, end_state: EndState) -> "RunOutput":
+        """Return record, rows, last state and bed of the picture."""
+        has_picture = not self._picture_failed and (self.demand.seed <= PICTURED or verdict in ("clogged", "diverged"))
+        return RunOutput(
+            self.context.lab,
             self.key,
             self.place,
             self.label,
@@ -432,31 +447,31 @@ class DischargeJob(Job):
             status=self.status,
             journal=self.journal,
             unsaved=self._rows,
-            left=left,
-            start=self._packed,
-            drawn=drawn,
-            seen=self._seen,
-            before=self._before_opening(),
+            left=end_state,
+            start=self._packing,
+            has_picture=has_picture,
+            midway=self._midway,
+            before=self._bed_before_opening(),
         )
 
-    def _before_opening(self) -> "BeforeOpening | None":
-        """The bed at rest, where forces of walls are observed."""
-        probe = next((one for one in self._measured if isinstance(one, Traction)), None)
+    def _bed_before_opening(self) -> "BeforeOpening | None":
+        """Scene and probe for forces of walls on the bed at rest; None if they are not observed."""
+        probe = next((candidate for candidate in self._measured if isinstance(candidate, Traction)), None)
         if probe is None:
             return None
         shared = self.demand.shared
-        return BeforeOpening(self.bench.backend, shared.closed, shared.filled_by, probe)
+        return BeforeOpening(self.context.backend, shared.closed, shared.filled_by, probe)
 
     def _record(self, verdict: str) -> RunRecord:
-        """What the run says of itself, but for its ledger."""
-        bench, demand, status = self.bench, self.demand, self.status
+        """Make the record of the run, without its ledger."""
+        bench, demand, status = self.context, self.demand, self.status
         coverage = Coverage(
             duration=status.time,
             steps=status.step,
             grains=self.scene.grains.count,
             crossed=self._crossed,
             mass_left=self._discharged if self.scene.grains.varied else None,
-            last_crossing=self._last,
+            last_crossing=self._last_crossing,
             stop=demand.shared.stop,
             guards=demand.guards,
             probes=tuple(describe_probe(probe) for probe in self._measured),
@@ -497,10 +512,20 @@ class DischargeJob(Job):
 
 
 @dataclass(frozen=True)
-class KeptRun(Kept):
-    """A run that has ended. record: without its ledger. unsaved: rows since the last save. start: its packing. drawn:
-    whether there is to be a picture. seen: the bed that it shows; None: that at the end. before: as of `BeforeOpening`,
-    where forces of walls are observed."""
+class RunOutput(JobOutput):
+    """Output of an ended run.
+
+    Args:
+        record: Record without its ledger.
+        status: Last status of the member.
+        journal: Saved rows.
+        unsaved: Rows since the last save, by table name.
+        left: Packing and checkpoint at the end.
+        start: Packing of the run.
+        has_picture: Draw a picture of the bed.
+        midway: Bed in the picture; None: that at the end.
+        before: Forces of walls before the opening, where they are observed.
+    """
 
     record: RunRecord
     status: Status
@@ -508,18 +533,18 @@ class KeptRun(Kept):
     unsaved: Mapping[str, Sequence[Table]]
     left: EndState
     start: Packing
-    drawn: bool
-    seen: Packing | None
+    has_picture: bool
+    midway: Packing | None
     before: BeforeOpening | None = None
 
     def fill_folder(self, folder: Path) -> None:
-        """Tables, the exact last state, the recording, the picture, and the record."""
+        """Write tables, last state, recording, picture and record."""
         for name, table in self._tables.items():
             write_table(folder / f"{name}.npz", table, durable=False)
         write_checkpoint(folder / CHECKPOINT, self.left.checkpoint, compress=True, durable=False)
-        if picture := self._drawn():
+        if picture := self._picture():
             (folder / PICTURE).write_bytes(picture)
-        self._complete.write(folder, durable=False)
+        self._full_record.write(folder, durable=False)
 
     @cached_property
     def _tables(self) -> dict[str, dict[str, np.ndarray]]:
@@ -533,30 +558,30 @@ class KeptRun(Kept):
         return tables
 
     @cached_property
-    def _complete(self) -> RunRecord:
-        """The record with its ledger."""
+    def _full_record(self) -> RunRecord:
+        """Record with its ledger."""
         counts = ledger(self.record.scene, self.status, self.left.packing, self.start, self._tables.get("crossing"))
         return self.record.model_copy(update={"ledger": counts})
 
-    def _drawn(self) -> bytes:
-        """A picture of its bed. No run is lost for its picture: it then has none, and the log says why."""
-        if not self.drawn:
+    def _picture(self) -> bytes:
+        """Draw the bed (PNG). If that fails the log says why, and the run is stored without a picture."""
+        if not self.has_picture:
             return b""
         try:
-            return bed(self.record.scene, self.start, self.left.packing if self.seen is None else self.seen)
+            return bed(self.record.scene, self.start, self.left.packing if self.midway is None else self.midway)
         except Exception as problem:
-            _no_picture(self.label, problem)
+            _log_missing_picture(self.label, problem)
             return b""
 
     def entry(self) -> LabEntry:
-        """Return the rows of the run and of its measurements, taken now."""
-        seen, record, tables = stamp(self.place), self._complete, dict(self._tables)
-        tables |= self._complete.coverage.restart_table
+        """Return the index rows of the run, and evaluate its measures."""
+        folder_stamp, record, tables = stamp(self.place), self._full_record, dict(self._tables)
+        tables |= self._full_record.coverage.restart_table
         recorded = tables.pop(FILM_TABLE, None)
         try:
             check_tables(self.place, record, self._tables)
         except Unreadable as problem:
-            return LabEntry((unreadable_row(self.place, seen, problem), []))
+            return LabEntry((unreadable_row(self.place, folder_stamp, problem), []))
         data = RunData(
             scene=record.scene,
             numerics=record.numerics,
@@ -567,33 +592,34 @@ class KeptRun(Kept):
             tables=tables,
             recorded=lambda: recorded,
         )
-        return LabEntry(rows_of_run(self.place, seen, record, data, record.observe))
+        return LabEntry(rows_of_run(self.place, folder_stamp, record, data, record.observe))
 
     def reread(self) -> LabEntry:
-        """Return the rows of the run and of its measurements, by its folder."""
+        """Return the index rows of the run from its folder."""
         return LabEntry(run_rows(self.place, self.record.observe))
 
 
 def _restarts(state: Mapping[str, Any]) -> list[tuple[float, float]]:
-    """Restarts in a saved state. Raises ValueError or TypeError for what are none."""
+    """Parse the restarts of a saved state. Raises ValueError or TypeError if they are invalid."""
     return [(float(stopped), float(time)) for stopped, time in state.get("restarts", [])]
 
 
-def _no_picture(label: str, problem: Exception) -> None:
+def _log_missing_picture(label: str, problem: Exception) -> None:
     _LOG.warning("%s: the bed was not drawn: %s: %s", label, type(problem).__name__, problem)
     _LOG.debug("where that was", exc_info=True)
 
 
 PICTURED = 10
-"""Seeds from 1 on of which the bed is drawn, beside those that clogged or diverged: a picture takes as long as all else
-that is written of a small bed."""
+"""Highest seed whose bed is always drawn; of others only clogged or diverged ones: a picture of a small bed takes as
+long as writing all its other files."""
 FILM_TABLE = Path(RECORDING).stem
-_STILL = 0.3
-"""Part of the stall time without a grain leaving that is worth a word."""
+_REPORTED_WAIT = 0.3
+"""Fraction of the stall time without a grain leaving from which progress reports it."""
 
 
 def parse_film(text: str | None, numerics: Numerics) -> Film | None:
-    """The recording probe in a saved state; older ones counted whole beats. Raises ValueError for another one."""
+    """Parse the recording probe of a saved state; older states count whole beats. Raises ValueError for another
+    probe."""
     probe = parse_probe(text) if text else None
     if isinstance(probe, Sample):
         return Film(probe.every * numerics.beat, probe.fields)

@@ -1,4 +1,5 @@
-"""The loop of a run: lanes take jobs from the board, step them by beats, save them, and end them by the stop rule."""
+"""Main loop of a run: workers take jobs from the queue, step them by beats, save them, and end them by their
+verdicts."""
 
 import logging
 import time
@@ -8,343 +9,359 @@ from concurrent.futures import ALL_COMPLETED, FIRST_COMPLETED, Future, wait
 
 from labbook.backend import Backend, EndState, Ensemble, Event, Member, Overflow
 from labbook.filling import refill
-from labbook.run.board import KINDS, Board, Started
-from labbook.run.closing import Closing
 from labbook.run.discharge import DischargeJob
+from labbook.run.ensemble_worker import BeatResult, EnsembleWorker, WorkerThread
 from labbook.run.fill import FillJob
+from labbook.run.finalizing import FinalizerPool
 from labbook.run.job import Job
-from labbook.run.lane import Hand, Lane, Turn
+from labbook.run.job_queue import KINDS, JobQueue, StartedJob
 from labbook.run.live import Publisher
-from labbook.run.stopping import Request
-from labbook.run.watch import Going, Meter, View
+from labbook.run.stopping import StopRequest
+from labbook.run.watch import ActiveJob, Meter, View
 from labbook.scene import Packing
 
 CHECKPOINT_EVERY = 20.0
-"""Wall time between two saves of a job [s], which is what a kill loses at most; longer where saving would take more
-than its part of the time."""
-_LOOK = 0.2  # s: how often a wait looks whether it was asked to stop
-_SOON = 0.05  # s: how often a wait looks whether jobs were closed, or grains placed
-_TELLING = 0.05  # of the main thread's time may go into telling how it goes
-_SAVING = 0.05  # part of the time since the start, at most, that goes into saving the members of an ensemble
-_LONG = 1.0  # s of saving that are allowed from the start
+"""Wall time between saves of a job [s], the most that a kill loses. It is longer where saving would take too much
+time."""
+_STOP_INTERVAL = 0.2  # s: how often a wait looks whether it was asked to stop
+_WAKE_INTERVAL = 0.05  # s: how often a wait looks whether jobs were closed, or grains placed
+_REPORT_SHARE = 0.05  # of the main thread's time may go into telling how it goes
+_SAVING_SHARE = 0.05  # part of the time since the start, at most, that goes into saving the members of an ensemble
+_SAVING_ALLOWANCE = 1.0  # s of saving that are allowed from the start
 _MOST_UNSAVED = 2**28  # bytes of rows of a job that wait in memory for its next save
-_POLL = 0.5  # s: how often claims that others hold are tried again
-_MANY = 10_000  # grains that take a while to place
+_CLAIM_INTERVAL = 0.5  # s: how often claims that others hold are tried again
+_ANNOUNCED_GRAINS = 10_000  # grains that take a while to place
 _TRACE = logging.getLogger("labbook.turns")
 _BEFORE_STEPS = ("placing", "compiling", "preparing")
 
-Turns = dict[Future[Turn], tuple[Lane, list[Started]]]
+PendingBeats = dict[Future[BeatResult], tuple[EnsembleWorker, list[StartedJob]]]
 
 
 class Execution:
-    """The jobs of one board on one device, while they are carried out.
+    """Steps the jobs of a queue on one device.
 
     Attributes:
-        meter: Grain-steps taken, and the time without any.
-        left_behind: Whether threads still compile for jobs that were dropped.
+        meter: Grain-steps taken, and time without any.
+        left_behind: Threads still compile for jobs that were dropped.
     """
 
     def __init__(
         self,
-        board: Board,
-        closing: Closing,
+        queue: JobQueue,
+        finalizers: FinalizerPool,
         backend: Backend,
         device: str,
-        lanes: int,
+        workers: int,
         slots: int,
         limit: int,
         publisher: Publisher,
-        request: Request,
-        say: Callable[[str], None],
+        request: StopRequest,
+        print_line: Callable[[str], None],
         checkpoint_every: float,
     ):
-        """Prepare lanes; nothing runs before `carry_out`.
+        """Prepare workers; nothing runs before `carry_out`.
 
         Args:
-            board: Has the jobs.
-            closing: Writes and measures what ended jobs leave.
-            backend: Steps them.
-            device: Where they are stepped.
-            lanes: Ensembles that are stepped at once on a CPU. A GPU has two, which take turns.
-            slots: Members that the device holds: a GPU in both ensembles together, a CPU in each.
-            limit: Members of an ensemble, at most.
-            publisher: Shows how jobs stand.
-            request: By which a stop is asked for.
-            say: Shows a line.
-            checkpoint_every: Wall time between two saves of a job [s].
+            queue: Queue of the jobs.
+            finalizers: Write and measure ended jobs.
+            backend: Steps the members.
+            device: Device of the members.
+            workers: Number of ensembles stepped at once on a CPU. A GPU has two, whose beats alternate.
+            slots: Number of members that the device can hold: on a GPU in both ensembles together, on a CPU in each.
+            limit: Maximum number of members of an ensemble.
+            publisher: Receives the state of all jobs.
+            request: Stop request.
+            print_line: Shows a line to the user.
+            checkpoint_every: Wall time between saves of a job [s].
         """
         self.meter, self.left_behind = Meter(), False
-        self._board, self._closing, self._backend, self._device = board, closing, backend, device
-        self._publisher, self._request, self._say = publisher, request, say
+        self._queue, self._finalizers, self._backend, self._device = queue, finalizers, backend, device
+        self._publisher, self._request, self._print_line = publisher, request, print_line
         self._checkpoint_every = checkpoint_every
-        self._slots, self._shared = slots, device != "cpu"
-        """Members that the device holds, and whether lanes share it."""
-        hands = [Hand()] * 2 if self._shared else [Hand() for _ in range(lanes)]
-        kinds = [{FillJob.kind}, {DischargeJob.kind}] if self._shared else [KINDS] * lanes
-        self._lanes = [Lane(backend, device, min(slots, limit), *own) for own in zip(kinds, hands, strict=True)]
-        self._saved: dict[Job, float] = {}
-        """When each job was saved last, or begun."""
-        self._begun = time.perf_counter()
+        self._slots, self._is_shared = slots, device != "cpu"
+        """Number of members that the device can hold; `_is_shared`: workers share the device."""
+        threads = [WorkerThread()] * 2 if self._is_shared else [WorkerThread() for _ in range(workers)]
+        kinds = [{FillJob.kind}, {DischargeJob.kind}] if self._is_shared else [KINDS] * workers
+        self._workers = [
+            EnsembleWorker(backend, device, min(slots, limit), *options) for options in zip(kinds, threads, strict=True)
+        ]
+        self._last_saved: dict[Job, float] = {}
+        """Time of the last save of each job, or of its beginning."""
+        self._start_time = time.perf_counter()
         self._next_report = float("-inf")
 
     def carry_out(self) -> None:
-        """Take jobs from the board until none are left, or a stop is asked for; then everything is saved.
+        """Run jobs until none are left or a stop is requested; then save the active ones.
 
-        Raises DiskFull; KeyboardInterrupt when asked again meanwhile.
+        Raises:
+            DiskFull: The disk is full.
+            KeyboardInterrupt: A second stop signal.
         """
-        lanes, turns = self._lanes, Turns()
+        workers, pending = self._workers, PendingBeats()
         try:
-            while not self._request.made:
-                if not self._board.todo and (self._device == "cpu" or not self._board.going):
-                    self._board.widen()
-                busy = [lane for lane, _ in turns.values()]
-                for lane in lanes if not (self._shared and busy) else ():
-                    if lane not in busy:
-                        turns |= self._next_turn(lane, turns)
-                settled = self._closing.settle()  # now, while lanes are at work
-                self._board.place_ahead()
-                if self._request.made:
+            while not self._request.requested:
+                if not self._queue.pending and (self._device == "cpu" or not self._queue.active):
+                    self._queue.add_rest()
+                busy = [worker for worker, _ in pending.values()]
+                for worker in workers if not (self._is_shared and busy) else ():
+                    if worker not in busy:
+                        pending |= self._start_beat(worker, pending)
+                recorded = self._finalizers.record()  # now, while lanes are at work
+                self._queue.place_ahead()
+                if self._request.requested:
                     break
-                if settled and len(turns) < len(lanes):  # there may be runs whose packings are made
+                if recorded and len(pending) < len(workers):  # there may be runs whose packings are made
                     continue
-                if not (turns or self._closing.jobs or self._board.waiting):
-                    if not self._board.todo:
+                if not (pending or self._finalizers.jobs or self._queue.being_placed):
+                    if not self._queue.pending:
                         return
                     self.report()
-                    time.sleep(_POLL)  # others hold what is left
+                    time.sleep(_CLAIM_INTERVAL)  # others hold what is left
                     continue
-                self._closing.wake.wait(_SOON if self._closing.jobs or self._board.waiting else _LOOK)
-                self._closing.wake.clear()
-                for turn in self._completed(turns):
-                    self._visit(*turns.pop(turn), turn)
+                self._finalizers.wake.wait(
+                    _WAKE_INTERVAL if self._finalizers.jobs or self._queue.being_placed else _STOP_INTERVAL
+                )
+                self._finalizers.wake.clear()
+                for beat in self._completed(pending):
+                    self._process_beat(*pending.pop(beat), beat)
                 self.report()
-            self._leave(turns, lanes)
-            self._closing.settle_all()
+            self._shut_down(pending, workers)
+            self._finalizers.record_all()
         except Exception:  # such as a full disk: the process ends now, and kernels must not be at work by then
-            wait([turn for turn, (lane, _) in turns.items() if not lane.preparing])
+            wait([beat for beat, (worker, _) in pending.items() if not worker.preparing])
             raise
         finally:
-            busy = [lane.hand for lane, _ in turns.values()]
-            closed = {lane.hand.do(lane.close): lane.hand for lane in lanes}
-            wait([future for future, hand in closed.items() if hand not in busy])
-            for hand in {*closed.values()}:
-                hand.end()
-            self._closing.end()
-            for job in list(self._board.going.values()):
-                self._board.dropped(job)
+            busy = [worker.thread for worker, _ in pending.values()]
+            closed = {worker.thread.submit(worker.close): worker.thread for worker in workers}
+            wait([future for future, thread in closed.items() if thread not in busy])
+            for thread in {*closed.values()}:
+                thread.end()
+            self._finalizers.end()
+            for job in list(self._queue.active.values()):
+                self._queue.drop(job)
 
-    def _completed(self, turns: "Turns") -> "list[Future[Turn]]":
-        """Turns that have been taken, and can be accounted for: on a GPU both lanes, as a thread that reads a member
-        must not meet another one that steps."""
-        completed = [turn for turn in turns if turn.done()]
-        return [] if self._shared and len(completed) < len(turns) else completed
+    def _completed(self, pending: "PendingBeats") -> "list[Future[BeatResult]]":
+        """Return the finished beats that can be processed.
 
-    def _next_turn(self, lane: Lane, turns: "Turns") -> "Turns":
-        new: list[Started] = []
-        room = self._room(lane, turns)
-        jobs = self._board.jobs(lane.spec if lane.jobs else None, lane.kinds)
-        while len(lane.jobs) + len(new) < room and not self._request.made:
+        On a GPU both workers have to be finished: reading a member must not overlap another worker's step.
+        """
+        completed = [future for future in pending if future.done()]
+        return [] if self._is_shared and len(completed) < len(pending) else completed
+
+    def _start_beat(self, worker: EnsembleWorker, pending: "PendingBeats") -> "PendingBeats":
+        new: list[StartedJob] = []
+        free = self._free_slots(worker, pending)
+        jobs = self._queue.jobs(worker.spec if worker.jobs else None, worker.kinds)
+        while len(worker.jobs) + len(new) < free and not self._request.requested:
             started = next(jobs, None)
             if started is None:
                 break
             new.append(started)
-            self._saved[started.job] = time.perf_counter()
-        if self._request.made or not (lane.jobs or new):
+            self._last_saved[started.job] = time.perf_counter()
+        if self._request.requested or not (worker.jobs or new):
             return {}
-        opens = new and lane.spec != new[0].spec
-        turn = lane.start(new, min(room, self._board.members(new[0].spec)) if opens else 0)
-        turn.add_done_callback(lambda _: self._closing.wake.set())
-        return {turn: (lane, new)}
+        needs_ensemble = new and worker.spec != new[0].spec
+        future = worker.start(new, min(free, self._queue.members(new[0].spec)) if needs_ensemble else 0)
+        future.add_done_callback(lambda _: self._finalizers.wake.set())
+        return {future: (worker, new)}
 
-    def _room(self, lane: Lane, turns: "Turns") -> int:
-        """Members that a lane can have now. Where a GPU has no room for both ensembles, the one without members makes
-        way."""
-        if not self._shared:
-            return lane.slots
-        busy = [one for one, _ in turns.values()]
-        for neighbour in self._beside(lane):
-            if self._slots - neighbour.opened < lane.slots and not neighbour.jobs and neighbour not in busy:
-                neighbour.rest()
-        return min(lane.slots, self._slots - sum(neighbour.opened for neighbour in self._beside(lane)))
+    def _free_slots(self, worker: EnsembleWorker, pending: "PendingBeats") -> int:
+        """Number of members that a worker can have now. If a GPU has no room for both ensembles, an empty one is
+        closed."""
+        if not self._is_shared:
+            return worker.slots
+        busy = [other for other, _ in pending.values()]
+        for neighbour in self._neighbours(worker):
+            if self._slots - neighbour.opened < worker.slots and not neighbour.jobs and neighbour not in busy:
+                neighbour.free_ensemble()
+        return min(worker.slots, self._slots - sum(neighbour.opened for neighbour in self._neighbours(worker)))
 
-    def _visit(self, lane: Lane, new: list[Started], turn: "Future[Turn]") -> None:
-        """Account for a turn; end, save or leave going each of its jobs."""
+    def _process_beat(self, worker: EnsembleWorker, new: list[StartedJob], future: "Future[BeatResult]") -> None:
+        """Account for a beat; end, save or continue each job."""
         try:
-            took = turn.result()
-            rows = lane.rows()
+            result = future.result()
+            rows = worker.rows()
         except (Overflow, ValueError, MemoryError) as problem:  # one bad start must not end the others
-            jobs = dict.fromkeys((*lane.jobs.values(), *(started.job for started in new)))
-            lane.jobs.clear()
-            lane.rest()
-            if isinstance(problem, MemoryError) and (len(jobs) > 1 or self._beside(lane)):
-                self._fewer_at_once(lane, list(jobs), problem)
+            jobs = dict.fromkeys((*worker.jobs.values(), *(started.job for started in new)))
+            worker.jobs.clear()  # after an error the ensemble cannot be used any more
+            worker.free_ensemble()
+            if isinstance(problem, MemoryError) and (len(jobs) > 1 or self._neighbours(worker)):
+                self._halve_slots(worker, list(jobs), problem)
                 return
             for job in jobs:
-                self._board.failed(job, f"{job.label}: {problem}")
+                self._queue.record_failure(job, f"{job.label}: {problem}")
             return
-        ensemble = lane.ensemble
+        ensemble = worker.ensemble
         assert ensemble is not None
-        self._trace(lane, len(new), took)
-        self.meter.stepping += took.wall
-        share = max(1, len(self._board.going))
+        self._trace(worker, len(new), result)
+        self.meter.stepping += result.wall
+        active_jobs = max(1, len(self._queue.active))
         # of all before anything is done with one: a backend reads them together
-        now = {member: ensemble.status(member) for member in lane.jobs}
+        statuses = {member: ensemble.status(member) for member in worker.jobs}
         events: dict[Member, list[Event]] = defaultdict(list)
-        for event in took.events:
+        for event in result.events:
             events[event.member].append(event)
-        for member, job in lane.jobs.items():
-            status, before = now[member], job.status
+        for member, job in worker.jobs.items():
+            status, before = statuses[member], job.status
             work = (status.step - before.step) * (status.grains + before.grains) / 2
             self.meter.add(work)
-            job.after(status, rows[member], took.wall, took.process / share, work)
-        self._intervene(ensemble, lane.jobs)
-        looking = {member: job for member, job in lane.jobs.items() if job.looks}
-        with ensemble.reading(looking):
-            for member, job in looking.items():
+            job.after(status, rows[member], result.wall, result.process / active_jobs, work)
+        self._intervene(ensemble, worker.jobs)
+        observed = {member: job for member, job in worker.jobs.items() if job.looks}
+        with ensemble.reading(observed):
+            for member, job in observed.items():
                 job.look(ensemble, member)
         ended: dict[Member, tuple[Job, str]] = {}
-        stages = {member: job.stage for member, job in lane.jobs.items()}
-        for member, job in lane.jobs.items():
+        stages = {member: job.stage for member, job in worker.jobs.items()}
+        for member, job in worker.jobs.items():
             if warning := job.warning():
-                self._say(warning)
+                self._print_line(warning)
             if verdict := job.verdict(events[member]):
                 ended[member] = job, verdict
-        self._end(lane, ended)
-        for member in [member for member, job in lane.jobs.items() if job.stage != stages[member]]:
-            lane.change_scene(member)
-        self._save(lane)
+        self._end_members(worker, ended)
+        for member in [member for member, job in worker.jobs.items() if job.stage != stages[member]]:
+            worker.change_scene(member)
+        self._save(worker)
 
     def _intervene(self, ensemble: Ensemble, jobs: Mapping[Member, Job]) -> None:
-        """Put grains back that have left, then break arches. Beds are read together, and only those that are needed: to
-        read one alone takes longer than many steps of it."""
+        """Feed grains, then break arches.
+
+        Only the beds that are needed are read, all in one go: reading one alone takes longer than many of its steps.
+        """
 
         def beds(members: Sequence[Member]) -> Mapping[Member, Packing]:
             with ensemble.reading(members):
                 return {member: ensemble.bed(member) for member in members}
 
-        fed = beds([member for member, job in jobs.items() if job.lacks_grains])
-        places = zip(fed, refill([jobs[member].refill(bed) for member, bed in fed.items()]), strict=True)
-        entering = {member: grains for member, grains in places if grains is not None}
+        beds_to_feed = beds([member for member, job in jobs.items() if job.lacks_grains])
+        refills = zip(
+            beds_to_feed, refill([jobs[member].refill(bed) for member, bed in beds_to_feed.items()]), strict=True
+        )
+        entering = {member: grains for member, grains in refills if grains is not None}
         ensemble.put_back_all(entering)
         for member, grains in entering.items():
             jobs[member].refilled(grains)
         for member, bed in beds([member for member, job in jobs.items() if job.pauses]).items():
             jobs[member].intervene(ensemble, member, bed)
 
-    def _trace(self, lane: Lane, new: int, took: Turn) -> None:
-        """Log a turn, so that it can be seen what waits for what."""
+    def _trace(self, worker: EnsembleWorker, new: int, result: BeatResult) -> None:
+        """Log a beat, to show what waits for what."""
         if _TRACE.isEnabledFor(logging.DEBUG):
-            kind = FillJob.kind if isinstance(next(iter(lane.jobs.values())), FillJob) else DischargeJob.kind
-            placed = sum(job.is_placed for job in self._board.waiting.values())
+            kind = FillJob.kind if isinstance(next(iter(worker.jobs.values())), FillJob) else DischargeJob.kind
+            placed = sum(job.is_placed for job in self._queue.being_placed.values())
             _TRACE.debug(
                 "%8.3f s: %-7s %4d of %4d, %4d new, admitted in %.3f s, beat %.3f s; %d of %d placed, %d closing",
-                time.perf_counter() - self._begun, kind, len(lane.jobs), lane.opened, new, took.admitting, took.wall,
-                placed, len(self._board.waiting), len(self._closing.jobs),
+                time.perf_counter() - self._start_time, kind, len(worker.jobs), worker.opened, new, result.admitting,
+                result.wall, placed, len(self._queue.being_placed), len(self._finalizers.jobs),
             )  # fmt: skip
 
-    def _fewer_at_once(self, lane: Lane, jobs: Sequence[Job], problem: MemoryError) -> None:
-        """Let a lane go on with half as many of its jobs at once, each from its last save: what else the device does
-        may have taken memory that was free when slots were counted."""
-        lane.slots = max(1, len(jobs) // 2)
-        self._slots = max(1, (len(jobs) + sum(len(one.jobs) for one in self._beside(lane))) // 2)
+    def _halve_slots(self, worker: EnsembleWorker, jobs: Sequence[Job], problem: MemoryError) -> None:
+        """Continue with half as many jobs at once, each from its last save.
+
+        Memory that was free when slots were counted may have been taken by other users of the device.
+        """
+        worker.slots = max(1, len(jobs) // 2)
+        self._slots = max(1, (len(jobs) + sum(len(other.jobs) for other in self._neighbours(worker))) // 2)
         for job in jobs:
-            self._saved.pop(job, None)
-            self._board.dropped(job)
-        self._say(
-            f"{problem}. They go on from their last checkpoints, {lane.slots} at once; to have more at once, end other "
-            "programs on the device, or add devices (--device cuda:all)"
+            self._last_saved.pop(job, None)
+            self._queue.drop(job)
+        self._print_line(
+            f"{problem}. They go on from their last checkpoints, {worker.slots} at once; to have more at once, end "
+            "other programs on the device, or add devices (--device cuda:all)"
         )
 
-    def _beside(self, lane: Lane) -> list[Lane]:
-        """Other lanes with an ensemble on the same device."""
-        return [one for one in self._lanes if self._shared and one is not lane and one.opened]
+    def _neighbours(self, worker: EnsembleWorker) -> list[EnsembleWorker]:
+        """Other workers with an ensemble on the same device."""
+        return [other for other in self._workers if self._is_shared and other is not worker and other.opened]
 
-    def _save(self, lane: Lane) -> None:
-        """Save jobs that have not been saved for `checkpoint_every`, the longest unsaved first, while saving has its
-        part of the time: the lane stands still meanwhile. Those with many rows in memory are saved in any case."""
-        assert lane.ensemble is not None
-        for member, job in sorted(lane.jobs.items(), key=lambda one: self._saved[one[1]]):
-            begun = time.perf_counter()
-            allowed = max(_LONG, _SAVING * (begun - self._begun))
-            waits = begun - self._saved[job] < self._checkpoint_every or lane.saving > allowed
-            if waits and job.unsaved < _MOST_UNSAVED:
+    def _save(self, worker: EnsembleWorker) -> None:
+        """Save jobs whose last save is older than `checkpoint_every`, the oldest first, within the time for saving.
+
+        Jobs with many rows in memory are saved in any case. The worker does not step meanwhile.
+        """
+        assert worker.ensemble is not None
+        for member, job in sorted(worker.jobs.items(), key=lambda entry: self._last_saved[entry[1]]):
+            start = time.perf_counter()
+            allowed = max(_SAVING_ALLOWANCE, _SAVING_SHARE * (start - self._start_time))
+            may_wait = start - self._last_saved[job] < self._checkpoint_every or worker.saving > allowed
+            if may_wait and job.unsaved < _MOST_UNSAVED:
                 continue
-            job.save(lane.ensemble, member)
-            self._saved[job] = time.perf_counter()
-            lane.saving += self._saved[job] - begun
+            job.save(worker.ensemble, member)
+            self._last_saved[job] = time.perf_counter()
+            worker.saving += self._last_saved[job] - start
 
-    def _end(self, lane: Lane, ended: Mapping[Member, tuple[Job, str]]) -> None:
-        """End members with their verdicts: what they leave is read together, and their slots are free then."""
-        assert lane.ensemble is not None
-        left: list[EndState] = []
+    def _end_members(self, worker: EnsembleWorker, ended: Mapping[Member, tuple[Job, str]]) -> None:
+        """End members with their verdicts: their last states are read together, and their slots are freed."""
+        assert worker.ensemble is not None
+        end_states: list[EndState] = []
         try:
-            with lane.ensemble.reading(ended):
-                left += map(lane.ensemble.end_state, ended)
-        finally:
+            with worker.ensemble.reading(ended):
+                end_states += map(worker.ensemble.end_state, ended)
+        finally:  # a member whose end cannot be read must not be stepped on
             for member, (job, _) in ended.items():
-                self._saved.pop(job, None)
-                lane.retire(member)
-        for (job, verdict), state in zip(ended.values(), left, strict=True):
-            self._closing.close(job, verdict, state)
+                self._last_saved.pop(job, None)
+                worker.retire(member)
+        for (job, verdict), state in zip(ended.values(), end_states, strict=True):
+            self._finalizers.close(job, verdict, state)
 
-    def _leave(self, turns: "Turns", lanes: list[Lane]) -> None:
-        """Let the turns end, and save what is not finished by then. Lanes that prepare have nothing to save."""
-        while any(not lane.preparing for lane, _ in turns.values()):
-            wait(turns, timeout=_LOOK, return_when=ALL_COMPLETED if self._shared else FIRST_COMPLETED)
-            for turn in self._completed(turns):
-                self._visit(*turns.pop(turn), turn)
-        self.left_behind = bool(turns) or self._backend.compiling()
-        waited = [lane for lane in lanes if lane not in [lane for lane, _ in turns.values()]]
-        for lane in waited:
-            for member, job in list(lane.jobs.items()):
-                assert lane.ensemble is not None
-                job.save(lane.ensemble, member)
+    def _shut_down(self, pending: "PendingBeats", workers: list[EnsembleWorker]) -> None:
+        """Finish the beats, and save all jobs. Workers that prepare kernels have nothing to save."""
+        while any(not worker.preparing for worker, _ in pending.values()):
+            wait(pending, timeout=_STOP_INTERVAL, return_when=ALL_COMPLETED if self._is_shared else FIRST_COMPLETED)
+            for future in self._completed(pending):
+                self._process_beat(*pending.pop(future), future)
+        self.left_behind = bool(pending) or self._backend.compiling()
+        idle = [worker for worker in workers if worker not in [worker for worker, _ in pending.values()]]
+        for worker in idle:
+            for member, job in list(worker.jobs.items()):
+                assert worker.ensemble is not None
+                job.save(worker.ensemble, member)
 
     def announce(self, job: Job) -> None:
-        """Report a job that takes a while to begin: placing many grains does."""
+        """Report a job that takes long to begin: the placing of many grains."""
         grains = job.scene.grains.count
-        if isinstance(job, FillJob) and grains >= _MANY:
-            self.report(Going(job.label, "placing", (f"placing {grains} grains",)))
+        if isinstance(job, FillJob) and grains >= _ANNOUNCED_GRAINS:
+            self.report(ActiveJob(job.label, "placing", (f"placing {grains} grains",)))
 
-    def report(self, *beginning: Going) -> None:
-        """Publish how all jobs stand, now and then. beginning: jobs that are being begun."""
-        begun = time.perf_counter()
-        if begun < self._next_report:
+    def report(self, *beginning: ActiveJob) -> None:
+        """Publish the state of all jobs, if a report is due. `beginning`: jobs that are about to begin."""
+        start = time.perf_counter()
+        if start < self._next_report:
             return
-        board = self._board
-        done, asked = board.runs()
-        going = (*beginning, *self._going())
-        self.meter.look(idle=bool(going) and all(one.phase in _BEFORE_STEPS for one in going))
+        queue = self._queue
+        finished, demanded = queue.count_runs()
+        going = (*beginning, *self._active_jobs())
+        self.meter.look(idle=bool(going) and all(job.phase in _BEFORE_STEPS for job in going))
         view = View(
-            runs_done=done,
-            runs_asked=asked,
-            fillings_left=board.fillings_left(),
+            runs_done=finished,
+            runs_asked=demanded,
+            fillings_left=queue.fillings_left(),
             going=going,
-            elsewhere=board.elsewhere,
+            elsewhere=queue.claimed_elsewhere,
             work_done=self.meter.work,
-            work_left=board.work_left(),
+            work_left=queue.work_left(),
             rate=self.meter.rate(),
-            open_ended=board.open_ended(),
+            open_ended=queue.open_ended(),
         )
         self._publisher.show(view)
         now = time.perf_counter()
-        self._next_report = now + max(_LOOK, (now - begun) / _TELLING)  # counting 10^5 runs takes a while
+        self._next_report = now + max(_STOP_INTERVAL, (now - start) / _REPORT_SHARE)  # counting 10^5 runs takes a while
 
-    def _going(self) -> list[Going]:
-        """What every job is at."""
+    def _active_jobs(self) -> list[ActiveJob]:
+        """State of every active job."""
         compiling = self._backend.compiling()
-        at_work = {job for lane in self._lanes if not lane.preparing for job in list(lane.jobs.values())}
-        found, closing, waiting = [], dict.fromkeys(self._closing.jobs), {*self._board.waiting.values()}
-        for job in (*(job for job in self._board.going.values() if job not in closing), *closing):
+        stepping = {job for lane in self._workers if not lane.preparing for job in list(lane.jobs.values())}
+        statuses, closing, waiting = [], dict.fromkeys(self._finalizers.jobs), {*self._queue.being_placed.values()}
+        for job in (*(job for job in self._queue.active.values() if job not in closing), *closing):
             if job in closing:
-                found.append(Going(job.label, "writing", ("writing and measuring",)))
+                statuses.append(ActiveJob(job.label, "writing", ("writing and measuring",)))
             elif job in waiting:
-                found.append(Going(job.label, "placing", ("placing grains",)))
-            elif job in at_work:
+                statuses.append(ActiveJob(job.label, "placing", ("placing grains",)))
+            elif job in stepping:
                 phase = "settling" if isinstance(job, FillJob) else "discharging"
-                found.append(Going(job.label, phase, job.doing()))
+                statuses.append(ActiveJob(job.label, phase, job.doing()))
             elif compiling:
-                found.append(Going(job.label, "compiling", ("compiling, once for this kind of scene",)))
+                statuses.append(ActiveJob(job.label, "compiling", ("compiling, once for this kind of scene",)))
             else:
-                found.append(Going(job.label, "preparing", ("preparing kernels",)))
-        return found
+                statuses.append(ActiveJob(job.label, "preparing", ("preparing kernels",)))
+        return statuses

@@ -10,21 +10,28 @@ from labbook.backend.probes import Table, Traction
 from labbook.scene import Packing, Scene
 from labbook.scene.wall_bins import all_walls
 
-_WHOLE = {"id": np.int32, "i": np.int32, "j": np.int32, "wall": np.int16, "step": np.int64, "time": np.float64}
-_WHOLE |= dict.fromkeys(("bin", "contacts", "sliding"), np.int32)
+_COLUMN_TYPES = {"id": np.int32, "i": np.int32, "j": np.int32, "wall": np.int16, "step": np.int64, "time": np.float64}
+_COLUMN_TYPES |= dict.fromkeys(("bin", "contacts", "sliding"), np.int32)
 
 
 def frame_rows(table: Table) -> Table:
-    """Rows of grains, contacts or walls in single precision, but for ids, step and time.
+    """Convert rows to single precision, but for ids, step and time.
 
-    Positions are then known to 1e-8 m and velocities to 1e-7 of themselves: far below what fields resolve.
+    Positions are then known to 1e-8 m and velocities to a relative 1e-7: far below what fields resolve.
     """
-    return {name: np.asarray(column).astype(_WHOLE.get(name, np.float32)) for name, column in table.items()}
+    return {name: np.asarray(column).astype(_COLUMN_TYPES.get(name, np.float32)) for name, column in table.items()}
 
 
 @dataclass(frozen=True)
 class BeforeOpening:
-    """Forces of walls on a bed at rest, in the scene of its filling: with the lid in place."""
+    """Forces of walls on a bed at rest, in the scene of its filling: with the lid in place.
+
+    Args:
+        backend: Computes the forces.
+        closed: Scene of the filling.
+        numerics: Numerics of the filling.
+        probe: Probe of the forces.
+    """
 
     backend: Backend
     closed: Scene
@@ -32,14 +39,14 @@ class BeforeOpening:
     probe: Traction
 
     def rows(self, packing: Packing, scene: Scene) -> Table | None:
-        """Rows of the probe at step 0, without the column `member`; None of a backend that cannot tell.
+        """Rows of the probe at step 0, without the column `member`; None if the backend cannot compute them.
 
-        Walls are numbered as `all_walls` does: those of the opened `scene` first.
+        Walls are numbered as in `all_walls`: those of the opened `scene` first.
         """
         table = self.backend.tractions(self.closed, self.numerics, packing, self.probe)
         if table is None:
             return None
-        places = {wall.name: place for place, wall in enumerate(all_walls(scene.container))}
-        number = np.array([places[wall.name] for wall in self.closed.container.walls()], np.int64)
+        wall_index = {wall.name: place for place, wall in enumerate(all_walls(scene.container))}
+        number = np.array([wall_index[wall.name] for wall in self.closed.container.walls()], np.int64)
         rows = {name: column for name, column in table.items() if name != "member"}
         return frame_rows({**rows, "wall": number[table["wall"]]})

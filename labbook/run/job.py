@@ -1,4 +1,4 @@
-"""One computation, from its start or its last save to its folder in the lab."""
+"""One computation, a filling or a discharge, from its start or last save to its folder in the lab."""
 
 import shutil
 from abc import ABC, abstractmethod
@@ -25,8 +25,8 @@ from labbook.study.extensions import used_by_runs
 
 
 @dataclass(frozen=True)
-class Bench:
-    """Where jobs are done: lab, backend and device."""
+class JobContext:
+    """Lab, backend and device of jobs."""
 
     lab: LabFolder
     backend: Backend
@@ -35,15 +35,22 @@ class Bench:
 
 @dataclass(frozen=True)
 class LabEntry:
-    """Rows for the index of a job that is in the lab, and the packing with its record if it made one."""
+    """Index rows of a job whose output is in the lab; for a filling also the packing with its record."""
 
     rows: RunRows
     packing: tuple[PackingRecord, Packing] | None = None
 
 
 @dataclass(frozen=True)
-class Kept(ABC):
-    """What a job that has ended keeps. It stands apart from the job: another process can put it into the lab."""
+class JobOutput(ABC):
+    """Output of an ended job, independent of the job: another process can put it into the lab.
+
+    Args:
+        lab: Folder of the lab.
+        key: Key of the run or packing.
+        place: Final folder of the output.
+        label: Name of the job for messages.
+    """
 
     lab: LabFolder
     key: str
@@ -52,39 +59,61 @@ class Kept(ABC):
 
     @abstractmethod
     def fill_folder(self, folder: Path) -> None:
-        """Write it into the new `folder`, which is synchronised later. Raises Unreadable for rows that were saved and
-        cannot be read."""
+        """Write the output into the new `folder`, which is synchronised later. Raises Unreadable if saved rows cannot
+        be read."""
 
     @abstractmethod
     def entry(self) -> LabEntry:
-        """Return what the lab has of it, once this object has put it there; nothing is read again."""
+        """Return the lab entry after `put`, from memory."""
 
     @abstractmethod
     def reread(self) -> LabEntry:
-        """Return what the lab has of it by what lies there, where another process has put it."""
+        """Return the lab entry from the folder, where another process has put it."""
 
     def put(self) -> None:
-        """Put it into the lab, by one rename. Raises DiskFull, or JobFailed with the last state saved."""
-        made = self.lab.work(self.key) / "done"
-        with room(made):
-            shutil.rmtree(made, ignore_errors=True)
-            made.mkdir(parents=True)  # `put` makes it durable
+        """Put the output into the lab, by one rename.
+
+        Raises:
+            DiskFull: The disk is full.
+            JobFailed: Saved rows cannot be read.
+        """
+        folder = self.lab.work(self.key) / "done"
+        with room(folder):
+            shutil.rmtree(folder, ignore_errors=True)
+            folder.mkdir(parents=True)  # `put` makes it durable
             try:
-                self.fill_folder(made)
+                self.fill_folder(folder)
             except Unreadable as problem:
                 raise JobFailed(
                     f"{self.label}: {problem}; give the same command again, and it starts from step 0"
                 ) from problem
-            self.lab.put(made, self.place)
+            self.lab.put(folder, self.place)
         self.lab.clear(self.key)
 
 
 class JobFailed(Exception):
-    """A job cannot give what others wait for; the message says why and what to do. Its last state is kept."""
+    """A job cannot give its result; the message gives the reason and a remedy. Its last state is kept."""
 
 
 class Job(ABC):
-    """A member of an ensemble, with its book-keeping. It holds the claim of its key until it is released."""
+    """A member of an ensemble with its bookkeeping: status, rows, saves, sessions. It holds the claim of its key.
+
+    Subclasses define the start, the restart from a save, and the verdict.
+
+    Args:
+        context: Lab, backend and device.
+        demand: Run that is demanded, or whose packing is.
+        keys: Keys of that run.
+        key: Key of the job: that of the run or of the packing.
+        place: Folder of the result.
+        claim: Claim of `key`.
+
+    Attributes:
+        scene: Scene of the job.
+        probes: Probes whose rows it needs.
+        settled_below: Kinetic energy per grain [m g d] below which the backend counts beats at rest; None: it does not.
+        settled_beats: Number of such beats after which the backend reports `Settled`.
+    """
 
     kind: ClassVar[str]
     scene: Scene
@@ -92,130 +121,149 @@ class Job(ABC):
     settled_below: float | None = None
     settled_beats: int = 3
 
-    def __init__(self, bench: Bench, demand: Demand, keys: Keys, key: str, place: Path, claim: Claim):
-        self.bench, self.demand, self.keys, self.key, self.place = bench, demand, keys, key, place
+    def __init__(self, context: JobContext, demand: Demand, keys: Keys, key: str, place: Path, claim: Claim):
+        self.context, self.demand, self.keys, self.key, self.place = context, demand, keys, key, place
         self._claim = claim
-        self.journal = Journal(bench.lab.work(key))
+        self.journal = Journal(context.lab.work(key))
         self.damaged: dict[Path, str] = {}
-        """Why what was found of it, by folder, could not be taken up."""
+        """Problems of saved states that could not be used, by folder."""
         self._rows: dict[str, list[Table]] = {}
         self.unsaved = 0
-        """Bytes of the rows since the last save."""
-        self._earlier: tuple[Session, ...] = ()
-        self._from, self._started = 0, now()
+        """Size of the rows since the last save [bytes]."""
+        self._earlier_sessions: tuple[Session, ...] = ()
+        self._first_step, self._started = 0, now()
         self._wall = self._process = self._grain_steps = 0.0
         self.status = Status(0, 0.0, demand.point.scene.grains.count, float("inf"))
 
     @property
     def numerics(self) -> Numerics:
-        """How it is computed."""
+        """Numerics of the job."""
         return self.demand.shared.numerics
 
     @property
     def declared(self) -> tuple[Probe, ...]:
-        """The probes of the ensemble that takes it: its own, and those of others that may go on beside it."""
+        """Probes of the ensemble: those of this job and of others that may be stepped with it."""
         return self.probes
 
     @property
     def stage(self) -> int:
-        """Number of the scene that it is stepped in now; it changes with a verdict that lets it go on."""
+        """Number of the present stage; it rises in `verdict` when a stage ends. Each stage may have its own scene."""
         return 0
 
     @property
     def stepped(self) -> Scene:
-        """The scene that it is stepped in now."""
+        """Scene of the present stage."""
         return self.scene
 
     @property
     def widest(self) -> Scene:
-        """The scene, of all its stages, that needs most of the kernels."""
+        """Scene, among those of all stages, that needs the most kernel features."""
         return self.scene
 
     # what jobs differ in
 
     @abstractmethod
     def fresh(self) -> Packing:
-        """The start of a job that was never saved. Raises JobFailed."""
+        """Return the start of a job that has no save. Raises JobFailed."""
 
     @abstractmethod
     def recall(self, saved: Saved | None) -> Saved | None:
-        """Take up what was saved, in the work folder or elsewhere; None to start afresh. Raises Unreadable if it cannot
-        be taken up."""
+        """Restore the job's state from a save, in the work folder or elsewhere.
+
+        Args:
+            saved: Last save in the work folder; None without one.
+
+        Returns:
+            The save to continue from; None to start afresh.
+
+        Raises:
+            Unreadable: The save cannot be used.
+        """
 
     @abstractmethod
     def state(self) -> dict[str, Any]:
-        """What `recall` needs beside checkpoint and rows."""
+        """Return the values that `recall` needs beside checkpoint and rows, as JSON."""
 
     @abstractmethod
     def absorb(self, probe: Probe, table: Table) -> None:
-        """Take rows that were observed."""
+        """Process the rows of a probe since the last beat."""
 
     @abstractmethod
     def verdict(self, events: Sequence[Event]) -> str | None:
-        """How it ended, or None while it goes on."""
+        """Decide how the job has ended; None while it goes on. `events`: events of the member in the last beat."""
 
     @abstractmethod
-    def kept(self, verdict: str, left: EndState) -> Kept:
-        """What is kept of it. Raises DiskFull, or JobFailed if that is nothing, with the last state saved."""
+    def output(self, verdict: str, end_state: EndState) -> JobOutput:
+        """Return the output of an ended job.
+
+        Args:
+            verdict: Its verdict.
+            end_state: Packing and checkpoint at its end.
+
+        Raises:
+            DiskFull: The last state cannot be saved.
+            JobFailed: There is no result; the last state is saved.
+        """
 
     @abstractmethod
     def progress(self) -> float:
-        """Part of the work that is done, from 0 to 1, as far as can be told."""
+        """Return the fraction of the work that is done, from 0 to 1, as far as it is known."""
 
     @property
     def looks(self) -> bool:
-        """True if `look` reads the state after this beat: the verdict, or a picture, needs more than `status` has."""
+        """True if `look` has to read the state after this beat, since `status` is not enough for the verdict or a
+        picture."""
         return False
 
     def look(self, ensemble: Ensemble, member: Member) -> None:
-        """Read the state after a beat."""
+        """Read the state of the member after a beat."""
         return
 
     @property
     def lacks_grains(self) -> bool:
-        """True if grains that left come back after this beat."""
+        """True if grains are put into the member after this beat."""
         return False
 
     def refill(self, bed: Packing) -> Refill:
-        """Return this bed and what brings its grains. Only of a job that lacks grains."""
+        """Return the bed with the source of new grains. Only called if the job lacks grains."""
         raise NotImplementedError
 
     def refilled(self, grains: Packing) -> None:
-        """Note that these grains have entered."""
+        """Count grains that have been put into the member."""
         return
 
     @property
     def pauses(self) -> bool:
-        """True if the flow may have stopped, so that `intervene` looks at the bed after this beat."""
+        """True if the flow may have stopped, so that `intervene` examines the bed after this beat."""
         return False
 
     def intervene(self, ensemble: Ensemble, member: Member, bed: Packing) -> None:
-        """Note a stop of the flow, and break the arch that holds it, in a member whose bed this is."""
+        """Record a stop of the flow, and break the arch. `bed`: present packing of the member."""
         return
 
     @abstractmethod
     def doing(self) -> tuple[str, ...]:
-        """How far it is, for people: parts of a line, the most telling one first."""
+        """Return the progress in words: parts of a line, the most important first."""
 
     @property
     def open_ended(self) -> bool:
-        """Whether it goes on for longer than expected, so that nobody can tell how long."""
+        """True if the job takes longer than expected, so that its end cannot be forecast."""
         return False
 
     def warning(self) -> str | None:
-        """What the user has to know now, once; None if there is nothing."""
+        """Return a warning for the user, once; None if there is none."""
         return None
 
     @property
     def may_save(self) -> bool:
-        """Whether a restart from here would go on exactly as without it."""
+        """True if a restart from the present state would give the same bits."""
         return True
 
     # what they share
 
     def begin(self) -> Packing | Checkpoint:
-        """Where the member starts: at the last save, else afresh. Raises JobFailed."""
-        self.bench.lab.mend(self.key, self.place)
+        """Return the start of the member: its last save, else a fresh start. Raises JobFailed."""
+        self.context.lab.mend(self.key, self.place)
         try:
             saved = self.recall(self.journal.restore())
         except Unreadable as problem:
@@ -224,18 +272,19 @@ class Job(ABC):
             saved = self.recall(None)
         if saved is None:
             return self.fresh()
-        self._earlier = saved.sessions
-        self._from = saved.step
+        self._earlier_sessions = saved.sessions
+        self._first_step = saved.step
         return saved.checkpoint
 
     def start_over(self) -> None:
-        """Forget what is in the work folder."""
-        self.bench.lab.clear(self.key)
-        self.journal = Journal(self.bench.lab.work(self.key))
+        """Remove all saves."""
+        self.context.lab.clear(self.key)
+        self.journal = Journal(self.context.lab.work(self.key))
 
     def check(self, saved: Saved, where: Path) -> None:
-        """Whether the backend can go on from what was saved in `where`. Raises Unreadable."""
-        backend = self.bench.backend
+        """Check that the backend can continue from a save. `where`: folder of the save, for messages. Raises
+        Unreadable."""
+        backend = self.context.backend
         own = backend.capabilities.name, backend.capabilities.cache_version
         try:
             if (saved.checkpoint.backend, saved.checkpoint.cache_version) != own:
@@ -246,14 +295,21 @@ class Job(ABC):
 
     @property
     def resumed(self) -> bool:
-        """Whether it goes on from an earlier session."""
-        return self._from > 0
+        """True if the job continues an earlier session."""
+        return self._first_step > 0
 
     def after(
         self, status: Status, tables: Mapping[Probe, Table], wall: float, process: float, grain_steps: float
     ) -> None:
-        """Account for an advance that led to `status`, observed `tables`, and took `wall` and `process`
-        seconds."""
+        """Account for a beat.
+
+        Args:
+            status: Status of the member after it.
+            tables: Rows since the last beat, by probe.
+            wall: Wall time [s].
+            process: Share of the CPU time [s].
+            grain_steps: Number of grain-steps.
+        """
         self.status = status
         self._wall += wall
         self._process += process
@@ -262,10 +318,10 @@ class Job(ABC):
             self.absorb(probe, table)
 
     def keep(self, name: str, table: Table) -> None:
-        """Add rows to a table of this job, which is kept even if it stays empty."""
-        kept = self._rows.setdefault(name, [])
-        if not kept or len(table["step"]):
-            kept.append(table)
+        """Add rows to a table of this job; a first empty table is kept too."""
+        tables = self._rows.setdefault(name, [])
+        if not tables or len(table["step"]):
+            tables.append(table)
             self.unsaved += sum(column.nbytes for column in table.values())
 
     def save(self, ensemble: Ensemble, member: Member) -> None:
@@ -278,38 +334,38 @@ class Job(ABC):
         self._rows, self.unsaved = {}, 0
 
     def release(self) -> None:
-        """Let others claim the key."""
+        """Release the claim of the key."""
         self._claim.release()
 
     def sessions(self) -> tuple[Session, ...]:
-        """The stretches in which it was computed, this one last."""
-        used = used_by_runs(self.demand.point, self.bench.backend.capabilities.name)
-        this = Session(
-            from_step=self._from,
+        """Return all sessions of the computation, the present one last."""
+        extensions = used_by_runs(self.demand.point, self.context.backend.capabilities.name)
+        current = Session(
+            from_step=self._first_step,
             to_step=self.status.step,
             started=self._started,
             wall_time=self._wall,
             process_time=self._process,
             grain_steps=self._grain_steps,
-            provenance=provenance(self.bench.device, used),
+            provenance=provenance(self.context.device, extensions),
         )
-        return (*self._earlier, this)
+        return (*self._earlier_sessions, current)
 
     def tables(self) -> dict[str, Any]:
-        """All rows, saved or not, by table name."""
+        """Return all rows, saved or not, by table name."""
         return self.journal.tables(self._rows)
 
     @property
     def work(self) -> float:
-        """Grain-steps that it took so far, in all sessions."""
-        return sum(one.grain_steps for one in self._earlier) + self._grain_steps
+        """Grain-steps in all sessions."""
+        return sum(session.grain_steps for session in self._earlier_sessions) + self._grain_steps
 
     @property
     def label(self) -> str:
-        """For people: what, where, which repeat."""
+        """Name of the job for messages: kind, point, seed."""
         return f"{self.kind} of {self.demand.point.label}, {self.demand.repeat}"
 
 
 def failure(events: Sequence[Event]) -> Failed | None:
-    """The failure among `events`, if there is one."""
+    """Return the first failure among events; None without any."""
     return next((event for event in events if isinstance(event, Failed)), None)

@@ -1,4 +1,4 @@
-"""The ledger of a run or a filling: what its guards saw, and the balance of its grains."""
+"""Ledger of a run or a filling: extremes that guards saw, and the balance of its grains."""
 
 import math
 
@@ -9,35 +9,41 @@ from labbook.backend.probes import Table
 from labbook.lab.records import RunLedger
 from labbook.scene import Packing, Scene
 
-_DROPPED = 5
-"""Lengths of a grain below the outlet by which all have been dropped, so that they fall no farther."""
+_FALL_BELOW_OUTLET = 5
+"""Depth below the outlet, in lengths of a grain, at which all grains have been removed, so that they fall no
+farther."""
 
 
 def ledger(
     scene: Scene, status: Status, end: Packing, start: Packing | None = None, crossings: Table | None = None
 ) -> RunLedger:
-    """What is known of a member that is at `end`, where it stands as `status` says.
+    """Make the ledger of a member.
 
-    start: what it began with; None of a filling, which begins with all grains in the air. crossings: the rows of all
-    that passed the plane of the outlet, if there is one. A grain that is back in the container since is inside.
+    Args:
+        scene: Scene of the member.
+        status: Its last status.
+        end: Its last packing.
+        start: Its start; None of a filling, which starts with all grains in the air.
+        crossings: Rows of all crossings of the outlet plane, if there is one. A grain that is back in the container
+            counts as inside.
     """
     plane = scene.container.outlet_plane
     above = end.x[:, 2] >= (-math.inf if plane is None else plane)
-    held = scene.container.inside(end.x) & inside_moving(scene, end.x, status.time)
+    is_within = scene.container.inside(end.x) & inside_moving(scene, end.x, status.time)
     assert end.ids is not None
-    inside, behind = end.ids[above & held], end.ids[above & ~held]
-    passed = np.zeros(0, np.int64) if crossings is None else np.asarray(crossings["id"])
-    astray = passed[:0]
-    if crossings is not None and len(passed):
-        astray = passed[~scene.container.lets_out(np.column_stack([crossings[axis] for axis in "xyz"]))]
-    outside = np.union1d(behind, np.setdiff1d(astray, inside))
+    inside, behind_wall = end.ids[above & is_within], end.ids[above & ~is_within]
+    crossed = np.zeros(0, np.int64) if crossings is None else np.asarray(crossings["id"])
+    beside_outlet = crossed[:0]
+    if crossings is not None and len(crossed):
+        beside_outlet = crossed[~scene.container.lets_out(np.column_stack([crossings[axis] for axis in "xyz"]))]
+    outside = np.union1d(behind_wall, np.setdiff1d(beside_outlet, inside))
     return RunLedger(
         overlap=status.deepest,
         speed=status.fastest,
         expected_speed=None if start is None else expected_speed(scene, start),
         started=scene.grains.count if start is None else len(start),
         inside=len(inside),
-        left=len(np.setdiff1d(passed, np.union1d(inside, outside))),
+        left=len(np.setdiff1d(crossed, np.union1d(inside, outside))),
         outside=len(outside),
     )
 
@@ -54,12 +60,12 @@ def inside_moving(scene: Scene, x: np.ndarray, time: float) -> np.ndarray:
 
 
 def expected_speed(scene: Scene, start: Packing) -> float:
-    """Speed [m/s] that gravity gives a grain from the top of the start, and from a push as large as any of its speeds,
-    on its way to where it is dropped; and that of the fastest wall."""
+    """Largest speed [m/s] that a grain can reach without an error: free fall from the top of the start to the height
+    where it is removed, with the largest initial speed, plus the speed of the fastest wall."""
     plane = scene.container.outlet_plane if scene.sink is None else scene.sink
     size = scene.grains.extent
-    low = float(start.x[:, 2].min()) if plane is None else plane - _DROPPED * size
-    fall = 2 * scene.gravity * (float(start.x[:, 2].max()) - low)
+    lowest = float(start.x[:, 2].min()) if plane is None else plane - _FALL_BELOW_OUTLET * size
+    fall = 2 * scene.gravity * (float(start.x[:, 2].max()) - lowest)
     push = float(np.max(np.sum(start.v**2, axis=1)))
     reach = float(np.hypot(start.x[:, 0], start.x[:, 1]).max())
     moving = max((wall.speed(reach) for wall in scene.container.walls()), default=0.0)

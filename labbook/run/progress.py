@@ -1,7 +1,7 @@
-"""Progress for people: runs and packings, rate, the time that is left, and what every job is at.
+"""Progress on a terminal: runs and packings, rate, remaining time, and active jobs.
 
-On a terminal it is drawn anew in place, as wide as the terminal is; what does not fit is left out, the least important
-first. Elsewhere a line is written at the start of each phase, and every half minute, as wide as COLUMNS says.
+A terminal shows it in place, in its width; the least important parts are left out first. Elsewhere a line is written at
+the start of each phase, and every half minute, in the width that COLUMNS states.
 """
 
 import time
@@ -15,35 +15,35 @@ from rich.spinner import Spinner
 from rich.table import Table
 from rich.text import Text
 
-from labbook.run.watch import Going, Phase, View
+from labbook.run.watch import ActiveJob, Phase, View
 from labbook.scene.quantities import duration
 
-_JOBS = 3
-"""Jobs that are shown one by one."""
-_SPOKEN_EVERY = 30.0  # s between two lines where there is no terminal
-_LINE = 120
+_MAX_JOBS = 3
+"""Maximum number of jobs that are shown singly."""
+_LINE_INTERVAL = 30.0  # s between two lines where there is no terminal
+_LINE_WIDTH = 120
 """Characters of a line where there is no terminal, if COLUMNS states no other width."""
-_FEW = 5.0  # s
-_WORTH_SAYING = 60.0  # s: a lower bound of the time left
+_MIN_REMAINING = 5.0  # s
+_MIN_LOWER_BOUND = 60.0  # s: a lower bound of the time left
 NARROWEST, WIDEST = 12, 40  # of the bar
-_TOGETHER: tuple[Phase, ...] = ("compiling", "preparing")
-"""Phases in which all jobs wait for the same."""
+_COMMON_PHASES: tuple[Phase, ...] = ("compiling", "preparing")
+"""Phases in which all jobs wait for the same thing."""
 
 
 class Bar:
-    """Shows a run's progress on `console`: a bar on a terminal, lines elsewhere."""
+    """Progress of a run on `console`: a bar on a terminal, lines elsewhere."""
 
     def __init__(self, console: Console):
         self._console, self._view = console, None
-        self._drawn = console.is_terminal and not console.is_dumb_terminal
+        self._is_live = console.is_terminal and not console.is_dumb_terminal
         self._spinner = Spinner("dots")
-        self._live = Live(self, console=console, transient=True, refresh_per_second=4) if self._drawn else None
-        self._begun = time.monotonic()
-        self._spoken = float("-inf")
-        self._seen: dict[Phase, float] = {}
+        self._live = Live(self, console=console, transient=True, refresh_per_second=4) if self._is_live else None
+        self._start_time = time.monotonic()
+        self._last_line = float("-inf")
+        self._phase_times: dict[Phase, float] = {}
 
     def __enter__(self) -> "Bar":
-        self._begun = time.monotonic()
+        self._start_time = time.monotonic()
         if self._live:
             self._live.start()
         return self
@@ -54,10 +54,10 @@ class Bar:
                 self._live.stop()
 
     def show(self, view: View) -> None:
-        """Draw, or write a line if one is due."""
+        """Draw the progress, or write a line if one is due."""
         self._view = view
-        if not self._drawn:
-            self._speak(view)
+        if not self._is_live:
+            self._write_if_due(view)
 
     def tell(self, line: str) -> None:
         """Print a line above the bar."""
@@ -66,17 +66,17 @@ class Bar:
         else:
             self._write(line)
 
-    def _speak(self, view: View) -> None:
+    def _write_if_due(self, view: View) -> None:
         if not (view.going or view.elsewhere):
             return  # nothing is waited for
         now = time.monotonic()
-        phases: set[Phase] = {one.phase for one in view.going if one.phase != "writing"}  # which comes with every run
-        new = any(now - self._seen.get(phase, float("-inf")) > _SPOKEN_EVERY for phase in phases)
-        self._seen |= dict.fromkeys(phases, now)
-        if new or now - self._spoken >= _SPOKEN_EVERY:
-            self._spoken = now
-            since = f"{duration(now - self._begun):>6}: "
-            self._write(f"{since}{spoken(view, min(self._console.width, _LINE) - len(since))}")
+        phases: set[Phase] = {job.phase for job in view.going if job.phase != "writing"}  # which comes with every run
+        is_new = any(now - self._phase_times.get(phase, float("-inf")) > _LINE_INTERVAL for phase in phases)
+        self._phase_times |= dict.fromkeys(phases, now)
+        if is_new or now - self._last_line >= _LINE_INTERVAL:
+            self._last_line = now
+            since = f"{duration(now - self._start_time):>6}: "
+            self._write(f"{since}{one_line(view, min(self._console.width, _LINE_WIDTH) - len(since))}")
 
     def _write(self, line: str) -> None:
         with suppress(OSError):  # nobody reads it any more
@@ -107,7 +107,7 @@ class Bar:
 
 
 def heading(view: View, width: int) -> tuple[str, str]:
-    """Words on the left and right of the bar, with room for the bar: of the right ones the rate goes first."""
+    """Return the texts left and right of the bar, leaving room for the bar; on the right the rate is dropped first."""
     counted = counts(view)
     if len(counted) > width - 2:
         return f"{counted[: width - 3]}…", ""
@@ -120,51 +120,53 @@ def heading(view: View, width: int) -> tuple[str, str]:
 
 
 def lines(view: View, width: int) -> list[str]:
-    """What jobs are at, a line each: of some first ones, and how many more there are."""
-    found = [f"  {shared}" for shared in _together(view.going, width - 2)]
-    others = [one for one in view.going if one.phase not in _TOGETHER]
-    found += [f"  {fitted(one.label, one.says, width - 2)}" for one in others[:_JOBS]]
-    if len(others) > _JOBS:
-        phases = [one.phase for one in others[_JOBS:]]
+    """List the first active jobs, a line each, and the number of others."""
+    texts = [f"  {text}" for text in _common_lines(view.going, width - 2)]
+    single = [job for job in view.going if job.phase not in _COMMON_PHASES]
+    texts += [f"  {fitted(job.label, job.says, width - 2)}" for job in single[:_MAX_JOBS]]
+    if len(single) > _MAX_JOBS:
+        phases = [job.phase for job in single[_MAX_JOBS:]]
         kinds = ", ".join(f"{phases.count(phase)} {phase}" for phase in dict.fromkeys(phases))
-        found.append(f"  and {kinds}")
+        texts.append(f"  and {kinds}")
     if view.elsewhere:
-        found.append(f"  {view.elsewhere} held by another process")
-    return found
+        texts.append(f"  {view.elsewhere} held by another process")
+    return texts
 
 
-def _together(going: Iterable[Going], width: int) -> list[str]:
-    """Jobs that wait for the same in one line: what for, some first names as there is room, and how many more there
-    are."""
-    found = []
-    for phase in _TOGETHER:
-        waiting = [one for one in going if one.phase == phase]
+def _common_lines(going: Iterable[ActiveJob], width: int) -> list[str]:
+    """Combine jobs that wait for the same thing in one line: reason, some names, number of others."""
+    texts = []
+    for phase in _COMMON_PHASES:
+        waiting = [job for job in going if job.phase == phase]
         if waiting:
-            names = [one.label for one in waiting]
-            options = [_list(names[:shown], len(names) - shown) for shown in range(min(len(names), _JOBS), 0, -1)]
-            said = "; ".join(waiting[0].says)
-            found.append(next((f"{said}: {n}" for n in options if len(said) + 2 + len(n) <= width), said))
-    return found
+            names = [job.label for job in waiting]
+            name_lists = [
+                _list(names[:count], len(names) - count) for count in range(min(len(names), _MAX_JOBS), 0, -1)
+            ]
+            reason = "; ".join(waiting[0].says)
+            texts.append(next((f"{reason}: {n}" for n in name_lists if len(reason) + 2 + len(n) <= width), reason))
+    return texts
 
 
 def _list(names: Sequence[str], more: int) -> str:
     return "; ".join(names) + (f" and {more} more" if more else "")
 
 
-def fitted(label: str, says: Sequence[str], width: int) -> str:
-    """`LABEL: PART; PART` in at most `width` characters: parts go first, from the last one, then the label's middle."""
-    for shown in range(len(says), 0, -1):
-        line = f"{label}: {'; '.join(says[:shown])}"
+def fitted(label: str, parts: Sequence[str], width: int) -> str:
+    """Format `LABEL: PART; PART` in at most `width` characters: parts are dropped from the end, then the label is cut
+    in its middle."""
+    for count in range(len(parts), 0, -1):
+        line = f"{label}: {'; '.join(parts[:count])}"
         if len(line) <= width:
             return line
-    room = max(width - len(says[0]) - 2, 9)
+    room = max(width - len(parts[0]) - 2, 9)
     if len(label) > room:
         label = f"{label[: room - room // 2 - 1]}…{label[-(room // 2) :]}"
-    return f"{label}: {says[0]}"[:width]
+    return f"{label}: {parts[0]}"[:width]
 
 
-def spoken(view: View, width: int = _LINE) -> str:
-    """Everything in one line of at most `width` characters: what jobs are at goes first, then the rate."""
+def one_line(view: View, width: int = _LINE_WIDTH) -> str:
+    """Format the progress as one line of at most `width` characters; active jobs are left out first, then the rate."""
     rate = f"{view.rate / 1e6:.1f} M grain-steps/s" if view.rate else ""
     heads = [(counts(view), rate, remaining(view)), (counts(view), remaining(view)), (counts(view),)]
     fitting = (line for head in heads if len(line := "; ".join(filter(None, head))) <= width)
@@ -178,16 +180,16 @@ def spoken(view: View, width: int = _LINE) -> str:
 
 
 def counts(view: View) -> str:
-    """Runs done of those asked for, and the packings that have to be made before the rest can start."""
+    """Format the number of runs done and demanded, and of packings that have to be made first."""
     first = f", {view.fillings_left} packing{'s' if view.fillings_left > 1 else ''} first" if view.fillings_left else ""
     return f"{view.runs_done}/{view.runs_asked} runs{first}"
 
 
 def remaining(view: View) -> str:
-    """How long it will take; nothing as long as the rate is not known."""
+    """Format the remaining time; empty while the rate is unknown."""
     left = view.seconds_left
     if left is None:
         return ""
     if not view.open_ended:
-        return f"about {duration(left)} left" if left >= _FEW else "a few seconds left"
-    return f"at least {duration(left)} left" if left >= _WORTH_SAYING else "time left unknown"
+        return f"about {duration(left)} left" if left >= _MIN_REMAINING else "a few seconds left"
+    return f"at least {duration(left)} left" if left >= _MIN_LOWER_BOUND else "time left unknown"

@@ -1,4 +1,4 @@
-"""A study carried out in this process: what is missing is planned, put on a board, and executed."""
+"""Run a study in this process: plan what is missing, queue it, execute it."""
 
 import time
 from collections.abc import Callable, Mapping, Sequence
@@ -16,86 +16,103 @@ from labbook.plan.demand import Conflict, Demand, PackingsOf, PointDemand, fewes
 from labbook.plan.devices import enough, slots
 from labbook.plan.plan import Plan, Planner
 from labbook.plan.possible import check
-from labbook.run.board import TOGETHER, Board
-from labbook.run.closing import Closer, Closing
 from labbook.run.execution import CHECKPOINT_EVERY, Execution
-from labbook.run.job import Bench
+from labbook.run.finalizing import Finalizer, FinalizerPool
+from labbook.run.job import JobContext
+from labbook.run.job_queue import PLACE_AHEAD_GRAINS, JobQueue
 from labbook.run.live import Publisher
-from labbook.run.shard import WHOLE, Seat, Shard, part_of, shard_of
-from labbook.run.stopping import Request
+from labbook.run.shard import WHOLE, ProcessRank, Shard, part_of, shard_of
+from labbook.run.stopping import StopRequest
 from labbook.run.summary import Summary
-from labbook.run.watch import Unwatched, Watcher
+from labbook.run.watch import NullWatcher, Watcher
 from labbook.study import Study
 
-_CLOSING = 15
-"""Threads, at most, that place grains, and write and measure what members of one ensemble leave."""
+_MAX_FINALIZERS = 15
+"""Maximum number of threads that place grains, and write and measure ended jobs."""
 
 
 @dataclass(eq=False)
 class Runner:
-    """Carries out `study` in `lab` on `backend`. Several at once share the work by claims."""
+    """Runs a study in a lab on one backend and device. Several processes on one lab share the work by claims.
+
+    Args:
+        study: Study to run.
+        lab: Folder of the lab.
+        backend: Backend that steps the members.
+        device: `cpu`, or the name of a GPU device.
+        checkpoint_every: Wall time between saves of a job [s].
+        watcher: Receives progress.
+        lanes: Number of ensembles stepped at once on a CPU; None: one for each core. A GPU has two.
+        packings_of: Backend whose packings the runs start from; they must exist. None: `backend` makes its own.
+        packings_only: Make the packings of the runs, and no runs.
+        shard: Part of the runs to make.
+        rank: Rank of this process among several in one lab; None: it takes runs as they come.
+        base: Another lab, whose finished runs are not repeated and whose packings and shorter runs are continued.
+        repeats: (seed, discharge) of the runs to make, by index of the point; None: all that the study demands.
+        request: Stop request, which another thread may set.
+    """
 
     study: Study
     lab: LabFolder
     backend: Backend
     device: str = "cpu"
     checkpoint_every: float = CHECKPOINT_EVERY
-    watcher: Watcher = field(default_factory=Unwatched)
+    watcher: Watcher = field(default_factory=NullWatcher)
     lanes: int | None = None
-    """On a CPU; None: one a core. A GPU has a lane for fillings and one for runs."""
     packings_of: PackingsOf | None = None
-    """Whose packings the runs start from, which must be there; None: the backend makes its own."""
     packings_only: bool = False
-    """Make the packings that the runs would start from, and no runs."""
     shard: Shard = WHOLE
-    """The part of the runs that are done."""
-    seat: Seat | None = None
-    """Which of several processes in one lab this is; None: it takes runs as they come."""
+    rank: ProcessRank | None = None
     base: LabFolder | None = None
-    """A lab whose finished runs are not made again, and whose packings and shorter runs are gone on from."""
 
     repeats: Mapping[int, Sequence[tuple[int, int]]] | None = None
-    """The runs that are done, by index of the point, each by its seed and discharge; None: what the study asks for."""
-    request: Request = field(default_factory=Request)
-    """By which another thread may ask it to stop."""
+    request: StopRequest = field(default_factory=StopRequest)
 
     def run(self) -> Summary:
-        """Run what is missing; Ctrl-C, SIGTERM or SIGHUP saves what is going on and ends early.
+        """Run what is missing. Ctrl-C, SIGTERM or SIGHUP saves the active jobs and ends early.
 
-        Raises KeyboardInterrupt when asked again meanwhile; the last saves stay good, and threads of lanes may still be
-        in the middle of a beat. Raises DiskFull; Unsupported, Conflict or MeasureError before anything runs.
+        Returns:
+            Summary of the session.
+
+        Raises:
+            KeyboardInterrupt: A second stop signal. The last saves stay valid; worker threads may still be within a
+                beat.
+            DiskFull: The disk is full.
+            Unsupported: The backend cannot run the study; raised before anything runs.
+            Conflict: Options contradict each other; raised before anything runs.
+            MeasureError: A measure does not fit a scene; raised before anything runs.
         """
         with room(self.lab.folder):
             return self._run()
 
     def _run(self) -> Summary:
-        closers = self._closers()
+        finalizers = self._make_finalizers()
         try:
-            return self._carried_out(closers)
+            return self._carry_out(finalizers)
         finally:
-            for closer in closers:
-                closer.end()
+            for finalizer in finalizers:
+                finalizer.end()
 
-    def _carried_out(self, closers: Sequence[Closer]) -> Summary:
-        begun = time.perf_counter()
+    def _carry_out(self, finalizers: Sequence[Finalizer]) -> Summary:
+        start = time.perf_counter()
         observe = Observe.of(self.study.measure, self.study.window)
         index = Index(self.lab)
         catalogue = Catalogue(self.lab)
         try:
             plan, planner = self._plan(index, catalogue, observe)
-            bench, shared = Bench(self.lab, self.backend, self.device), [point.shared for point in plan.points]
+            context, shared = JobContext(self.lab, self.backend, self.device), [point.shared for point in plan.points]
             holds = shard_of(shared, self.backend.capabilities, self.shard)
-            board = self._board(bench, planner, index, observe, shared, holds)
-            board.pin(plan)
-            if not board.runs()[1] and self.seat is None:
+            queue = self._make_queue(context, planner, index, observe, shared, holds)
+            queue.load_plan(plan)
+            if not queue.count_runs()[1] and self.rank is None:
                 self.watcher.tell(f"Part {self.shard} has no runs: the study has fewer packings than parts")
-            self.backend.precompile(board.expected(), self.device)
+            self.backend.precompile(queue.expected(), self.device)
             publisher = Publisher(self.lab, self.study.name, self.backend.capabilities.name, self.device, self.watcher)
-            closing = Closing(board, closers)
-            board.placing = closing.placing
+            finalizer_pool = FinalizerPool(queue, finalizers)
+            queue.placing = finalizer_pool.placing
             execution = Execution(
-                board,
-                closing,
+                queue,
+                finalizer_pool,
                 self.backend,
                 self.device,
                 self.lanes or (cores() if self.device == "cpu" else 1),
@@ -106,7 +123,7 @@ class Runner:
                 self.watcher.tell,
                 self.checkpoint_every,
             )
-            board.beginning = execution.announce
+            queue.on_begin = execution.announce
             with self.request.listening(self.watcher.tell), publisher:
                 execution.carry_out()
             execution.report()
@@ -114,10 +131,10 @@ class Runner:
             catalogue.close()
             index.close()
         return Summary(
-            tally=board.tally,
-            points=tuple(board.points[at] for at in sorted(board.points)),
-            stopped=self.request.made,
-            wall_time=time.perf_counter() - begun,
+            tally=queue.tally,
+            points=tuple(queue.points[at] for at in sorted(queue.points)),
+            stopped=self.request.requested,
+            wall_time=time.perf_counter() - start,
             work_done=execution.meter.work,
             problems=tuple(index.report.problems),
             left_behind=execution.left_behind,
@@ -128,22 +145,24 @@ class Runner:
             campaign=() if planner.campaign is None else tuple(planner.campaign.lines),
         )
 
-    def _closers(self) -> list[Closer]:
-        """Threads that place grains and close jobs: one on a CPU, where lanes want all cores, and end their jobs one by
-        one. Where much seems to be lacking, their processes start while it is planned."""
-        threads = 1 if self.device == "cpu" else min(_CLOSING, cores())
-        closers = [Closer(alone=threads == 1) for _ in range(threads)]
+    def _make_finalizers(self) -> list[Finalizer]:
+        """Start the finalizers: one on a CPU, where workers need all cores and end their jobs one by one.
+
+        If much is missing their helper processes start now, while the study is planned.
+        """
+        threads = 1 if self.device == "cpu" else min(_MAX_FINALIZERS, cores())
+        finalizers = [Finalizer(alone=threads == 1) for _ in range(threads)]
         points = self.study.points
         runs = fewest_runs(self.study) * len(points) if self.repeats is None else sum(map(len, self.repeats.values()))
-        lacking = runs - len(folders(self.lab.runs))
+        missing = runs - len(folders(self.lab.runs))
         grains = max((point.scene.grains.count for point in points), default=0)
-        if threads > 1 and lacking > 1 and lacking * grains >= TOGETHER:
-            for closer in closers:
-                closer.begin()
-        return closers
+        if threads > 1 and missing > 1 and missing * grains >= PLACE_AHEAD_GRAINS:
+            for finalizer in finalizers:
+                finalizer.begin()
+        return finalizers
 
     def _plan(self, index: Index, catalogue: Catalogue, observe: Observe) -> tuple[Plan, Planner]:
-        """What is to be run, with the planner that says what follows from results. Raises what `run` raises."""
+        """Plan the missing runs. Returns the plan, and the planner that updates it. Raises what `run` raises."""
         capabilities = self.backend.capabilities
         planner = Planner(self.study, catalogue, capabilities, self.packings_of, writes=True)
         if planner.campaign is not None and (self.base is not None or self.shard != WHOLE):
@@ -151,13 +170,13 @@ class Runner:
                 f"{self.study.path}: adapt: a strategy chooses the points of the whole study from its results"
                 "\n    remedy: leave out --shard and --base; several processes may run it in one lab and share the work"
             )
-        base = None if self.base is None else self._brought(index, self.base)
+        base = None if self.base is None else self._copy_from_base(index, self.base)
         check(self.backend, self.device, planner.points if base is None else [one.shared for one in base.points])
         if base is not None:
             plan = planner.of_base(base)
         else:
-            plan = planner.plan() if self.repeats is None else planner.these(self.repeats)
-        self._keep_study()
+            plan = planner.plan() if self.repeats is None else planner.plan_runs(self.repeats)
+        self._store_study()
         done = [item.keys.run for item in plan.items if item.state == "done"]
         if base is not None:  # the others are measured where they are
             done = [key for key in done if self.lab.run(key).exists()]
@@ -165,37 +184,41 @@ class Runner:
             plan = planner.plan()
         return plan, planner
 
-    def _board(
+    def _make_queue(
         self,
-        bench: Bench,
+        context: JobContext,
         planner: Planner,
         index: Index,
         observe: Observe,
         shared: Sequence[PointDemand],
         holds: Callable[[Demand], bool],
-    ) -> Board:
-        """A board for the part of this process, and for the rest of the shard once that is done."""
-        own, rest = holds, None
-        if self.seat is not None:
-            own, rest = part_of(shared, self.backend.capabilities, self.seat, holds), holds
-        return Board(bench, planner, index, observe, packings_only=self.packings_only, holds=own, rest=rest)
+    ) -> JobQueue:
+        """Make the job queue for the part of this process, and for the rest of the shard after it."""
+        first, rest = holds, None
+        if self.rank is not None:
+            first, rest = part_of(shared, self.backend.capabilities, self.rank, holds), holds
+        return JobQueue(context, planner, index, observe, packings_only=self.packings_only, holds=first, rest=rest)
 
-    def _brought(self, index: Index, base: LabFolder) -> Plan:
-        """What is lacking in `base`; of what this process is to do, what `base` has of it is brought here."""
+    def _copy_from_base(self, index: Index, base: LabFolder) -> Plan:
+        """Plan what is missing in `base`, and copy what `base` has of it into this lab."""
         catalogue = Catalogue(base)
         try:
             plan = Planner(self.study, catalogue, self.backend.capabilities, self.packings_of).plan()
         finally:
             catalogue.close()
         holds = shard_of([point.shared for point in plan.points], self.backend.capabilities, self.shard)
-        mine = [item for item in plan.todo if holds(item.demand)]
-        packings = dict.fromkeys(item.keys.packing for item in mine if item.packed)
-        bring(index, base, packings, [item.keys.run for item in mine])
+        own = [item for item in plan.todo if holds(item.demand)]
+        packings = dict.fromkeys(item.keys.packing for item in own if item.packed)
+        bring(index, base, packings, [item.keys.run for item in own])
         return plan
 
-    def _keep_study(self) -> None:
-        """Keep the text of the study in the lab, and the files that it names. Raises OSError for a full disk, or where
-        such a file cannot be copied; AttachedError where one is gone."""
+    def _store_study(self) -> None:
+        """Store the text of the study in the lab, and its attached files.
+
+        Raises:
+            OSError: The disk is full, or an attached file cannot be copied.
+            AttachedError: An attached file is missing.
+        """
         study = self.study
         studies.attach(self.lab, study.beside.files.values())
         try:

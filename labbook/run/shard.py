@@ -1,4 +1,4 @@
-"""A part of a study's runs, for one of several processes, devices or machines."""
+"""Parts of a study's runs, for several processes, devices or machines."""
 
 import re
 from collections.abc import Callable, Iterable, Sequence
@@ -8,24 +8,24 @@ from labbook.backend import Capabilities
 from labbook.plan.demand import Demand, PointDemand, discharges
 from labbook.plan.forecast import discharge_work, fill_work
 
-MOST = 100_000
-_UNITS = 10_000
-"""Parts of the dearest packing in which work is counted: whole numbers are added up alike on every machine."""
+MAX_PARTS = 100_000
+_WORK_UNITS = 10_000
+"""Work of the largest packing, as an integer: sums of integers are equal on every machine."""
 
 
 @dataclass(frozen=True)
 class Shard:
-    """Part `number` of `of`, from 1 on."""
+    """Part `number` of `of`, from 1."""
 
     number: int
     of: int
 
     @classmethod
     def parse(cls, text: str) -> "Shard":
-        """From i/n. Raises ValueError."""
-        found = re.fullmatch(r"\s*(\d{1,6})\s*/\s*(\d{1,6})\s*", text)
-        number, of = map(int, found.groups()) if found else (0, 0)
-        if not 1 <= number <= of <= MOST:
+        """Parse `i/n`. Raises ValueError."""
+        match = re.fullmatch(r"\s*(\d{1,6})\s*/\s*(\d{1,6})\s*", text)
+        number, of = map(int, match.groups()) if match else (0, 0)
+        if not 1 <= number <= of <= MAX_PARTS:
             raise ValueError(f"{text!r} is not a part of a study; write I/N with I from 1 to N, such as 1/4")
         return cls(number, of)
 
@@ -34,29 +34,37 @@ class Shard:
 
 
 WHOLE = Shard(1, 1)
-"""All runs of a study."""
+"""The shard that has all runs of a study."""
 
 
 @dataclass(frozen=True)
-class Seat:
-    """Which of several processes in one lab this is, `number` from 1 on, and how fast each is. It begins with its own
-    part of the work, and then takes up what the others have not begun."""
+class ProcessRank:
+    """Rank of a process among several in one lab, from 1, and the speeds of all.
+
+    Each begins with its own part of the work, and then takes runs that the others have not begun.
+    """
 
     number: int
     speeds: tuple[float, ...]
 
 
 def everything(demand: Demand) -> bool:
-    """Holds every run."""
+    """Return True: a part that has every run."""
     return True
 
 
-class Division:
-    """The runs of a study, divided among several who each know their part beforehand.
+class WorkPartition:
+    """Fixed partition of a study's runs among several processes.
 
-    All runs from one packing are in one part. Parts are even in the grain-steps that are foreseen for their fillings
-    and discharges, or go as `speeds`. The study alone decides: neither what a lab has nor the machine. More replicates
-    change nothing for those that there were; more points may. `within`: the runs that are divided.
+    All runs from one packing are in one part. Parts have equal forecast work (grain-steps of fillings and discharges),
+    or work in proportion to `speeds`. It depends on the study alone, not on a lab or a machine. More replicates move no
+    run to another part; more points may.
+
+    Args:
+        points: Points of the study.
+        backend: Capabilities of the backend.
+        speeds: Relative speed of each part.
+        includes: Decides which runs are divided.
     """
 
     def __init__(
@@ -64,66 +72,66 @@ class Division:
         points: Iterable[PointDemand],
         backend: Capabilities,
         speeds: Sequence[float],
-        within: Callable[[Demand], bool] = everything,
+        includes: Callable[[Demand], bool] = everything,
     ):
-        self._within, self._speeds = within, tuple(speeds)
+        self._includes, self._speeds = includes, tuple(speeds)
         beds: dict[str, dict[str, Demand]] = {}
-        self._bed: dict[int, int] = {}
-        """Number of the packing that the first seed of a point starts from: points that share it share all packings."""
+        self._bed_by_point: dict[int, int] = {}
+        """Number of the packing of a point's first seed, by index: points that share it share all packings."""
         numbers: dict[str, int] = {}
         for shared in points:
-            first = shared.run(1)
-            keys = first.keys(backend)
-            beds.setdefault(keys.packing, {})[keys.run] = first
-            self._bed[shared.point.index] = numbers.setdefault(keys.packing, len(numbers))
-        self._first = [next(iter(runs.values())).shared for runs in beds.values()]
+            first_run = shared.run(1)
+            keys = first_run.keys(backend)
+            beds.setdefault(keys.packing, {})[keys.run] = first_run
+            self._bed_by_point[shared.point.index] = numbers.setdefault(keys.packing, len(numbers))
+        self._first_demands = [next(iter(runs.values())).shared for runs in beds.values()]
         work = [
             fill_work(next(iter(runs.values())))
             + sum(discharges(run.shared.study)[0] * discharge_work(run.shared) for run in runs.values())
             for runs in beds.values()
         ]
-        most = max(work, default=0.0) or 1.0
-        self._work = [max(1, round(one / most * _UNITS)) for one in work]
-        self._dearest = sorted(range(len(work)), key=lambda bed: -self._work[bed])
-        self._loads = [0] * len(self._speeds)
-        self._seeds: list[dict[int, int]] = []
-        """By seed, from 1 on: the part of each packing."""
+        largest = max(work, default=0.0) or 1.0
+        self._bed_work = [max(1, round(bed_work / largest * _WORK_UNITS)) for bed_work in work]
+        self._by_work = sorted(range(len(work)), key=lambda bed: -self._bed_work[bed])
+        self._assigned_work = [0] * len(self._speeds)
+        self._parts_by_seed: list[dict[int, int]] = []
+        """Part of each packing, for each seed from 1."""
 
     def number(self, demand: Demand) -> int | None:
-        """Whose a run is, from 1 on; None if it is not among those that are divided, as those of points that a strategy
-        has proposed since."""
-        bed = self._bed.get(demand.point.index)
+        """Return the part of a run, from 1; None if it is not divided, as runs of points that a strategy added
+        later."""
+        bed = self._bed_by_point.get(demand.point.index)
         if bed is None:
             return None
-        while len(self._seeds) < demand.seed:
-            self._seeds.append(self._deal(len(self._seeds) + 1))
-        return self._seeds[demand.seed - 1].get(bed)
+        while len(self._parts_by_seed) < demand.seed:
+            self._parts_by_seed.append(self._assign(len(self._parts_by_seed) + 1))
+        return self._parts_by_seed[demand.seed - 1].get(bed)
 
     def holds(self, number: int) -> Callable[[Demand], bool]:
-        """Whether a run belongs to the part with this number."""
+        """Return a function that decides whether a run belongs to part `number`."""
         return lambda demand: self.number(demand) == number
 
-    def _deal(self, seed: int) -> dict[int, int]:
-        """The packings of one seed, the dearest first, each to where it ends soonest."""
-        dealt: dict[int, int] = {}
-        for bed in self._dearest:
-            if self._within(self._first[bed].run(seed)):
-                work, loads = self._work[bed], self._loads
-                to = min(range(len(loads)), key=lambda part: ((loads[part] + work) / self._speeds[part], part))
-                loads[to] += work
-                dealt[bed] = to + 1
-        return dealt
+    def _assign(self, seed: int) -> dict[int, int]:
+        """Assign the packings of one seed, the largest first, each to the part that would finish it first."""
+        parts: dict[int, int] = {}
+        for bed in self._by_work:
+            if self._includes(self._first_demands[bed].run(seed)):
+                work, loads = self._bed_work[bed], self._assigned_work
+                target = min(range(len(loads)), key=lambda part: ((loads[part] + work) / self._speeds[part], part))
+                loads[target] += work
+                parts[bed] = target + 1
+        return parts
 
 
 def part_of(
-    points: Iterable[PointDemand], backend: Capabilities, seat: Seat, within: Callable[[Demand], bool]
+    points: Iterable[PointDemand], backend: Capabilities, rank: ProcessRank, includes: Callable[[Demand], bool]
 ) -> Callable[[Demand], bool]:
-    """Whether a run belongs to what `seat` begins with."""
-    return Division(points, backend, seat.speeds, within).holds(seat.number)
+    """Return a function that decides whether a run belongs to the first part of the process `rank`."""
+    return WorkPartition(points, backend, rank.speeds, includes).holds(rank.number)
 
 
 def shard_of(points: Iterable[PointDemand], backend: Capabilities, shard: Shard) -> Callable[[Demand], bool]:
-    """Whether a run belongs to `shard`."""
+    """Return a function that decides whether a run belongs to `shard`."""
     if shard == WHOLE:
         return everything
-    return Division(points, backend, [1.0] * shard.of).holds(shard.number)
+    return WorkPartition(points, backend, [1.0] * shard.of).holds(shard.number)

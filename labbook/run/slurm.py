@@ -1,8 +1,7 @@
-"""A study as a job array of Slurm: a script in which every task runs a part of it in a lab of its own, and task 0 puts
-the parts together.
+"""A study as a job array of Slurm: each task runs a part in a lab of its own, and task 0 imports the parts.
 
-Nothing is shared but the file system: no database, no lock, no server. A task is asked to stop before its time is over,
-saves what is going on, and is put back into the queue; one whose node is lost goes on from its last checkpoint.
+Tasks share only the file system: no database, no lock, no server. A task is asked to stop before its time limit, saves
+its jobs, and is requeued. A task whose node is lost continues from its last checkpoint.
 """
 
 import hashlib
@@ -18,24 +17,37 @@ from labbook.backend import Capabilities
 from labbook.study import Study
 from labbook.version import __version__
 
-WARNED = 120
-"""Seconds before the end of its time at which a task is asked to stop."""
-MOST_TASKS = 10_000
-_RESOLUTION = 60  # s that Slurm may be early
-_RESTARTS = 100
-"""Times that a task is put back into the queue when its time is over."""
-_TIME = re.compile(r"(?:(\d+)-)?(\d+)(?::(\d+))?(?::(\d+))?")
+WARNING_TIME = 120
+"""Time before the limit at which a task is asked to stop [s]."""
+MAX_TASKS = 10_000
+_SIGNAL_RESOLUTION = 60  # s that Slurm may be early
+_MAX_REQUEUES = 100
+"""Maximum number of times that a task is requeued at its time limit."""
+_TIME_FORMAT = re.compile(r"(?:(\d+)-)?(\d+)(?::(\d+))?(?::(\d+))?")
 
 
 class SlurmFailed(Exception):
-    """Slurm refuses what it was asked; the message has its words."""
+    """Slurm rejects a submission; the message has its words."""
 
 
 @dataclass(frozen=True)
-class Array:
-    """What a script asks of Slurm and of labbook. `time`: as Slurm writes it; `labs`: folder of the labs of the parts;
-    `base`: the lab into which they are imported; `site`: lines of the site, `#SBATCH` and others; `options`: further
-    options of sbatch."""
+class JobArray:
+    """A job array: the study and the resources of its tasks.
+
+    Args:
+        study: Study to run.
+        backend: Capabilities of its backend.
+        base: Lab into which the parts are imported.
+        labs: Folder of the labs of the parts.
+        tasks: Number of tasks.
+        time: Time limit of a task, in Slurm's notation.
+        device: Device of each task.
+        gpus: Number of GPUs of each task.
+        cpus: Number of CPUs of each task; None: the site's default.
+        site: Lines for the site, `#SBATCH` and others.
+        options: Further options of sbatch.
+        warned: Time before the limit at which a task is asked to stop [s].
+    """
 
     study: Study
     backend: Capabilities
@@ -48,32 +60,32 @@ class Array:
     cpus: int | None = None
     site: str = ""
     options: Sequence[str] = ()
-    warned: int = WARNED
+    warned: int = WARNING_TIME
 
     def script(self) -> str:
-        """The text of the script. Raises ValueError."""
-        if not 1 <= self.tasks <= MOST_TASKS:
-            raise ValueError(f"--tasks: {self.tasks} is not between 1 and {MOST_TASKS}")
+        """Return the text of the script. Raises ValueError for invalid settings."""
+        if not 1 <= self.tasks <= MAX_TASKS:
+            raise ValueError(f"--tasks: {self.tasks} is not between 1 and {MAX_TASKS}")
         limit = seconds(self.time)
-        if limit <= self.warned + _RESOLUTION:
+        if limit <= self.warned + _SIGNAL_RESOLUTION:
             raise ValueError(f"--time: {self.time} is too short: a task saves its runs {self.warned} s before the end")
         name, parts = self.study.name, self.labs.absolute()
-        if broken := next((one for one in self.options if "\n" in one or "\r" in one), None):
-            raise ValueError(f"the option {broken!r} of sbatch has a line break; give each option by itself")
-        stated = [
+        if invalid := next((option for option in self.options if "\n" in option or "\r" in option), None):
+            raise ValueError(f"the option {invalid!r} of sbatch has a line break; give each option by itself")
+        options = [
             f"--job-name={name}",
             f"--array=1-{self.tasks}",
             f"--time={self.time}",
             f"--signal=B:TERM@{self.warned}",
             "--requeue",
             "--open-mode=append",
-            f"--output={_logs(parts, f'{name}-%a-of-{self.tasks}.log')}",
+            f"--output={_log_pattern(parts, f'{name}-%a-of-{self.tasks}.log')}",
             *([f"--gpus={self.gpus}"] if self.gpus else []),
             *([f"--cpus-per-task={self.cpus}"] if self.cpus else []),
             *self.options,
         ]
         site = self.site.splitlines()
-        headers = [*(f"#SBATCH {one}" for one in stated), *(line for line in site if line.startswith("#SBATCH"))]
+        headers = [*(f"#SBATCH {option}" for option in options), *(line for line in site if line.startswith("#SBATCH"))]
         shell = "\n".join(line for line in site if not line.startswith(("#SBATCH", "#!")))
         words = (self.study.path.absolute(), "--backend", self.backend.name)
         command, lab = shlex.join([sys.executable, "-m", "labbook"]), shlex.quote(str(self.base.absolute()))
@@ -90,8 +102,8 @@ class Array:
             lab=lab,
             place=place,
             tasks=self.tasks,
-            late=limit - self.warned - _RESOLUTION,
-            restarts=_RESTARTS,
+            late=limit - self.warned - _SIGNAL_RESOLUTION,
+            restarts=_MAX_REQUEUES,
         )
 
 
@@ -133,67 +145,71 @@ exit $status
 """
 
 
-_ESCAPED = re.compile(r"([\"'#])")
+_SPECIAL = re.compile(r"([\"'#])")
 
 
-def _logs(folder: Path, pattern: str) -> str:
-    """Names of files in a folder, as a line of sbatch has them.
+def _log_pattern(folder: Path, pattern: str) -> str:
+    """Names of log files in a folder, quoted for a line of sbatch.
 
-    sbatch splits such a line at blanks outside of quotation marks, ends it at #, and takes %a and the like as patterns;
-    a backslash in a name switches patterns off (sbatch(1), "filename pattern"). Raises ValueError for a folder that
-    cannot be written so.
+    sbatch splits such a line at blanks outside of quotation marks, ends it at #, and expands %a and similar patterns; a
+    backslash in a name switches patterns off (sbatch(1), "filename pattern"). Raises ValueError for a folder that
+    cannot be quoted.
     """
     text = str(folder)
-    for character, what in (("\n", "a line break"), ("\r", "a line break"), ("\\", "a backslash")):
+    for character, description in (("\n", "a line break"), ("\r", "a line break"), ("\\", "a backslash")):
         if character in text:
-            raise ValueError(f"{text!r} has {what}, which sbatch cannot read; give another folder with --labs")
-    escaped = _ESCAPED.sub(r"\\\1", text.replace("%", "%%"))
+            raise ValueError(f"{text!r} has {description}, which sbatch cannot read; give another folder with --labs")
+    escaped = _SPECIAL.sub(r"\\\1", text.replace("%", "%%"))
     return f'"{escaped}/{pattern}"'
 
 
-def stamp(array: Array) -> str:
-    """What a task must find as it was when the script was written: labbook, the backend, and the study."""
+def stamp(array: JobArray) -> str:
+    """Return the versions and hashes that a task must find unchanged."""
     return expected(array.study, array.backend)
 
 
 def expected(study: Study, backend: Capabilities) -> str:
-    """The versions of labbook and of a backend, and a hash of what a study says, of its calibration and its files."""
+    """Return the versions of labbook and of a backend, and a hash of a study with its calibration and files."""
     beside = study.calibration_file.read_bytes() if study.calibration_file else b""
     files = "".join(sorted(study.beside.files.values())).encode()
     digest = hashlib.sha256(study.text.encode() + beside + files).hexdigest()[:12]
     return f"labbook-{__version__}/{backend.name}-{backend.cache_version}/study-{digest}"
 
 
-def differs(wanted: str, study: Study, backend: Capabilities) -> str | None:
-    """In what a task differs from its script, in words; None if in nothing."""
-    there = expected(study, backend)
-    if there == wanted:
+def differs(recorded: str, study: Study, backend: Capabilities) -> str | None:
+    """Describe what differs from the stamp `recorded` in the script; None if nothing does."""
+    current = expected(study, backend)
+    if current == recorded:
         return None
     changed = [
-        f"{one} is now {now}" for one, now in zip(wanted.split("/"), there.split("/"), strict=False) if one != now
+        f"{was} is now {now}" for was, now in zip(recorded.split("/"), current.split("/"), strict=False) if was != now
     ]
-    return "; ".join(changed) or f"{wanted!r} is not written by labbook slurm"
+    return "; ".join(changed) or f"{recorded!r} is not written by labbook slurm"
 
 
 def seconds(time: str) -> int:
-    """A time as Slurm writes it (minutes, MM:SS, HH:MM:SS, D-HH, D-HH:MM, D-HH:MM:SS) in seconds. Raises ValueError."""
-    found = _TIME.fullmatch(time.strip())
-    if found is None:
+    """Parse a time in Slurm's notation (minutes, MM:SS, HH:MM:SS, D-HH, D-HH:MM, D-HH:MM:SS) [s]. Raises ValueError."""
+    match = _TIME_FORMAT.fullmatch(time.strip())
+    if match is None:
         raise ValueError(f"--time: {time!r} is not a time; write HH:MM:SS or D-HH:MM:SS, such as 04:00:00")
-    days, *parts = found.groups()
-    given = [int(part) for part in parts if part is not None]
+    days, *parts = match.groups()
+    numbers = [int(part) for part in parts if part is not None]
     if days is not None:
-        hours, minutes, rest = [*given, 0, 0][:3]
-    elif len(given) == 3:
-        hours, minutes, rest = given
+        hours, minutes, remainder = [*numbers, 0, 0][:3]
+    elif len(numbers) == 3:
+        hours, minutes, remainder = numbers
     else:
-        hours, (minutes, rest) = 0, [*given, 0][:2]
-    return ((int(days or 0) * 24 + hours) * 60 + minutes) * 60 + rest
+        hours, (minutes, remainder) = 0, [*numbers, 0][:2]
+    return ((int(days or 0) * 24 + hours) * 60 + minutes) * 60 + remainder
 
 
-def submit(array: Array) -> tuple[str, str]:
-    """Hand the script to Slurm, and the import that waits for all tasks; the numbers of both jobs. Raises ValueError,
-    SlurmFailed."""
+def submit(array: JobArray) -> tuple[str, str]:
+    """Submit the script, and the import that waits for all tasks. Returns both job numbers.
+
+    Raises:
+        ValueError: Settings are invalid.
+        SlurmFailed: Slurm rejects the script, or is not installed.
+    """
     text = array.script()
     array.labs.mkdir(parents=True, exist_ok=True)
     job = _sbatch(text)
@@ -203,7 +219,7 @@ def submit(array: Array) -> tuple[str, str]:
 def _sbatch(text: str, *options: str) -> str:
     command = ["sbatch", "--parsable", *filter(None, options)]
     try:
-        done = subprocess.run(
+        process = subprocess.run(
             command, input=text, capture_output=True, encoding="utf-8", errors="surrogateescape", timeout=120
         )
     except FileNotFoundError as error:
@@ -212,6 +228,6 @@ def _sbatch(text: str, *options: str) -> str:
         ) from error
     except subprocess.TimeoutExpired as error:
         raise SlurmFailed("sbatch did not answer within 2 minutes; try again later") from error
-    if done.returncode:
-        raise SlurmFailed(done.stderr.strip() or f"sbatch ended with exit status {done.returncode}")
-    return done.stdout.strip().partition(";")[0]
+    if process.returncode:
+        raise SlurmFailed(process.stderr.strip() or f"sbatch ended with exit status {process.returncode}")
+    return process.stdout.strip().partition(";")[0]

@@ -1,4 +1,4 @@
-"""The outcome of `labbook run`: which runs are done, failed, diverged or suspect, and what it cost."""
+"""Summary of `labbook run`: runs that are done, failed, diverged or suspect, and their cost."""
 
 from collections import Counter
 from collections.abc import Callable, Sequence
@@ -6,60 +6,64 @@ from dataclasses import dataclass
 
 from labbook.plan.demand import Demand, recorded_in_words
 from labbook.plan.plan import PointPlan, counted
-from labbook.run.board import Tally
+from labbook.run.job_queue import Tally
 from labbook.run.shard import everything
 from labbook.scene.quantities import duration
 from labbook.study import Study
 from labbook.study.problems import grouped
 
-_NOTABLE = 0.05  # part of the wall time that went into preparing, from which on it is told
+_REPORTED_SHARE = 0.05  # part of the wall time that went into preparing, from which on it is told
 
 
 @dataclass(frozen=True)
 class Summary:
-    """What came of one `labbook run`."""
+    """Result of one `labbook run`.
+
+    Args:
+        tally: Counts of this session.
+        points: State of every point at the end, with the decision on its replicates.
+        stopped: A stop was requested before the study was complete.
+        wall_time: Wall time of the session [s].
+        work_done: Grain-steps of the session.
+        problems: Problems of folders that cannot be read.
+        left_behind: Threads of this process still compile for jobs that were dropped. Python waits for them at its
+            exit, unless the process ends by `os._exit`.
+        holds: Decides whether a run belongs to the shard of the session; only those are counted.
+        no_flow: Why no point has a flow rate, though the study measures it; empty if one has.
+        study: Study as it was run, with the numerics of its pilot and the points of its strategy.
+        campaign: Proposals of its strategy with their reasons, as lines; empty without a strategy.
+        preparing: Wall time [s] without any step, while all jobs waited for kernels or placed grains.
+        stepping: Wall time [s] of all beats, summed over workers.
+    """
 
     tally: Tally
     points: tuple[PointPlan, ...]
-    """How every point stands at the end, with the decision on its replicates."""
     stopped: bool
-    """Whether it was asked to stop before the study was complete."""
     wall_time: float
     work_done: float
-    """Grain-steps."""
     problems: tuple[str, ...]
-    """Folders of the lab that cannot be read."""
     left_behind: bool = False
-    """Whether threads of this process still compile for jobs that were dropped: nothing waits for them but the end of
-    the process, unless it is ended by `os._exit`."""
     holds: Callable[[Demand], bool] = everything
-    """Whether a run belongs to the part that was asked for; it is these that are counted."""
     no_flow: str = ""
-    """Why no point of the study has a flow rate, though the study measures it; empty if one has."""
     study: Study | None = None
-    """The study as it was run, with the numerics that its pilot has chosen and the points that its strategy has
-    proposed."""
     campaign: tuple[str, ...] = ()
-    """What its strategy has proposed and why, line by line; empty for a study without one."""
     preparing: float = 0.0
-    """Wall time [s] in which no job took steps, since all waited for kernels or for grains to be placed."""
 
     stepping: float = 0.0
-    """Wall time [s] of all beats, those of several lanes added up."""
 
     @property
     def done(self) -> int:
-        """Runs of the study that are there."""
+        """Number of runs of the study that are done."""
         return counted(self.points, self.holds)[0]
 
     @property
     def asked(self) -> int:
-        """Runs that the study asks for so far."""
+        """Number of runs that the study demands so far."""
         return counted(self.points, self.holds)[1]
 
     @property
     def failed(self) -> tuple[str, ...]:
-        """Why runs failed, which are not there therefore."""
+        """Reasons of failed runs, which have no result."""
         return tuple(self.tally.failed)
 
     @property
@@ -77,12 +81,12 @@ class Summary:
 
     @property
     def suspect(self) -> dict[str, dict[int, str]]:
-        """Why runs are suspect and left out of every mean, by the label of their point and their seed; of several
-        discharges of a bed the first reason."""
+        """Reasons of suspect runs, by label of their point and seed; for several discharges of a bed the first
+        reason."""
         reasons: dict[str, dict[int, str]] = {}
         for label, runs in self._suspect.items():
-            for run, why in runs:
-                reasons.setdefault(label, {}).setdefault(run.seed, why)
+            for run, reason in runs:
+                reasons.setdefault(label, {}).setdefault(run.seed, reason)
         return reasons
 
     @property
@@ -95,22 +99,22 @@ class Summary:
 
     @property
     def complete(self) -> bool:
-        """Whether all runs are there, and none diverged or is suspect."""
+        """True if all runs are done, and none diverged or is suspect."""
         return self.done == self.asked and not self.diverged and not self.suspect
 
     def lines(self) -> list[str]:
-        """What came of it, line by line."""
+        """Format the summary as lines."""
         tally, outcomes = self.tally, Counter(self.tally.ran.values())
         lines = [f"{self.done} of {self.asked} runs done"]
         if tally.ran or tally.packings:
             stepping = self.wall_time - self.preparing
-            what = ", ".join(f"{count} {outcome}" for outcome, count in outcomes.items()) or "none ended"
-            made = f"{tally.packings} packing{'' if tally.packings == 1 else 's'}"
-            lines[0] += f"; now: {what}; {made}; {duration(self.wall_time)}"
+            outcomes_text = ", ".join(f"{count} {outcome}" for outcome, count in outcomes.items()) or "none ended"
+            packings_text = f"{tally.packings} packing{'' if tally.packings == 1 else 's'}"
+            lines[0] += f"; now: {outcomes_text}; {packings_text}; {duration(self.wall_time)}"
             if stepping > 0:
-                apart = f" without {duration(self.preparing)} of compiling and loading kernels"
+                exclusion = f" without {duration(self.preparing)} of compiling and loading kernels"
                 lines[0] += f", {self.work_done / stepping / 1e6:.2f} M grain-steps/s"
-                lines[0] += apart if self.preparing > max(1.0, _NOTABLE * self.wall_time) else ""
+                lines[0] += exclusion if self.preparing > max(1.0, _REPORTED_SHARE * self.wall_time) else ""
         if self.points and (recorded := recorded_in_words(point.shared for point in self.points)):
             lines.append(recorded)
         if tally.resumed:
@@ -120,7 +124,7 @@ class Summary:
                 lines.append(f"{point.shared.point.label}: {point.ended.reason}")
         lines += self.campaign
         for label, diverged in self._diverged.items():
-            lines.append(f"Diverged: {label}, {_numbered(diverged)}: stopped by a guard, and left out of every mean")
+            lines.append(f"Diverged: {label}, {_seed_list(diverged)}: stopped by a guard, and left out of every mean")
         for label, suspects in self._suspect.items():
             lines += [f"Suspect: {label}, {run.repeat}: {why}; left out of every mean" for run, why in suspects]
         lines += [f"Failed: {why}" for why in grouped(tally.failed)]
@@ -132,8 +136,8 @@ class Summary:
         return "\n".join(self.lines() + stopped)
 
 
-def _numbered(runs: Sequence[Demand]) -> str:
-    """`seed 3`, `seeds 1, 2`, `seed 1, discharge 2; seed 4`."""
+def _seed_list(runs: Sequence[Demand]) -> str:
+    """Format runs of a point: `seed 3`, `seeds 1, 2`, `seed 1, discharge 2; seed 4`."""
     if len(runs) == 1 or any(run.discharge > 1 for run in runs):
         return "; ".join(run.repeat for run in runs)
     return f"seeds {', '.join(str(run.seed) for run in runs)}"

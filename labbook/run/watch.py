@@ -1,4 +1,4 @@
-"""How a run is watched: where it stands, at what rate, and who is told."""
+"""Progress of a run: its state, its rate, and the interface of those who show it."""
 
 import time
 from collections import deque
@@ -6,73 +6,88 @@ from dataclasses import dataclass
 from typing import Literal, Protocol
 
 _WINDOW = 30.0  # s over which the rate is taken
-_FIRST = 3.0  # s before a rate is given at all
+_MIN_TIME = 3.0  # s before a rate is given at all
 
 
 Phase = Literal["placing", "compiling", "preparing", "settling", "discharging", "writing"]
-"""`compiling`: kernels are being compiled. `preparing`: everything else before the end of the first beat, such as
-reading compiled kernels. `writing`: its last beat was taken, and its results are drawn, written and measured."""
+"""Phase of a job.
+
+`compiling`: kernels are being compiled. `preparing`: other work before the end of the first beat, such as loading
+compiled kernels. `writing`: after the last beat, results are drawn, written and measured.
+"""
 
 
 @dataclass(frozen=True)
-class Going:
-    """A job that is going on."""
+class ActiveJob:
+    """State of an active job.
+
+    Args:
+        label: Name of the job.
+        phase: Its phase.
+        says: Its progress in parts, the most important first; the others can be dropped.
+    """
 
     label: str
     phase: Phase
     says: tuple[str, ...]
-    """How far it is, in parts; the most telling one first, the others can be left out."""
 
 
 @dataclass(frozen=True)
 class View:
-    """What a progress bar shows."""
+    """State of a run at one moment.
+
+    Args:
+        runs_done: Number of finished runs.
+        runs_asked: Number of demanded runs.
+        fillings_left: Number of packings that runs still need.
+        going: Active jobs.
+        elsewhere: Number of jobs that another process has claimed.
+        work_done: Grain-steps of this session.
+        work_left: Estimated grain-steps that are left.
+        rate: Grain-steps per second over the last half minute, of all workers; 0 while unknown.
+        open_ended: A job takes longer than expected, so that `work_left` is a lower bound.
+    """
 
     runs_done: int
     runs_asked: int
     fillings_left: int
-    """Packings that runs still wait for."""
-    going: tuple[Going, ...]
+    going: tuple[ActiveJob, ...]
     elsewhere: int
-    """Jobs that another process holds."""
     work_done: float
-    """Grain-steps of this session."""
     work_left: float
     rate: float
-    """Grain-steps per second over the last half minute, all lanes together; 0 while it is not known."""
     open_ended: bool = False
-    """Whether some job goes on for longer than expected, so that `work_left` is a lower bound."""
 
     @property
     def seconds_left(self) -> float | None:
-        """Wall time that the work left takes at this rate [s]; None while the rate is not known."""
+        """Wall time for the work that is left, at the present rate [s]; None while the rate is unknown."""
         return self.work_left / self.rate if self.rate else None
 
 
 class Watcher(Protocol):
-    """Someone to tell how it goes."""
+    """Interface of an object that shows progress."""
 
     def show(self, view: View) -> None:
-        """Take note of where things stand."""
+        """Show the state of the run; called often."""
         ...
 
     def tell(self, line: str) -> None:
-        """Pass on a line that must not be missed. Called from a thread of its own."""
+        """Show a line that must not be missed. It may be called from another thread."""
         ...
 
 
-class Unwatched:
-    """Nobody to tell."""
+class NullWatcher:
+    """Watcher that shows nothing."""
 
     def show(self, view: View) -> None:
-        """Nothing."""
+        """Do nothing."""
 
     def tell(self, line: str) -> None:
-        """Nothing."""
+        """Do nothing."""
 
 
 class Meter:
-    """Grain-steps done, their rate, the wall time [s] of beats, and that which went by before any could be done."""
+    """Counts grain-steps, their rate, the wall time of beats [s], and the time without any [s]."""
 
     def __init__(self):
         self.work = 0.0
@@ -86,9 +101,9 @@ class Meter:
         self.work += work
 
     def look(self, idle: bool) -> None:
-        """Take note of whether no job takes steps now, since all are placed or wait for kernels.
+        """Record whether all jobs are idle: none takes steps, since all are placed or wait for kernels.
 
-        What was done when is forgotten then: a rate over time that was spent compiling says nothing of the rest.
+        The history is cleared then: a rate that includes time spent compiling would be misleading.
         """
         now = time.perf_counter()
         if self._idle_since is not None:
@@ -98,10 +113,10 @@ class Meter:
             self._history.clear()
 
     def rate(self) -> float:
-        """Grain-steps per second over the last half minute; 0 in the first seconds, which would mislead."""
+        """Grain-steps per second over the last half minute; 0 in the first seconds, where it would be misleading."""
         now = time.perf_counter()
         self._history.append((now, self.work))
         while len(self._history) > 2 and now - self._history[1][0] > _WINDOW:
             self._history.popleft()
         then, work = self._history[0]
-        return (self.work - work) / (now - then) if now - then >= _FIRST else 0.0
+        return (self.work - work) / (now - then) if now - then >= _MIN_TIME else 0.0

@@ -24,7 +24,7 @@ from labbook.checks.compare.verdict import NoVerdict, Verdict, path_of
 from labbook.lab import Catalogue, LabError, LabFolder, notes, studies
 from labbook.lab.catalogue import StudyCount
 from labbook.lab.notes import Note
-from labbook.plan.coverage import RequestedRun, asked
+from labbook.plan.coverage import RequestedRun, requested_runs
 from labbook.results.find import kept
 from labbook.run.live import Running, running
 from labbook.study import Study, StudyError, load
@@ -252,7 +252,7 @@ class Shelf:
                 if second.called == backend and first.called == first.name:
                     with suppress(BackendMissing, CannotCompare):
                         packings = Side(load_backend(first.name), first.device).packings(study)
-                        results = kept(study, self.catalogue, backend, asked(study, backend, packings), kind)
+                        results = kept(study, self.catalogue, backend, requested_runs(study, backend, packings), kind)
                         packings_of = first.name if results.points else ""
             return Found(study, text, backend, results, compared, packings_of)
 
@@ -279,7 +279,7 @@ class Shelf:
         return running(self.lab)
 
     def _demands(self, path: Path, study: Study, backend: str) -> Mapping[str, Sequence[RequestedRun]]:
-        return self._asked.get((path, backend), _stamps(path), lambda: asked(study, backend))
+        return self._asked.get((path, backend), _stamps(path), lambda: requested_runs(study, backend))
 
     def _files(self) -> dict[str, Path]:
         """Study files by name: those of the lab, and those that were given."""

@@ -20,7 +20,7 @@ from labbook.plan.demand import PointDemand, discharges
 from labbook.plan.plan import Planner, PointPlan
 from labbook.run.runner import Runner
 from labbook.run.summary import Summary
-from labbook.run.watch import Unwatched, Watcher
+from labbook.run.watch import NullWatcher, Watcher
 from labbook.study import Study
 from labbook.study.schema import Accuracy
 
@@ -103,7 +103,7 @@ def compare(
         {point.divergence.key: point.divergence for point in before.points if point.divergence} if before else {}
     )
     say("making missing runs")
-    sessions = _run(study, lab, pair, watcher or Unwatched())
+    sessions = _run(study, lab, pair, watcher or NullWatcher())
     measures = tuple(name for name in COMPARED if name in ("flow_rate", *study.measure))
     points = []
     with closing(Catalogue(lab)) as catalogue:

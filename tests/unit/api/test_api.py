@@ -23,10 +23,10 @@ from labbook.lab import Catalogue, RunRecord
 from labbook.lab.folder import remove
 from labbook.plan.plan import Planner
 from labbook.report.setting import setting
-from labbook.run.board import Tally
+from labbook.run.job_queue import Tally
 from labbook.run.notebook import NotebookBar
 from labbook.run.runner import Runner
-from labbook.run.watch import Going, View
+from labbook.run.watch import ActiveJob, View
 
 ROOT = Path(__file__).parents[3]
 PAGE = (ROOT / "docs/python.md").read_text(encoding="utf-8")
@@ -460,7 +460,7 @@ def test_a_stopped_run_goes_on(tmp_path, monkeypatch):
 def test_a_notebook_sees_how_it_goes():
     bar = NotebookBar()
     bar.tell("disk <full>")
-    going = (Going("packing, seed 1", "settling", ("0.1 of m g d",)),)
+    going = (ActiveJob("packing, seed 1", "settling", ("0.1 of m g d",)),)
     bar._view = View(1, 4, 2, going, 0, work_done=1e6, work_left=3e6, rate=2e6)
     html = bar.html()
     assert "disk &lt;full&gt;" in html

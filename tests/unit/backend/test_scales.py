@@ -218,7 +218,7 @@ def test_what_a_study_leaves_out_follows_from_its_scene(by):
     assert shared.run(1).recording == pytest.approx(EVERY * tau, abs=shared.numerics.beat / 2)
     own = asked(Similar(1.0, 1.0)).points[0].numerics.speed_limit
     assert shared.numerics.speed_limit == pytest.approx(own * by.L / by.T)
-    assert shared.unstated == {"stall", "max_time", "recording", "speed_limit"}
+    assert shared.default_names == {"stall", "max_time", "recording", "speed_limit"}
 
 
 def test_defaults_are_near_the_former_constants_at_the_scale_of_the_papers():
@@ -248,7 +248,7 @@ def test_what_a_study_states_holds():
     shared = PointDemand(study, study.points[0])
     assert (shared.stop.stall, shared.stop.max_time, shared.longest_filling) == (7.0, 70.0, 8.0)
     assert shared.numerics.speed_limit == 5.0
-    assert shared.unstated == frozenset()
+    assert shared.default_names == frozenset()
     assert (scales.gap(shared.scene, study.window), scales.layer(shared.scene, study.window)) == (3.0, 0.02)
     assert scales.in_text(study.window) == "gap=3.0 layer=0.02"
 

@@ -14,7 +14,7 @@ from labbook.api import Lab
 from labbook.checks.compare.compare import select_points
 from labbook.lab import DiskFull, LabFolder, studies
 from labbook.plan.demand import PointDemand
-from labbook.run.watch import Unwatched, View
+from labbook.run.watch import NullWatcher, View
 from labbook.study import Study, define, load
 
 SMALL = {"count": 200, "orifices": "[24]", "replicates": 1}
@@ -33,7 +33,7 @@ def keys(asked: Study) -> list[str]:
     return [PointDemand(asked, point).run(1).keys(Backend().capabilities).run for point in asked.points]
 
 
-class Said(Unwatched):
+class Said(NullWatcher):
     """What a runner said, and when its first job was going on."""
 
     def __init__(self, lab: LabFolder):

@@ -162,8 +162,8 @@ def test_a_plan_asks_the_index_once_and_looks_for_no_run_that_is_not_there(tmp_p
     some = asked.change({"contact.friction": 0.3, "sweep.contact.friction": None, "sweep.container.orifice": "[18] mm"})
     carry_out(some, lab)
     looked, settled, queries = [], [], []
-    looked_at, settling, entries = Planner._looked_at, Catalogue.settling, Catalogue.entries
-    monkeypatch.setattr(Planner, "_looked_at", lambda self, key: looked.append(key) or looked_at(self, key))
+    looked_at, settling, entries = Planner._read_entry, Catalogue.settling, Catalogue.entries
+    monkeypatch.setattr(Planner, "_read_entry", lambda self, key: looked.append(key) or looked_at(self, key))
     monkeypatch.setattr(Catalogue, "settling", lambda self: settled.append(self) or settling(self))
     monkeypatch.setattr(Catalogue, "entries", lambda self, *of: queries.append(of) or entries(self, *of))
     made = foresee(asked, Catalogue(lab), Backend(), "cpu")

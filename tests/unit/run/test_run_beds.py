@@ -11,7 +11,7 @@ from labbook.lab.catalogue import Catalogue
 from labbook.lab.runs import open_run
 from labbook.plan.coverage import finished
 from labbook.run.discharge import DischargeJob
-from labbook.run.stopping import Request
+from labbook.run.stopping import StopRequest
 
 THREE = "discharges_per_bed: 3"
 
@@ -55,11 +55,11 @@ def test_records_tell_the_kick_and_old_ones_none(tmp_path):
 def test_a_run_that_was_stopped_goes_on_with_the_same_bits(tmp_path, monkeypatch):
     asked = study(tmp_path, "discharges_per_bed: 2", orifices="[18]", replicates=1)
     carry_out(asked, tmp_path / "whole")
-    request, verdict = Request(), DischargeJob.verdict
+    request, verdict = StopRequest(), DischargeJob.verdict
 
     def stopped_half_way(self, events):
         if self.demand.discharge == 2 and self.progress() > 0.4:
-            request.made = True
+            request.requested = True
         return verdict(self, events)
 
     monkeypatch.setattr(DischargeJob, "verdict", stopped_half_way)

@@ -17,18 +17,20 @@ from labbook.lab.index import Index, run_rows
 from labbook.lab.records import RunRecord, Unreadable
 from labbook.lab.runs import picture
 from labbook.plan.plan import Planner
-from labbook.run import board, closing, discharge, execution, runner
-from labbook.run.aside import Aside, Gone
-from labbook.run.discharge import DischargeJob, KeptRun
-from labbook.run.job import JobFailed, Kept, LabEntry
-from labbook.run.watch import Unwatched
+from labbook.run import discharge, execution, finalizing, job_queue, runner
+from labbook.run.discharge import DischargeJob, RunOutput
+from labbook.run.helper import HelperLost, HelperProcess
+from labbook.run.job import JobFailed, JobOutput, LabEntry
+from labbook.run.watch import NullWatcher
 
 
 @pytest.fixture
 def together(monkeypatch):
     """One ensemble takes all jobs, and several threads write what they leave, as on a GPU."""
     monkeypatch.setattr(runner, "slots", lambda *_: 100)
-    monkeypatch.setattr(runner.Runner, "_closers", lambda _: [closing.Closer(alone=False) for _ in range(3)])
+    monkeypatch.setattr(
+        runner.Runner, "_make_finalizers", lambda _: [finalizing.Finalizer(alone=False) for _ in range(3)]
+    )
 
 
 def test_what_is_written_by_other_threads_is_the_same_in_every_bit(tmp_path, together):
@@ -36,7 +38,7 @@ def test_what_is_written_by_other_threads_is_the_same_in_every_bit(tmp_path, tog
     carry_out(asked, tmp_path / "many", lanes=1)
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(runner, "slots", lambda *_: 1)
-        patch.setattr(runner.Runner, "_closers", lambda _: [closing.Closer(alone=True)])
+        patch.setattr(runner.Runner, "_make_finalizers", lambda _: [finalizing.Finalizer(alone=True)])
         carry_out(asked, tmp_path / "one", lanes=1)
     for folder in ("runs", "packings"):
         keys = {path.name for path in (tmp_path / "one" / folder).iterdir()}
@@ -51,9 +53,9 @@ def test_what_is_written_by_other_threads_is_the_same_in_every_bit(tmp_path, tog
 
 def test_runs_are_written_by_other_processes_but_the_first_of_each_thread(tmp_path, together, monkeypatch):
     here, there = [], []
-    put, aside = Kept.put, Aside.put
-    monkeypatch.setattr(Kept, "put", lambda self: here.append(self.key) or put(self))
-    monkeypatch.setattr(Aside, "put", lambda self, kept: there.append(kept.key) or aside(self, kept))
+    put, aside = JobOutput.put, HelperProcess.put
+    monkeypatch.setattr(JobOutput, "put", lambda self: here.append(self.key) or put(self))
+    monkeypatch.setattr(HelperProcess, "put", lambda self, kept: there.append(kept.key) or aside(self, kept))
     summary = carry_out(study(tmp_path, replicates=4), tmp_path / "lab", lanes=1)
     assert summary.complete
     assert len(here) == 3
@@ -62,7 +64,7 @@ def test_runs_are_written_by_other_processes_but_the_first_of_each_thread(tmp_pa
 
 
 def test_what_a_process_that_is_killed_was_given_is_written_here(tmp_path, together, monkeypatch, caplog):
-    killed, aside = [], Aside.put
+    killed, aside = [], HelperProcess.put
 
     def kill(self, kept):
         if not killed:
@@ -70,7 +72,7 @@ def test_what_a_process_that_is_killed_was_given_is_written_here(tmp_path, toget
             self._process.kill()
         return aside(self, kept)
 
-    monkeypatch.setattr(Aside, "put", kill)
+    monkeypatch.setattr(HelperProcess, "put", kill)
     asked = study(tmp_path, replicates=4)
     assert carry_out(asked, tmp_path / "lab", lanes=1).complete
     assert len(killed) == 1
@@ -80,21 +82,21 @@ def test_what_a_process_that_is_killed_was_given_is_written_here(tmp_path, toget
 
 def test_a_process_killed_while_it_measures_loses_no_run(tmp_path, together, monkeypatch, caplog):
     """The run is in the lab by then, and what was saved of it in its work folder is gone."""
-    killed, last, put, entry = [], {}, Aside.put, Aside.entry
+    killed, last, put, entry = [], {}, HelperProcess.put, HelperProcess.entry
 
     def noted(self, kept):
         last[self] = kept
         put(self, kept)
 
     def kill(self):
-        if not killed and isinstance(last[self], KeptRun):
+        if not killed and isinstance(last[self], RunOutput):
             killed.append(last[self].key)
             self._process.kill()
             self._process.stdout.read()
         return entry(self)
 
-    monkeypatch.setattr(Aside, "put", noted)
-    monkeypatch.setattr(Aside, "entry", kill)
+    monkeypatch.setattr(HelperProcess, "put", noted)
+    monkeypatch.setattr(HelperProcess, "entry", kill)
     asked = study(tmp_path, replicates=4)
     assert carry_out(asked, tmp_path / "lab", lanes=1, checkpoint_every=0.0).complete
     assert len(killed) == 1
@@ -104,7 +106,7 @@ def test_a_process_killed_while_it_measures_loses_no_run(tmp_path, together, mon
 
 def test_an_error_of_another_process_comes_back_as_it_was(tmp_path):
     lab = LabFolder(tmp_path / "lab")
-    process = Aside()
+    process = HelperProcess()
     try:
         with pytest.raises(DiskFull) as full:
             process.put(Failing(lab, "key", lab.run("key"), "run", "full"))
@@ -114,14 +116,14 @@ def test_an_error_of_another_process_comes_back_as_it_was(tmp_path):
         weightless = study(tmp_path).points[0].scene.model_copy(update={"gravity": 0.0}).close()
         with pytest.raises(PlacingError, match="a filling needs gravity"):
             process.call(place, weightless, "rain", 1)
-        with pytest.raises(Gone, match="cannot pickle"):
+        with pytest.raises(HelperLost, match="cannot pickle"):
             process.put(Failing(lab, "key", lab.run("key"), "run", threading.Lock()))
     finally:
         process.end()
 
 
 @dataclass(frozen=True)
-class Failing(Kept):
+class Failing(JobOutput):
     """What cannot be written."""
 
     how: object
@@ -139,7 +141,7 @@ class Failing(Kept):
 
 def test_an_ensemble_goes_on_while_a_run_is_written(tmp_path, together, monkeypatch):
     beats, entered, went_on = [0], [], []
-    advance, kept = Ensemble.advance, DischargeJob.kept
+    advance, kept = Ensemble.advance, DischargeJob.output
 
     def counted(self, *given):
         beats[0] += 1
@@ -155,7 +157,7 @@ def test_an_ensemble_goes_on_while_a_run_is_written(tmp_path, together, monkeypa
         return kept(self, verdict, left)
 
     monkeypatch.setattr(Ensemble, "advance", counted)
-    monkeypatch.setattr(DischargeJob, "kept", slow)
+    monkeypatch.setattr(DischargeJob, "output", slow)
     summary = carry_out(study(tmp_path, orifices="[18, 36]"), tmp_path / "lab", lanes=1)
     assert went_on == [True]
     assert outcomes(summary) == ["finished"] * 4
@@ -165,7 +167,7 @@ def test_a_disk_that_is_full_ends_all_and_the_next_command_goes_on(tmp_path, tog
     asked = study(tmp_path)
     with monkeypatch.context() as patch:
         patch.setattr("labbook.run.discharge.PICTURE", "/dev/full")
-        patch.setattr(closing, "Aside", unable)
+        patch.setattr(finalizing, "HelperProcess", unable)
         with pytest.raises(DiskFull):
             carry_out(asked, tmp_path / "lab", lanes=1)
     assert not list((tmp_path / "lab").glob("runs/*"))
@@ -178,13 +180,13 @@ def test_a_disk_that_is_full_ends_all_and_the_next_command_goes_on(tmp_path, tog
 
 
 def unable():
-    raise Gone("no process can be begun")
+    raise HelperLost("no process can be begun")
 
 
 def test_jobs_that_hold_too_many_grains_are_waited_for(tmp_path, together, monkeypatch):
-    monkeypatch.setattr(closing, "MOST_GRAINS", 250)  # one job of 200 grains, and no second one
+    monkeypatch.setattr(finalizing, "MAX_HELD_GRAINS", 250)  # one job of 200 grains, and no second one
     at_once, most = [0], [0]
-    put = closing.Closer.put_in_place
+    put = finalizing.Finalizer.finalize
     lock = threading.Lock()
 
     def counted(self, kept):
@@ -197,19 +199,19 @@ def test_jobs_that_hold_too_many_grains_are_waited_for(tmp_path, together, monke
             at_once[0] -= 1
         return found
 
-    monkeypatch.setattr(closing.Closer, "put_in_place", counted)
+    monkeypatch.setattr(finalizing.Finalizer, "finalize", counted)
     assert carry_out(study(tmp_path, replicates=4), tmp_path / "lab", lanes=1).complete
     assert most == [1]
 
 
 def test_a_run_that_is_written_is_told(tmp_path, together, monkeypatch):
-    monkeypatch.setattr(execution, "_LOOK", 0.0)
-    monkeypatch.setattr(execution, "_TELLING", float("inf"))
-    put = closing.Closer.put_in_place
-    monkeypatch.setattr(closing.Closer, "put_in_place", lambda *given: (time.sleep(0.05), put(*given))[1])
+    monkeypatch.setattr(execution, "_STOP_INTERVAL", 0.0)
+    monkeypatch.setattr(execution, "_REPORT_SHARE", float("inf"))
+    put = finalizing.Finalizer.finalize
+    monkeypatch.setattr(finalizing.Finalizer, "finalize", lambda *given: (time.sleep(0.05), put(*given))[1])
     seen = set()
 
-    class Watch(Unwatched):
+    class Watch(NullWatcher):
         def show(self, view):
             seen.update((one.phase, one.says) for one in view.going)
 
@@ -220,14 +222,14 @@ def test_a_run_that_is_written_is_told(tmp_path, together, monkeypatch):
 def test_grains_that_other_processes_place_are_those_placed_here(tmp_path, together, monkeypatch):
     asked = study(tmp_path, replicates=4)
     carry_out(asked, tmp_path / "here", lanes=1)
-    monkeypatch.setattr(board, "TOGETHER", 1)
-    placed, call = [], Aside.call
+    monkeypatch.setattr(job_queue, "PLACE_AHEAD_GRAINS", 1)
+    placed, call = [], HelperProcess.call
 
     def noted(self, function, *given):
         placed.append(given[2])
         return call(self, function, *given)
 
-    monkeypatch.setattr(Aside, "call", noted)
+    monkeypatch.setattr(HelperProcess, "call", noted)
     carry_out(asked, tmp_path / "there", lanes=1)
     assert len(placed) == len(list((tmp_path / "there/packings").iterdir())) > 1
     for folder in (tmp_path / "here/packings").iterdir():
@@ -235,8 +237,8 @@ def test_grains_that_other_processes_place_are_those_placed_here(tmp_path, toget
 
 
 def test_a_process_killed_while_it_places_loses_no_filling(tmp_path, together, monkeypatch, caplog):
-    monkeypatch.setattr(board, "TOGETHER", 1)
-    killed, call = [], Aside.call
+    monkeypatch.setattr(job_queue, "PLACE_AHEAD_GRAINS", 1)
+    killed, call = [], HelperProcess.call
 
     def kill(self, function, *given):
         if not killed:
@@ -244,7 +246,7 @@ def test_a_process_killed_while_it_places_loses_no_filling(tmp_path, together, m
             self._process.kill()
         return call(self, function, *given)
 
-    monkeypatch.setattr(Aside, "call", kill)
+    monkeypatch.setattr(HelperProcess, "call", kill)
     assert carry_out(study(tmp_path, replicates=4), tmp_path / "lab", lanes=1).complete
     assert "placed by this process, as the process beside it ended" in caplog.text
 

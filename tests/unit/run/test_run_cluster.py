@@ -15,7 +15,7 @@ from labbook.lab import LabFolder
 from labbook.lab.index import Index
 from labbook.lab.records import Observe
 from labbook.plan.plan import Planner
-from labbook.run.cluster import Back, Batch, Cluster, Task, read, write
+from labbook.run.cluster import Batch, Cluster, Task, TaskResult, read, write
 from labbook.run.cluster import carry_out as on_worker
 from labbook.run.slurm import expected
 from labbook.study import load
@@ -55,7 +55,7 @@ def test_a_task_gives_back_all_that_one_process_makes(tmp_path):
     back = on_worker(task(asked))
     carry_out(asked, tmp_path / "whole")
     made, index, batch = coordinator(asked, tmp_path / "lab")
-    made.put_back(index, back, batch)
+    made.store_result(index, back, batch)
     index.close()
     assert not made.problems
     assert files(tmp_path / "lab") == files(tmp_path / "whole")
@@ -64,7 +64,7 @@ def test_a_task_gives_back_all_that_one_process_makes(tmp_path):
 
 @pytest.mark.ring
 def test_a_task_whose_time_is_over_gives_back_checkpoints_and_the_next_goes_on(tmp_path, monkeypatch):
-    monkeypatch.setattr("labbook.run.cluster.ASKING", 0.1)
+    monkeypatch.setattr("labbook.run.cluster.STOP_INTERVAL", 0.1)
     monkeypatch.setenv("LABBOOK_TOY_DELAY", "0.05")
     asked = study(tmp_path, replicates=1)
     given = {"packings": {}, "runs": {}, "works": {}}
@@ -72,7 +72,7 @@ def test_a_task_whose_time_is_over_gives_back_checkpoints_and_the_next_goes_on(t
     slices, resumed = 0, 0
     while True:
         back = on_worker(task(asked, slice=1.0, **given))
-        made.put_back(index, back, batch)
+        made.store_result(index, back, batch)
         slices, resumed = slices + 1, resumed + back.resumed
         given = {
             "packings": {one.name: read(one) for one in (tmp_path / "lab/packings").glob("*")},
@@ -109,7 +109,7 @@ def test_what_was_not_asked_for_or_is_damaged_is_not_put_in_place(tmp_path):
     (one, other), (packing,) = sorted(back.runs), back.packings
     batch.items = [item for item in batch.items if item.keys.run == one]
     spoilt = {**back.runs[one], "run.json": back.runs[one]["run.json"][:-20]}
-    made.put_back(index, Back(back.packings, {one: spoilt, other: back.runs[other]}), batch)
+    made.store_result(index, TaskResult(back.packings, {one: spoilt, other: back.runs[other]}), batch)
     assert [path.name for path in (tmp_path / "lab/packings").iterdir()] == [packing]
     assert not list((tmp_path / "lab").glob("runs/*"))
     assert "run.json" in next(iter(made.problems))

@@ -13,9 +13,9 @@ from toy_lab import arrays, labbook, start, study_file
 from labbook.backend import Unsupported
 from labbook.lab import LabFolder, studies
 from labbook.lab.runs import RunRecord
-from labbook.plan.devices import named
-from labbook.run.devices import together
-from labbook.run.watch import Going, View
+from labbook.plan.devices import parse_devices
+from labbook.run.devices import merged_view
+from labbook.run.watch import ActiveJob, View
 
 DEVICES = "cpu,toy:0,toy:1"
 GIVEN = ("--backend", "toy", "--device", "toy:0,toy:1")
@@ -34,19 +34,19 @@ def made_on(lab):
 def test_devices_are_named_by_lists_and_by_kind(monkeypatch):
     monkeypatch.setenv("LABBOOK_TOY_DEVICES", DEVICES)
     toy = Backend()
-    assert named("cpu", toy) == ("cpu",)
-    assert named("toy:1, toy:0", toy) == ("toy:1", "toy:0")
-    assert named("toy:all,cpu", toy) == ("toy:0", "toy:1", "cpu")
+    assert parse_devices("cpu", toy) == ("cpu",)
+    assert parse_devices("toy:1, toy:0", toy) == ("toy:1", "toy:0")
+    assert parse_devices("toy:all,cpu", toy) == ("toy:0", "toy:1", "cpu")
     with pytest.raises(Unsupported, match="toy has no cuda:all here; it has cpu, toy:0, toy:1; use --device toy:0, or"):
-        named("cuda:all", toy)
+        parse_devices("cuda:all", toy)
     with pytest.raises(Unsupported, match="toy:0 is named twice"):
-        named("toy:all,toy:0", toy)
+        parse_devices("toy:all,toy:0", toy)
 
 
 def test_progress_of_devices_is_added_up():
-    one = View(1, 4, 1, (Going("a", "settling", ("x",)),), 3, 10.0, 30.0, 2.0)
-    other = View(2, 5, 0, (Going("b", "discharging", ("y",)),), 2, 5.0, 15.0, 1.0, True)
-    total = together([("toy:0", one), ("toy:1", other)])
+    one = View(1, 4, 1, (ActiveJob("a", "settling", ("x",)),), 3, 10.0, 30.0, 2.0)
+    other = View(2, 5, 0, (ActiveJob("b", "discharging", ("y",)),), 2, 5.0, 15.0, 1.0, True)
+    total = merged_view([("toy:0", one), ("toy:1", other)])
     assert (total.runs_done, total.runs_asked, total.fillings_left, total.elsewhere) == (3, 9, 1, 0)
     assert [going.label for going in total.going] == ["toy:0: a", "toy:1: b"]
     assert (total.work_done, total.work_left, total.rate, total.open_ended) == (15.0, 45.0, 3.0, True)

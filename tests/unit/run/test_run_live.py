@@ -19,13 +19,13 @@ from labbook.run import live
 from labbook.run.live import Publisher, Running, running
 from labbook.run.progress import remaining
 from labbook.run.runner import Runner
-from labbook.run.watch import Going, Unwatched, View
+from labbook.run.watch import ActiveJob, NullWatcher, View
 
 VIEW = View(
     runs_done=3,
     runs_asked=12,
     fillings_left=1,
-    going=(Going("run of orifice 18 mm, seed 1", "discharging", ("62 % discharged", "0.20 s")),),
+    going=(ActiveJob("run of orifice 18 mm, seed 1", "discharging", ("62 % discharged", "0.20 s")),),
     elsewhere=2,
     work_done=2e9,
     work_left=6.4e9,
@@ -40,7 +40,7 @@ def lab(tmp_path) -> LabFolder:
     return LabFolder(tmp_path / "lab")
 
 
-class Seen(Unwatched):
+class Seen(NullWatcher):
     """What another watcher is told, and what other processes could read at that moment."""
 
     def __init__(self, lab: LabFolder | None = None):
@@ -54,8 +54,8 @@ class Seen(Unwatched):
         self.lines.append(line)
 
 
-def publisher(lab: LabFolder, to: Unwatched | None = None) -> Publisher:
-    return Publisher(lab, "toy-study", "toy", "cpu", to or Unwatched())
+def publisher(lab: LabFolder, to: NullWatcher | None = None) -> Publisher:
+    return Publisher(lab, "toy-study", "toy", "cpu", to or NullWatcher())
 
 
 def files(lab: LabFolder) -> list[str]:
@@ -118,7 +118,7 @@ def test_of_thousands_of_jobs_some_are_published(lab):
     with publisher(lab) as published:
         published.show(replace(VIEW, going=VIEW.going * 3000))
         (one,) = running(lab)
-        assert (len(one.going), one.jobs) == (live.MOST_JOBS, 3000)
+        assert (len(one.going), one.jobs) == (live.MAX_JOBS, 3000)
 
 
 def test_two_in_one_process_are_told_apart(lab):
@@ -139,7 +139,7 @@ def test_what_cannot_be_written_stops_nothing(lab, monkeypatch, number):
         patched.setattr(live, "write_bytes", fail)
         published.show(VIEW)
         assert running(lab) == []
-        published._next = float("-inf")
+        published._next_time = float("-inf")
         patched.undo()
         published.show(VIEW)
         assert len(running(lab)) == 1, "it is tried again"

@@ -126,7 +126,7 @@ def test_a_run_that_goes_on_after_the_middle_is_drawn_at_once(tmp_path, seen):
 def test_a_run_is_the_same_whether_it_is_drawn_or_not(tmp_path, monkeypatch):
     asked = study(tmp_path, "record: {every: 2 ms, replicates: 1}")
     carry_out(asked, tmp_path / "drawn")
-    monkeypatch.setattr("labbook.run.discharge.KeptRun._drawn", lambda *_: b"")
+    monkeypatch.setattr("labbook.run.discharge.RunOutput._picture", lambda *_: b"")
     carry_out(asked, tmp_path / "plain")
     for folder in (tmp_path / "plain/runs").iterdir():
         assert not (folder / PICTURE).exists()
@@ -296,7 +296,7 @@ def test_a_real_run_is_the_same_whether_it_is_drawn_or_not(tmp_path, monkeypatch
     asked = study(tmp_path, count=150, **ONE)
     backend = labbook_numba.Backend(wide=True)
     carry_out(asked, tmp_path / "drawn", backend=backend)
-    monkeypatch.setattr("labbook.run.discharge.KeptRun._drawn", lambda *_: b"")
+    monkeypatch.setattr("labbook.run.discharge.RunOutput._picture", lambda *_: b"")
     carry_out(asked, tmp_path / "plain", backend=backend)
     drawn, plain = the_run(tmp_path / "drawn"), the_run(tmp_path / "plain")
     assert arrays(drawn) == arrays(plain)

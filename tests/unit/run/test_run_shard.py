@@ -9,7 +9,7 @@ from labbook.cli import build
 from labbook.plan.demand import PointDemand, demands
 from labbook.plan.forecast import discharge_work, fill_work
 from labbook.plan.plan import Planner
-from labbook.run.shard import Division, Shard
+from labbook.run.shard import Shard, WorkPartition
 from labbook.study import load
 
 CAN = Backend().capabilities
@@ -59,7 +59,7 @@ def test_parts_in_labs_of_their_own_become_the_whole_by_import(tmp_path):
 
 def parts(asked, of, seeds):
     """Of each run of a study, by label and seed: its part, its packing, and its foreseen work without the filling."""
-    division = Division([PointDemand(asked, point) for point in asked.points], CAN, [1.0] * of)
+    division = WorkPartition([PointDemand(asked, point) for point in asked.points], CAN, [1.0] * of)
     return {
         (run.point.label, run.seed): (division.number(run), run.keys(CAN).packing, discharge_work(run.shared))
         for run in demands(asked, seeds)
@@ -87,7 +87,7 @@ def test_parts_are_even_in_work_and_not_in_number(of, tmp_path):
     asked = study(tmp_path, orifices="[24, 30]").change({"sweep.grains.count": counts})
     points = [PointDemand(asked, point) for point in asked.points]
     runs = list(demands(asked, 4))
-    division = Division(points, CAN, [1.0] * of)
+    division = WorkPartition(points, CAN, [1.0] * of)
     work = {run.keys(CAN).packing: fill_work(run) for run in runs}
     loads, number = [0.0] * of, [0] * of
     for run in runs:
@@ -104,10 +104,10 @@ def test_parts_are_even_in_work_and_not_in_number(of, tmp_path):
 def test_more_replicates_change_no_part_and_faster_ones_have_more(tmp_path):
     few, many = study(tmp_path, replicates=3), study(tmp_path, replicates=12)
     assert parts(many, 5, 12).items() >= parts(few, 5, 3).items()
-    division = Division([PointDemand(many, point) for point in many.points], CAN, [3.0, 1.0])
+    division = WorkPartition([PointDemand(many, point) for point in many.points], CAN, [3.0, 1.0])
     runs = list(demands(many, 12))
     assert sum(division.number(run) == 1 for run in runs) == pytest.approx(0.75 * len(runs), abs=2)
-    inner = Division([PointDemand(many, p) for p in many.points], CAN, [1.0, 1.0], division.holds(1))
+    inner = WorkPartition([PointDemand(many, p) for p in many.points], CAN, [1.0, 1.0], division.holds(1))
     assert {inner.number(run) for run in runs if division.number(run) == 1} == {1, 2}
     assert {inner.number(run) for run in runs if division.number(run) == 2} == {None}
 

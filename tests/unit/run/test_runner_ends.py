@@ -182,7 +182,7 @@ def test_a_run_that_no_grain_left_has_seen_none_and_says_so(tmp_path):
     assert len(run.data().tables["crossing"]["time"]) == run.record.coverage.crossed > 0
 
 
-@pytest.mark.parametrize("step", ["job.Job.begin", "board.Board._there", "runner.Planner.refresh"])
+@pytest.mark.parametrize("step", ["job.Job.begin", "job_queue.JobQueue._is_in_lab", "runner.Planner.refresh"])
 def test_what_fails_at_a_beginning_gives_its_claim_back(tmp_path, monkeypatch, step):
     """A claim that is kept would let the next call in the same process wait for ever."""
 

@@ -14,7 +14,7 @@ from labbook.lab.records import RunRecord, Unreadable
 from labbook.lab.runs import check_keys
 from labbook.lab.tables import write_table
 from labbook.plan.demand import demands
-from labbook.run.watch import Unwatched
+from labbook.run.watch import NullWatcher
 from labbook.scene import (
     CylinderSilo,
     LinearSpringDashpot,
@@ -169,7 +169,7 @@ def test_a_bed_is_at_rest_when_its_slow_grains_have_the_energy_asked_for():
     assert at_rest(alone, packing_of(v[2:3], still[:1]), 1e-6, 0.01)
 
 
-class Listening(Unwatched):
+class Listening(NullWatcher):
     """Keeps what is told."""
 
     def __init__(self):

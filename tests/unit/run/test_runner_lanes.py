@@ -16,12 +16,12 @@ from labbook.lab.index import Index
 from labbook.lab.records import Observe
 from labbook.plan.plan import Planner
 from labbook.run import execution
-from labbook.run.board import Board
 from labbook.run.fill import FillJob
-from labbook.run.job import Bench, Job
+from labbook.run.job import Job, JobContext
+from labbook.run.job_queue import JobQueue
 from labbook.run.progress import counts
-from labbook.run.stopping import Request
-from labbook.run.watch import Unwatched, View
+from labbook.run.stopping import StopRequest
+from labbook.run.watch import NullWatcher, View
 from labbook.study import load
 
 
@@ -43,8 +43,8 @@ def test_saving_that_takes_long_is_done_seldom(tmp_path, monkeypatch):
     carry_out(asked, tmp_path / "short", lanes=1, checkpoint_every=0)
     often = len(saved)
     saved.clear()
-    monkeypatch.setattr(execution, "_LONG", 0.0)
-    monkeypatch.setattr(execution, "_SAVING", 1e-6)  # so that the next save is hours away
+    monkeypatch.setattr(execution, "_SAVING_ALLOWANCE", 0.0)
+    monkeypatch.setattr(execution, "_SAVING_SHARE", 1e-6)  # so that the next save is hours away
     carry_out(asked, tmp_path / "long", lanes=1, checkpoint_every=0)
     assert len(saved) == 1 < often
 
@@ -63,15 +63,15 @@ def test_saving_takes_its_part_of_the_time_and_the_longest_unsaved_come_first(mo
     monkeypatch.setattr(execution, "time", SimpleNamespace(perf_counter=lambda: now[0]))
     nothing: Any = None
     carrying: Any = execution.Execution(
-        nothing, nothing, Backend(), "cpu", 0, 1, 1, nothing, Request(), print, execution.CHECKPOINT_EVERY
+        nothing, nothing, Backend(), "cpu", 0, 1, 1, nothing, StopRequest(), print, execution.CHECKPOINT_EVERY
     )
     lane = SimpleNamespace(ensemble=object(), saving=0.0, jobs={member: Slow() for member in "abcd"})
-    carrying._saved = dict.fromkeys(lane.jobs.values(), 0.0)
+    carrying._last_saved = dict.fromkeys(lane.jobs.values(), 0.0)
     for turn in range(100):
         now[0] = max(now[0], 40.0 * turn)
         carrying._save(lane)
         assert lane.saving == 10 * len(saved)
-        assert 10 * (len(saved) - 1) <= max(execution._LONG, execution._SAVING * now[0])
+        assert 10 * (len(saved) - 1) <= max(execution._SAVING_ALLOWANCE, execution._SAVING_SHARE * now[0])
     assert saved == list("abcd" * 5)  # one in 200 s
     now[0], carrying._checkpoint_every = 1e6, 1e9  # there is time, and none is due
     carrying._save(lane)
@@ -86,25 +86,27 @@ def test_a_job_that_needs_another_spec_is_begun_once_to_learn_that(tmp_path, mon
     catalogue, index = Catalogue(lab), Index(lab)
     try:
         planner = Planner(asked, catalogue, backend.capabilities)
-        board = Board(Bench(lab, backend, "cpu"), planner, index, Observe(measure=asked.measure, start=0, end=1))
-        board.pin(planner.plan())
+        board = JobQueue(
+            JobContext(lab, backend, "cpu"), planner, index, Observe(measure=asked.measure, start=0, end=1)
+        )
+        board.load_plan(planner.plan())
         other = Spec(backend="toy", features=(), steps_per_beat=7)
         assert [list(board.jobs(other)) for _ in range(5)] == [[]] * 5
         assert len(begun) == len(set(begun)) == 2, "two packings"
         started = next(board.jobs())
         assert started.spec != other
-        board.dropped(started.job)
+        board.drop(started.job)
     finally:
         catalogue.close()
         index.close()
 
 
 def test_progress_tells_runs_from_packings(tmp_path, monkeypatch):
-    monkeypatch.setattr(execution, "_LOOK", 0.0)  # after every beat, whatever the clock says
-    monkeypatch.setattr(execution, "_TELLING", math.inf)
+    monkeypatch.setattr(execution, "_STOP_INTERVAL", 0.0)  # after every beat, whatever the clock says
+    monkeypatch.setattr(execution, "_REPORT_SHARE", math.inf)
     seen = []
 
-    class Watch(Unwatched):
+    class Watch(NullWatcher):
         def show(self, view: View) -> None:
             made = [len(list((tmp_path / "lab" / name).glob("*"))) for name in ("packings", "runs")]
             seen.append((view.fillings_left, view.runs_done, *made, [one.phase for one in view.going].count("writing")))

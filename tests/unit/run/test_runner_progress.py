@@ -17,13 +17,13 @@ from labbook.backend import load
 from labbook.backend.numerics import Numerics
 from labbook.checks.verify.symmetry import hopper
 from labbook.plan.forecast import fill_time
-from labbook.run import board, execution, progress
-from labbook.run.board import Tally
+from labbook.run import execution, job_queue, progress
 from labbook.run.discharge import DischargeJob
 from labbook.run.fill import FillJob, short
-from labbook.run.progress import Bar, fitted, remaining, spoken
+from labbook.run.job_queue import Tally
+from labbook.run.progress import Bar, fitted, one_line, remaining
 from labbook.run.summary import Summary
-from labbook.run.watch import Going, Meter, Unwatched, View
+from labbook.run.watch import ActiveJob, Meter, NullWatcher, View
 from labbook.study import load as read
 
 COMPILING = ("compiling, once for this kind of scene",)
@@ -51,7 +51,7 @@ VIEW = View(
     runs_done=0,
     runs_asked=120,
     fillings_left=2,
-    going=(Going("packing, seed 1", "settling", SETTLING), Going("packing, seed 2", "settling", SETTLING)),
+    going=(ActiveJob("packing, seed 1", "settling", SETTLING), ActiveJob("packing, seed 2", "settling", SETTLING)),
     elsewhere=0,
     work_done=2e9,
     work_left=6.4e9,
@@ -84,7 +84,7 @@ def test_at_80_columns_there_is_a_bar_and_every_word_is_whole():
 
 @pytest.mark.parametrize("width", [30, 40, 60, 80, 110, 200])
 def test_nothing_is_wider_than_the_terminal(width):
-    long = Going("packing of friction 0.1, orifice 24 mm and 11 other points, seed 1", "settling", SETTLING)
+    long = ActiveJob("packing of friction 0.1, orifice 24 mm and 11 other points, seed 1", "settling", SETTLING)
     many = tuple(replace(long, label=f"run {k}", phase="discharging") for k in range(30))
     view = replace(VIEW, going=(long, *many), elsewhere=3)
     lines = drawn(view, width)
@@ -100,15 +100,17 @@ def test_what_there_is_no_room_for_goes_from_its_end():
 
 
 def test_jobs_that_compile_are_named_in_one_line():
-    view = replace(VIEW, rate=0.0, going=tuple(Going(f"packing, seed {k}", "compiling", COMPILING) for k in (1, 2, 3)))
+    view = replace(
+        VIEW, rate=0.0, going=tuple(ActiveJob(f"packing, seed {k}", "compiling", COMPILING) for k in (1, 2, 3))
+    )
     assert drawn(view, 80)[1:] == ["  compiling, once for this kind of scene: packing, seed 1 and 2 more"]
     assert "left" not in drawn(view, 80)[0]
 
 
 @pytest.mark.parametrize("phase", ["compiling", "preparing", "settling"])
 def test_a_line_without_a_terminal_names_three_jobs_of_many(phase):
-    going = tuple(Going(f"packing of orifice {k} mm, seed 1", phase, ("kernels",)) for k in range(240))
-    said = spoken(replace(VIEW, going=going), 400)
+    going = tuple(ActiveJob(f"packing of orifice {k} mm, seed 1", phase, ("kernels",)) for k in range(240))
+    said = one_line(replace(VIEW, going=going), 400)
     assert said.count("orifice") == 3
     more = "and 237 settling" if phase == "settling" else "orifice 2 mm, seed 1 and 237 more"
     assert said.endswith(more)
@@ -116,8 +118,8 @@ def test_a_line_without_a_terminal_names_three_jobs_of_many(phase):
 
 @pytest.mark.parametrize("width", [60, 80, 112])
 def test_a_line_without_a_terminal_is_no_wider_than_asked_and_begins_with_the_counts(width):
-    long = Going("packing of friction 0.1, orifice 24 mm and 11 other points, seed 1", "settling", SETTLING)
-    said = spoken(replace(VIEW, going=(long, long, long, long), elsewhere=2), width)
+    long = ActiveJob("packing of friction 0.1, orifice 24 mm and 11 other points, seed 1", "settling", SETTLING)
+    said = one_line(replace(VIEW, going=(long, long, long, long), elsewhere=2), width)
     assert len(said) <= width
     assert said.startswith("0/120 runs, 2 packings first")
     assert "about 64 s left" in said
@@ -132,10 +134,10 @@ def test_a_flow_that_rests_is_forecast_to_end_as_clogged(time, last, expected):
         demand=SimpleNamespace(shared=SimpleNamespace(stop=stop)),
         status=SimpleNamespace(time=time),
         _discharged=0.3,
-        _enough=0.6,
-        _last=last,
+        _target_fraction=0.6,
+        _idle_time=time - last,
         _breaker=None,
-        _pausing=time - last > 0.3 * 0.5,
+        _is_pausing=time - last > 0.3 * 0.5,
     )
     assert DischargeJob.progress(job) == pytest.approx(expected)  # pyright: ignore[reportArgumentType]
 
@@ -154,7 +156,7 @@ def test_a_filling_that_takes_longer_than_expected_is_open_ended_and_tells_its_e
     views, demanded, begin = [], [], FillJob.begin
     monkeypatch.setattr(FillJob, "begin", lambda job: demanded.append(job.demand) or begin(job))
 
-    class Watch(Unwatched):
+    class Watch(NullWatcher):
         def show(self, view: View) -> None:
             views.append(view)
 
@@ -173,7 +175,7 @@ def test_a_filling_that_takes_longer_than_expected_is_open_ended_and_tells_its_e
 def test_an_outlet_that_may_have_clogged_is_told_before_it_counts_as_clogged(tmp_path):
     said = set()
 
-    class Watch(Unwatched):
+    class Watch(NullWatcher):
         def show(self, view: View) -> None:
             said.update(part for going in view.going for part in going.says)
 
@@ -191,7 +193,7 @@ def test_energies_are_short(energy, shown):
 def test_a_packing_is_named_by_the_points_that_it_serves(tmp_path):
     seen = set()
 
-    class Watch(Unwatched):
+    class Watch(NullWatcher):
         def show(self, view: View) -> None:
             seen.update(going.label for going in view.going)
 
@@ -215,7 +217,7 @@ def test_without_a_terminal_each_phase_and_every_half_minute_is_a_line(monkeypat
     with bar:
         for second in range(100):
             now = float(second)
-            compiling = Going("packing, seed 1", "compiling", COMPILING)
+            compiling = ActiveJob("packing, seed 1", "compiling", COMPILING)
             bar.show(replace(VIEW, rate=0.0, going=(compiling,)) if second < 20 else VIEW)
         bar.tell("stopping")
     lines = file.getvalue().splitlines()
@@ -271,23 +273,23 @@ def test_what_takes_long_to_count_is_counted_seldom(tmp_path, monkeypatch):
         time.sleep(0.05)
         return 1.0
 
-    monkeypatch.setattr("labbook.run.board.Board.work_left", work_left)
+    monkeypatch.setattr("labbook.run.job_queue.JobQueue.work_left", work_left)
     carry_out(study(tmp_path, orifices="[24]", replicates=1), tmp_path / "lab", backend=Backend(delay=0.02))
     assert np.diff(counted).min(initial=np.inf) > 0.9
 
 
 @pytest.mark.parametrize("off", [0.1, 10.0])
 def test_a_wrong_forecast_of_discharges_is_corrected_by_those_under_way(tmp_path, monkeypatch, off):
-    monkeypatch.setattr(execution, "_LOOK", 0.0)  # after every beat, whatever the clock says
-    monkeypatch.setattr(execution, "_TELLING", math.inf)
+    monkeypatch.setattr(execution, "_STOP_INTERVAL", 0.0)  # after every beat, whatever the clock says
+    monkeypatch.setattr(execution, "_REPORT_SHARE", math.inf)
     seen = []
 
-    class Watch(Unwatched):
+    class Watch(NullWatcher):
         def show(self, view: View) -> None:
             seen.append((view.runs_done, view.fillings_left, view.work_done, view.work_left))
 
-    foreseen = board.discharge_work
-    monkeypatch.setattr(board, "discharge_work", lambda shared: off * foreseen(shared))
+    foreseen = job_queue.discharge_work
+    monkeypatch.setattr(job_queue, "discharge_work", lambda shared: off * foreseen(shared))
     carry_out(study(tmp_path, replicates=3), tmp_path / "lab", watcher=Watch(), lanes=1)
     whole = seen[-1][2]
     ratios = [

@@ -8,11 +8,11 @@ import labbook_toy
 import pytest
 from toy_lab import arrays, carry_out, study, study_file
 
-from labbook.run import board, closing
+from labbook.run import finalizing, job_queue
+from labbook.run.ensemble_worker import EnsembleWorker
 from labbook.run.fill import FillJob
-from labbook.run.lane import Lane
-from labbook.run.stopping import Request
-from labbook.run.watch import Unwatched
+from labbook.run.stopping import StopRequest
+from labbook.run.watch import NullWatcher
 from labbook.study import load
 
 
@@ -94,7 +94,7 @@ class Small(Device):
 def test_runs_for_which_memory_runs_out_later_go_on_with_fewer_at_once(tmp_path):
     told, alone = list[str](), tmp_path / "alone"
 
-    class Told(Unwatched):
+    class Told(NullWatcher):
         def tell(self, line: str) -> None:
             told.append(line)
 
@@ -127,20 +127,20 @@ def test_one_run_that_memory_has_no_room_for_fails_by_itself(tmp_path, monkeypat
 def turns(monkeypatch):
     """Kinds, members and threads of all turns of a run."""
     found = []
-    turn = Lane._turn
+    turn = EnsembleWorker._run_beat
 
     def noted(self, new, use):
         took = turn(self, new, use)
         found.append((set(self.kinds), len(self.jobs), threading.current_thread(), self.opened))
         return took
 
-    monkeypatch.setattr(Lane, "_turn", noted)
+    monkeypatch.setattr(EnsembleWorker, "_run_beat", noted)
     return found
 
 
 def test_runs_go_on_while_other_beds_settle_with_the_same_bits(tmp_path, turns, monkeypatch):
-    monkeypatch.setattr(board, "TOGETHER", 1)
-    monkeypatch.setattr(closing, "_AHEAD", 2)
+    monkeypatch.setattr(job_queue, "PLACE_AHEAD_GRAINS", 1)
+    monkeypatch.setattr(finalizing, "_PLACED_AHEAD", 2)
     asked = study(tmp_path, replicates=8, orifices="[24]")
     carry_out(asked, tmp_path / "cpu")
     turns.clear()
@@ -159,16 +159,16 @@ def test_runs_go_on_while_other_beds_settle_with_the_same_bits(tmp_path, turns, 
 
 
 def test_fillings_are_placed_ahead_but_not_all(tmp_path, monkeypatch):
-    monkeypatch.setattr(board, "TOGETHER", 1)
-    monkeypatch.setattr(closing, "_AHEAD", 1)
+    monkeypatch.setattr(job_queue, "PLACE_AHEAD_GRAINS", 1)
+    monkeypatch.setattr(finalizing, "_PLACED_AHEAD", 1)
     waiting = []
-    place_ahead = board.Board.place_ahead
+    place_ahead = job_queue.JobQueue.place_ahead
 
     def noted(self):
         place_ahead(self)
         waiting.append(len(self.waiting))
 
-    monkeypatch.setattr(board.Board, "place_ahead", noted)
+    monkeypatch.setattr(job_queue.JobQueue, "place_ahead", noted)
     monkeypatch.setattr("labbook.run.runner.cores", lambda: 3)
     assert carry_out(
         study(tmp_path, replicates=8, orifices="[24]"), tmp_path / "lab", backend=Device(None), device="cuda:0"
@@ -177,11 +177,11 @@ def test_fillings_are_placed_ahead_but_not_all(tmp_path, monkeypatch):
 
 
 def test_a_stop_gives_back_the_beds_that_are_being_placed(tmp_path, monkeypatch):
-    monkeypatch.setattr(board, "TOGETHER", 1)
-    request, verdict = Request(), FillJob.verdict
+    monkeypatch.setattr(job_queue, "PLACE_AHEAD_GRAINS", 1)
+    request, verdict = StopRequest(), FillJob.verdict
 
     def stopped(self, events):
-        request.made = True
+        request.requested = True
         return verdict(self, events)
 
     monkeypatch.setattr(FillJob, "verdict", stopped)
@@ -199,14 +199,14 @@ def test_lanes_share_the_memory_of_a_device(tmp_path, turns, monkeypatch, holds)
     backend = Device(holds)
     monkeypatch.setattr(backend, "open", lambda *given: opened.append(Device.open(backend, *given)) or opened[-1])
     monkeypatch.setattr(labbook_toy.Ensemble, "close", lambda self: opened.remove(self) or closed(self))
-    most, turn = [], Lane._turn
+    most, turn = [], EnsembleWorker._run_beat
 
     def counted(self, *given):
         took = turn(self, *given)
         most.append(sum(len(ensemble.glasses) for ensemble in opened))
         return took
 
-    monkeypatch.setattr(Lane, "_turn", counted)
+    monkeypatch.setattr(EnsembleWorker, "_run_beat", counted)
     asked = study(tmp_path, replicates=4, orifices="[24]")
     assert carry_out(asked, tmp_path / "lab", backend=backend, device="cuda:0").complete
     assert max(most) == holds

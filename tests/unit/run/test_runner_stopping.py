@@ -13,12 +13,12 @@ import pytest
 from toy_lab import carry_out, labbook, start, study, study_file
 from toy_records import records
 
-from labbook.run.stopping import SAVING, Request
+from labbook.run.stopping import SAVING, StopRequest
 
 BACKEND = ("--backend", "toy")
 
 
-class Going:
+class ActiveJob:
     """`labbook run` in a process of its own, and when it wrote which line to standard error."""
 
     def __init__(self, *words: object, **given):
@@ -72,7 +72,7 @@ LIKEWISE = [pytest.param(number, marks=pytest.mark.slow) for number in (signal.S
 @pytest.mark.slow
 @pytest.mark.parametrize("number", [signal.SIGINT, *LIKEWISE])
 def test_while_kernels_compile_there_is_nothing_to_wait_for(tmp_path, number):
-    going = Going(study_file(tmp_path), "--lab", tmp_path / "lab", LABBOOK_TOY_COMPILES=LONG)
+    going = ActiveJob(study_file(tmp_path), "--lab", tmp_path / "lab", LABBOOK_TOY_COMPILES=LONG)
     going.heard("compiling, once for this kind of scene")
     asked = going.ask(number)
     ended, out = going.ended(within=20)
@@ -88,7 +88,7 @@ def test_while_kernels_compile_there_is_nothing_to_wait_for(tmp_path, number):
 def test_asked_again_within_a_long_beat_it_leaves_at_once_and_keeps_the_last_save(tmp_path):
     lab, path = tmp_path / "lab", study_file(tmp_path, orifices="[24]", replicates=1)
     carry_out(study(tmp_path, "stop: {max_time: 4 ms}", orifices="[24]", replicates=1), lab)
-    going = Going(study_file(tmp_path, orifices="[24]", replicates=1), "--lab", lab, LABBOOK_TOY_PAUSE=LONG)
+    going = ActiveJob(study_file(tmp_path, orifices="[24]", replicates=1), "--lab", lab, LABBOOK_TOY_PAUSE=LONG)
     going.heard(labbook_toy.PAUSING)  # asked between two beats it would end after the first request
     first = going.ask(signal.SIGINT)
     assert going.heard(SAVING, 10) - first < SOON
@@ -126,13 +126,13 @@ def test_a_terminal_that_goes_away_saves_what_is_going_on(tmp_path):
 
 
 def test_a_hang_up_after_another_signal_is_no_second_request_nor_is_sigterm_at_once(monkeypatch):
-    request, told = Request(), []
+    request, told = StopRequest(), []
     with request.listening(told.append):
         for number in (signal.SIGTERM, signal.SIGHUP, signal.SIGHUP, signal.SIGTERM):
             os.kill(os.getpid(), number)
             time.sleep(0.05)
-        assert request.made
-        monkeypatch.setattr("labbook.run.stopping.TOGETHER", 0.1)  # batch systems send it again within moments
+        assert request.requested
+        monkeypatch.setattr("labbook.run.stopping.SIGTERM_WINDOW", 0.1)  # batch systems send it again within moments
         with pytest.raises(KeyboardInterrupt):
             signal.raise_signal(signal.SIGTERM)
     assert told == [SAVING]
@@ -141,10 +141,10 @@ def test_a_hang_up_after_another_signal_is_no_second_request_nor_is_sigterm_at_o
 def test_a_hang_up_that_is_ignored_stays_ignored():
     before = signal.signal(signal.SIGHUP, signal.SIG_IGN)
     try:
-        request = Request()
+        request = StopRequest()
         with request.listening(print):
             os.kill(os.getpid(), signal.SIGHUP)
             time.sleep(0.05)
-        assert not request.made
+        assert not request.requested
     finally:
         signal.signal(signal.SIGHUP, before)

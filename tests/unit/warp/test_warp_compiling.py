@@ -18,8 +18,8 @@ from labbook.lab import Catalogue, LabFolder
 from labbook.lab.index import Index
 from labbook.lab.records import Observe
 from labbook.plan.plan import Planner
-from labbook.run import board
-from labbook.run.job import Bench
+from labbook.run import job_queue
+from labbook.run.job import JobContext
 
 pytestmark = pytest.mark.compiles
 
@@ -41,8 +41,8 @@ def said(tmp_path, of):
     try:
         planner = Planner(asked, catalogue, backend.capabilities)
         observe = Observe(measure=asked.measure, start=0, end=1)
-        of_study = board.Board(Bench(lab, backend, "cpu"), planner, index, observe)
-        of_study.pin(planner.plan())
+        of_study = job_queue.JobQueue(JobContext(lab, backend, "cpu"), planner, index, observe)
+        of_study.load_plan(planner.plan())
         return of_study.expected()
     finally:
         catalogue.close()
@@ -71,7 +71,7 @@ def test_the_board_names_fillings_and_runs(expected):
 
 
 def test_all_runs_of_a_point_are_counted(tmp_path, monkeypatch):
-    monkeypatch.setattr(board, "_AHEAD", 1)
+    monkeypatch.setattr(job_queue, "_MAX_COMPILED_AHEAD", 1)
     assert [one.count for one in said(tmp_path, {**SMALL, "replicates": 3})] == [3, 3]
 
 
