@@ -163,7 +163,7 @@ class Transition(Goal):
         lowest_rate, highest_rate = sorted(self._expected(study, counts, x + shift) for shift in (width, -width))
         word = "kept" if measured.low <= highest_rate and measured.high >= lowest_rate else "not kept"
         tested = f"{len(withheld)} held-out beds at {self._setting(study, x)} stop {stops:.0f} times in {exposure:.0f} "
-        tested += f"grains, and {fewest * exposure:.3g} to {highest * exposure:.3g} are expected"
+        tested += f"grains, and {lowest_rate * exposure:.3g} to {highest_rate * exposure:.3g} are expected"
         return f"{answer}. Promise {word} (±{self.within}): {tested}"
 
     def _counts(self, trials: Sequence[Trial]) -> dict[float, tuple[float, float]]:
