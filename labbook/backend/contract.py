@@ -1,4 +1,4 @@
-"""The interface of a backend.
+"""Interface of backends.
 
 A backend runs *ensembles*: many members of one specialisation, each with its own parameters, clock and time step.
 Backends know no phases: a filling is a closed scene that starts from a gas, a discharge is the open scene that starts
@@ -23,7 +23,23 @@ from labbook.scene.packing import Packing
 
 @dataclass(frozen=True)
 class Capabilities:
-    """Capabilities of a backend, as data. `cache_version` increases whenever its results may change."""
+    """Capabilities of a backend, as data.
+
+    Args:
+        name: Name of the backend.
+        cache_version: Version of its results; it increases whenever they may change.
+        shapes: Shapes of grains, such as `sphere`.
+        laws: Names of contact laws.
+        walls: Kinds of walls.
+        precisions: `double`, and `mixed` if it has it.
+        devices: Kinds of devices: `cpu`, `cuda`.
+        mixtures: Grains of one scene may differ in size and material.
+        single_velocities: `mixed` keeps velocities and spins in single precision too, not only the contact law.
+        feeds: Grains that left can be put back (`Ensemble.put_back`), which fed scenes need.
+        breaks: Velocities of grains can be set (`Ensemble.set_velocities`), which scenes with `restart` need.
+        rods_at_meshes: Rods have contacts with walls of triangles.
+        moving_parts: Parts of a container can move (`Wall.moves`).
+    """
 
     name: str
     cache_version: int
@@ -33,17 +49,11 @@ class Capabilities:
     precisions: frozenset[str]
     devices: tuple[str, ...]
     mixtures: bool = False
-    """Whether grains of one scene may differ in size and material."""
     single_velocities: bool = False
-    """Whether `mixed` keeps velocities and spins in single precision too, and not the contact law only."""
     feeds: bool = False
-    """Whether grains that left can be put back (`Ensemble.put_back`), which fed scenes need."""
     breaks: bool = False
-    """True if velocities of grains can be set (`Ensemble.set_velocities`), which scenes with `restart` need."""
     rods_at_meshes: bool = False
-    """True if rods have contacts with walls of triangles."""
     moving_parts: bool = False
-    """True if parts of a container can move (`Wall.moves`)."""
 
 
 @dataclass(frozen=True)
@@ -55,7 +65,10 @@ class Member:
 
 @dataclass(frozen=True)
 class Settled:
-    """Kinetic energy per grain stayed below `settled_below` m g d for `settled_beats` beats."""
+    """Event: the kinetic energy per grain stayed below `settled_below` m g d for `settled_beats` beats.
+
+    `time` [s]: end of the last of these beats.
+    """
 
     member: Member
     time: float
@@ -63,7 +76,7 @@ class Settled:
 
 @dataclass(frozen=True)
 class Emptied:
-    """No grain is left."""
+    """Event: no grain is left. `time` [s]: end of the beat."""
 
     member: Member
     time: float
@@ -71,8 +84,16 @@ class Emptied:
 
 @dataclass(frozen=True)
 class Failed:
-    """A guard stopped a member; its state is that of the last good beat. `guard`: state (a velocity or spin that is no
-    number; spins may be checked once per beat), speed, overlap."""
+    """Event: a guard stopped a member, whose state is that of the last good beat.
+
+    Args:
+        member: The member.
+        guard: `state` (a velocity or spin is not finite; spins may be checked once per beat only), `speed` or
+            `overlap`.
+        step: Step at which the guard saw it.
+        grain: Id of the grain.
+        message: Message for the user, with the remedy.
+    """
 
     member: Member
     guard: str
@@ -86,10 +107,17 @@ Event = Settled | Emptied | Failed
 
 @dataclass(frozen=True)
 class Status:
-    """Step, time and state of a member; kinetic energy per grain is in units of m g d (m d^2/s^2 without gravity).
+    """Step, time and state of a member.
 
-    `deepest` and `fastest` are over all steps so far, also before a checkpoint; None if not known, as after a
-    checkpoint without them.
+    Args:
+        step: Number of steps so far.
+        time: Simulated time [s].
+        grains: Number of grains.
+        kinetic: Kinetic energy per grain [m g d]; without gravity [m d^2/s^2].
+        deepest: Largest overlap of any contact over all steps, also before a checkpoint, in diameters of the smallest
+            grains (`numerics.overlap_limit`); None if unknown, as after a checkpoint without it.
+        fastest: Largest speed of any grain over all steps [m/s] (`numerics.speed_limit`); for rods that of an end. None
+            if unknown.
     """
 
     step: int
@@ -97,14 +125,12 @@ class Status:
     grains: int
     kinetic: float
     deepest: float | None = None
-    """Largest overlap of any contact, in diameters of the smallest grains, as `numerics.overlap_limit` counts it."""
     fastest: float | None = None
-    """Largest speed of any grain [m/s], as `numerics.speed_limit` counts it: of rods that of an end."""
 
 
 @dataclass(frozen=True)
 class Checkpoint:
-    """The exact state of a member, private to the backend that made it. Restoring it continues bit for bit."""
+    """Exact state of a member, private to the backend that made it; a run restored from it continues bit for bit."""
 
     backend: str
     cache_version: int
@@ -112,23 +138,25 @@ class Checkpoint:
 
 
 class EndState(Protocol):
-    """The state of a member, which no later beat changes. It may be worked out when it is first asked for, also in
-    another process: it can be pickled."""
+    """State of a member at its end, which no later beat changes.
+
+    It may be computed at first access, also in another process: it can be pickled.
+    """
 
     @property
     def checkpoint(self) -> Checkpoint:
-        """The exact state."""
+        """Exact state."""
         ...
 
     @property
     def packing(self) -> Packing:
-        """The portable state, in double precision."""
+        """Portable state, in double precision."""
         ...
 
 
 @dataclass(frozen=True)
 class StoredState:
-    """An end state that is worked out already."""
+    """End state whose checkpoint and packing are computed already."""
 
     checkpoint: Checkpoint
     packing: Packing
@@ -136,7 +164,14 @@ class StoredState:
 
 @dataclass(frozen=True)
 class Spec:
-    """Features of the compiled kernels. Members with equal Specs share an ensemble."""
+    """Features of the compiled kernels; members with equal Specs share an ensemble.
+
+    Args:
+        backend: Name of the backend.
+        features: Pairs of name and value, sorted by name.
+        probes: Probes that are compiled in.
+        steps_per_beat: Steps of a beat.
+    """
 
     backend: str
     features: tuple[tuple[str, Any], ...]
@@ -144,12 +179,17 @@ class Spec:
     steps_per_beat: int = 1000
 
     def feature(self, name: str) -> Any:
-        """The value of one feature."""
+        """Return the value of a feature. Raises KeyError for one that the backend does not have."""
         return dict(self.features)[name]
 
 
 class Unsupported(Exception):
-    """The backend cannot compute this scene or these numerics. `key`: key of the study; `remedy`: reason and remedy."""
+    """The backend cannot compute this scene or these numerics.
+
+    Args:
+        key: Key of the study at fault.
+        remedy: Reason and remedy.
+    """
 
     def __init__(self, key: str, remedy: str):
         super().__init__(f"{key}: {remedy}")
@@ -157,29 +197,32 @@ class Unsupported(Exception):
 
 
 class Overflow(Exception):
-    """A buffer of fixed size is full. No row is dropped silently."""
+    """A buffer of fixed size is full; rows are never dropped silently."""
 
 
 @dataclass(frozen=True)
 class Load:
-    """Cost of a grain-step on a device limited by memory bandwidth; averages over all members."""
+    """Cost of a grain-step on a device limited by memory bandwidth, as averages over all members.
+
+    Args:
+        listed: Near neighbours in the list of a grain.
+        touching: Contacts per grain, with grains and walls.
+        bytes: Bytes moved per grain-step: state, lists and springs, each read and written once.
+        bandwidth: Measured copy bandwidth of the device, read and written [bytes/s].
+        lanes: Threads per grain.
+        rebuilds: Rebuilds of neighbour lists so far, per member.
+    """
 
     listed: float
-    """Near neighbours listed per grain."""
     touching: float
-    """Contacts per grain, with grains and walls."""
     bytes: float
-    """Bytes moved per grain-step: state, lists and springs, each read and written once."""
     bandwidth: float
-    """Measured copy bandwidth of the device, read and written [bytes/s]."""
     lanes: int
-    """Threads per grain."""
     rebuilds: float
-    """Rebuilds of neighbour lists so far, per member."""
 
 
 class Ensemble(ABC):
-    """Running members of one Spec."""
+    """Base class of ensembles: running members of one Spec."""
 
     @abstractmethod
     def admit(
@@ -192,37 +235,65 @@ class Ensemble(ABC):
         settled_beats: int = 3,
         probes: Sequence[Probe] | None = None,
     ) -> Member:
-        """Add a member. `settled_below`: report Settled below this kinetic energy per grain [m g d]. `probes`: those
-        of the Spec that read it; None: all. Crossing and Ledger, for which kernels are compiled, cannot be
-        left out. A checkpoint may be of a scene that differs in the motion of surfaces (`fill.mobilise`).
+        """Add a member.
 
-        Raises ValueError for a packing without grains, for other probes, and for a scene that needs more than the Spec
-        has. A scene that needs less may be accepted or refused; one whose surfaces merely rest is accepted."""
+        Args:
+            scene: Its scene. One that needs less than the Spec has may be accepted or refused; one whose surfaces
+                merely rest is accepted.
+            numerics: Its numerical parameters.
+            start: Its first state. A checkpoint may be of a scene that differs in the motion of surfaces
+                (`fill.mobilise`).
+            settled_below: Kinetic energy per grain [m g d] below which Settled is reported; None: never.
+            settled_beats: Consecutive beats below it.
+            probes: Probes of the Spec that read the member; None: all. Crossing and Ledger cannot be left out, since
+                kernels are compiled for them.
+
+        Returns:
+            Handle of the member.
+
+        Raises:
+            ValueError: The packing has no grains, a probe is not of the Spec, or the scene needs more than the Spec
+                has.
+        """
 
     @abstractmethod
     def advance(self, beats: int = 1) -> Sequence[Event]:
-        """Advance every member by `beats` x steps_per_beat steps of its dt, except members that failed or emptied."""
+        """Advance every member, except those that failed or emptied.
+
+        Args:
+            beats: Number of beats, each of `Spec.steps_per_beat` steps of the member's dt.
+
+        Returns:
+            Events of these beats.
+        """
 
     @abstractmethod
     def drain(self) -> Mapping[Probe, Table]:
-        """Rows since the last drain, for every declared probe; a probe without rows gives an empty table with its
-        columns. A beat gives the frames of a Film that lie within it and at its end, the first beat also that at step
-        0; a beat in which a member fails gives none of it. Raises Overflow if rows would be lost."""
+        """Return the rows since the last drain.
+
+        Returns:
+            A table for every declared probe; without rows it is empty but has its columns. A beat gives the frames of a
+            Film within it and at its end, the first beat also that at step 0. A beat in which a member fails gives none
+            of that member.
+
+        Raises:
+            Overflow: Rows would be lost.
+        """
 
     @abstractmethod
     def status(self, member: Member) -> Status:
-        """Step, time and state of a member."""
+        """Return step, time and state of a member."""
 
     @abstractmethod
     def checkpoint(self, member: Member) -> Checkpoint:
-        """The exact state; the member does not change."""
+        """Return the exact state of a member, which does not change."""
 
     @abstractmethod
     def packing(self, member: Member) -> Packing:
-        """The portable state, in double precision."""
+        """Return the portable state of a member, in double precision."""
 
     def bed(self, member: Member) -> Packing:
-        """Return the grains of `packing`, for which springs need not be read: they are most of a state."""
+        """Return the grains of `packing`; springs, most of a state, need not be read for it."""
         return self.packing(member)
 
     def end_state(self, member: Member) -> EndState:
@@ -230,63 +301,69 @@ class Ensemble(ABC):
         return StoredState(self.checkpoint(member), self.packing(member))
 
     def reading(self, members: Collection[Member]) -> AbstractContextManager[None]:
-        """Return a context for reading checkpoints and packings of these members, of which none changes within it.
+        """Return a context for reading checkpoints and packings of members, none of which changes within it.
 
-        A backend may copy what it needs of all of them at once. Others may be read too.
+        A backend may copy at its start what all of them need. Other members may be read too.
         """
         return nullcontext()
 
     @abstractmethod
     def put_back(self, member: Member, grains: Packing) -> None:
-        """Put grains that left back into a member, or such that were not there at its start, with positions and
-        velocities from `grains`, without springs.
+        """Put grains into a member, without springs: those that left, or that were absent at its start.
 
-        They keep their ids, and must have the same size and kind as before. Their next passage of a plane is recorded
-        as their first was. Nothing else changes, and the result depends on what was put back after which
-        beat, but not on its neighbours, its slot, how `advance` is split, or whether it was restored meanwhile.
-        Raises ValueError for grains that are there."""
+        They keep their ids. Their next passage of a plane is recorded like their first. Nothing else changes. The
+        result depends on the grains and the beat, but not on the member's neighbours, its slot, how `advance` is split,
+        or on a restart in between.
+
+        Args:
+            member: The member.
+            grains: The grains with positions and velocities; sizes and kinds are as before.
+
+        Raises:
+            ValueError: A grain is in the member.
+        """
 
     def put_back_all(self, grains: Mapping[Member, Packing]) -> None:
-        """Put grains that left back into several members, as `put_back` does into each.
+        """Put grains into several members; see `put_back`.
 
-        A backend may do so at once, where each member alone costs copies to and from a device.
+        A backend may do so at once: for each member alone, it would have to copy to and from the device.
         """
         for member, own in grains.items():
             self.put_back(member, own)
 
     def set_velocities(self, member: Member, ids: np.ndarray, v: np.ndarray) -> None:
-        """Give grains of a member other velocities; all else stays, their spins and springs too.
+        """Set the velocities of grains of a member; all else stays, also spins and springs.
 
-        A backend that defines it says so (`Capabilities.breaks`). The result depends on the beat after which velocities
-        were set, but not on its neighbours, its slot, how `advance` is split, or whether it was restored meanwhile.
+        A backend that defines it declares `Capabilities.breaks`. The result depends on the velocities and the beat, but
+        not on the member's neighbours, its slot, how `advance` is split, or on a restart in between.
 
         Args:
             member: The member.
-            ids: Of the grains, shape [m].
-            v: Velocities [m/s] of the half step before, shape [m, 3]; they are also what is predicted for now.
+            ids: Ids of the grains, shape [m].
+            v: Velocities [m/s] of the half step before, shape [m, 3]; the prediction for the full step is the same.
 
         Raises:
             NotImplementedError: The backend cannot.
-            ValueError: A grain is not there.
+            ValueError: A grain is not in the member.
         """
         raise NotImplementedError(f"{type(self).__name__} cannot set velocities")
 
     @abstractmethod
     def retire(self, member: Member) -> None:
-        """Drop a member; its slot is free."""
+        """Remove a member; its slot becomes free."""
 
     @abstractmethod
     def close(self) -> None:
         """Free all resources."""
 
     def load(self) -> Load | None:
-        """The present load, from an ensemble whose speed memory limits; None: not known."""
+        """Return the present load, if memory bandwidth limits the ensemble; None: unknown."""
         return None
 
 
 @dataclass(frozen=True)
 class Expected:
-    """Members of one scene that are about to be admitted: `count` of them, beside others of their Spec."""
+    """Forecast for `Backend.precompile`: `count` members of one scene, to be admitted beside others of their Spec."""
 
     spec: Spec
     scene: Scene
@@ -296,7 +373,7 @@ class Expected:
 
 @dataclass(frozen=True)
 class Device:
-    """A device that a backend finds on this machine. `memory`: bytes of its own memory, if any."""
+    """Device of this machine. `memory`: bytes of its own memory; None if it has none."""
 
     alias: str
     name: str
@@ -305,54 +382,71 @@ class Device:
 
 @dataclass(frozen=True)
 class Survey:
-    """Versions of the libraries that a backend uses, by name, and the devices that it finds on this machine."""
+    """Versions of the libraries that a backend uses, by name, and devices of this machine."""
 
     versions: Mapping[str, str]
     devices: tuple[Device, ...]
 
 
 class Backend(ABC):
-    """The base class of backends. Instances are cheap; compiling happens in `open` or at first use.
+    """Base class of backends.
 
-    A backend has its `capabilities` and defines `specialise`, `open` and `describe`. `specialise` and all else that a
-    plan asks for work without the packages in `requires`.
+    Instances are cheap; compiling happens in `open` or at first use. A backend has its `capabilities` and defines
+    `specialise`, `open` and `describe`. `specialise`, and all other methods that planning calls, work without the
+    packages in `requires`.
     """
 
     requires: ClassVar[tuple[str, ...]] = ()
-    """Packages, by the names under which they are imported, without which it cannot run."""
+    """Import names of packages that it needs to run."""
     capabilities: Capabilities
 
     @abstractmethod
     def specialise(self, scene: Scene, numerics: Numerics, probes: Sequence[Probe] = ()) -> Spec:
-        """Features compiled in. Raises Unsupported(key, remedy)."""
+        """Choose the features to compile for a scene.
+
+        Args:
+            scene: The scene.
+            numerics: Its numerical parameters.
+            probes: Probes to compile in.
+
+        Raises:
+            Unsupported: The backend cannot compute the scene; with the key and the remedy.
+        """
 
     @abstractmethod
     def open(self, spec: Spec, slots: int | None = None, device: str = "cpu") -> Ensemble:
-        """Prepare and allocate for `slots` members: on a CPU no more are admitted, on a GPU it grows for more. None: it
-        grows with its members."""
+        """Compile the kernels of a Spec and allocate an ensemble.
+
+        Args:
+            spec: The Spec.
+            slots: Number of members. A CPU admits no more, a GPU grows. None: it grows with its members.
+            device: Device to run on.
+        """
 
     @abstractmethod
     def describe(self, scene: Scene, numerics: Numerics) -> Mapping[str, float]:
-        """Derived physics for the catalogue: restitution_asked, restitution_realised, damping_coefficient."""
+        """Return derived physics for the catalogue: restitution_asked, restitution_realised, damping_coefficient."""
 
     def missing(self) -> tuple[str, ...]:
-        """Those of the packages in `requires` that are not installed. None is imported."""
+        """Names of packages in `requires` that are not installed; none is imported."""
         return tuple(name for name in self.requires if find_spec(name) is None)
 
     def precompile(self, members: Sequence[Expected], device: str) -> None:  # noqa: B027 - nothing is a choice
-        """Begin to compile, in threads of its own, what these members will need. They may never come. Does nothing for
-        a backend that compiles later."""
+        """Begin to compile kernels for members that may be admitted soon, in threads of the backend.
+
+        Does nothing for a backend that compiles later.
+        """
 
     def compiling(self) -> bool:
-        """Whether this process is compiling kernels of the backend now; cheap, and from any thread."""
+        """True if this process is compiling kernels of the backend now; cheap, and from any thread."""
         return False
 
     def generated(self, spec: Spec) -> str | None:
-        """Source of the module of kernels of a Spec, for reading (docs/kernels.md); None: there is none."""
+        """Source of the generated module of kernels of a Spec, for reading (docs/kernels.md); None if there is none."""
         return None
 
     def compiled(self, spec: Spec) -> bool:
-        """Tell if compiled kernels of a Spec are cached on this machine; False where a backend cannot tell."""
+        """True if compiled kernels of a Spec are cached on this machine; False if a backend cannot tell."""
         return False
 
     def bandwidth(self, device: str) -> float | None:
@@ -360,23 +454,31 @@ class Backend(ABC):
         return None
 
     def capacity(self, spec: Spec, scene: Scene, device: str) -> int | None:
-        """How many members of `scene` fit into the memory that is free now, at least one; None: any number."""
+        """Number of members of `scene` that fit into the free memory, at least one; None: no limit."""
         return None
 
     def verify(  # noqa: B027 - nothing is a choice
         self, scene: Scene, numerics: Numerics, checkpoint: Checkpoint, step: int
     ) -> None:
-        """Check a checkpoint, which may come from a damaged or foreign file. Accepts all where it is not defined.
+        """Check a checkpoint, which may come from a damaged or foreign file; accepts all by default.
 
-        Raises ValueError, with the reason, for a checkpoint that is not of this scene after `step` steps: arrays that
-        are missing or have other shapes or types, unknown grains, positions or velocities that are not finite. `admit`
-        raises the same before anything runs.
+        `admit` raises the same before anything runs.
+
+        Args:
+            scene: Scene of the checkpoint.
+            numerics: Its numerical parameters.
+            checkpoint: The checkpoint.
+            step: Number of steps that it should be after.
+
+        Raises:
+            ValueError: An array is missing or has another shape or type, a grain is unknown, or a position or velocity
+                is not finite; with the reason.
         """
 
     def tractions(self, scene: Scene, numerics: Numerics, packing: Packing, probe: Traction) -> Table | None:
-        """Rows of `probe` for a packing in `scene`, before any step, with the step and time 0.
+        """Compute the rows of `probe` for a packing in `scene`, before any step, with step and time 0.
 
-        None, the default, where a backend cannot tell. Nothing is compiled for it.
+        Nothing is compiled for it. None, the default, if a backend cannot compute them.
         """
         return None
 
@@ -389,5 +491,5 @@ class Backend(ABC):
         return None
 
     def survey(self) -> Survey:
-        """Versions of libraries, and the devices of this machine; here those in `capabilities`, of unknown names."""
+        """Return versions of libraries and devices of this machine; by default the kinds in `capabilities`, unnamed."""
         return Survey({}, tuple(Device(alias, "") for alias in self.capabilities.devices))

@@ -13,17 +13,22 @@ from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 
 _NUMBERS = 1 << 17
-"""Square roots of one pass of `pace`: enough that threads seldom wait for the interpreter between passes."""
+"""Square roots of one pass of `pace`: so many that threads seldom wait for the interpreter between passes."""
 _PASS = 205e-6
-"""Processor time [s] of a pass on the reference core, an AMD EPYC (Zen 3). In cycles a square root costs much the same
-on all processors, so passes compare clocks. Vectors of 512 bits do not change that; speeds that gain from them have a
-reference of their own (`labbook.plan.forecast`)."""
+"""Processor time [s] of a pass on the reference core, an AMD EPYC (Zen 3). The number of cycles of a square root is
+much
+the same on all processors, so that passes compare clock rates. Vectors of 512 bits do not change that; speeds that gain
+from them have a reference of their own (`labbook.plan.forecast`)."""
 
 
 @dataclass(frozen=True)
 class Pace:
-    """Speed of this machine's cores at present. `core`: speed of a core over that of the reference, by processor time;
-    `share`: part of a core that each of some threads gets when all work."""
+    """Present speed of this machine's cores.
+
+    Args:
+        core: Speed of a core over that of the reference core, by processor time.
+        share: Part of a core that each thread gets if all of them work.
+    """
 
     core: float
     share: float
@@ -31,7 +36,12 @@ class Pace:
 
 @lru_cache(maxsize=8)
 def pace(threads: int, seconds: float = 0.5) -> Pace:
-    """Measure the cores with `threads` threads that work for `seconds` side by side; once in a process."""
+    """Measure the speed of cores with a number of threads that work side by side; once in a process.
+
+    Args:
+        threads: Number of threads.
+        seconds: Duration of the measurement [s].
+    """
     import numpy as np
 
     def work(_: int) -> tuple[int, float, float]:
@@ -52,8 +62,8 @@ def pace(threads: int, seconds: float = 0.5) -> Pace:
 def cores() -> int:
     """Processor cores that this process may use; in a Slurm job those of the job, even if it does not bind them."""
     here = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
-    given = os.environ.get("SLURM_CPUS_ON_NODE", "")
-    return max(1, min(here, int(given))) if given.isdigit() else here
+    of_job = os.environ.get("SLURM_CPUS_ON_NODE", "")
+    return max(1, min(here, int(of_job))) if of_job.isdigit() else here
 
 
 def memory() -> float:
@@ -74,7 +84,7 @@ def processor() -> str:
 
 @lru_cache(maxsize=1)
 def wide_vectors() -> bool:
-    """Whether this processor computes with vectors of 512 bits, which the CPU backend gains most from."""
+    """True if this processor has vectors of 512 bits, from which the CPU backend gains most."""
     return platform.machine().lower() in ("x86_64", "amd64") and " avx512f" in _cpuinfo()
 
 
@@ -89,10 +99,10 @@ def gpu() -> tuple[str, str] | None:
     """Name and driver of the first NVIDIA GPU; None where there is none."""
     query = ["nvidia-smi", "--query-gpu=name,driver_version", "--format=csv,noheader"]
     try:
-        told = subprocess.run(query, capture_output=True, text=True, timeout=20, check=True).stdout
+        output = subprocess.run(query, capture_output=True, text=True, timeout=20, check=True).stdout
     except (OSError, subprocess.SubprocessError):
         return None
-    name, comma, driver = told.partition("\n")[0].partition(",")
+    name, comma, driver = output.partition("\n")[0].partition(",")
     return (name.strip(), driver.strip()) if comma else None
 
 
@@ -110,12 +120,12 @@ def _version(package: str) -> str | None:
 
 def hardware() -> dict[str, object]:
     """Machine of a speed measurement: processor, cores, GPU, system, and the versions that affect speed."""
-    found = versions(("numba", "llvmlite", "numpy", "warp-lang"))
+    installed_versions = versions(("numba", "llvmlite", "numpy", "warp-lang"))
     return {
         "processor": processor(),
         "cores": os.cpu_count(),
-        "gpu": ", ".join(one) if (one := gpu()) else None,
+        "gpu": ", ".join(device) if (device := gpu()) else None,
         "system": f"{platform.system()} {platform.machine()}",
         "python": platform.python_version(),
-        "versions": {name: one for name, one in found.items() if one},
+        "versions": {name: number for name, number in installed_versions.items() if number},
     }

@@ -43,21 +43,21 @@ class Sample:
 
 
 UNEVEN = 0.1
-"""By how much the time between two frames may differ from what was asked, relative to it."""
+"""Largest relative deviation of the time between two frames from the requested one."""
 
 
 @dataclass(frozen=True)
 class Film:
     """State of all grains every `every` seconds from step 0 on, each frame at the step nearest to its time.
 
-    Frames lie within beats, too. Those of the first beat begin with step 0. `fields` and columns are as of `Sample`.
+    Frames may lie within beats. Those of the first beat begin with step 0. `fields` and columns are those of `Sample`.
     """
 
     every: float
     fields: tuple[str, ...] = ("x", "v")
 
     def steps(self, dt: float, first: int, last: int) -> Iterator[int]:
-        """Steps of a time step `dt` [s] that have a frame, from `first` to `last`."""
+        """Yield the steps of dt [s] with a frame, from `first` to `last`."""
         number = max(0, int(first * dt / self.every) - 1)
         while (step := round(number * self.every / dt)) <= last:
             if step >= first:
@@ -65,15 +65,15 @@ class Film:
             number += 1
 
     def uneven(self, dt: float) -> float:
-        """Largest deviation of a time between two frames from `every`, relative to it, since frames lie on steps."""
+        """Largest relative deviation of the time between two frames from `every`, since frames lie on steps."""
         steps = self.every / dt
         if steps > 0.5 and abs(steps - round(steps)) <= 1e-9 * steps:
             return 0.0
         return max(math.ceil(steps) - steps, steps - math.floor(steps)) / steps
 
-    def as_often(self, asked: "Film") -> bool:
-        """Whether frames are as close to each other as asked, to UNEVEN."""
-        return self.every <= asked.every * (1 + UNEVEN)
+    def as_often(self, requested: "Film") -> bool:
+        """True if frames are as frequent as those of `requested`, within UNEVEN."""
+        return self.every <= requested.every * (1 + UNEVEN)
 
 
 @dataclass(frozen=True)
@@ -146,14 +146,14 @@ class Traction:
 
 
 SLIDING = 0.95
-"""Part of the Coulomb limit from which on a contact counts as sliding."""
+"""Part of the Coulomb limit above which a contact counts as sliding."""
 
 
 @dataclass(frozen=True)
 class Above:
     """Grains whose centres lie above each of the `planes` z [m], every `every` beats.
 
-    Columns: plane (its place among `planes`), grains, mass [kg].
+    Columns: plane (its index among `planes`), grains, mass [kg].
     """
 
     planes: tuple[float, ...]
@@ -175,10 +175,11 @@ class Ledger:
 class Dissipation:
     """Power of the forces in the contacts of spheres, every `every` beats.
 
-    Columns: normal_power, tangential_power [W] (what normal and tangential forces take from the relative motion of both
-    surfaces: it is dissipated or stored in springs), wall_power [W] (of moving walls on the grains), elastic [J] (half
-    the sum of normal force times overlap). Forces, positions and velocities are of the end of the step. Torques of
-    rolling friction are not in it.
+    Columns: normal_power, tangential_power [W] (work per time of normal and tangential forces against the relative
+        motion of both surfaces: dissipated, or stored in springs), wall_power [W] (of moving walls on the grains),
+        elastic [J] (half the sum of normal force times overlap). Forces, positions and velocities are those at the end
+        of the step. Torques of
+    rolling friction do not count.
     """
 
     every: int = 1
@@ -188,7 +189,7 @@ Probe = Crossing | Sample | Film | Slab | Zone | Contacts | Traction | Above | L
 
 
 def due(probe: Probe, beat: int) -> bool:
-    """Whether a probe is read at the end of this beat, or has rows from within it."""
+    """Decide if a probe is read at the end of a beat, or has rows from within it."""
     if isinstance(probe, Crossing | Film):
         return True
     return beat % probe.every == 0 or (isinstance(probe, Zone) and beat % probe.every == probe.again)
@@ -206,7 +207,7 @@ TRACTION_SUMS = tuple(_TRACTION_SUMS.split())
 def columns(probe: Probe, rods: bool = False) -> dict[str, type]:
     """Names and types (int64 or float64) of the columns of a probe's table.
 
-    rods: whether the grains have an orientation.
+    rods: True if the grains have an orientation.
     """
     match probe:
         case Crossing():
@@ -248,7 +249,7 @@ UNITS = {
 
 
 def empty_table(probe: Probe, rods: bool = False) -> Table:
-    """The empty table of a probe; `rods` as in `columns`."""
+    """Return the empty table of a probe; `rods` as in `columns`."""
     return {name: np.zeros(0, kind) for name, kind in columns(probe, rods).items()}
 
 
@@ -273,18 +274,18 @@ def table_name(probe: Probe) -> str:
 
 
 def describe_probe(probe: Probe) -> str:
-    """A probe as canonical JSON. Coverage compares these texts."""
+    """Describe a probe as canonical JSON, the text that coverage compares."""
     return canonical({"kind": table_name(probe), **vars(probe)})
 
 
 @lru_cache(maxsize=4096)
 def parse_probe(text: str) -> Probe:
-    """The probe of a text from `describe_probe`. Raises ValueError for any other text."""
+    """Return the probe of a text from `describe_probe`. Raises ValueError for any other text."""
     try:
-        given: dict[str, Any] = json.loads(text)
-        kind = _KINDS[given.pop("kind")]
-        _adapter(kind).validate_python(given)  # its types; a number keeps the form that it was written in
-        values: dict[str, Any] = {key: tuple(v) if isinstance(v, list) else v for key, v in given.items()}
+        fields: dict[str, Any] = json.loads(text)
+        kind = _KINDS[fields.pop("kind")]
+        _adapter(kind).validate_python(fields)  # its types; a number keeps the form that it was written in
+        values: dict[str, Any] = {key: tuple(v) if isinstance(v, list) else v for key, v in fields.items()}
         probe = kind(**values)
         if describe_probe(probe) == text and getattr(probe, "every", 1) > 0:
             return probe
@@ -299,5 +300,5 @@ def _adapter(kind: type[Probe]) -> TypeAdapter[Probe]:
 
 
 def film_probe(every: float, grains: Grains) -> Film:
-    """The probe that records a frame every `every` seconds. For rods frames include orientations."""
+    """Return the probe that records a frame every `every` seconds; frames of rods include orientations."""
     return Film(every, ("x", "v") if isinstance(grains, Spheres) else ("x", "v", "q"))

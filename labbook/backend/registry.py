@@ -1,4 +1,4 @@
-"""Backends are found by their entry points."""
+"""Registry of backends, by entry points."""
 
 from functools import cache
 from importlib.metadata import entry_points
@@ -8,28 +8,33 @@ from labbook.plugins import Extension
 
 
 class BackendMissing(Exception):
-    """No such backend, or it cannot be loaded; the message says why and what to do."""
+    """The backend does not exist or cannot be loaded; the message gives reason and remedy."""
 
 
 GROUP = "labbook.backends"
 
 
 def installed() -> dict[str, str]:
-    """Names of the installed backends and their entry points; none is imported."""
+    """Map names of installed backends to their entry points; none is imported."""
     return {entry.name: entry.value for entry in entry_points(group=GROUP)}
 
 
 @cache
 def extension_of(name: str) -> Extension | None:
-    """The extension that provides the backend called `name`; None of bundled ones, and of one that is not installed."""
+    """Return the extension that provides a backend; None for bundled backends, and for one that is not installed."""
     return next((Extension.of(entry) for entry in entry_points(group=GROUP) if entry.name == name), None)
 
 
 def load(name: str) -> Backend:
-    """The backend called `name`, ready to run.
+    """Load a backend that is ready to run.
 
-    Raises BackendMissing with the reason if it is missing or broken, or if a package in its `requires` is not
-    installed: packages are looked for here and imported later.
+    Packages in its `requires` are searched here, and imported later.
+
+    Args:
+        name: Name of the backend.
+
+    Raises:
+        BackendMissing: It is missing or broken, or a required package is not installed; with the reason.
     """
     backend = load_to_plan(name)
     if reason := unready(backend):
@@ -38,7 +43,7 @@ def load(name: str) -> Backend:
 
 
 def unready(backend: Backend) -> str:
-    """The package that `backend` lacks to run, with the remedy; empty if it lacks none."""
+    """Describe the package that `backend` lacks to run, with the remedy; empty if it lacks none."""
     name, missing = backend.capabilities.name, backend.missing()
     if not missing:
         return ""
@@ -47,9 +52,13 @@ def unready(backend: Backend) -> str:
 
 
 def load_to_plan(name: str) -> Backend:
-    """The backend called `name`, for plans and keys: the packages that it runs with may be missing.
+    """Load a backend for plans and keys, for which packages that it needs to run may be missing.
 
-    Raises BackendMissing with the reason if it is missing or broken.
+    Args:
+        name: Name of the backend.
+
+    Raises:
+        BackendMissing: It is missing or broken; with the reason.
     """
     for entry in entry_points(group=GROUP):
         if entry.name == name:
@@ -64,23 +73,25 @@ def load_to_plan(name: str) -> Backend:
             if not isinstance(backend, Backend):
                 raise BackendMissing(f"{entry.value} is no backend: derive it from labbook.backend.Backend")
             return backend
-    known = ", ".join(sorted(installed())) or "none"
-    raise BackendMissing(f"no backend is called {name}; there are: {known}")
+    names = ", ".join(sorted(installed())) or "none"
+    raise BackendMissing(f"no backend is called {name}; there are: {names}")
 
 
 def absent(backend: Backend, device: str) -> Unsupported:
-    """That `backend` has no `device` (`cuda:0`, `cuda:all`) on this machine, with the devices that it has and what to
-    do."""
-    kind, known = device.partition(":")[0], backend.capabilities.devices
-    there = [found.alias for found in backend.survey().devices]
-    said = f"the backend {backend.capabilities.name} has no {device} here; it has {', '.join(there) or 'no device'}"
+    """Build the error for a device that `backend` does not have on this machine (`cuda:0`, `cuda:all`).
+
+    Its message lists the present devices and the remedies.
+    """
+    kind, kinds = device.partition(":")[0], backend.capabilities.devices
+    there = [device_found.alias for device_found in backend.survey().devices]
+    reason = f"the backend {backend.capabilities.name} has no {device} here; it has {', '.join(there) or 'no device'}"
     ways = [f"use --device {alias}" for alias in there if alias != "cpu"][:1]
     if "cpu" in there:
         ways.append("use --device cpu or leave --device out")
-    if kind not in {one.partition(":")[0] for one in known}:
+    if kind not in {alias.partition(":")[0] for alias in kinds}:
         ways.append("use another backend (labbook doctor lists backends and devices)")
-    elif kind not in {one.partition(":")[0] for one in there}:
+    elif kind not in {alias.partition(":")[0] for alias in there}:
         if backend.capabilities.name != "numba":
             ways.insert(0, "use --backend numba, which is faster on a CPU")
         ways.append(f"install the driver for {kind} devices (labbook doctor shows the devices found)")
-    return Unsupported("--device", f"{said}; {', or '.join(ways)}")
+    return Unsupported("--device", f"{reason}; {', or '.join(ways)}")

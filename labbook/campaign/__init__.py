@@ -1,7 +1,7 @@
-"""Campaigns: results decide what runs next. Propose, run, evaluate, propose.
+"""Campaigns: results decide which runs come next. Propose, run, evaluate, propose.
 
-A strategy proposes runs, generation by generation (`strategy.py`). `Campaign` asks it, keeps what it proposed, and
-knows when it has ended (`campaign.py`). How runs are made is not known here.
+A strategy proposes runs, generation by generation (`strategy.py`). `Campaign` requests proposals, stores them and knows
+when it has ended (`campaign.py`). Making the runs is the task of other packages.
 """
 
 from labbook.campaign.calibrate import Calibrate, Prior

@@ -6,8 +6,9 @@
       accuracy: {contact.friction: 5 %}
 
 Runs start as a space-filling design over parameters and conditions. Each further round goes to the 99 % region of the
-posterior so far, where runs lower the error of the emulators most, and a fifth of it over the whole range. It ends once
-the emulators are good enough (`Inference.lacking`) and the errors are reached, or no emulator could reach them.
+posterior so far, where runs lower the error of the emulators most; a fifth of it goes over the whole range. The
+campaign ends once the emulators are good enough (`Inference.lacking`) and the errors are reached, or no emulator could
+reach them.
 """
 
 import math
@@ -29,15 +30,15 @@ BATCH = 32
 LIMIT = 2000
 """Largest number of runs, unless `budget` is stated."""
 _BEDS = 4
-"""Beds of each point of the start, which tell the scatter of runs and what beds of one seed have in common."""
+"""Beds of each point of the start; they give the scatter of runs, and the contribution that beds of one seed share."""
 _ALL_OVER = 0.2
-"""Part of a round that goes over the whole range."""
+"""Part of the runs of a round that covers the whole range."""
 _CANDIDATES = 800
-"""Settings among which the runs of a round are chosen."""
+"""Number of settings from which the runs of a round are chosen."""
 _TESTING = 16
-"""Runs that are held out."""
+"""Number of held-out runs."""
 _LARGEST_RESIDUAL = 1.46
-"""Root of the mean square of 16 standardised residuals that is exceeded in 0.5 % of all cases."""
+"""Root mean square of 16 standardised residuals that is exceeded in 0.5 % of all cases."""
 
 
 class Prior(Model):
@@ -65,7 +66,7 @@ class Calibrate(Goal):
     accuracy: Annotated[dict[str, float], Internal()]
     """Half width of the 95 % interval of each parameter to reach, over its median."""
     predict: Annotated[tuple[dict[str, float], ...], Internal()] = ()
-    """Conditions to predict [SI], whose measurements take no part."""
+    """Conditions to predict [SI]; measurements there are withheld from the calibration."""
     batch: Annotated[int, Internal()] = BATCH
     """Runs of a round."""
 
@@ -76,17 +77,27 @@ class Calibrate(Goal):
 
     @property
     def conditions(self) -> list[dict[str, float]]:
-        """Conditions at which runs are made, each once."""
+        """Conditions of the runs, each once."""
         every = [*(entry.at for entry in self.measurements), *self.predict]
         return list({place(at): dict(at) for at in every}.values())
 
     def infer(self, study: Any, trials: Sequence[Trial], unmeasured: Sequence[str] = ()) -> Inference:
-        """Compute the posterior from runs. Raises NotInferred, LearnMissing."""
+        """Compute the posterior from runs.
+
+        Args:
+            study: The study.
+            trials: The runs.
+            unmeasured: Names of quantities without a measurement that get an emulator too.
+
+        Raises:
+            NotInferred: Too few runs have a value.
+            LearnMissing: scikit-learn is not installed.
+        """
         scene = study.points[0].scene
         return Inference.of(self.axes, self.measurements, self.discrepancy, trials, scene, unmeasured, self.predict)
 
     def plan_rule(self, study: Any) -> str:
-        """Say when the campaign ends, and how many runs are expected."""
+        """State the end of the campaign, and the expected number of runs."""
         errors = " and ".join(f"{key} to {percent(part)}" for key, part in self.accuracy.items())
         used = sum(not entry.withheld for entry in self.measurements)
         reached = " and these errors are reached, or cannot be" if errors else ""
@@ -98,12 +109,12 @@ class Calibrate(Goal):
         )
 
     def first(self, study: Any) -> list[dict[str, float]]:
-        """Give a Sobol sequence over parameters and conditions. Raises LearnMissing, before anything runs."""
+        """Return a Sobol sequence over parameters and conditions. Raises LearnMissing, before anything runs."""
         check_installed()
         return self._settings(sobol(self._first, len(self.parameters) + 1))
 
     def step(self, study: Any, trials: Sequence[Trial]) -> Step:
-        """Propose the next round, or hold runs out once the posterior is an answer."""
+        """Propose the next round, or held-out runs once the posterior is an answer."""
         try:
             inference = self.infer(study, trials)
         except NotInferred as problem:
@@ -127,7 +138,7 @@ class Calibrate(Goal):
         return Step(Proposal(one_bed_more(points, trials), f"{progress}, {share}: {len(points)} runs more"))
 
     def verdict(self, study: Any, trials: Sequence[Trial], withheld: Sequence[Trial]) -> str:
-        """Compare runs that were held out with the emulators."""
+        """Compare held-out runs with the emulators."""
         inference = self.infer(study, trials)
         answer = f"{self._in_words(inference)} from {len(trials)} runs"
         if self.accuracy and not self._reached(inference):
@@ -144,11 +155,11 @@ class Calibrate(Goal):
 
     @property
     def _first(self) -> int:
-        """Points of the start."""
+        """Number of points of the start."""
         return max(self.batch // 2, 4 * (len(self.parameters) + 1))
 
     def _settings(self, points: np.ndarray) -> list[dict[str, float]]:
-        """Values of keys of points in the unit cube, whose last coordinate chooses the condition."""
+        """Map points of the unit cube to values of keys; the last coordinate chooses the condition."""
         conditions = self.conditions
         return [self._at(entry[:-1], conditions[int(entry[-1] * len(conditions))]) for entry in points]
 
@@ -159,7 +170,7 @@ class Calibrate(Goal):
         }
 
     def _round(self, inference: Inference, trials: Sequence[Trial]) -> list[dict[str, float]]:
-        """Runs of the next round."""
+        """Choose the runs of the next round."""
         over, conditions = round(_ALL_OVER * self.batch), self.conditions
         sets = self._region(inference, max(16, _CANDIDATES // len(conditions)), len(trials))
         candidates = [(entry, at) for entry in sets for at in conditions]
@@ -181,7 +192,7 @@ class Calibrate(Goal):
         return [*(self._at(*candidates[index]) for index in picks), *rest]
 
     def _lacks_beds(self, inference: Inference) -> bool:
-        """Decide if beds that points share make most of the variance of an emulator, which only further beds lower."""
+        """True if beds that points share make most of the variance of an emulator, which only further beds lower."""
         draws, conditions = inference.draws(), self.conditions
         for quantity, observed in inference.observed.items():
             _, covariance = inference.joint(quantity, draws, conditions)
@@ -190,7 +201,7 @@ class Calibrate(Goal):
         return False
 
     def _central(self, inference: Inference, trials: Sequence[Trial]) -> tuple[dict[str, float], int]:
-        """The point of the runs next to the mean of the posterior, and the number of its beds."""
+        """Find the point of the runs nearest to the mean of the posterior, and its number of beds."""
         off = {
             place(trial.at): sum(
                 float(axis.unit(float(trial.at[axis.key])) - mean) ** 2
@@ -204,7 +215,7 @@ class Calibrate(Goal):
         return {key: float(value) for key, value in nearest}, beds
 
     def _region(self, inference: Inference, number: int, stream: int) -> np.ndarray:
-        """Parameter sets that fill the region of the posterior, shape [number, p]."""
+        """Select parameter sets that fill the region of the posterior, shape [number, p]."""
         posterior = inference.posterior
         inside = posterior.places[posterior.region(REGION)]
         rng = np.random.default_rng([stream, 7])
@@ -242,7 +253,7 @@ class Calibrate(Goal):
         return all(intervals[key].relative <= part for key, part in self.accuracy.items())
 
     def _reachable(self, inference: Inference) -> bool:
-        """Decide if emulators without an error would reach the stated errors."""
+        """True if emulators without error would reach the stated errors."""
         best = inference.intervals(inference.exact)
         return all(best[key].relative <= part for key, part in self.accuracy.items())
 
@@ -253,8 +264,11 @@ class Calibrate(Goal):
         )
 
     def _expected(self) -> int:
-        """Runs that are expected: each parameter of an emulator needs as many as make its variance a quarter of that of
-        the measurements, for a response of second order."""
+        """Expected number of runs, for a response of second order.
+
+        Each coefficient of an emulator needs so many runs that the emulator's variance is a quarter of that of the
+        measurements.
+        """
         d = len(self.parameters) + (len(self.conditions) > 1)
         coefficients = (d + 1) * (d + 2) // 2
         flows = [entry for entry in self.measurements if entry.quantity == "flow_rate"] or self.measurements

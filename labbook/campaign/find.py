@@ -1,10 +1,10 @@
-"""The goal `find`: the value of the swept key at which a quantity has a wanted value.
+"""Goal `find`: the value of the swept key at which a quantity has a target value.
 
     adapt:
       find: {container.orifice: {flow_rate: 50 g/s, within: 1 %}}
 
 The quantity is interpolated between all runs so far, with its error (`labbook.stats.response`). New runs are made where
-it has the wanted value, until the distance to it plus the half width of the interval there is within what was asked.
+it has the target value, until the half width of the interval there is within the requested deviation.
 """
 
 import math
@@ -40,14 +40,14 @@ from labbook.stats.response import FEWEST
 from labbook.stats.stopping import widening
 
 _LEAST = 4
-"""Beds near the answer before the search can end."""
+"""Fewest beds near the answer at the end of the search."""
 _NEAR = 1.0
-"""Distance from the wanted value, over what was asked, up to which beds are added to a point that was run: new beds are
-worth more than the same beds at another point."""
+"""Largest distance of a point's value from the target, over the requested deviation, at which the point gets further
+beds: they are worth more than the same beds at another point."""
 _SHARED = 1.2
-"""Half width at the answer over that at such a point up to which beds there tell as much of the answer."""
+"""Largest ratio of the half width at the answer to that at such a point, at which beds there are worth as much."""
 _SEVERAL = 8
-"""Beds of each point until which more are made where the noise gives the value at several settings."""
+"""Beds of each point up to which more are made, if the noise gives the value at several settings."""
 
 
 class Find(Goal):
@@ -60,14 +60,14 @@ class Find(Goal):
     quantity: Annotated[str, Internal()]
     """The quantity."""
     target: Annotated[float, Internal()]
-    """Wanted value of the quantity [SI]."""
+    """Target value of the quantity [SI]."""
     within: Annotated[float, Internal()]
-    """Largest deviation from it that is promised at 95 %, relative to it."""
+    """Largest deviation from it, promised at 95 %, relative to it."""
 
     @model_validator(mode="before")
     @classmethod
     def _of_mapping(cls, mapping: Any) -> Any:
-        """{key: {quantity: value, within: part}} as fields."""
+        """Convert {key: {quantity: value, within: part}} to fields."""
         if isinstance(mapping, Mapping) and mapping.keys() >= {"key", "quantity", "target", "within"}:
             return mapping
         if not (
@@ -96,7 +96,7 @@ class Find(Goal):
         return {"key": key, "quantity": quantity, **numbers}
 
     def range_faults(self, points: Sequence[Any]) -> list[Fault]:
-        """Find what a study lacks of the range."""
+        """List faults of the range of a study."""
         return of_one_key("find", self.key, points)
 
     def needs(self) -> tuple[str, Sequence[str]]:
@@ -105,8 +105,8 @@ class Find(Goal):
         return f"{self.quantity} is", tuple(giving)
 
     def plan_rule(self, study: Any) -> str:
-        """Say when the search ends, and how many runs are expected."""
-        scatter = next((one.choice.scatter for one in study.points if getattr(one, "choice", None)), SCATTER)
+        """State the end of the search, and the expected number of runs."""
+        scatter = next((point.choice.scatter for point in study.points if getattr(point, "choice", None)), SCATTER)
         start = len(self._start(study)) * self.beds
         expected = start + math.ceil((student(0.95, math.inf) * scatter / self.within) ** 2)
         limit = f", at most {self.budget} runs" if self.budget is not None else ""
@@ -117,11 +117,11 @@ class Find(Goal):
         )
 
     def first(self, study: Any) -> list[Values]:
-        """Give a few points over the range."""
+        """Return a few points over the range."""
         return [{self.key: x} for x in self._start(study)]
 
     def step(self, study: Any, trials: Sequence[Trial]) -> Step:
-        """Propose more beds where the value is reached, or hold beds out once it is known well enough there."""
+        """Propose more beds where the target is reached, or held-out beds once its setting is known well enough."""
         runs = self._values(trials)
         if len({x for x, _, _ in runs}) < FEWEST:
             return Step(self._more_points(study, trials, [x for x, _, _ in runs]))
@@ -146,8 +146,8 @@ class Find(Goal):
         if beds >= study.accuracy.max_replicates:
             reason = "accuracy.max_replicates allows no more beds, and the promise is not reached"
             return Step(Proposal.end(f"{reason}: {progress}"))
-        # beds whose mean would be as good, and those that are missing then: half as many again at most, since scatter
-        # and shape are known from few runs
+        # beds whose mean would be as precise as the interval, and those then missing. Half as many again at most, since
+        # scatter and shape are known from few runs.
         worth = (student(0.95, curve.response.freedom) * curve.response.scatter / half) ** 2
         missing = math.ceil(worth * ((half / self.within) ** 2 - 1))
         added = max(2, _LEAST - beds, min(missing, max(_LEAST, len(runs) // 2)))
@@ -156,7 +156,7 @@ class Find(Goal):
         return Step(Proposal((Assignment({self.key: x}, number),), reason))
 
     def verdict(self, study: Any, trials: Sequence[Trial], withheld: Sequence[Trial]) -> str:
-        """Compare the mean of beds that were held out with what was promised."""
+        """Compare the mean of held-out beds with the promise."""
         runs = self._values(trials)
         curve = self._curve(study, runs)
         root, ends = self._root(study, curve)
@@ -180,7 +180,7 @@ class Find(Goal):
         return spread(sweep, FEWEST)
 
     def _values(self, trials: Sequence[Trial]) -> list[tuple[float, float, int]]:
-        """Setting, quantity and seed of each bed, of points at which no run clogged."""
+        """Collect setting, quantity and seed of each bed, for points at which few runs clogged."""
         lost, points = clogged_places(trials), dict[float, list[tuple[int, float]]]()
         for trial in sorted(trials, key=lambda trial: (place(trial.at), trial.seed, trial.discharge)):
             value = trial.numbers.get(self.quantity, math.nan)
@@ -198,7 +198,7 @@ class Find(Goal):
         return Interpolation.of(x, y, seeds, of_length=self._is_length(study), trend=trend)
 
     def _root(self, study: Any, curve: Interpolation) -> tuple[float, str]:
-        """Setting at which the target is reached, and its interval in words. Raises NoSetting."""
+        """Find the setting at which the target is reached, and its interval in words. Raises NoSetting."""
         try:
             setting = setting_for(curve.band, curve.low, curve.high, self.target)
         except NoSetting as reason:
@@ -210,8 +210,13 @@ class Find(Goal):
         return setting.value, " to ".join(ends)
 
     def _place(self, curve: Interpolation, runs: Sequence[tuple[float, float, int]], root: float) -> tuple[float, int]:
-        """Setting of the next beds and how many it has: the point with most beds of those that are near enough to the
-        target, else the root as people write it."""
+        """Choose the setting of the next beds.
+
+        It is the point with most beds among those near enough to the target; without one the root, rounded.
+
+        Returns:
+            The setting, and its present number of beds.
+        """
         beds = Counter(x for x, _, _ in runs)
         off = dict(zip(beds, abs(curve.band(np.array([*beds]))[0] / self.target - 1), strict=True))
         half = dict(zip(beds, curve.at(np.array([*beds]))[1], strict=True))
@@ -225,7 +230,7 @@ class Find(Goal):
         return x, beds[x]
 
     def _more_points(self, study: Any, trials: Sequence[Trial], usable: Sequence[float]) -> Proposal:
-        """Propose points between those that have a value and those that have none."""
+        """Propose points between those with a value and those without."""
         tried = sorted({float(trial.at[self.key]) for trial in trials})
         if not usable:
             return Proposal.end(f"no point over the range has a {self.quantity} without a clogged run; change `sweep`")
@@ -244,7 +249,7 @@ class Find(Goal):
         return f"{low} to {high} over the range from {' to '.join(ends)}"
 
     def _amount(self, value: float) -> str:
-        """The quantity in the unit that people read."""
+        """Write the quantity in the unit of reports."""
         quantities = [declared for measure in MEASURES.values() for declared in measure.declared]
         quantity = next(declared for declared in quantities if declared.name == self.quantity)
         return f"{self.quantity} = {value * quantity.scale:.4g} {quantity.shown or quantity.unit}".rstrip()
@@ -256,12 +261,12 @@ class Find(Goal):
 
 
 def _half_width(curve: Interpolation, x: float, runs: int) -> float:
-    """Half width of the interval at a setting, relative to the quantity, of a search that ends once it is small."""
+    """Half width of the interval at a setting, relative to the quantity, widened for a search that ends on it."""
     return math.expm1(float(curve.at(np.array([x]))[1][0])) * float(widening(runs))
 
 
 def _number(text: Any, unit: str, key: str) -> float:
-    """A quantity with its unit."""
+    """Parse a quantity with its unit."""
     try:
         if isinstance(text, str):
             return parse(text, unit)

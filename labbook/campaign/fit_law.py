@@ -1,9 +1,9 @@
-"""The goal `fit`: parameters of a law of the flow rate, each to a stated error.
+"""Goal `fit`: parameters of a law of the flow rate, each to a stated error.
 
     adapt:
       fit: {beverloo: {C: 2 %, k: 2 %}}
 
-Sensitivities of ln W to the parameters decide where beds are worth most: for two parameters at both ends of the range.
+Sensitivities of ln W to the parameters decide where beds are worth most: for two parameters, at both ends of the range.
 A fifth of the beds stays inside it, for the test of lack of fit. The split between the ends is the one that reaches all
 errors with the fewest beds.
 """
@@ -39,21 +39,21 @@ from labbook.stats.stopping import widening
 ORIFICE = "container.orifice"
 _FLOW, _FRACTION = "flow_rate", "packing_fraction"
 _SETTINGS = 8
-"""Outlets of the start: with fewer outlets, intervals are several times as wide where the points lie
-off the law by chance, since few degrees of freedom tell by how much."""
+"""Outlets of the start. With fewer outlets intervals are several times as wide if the points lie off the law by chance,
+since few degrees of freedom estimate the misfit."""
 _INSIDE = 0.2
 """Part of the beds at outlets between both ends."""
 _SPLITS = np.linspace(0.1, 0.9, 33)
-"""Parts of the other beds at the narrow end that are compared."""
+"""Parts of the other beds at the narrow end, from which the best is chosen."""
 _GROWTH = 1.5
-"""Beds after a generation over those before it, at most: scatter and parameters are known from few."""
+"""Largest growth of the number of beds in a generation: scatter and parameters are known from few."""
 _LACK_OF_FIT = 0.01
-"""Probability of the lack of fit from which on a law passes: it is tested after each generation."""
+"""p-value of the lack of fit above which a law passes; it is low since the test is repeated after each generation."""
 _MISSES = 1e-4
-"""Probability of the lack of fit below which the law is given up."""
+"""p-value of the lack of fit below which the law is given up."""
 
 Point = tuple[float, list[float]]
-"""An outlet [m], with the flow rates of its beds [kg/s]."""
+"""Outlet [m], with the flow rates of its beds [kg/s]."""
 
 
 class FitLaw(Goal):
@@ -71,7 +71,7 @@ class FitLaw(Goal):
     @model_validator(mode="before")
     @classmethod
     def _of_mapping(cls, mapping: Any) -> Any:
-        """{law: {parameter: part}} as fields."""
+        """Convert {law: {parameter: part}} to fields."""
         if isinstance(mapping, Mapping) and mapping.keys() >= {"law", "errors"}:
             return mapping
         if not (isinstance(mapping, Mapping) and len(mapping) == 1):
@@ -98,7 +98,7 @@ class FitLaw(Goal):
         return {"law": law, "errors": parts}
 
     def range_faults(self, points: Sequence[Any]) -> list[Fault]:
-        """Find what a study lacks of the range."""
+        """List faults of the range of a study."""
         return of_one_key("fit", ORIFICE, points)
 
     def needs(self) -> tuple[str, Sequence[str]]:
@@ -106,11 +106,11 @@ class FitLaw(Goal):
         return "flow_rate is", (_FLOW,)
 
     def further_faults(self, measures: Sequence[str], points: Sequence[Any]) -> Iterator[Fault]:
-        """Find a law that does not hold here, or has a parameter that is not measured."""
+        """Yield faults for a law that does not hold here, or has a parameter that is not measured."""
         law, scene = LAWS[self.law], points[0].scene
         if law.outlet not in (scene.container.outlet_form, "any"):
             yield Fault("fit", f"{self.law} is a law for a {law.outlet}", "name a law for the outlet of this container")
-        reported = {one.name for one in law.reported(Context.of(scene, None))}
+        reported = {parameter.name for parameter in law.reported(Context.of(scene, None))}
         if {*self.errors} - reported and "packing" not in measures:
             lacking = ", ".join({*self.errors} - reported)
             yield Fault("fit", f"{lacking} rests on the packing fraction", "add packing to measure, or name C_particle")
@@ -121,7 +121,7 @@ class FitLaw(Goal):
             yield Fault("fit", "the sweep has no range in which the law is meant to hold", remedy)
 
     def plan_rule(self, study: Any) -> str:
-        """Say when the campaign ends, and how many runs are expected."""
+        """State the end of the campaign, and the expected number of runs."""
         start = len(self._start(study)) * self.beds
         limit = f", at most {self.budget} runs" if self.budget is not None else ""
         return (
@@ -131,11 +131,11 @@ class FitLaw(Goal):
         )
 
     def first(self, study: Any) -> list[Values]:
-        """Give outlets over the range of the law."""
+        """Return outlets over the range of the law."""
         return [{ORIFICE: D} for D in self._start(study)]
 
     def step(self, study: Any, trials: Sequence[Trial]) -> Step:
-        """Propose beds where they are worth most, or hold beds out once all errors are reached."""
+        """Propose beds where they are worth most, or held-out beds once all errors are reached."""
         points = _points(trials)
         try:
             result = self._fit(study, trials, points)
@@ -162,11 +162,13 @@ class FitLaw(Goal):
             for (D, _), number, beds in zip(points, target, n, strict=True)
             if number > beds
         )
-        outlets = ", ".join(f"{one.replicates} at {1e3 * float(one.at[ORIFICE]):.4g} mm" for one in assignments)
+        outlets = ", ".join(
+            f"{assignment.replicates} at {1e3 * float(assignment.at[ORIFICE]):.4g} mm" for assignment in assignments
+        )
         return Step(Proposal(assignments, f"{progress}: beds in all {outlets}"))
 
     def verdict(self, study: Any, trials: Sequence[Trial], withheld: Sequence[Trial]) -> str:
-        """Compare beds that were held out at both ends with the law."""
+        """Compare held-out beds at both ends with the law."""
         points = _points(trials)
         result = self._fit(study, trials, points)
         halves = self._halves(result, sum(len(values) for _, values in points))
@@ -191,7 +193,7 @@ class FitLaw(Goal):
         return " and ".join(f"{name} to {percent(part)}" for name, part in self.errors.items())
 
     def _range(self, points: Sequence[Any]) -> tuple[float, float]:
-        """Outlets of the sweep at which the law is meant to hold."""
+        """Range of the sweep in which the law is meant to hold [m]."""
         swept = only_swept(points)
         assert swept is not None
         narrowest = LAWS[self.law].least_ratio * Context.of(points[0].scene, None).d
@@ -224,7 +226,7 @@ class FitLaw(Goal):
         return derivative(lambda values: law.log_flow(D, values, context), free)
 
     def _relative(self, law: Any, free: np.ndarray, context: Context) -> dict[str, tuple[int, float]]:
-        """Index of the free parameter of each requested one, and its derivative by that over its value."""
+        """For each requested parameter, the index of its free parameter, and its relative derivative by that."""
         slopes = {}
         for parameter in law.reported(context):
             if parameter.name in self.errors:
@@ -235,12 +237,13 @@ class FitLaw(Goal):
     def _needed(
         self, law: Any, free: np.ndarray, context: Context, D: np.ndarray, scatter: float, t: float
     ) -> tuple[float, np.ndarray]:
-        """Fewest beds that reach all errors, and the part of them at each outlet, shape [n]."""
+        """Find the fewest beds that reach all errors, and the part of them at each outlet, shape [n]."""
         J, slopes, inner = self._sensitivities(law, free, context, D), self._relative(law, free, context), len(D) - 2
         best = math.inf, np.full(len(D), 1 / len(D))
         for split in _SPLITS:
             part = np.full(len(D), _INSIDE / inner)
             part[[0, -1]] = (1 - _INSIDE) * np.array([split, 1 - split])
+            # covariance of the parameters for one bed in all; it falls as 1/beds
             covariance = np.linalg.inv(J.T @ (J * part[:, None])) * scatter**2
             halves = [t * math.sqrt(covariance[index, index]) * abs(slope) / self.errors[name]
                       for name, (index, slope) in slopes.items()]  # fmt: skip
@@ -248,7 +251,7 @@ class FitLaw(Goal):
         return best
 
     def _allocation(self, result: FitResult, n: np.ndarray) -> np.ndarray:
-        """Beds at each outlet after the next generation, shape [n]."""
+        """Number of beds at each outlet after the next generation, shape [n]."""
         scatter = math.sqrt(float(np.mean(result.relative_error**2 * n)))
         t = _reach(result) * result.widening * float(widening(int(n.sum())))
         needed, part = self._needed(result.law, result.best, result.context, result.D, scatter, t)
@@ -256,7 +259,7 @@ class FitLaw(Goal):
         return np.maximum(n, np.ceil(part * number))
 
     def _expected(self, study: Any) -> int:
-        """Beds that are expected before there is any: from the law, started at Beverloo's with k = 1.4."""
+        """Expected number of beds before there is any, by the law with the parameters of Beverloo's at k = 1.4."""
         law, context = LAWS[self.law], Context.of(study.points[0].scene, 0.6)
         D = np.array(self._start(study))
         W = context.unit_flow * (D / context.d - 1.4) ** (1.5 if context.Z == context.Z else 2.5)
@@ -264,29 +267,32 @@ class FitLaw(Goal):
         return max(len(D) * self.beds, math.ceil(needed))
 
     def _held_out(self, points: Sequence[Point], trials: Sequence[Trial], progress: str) -> Step:
-        """Propose beds at both ends that no run so far has."""
+        """Propose beds at both ends with seeds that no run has."""
         latest = max(trial.seed for trial in trials)
         ends = tuple(Assignment({ORIFICE: D}, latest + HELD_OUT) for D in (points[0][0], points[-1][0]))
         reason = f"{progress}; {HELD_OUT} beds are held out at each end to test the law"
         return Step(Proposal(ends, reason), holds_out=True)
 
     def _allowed(self, result: FitResult, D: float) -> float:
-        """Deviation of ln W at an outlet that the promised errors allow: both of them, in quadrature."""
+        """Deviation of ln W at an outlet that the promised errors allow, added in quadrature."""
         (J,) = self._sensitivities(result.law, result.best, result.context, np.array([D]))
         slopes = self._relative(result.law, result.best, result.context)
         return math.hypot(*(self.errors[name] / slope * J[index] for name, (index, slope) in slopes.items()))
 
 
 def _reach(result: FitResult) -> float:
-    """Half width of an interval over the standard error of the fit. Where the law passes the test of lack of fit, the
-    errors are those of the replicates, however the points happen to lie about it."""
+    """Half width of an interval over the standard error of the fit.
+
+    If the law passes the test of lack of fit, the errors are those of the replicates, however the points happen to lie
+    about it.
+    """
     if result.p_value >= _LACK_OF_FIT:
         return student(0.95, result.error_dof) / result.widening
     return student(0.95, result.freedom)
 
 
 def _points(trials: Sequence[Trial]) -> list[Point]:
-    """Flow rates of beds by outlet, of outlets at which few runs clogged."""
+    """Collect flow rates of beds by outlet, for outlets at which few runs clogged."""
     lost, points = clogged_places(trials), dict[float, list[tuple[int, float]]]()
     for trial in sorted(trials, key=lambda trial: (place(trial.at), trial.seed, trial.discharge)):
         value = trial.numbers.get(_FLOW, math.nan)

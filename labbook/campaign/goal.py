@@ -1,7 +1,7 @@
-"""Goals: strategies with a promise, which says when they are done and is tested on runs that they did not see.
+"""Goals: strategies with a promise that is tested on held-out runs.
 
-A goal proposes generations until its promise is kept by its own reckoning, then further beds of the same design. These
-are held out: they take no part in the choice, and the last line of the campaign says if they agree with the promise.
+A goal proposes generations until it estimates that its promise is kept, then further beds of the same design. These are
+held out: they take no part in the choice, and the last line of the campaign states if they agree with the promise.
 """
 
 import re
@@ -19,14 +19,14 @@ from labbook.scene.model import Fault, Internal, Model
 from labbook.scene.quantities import whole
 
 HELD_OUT = 8
-"""Beds that are held out."""
+"""Number of held-out beds."""
 SCATTER = 0.022
-"""Scatter of the flow rate between runs, relative to it, by which runs are foreseen before there are any (the typical
-one of the studies that ship)."""
+"""Relative scatter of the flow rate between runs, for forecasts before there are any (typical of the bundled
+studies)."""
 
 
 def _runs(number: Any) -> Any:
-    """`60 runs` as 60."""
+    """Parse `60 runs` as 60."""
     match = re.fullmatch(r"\s*(\S+)\s+runs?\s*", number) if isinstance(number, str) else None
     return whole(match[1] if match else number)
 
@@ -43,22 +43,28 @@ class Budgeted(Model):
 
 @dataclass(frozen=True)
 class Step:
-    """Next proposal of a goal, and if its runs are held out."""
+    """Next proposal of a goal. `holds_out`: its runs are held out."""
 
     proposal: Proposal
     holds_out: bool = False
 
 
 class Goal(Strategy):
-    """A strategy with a promise. It waits for all runs of a generation: each rests on all results so far."""
+    """Base class of strategies with a promise. A goal waits for all runs of a generation before the next.
+
+    A subclass defines `first`, `step` and `verdict`.
+
+    Attributes:
+        testing: Number of held-out beds, at all points together.
+        beds: Beds of each point of the start.
+        places: Word for the points of the start.
+        budget: Largest number of runs, stated beside the goal; None: no limit.
+    """
 
     ahead: ClassVar[int] = 0
     testing: ClassVar[int] = HELD_OUT
-    """Beds that are held out, at all points together."""
     beds: ClassVar[int] = 2
-    """Beds of each point of the start."""
     places: ClassVar[str] = "points"
-    """Word for the points of the start."""
 
     budget: Annotated[int | None, Internal()] = None
     """Largest number of runs, stated beside the goal."""
@@ -66,7 +72,7 @@ class Goal(Strategy):
     """Study, keys of all runs, and the step after them."""
 
     def propose(self, history: History) -> Proposal:
-        """Propose the next generation; after the runs that are held out, end with what they say of the promise."""
+        """Propose the next generation; after the held-out runs, end with the verdict on the promise."""
         if history.pending:
             return Proposal.wait()
         generations = history.generations
@@ -79,16 +85,16 @@ class Goal(Strategy):
 
     @abstractmethod
     def first(self, study: Any) -> Sequence[Values]:
-        """Give the points of the first generation."""
+        """Return the points of the first generation."""
 
     def start(self, study: Any) -> Proposal:
-        """Propose the first generation: all its points, with as many beds each."""
+        """Propose the first generation: all its points, with equal numbers of beds."""
         points = self.first(study)
         assignments = tuple(Assignment(at, self.beds) for at in points)
         return Proposal(assignments, f"{len(points)} {self.places} over the range, with {self.beds} beds each")
 
     def obstacles(self, measures: Sequence[str], points: Sequence[Any]) -> Iterator[Fault]:
-        """Find what a study lacks: a range, what has to be measured, and what only this goal needs."""
+        """Yield faults of a study: of its range, of its measures, and further ones of this goal."""
         faults = [*self.range_faults(points)]
         yield from faults
         subject, giving = self.needs()
@@ -98,41 +104,43 @@ class Goal(Strategy):
             yield from self.further_faults(measures, points)
 
     def range_faults(self, points: Sequence[Any]) -> Iterable[Fault]:
-        """Find what a study lacks of the range."""
+        """List faults of the range of a study."""
         return ()
 
     def needs(self) -> tuple[str, Sequence[str]]:
-        """Say what has to be measured (`stops are`), and give the measures of which one gives it."""
+        """Describe what has to be measured (`stops are`), and name the measures of which one gives it."""
         return "", ()
 
     def further_faults(self, measures: Sequence[str], points: Sequence[Any]) -> Iterable[Fault]:
-        """Find what else a study with a range lacks."""
+        """List further faults of a study that has a range."""
         return ()
 
     @abstractmethod
     def step(self, study: Any, trials: Sequence[Trial]) -> Step:
-        """Propose what follows from all runs so far.
+        """Propose the next runs from all runs so far.
 
         Args:
-            study: As its author stated it.
+            study: The study as its author stated it.
             trials: All runs.
 
         Returns:
-            More runs, those that are held out, or an end without them, with the reason.
+            More runs, held-out runs, or an end without them, with the reason.
         """
 
     def withheld(self, trials: Sequence[Trial], latest: Sequence[Trial]) -> list[Trial]:
-        """Pick the held-out runs of the `latest` generation: those at points that no run so far has, or of beds that
-        no run at any point has."""
+        """Select the held-out runs of the `latest` generation.
+
+        They are at points that no earlier run has, or of beds that no earlier run at any point has.
+        """
         points, seed = {place(trial.at) for trial in trials}, max(trial.seed for trial in trials)
         return [trial for trial in latest if trial.seed > seed or place(trial.at) not in points]
 
     @abstractmethod
     def verdict(self, study: Any, trials: Sequence[Trial], withheld: Sequence[Trial]) -> str:
-        """Say what the `withheld` runs say of the promise, which rests on `trials`."""
+        """State the agreement of the `withheld` runs with the promise, which rests on `trials`."""
 
     def _next(self, study: Any, generations: Sequence[Generation]) -> Step:
-        """Give the step after some generations; the latest one is remembered, as each is looked at twice."""
+        """Compute the step after some generations; the latest is cached, as each is needed twice."""
         trials = _trials(generations)
         keys = tuple(trial.key for trial in trials)
         if self._latest is None or self._latest[0] is not study or self._latest[1] != keys:
@@ -151,20 +159,22 @@ class Goal(Strategy):
 
 
 def _trials(generations: Sequence[Generation]) -> list[Trial]:
-    """All runs of some generations, each once: a point that is proposed again has its earlier runs in each."""
+    """Collect the runs of some generations, each once: a point that is proposed again has its earlier runs in each."""
     runs = {trial.key: trial for generation in generations for trial in generation.trials or ()}
     return list(runs.values())
 
 
 def new_beds(assignments: Sequence[Assignment], trials: Sequence[Trial]) -> int:
-    """Count the beds of assignments that are not among the runs."""
+    """Count the beds of assignments that have no run yet."""
     there = {(place(trial.at), trial.seed) for trial in trials}
-    proposed = {(place(one.at), seed) for one in assignments for seed in range(1, one.replicates + 1)}
+    proposed = {
+        (place(assignment.at), seed) for assignment in assignments for seed in range(1, assignment.replicates + 1)
+    }
     return len(proposed - there)
 
 
 def held_out(at: Any, trials: Sequence[Trial], reason: str) -> Step:
-    """Propose beds of one point that no run so far has, at any point."""
+    """Propose beds of one point with seeds that no run at any point has."""
     latest = max(trial.seed for trial in trials)
     return Step(
         Proposal((Assignment(at, latest + HELD_OUT),), f"{reason}; {HELD_OUT} beds are held out to test it"), True
@@ -172,7 +182,7 @@ def held_out(at: Any, trials: Sequence[Trial], reason: str) -> Step:
 
 
 def clogged_places(trials: Sequence[Trial]) -> set[tuple]:
-    """Give the points at which so many runs clogged that the others are no fair sample, by `place`."""
+    """Points, by `place`, at which so many runs clogged that the others are a biased sample."""
     runs = Counter(place(trial.at) for trial in trials)
     clogged = Counter(place(trial.at) for trial in trials if trial.outcome == "clogged")
     return {at for at, number in clogged.items() if number > CLOGGED * runs[at]}
@@ -180,19 +190,19 @@ def clogged_places(trials: Sequence[Trial]) -> set[tuple]:
 
 @dataclass(frozen=True)
 class KeyRange:
-    """The only swept key of a study, with the values that the sweep lists [SI]."""
+    """Range of the only swept key of a study, with the values that the sweep lists [SI]."""
 
     key: str
     values: tuple[float, ...]
 
     def within(self, low: float, high: float) -> "KeyRange":
-        """Cut it to a smaller range, whose ends count as listed."""
+        """Reduce it to a smaller range, whose ends count as listed."""
         inner = (value for value in self.values if low < value < high)
         return KeyRange(self.key, (low, *inner, high))
 
 
 def only_swept(points: Sequence[Any]) -> KeyRange | None:
-    """Give the swept key of a study that has one alone, with numbers; None otherwise."""
+    """Find the swept key of a study that sweeps one key over numbers; None otherwise."""
     keys = dict.fromkeys(key for point in points for key in point.at)
     if len(keys) != 1:
         return None
@@ -204,7 +214,7 @@ def only_swept(points: Sequence[Any]) -> KeyRange | None:
 
 
 def spread(sweep: KeyRange, number: int, digits: int = 4) -> tuple[float, ...]:
-    """Spread settings evenly over the range of a sweep: those that it lists, if there are as many or a few more."""
+    """Spread settings evenly over a sweep; listed values are taken if they are as many, or up to twice as many."""
     if number <= len(sweep.values) <= 2 * number:
         return sweep.values
     low, high = sweep.values[0], sweep.values[-1]
@@ -213,12 +223,12 @@ def spread(sweep: KeyRange, number: int, digits: int = 4) -> tuple[float, ...]:
 
 
 def rounded(value: float, digits: int = 4) -> float:
-    """Round a setting to so many digits, as people write it: runs at it are those of a study with that number."""
+    """Round a setting to some digits, as a study would state it: runs at it are then those of such a study."""
     return float(f"{value:.{digits}g}")
 
 
 def of_one_key(goal: str, key: str, points: Sequence[Any]) -> list[Fault]:
-    """Check that a study sweeps `key` alone, over a range; the faults are those of the goal."""
+    """List faults of a study that does not sweep `key` alone, over a range; `goal`: name in messages."""
     sweep = only_swept(points)
     if sweep is None or sweep.key != key:
         swept = ", ".join(dict.fromkeys(name for point in points for name in point.at)) or "nothing"

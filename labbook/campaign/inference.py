@@ -1,9 +1,9 @@
-"""Parameters from measurements: emulators of all measured quantities, and the posterior of the parameters.
+"""Inference of parameters from measurements: emulators of all measured quantities, and the posterior.
 
 Each quantity has an emulator over parameters and conditions (`labbook.stats.emulator`). The likelihood of a parameter
-set is normal in the logarithms of the measured values. Its covariance is that of the measurements, of the discrepancy
-of the model, and of the emulator across all conditions of this set (Kennedy & O'Hagan, J. R. Stat. Soc. B 63 (2001)
-425).
+set is normal in the logarithms of the measured values. Its covariance is the sum of those of the measurements, of the
+discrepancy of the model, and of the emulator across all conditions of this set (Kennedy & O'Hagan, J. R. Stat. Soc. B
+63 (2001) 425).
 """
 
 import math
@@ -21,21 +21,21 @@ from labbook.stats.emulator import Emulator
 from labbook.stats.posterior import Posterior, posterior
 
 REGION = 0.99
-"""Part of the posterior in the region that further runs fill."""
+"""Part of the posterior within the region that further runs fill."""
 _DRAWS = 2048
-"""Parameter sets by which expectations over the posterior are computed."""
+"""Number of parameter sets for expectations over the posterior."""
 _INTERVAL = np.array([0.025, 0.5, 0.975])
 
 
 class NotInferred(ValueError):
-    """The runs so far give no posterior; the message says what is missing."""
+    """The runs so far give no posterior; the message names the lack."""
 
 
 class Measurement(Model):
     """A measured value.
 
-    `at`: conditions [SI]; `value`, `error`: in SI, with the standard error. `withheld`: it takes no part in the
-    calibration and tests it.
+    `at`: conditions [SI]; `value`, `error`: value and standard error [SI]; `withheld`: it does not enter the
+    calibration but tests it.
     """
 
     quantity: str
@@ -61,7 +61,7 @@ class Interval:
 
 @dataclass(frozen=True)
 class Prediction:
-    """A quantity at conditions that took no part in the calibration, by the posterior [SI], and its measured value."""
+    """Predicted quantity at conditions outside the calibration, by the posterior [SI], with the measured value."""
 
     quantity: str
     at: Mapping[str, float]
@@ -77,8 +77,11 @@ class Prediction:
 
 @dataclass(frozen=True)
 class Experiment:
-    """A measurement that could be made next. `gain`: factor by which it would lower the volume of the posterior
-    (root of the determinant of its covariance), if its relative standard error is `error`."""
+    """A possible next measurement.
+
+    `gain`: factor by which it would lower the volume of the posterior (root of the determinant of its covariance), if
+    its relative standard error is `error`.
+    """
 
     quantity: str
     at: Mapping[str, float]
@@ -88,8 +91,11 @@ class Experiment:
 
 @dataclass(frozen=True)
 class Direction:
-    """A direction of the parameter space, by the change of each parameter [of its prior range], of length 1, with the
-    standard deviation of the posterior along it, over that of the prior."""
+    """Direction of the parameter space with its remaining uncertainty.
+
+    `parts`: change of each parameter [of its prior range], a vector of length 1. `remaining`: standard deviation of the
+    posterior along it, over that of the prior.
+    """
 
     parts: Mapping[str, float]
     remaining: float
@@ -97,16 +103,17 @@ class Direction:
 
 @dataclass(frozen=True, eq=False)
 class Inference:
-    """The posterior of parameters.
+    """Posterior of parameters.
 
     Attributes:
         parameters: Axes of the parameters.
         conditions: Axes of the conditions that differ between measurements.
-        measurements: All of them.
+        measurements: All measurements.
         discrepancy: Relative standard deviation between the model and reality.
-        emulators: Of each quantity that the runs have, by name.
-        observed: What they are fitted to.
-        trials: Runs that it rests on.
+        emulators: Emulator of each quantity of the runs, by name.
+        observed: Values to which they are fitted, by name.
+        trends: Known trend of each quantity, by name.
+        trials: The runs.
     """
 
     parameters: tuple[Axis, ...]
@@ -134,10 +141,10 @@ class Inference:
         Args:
             parameters: Axes of the parameters.
             measurements: Measured values.
-            discrepancy: As the attribute.
+            discrepancy: Relative standard deviation between the model and reality.
             trials: Runs.
             scene: Any scene of the study.
-            others: Names of quantities that are not measured, and could be.
+            unmeasured: Names of quantities without a measurement that get an emulator too.
             further: Conditions to predict, without a measured value.
 
         Raises:
@@ -163,16 +170,16 @@ class Inference:
 
     @cached_property
     def posterior(self) -> Posterior:
-        """The posterior, with parameters from 0 to 1."""
+        """Posterior of the parameters, scaled from 0 to 1."""
         return posterior(self.log_likelihood, len(self.parameters))
 
     @cached_property
     def exact(self) -> Posterior:
-        """The posterior that these emulators would give if they had no error: further runs lead to one as narrow."""
+        """Posterior if these emulators had no error: further runs lead to one as narrow."""
         return posterior(lambda places: self._log_likelihood(places, False), len(self.parameters))
 
     def log_likelihood(self, places: np.ndarray) -> np.ndarray:
-        """Compute it at k parameter sets, shape [k, p]; shape [k]."""
+        """Compute ln of the likelihood at k parameter sets, shape [k, p]: shape [k]."""
         return self._log_likelihood(places, True)
 
     def _log_likelihood(self, places: np.ndarray, emulated: bool) -> np.ndarray:
@@ -204,8 +211,10 @@ class Inference:
 
     @cached_property
     def share(self) -> float:
-        """Variance of the emulator over that of a measured value (with the discrepancy): the mean over the posterior,
-        of the measurement where it is largest."""
+        """Ratio of the emulator's variance to that of a measured value (with the discrepancy).
+
+        The mean over the posterior, for the measurement at which it is largest.
+        """
         draws, worst = self.draws(), 0.0
         for quantity, group in self._groups.items():
             _, covariance = self.joint(quantity, draws, [entry.at for entry in group])
@@ -214,7 +223,7 @@ class Inference:
         return worst
 
     def draws(self, number: int = _DRAWS) -> np.ndarray:
-        """Draw parameter sets of the posterior, the same ones each time, shape [number, p]."""
+        """Draw parameter sets of the posterior, the same ones at each call: shape [number, p]."""
         return self.posterior.samples(number, np.random.default_rng(0))
 
     def intervals(self, of: Posterior | None = None) -> dict[str, Interval]:
@@ -227,18 +236,19 @@ class Inference:
 
     @cached_property
     def ridge(self) -> Direction:
-        """The direction along which the measurements tell least."""
+        """Direction of the least informed combination of parameters: largest variance of the posterior."""
+        # 1/12 is the variance of the uniform prior: eigenvalues are variances over that of the prior
         values, vectors = np.linalg.eigh(12 * self.posterior.covariance)
         vector = vectors[:, -1] * (1 if vectors[np.argmax(abs(vectors[:, -1])), -1] > 0 else -1)
         parts = {axis.key: float(part) for axis, part in zip(self.parameters, vector, strict=True)}
         return Direction(parts, min(1.0, float(math.sqrt(values[-1]))))
 
     def sobol_indices(self) -> dict[tuple[str, int], dict[str, tuple[float, float]]]:
-        """Compute how much of the variance over the prior each parameter explains.
+        """Compute the parts of the variance over the prior that each parameter explains.
 
         Returns:
-            For each measurement, by quantity and number among those of the quantity: by parameter, the index of first
-            order and the total one (Sobol', Math. Comput. Simul. 55 (2001) 271), of the emulator's mean.
+            For each measurement, by quantity and index among those of the quantity: by parameter, the first-order index
+            and the total one (Sobol', Math. Comput. Simul. 55 (2001) 271), of the emulator's mean.
         """
         from scipy.stats import sobol_indices
 
@@ -263,7 +273,7 @@ class Inference:
         return indices
 
     def predictions(self, further: Sequence[tuple[str, Mapping[str, float]]] = ()) -> list[Prediction]:
-        """Predict the measurements that took no part, and the quantities at further conditions."""
+        """Predict the withheld measurements, and quantities at further conditions."""
         requests = [(entry.quantity, entry.at, entry) for entry in self.measurements if entry.withheld]
         requests += [(quantity, at, None) for quantity, at in further if not any(at == had for _, had, _ in requests)]
         return [self._prediction(*entry) for entry in requests]
@@ -277,8 +287,11 @@ class Inference:
         return Prediction(quantity, at, Interval(*map(float, ends)), entry and entry.value, entry and entry.error)
 
     def experiments(self) -> list[Experiment]:
-        """Compare measurements that could be made next, the best one first: each quantity of the runs at each condition
-        of this study, with the smallest relative error that the measurements have."""
+        """Compare possible next measurements, the best one first.
+
+        They are each quantity of the runs at each condition of this study, with the smallest relative error of the
+        measurements.
+        """
         draws = self.draws()
         off = draws - draws.mean(axis=0)
         covariance = off.T @ off / len(draws)
@@ -297,7 +310,7 @@ class Inference:
         return sorted(experiments, key=lambda entry: -entry.gain)
 
     def clogged(self) -> tuple[int, int]:
-        """Count the runs that clogged, and all runs, at parameter sets within the region of the posterior."""
+        """Count clogged runs, and all runs, at parameter sets within the region of the posterior."""
         edge = math.log(max(self.posterior.threshold(REGION), 1e-300))
         places = np.array([self._place(trial) for trial in self.trials])
         logs = self.log_likelihood(places)
@@ -306,7 +319,7 @@ class Inference:
         return int(np.sum(inside & np.array(stops))), int(inside.sum())
 
     def lacking(self) -> str:
-        """Reason why the posterior is no answer yet; empty if it is one."""
+        """Give the reason why the posterior is no answer yet; empty if it is one."""
         clogged, runs = self.clogged()
         if clogged > CLOGGED * runs:
             return (
@@ -340,7 +353,7 @@ class Inference:
 
 
 def axes_of(conditions: Sequence[Mapping[str, float]]) -> tuple[Axis, ...]:
-    """Give the axes of keys that have several values."""
+    """Build the axes of keys that have several values."""
     values: dict[str, set[float]] = {}
     for at in conditions:
         for key, value in at.items():

@@ -1,4 +1,4 @@
-"""The goal `map`: a quantity over several swept keys, to a stated error on most of their range.
+"""Goal `map`: a quantity over several swept keys, to a stated error on most of their range.
 
     adapt:
       map: {flow_rate: 2 %, over: [contact.friction, container.angle], on: 95 %}
@@ -29,12 +29,12 @@ LIMIT = 2000
 """Largest number of runs, unless `budget` is stated."""
 _BEDS = 4
 _TESTING = 32
-"""Runs that are held out."""
+"""Number of held-out runs."""
 _LARGEST, _BEYOND = 1.33, 5
-"""Root of the mean square of 32 standardised residuals, and number of those beyond 1.96, that are exceeded in 0.5 % of
-all cases each."""
+"""Root mean square of 32 standardised residuals, and number of residuals beyond 1.96, each exceeded in 0.5 % of all
+cases."""
 _PLACES, _CANDIDATES = 1024, 512
-"""Settings at which the error is looked at, and those among which runs are chosen."""
+"""Number of settings at which the error is evaluated, and from which runs are chosen."""
 _DONE = 0.1
 """Weight of settings that are known well enough, over that of the others."""
 _NORMAL = 1.96
@@ -59,7 +59,7 @@ class Map(Goal):
     @model_validator(mode="before")
     @classmethod
     def _of_mapping(cls, mapping: Any) -> Any:
-        """{quantity: part, over: [key, ...], on: part} as fields."""
+        """Convert {quantity: part, over: [key, ...], on: part} to fields."""
         if isinstance(mapping, Mapping) and mapping.keys() >= {"quantity", "error", "over", "on"}:
             return mapping
         names = [name for name in mapping if name not in ("over", "on")] if isinstance(mapping, Mapping) else []
@@ -84,7 +84,7 @@ class Map(Goal):
         }
 
     def range_faults(self, points: Sequence[Any]) -> Iterator[Fault]:
-        """Find what a study lacks of the range."""
+        """Yield faults of the range of a study."""
         swept = dict.fromkeys(key for point in points for key in point.at)
         for key in dict.fromkeys((*self.over, *swept)):
             values = {point.at.get(key) for point in points}
@@ -98,12 +98,12 @@ class Map(Goal):
                 yield Fault("map.over", f"the sweep of {key} is no range", "sweep two numbers or more")
 
     def needs(self) -> tuple[str, tuple[str, ...]]:
-        """Name what has to be measured, and the measures of which one gives it."""
+        """Describe what has to be measured, and name the measures of which one gives it."""
         giving = (name for name, measure in MEASURES.items() if any(q.name == self.quantity for q in measure.declared))
         return f"{self.quantity} is", tuple(giving)
 
     def plan_rule(self, study: Any) -> str:
-        """Say when the campaign ends, and how many runs are expected."""
+        """State the end of the campaign, and the expected number of runs."""
         d = len(self.over)
         needed = math.ceil(2 * (d + 1) * (d + 2) * (_NORMAL * SCATTER / self.error) ** 2)
         expected = max(_BEDS * len(self.first(study)), needed) + _TESTING
@@ -115,12 +115,12 @@ class Map(Goal):
         )
 
     def first(self, study: Any) -> list[dict[str, float]]:
-        """Give the first settings: a Sobol sequence. Raises LearnMissing, before anything runs."""
+        """Return the first settings: a Sobol sequence. Raises LearnMissing, before anything runs."""
         check_installed()
         return self._settings(study, sobol(max(16, 4 * (len(self.over) + 1)), len(self.over)))
 
     def step(self, study: Any, trials: Sequence[Trial]) -> Step:
-        """Propose runs where they lower the error most, or hold runs out once it is small enough."""
+        """Propose runs where they lower the error most, or held-out runs once it is small enough."""
         values, _ = self._values(study, trials)
         clogged = sum(trial.outcome == "clogged" for trial in trials)
         if clogged > CLOGGED * len(trials):
@@ -156,7 +156,7 @@ class Map(Goal):
         return Step(Proposal(assignments, f"{progress}: {len(picks)} runs where they lower its error most"))
 
     def verdict(self, study: Any, trials: Sequence[Trial], withheld: Sequence[Trial]) -> str:
-        """Compare runs that were held out with the map."""
+        """Compare held-out runs with the map."""
         emulator, values, trend = self.emulator(study, trials)
         _, errors = emulator.at(sobol(_PLACES, len(self.over), stream=5))
         reached = float(np.mean(_NORMAL * errors <= math.log1p(self.error)))
@@ -185,7 +185,7 @@ class Map(Goal):
         return values.emulator(), values, trend
 
     def axes(self, study: Any) -> tuple[Axis, ...]:
-        """Give the axes of the keys, with the ranges of the sweep."""
+        """Return the axes of the keys, with the ranges of the sweep."""
         values = {key: [float(point.at[key]) for point in study.points] for key in self.over}
         return tuple(Axis(key, min(of), max(of)) for key, of in values.items())
 
@@ -199,7 +199,7 @@ class Map(Goal):
         return [{axis.key: axis.setting(float(u)) for axis, u in zip(axes, point, strict=True)} for point in points]
 
     def _off(self, study: Any, trial: Trial) -> float:
-        """Square of the distance of a run from the middle of the range."""
+        """Squared distance of a run from the middle of the range."""
         return sum((float(axis.unit(float(trial.at[axis.key]))) - 0.5) ** 2 for axis in self.axes(study))
 
 

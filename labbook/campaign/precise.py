@@ -1,4 +1,4 @@
-"""The strategy behind fed beds: one run goes on until its own flow rate is known well enough."""
+"""Strategy behind fed beds: one run continues until its own flow rate is known well enough."""
 
 from typing import ClassVar
 
@@ -7,8 +7,8 @@ from labbook.scene.quantities import percent
 from labbook.stats.tolerance import Tolerance
 
 HALF_WIDTH = "flow_rate.half_width"
-"""Half width of the 95 % interval of the flow rate by one run alone, relative to it; absent while the flow has a
-trend."""
+"""Quantity: half width of the 95 % interval of the flow rate from one run alone, relative to it; absent while the flow
+has a trend."""
 
 
 class PreciseRun(Strategy):
@@ -22,15 +22,15 @@ class PreciseRun(Strategy):
     ahead: ClassVar[int] = 0
 
     error: float
-    """Half width to reach, relative to the flow rate: what the bias of numerics leaves of the requested error."""
+    """Half width to reach, relative to the flow rate: the requested error less the bias of numerics."""
 
     def propose(self, history: History) -> Proposal:
-        """Propose that the run of the latest trial goes on, or end it."""
+        """Propose that the run of the latest trial continues, or end the campaign."""
         latest = list(history.trials)[-1]
         half_width = latest.numbers.get(HALF_WIDTH)
         if half_width is None:
             return Proposal((Assignment(latest.at),), "the flow has a trend, or too few grains have left")
-        known = f"W to {percent(half_width, '.2f')}, and {percent(self.error)} is asked"
+        precision = f"W to {percent(half_width, '.2f')}, and {percent(self.error)} is asked"
         if Tolerance(self.error).met(half_width):
-            return Proposal.end(known)
-        return Proposal((Assignment(latest.at),), known)
+            return Proposal.end(precision)
+        return Proposal((Assignment(latest.at),), precision)

@@ -1,4 +1,4 @@
-"""Strategies that a study can name under `adapt`: goals, and those of other packages."""
+"""Strategies that a study can name under `adapt`: goals, and strategies of other packages."""
 
 from collections.abc import Sequence
 from typing import Any, Union
@@ -17,7 +17,7 @@ from labbook.scene.model import Fault, refuse
 
 
 class Strategies(Registry[type[Strategy]]):
-    """Strategies by name. It marks a field that takes a mapping of one name to the strategy's own keys."""
+    """Strategies by name; as an annotation, it takes a mapping of one name to the strategy's own keys."""
 
     def __init__(self, group: str, builtin: Sequence[type[Strategy]] = ()):
         super().__init__(group, Strategy, builtin)
@@ -30,15 +30,15 @@ class Strategies(Registry[type[Strategy]]):
 
     def __get_pydantic_core_schema__(self, source: Any, handler: GetCoreSchemaHandler) -> CoreSchema:
         fields: dict[str, Any] = {name: (Union[kind, None], None) for name, kind in self.items()}  # noqa: UP007
-        stated = create_model("Adapt", __base__=Budgeted, **fields)
+        schema = create_model("Adapt", __base__=Budgeted, **fields)
         return core_schema.no_info_before_validator_function(
-            _mapping, core_schema.no_info_after_validator_function(_only, handler.generate_schema(stated))
+            _mapping, core_schema.no_info_after_validator_function(_only, handler.generate_schema(schema))
         )
 
 
-def _mapping(stated: Any) -> Any:
-    """A strategy that was made in Python as the mapping that a study has."""
-    return {stated.name: stated} if isinstance(stated, Strategy) else stated
+def _mapping(mapping: Any) -> Any:
+    """Convert a strategy built in Python to the mapping that a study has."""
+    return {mapping.name: mapping} if isinstance(mapping, Strategy) else mapping
 
 
 def _only(adapt: Budgeted) -> Strategy:

@@ -1,4 +1,4 @@
-"""The strategy behind `accuracy.flow_rate`: replicates of a point until its flow rate is known well enough."""
+"""Strategy behind `accuracy.flow_rate`: replicates of a point until its flow rate is known well enough."""
 
 import math
 from typing import ClassVar
@@ -10,7 +10,7 @@ from labbook.stats.nested import TYPICAL, Beds, Design, Shares, cheapest, of_bed
 
 QUANTITY = "flow_rate"
 _WRONG = 1.5
-"""A forecast of replicates that is off by this factor is reported."""
+"""Factor by which a forecast of replicates has to be wrong to be reported."""
 
 
 class Replicates(Strategy):
@@ -26,14 +26,14 @@ class Replicates(Strategy):
     ahead: ClassVar[int] = 0
 
     rule: StoppingRule
-    """When to stop, and how many to add."""
+    """Stopping rule, which also gives the number of replicates to add."""
     scatter: float | None = None
-    """Standard deviation between runs, relative to the mean, by which their number was foreseen."""
+    """Standard deviation between runs, relative to the mean, on which the forecast was based."""
     filling: float | None = None
-    """Cost of a filling, in discharges; None where the number of discharges of each bed is stated."""
+    """Cost of a filling, in discharges; None if the number of discharges of each bed is stated."""
 
     def propose(self, history: History) -> Proposal:
-        """Propose more seeds of the point of `history`, or end with the precision that was reached."""
+        """Propose more seeds of the point of `history`, or end with the precision reached."""
         ((at, beds),) = history.beds(QUANTITY)
         trials = list(history.trials)
         there = Design(len({trial.seed for trial in trials}), max(trial.discharge for trial in trials))
@@ -46,7 +46,7 @@ class Replicates(Strategy):
         return Proposal((), self._reason(decision, beds, there), "end", decision)
 
     def _design(self, decision: Decision, beds: Beds, there: Design) -> Design:
-        """Choose beds and discharges for the next look; at the end those that are there."""
+        """Choose beds and discharges for the next look; at the end the present ones."""
         extended = Design(there.beds + decision.additional, there.discharges)
         if self.filling is None or decision.pooled is None or decision.ended not in (None, "cap"):
             return extended
@@ -69,33 +69,35 @@ class Replicates(Strategy):
             return f"none of {runs} runs has a flow rate, so no more are made: labbook report tells why"
         short = ": the requested error is not reached, and accuracy.max_replicates allows no more runs"
         short = "" if decision.ended == "tolerance" else short
-        known, n = percent(decision.pooled.relative, ".2f"), decision.pooled.n
+        precision, n = percent(decision.pooled.relative, ".2f"), decision.pooled.n
         why = self._in_words(decision, beds)
         with_these = _counted(Design(n, there.discharges))
-        return f"flow rate to {known} with {with_these}{self._foreseen(n, there)}{short}{why}"
+        return f"flow rate to {precision} with {with_these}{self._forecast_error(n, there)}{short}{why}"
 
     def _in_words(self, decision: Decision, beds: Beds) -> str:
         if self.filling is None or decision.pooled is None or len(beds) < 2:
             return ""
         return f"; {in_words(self.rule, decision.pooled.value, shares(beds), self.filling)}"
 
-    def _foreseen(self, needed: int, there: Design) -> str:
-        """Report a forecast that was wrong."""
+    def _forecast_error(self, needed: int, there: Design) -> str:
+        """Report a wrong forecast; empty if it was right."""
         if self.scatter is None:
             return ""
-        foreseen = self.rule.forecast(scatter_of_beds(self.scatter, there.discharges))
-        wrong = max(needed, foreseen) > _WRONG * min(needed, foreseen)
-        return f" ({foreseen} were expected, from a scatter of {percent(self.scatter, '.2f')})" if wrong else ""
+        predicted = self.rule.forecast(scatter_of_beds(self.scatter, there.discharges))
+        wrong = max(needed, predicted) > _WRONG * min(needed, predicted)
+        return f" ({predicted} were expected, from a scatter of {percent(self.scatter, '.2f')})" if wrong else ""
 
 
 def scatter_of_beds(scatter: float, discharges: int) -> float:
-    """Standard deviation between means over so many discharges of a bed, if single runs have the standard deviation
-    `scatter`, and nothing is known of the scene."""
+    """Standard deviation between means over some discharges of a bed, with the shares of other scenes.
+
+    `scatter`: standard deviation of single runs.
+    """
     return scatter * TYPICAL.of_means(discharges) ** 0.5
 
 
 def in_words(rule: StoppingRule, mean: float, of: Shares, filling: float) -> str:
-    """Both shares of the variance of W, the cheapest number of discharges and what it rests on, in a sentence."""
+    """Describe both shares of the variance of W, and the cheapest number of discharges with its basis."""
     flow, bed = (percent(part, ".0f") for part in (of.flow, of.bed))
     where = f"{flow} of the variance of W is made in the flow, {bed} in the bed"
     where += "" if of.measured else " (as in other scenes)"
@@ -105,6 +107,6 @@ def in_words(rule: StoppingRule, mean: float, of: Shares, filling: float) -> str
 
 
 def _counted(design: Design) -> str:
-    """`7 replicates`, `7 replicates of 3 discharges`."""
+    """Write a design as `7 replicates` or `7 replicates of 3 discharges`."""
     beds = f"{design.beds} replicate{'' if design.beds == 1 else 's'}"
     return beds if design.discharges == 1 else f"{beds} of {design.discharges} discharges"

@@ -1,4 +1,4 @@
-"""The space of several keys in which runs are chosen: numbers from 0 to 1 for each key, and the runs made there."""
+"""Space of several keys: coordinates from 0 to 1 for each key, designs of runs, and values of runs."""
 
 import math
 from collections import defaultdict
@@ -14,12 +14,12 @@ from labbook.stats.emulator import Emulator
 from labbook.stats.nested import by_bed, of_beds
 
 FEWEST_REPEATS = 8
-"""Degrees of freedom of the scatter of runs below which no emulator is fitted: its noise would not be known."""
+"""Fewest degrees of freedom of the scatter of runs for an emulator: with fewer its noise would be unknown."""
 
 
 @dataclass(frozen=True)
 class Axis:
-    """A key with its range [SI]; `logarithmic`: numbers from 0 to 1 follow its logarithm."""
+    """A key with its range [SI]. `logarithmic`: coordinates from 0 to 1 are linear in its logarithm."""
 
     key: str
     low: float
@@ -27,18 +27,18 @@ class Axis:
     logarithmic: bool = False
 
     def unit(self, value: float | np.ndarray) -> np.ndarray:
-        """Convert values to numbers from 0 to 1."""
+        """Convert values [SI] to coordinates from 0 to 1."""
         low, high, x = self._ends(np.asarray(value, float))
         return (x - low) / (high - low)
 
     def value(self, unit: float | np.ndarray) -> np.ndarray:
-        """Convert numbers from 0 to 1 to values."""
+        """Convert coordinates from 0 to 1 to values [SI]."""
         low, high, _ = self._ends(np.array(1.0))
         x = low + (high - low) * np.asarray(unit, float)
         return np.exp(x) if self.logarithmic else x
 
     def setting(self, unit: float) -> float:
-        """Convert a number from 0 to 1 to a value of four digits within the range."""
+        """Convert a coordinate from 0 to 1 to a value of four digits within the range."""
         return min(max(rounded(float(self.value(unit))), self.low), self.high)
 
     def _ends(self, x: np.ndarray) -> tuple[float, float, np.ndarray]:
@@ -51,10 +51,10 @@ def sobol(number: int, dimensions: int, skip: int = 0, stream: int = 0) -> np.nd
     """Compute points of a Sobol sequence in the unit cube, shape [number, dimensions].
 
     Args:
-        number: Of points.
-        dimensions: Of the cube.
-        skip: Points of the sequence before them.
-        stream: Number of a shift of the whole sequence (modulo 1): other streams have other points.
+        number: Number of points.
+        dimensions: Dimensions of the cube.
+        skip: Number of points of the sequence before them.
+        stream: Number of a shift of the whole sequence (modulo 1); other streams have other points.
     """
     from scipy.stats import qmc
 
@@ -80,12 +80,13 @@ class BedValues:
     """Logarithms of a quantity of n beds, each at one point.
 
     Attributes:
-        settings: Of the points, shape [n, d].
-        values: With the trend taken off, shape [n].
+        settings: Coordinates of the points, shape [n, d].
+        values: Logarithms less the trend, shape [n].
         beds: Seeds, shape [n].
-        variance: Of the noise of a bed at a point.
-        of_beds: Variance of what beds of one seed have in common at all points, as points may share packings.
-        repeats: Degrees of freedom of the variance.
+        variance: Variance of the noise of a bed at a point.
+        of_beds: Variance of the contribution that beds of one seed share at all points, since points may share
+            packings.
+        repeats: Degrees of freedom of `variance`.
     """
 
     settings: np.ndarray
@@ -97,12 +98,12 @@ class BedValues:
 
     @classmethod
     def of(cls, trials: Sequence[Trial], quantity: str, axes: Sequence[Axis], trend: "SpaceTrend") -> "BedValues":
-        """Collect a quantity from runs; those that clogged or diverged have none.
+        """Collect a quantity from runs; clogged and diverged runs have none.
 
         Args:
             trials: Runs.
             quantity: Name of a quantity, above 0 in all runs that are used.
-            axes: Of the space.
+            axes: Axes of the space.
             trend: Known part of the quantity's logarithm.
         """
         points: dict[tuple, list[tuple[int, float]]] = defaultdict(list)
@@ -123,12 +124,12 @@ class BedValues:
 
     @property
     def of_bed_means(self) -> float:
-        """Variance that the beds leave in the mean of all runs."""
+        """Variance of the mean of all runs that comes from beds."""
         return self.of_beds / max(1, len(np.unique(self.beds)))
 
     @property
     def points(self) -> int:
-        """Number of points that differ."""
+        """Number of different points."""
         return len(np.unique(self.settings, axis=0))
 
     def emulator(self) -> Emulator:
@@ -139,8 +140,12 @@ class BedValues:
 def _variances(
     points: Sequence[int] | np.ndarray, seeds: Sequence[int] | np.ndarray, values: Sequence[float] | np.ndarray
 ) -> tuple[float, float, int]:
-    """Analyse the variance of beds at points: of the noise, of what beds of one seed have in common, and the degrees of
-    freedom of the first."""
+    """Analyse the variance of beds at points, with effects of points and of beds.
+
+    Returns:
+        Variance of the noise, variance of the contribution that beds of one seed share, and degrees of freedom of the
+        first.
+    """
     points, seeds, values = np.asarray(points), np.asarray(seeds), np.asarray(values)
     _, where, counts = np.unique(points, return_inverse=True, return_counts=True)
     several = counts[where] > 1 if len(points) else np.zeros(0, bool)
@@ -151,6 +156,7 @@ def _variances(
     y, design = values[several], np.eye(len(beds))[columns]
     of_point = np.eye(where.max() + 1)[where]
     mean = of_point / of_point.sum(axis=0)
+    # effects of points are projected out of values and bed columns (Frisch-Waugh): what is left estimates beds
     off, own = y - of_point @ (mean.T @ y), design - of_point @ (mean.T @ design)
     effects, _, rank, _ = np.linalg.lstsq(own, off, rcond=None)
     repeats = len(y) - of_point.shape[1] - int(rank)
@@ -158,7 +164,8 @@ def _variances(
         return math.nan, 0.0, 0
     variance = float(np.sum((off - own @ effects) ** 2)) / repeats
     runs = design.sum(axis=0)
-    often = runs >= runs.max() / 2
+    often = runs >= runs.max() / 2  # beds with few runs would add their noise to the variance of effects
+    # the variance of estimated effects exceeds the true one by that of their noise
     common = float(np.var(effects[often], ddof=1) - variance * np.mean(1 / runs[often])) if often.sum() > 1 else 0.0
     return variance, max(common, 0.0), repeats
 
@@ -172,7 +179,7 @@ class SpaceTrend:
 
     @classmethod
     def of(cls, quantity: str, axes: Sequence[Axis], scene: object) -> "SpaceTrend":
-        """Give the trend of a quantity in a space; none where nothing is known."""
+        """Find the trend of a quantity in a space; a trend of zero if none is known."""
         for axis in axes:
             dependence = trend_of_outlets(quantity, axis.key, scene, axis.low)  # pyright: ignore[reportArgumentType]
             if dependence is not None:

@@ -1,4 +1,4 @@
-"""The strategy behind `accuracy.clogging`: replicates of a point until enough of them have stopped."""
+"""Strategy behind `accuracy.clogging`: replicates of a point until enough of them have stopped."""
 
 import math
 from collections.abc import Iterable
@@ -9,7 +9,7 @@ from labbook.scene.quantities import percent
 from labbook.stats.rates import events_needed
 
 COUNT = "clogging_stops"
-"""Quantity: stops of a run beyond its transient; a run without one, or without grains that count, has none."""
+"""Quantity: stops of a run beyond its transient; absent without a stop, or without grains that count."""
 
 
 class Stops(Strategy):
@@ -40,17 +40,18 @@ class Stops(Strategy):
             bound = "; without a stop there is an upper bound only" if not counted else ""
             short = "the requested error of q is not reached, and accuracy.max_replicates allows no more runs"
             return Proposal.end(f"{progress}: {short}{bound}")
-        following = min(self.expected(counted, beds), 2 * beds, self.cap)  # few stops are no ground for ordering many
+        # few stops are too uncertain for a large order
+        following = min(self.expected(counted, beds), 2 * beds, self.cap)
         return Proposal((Assignment(at, following, discharges),), f"{progress}: {following} in all")
 
     def expected(self, counted: int, beds: int) -> int:
-        """Replicates that will be needed if stops come as often as `counted` in so many beds; at most the cap."""
+        """Replicates that will be needed if stops are as frequent as `counted` in some beds; at most the cap."""
         if not counted:
             return self.cap
         return min(self.cap, max(beds + 1, math.ceil(events_needed(self.error) * beds / counted)))
 
     def in_words(self, counted: int, beds: int) -> str:
-        """Say how many stops so many beds have, and how many replicates are expected."""
+        """Describe the number of stops in some beds, and the expected number of replicates."""
         needed = events_needed(self.error)
         if not counted:
             return f"{needed} stops are needed for {percent(self.error)}; the replicates for them are not known yet"
@@ -60,5 +61,5 @@ class Stops(Strategy):
 
 
 def stops(trials: Iterable[Trial]) -> int:
-    """Stops in all runs."""
+    """Count the stops in all runs."""
     return round(sum(trial.numbers.get(COUNT, 0.0) for trial in trials))

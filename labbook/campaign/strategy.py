@@ -1,4 +1,4 @@
-"""Strategies: from the results so far, the runs to make next, and the reason in a sentence.
+"""Strategies: from the results so far, the next runs, and the reason in a sentence.
 
 A package adds one by the entry-point group `labbook.strategies`; a study names it under `adapt`:
 
@@ -19,22 +19,29 @@ from labbook.stats import Decision, Pooled, pool
 from labbook.stats.nested import Beds, by_bed, of_beds
 
 EXPOSURE = ".exposure"
-"""End of the names of numbers that rates are over, such as the grains that left of a probability of a stop."""
+"""Suffix of the names of exposures of rates, such as the grains that left for the probability of a stop."""
 Values = Mapping[str, float | str]
-"""Dotted keys of a study, with values in SI; the word itself for keys that take words."""
+"""Dotted keys of a study, with values in SI; text for keys that take words."""
 
 
 def place(values: Values) -> tuple[tuple[str, float | str], ...]:
-    """Identify a point by its values, with numbers to as many digits as a sweep has: a value that was computed in two
-    ways is one point."""
+    """Identify a point by its values, with numbers rounded to the digits of a sweep.
+
+    A value that was computed in two ways is then one point.
+    """
     rounded = {key: value if isinstance(value, str) else float(f"{value:.{DIGITS}g}") for key, value in values.items()}
     return tuple(sorted(rounded.items()))
 
 
 @dataclass(frozen=True)
 class Assignment:
-    """Runs of one point: the values of its keys, how many replicates it shall have in all (beds, with seeds 1, 2, 3
-    ...), and how many discharges each of these; strategies of studies leave that to `discharges_per_bed`."""
+    """Runs of one point.
+
+    Args:
+        at: Values of its keys.
+        replicates: Number of replicates that it shall have in all: beds, with seeds 1, 2, 3 ...
+        discharges: Number of discharges of each bed; strategies of studies leave it to `discharges_per_bed`.
+    """
 
     at: Values
     replicates: int = 1
@@ -43,11 +50,14 @@ class Assignment:
 
 @dataclass(frozen=True)
 class Proposal:
-    """The assignments of a generation, and the reason for them in a sentence.
+    """Assignments of a generation, and the reason for them in a sentence.
 
-    `state`: `go` with assignments; `wait` for the generations in flight to be complete, after which the strategy is
-    asked again; `end` of the campaign, whose reason says why. `decision`: the statistics of replicates on which it
-    rests.
+    Args:
+        assignments: The assignments.
+        reason: The reason.
+        state: `go` with assignments; `wait` until the generations in flight are complete; `end` of the campaign, for
+            the reason given.
+        decision: Statistics of replicates on which it rests; None for most strategies.
     """
 
     assignments: tuple[Assignment, ...]
@@ -57,22 +67,27 @@ class Proposal:
 
     @classmethod
     def wait(cls) -> "Proposal":
-        """Nothing before the generations in flight are complete."""
+        """Return a proposal that waits for the generations in flight."""
         return cls((), "", "wait")
 
     @classmethod
     def end(cls, reason: str) -> "Proposal":
-        """Nothing more."""
+        """Return a proposal that ends the campaign."""
         return cls((), reason, "end")
 
 
 @dataclass(frozen=True)
 class Trial:
-    """A finished run as strategies see it.
+    """A finished run, as strategies see it.
 
-    `at`: values of the swept keys [SI]; `key`: of the run; `numbers`: its finite numbers by name of their quantity
-    [SI], and of rates what they are over (EXPOSURE); none of a run that diverged or is suspect: `outcome` says how it
-    ended; `seed`: of its bed, of which it is the first, second ... `discharge`.
+    Args:
+        at: Values of the swept keys [SI].
+        seed: Seed of its bed.
+        key: Key of the run.
+        outcome: Outcome of the run, such as `clogged` or `diverged`.
+        numbers: Finite numbers by name of their quantity [SI], with the exposures of rates (EXPOSURE). Empty for a run
+            that diverged or is suspect.
+        discharge: Number of the discharge of its bed, from 1.
     """
 
     at: Values
@@ -85,7 +100,7 @@ class Trial:
 
 @dataclass(frozen=True)
 class Generation:
-    """Assignments that were proposed together. `trials`: its runs by key; None until all are finished."""
+    """Assignments of one proposal. `trials`: its runs by key; None until all are finished."""
 
     number: int
     assignments: tuple[Assignment, ...]
@@ -95,10 +110,13 @@ class Generation:
 
 @dataclass(frozen=True)
 class History:
-    """All that a strategy may rest a proposal on.
+    """Everything on which a strategy may base a proposal.
 
-    `study`: as its author stated it (`labbook.Study`), whose points are the range of its sweep; `generations`: those
-    complete; `pending`: those in flight, whose results are not known; `number`: of the generation to be proposed.
+    Args:
+        study: The study as its author stated it (`labbook.Study`); its points are the range of the sweep.
+        generations: Complete generations.
+        pending: Generations in flight, without results.
+        number: Number of the generation to be proposed.
     """
 
     study: Any
@@ -112,20 +130,20 @@ class History:
         return (trial for generation in self.generations for trial in generation.trials or ())
 
     def values(self, quantity: str) -> list[tuple[Values, list[float]]]:
-        """The numbers of one quantity at each point.
+        """Collect the numbers of one quantity at each point.
 
         Args:
-            quantity: its name, such as `flow_rate` [kg/s].
+            quantity: Name of the quantity, such as `flow_rate` [kg/s].
 
         Returns:
-            Each point's values of the swept keys, with the numbers of its beds in the order of their seeds, of several
-            discharges of a bed their mean; a point none of whose runs has a number has an empty list. Points are in the
-            order in which they were proposed.
+            The values of the swept keys of each point, with the numbers of its beds in the order of their seeds; for
+            several discharges of a bed their mean. The list is empty if no run of a point has a number. Points are in
+            the order of their first proposals.
         """
         return [(at, of_beds(beds)) for at, beds in self.beds(quantity)]
 
     def beds(self, quantity: str) -> list[tuple[Values, Beds]]:
-        """The numbers of one quantity at each point, by bed: as `values`, with those of all its discharges."""
+        """Collect the numbers of one quantity at each point, by bed, with those of all its discharges."""
         places: dict[tuple, tuple[Values, dict[tuple[int, int], float]]] = {}
         for trial in self.trials:
             _, repeats = places.setdefault(place(trial.at), (trial.at, {}))
@@ -135,7 +153,7 @@ class History:
         return [(at, by_bed((seed, value) for (seed, _), value in sorted(of.items()))) for at, of in places.values()]
 
     def pooled(self, quantity: str) -> list[tuple[Values, Pooled]]:
-        """The mean of one quantity at each point that has numbers, with its 95 % interval (Student's t)."""
+        """Pool one quantity at each point that has numbers: mean with 95 % interval (Student's t)."""
         return [(at, pool(numbers)) for at, numbers in self.values(quantity) if numbers]
 
 
@@ -143,36 +161,38 @@ class Strategy(Model, ABC):
     """Proposes the runs of a campaign from the results so far.
 
     A proposal may depend on the study and on the history alone, never on time, chance or the machine: a campaign that
-    was killed asks again and has to be answered the same.
+    was killed asks again and has to get the same answer. Fields are the keys of the strategy in a study.
+
+    Attributes:
+        name: Name under `adapt` in studies.
+        version: Version; raise it when proposals change. Campaigns of an older version then start anew; finished runs
+            are not repeated.
+        ahead: Generations in flight beside the oldest incomplete one; with 1 a device has work meanwhile. A strategy
+            that needs the results of all answers `Proposal.wait`.
     """
 
     name: ClassVar[str]
-    """As studies name it under `adapt`."""
     version: ClassVar[int] = 1
-    """Raised when its proposals change: campaigns that were begun by an older version begin anew, and finished runs are
-    not repeated."""
     ahead: ClassVar[int] = 1
-    """Generations in flight beside the oldest that is not complete: with 1 a device has work meanwhile. A strategy that
-    needs the results of all answers `Proposal.wait`."""
 
     @abstractmethod
     def propose(self, history: History) -> Proposal:
         """Propose the generation `history.number`.
 
         Args:
-            history: the complete generations with their runs, and those in flight.
+            history: The complete generations with their runs, and those in flight.
 
         Returns:
-            Assignments with their reason; or `Proposal.wait()` until what is in flight is complete; or
+            Assignments with their reason; `Proposal.wait()` until the generations in flight are complete; or
             `Proposal.end(reason)`.
         """
 
     def obstacles(self, measures: Sequence[str], points: Sequence[Any]) -> Iterable[Fault]:
-        """Find what a study lacks for this strategy.
+        """List faults of a study that prevent this strategy.
 
         Args:
             measures: Names of the measures that the study takes.
-            points: Its points (`labbook.study.Point`).
+            points: Points of the study (`labbook.study.Point`).
 
         Returns:
             Faults by keys below `adapt`, which end the reading of the study.
@@ -180,5 +200,5 @@ class Strategy(Model, ABC):
         return ()
 
     def plan_rule(self, study: Any) -> str:
-        """Say in a sentence when the campaign ends, and how many runs are expected; empty for nothing to say."""
+        """State in a sentence when the campaign ends, and the expected number of runs; empty if there is no rule."""
         return ""

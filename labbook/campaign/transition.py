@@ -1,12 +1,12 @@
-"""The goal `transition`: the value of the swept key at which the flow stops before so many grains with a probability.
+"""Goal `transition`: the value of the swept key at which flows stop before N grains with a stated probability.
 
     adapt:
       transition: {container.orifice: {clogging: 50 %, grains: 1000, within: 0.1 d}}
 
-The probability q of a stop per grain falls with the width of the outlet: ln q is taken as a concave parabola against
-the key, and P(stop before N grains) = 1 - (1 - q)^N. Stops are a Poisson number of mean q G among the G grains of all
-runs at a setting. Position, slope and bend have a posterior on a grid: a sequential Bayesian design of quantal
-response (Chaloner & Larntz, J. Stat. Plan. Inference 21 (1989) 191) runs at the quartiles of the position.
+The probability q of a stop per grain falls with the width of the outlet: ln q is modelled as a concave parabola in the
+key, and P(stop before N grains) = 1 - (1 - q)^N. Stops are a Poisson number of mean q G among the G grains of all runs
+at a setting. Position, slope and bend have a posterior on a grid. New beds are placed at the quartiles of the position:
+a sequential Bayesian design of quantal response (Chaloner & Larntz, J. Stat. Plan. Inference 21 (1989) 191).
 """
 
 import math
@@ -26,15 +26,15 @@ from labbook.scene.quantities import parse, percent
 from labbook.stats.rates import rate
 
 _SETTINGS = 4
-"""Settings of the start."""
+"""Number of settings of the start."""
 _BATCH = 6
-"""Beds of a generation after the start."""
+"""Number of beds of a generation after the start."""
 _POSITIONS = 161
 _SLOPES = np.geomspace(0.5, 60, 20)
-"""Falls of ln q over the range of the sweep that are possible a priori, each as likely as any other."""
+"""Falls of ln q over the range of the sweep with equal prior probability."""
 _BENDS = np.array([1e-6, 2.0, 5.0, 12.0, 30.0])
-"""Further falls at the end of a range from the transition on: ln q is concave where flows cease to stop at a critical
-width."""
+"""Additional falls of ln q at the end of a range from the transition on, with equal prior probability: ln q is concave
+if flows cease to stop at a critical width."""
 
 
 @dataclass(frozen=True)
@@ -64,14 +64,14 @@ class Transition(Goal):
     clogging: Annotated[float, Internal()]
     """Probability of a stop."""
     grains: Annotated[int, Internal()]
-    """Grains before which it stops."""
+    """Number of grains N before which flows stop."""
     within: Annotated[str, Internal()]
     """Half width of the 95 % interval of the setting to reach, with its unit."""
 
     @model_validator(mode="before")
     @classmethod
     def _of_mapping(cls, mapping: Any) -> Any:
-        """{key: {clogging: part, grains: number, within: width}} as fields."""
+        """Convert {key: {clogging: part, grains: number, within: width}} to fields."""
         if isinstance(mapping, Mapping) and mapping.keys() >= {"key", "clogging", "grains", "within"}:
             return mapping
         if not (isinstance(mapping, Mapping) and len(mapping) == 1):
@@ -92,7 +92,7 @@ class Transition(Goal):
         return {"key": key, "clogging": part, "grains": grains, "within": str(wish["within"])}
 
     def range_faults(self, points: Sequence[Any]) -> list[Fault]:
-        """Find what a study lacks of the range."""
+        """List faults of the range of a study."""
         return of_one_key("transition", self.key, points)
 
     def needs(self) -> tuple[str, Sequence[str]]:
@@ -100,7 +100,7 @@ class Transition(Goal):
         return "stops are", (NAME,)
 
     def further_faults(self, measures: Sequence[str], points: Sequence[Any]) -> Iterator[Fault]:
-        """Find a width that is no part of the range."""
+        """Yield a fault for a width that is no part of the range."""
         try:
             width = self._width(points)
         except ValueError as error:
@@ -112,7 +112,7 @@ class Transition(Goal):
             yield Fault(f"transition.{self.key}.within", "a part of the range of the sweep is needed", _EXAMPLE)
 
     def plan_rule(self, study: Any) -> str:
-        """Say when the search ends."""
+        """State the end of the search."""
         limit = f", at most {self.budget} runs" if self.budget is not None else ""
         return (
             f"{self.key} at which {percent(self.clogging)} of the flows stop before {self.grains} grains, to "
@@ -121,13 +121,13 @@ class Transition(Goal):
         )
 
     def first(self, study: Any) -> list[Values]:
-        """Give a few settings over the range."""
+        """Return a few settings over the range."""
         swept = only_swept(study.points)
         assert swept is not None
         return [{self.key: x} for x in spread(swept, _SETTINGS)]
 
     def step(self, study: Any, trials: Sequence[Trial]) -> Step:
-        """Propose beds at the quartiles of the position, or hold beds out once it is known well enough."""
+        """Propose beds at the quartiles of the position, or held-out beds once it is known well enough."""
         counts = self._counts(trials)
         if not sum(exposure for _, exposure in counts.values()):
             return Step(Proposal.end("no grain counts beyond the transients: use more grains, or wider outlets"))
@@ -149,7 +149,7 @@ class Transition(Goal):
         return Step(Proposal(assignments, f"{progress}: {_BATCH} beds at its quartiles"))
 
     def verdict(self, study: Any, trials: Sequence[Trial], withheld: Sequence[Trial]) -> str:
-        """Compare stops of beds that were held out with what the position says."""
+        """Compare the stops of held-out beds with those that the position implies."""
         counts, width = self._counts(trials), self._width(study.points)
         position = self._position(study, counts)
         answer = f"{percent(self.clogging)} of the flows stop before {self.grains} grains at "
@@ -160,10 +160,10 @@ class Transition(Goal):
             return f"{answer}. Promise not tested: no grain of the held-out beds counts"
         ((x, (stops, exposure)),) = observed.items()
         measured = rate(round(stops), exposure)
-        least, most = sorted(self._expected(study, counts, x + shift) for shift in (width, -width))
-        word = "kept" if measured.low <= most and measured.high >= least else "not kept"
+        lowest_rate, highest_rate = sorted(self._expected(study, counts, x + shift) for shift in (width, -width))
+        word = "kept" if measured.low <= highest_rate and measured.high >= lowest_rate else "not kept"
         tested = f"{len(withheld)} held-out beds at {self._setting(study, x)} stop {stops:.0f} times in {exposure:.0f} "
-        tested += f"grains, and {least * exposure:.3g} to {most * exposure:.3g} are expected"
+        tested += f"grains, and {lowest_rate * exposure:.3g} to {highest_rate * exposure:.3g} are expected"
         return f"{answer}. Promise {word} (±{self.within}): {tested}"
 
     def _counts(self, trials: Sequence[Trial]) -> dict[float, tuple[float, float]]:
@@ -177,7 +177,7 @@ class Transition(Goal):
         return counts
 
     def _posterior(self, study: Any, counts: Mapping[float, tuple[float, float]]) -> tuple[np.ndarray, np.ndarray]:
-        """Positions, and the posterior of these, of slopes and bends, shape [positions, slopes, bends]."""
+        """Compute the posterior on the grid: positions, and weights of shape [positions, slopes, bends]."""
         swept = only_swept(study.points)
         assert swept is not None
         low, high = swept.values[0], swept.values[-1]
@@ -204,7 +204,7 @@ class Transition(Goal):
         return Position(*(float(np.interp(part, cumulative, positions)) for part in (0.25, 0.5, 0.75, 0.025, 0.975)))
 
     def _expected(self, study: Any, counts: Mapping[float, tuple[float, float]], x: float) -> float:
-        """Mean a posteriori of q at a setting."""
+        """Posterior mean of q at a setting."""
         positions, posterior = self._posterior(study, counts)
         return float((posterior * np.exp(self._log_q(study, np.array([x]), positions))[..., 0]).sum())
 
@@ -220,7 +220,7 @@ class Transition(Goal):
         return parse(self.within, unit, scene.grains.diameter)
 
     def _on_grid(self, study: Any, x: float) -> float:
-        """A setting on a grid of half the width to reach, so that beds gather at few settings."""
+        """Round a setting to a grid of half the width to reach, so that beds gather at few settings."""
         swept = only_swept(study.points)
         assert swept is not None
         grid = float(f"{self._width(study.points) / 2:.2g}")

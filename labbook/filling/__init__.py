@@ -1,6 +1,5 @@
-"""How a run begins, and how it is fed: grains placed in the closed container, the bed at rest, friction of walls that
-is mobilised before the opening, the opening of the outlet, the kick of a further discharge of the same bed, grains that
-come back, and arches that are broken."""
+"""Filling and feeding: placing of grains in the closed container, rest of the bed, mobilised wall friction, opening of
+the outlet, kick of a further discharge of a bed, return of grains, and breaking of arches."""
 
 from labbook.filling.breaking import Breaker, still
 from labbook.filling.feeding import Feeder, Refill, refill

@@ -1,4 +1,4 @@
-"""Free places for grains that enter a bed: for those that come back, and for those of a stream."""
+"""Search for free places for grains that enter a bed: grains that come back, and those of a stream."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
@@ -12,19 +12,25 @@ from labbook.scene import Bodies, Grains, Packing, Spherocylinders
 from labbook.scene.orientation import axes, random_turns
 
 Draw = Callable[[int, np.ndarray], np.ndarray]
-"""Centres [m] that round k tries for grains of which `reach` [m] is kept free, shape [n, 3]."""
+"""Function that draws centres [m], shape [n, 3], in round k, for grains with a clearance `reach` [m], shape [n]."""
 
 
 @dataclass(frozen=True, eq=False)
 class Entering:
-    """Places of grains that enter: centres [m], of rods orientations, and which of the grains found one."""
+    """Places found for entering grains.
+
+    Attributes:
+        x: Centres [m].
+        q: Orientations of rods; None for spheres.
+        rows: Indices of the grains that found a place.
+    """
 
     x: np.ndarray
     q: np.ndarray | None
     rows: np.ndarray
 
     def packing(self, every: Packing, rows: np.ndarray, v: tuple[float, float, float] = (0.0, 0.0, 0.0)) -> Packing:
-        """Return those of the grains `rows` of the packing `every` that found a place, with the velocity v [m/s]."""
+        """Build the packing of those grains `rows` of the packing `every` that found a place, at velocity v [m/s]."""
         assert every.ids is not None
         mine = rows[self.rows]
         q = None if self.q is None else self.q[self.rows]
@@ -37,12 +43,12 @@ class Entering:
 
 @dataclass(frozen=True, eq=False)
 class Search:
-    """Grains that look for places in a bed.
+    """Search of one bed for places of grains.
 
     Attributes:
-        radius: Radius [m] of each grain that enters, shape [n].
-        there: Grains that may be in their way.
-        rng: Draws orientations of rods.
+        radius: Radius [m] of each entering grain, shape [n].
+        there: Grains in the bed that may be in the way.
+        rng: Generator of orientations of rods.
         draw: Draws centres.
     """
 
@@ -53,16 +59,16 @@ class Search:
 
 
 def entering(room: Room, grains: Grains, searches: Sequence[Search], rounds: int) -> list[Entering]:
-    """Search places where grains touch neither walls nor each other nor those there, one try each a round.
+    """Find places where grains touch neither walls nor each other nor the bed, with one try each a round.
 
-    Beds of scenes that share a room are searched together, which takes a small part of the time; each draws as if it
+    Beds of scenes that share a room are searched together, which takes a small part of the time. Each draws as if it
     were alone.
 
     Args:
         room: Inside of the containers.
-        grains: Of one of the scenes: rods of all have the same length.
-        searches: For each bed.
-        rounds: Tries of each grain.
+        grains: Grains of one of the scenes; rods of all have the same length.
+        searches: Searches of all beds.
+        rounds: Number of tries of each grain.
     """
     half, beds = grains.half_length, np.arange(len(searches))
     own = np.repeat(beds, [len(search.radius) for search in searches])
@@ -76,29 +82,29 @@ def entering(room: Room, grains: Grains, searches: Sequence[Search], rounds: int
         turns = [bed.q for bed in there if bed.q is not None]
         q = np.concatenate([np.empty((n, 4)), *turns])
         a = np.concatenate([np.empty((n, 3)), axes(q[n:])])
-    # a fourth coordinate keeps grains of different beds out of each other's way
+    # a fourth coordinate separates the beds: grains of different beds are never neighbours in the tree
     bed_of = np.concatenate([own, np.repeat(beds, [len(bed) for bed in there])])
     apart = bed_of[:, None] * (4 * (float(reach.max()) + half))
-    left, placed, above = np.arange(n), np.arange(n, len(x)), Placed(np.hstack([x, apart])[n:])
+    waiting, placed, above = np.arange(n), np.arange(n, len(x)), Placed(np.hstack([x, apart])[n:])
     for k in range(rounds):
-        if not len(left):
+        if not len(waiting):
             break
-        cuts = np.searchsorted(left, ends)
+        cuts = np.searchsorted(waiting, ends)
         for bed in np.flatnonzero(np.diff(cuts)).tolist():
-            mine, search = left[cuts[bed] : cuts[bed + 1]], searches[bed]
+            mine, search = waiting[cuts[bed] : cuts[bed + 1]], searches[bed]
             x[mine] = search.draw(k, reach[mine])
             if q is not None:
                 q[mine] = random_turns(search.rng, len(mine))
         if q is None or a is None:
-            inside = room.holds(x[left], reach[left])
+            inside = room.holds(x[waiting], reach[waiting])
         else:
-            a[left] = axes(q[left])
-            tips = half * a[left]
-            inside = room.holds(x[left] + tips, reach[left]) & room.holds(x[left] - tips, reach[left])
-        new = free(x, reach, above, placed, left[inside], a, half, apart)
+            a[waiting] = axes(q[waiting])
+            tips = half * a[waiting]
+            inside = room.holds(x[waiting] + tips, reach[waiting]) & room.holds(x[waiting] - tips, reach[waiting])
+        new = free(x, reach, above, placed, waiting[inside], a, half, apart)
         above.add(np.hstack([x[new], apart[new]]))
-        placed, left = np.concatenate([placed, new]), np.setdiff1d(left, new, assume_unique=True)
-    rows = np.setdiff1d(np.arange(n), left, assume_unique=True)
+        placed, waiting = np.concatenate([placed, new]), np.setdiff1d(waiting, new, assume_unique=True)
+    rows = np.setdiff1d(np.arange(n), waiting, assume_unique=True)
     cuts = np.searchsorted(rows, ends)
     return [
         Entering(x[first:last], None if q is None else q[first:last], rows[cuts[bed] : cuts[bed + 1]] - first)

@@ -1,8 +1,8 @@
-"""Where grains that left come back: above the bed that the silo was opened with, at random free places.
+"""Return of grains that left: at rest, at random free places above the bed.
 
-They start from rest, just above the highest grain of that bed: the level is fixed, and the number of grains is, so that
-the bed keeps its height but for those that fall. Places are tried one after another, as a filling tries them; each
-try reaches a quarter of a grain higher, so that grains fall as short a way as there is room for.
+They start just above the highest grain of the bed at the opening. The level and the number of grains are fixed, so that
+the bed keeps its height, but for grains in free fall. Places are tried one after another, as in a filling; each try
+reaches a quarter of a grain higher, so that grains fall as short a way as there is room for.
 """
 
 from collections import defaultdict
@@ -19,13 +19,20 @@ from labbook.scene import Bodies, Packing, Scene
 
 _TRIES = 400
 _ROOM = 4.0
-"""Lengths of a grain between the highest grain of the bed and the upper end of the side walls, at least."""
+"""Least distance between the highest grain of the bed and the upper end of the side walls, in lengths of a grain."""
 
 
 class Feeder:
-    """Puts grains of one run back. `start`: the bed at the opening; `fill`: the kind of its start (`fill.kind`).
+    """Return of the grains of one run.
 
-    Raises PlacingError if the bed reaches too far up.
+    Args:
+        scene: Scene with `feed`.
+        start: Bed at the opening.
+        fill: Kind of the bed's start (`fill.kind`).
+        seed: Seed of the bed.
+
+    Raises:
+        PlacingError: The bed reaches too far up.
     """
 
     def __init__(self, scene: Scene, start: Packing, fill: str, seed: int):
@@ -36,9 +43,9 @@ class Feeder:
         closed, clearance, flat = scene.container.close(), scene.grains.radius * APART, STARTS[fill].flat
         self.room = Room(closed, clearance, flat)
         self.like = (closed, clearance, flat, scene.grains.half_length)
-        """The same of runs whose grains look for places in the same room by the same rules."""
+        """Equal for runs whose grains are placed in the same room by the same rules."""
         self.level = float((start.x[:, 2] + self._radius).max()) + scene.grains.half_length
-        """z [m] above which grains are put."""
+        """Height z [m] above which grains are placed."""
         self._roof = scene.container.roof
         if self._roof - self.level < _ROOM * self._length:
             raise PlacingError(
@@ -49,13 +56,13 @@ class Feeder:
         self._rows[start.ids] = np.arange(len(start))
 
     def missing(self, there: Packing) -> np.ndarray:
-        """Rows of the start whose grains are not there, in their order."""
-        left = np.ones(len(self.start), bool)
-        left[self._rows[there.ids]] = False
-        return np.flatnonzero(left)
+        """Rows of the start whose grains have left, in their order."""
+        absent = np.ones(len(self.start), bool)
+        absent[self._rows[there.ids]] = False
+        return np.flatnonzero(absent)
 
     def search(self, rows: np.ndarray, there: Packing, beat: int) -> Search:
-        """Search of places for grains of these rows. Beat and seed alone decide what is drawn."""
+        """Search for places of the grains `rows`; draws depend on beat and seed alone."""
         rng, level, roof, length = np.random.default_rng([*self._key, beat]), self.level, self._roof, self._length
 
         def draw(k: int, reach: np.ndarray) -> np.ndarray:
@@ -68,7 +75,7 @@ class Feeder:
 
 @dataclass(frozen=True, eq=False)
 class Refill:
-    """A bed that lacks grains after a beat, and what brings them."""
+    """A bed that lacks grains after a beat, and its source of grains."""
 
     feeder: Feeder | Inflow | Pouring
     there: Packing
@@ -76,18 +83,21 @@ class Refill:
 
 
 def refill(beds: Sequence[Refill]) -> list[Packing | None]:
-    """Return the grains that enter each bed; None where none does.
+    """Find the grains that enter each bed after a beat.
 
-    Grains that find no place are left out: they wait for the next beat.
+    Grains without a place are left out; those of a Feeder or Pouring wait for the next beat.
+
+    Returns:
+        The grains for each bed; None if none enters.
     """
     back: list[Packing | None] = [None] * len(beds)
-    alike = defaultdict[tuple[object, ...], list[tuple[int, Feeder, np.ndarray]]](list)
+    by_room = defaultdict[tuple[object, ...], list[tuple[int, Feeder, np.ndarray]]](list)
     for k, bed in enumerate(beds):
         if not isinstance(bed.feeder, Feeder):
             back[k] = bed.feeder.returning(bed.there, bed.beat)
         elif len(rows := bed.feeder.missing(bed.there)):
-            alike[bed.feeder.like].append((k, bed.feeder, rows))
-    for group in alike.values():
+            by_room[bed.feeder.like].append((k, bed.feeder, rows))
+    for group in by_room.values():
         first = group[0][1]
         searches = [feeder.search(rows, beds[k].there, beds[k].beat) for k, feeder, rows in group]
         for (k, feeder, rows), places in zip(group, entering(first.room, first.grains, searches, _TRIES), strict=True):

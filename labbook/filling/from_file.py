@@ -1,4 +1,4 @@
-"""Grains at the positions of a file, checked against the scene that they are for."""
+"""Grains at the positions of a file, checked against their scene."""
 
 import math
 from collections.abc import Iterator
@@ -18,12 +18,12 @@ from labbook.scene.sizes import Equal
 
 VERSION = 1
 MOST_OVERLAP = 0.05
-"""Overlap of grains of a file with each other and with walls, in diameters of the smaller grain, at most."""
+"""Largest overlap of grains of a file with each other and with walls, in diameters of the smaller grain."""
 _ROUNDED = 1e-4
-"""Relative difference of a diameter that comes from the digits of a file."""
+"""Relative difference of a diameter that the digits of a file may cause."""
 _SAMPLED, _SCATTER = 0.02, 3.0
-"""Relative difference of the mean volume of grains that may be by chance: a constant, and three standard errors for a
-standard deviation of the volume of its mean."""
+"""Relative difference of the mean volume of grains that may be by chance: a constant, and three standard errors if the
+standard deviation of the volume equals its mean."""
 
 
 @dataclass(frozen=True)
@@ -37,8 +37,11 @@ class GrainFile:
 
 
 def start_from(closed: Scene, file: GrainFile) -> Packing:
-    """Grains of a closed scene at the positions of a file, with its velocities, or at rest. Raises PlacingError with
-    the first of its `faults`."""
+    """Place the grains of a closed scene at the positions of a file, with its velocities, or at rest.
+
+    Raises:
+        PlacingError: The first of `faults`.
+    """
     packing = _start(closed.grains, closed.container, file)
     if isinstance(packing, Fault):
         raise PlacingError(f"{packing.key}: {packing.reason}; {packing.remedy}")
@@ -46,8 +49,11 @@ def start_from(closed: Scene, file: GrainFile) -> Packing:
 
 
 def faults(closed: Scene, file: GrainFile) -> Iterator[Fault]:
-    """The reason why grains of a closed scene cannot start from a file: it cannot be read, has another number of
-    grains, or other sizes or kinds, or a grain lies outside the container, or overlaps too much."""
+    """Yield the reason why grains of a closed scene cannot start from a file, if there is one.
+
+    The file cannot be read, has another number of grains, or other sizes or kinds; or a grain lies outside the
+    container, or overlaps too much.
+    """
     packing = _start(closed.grains, closed.container, file)
     if isinstance(packing, Fault):
         yield packing
@@ -55,7 +61,7 @@ def faults(closed: Scene, file: GrainFile) -> Iterator[Fault]:
 
 @once(4)
 def _start(grains: Grains, container: Container, file: GrainFile) -> Packing | Fault:
-    """The packing, or what is wrong: a study is checked before its runs begin."""
+    """Build the packing, or the first fault: a study is checked before its runs begin."""
     here = name(file.sha256)
     try:
         table = _table(file.sha256)
@@ -80,7 +86,7 @@ def _table(sha256: str) -> GrainTable:
 
 
 def _kinds(grains: Grains, table: GrainTable, here: str) -> np.ndarray | Fault:
-    """Places in `grains.kinds`, shape [n]."""
+    """Find the kind of each grain: indices into `grains.kinds`, shape [n]."""
     names = [kind.name for kind in grains.kinds]
     if not names:
         return np.zeros(len(table), np.int64)
@@ -95,7 +101,7 @@ def _kinds(grains: Grains, table: GrainTable, here: str) -> np.ndarray | Fault:
 
 
 def _faults(grains: Grains, table: GrainTable, kind: np.ndarray | Fault, here: str) -> Iterator[Fault]:
-    """Reasons why the grains of a file are not those of the scene."""
+    """Yield reasons why the grains of a file are not those of the scene."""
     n, rods = len(table), not isinstance(grains, Spheres)
     if n != grains.count:
         yield Fault("grains.count", f"{here} has {n} grains, and the study {grains.count}", f"use {n}")
@@ -152,7 +158,7 @@ def _packing(grains: Grains, table: GrainTable, kind: np.ndarray | Fault, shift:
 
 
 def _misplaced(grains: Grains, container: Container, packing: Packing, here: str) -> Iterator[Fault]:
-    """Grains that lie outside the closed container, or overlap a wall or another grain by too much."""
+    """Yield faults of grains that lie outside the closed container, or overlap a wall or another grain too much."""
     x, half = packing.x, grains.half_length
     diameter = np.full(len(x), grains.diameter) if packing.diameter is None else packing.diameter
     room, axis = Room(container, grains.radius), None if packing.q is None else axes(packing.q)
@@ -179,8 +185,11 @@ def _misplaced(grains: Grains, container: Container, packing: Packing, here: str
 def _overlaps(
     x: np.ndarray, diameter: np.ndarray, axis: np.ndarray | None, half: float
 ) -> tuple[tuple[int, int], float, int] | None:
-    """The pair that overlaps most, by how much [diameters of the smaller one], and how many pairs overlap by more than
-    MOST_OVERLAP; None if none does."""
+    """Find the largest overlap between grains, if it is above MOST_OVERLAP.
+
+    Returns:
+        The pair, its overlap [diameters of the smaller grain], and the number of pairs above MOST_OVERLAP; or None.
+    """
     from scipy.spatial import KDTree
 
     i, j = KDTree(x).query_pairs(diameter.max() + 2 * half, output_type="ndarray").T

@@ -29,7 +29,7 @@ _MOVING = ("id", "vx", "vy", "vz", "omegax", "omegay", "omegaz")
 
 
 class GrainFileError(Exception):
-    """A file of grains cannot be read; the message says where and what is needed."""
+    """A file of grains cannot be read; the message gives the place and the expected content."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -55,13 +55,13 @@ def read_grains(content: bytes) -> GrainTable:
     """Read a file of grains.
 
     Args:
-        content: Of the file.
+        content: Content of the file.
 
     Returns:
         Its grains; those of LAMMPS and LIGGGHTS in the order of their ids.
 
     Raises:
-        GrainFileError: It is none of the formats, lacks positions, or has a column without a unit.
+        GrainFileError: The file has none of the formats, lacks positions, or has a column without a unit.
     """
     try:
         text = content.decode("utf-8-sig")
@@ -118,7 +118,7 @@ def _number(line: int, name: str, text: str) -> float:
 
 
 def _column(heading: str) -> tuple[str, float]:
-    """Name of a column and its unit in SI units; of columns that are not read the name alone counts."""
+    """Name of a column and the SI value of its unit; for columns that are not read only the name counts."""
     match = _HEADING.fullmatch(heading)
     if match is None:
         return heading.strip(), 1.0
@@ -165,7 +165,7 @@ def _dump(text: str) -> GrainTable:
 
 
 def _box(bounds: str) -> tuple[float, float]:
-    """Ends of a box [m] along an axis."""
+    """Parse the ends of a box [m] along an axis."""
     ends = bounds.split()
     try:
         low, high = map(float, ends)
@@ -177,7 +177,7 @@ def _box(bounds: str) -> tuple[float, float]:
 
 
 def _check_units(units: str) -> None:
-    """Raises GrainFileError where a file of LAMMPS names other units than those it is read in."""
+    """Raise GrainFileError if a file of LAMMPS names other units than SI."""
     if units.strip() not in ("", "si"):
         raise GrainFileError(
             f"it is in units {units.strip()}, and files of LAMMPS are read in units si; write a CSV file"
@@ -185,7 +185,7 @@ def _check_units(units: str) -> None:
 
 
 def _item(lines: Sequence[str], heads: Sequence[int], before: int, title: str) -> list[str]:
-    """Lines of the last item of this title before a line."""
+    """Return the lines of the last item of a title before a line."""
     start = max((number for number in heads if number < before and lines[number].startswith(title)), default=None)
     if start is None:
         return []
@@ -231,7 +231,7 @@ def _data(text: str) -> GrainTable:
 
 
 def _numbers(rows: Sequence[str], line: int, columns: Sequence[int], delimiter: str | None) -> np.ndarray:
-    """Numbers of these columns, shape [n, columns]. line: number of the first row in the file, for messages."""
+    """Parse some columns of rows as numbers, shape [n, columns]. `line`: number of the first row, for messages."""
     if not rows:
         return np.empty((0, len(columns)))
     try:
@@ -243,7 +243,7 @@ def _numbers(rows: Sequence[str], line: int, columns: Sequence[int], delimiter: 
 
 
 def _sorted(columns: Mapping[str, np.ndarray], needed: str) -> GrainTable:
-    """Grains of LAMMPS or LIGGGHTS in the order of their ids, with their types as kinds."""
+    """Build the grains of LAMMPS or LIGGGHTS in the order of their ids, with their types as kinds."""
     if "id" in columns:
         order = np.argsort(columns["id"], kind="stable")
         columns = {name: column[order] for name, column in columns.items()}

@@ -1,4 +1,4 @@
-"""Kicks: the random velocities with which a second discharge of a bed starts, so that it goes another way."""
+"""Kicks: random velocities at the start of a further discharge of a bed, so that it takes another course."""
 
 from dataclasses import dataclass, replace
 
@@ -9,10 +9,10 @@ from labbook.scene.packing import Packing
 from labbook.scene.timescales import gravity_time
 
 SPEED = 1e-3
-"""Standard deviation of each component of the velocities, in sqrt(g d*): the kinetic energy is 1.5e-6 m g d* a grain,
-about what a bed at rest may have (`fill.settled_below`), and the flow forgets it within the first rearrangements."""
+"""Standard deviation of each component of the velocities, in sqrt(g d*). The kinetic energy is 1.5e-6 m g d* a grain,
+about that of a bed at rest (`fill.settled_below`), and the flow forgets it within the first rearrangements."""
 VERSION = 1
-"""Part of the key of every kicked run; it rises whenever a seed gives other velocities than before."""
+"""Part of the key of every kicked run; it rises whenever a seed gives other velocities."""
 
 
 @dataclass(frozen=True)
@@ -21,7 +21,7 @@ class Kick:
 
     Attributes:
         discharge: Number of the discharge of its bed, from 2 on: the first has no kick.
-        version: VERSION by which the velocities were drawn.
+        version: VERSION of the rules that draw the velocities.
     """
 
     discharge: int
@@ -37,12 +37,12 @@ def kicked(start: Packing, scene: Scene, kick: Kick, seed: int) -> Packing:
 
     Args:
         start: The bed with its outlet open, at rest.
-        scene: Has the gravity and the grains, whose equivalent diameter is d*.
-        kick: Which discharge of the bed it is.
-        seed: Of the bed.
+        scene: Scene with the gravity and the grains, whose equivalent diameter is d*.
+        kick: Number of the discharge of the bed.
+        seed: Seed of the bed.
 
     Returns:
-        The same grains, each component of whose velocities [m/s] is larger by a normal number of standard deviation
+        The same grains. Each component of their velocities [m/s] is larger by a normal number of standard deviation
         SPEED sqrt(g d*). A bed that lies and moves in one plane y = const stays in it.
     """
     rng = np.random.default_rng([kick.version, kick.discharge, seed])

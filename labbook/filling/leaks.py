@@ -1,16 +1,17 @@
-"""Whether grains can reach the plane of the outlet while the container is filled: then they are lost before the start.
+"""Search for leaks: ways by which grains reach the plane of the outlet during the filling, and are lost before the
+start.
 
-Centres of the smallest grains are followed on a grid, from where the filling starts to the plane. The grid is a section
-where walls have a symmetry (strips along y, frustums round the axis), else it fills the space. On a grid of spacing h,
+Centres of the smallest grains move on a grid, from the start of the filling to the plane. The grid is a section if
+walls have a symmetry (strips along y, frustums round the axis), else it fills the space. On a grid of spacing h,
 
-* nodes that keep h/2 more than a radius from every wall, joined along the grid, are a way for certain: between two of
+* nodes that keep h/2 more than a radius from every wall, joined along the grid, are certainly a way: between two of
   them a distance changes by no more than that (from a plane, and from front and back walls, it needs no margin);
-* nodes that keep at least a radius less half the diagonal of a cell hold every way there is, in steps to all
-  neighbours, while h is below a third of the diameter.
+* nodes that keep at least a radius less half the diagonal of a cell include every way, in steps to all neighbours,
+  while h is below a third of the diameter.
 
-So a gap is certain if it is wider than the grain by h, and a container is tight for certain if all its gaps are
-narrower by the diagonal. What lies between, or needs a finer grid than MOST nodes allow, stays undecided. Walls are
-taken to go on upwards and sideways: grains that fall over the upper edge of a side wall are not foreseen.
+So a gap is certain if it is wider than the grain by h, and a container is certainly tight if all its gaps are narrower
+by the diagonal. Gaps in between, or that need a finer grid than MAX_NODES allows, stay undecided. Walls are taken to
+continue upwards and sideways: grains that fall over the upper edge of a side wall are not predicted.
 """
 
 import math
@@ -24,8 +25,8 @@ from labbook.scene import Container, Scene
 from labbook.scene.model import once
 from labbook.scene.walls import WallShape
 
-MOST = 400_000
-"""Nodes of a grid: less than a second of work."""
+MAX_NODES = 400_000
+"""Largest number of nodes of a grid: less than a second of work."""
 _BUDGET = 4_000_000  # nodes times walls
 LOOSE = 0.12
 """Solid fraction of grains at the start of the loosest filling."""
@@ -34,8 +35,13 @@ _FINE, _COARSE = 12.0, 3.5  # nodes in a diameter: no more are useful, and with 
 
 @dataclass(frozen=True)
 class Leak:
-    """Where grains can leave a container that is being filled: `at` [m], the centre of a grain on its way through the
-    plane of the outlet. `certain`: false where the grid cannot tell whether they fit through; `spacing` [m]: its."""
+    """Leak of a container during its filling.
+
+    Args:
+        certain: False if the grid cannot decide whether grains fit through.
+        at: Centre of a grain on its way through the plane of the outlet [m].
+        spacing: Spacing of the grid [m].
+    """
 
     certain: bool
     at: tuple[float, float, float]
@@ -43,15 +49,23 @@ class Leak:
 
     @property
     def place(self) -> str:
-        """`at`, in words."""
+        """Coordinates of `at`, in words."""
         x, y, z = (1e3 * value if abs(value) > 1e-6 * self.spacing else 0.0 for value in self.at)
         return f"x, y, z = {x:.3g}, {y:.3g}, {z:.3g} mm"
 
 
 def leak(closed: Scene, flat: bool = False) -> Leak | None:
-    """The leak of a closed scene with an outlet plane; None if there is none, or no such plane.
+    """Find the leak of a closed scene with an outlet plane.
 
-    flat: whether all grains start in the plane y = 0. Raises PlacingError where grains cannot be placed at all.
+    Args:
+        closed: The scene.
+        flat: All grains start in the plane y = 0.
+
+    Returns:
+        The leak; None if there is none, or no such plane.
+
+    Raises:
+        PlacingError: Grains cannot be placed at all.
     """
     if closed.container.outlet_plane is None:
         return None
@@ -71,21 +85,21 @@ def _leak(container: Container, radius: float, volume: float, flat: bool) -> Lea
     x = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1)
     size, points = x.shape[:-1], x.reshape(-1, 3)
     planes = np.full(len(points), np.inf)
-    others = np.full(len(points), np.inf)
+    plates = np.full(len(points), np.inf)
     for shape in shapes:
         if shape.half_space:
             planes = np.minimum(planes, shape.distance(points))
         else:
-            others = np.minimum(others, shape.clearance(points, radius + spacing))
+            plates = np.minimum(plates, shape.clearance(points, radius + spacing))
     start = (room.holds(points) & (points[:, 2] > max(plane, room.bottom))).reshape(size)
     diagonal = spacing * math.sqrt(sum(len(axis) > 1 for axis in axes))
-    sure = (planes >= radius * (1 - 1e-9)) & (others >= radius + spacing / 2)
-    maybe = (planes >= radius - diagonal / 2) & (others >= radius - diagonal / 2)
+    sure = (planes >= radius * (1 - 1e-9)) & (plates >= radius + spacing / 2)
+    maybe = (planes >= radius - diagonal / 2) & (plates >= radius - diagonal / 2)
     for certain, clear in ((True, sure), (False, maybe)):
-        found = _reached(clear.reshape(size), start, x[..., 2] <= plane, all_neighbours=not certain)
-        if found.any():
-            highest = found & (x[..., 2] == x[..., 2][found].max())
-            px, py, _ = x.reshape(-1, 3)[np.argmax(np.where(highest.ravel(), others, -np.inf))]
+        exits = _reachable(clear.reshape(size), start, x[..., 2] <= plane, all_neighbours=not certain)
+        if exits.any():
+            highest = exits & (x[..., 2] == x[..., 2][exits].max())
+            px, py, _ = x.reshape(-1, 3)[np.argmax(np.where(highest.ravel(), plates, -np.inf))]
             return Leak(certain, (float(px), float(py), plane), spacing)
     if spacing > 2 * radius / _COARSE:  # too coarse a grid may see a way through nothing, and none where there is one
         return Leak(False, (0.0, 0.0, plane), spacing)
@@ -93,14 +107,14 @@ def _leak(container: Container, radius: float, volume: float, flat: bool) -> Lea
 
 
 def _symmetry(shapes: list[WallShape]) -> Literal["slice", "round", "none"]:
-    """Of a container: the same in every plane y = const between its front and back walls, or round the axis."""
+    """Symmetry of a container: equal sections in every plane y = const, or round the axis, or none."""
     if all("planar" in shape.symmetries for shape in shapes):
         return "slice"
     return "round" if all("axial" in shape.symmetries for shape in shapes) else "none"
 
 
 def _axes(room: Room, plane: float, radius: float, symmetry: str, top: float) -> tuple[tuple[np.ndarray, ...], float]:
-    """x, y and z of the nodes [m], and their spacing, as fine as is useful and MOST allows."""
+    """Choose x, y and z of the nodes [m], and their spacing, as fine as is useful and MAX_NODES allows."""
     (left, right), (front, back), low = room.x, room.y, plane
     if symmetry == "round":
         left = 0.0
@@ -114,7 +128,7 @@ def _axes(room: Room, plane: float, radius: float, symmetry: str, top: float) ->
     spacing = 2 * radius / _FINE
     for _ in range(60):
         counts = [max(1, math.ceil(side / spacing)) + 1 if side > 0 else 1 for side in sides]
-        if math.prod(counts) <= min(MOST, _BUDGET / sum(shape.effort for shape in room.shapes)):
+        if math.prod(counts) <= min(MAX_NODES, _BUDGET / sum(shape.effort for shape in room.shapes)):
             break
         spacing *= 1.1
     middle = np.array([(front + back) / 2]) if symmetry != "round" else np.zeros(1)
@@ -127,8 +141,8 @@ def _nodes(low: float, high: float, spacing: float) -> np.ndarray:
     return np.linspace(low, high, 2 * math.ceil((high - low) / spacing / 2) + 1) if high > low else np.array([low])
 
 
-def _reached(clear: np.ndarray, start: np.ndarray, end: np.ndarray, all_neighbours: bool) -> np.ndarray:
-    """Which nodes of `end` clear nodes join to one of `start`."""
+def _reachable(clear: np.ndarray, start: np.ndarray, end: np.ndarray, all_neighbours: bool) -> np.ndarray:
+    """Mark the nodes of `end` that are connected by clear nodes to a node of `start`."""
     from scipy.ndimage import generate_binary_structure, label
 
     joined = generate_binary_structure(3, 3 if all_neighbours else 1)

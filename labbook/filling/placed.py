@@ -1,19 +1,19 @@
-"""Points that have found a place, and which of others come near them."""
+"""Set of placed points, with fast searches for neighbours of others."""
 
 import numpy as np
 
 REBUILT = 0.25
-"""Points that were added since the large tree was made, in parts of those in it, from which on it is made anew."""
+"""Number of added points, as a part of the points in the large tree, above which that tree is built anew."""
 
 
 class Placed:
-    """Centres that are added a few at a time, and looked up between.
+    """Set of centres that grows by a few at a time and is searched in between.
 
-    Most of them are in one k-d tree, the latest in another one, so that adding few to many does not make a tree of all.
+    Most centres are in one k-d tree, the latest in another: adding a few to many does not rebuild a tree of all.
     """
 
     def __init__(self, x: np.ndarray):
-        """x: the first [m], shape [n, 3], or [n, 4] with a coordinate that keeps groups apart."""
+        """Start with centres `x` [m], shape [n, 3], or [n, 4] with a coordinate that separates groups."""
         self._x = np.empty((max(len(x), 16), x.shape[1]))
         self._count = 0
         self._trees, self._old = [], 0
@@ -21,7 +21,7 @@ class Placed:
 
     @property
     def x(self) -> np.ndarray:
-        """All of them [m], shape [n, 3], in the order in which they were added."""
+        """All centres [m], shape [n, 3], in the order of their addition."""
         return self._x[: self._count]
 
     def __len__(self) -> int:
@@ -46,23 +46,23 @@ class Placed:
             self._trees = [self._trees[0], (self._old, KDTree(self._x[self._old : total]))]
 
     def keep(self, x: np.ndarray, distance: float) -> np.ndarray:
-        """Which of the points `x` [m], shape [m, 3], are at least `distance` from all of these."""
-        kept = np.ones(len(x), bool)
+        """Mark the points `x` [m], shape [m, 3], that are at least `distance` [m] from all centres."""
+        far = np.ones(len(x), bool)
         for _, tree in self._trees:
             if len(x):
-                kept &= np.isinf(tree.query(x, distance_upper_bound=distance)[0])
-        return kept
+                far &= np.isinf(tree.query(x, distance_upper_bound=distance)[0])
+        return far
 
     def near(self, x: np.ndarray, distance: float) -> tuple[np.ndarray, np.ndarray]:
-        """Pairs no further apart than `distance` [m]: places of these, and of the points `x`, each of shape [pairs]."""
+        """Find pairs no further apart than `distance` [m]: indices of centres, and of the points `x`, shape [pairs]."""
         from scipy.spatial import KDTree
 
         if not len(x) or not self._trees:
             return np.empty(0, int), np.empty(0, int)
         of = KDTree(x)
-        found = [
+        matrices = [
             (first, tree.sparse_distance_matrix(of, distance, output_type="ndarray")) for first, tree in self._trees
         ]
-        return np.concatenate([first + one["i"] for first, one in found]), np.concatenate(
-            [one["j"] for _, one in found]
+        return np.concatenate([first + matrix["i"] for first, matrix in matrices]), np.concatenate(
+            [matrix["j"] for _, matrix in matrices]
         )

@@ -1,10 +1,10 @@
-"""Where grains are before they fall: a seeded random start in the column above a closed container's bottom.
+"""Starts of fillings: a seeded random arrangement of grains above the bottom of a closed container.
 
-Random sequential addition: uniformly drawn positions are taken one after another wherever they overlap
-neither a wall nor a grain already there, so no lattice is left for the packing to remember. Loose starts lie
-well below the density at which random addition jams (solid fraction 0.38 in 3D, area fraction 0.547 in 2D:
-Torquato & Stillinger, Rev. Mod. Phys. 82 (2010) 2633), and are low enough that the fall is short. Where grains
-differ, the seed also draws which is of what size and kind; the largest are placed first.
+Random sequential addition: uniformly drawn positions are accepted one after another if they overlap neither a wall nor
+an accepted grain, so that the packing cannot inherit a lattice. Loose starts lie well below the density at which random
+addition jams (solid fraction 0.38 in 3D, area fraction 0.547 in 2D: Torquato & Stillinger, Rev. Mod. Phys. 82 (2010)
+2633), and low enough for a short fall. If grains differ, the seed also draws the size and kind of each; the largest are
+placed first.
 """
 
 import math
@@ -26,54 +26,68 @@ from labbook.scene.orientation import axes, distances, random_turns, turned_to
 from labbook.scene.packing import Packing
 
 APART = 1 + 1e-6
-"""Part of their sizes at which grains are placed apart: nothing touches at the start."""
+"""Factor on the sizes of grains when they are placed: nothing touches at the start."""
 _ROUNDS = 2000
 _ROOM = 0.1
-"""Room for centres below the lid of a dense start, in volumes of the grains, at least."""
+"""Least room for centres below the lid of a dense start, in volumes of the grains."""
 
 
 class Start(ABC):
-    """How the grains of a closed container start before they fall."""
+    """Arrangement of the grains of a closed container before they fall. A subclass defines `place` and `volume`.
+
+    Attributes:
+        name: Name as `fill.kind` of a study.
+        version: Version; raise it whenever a seed gives other positions. It is part of the key of every packing.
+        flat: All grains start in the plane y = 0, and move in it.
+        settled_below: Kinetic energy per grain [m g d] below which a bed is at rest, unless `fill.settled_below` is
+            stated.
+        quiet: Time [sqrt(d/g)] for which the energy has to stay below; None: three beats of any length.
+        moving: Fraction of the grains that may go on moving if grains roll without end, unless `fill.moving` is stated.
+        drop: Length of the fall, in heights of the column, for the forecast of the time of a filling.
+    """
 
     name: ClassVar[str]
-    """As `fill.kind` calls it."""
     version: ClassVar[int]
-    """Part of the key of every packing made so; it rises whenever a seed gives other positions than before."""
     flat: ClassVar[bool] = False
-    """Whether all grains start in the plane y = 0, and move in it."""
     settled_below: ClassVar[float] = 1e-6
-    """Kinetic energy per grain [m g d] below which a bed is at rest, unless `fill.settled_below` is stated."""
     quiet: ClassVar[float | None] = None
-    """Time [sqrt(d/g)] for which it has to stay below; None: three beats, however long they are."""
     moving: ClassVar[float] = 0.01
-    """Fraction of the grains that may go on moving where grains roll for ever, unless `fill.moving` is stated."""
     drop: ClassVar[float] = 1.0
-    """Length of the fall by which the time of a filling is foreseen, in heights of the column."""
 
     def obstacles(self, scene: Scene) -> Iterator[Fault]:
-        """Why grains of a scene, closed or open, cannot start so; nothing where they can."""
+        """Yield reasons why grains of a scene, closed or open, cannot start in this way; none by default."""
         yield from ()
 
     def quiet_beats(self, closed: Scene, beat: float) -> int:
-        """Beats of the length `beat` [s] on end after which the kinetic energy has to be low."""
+        """Number of consecutive beats of length `beat` [s] with low kinetic energy after which a bed is at rest."""
         if self.quiet is None:
             return 3
         return 1 + math.ceil(self.quiet * math.sqrt(closed.grains.diameter / closed.gravity) / beat)
 
     @abstractmethod
     def volume(self, closed: Scene) -> float:
-        """Volume [m^3] over which the grains are spread, by which the length of their fall is foreseen."""
+        """Volume [m^3] over which the grains are spread, for the forecast of the length of their fall."""
 
     @abstractmethod
     def place(self, closed: Scene, seed: int) -> Packing:
-        """Grains of `closed` above its bottom; all that is by chance is drawn with the seed. Raises PlacingError where
-        they find no room."""
+        """Place the grains of a closed scene above its bottom.
+
+        Args:
+            closed: The closed scene.
+            seed: Seed of all random numbers.
+
+        Returns:
+            The grains, with positions, velocities and orientations.
+
+        Raises:
+            PlacingError: The grains find no room.
+        """
 
 
 class Column(Start):
-    """Grains at random places in a column, with Gaussian velocities; nothing spins.
+    """Grains at random places in a column, with Gaussian velocities and no spins.
 
-    density: solid fraction; speed: standard deviation of each velocity component, in units of sqrt(g d).
+    `density`: solid fraction; `speed`: standard deviation of each velocity component, in units of sqrt(g d).
     """
 
     version: ClassVar[int] = 1
@@ -81,10 +95,10 @@ class Column(Start):
     speed: ClassVar[float]
 
     def volume(self, closed: Scene) -> float:
-        """That of spheres at the density; rods are as often in each other's way.
+        """Volume [m^3] of the column: that of spheres at the density, times a factor for rods.
 
-        Rods of random orientations exclude 4/3 pi d^3 + 2 pi l d^2 + pi/2 l^2 d from one another, l = L - d
-        (Onsager 1949).
+        The factor is the excluded volume over that of spheres. Rods of random orientations exclude 4/3 pi d^3 + 2 pi l
+        d^2 + pi/2 l^2 d from one another, l = L - d (Onsager 1949).
         """
         grains = closed.grains
         d, slender = grains.diameter, 2 * grains.half_length / grains.diameter
@@ -92,9 +106,9 @@ class Column(Start):
         return grains.count * math.pi / 6 * cube / self.density * (1 + 1.5 * slender + 0.375 * slender**2)
 
     def place(self, closed: Scene, seed: int) -> Packing:
-        """The seed decides positions, orientations, velocities, and where grains differ which is of what size and kind.
+        """Place the grains; the seed decides positions, orientations, velocities, sizes and kinds.
 
-        Raises PlacingError where the container has no sides, no room or no gravity.
+        Raises PlacingError if the container has no sides, no room or no gravity.
         """
         room, grains = _room(closed, self), closed.grains
         diameter, sort = None, None
@@ -138,21 +152,21 @@ class Gas(Column):
 
 
 class Planar(Rain):
-    """A rain in the middle plane between front and back walls, which grains so never touch.
+    """A rain in the middle plane between front and back walls, which grains then never touch.
 
-    Forces between spheres whose centres lie in a plane, and which turn about its normal, are in the plane. None has a
-    part across it, not even by round-off: every product that would make one has a factor that is zero.
+    Forces between spheres with centres in a plane, and spins about its normal, lie in the plane. They have no component
+    across it, not even by round-off: every product that would make one has a factor of zero.
     """
 
     name: ClassVar[str] = "planar"
     flat: ClassVar[bool] = True
 
     def volume(self, closed: Scene) -> float:
-        """That of a layer at the density of a rain in a container as thick as a grain."""
+        """Volume [m^3] of a column at which a layer has the density of a rain in a container as thick as a grain."""
         return super().volume(closed) * closed.container.front_to_back / closed.grains.diameter
 
     def obstacles(self, scene: Scene) -> Iterator[Fault]:
-        """It takes spheres between a front and a back wall that leave room for one layer."""
+        """Yield a fault unless grains are spheres between a front and a back wall that leave room for one layer."""
         container, d = scene.container, scene.grains.diameter
         if not isinstance(scene.grains, Spheres):
             yield Fault("fill.kind", "a planar start takes spheres: rods turn out of the plane", "use rain or gas")
@@ -170,11 +184,10 @@ class Planar(Rain):
 
 
 class Dense(Start):
-    """Grains at rest, almost as dense as the bed that they settle to: at random places, pushed apart until none touches
-    another one.
+    """Grains at rest, almost as dense as their settled bed: at random places, pushed apart until none overlap.
 
-    Beds that grains of friction 0.5 settle to are as dense as after a rain within some percent. Less friction makes
-    both denser, and a dense start with more of it stays denser.
+    Beds of grains with friction 0.5 are as dense as after a rain, within some percent. With less friction both are
+    denser. With more friction beds from a dense start stay denser.
     """
 
     name: ClassVar[str] = "dense"
@@ -187,7 +200,7 @@ class Dense(Start):
     density: ClassVar[float] = 0.548
     """Solid fraction far from walls."""
     beside: ClassVar[float] = 0.12
-    """Diameters at each wall that are left out of the volume: grains are less dense there."""
+    """Thickness of the layer at each wall that does not count as volume, in diameters: grains are less dense there."""
     layer: ClassVar[float] = 0.54
     """Solid fraction of a layer of grains in a container as thick as they are."""
 
@@ -201,9 +214,9 @@ class Dense(Start):
         return grains.count * grains.volume / density
 
     def place(self, closed: Scene, seed: int) -> Packing:
-        """The seed decides positions and orientations, and where grains differ which is of what size and kind.
+        """Place the grains; the seed decides positions, orientations, sizes and kinds.
 
-        Raises PlacingError where the container has no sides, no room or no gravity.
+        Raises PlacingError if the container has no sides, no room or no gravity.
         """
         room, grains = _room(closed, self), closed.grains
         diameter, sort = None, None
@@ -233,49 +246,54 @@ class FromFile(Start):
     drop: ClassVar[float] = 0.15
 
     def volume(self, closed: Scene) -> float:
-        """Volume [m^3] as of a dense start: most files hold beds."""
+        """Volume [m^3] of a dense start: most files hold beds."""
         return Dense().volume(closed)
 
     def place(self, closed: Scene, seed: int) -> Packing:
-        """Raises PlacingError: the file is not known here, see `place`."""
+        """Raise PlacingError: the file is not known here; see the function `place`."""
         raise PlacingError("fill.file: a start from a file needs the file")
 
 
 class FromStream(Rain):
-    """Grains that a stream brings (`fill.stream`), one after another."""
+    """Grains from a stream (`fill.stream`), one after another."""
 
     name: ClassVar[str] = "stream"
 
     def place(self, closed: Scene, seed: int) -> Packing:
-        """Raises PlacingError: the stream is not known here, see `labbook.filling.pouring`."""
+        """Raise PlacingError: the stream is not known here; see `labbook.filling.pouring`."""
         raise PlacingError("fill.stream: a filling by a stream needs the stream")
 
 
 LAYER = 2.0
-"""Diameters from front to back below which grains cannot pass one another, and are one layer."""
+"""Distance from front to back, in diameters, below which grains cannot pass one another and form one layer."""
 
 
 _BUILTIN = (Rain(), Gas(), Planar(), Dense(), FromFile(), FromStream())
 STARTS: Registry[Start] = Registry[Start]("labbook.starts", Start, _BUILTIN)
-"""What `fill.kind` can name."""
+"""Starts by name, as `fill.kind` of a study."""
 
 
 def column(scene: Scene, kind: str = Rain.name) -> float:
-    """Height [m] of the column in which grains start, as the start called `kind` has it, over the widest section of the
-    container. For planning: above a cone or a wedge the column is higher."""
+    """Height [m] of the column of a start, over the widest section of the container.
+
+    It is for planning: above a cone or a wedge the column is higher.
+    """
     wide, deep = scene.container.across or 10 * scene.grains.diameter, scene.container.front_to_back
     deep = wide if math.isinf(deep) else deep
     return STARTS[kind].volume(scene) / (wide * deep)
 
 
 def place(closed: Scene, kind: str, seed: int, file: GrainFile | None = None) -> Packing:
-    """Grains of `closed` as the start called `kind` places them, or at the positions of a `file`. Raises
-    PlacingError."""
+    """Place the grains of a closed scene by the start called `kind`, or at the positions of a `file`.
+
+    Raises:
+        PlacingError: The grains cannot be placed.
+    """
     return STARTS[kind].place(closed, seed) if file is None else from_file.start_from(closed, file)
 
 
 def no_room(closed: Scene, placed: int, top: float) -> PlacingError:
-    """That only `placed` grains found a place, up to z = `top` [m]; with the keys of the study that make room."""
+    """Build the error for `placed` grains that found a place up to z = `top` [m], with the keys that make room."""
     grains, container = closed.grains, closed.container
     widths = [f"container.{key}" for key in container.widths]
     narrow = [
@@ -286,8 +304,8 @@ def no_room(closed: Scene, placed: int, top: float) -> PlacingError:
     remedy = f"widen {narrow[0]}" if narrow else f"use grains.count: {placed} or fewer, or widen {' or '.join(widths)}"
     if placed == 0 and not narrow:
         remedy = f"use a smaller grains.diameter ({grains.diameter * 1e3:.4g} mm), or widen {' or '.join(widths)}"
-    found = f"{placed} of {grains.count} grains found a place up to z = {top * 1e3:.4g} mm"
-    return PlacingError(f"grains.count: only {found}; {remedy}")
+    count = f"{placed} of {grains.count} grains found a place up to z = {top * 1e3:.4g} mm"
+    return PlacingError(f"grains.count: only {count}; {remedy}")
 
 
 _SAMPLE = 10_000
@@ -297,12 +315,12 @@ _SAMPLE = 10_000
 def _denser(grains: Spheres) -> float:
     """Random close packing of spheres of several sizes over that of equal ones.
 
-    0.634 + 0.0658 delta + 0.0857 S delta^2, with the standard deviation delta of the diameters over their mean and
+    0.634 + 0.0658 delta + 0.0857 S delta^2, with the standard deviation delta of the diameters over their mean, and
     their skewness S (Desmond & Weeks, Phys. Rev. E 90 (2014) 022204).
     """
     rng = np.random.default_rng(0)
-    sizes = np.array([one.sizes.draw(rng, _SAMPLE, grains.diameter) for one in grains.species])
-    weights = np.repeat([[one.share / _SAMPLE] for one in grains.species], _SAMPLE, axis=1)
+    sizes = np.array([sort.sizes.draw(rng, _SAMPLE, grains.diameter) for sort in grains.species])
+    weights = np.repeat([[sort.share / _SAMPLE] for sort in grains.species], _SAMPLE, axis=1)
     mean, deviation = np.sum(weights * sizes), sizes - np.sum(weights * sizes)
     spread = math.sqrt(np.sum(weights * deviation**2))
     skewness = np.sum(weights * deviation**3) / spread**3
@@ -310,7 +328,7 @@ def _denser(grains: Spheres) -> float:
 
 
 def _room(closed: Scene, start: Start) -> Room:
-    """The room in which grains start. Raises PlacingError where they cannot."""
+    """Build the room in which grains start. Raises PlacingError if they cannot."""
     if closed.gravity == 0:
         raise PlacingError("a filling needs gravity: grains would never come to rest (gravity is 0)")
     for fault in start.obstacles(closed):
@@ -321,77 +339,88 @@ def _room(closed: Scene, start: Start) -> Room:
 def _place_equal(
     closed: Scene, rng: np.random.Generator, room: Room, top: float
 ) -> tuple[np.ndarray, np.ndarray | None]:
-    """Centres [m], shape [n, 3], and of rods orientations, shape [n, 4], of grains that are alike. Raises Full."""
+    """Place grains of equal size: centres [m], shape [n, 3], and orientations of rods, shape [n, 4]. Raises Full."""
     grains = closed.grains
     rods = isinstance(grains, Spherocylinders)
     there, q = Placed(np.empty((0, 3))), np.empty((0, 4))
     for _ in range(_ROUNDS):
-        wanted = grains.count - len(there)
-        if wanted == 0:
+        lacking = grains.count - len(there)
+        if lacking == 0:
             return there.x, q if rods else None
-        drawn = room.draw(rng, 2 * wanted + 16, top)
-        turned = random_turns(rng, len(drawn)) if rods else np.empty((len(drawn), 4))
+        trial = room.draw(rng, 2 * lacking + 16, top)
+        turns = random_turns(rng, len(trial)) if rods else np.empty((len(trial), 4))
         if rods:
-            reach = grains.half_length * axes(turned)
-            fits = room.holds(drawn + reach) & room.holds(drawn - reach)
-            drawn, turned = drawn[fits], turned[fits]
-            free = _rods_apart(drawn, turned, there, q, grains.half_length, grains.diameter * APART)
-            q = np.concatenate([q, turned[free]])[: grains.count]
+            reach = grains.half_length * axes(turns)
+            fits = room.holds(trial + reach) & room.holds(trial - reach)
+            trial, turns = trial[fits], turns[fits]
+            free = _rods_apart(trial, turns, there, q, grains.half_length, grains.diameter * APART)
+            q = np.concatenate([q, turns[free]])[: grains.count]
         else:
-            free = _apart(drawn, there, grains.diameter * APART)
-        there.add(drawn[free][:wanted])
+            free = _apart(trial, there, grains.diameter * APART)
+        there.add(trial[free][:lacking])
     raise Full(len(there))
 
 
-def _apart(drawn: np.ndarray, there: Placed, distance: float) -> np.ndarray:
-    """Which of `drawn`, taken in their order, keep `distance` from `there` and from each other."""
+def _apart(trial: np.ndarray, there: Placed, distance: float) -> np.ndarray:
+    """Mark the points `trial`, taken in their order, that keep `distance` [m] from `there` and from each other."""
     from scipy.spatial import KDTree
 
-    kept = there.keep(drawn, distance)
-    if len(drawn) > 1:
-        first_come(kept, KDTree(drawn).query_pairs(distance, output_type="ndarray"))
-    return kept
+    accepted = there.keep(trial, distance)
+    if len(trial) > 1:
+        first_come(accepted, KDTree(trial).query_pairs(distance, output_type="ndarray"))
+    return accepted
 
 
 def _rods_apart(
-    drawn: np.ndarray, turned: np.ndarray, there: Placed, q: np.ndarray, half: float, distance: float
+    trial: np.ndarray, turns: np.ndarray, there: Placed, q: np.ndarray, half: float, distance: float
 ) -> np.ndarray:
-    """As `_apart`, for rods centred at `drawn` and `there`, turned by `turned` and `q`."""
+    """Mark rods centred at `trial` as `_apart` does points; orientations are `turns`, and `q` of those in `there`."""
     from scipy.spatial import KDTree
 
-    kept = np.ones(len(drawn), bool)
-    if len(drawn) == 0:
-        return kept
-    a = axes(turned)
-    i, j = there.near(drawn, 2 * half + distance)
-    kept[j[distances(there.x[i] - drawn[j], axes(q[i]), a[j], half) < distance]] = False
-    pairs = KDTree(drawn).query_pairs(2 * half + distance, output_type="ndarray")
+    accepted = np.ones(len(trial), bool)
+    if len(trial) == 0:
+        return accepted
+    a = axes(turns)
+    i, j = there.near(trial, 2 * half + distance)
+    accepted[j[distances(there.x[i] - trial[j], axes(q[i]), a[j], half) < distance]] = False
+    pairs = KDTree(trial).query_pairs(2 * half + distance, output_type="ndarray")
     i, j = pairs.T
-    first_come(kept, pairs[distances(drawn[i] - drawn[j], a[i], a[j], half) < distance])
-    return kept
+    first_come(accepted, pairs[distances(trial[i] - trial[j], a[i], a[j], half) < distance])
+    return accepted
 
 
 _NEARLY = 0.9
-"""Grains of this part of the largest diameter that is left, and above, are placed at a time."""
+"""Part of the largest radius left: grains above it are placed together."""
 
 
 def place_graded(room: Room, rng: np.random.Generator, top: float, reach: np.ndarray) -> np.ndarray:
-    """Centres [m], shape [n, 3], up to z = `top` of grains that keep `reach` [m], shape [n], free around them.
+    """Place spheres of different sizes, the largest first, since they would find no room among small ones.
 
-    Large grains come first, as they would find no room among small ones: at a time, those of nearly the largest size
-    that is left, each of which tries one place a round. Raises Full.
+    In each round those of nearly the largest size left try one place each.
+
+    Args:
+        room: The room.
+        rng: Generator.
+        top: Height z [m] up to which they are placed.
+        reach: Radius [m] that each keeps free, shape [n].
+
+    Returns:
+        Centres [m], shape [n, 3].
+
+    Raises:
+        Full: Not all find a place.
     """
-    x, left = np.empty((len(reach), 3)), np.arange(len(reach))
-    placed, there = left[:0], Placed(x[:0])
+    x, waiting = np.empty((len(reach), 3)), np.arange(len(reach))
+    placed, there = waiting[:0], Placed(x[:0])
     for _ in range(_ROUNDS):
-        if len(left) == 0:
+        if len(waiting) == 0:
             return x
-        trying = left[reach[left] >= _NEARLY * reach[left].max()]
+        trying = waiting[reach[waiting] >= _NEARLY * reach[waiting].max()]
         x[trying] = room.draw_each(rng, reach[trying], top)
-        found = free(x, reach, there, placed, trying[room.holds(x[trying], reach[trying])])
-        there.add(x[found])
-        placed = np.concatenate([placed, found])
-        left = np.setdiff1d(left, found, assume_unique=True)
+        accepted = free(x, reach, there, placed, trying[room.holds(x[trying], reach[trying])])
+        there.add(x[accepted])
+        placed = np.concatenate([placed, accepted])
+        waiting = np.setdiff1d(waiting, accepted, assume_unique=True)
     raise Full(len(placed))
 
 
@@ -405,54 +434,70 @@ def free(
     half: float = 0.0,
     apart: np.ndarray | None = None,
 ) -> np.ndarray:
-    """Those of the grains `trying`, in their order, that are in the way of neither grains `placed` nor each other.
+    """Select those of the grains `trying`, in their order, that overlap neither `placed` grains nor each other.
 
-    x: centres [m], shape [n, 3]; reach [m], shape [n]: what each keeps free around it; there: the centres of those
-    placed. Of rods also their axes `a`, shape [n, 3], and half the length of their segments [m]. Where grains lie in
-    beds of their own, `apart` [m], shape [n, 1], is a fourth coordinate, by which beds are out of each other's reach;
-    `there` has it too.
+    Args:
+        x: Centres [m], shape [n, 3].
+        reach: Radius [m] that each keeps free, shape [n].
+        there: Centres of the placed grains.
+        placed: Indices of the placed grains.
+        trying: Indices of the grains to select from.
+        a: Axes of rods, shape [n, 3].
+        half: Half length of the segments of rods [m].
+        apart: Fourth coordinate [m], shape [n, 1], that separates beds; `there` has it too.
+
+    Returns:
+        Indices of the selected grains.
     """
     from scipy.spatial import KDTree
 
     if not len(trying):
         return trying
 
-    def meet(one: np.ndarray, other: np.ndarray) -> np.ndarray:
-        branch = x[one] - x[other]
-        gap = np.linalg.norm(branch, axis=1) if a is None else distances(branch, a[one], a[other], half)
-        return gap < reach[one] + reach[other]
+    def meet(first: np.ndarray, second: np.ndarray) -> np.ndarray:
+        branch = x[first] - x[second]
+        gap = np.linalg.norm(branch, axis=1) if a is None else distances(branch, a[first], a[second], half)
+        return gap < reach[first] + reach[second]
 
-    kept, most = np.ones(len(trying), bool), reach[trying].max() + half
+    accepted, farthest = np.ones(len(trying), bool), reach[trying].max() + half
     where = x[trying] if apart is None else np.hstack([x[trying], apart[trying]])
-    i, j = there.near(where, most + reach.max() + half)
-    kept[j[meet(placed[i], trying[j])]] = False
-    pairs = KDTree(where).query_pairs(2 * most, output_type="ndarray")
-    first_come(kept, pairs[meet(*trying[pairs].T)])
-    return trying[kept]
+    i, j = there.near(where, farthest + reach.max() + half)
+    accepted[j[meet(placed[i], trying[j])]] = False
+    pairs = KDTree(where).query_pairs(2 * farthest, output_type="ndarray")
+    first_come(accepted, pairs[meet(*trying[pairs].T)])
+    return trying[accepted]
 
 
 _STREAM = 1
-"""Told from the placing's random numbers by this."""
+"""Part of the seed of the generator of sizes and kinds, which separates it from that of positions."""
 
 
 def assort(grains: Spheres, version: int, seed: int) -> tuple[np.ndarray | None, np.ndarray | None]:
-    """Diameters [m] and kinds (places in `grains.kinds`) by id, each of shape [count]; None where all are alike.
+    """Draw sizes and kinds of grains.
 
-    Of each kind there are as many as its share says, to the nearest whole grain; who they are is drawn, and so is each
-    diameter. `version`: of the rules that place the grains.
+    The number of each kind is its share, to the nearest whole grain; which grains they are, and each diameter, is
+    random.
+
+    Args:
+        grains: The grains.
+        version: Version of the rules that place them.
+        seed: Seed of the bed.
+
+    Returns:
+        Diameters [m] and kinds (indices into `grains.kinds`) by id, each of shape [count]; None if all are equal.
     """
     rng = np.random.default_rng([version, seed, _STREAM])
-    numbers = whole_numbers(np.array([one.share for one in grains.species]), grains.count)
+    numbers = whole_numbers(np.array([sort.share for sort in grains.species]), grains.count)
     kind = rng.permutation(np.repeat(np.arange(len(numbers)), numbers))
     diameter = np.full(grains.count, grains.diameter)
-    for index, one in enumerate(grains.species):
-        mine = kind == index
-        diameter[mine] = one.sizes.draw(rng, int(mine.sum()), grains.diameter)
+    for index, sort in enumerate(grains.species):
+        own = kind == index
+        diameter[own] = sort.sizes.draw(rng, int(own.sum()), grains.diameter)
     return diameter if grains.graded else None, kind if grains.kinds else None
 
 
 def whole_numbers(shares: np.ndarray, total: int) -> np.ndarray:
-    """Whole numbers that add up to `total`, each within one of its share: the largest remainders are rounded up."""
+    """Round shares to whole numbers that add up to `total`: the largest remainders are rounded up."""
     exact = shares / shares.sum() * total
     numbers = np.floor(exact).astype(int)
     short = total - int(numbers.sum())

@@ -1,4 +1,4 @@
-"""Grains that a stream brings into a scene, a few after every beat."""
+"""Stream of grains into a scene, a few after every beat."""
 
 import math
 
@@ -12,24 +12,31 @@ from labbook.scene.bodies import masses
 from labbook.scene.stream import Stream
 
 VERSION = 1
-"""Part of the key of what a stream made; it rises whenever a seed puts grains to other places than before."""
+"""Part of the key of the results of a stream; it rises whenever a seed puts grains to other places."""
 _TRIES = 60
-"""Places that a grain tries after a beat."""
+"""Number of places that a grain tries after a beat."""
 
 
 class Pouring:
-    """A stream into one scene. What it brings follows from the seed, the beat and the grains that are there.
+    """A stream into one scene. Its grains depend on the seed, the beat and the grains of the bed.
 
     Attributes:
-        every: All grains of the scene, by id; positions mean nothing.
-        order: Ids in the order in which they enter, shape [n].
+        every: All grains of the scene, by id; their positions have no meaning.
+        order: Ids in the order of entry, shape [n].
     """
 
     def __init__(self, scene: Scene, stream: Stream, seed: int, beat: float, every: Packing | None = None):
-        """Prepare a stream into the closed `scene`; `beat` [s] is the time between two looks. `every`: what each grain
-        is; None: the seed decides.
+        """Prepare a stream.
 
-        Raises PlacingError if no grain fits into its region, or a kind of its layers is unknown.
+        Args:
+            scene: The closed scene.
+            stream: The stream.
+            seed: Seed of the bed.
+            beat: Duration of a beat [s].
+            every: Sizes and kinds of all grains; None: the seed decides.
+
+        Raises:
+            PlacingError: No grain fits into its region, or a kind of its layers is unknown.
         """
         grains = scene.grains
         self._scene, self._stream, self._key, self._beat = scene, stream, (VERSION, seed), beat
@@ -60,7 +67,7 @@ class Pouring:
         return float(self._brought[-1]) / self._stream.rate
 
     def due(self, beat: int) -> int:
-        """Number of grains that are to have entered after this beat, one at least."""
+        """Number of grains that should have entered after this beat, at least one."""
         brought = self._stream.rate * self._time(beat) * (1 + 1e-12)
         return max(1, int(np.searchsorted(self._brought, brought, "right")))
 
@@ -70,12 +77,12 @@ class Pouring:
         return now - before
 
     def _time(self, beat: int) -> float:
-        """Time [s] for which the stream has flowed by the end of the next beat; of batches in whole batches."""
+        """Time [s] for which the stream has flowed by the end of the next beat; for batches, that of whole batches."""
         time, every = (beat + 1) * self._beat, self._stream.every
         return time if every is None else (math.floor(time / every * (1 + 1e-12)) + 1) * every
 
     def first(self) -> Packing:
-        """The grains with which it begins. Raises PlacingError where none finds a place."""
+        """Return the first grains. Raises PlacingError if none finds a place."""
         nobody = self.every.part(np.zeros(0, np.int64))
         grains = self.entering(nobody, self.order[: self.due(0)], 0)
         if grains is None:
@@ -85,14 +92,14 @@ class Pouring:
         return grains
 
     def returning(self, there: Packing, beat: int) -> Packing | None:
-        """The grains that enter a bed after this beat; None if none does. Those without a place wait."""
+        """Return the grains that enter a bed after this beat; None if none does. Grains without a place wait."""
         assert there.ids is not None
         due = self.order[: self.due(beat)]
         waiting = due[~np.isin(due, there.ids)]
         return self.entering(there, waiting, beat) if len(waiting) else None
 
     def entering(self, there: Packing, rows: np.ndarray, beat: int) -> Packing | None:
-        """Return those of the grains `rows` that find a place among those that are there; None if none does."""
+        """Place those of the grains `rows` that find a place in a bed; None if none does."""
         stream, rng = self._stream, np.random.default_rng([*self._key, 2, beat])
         half = self._scene.grains.half_length
         low, high = self._low + half, self._high - half
@@ -118,7 +125,7 @@ class Inflow:
         self._pouring = Pouring(scene.close(), scene.feed.stream, seed, beat, start.renumbered(np.argsort(start.ids)))
 
     def returning(self, there: Packing, beat: int) -> Packing | None:
-        """The grains that enter again after this beat; None if none does. What finds no place now stays outside."""
+        """Return the grains that enter again after this beat; None if none does. The others stay outside."""
         assert there.ids is not None
         waiting = self._pouring.order[~np.isin(self._pouring.order, there.ids)]
         rows = waiting[: self._pouring.number(beat)]
@@ -126,11 +133,11 @@ class Inflow:
 
 
 def _order(scene: Scene, stream: Stream, kind: np.ndarray | None, rng: np.random.Generator) -> np.ndarray:
-    """Ids in the order in which they enter: at random, or in layers of kinds. Raises PlacingError."""
+    """Draw the ids in the order of entry: at random, or in layers of kinds. Raises PlacingError."""
     count = scene.grains.count
     if not stream.layers:
         return rng.permutation(count)
-    names = [one.name for one in scene.grains.kinds]
+    names = [kind_of_grains.name for kind_of_grains in scene.grains.kinds]
     strange = [name for name in stream.layers if name not in names]
     lacking = [name for name in names if name not in stream.layers]
     if kind is None or strange or lacking:

@@ -1,9 +1,9 @@
-"""Grains that overlap, pushed apart until none touches another one or a wall.
+"""Relaxation of overlapping grains: they are pushed apart until none overlap each other or a wall.
 
 Every overlap moves both grains along the line between their nearest points, and turns rods, by their mobility there
 (position-based dynamics: Müller et al., J. Vis. Commun. Image Represent. 18 (2007) 109). Each step repeats a part of
-the last one (heavy ball: Polyak, USSR Comput. Math. Math. Phys. 4 (1964) 1). A lid keeps the grains together; it rises
-while there are overlaps.
+the step before (heavy ball: Polyak, USSR Comput. Math. Math. Phys. 4 (1964) 1). A lid keeps the grains together; it
+rises while there are overlaps.
 """
 
 import numpy as np
@@ -13,7 +13,7 @@ from labbook.scene.orientation import axes, nearest, random_turns
 from labbook.scene.walls import WallShape
 
 MARGIN = 0.005
-"""Gap that is aimed at, in sums of radii, so that the last overlaps vanish in few steps."""
+"""Target gap, in sums of radii, so that the last overlaps vanish in few steps."""
 _PART, _INERTIA = 0.5, 0.85  # of an overlap by which a step moves each grain; of a step that the next one repeats
 _LONGEST = 0.25  # step, in radii
 _SKIN = 0.25  # of the lists, in largest diameters
@@ -27,10 +27,14 @@ _CLASS = 0.6  # grains of this part of the largest radius that is left, and abov
 
 
 class Crowd:
-    """Grains of a room: centres `x` [m], shape [n, 3], and of rods the axes `a`, shape [n, 3].
+    """Grains of a room that may overlap: centres `x` [m], shape [n, 3], and axes `a` of rods, shape [n, 3].
 
-    reach: what each keeps free around its centre or segment [m], shape [n]; half: half the length of segments [m];
-    beside: distance from walls that centres keep at first [m].
+    Args:
+        room: The room.
+        reach: Distance [m] that each grain keeps free around its centre or segment, shape [n].
+        half: Half length of the segments of rods [m].
+        rods: The grains are rods.
+        beside: Distance of centres from walls at first [m].
     """
 
     def __init__(self, room: Room, reach: np.ndarray, half: float, rods: bool, beside: float):
@@ -43,10 +47,17 @@ class Crowd:
         self._step = np.zeros((n, 3)), np.zeros((n, 3))
 
     def scatter(self, rng: np.random.Generator, lid: float, rows: np.ndarray | None = None) -> int:
-        """Put the grains (of `rows`; none: all) at random places below z = `lid` [m], whether they overlap or not; how
-        many found one.
+        """Put grains at random places below z = `lid` [m], overlapping or not.
 
-        Spheres may overlap walls too, up to `beside` from their centres: else there were too few in narrow places.
+        Spheres may overlap walls too, up to `beside` from their centres: otherwise too few would lie in narrow places.
+
+        Args:
+            rng: Generator.
+            lid: Height of the lid [m].
+            rows: Indices of the grains; None: all.
+
+        Returns:
+            Number of grains of the crowd that have a place.
         """
         reach, left = self._reach, np.arange(len(self.x)) if rows is None else rows
         self._reach = np.minimum(reach, self._beside)
@@ -61,9 +72,12 @@ class Crowd:
         return len(self.x) - len(left)
 
     def separate(self, rng: np.random.Generator, lid: float) -> bool:
-        """Push the grains apart, below a lid at z = `lid` [m] that rises if need be; whether no overlap is left.
+        """Push the grains apart, below a lid at z = `lid` [m] that rises if necessary.
 
-        Rods grow out of their centres meanwhile: two that crossed each other could not part in a narrow container.
+        Rods grow from their centres meanwhile: two that crossed each other could not separate in a narrow container.
+
+        Returns:
+            True if no overlap is left.
         """
         whole = self._half
         for step in range(_GROWTH if whole else 0):
@@ -94,7 +108,7 @@ class Crowd:
         return False
 
     def _stuck(self) -> np.ndarray:
-        """Grains that overlap a wall, or one before them."""
+        """Find grains that overlap a wall, or a grain of a lower index."""
         overlaps = self._branches(self._i, self._j)[1] < self._least
         later = np.maximum(self._i, self._j)[overlaps]
         return np.unique(np.concatenate([later, self._end[self._gaps() < 0] % len(self.x)]))
@@ -110,12 +124,12 @@ class Crowd:
         return x if self.a is None else np.concatenate([x + s * self.a[rows] for s in (self._half, -self._half)])
 
     def _strayed(self) -> bool:
-        """Tell if an end has moved too far for the lists."""
+        """True if an end has moved too far for the lists."""
         away = self._ends() - self._at
         return 4 * float(np.einsum("ij,ij->i", away, away).max()) > self._skin**2
 
     def _list(self, lid: float) -> None:
-        """List pairs that are near, and ends near walls: their gaps [m] and the normals along which these grow."""
+        """List near pairs, and ends near walls with their gaps [m] and the normals along which these grow."""
         i, j = _near(self.x, self._reach + self._half, self._skin)
         if self.a is not None:
             close = self._branches(i, j)[1] < self._reach[i] + self._reach[j] + self._skin
@@ -132,8 +146,12 @@ class Crowd:
         self._gap = gap - self._wall_reach
 
     def _branches(self, i: np.ndarray, j: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray | None]:
-        """Branch vectors [m], shape [m, 3], and distances [m] between the nearest points of grains i and j; of rods
-        also the places [m] of these points on both segments, shape [2, m]."""
+        """Compute branch vectors between the nearest points of grains i and j.
+
+        Returns:
+            Branch vectors [m], shape [m, 3], their lengths [m], and for rods the positions [m] of the nearest points on
+            both segments, shape [2, m].
+        """
         branch = _rows(self.x, i) - _rows(self.x, j)
         if self.a is None:
             return branch, _length(branch), None
@@ -147,7 +165,7 @@ class Crowd:
         return self._gap + np.einsum("ij,ij->i", away, self._normal)
 
     def _push(self) -> bool:
-        """Take one step, if any grain overlaps another one or a wall; whether it did."""
+        """Take one step if any grains overlap, or a grain and a wall; True if it did."""
         branch, distance, places = self._branches(self._i, self._j)
         if (distance >= self._least).all() and (self._gaps() >= 0).all():
             return False
@@ -182,8 +200,16 @@ class Crowd:
             self.a = _unit(self.a + da)
 
     def _shifts(self, grains: np.ndarray, by: np.ndarray, places: np.ndarray | None) -> tuple[np.ndarray, np.ndarray]:
-        """Displacements [m] of all grains and changes of their axes, shape [n, 3], that move `grains` by `by` [m],
-        shape [m, 3]; of rods at `places` [m] of their segments."""
+        """Distribute displacements at points of grains over translations and rotations, by mobility.
+
+        Args:
+            grains: Indices of the grains, shape [m].
+            by: Displacements of the points [m], shape [m, 3].
+            places: Positions of the points on the segments of rods [m], shape [m]; None for spheres.
+
+        Returns:
+            Displacements [m] of all grains and changes of their axes, each of shape [n, 3].
+        """
         n = len(self.x)
         if self.a is None or places is None:
             return _summed(grains, by, n), self._step[1]
@@ -194,9 +220,9 @@ class Crowd:
 
 
 def _near(x: np.ndarray, reach: np.ndarray, skin: float) -> tuple[np.ndarray, np.ndarray]:
-    """Pairs of points x [m], shape [n, 3], whose distance is less than the sum of their `reach` [m] and `skin` [m].
+    """Find pairs of points x [m], shape [n, 3], closer than the sum of their `reach` [m] and `skin` [m].
 
-    Of unequal ones, those of about one size share a tree, so that the largest do not decide how far small ones look.
+    Points of about one size share a tree, so that the largest ones do not set the search radius of small ones.
     """
     from scipy.spatial import KDTree
 
@@ -206,12 +232,12 @@ def _near(x: np.ndarray, reach: np.ndarray, skin: float) -> tuple[np.ndarray, np
         classes.append((left[:first], KDTree(x[left[:first]])))
         left = left[first:]
     pairs = []
-    for k, (some, tree) in enumerate(classes):
-        largest = reach[some[0]]
-        pairs.append(some[tree.query_pairs(2 * largest + skin, output_type="ndarray")])
+    for k, (larger, tree) in enumerate(classes):
+        largest = reach[larger[0]]
+        pairs.append(larger[tree.query_pairs(2 * largest + skin, output_type="ndarray")])
         for smaller, second in classes[k + 1 :]:
             near = tree.sparse_distance_matrix(second, largest + reach[smaller[0]] + skin, output_type="ndarray")
-            pairs.append(np.column_stack([some[near["i"]], smaller[near["j"]]]))
+            pairs.append(np.column_stack([larger[near["i"]], smaller[near["j"]]]))
     i, j = np.concatenate(pairs).T
     if reach[i].min(initial=np.inf) < reach.max():
         close = _length(x[i] - x[j]) < reach[i] + reach[j] + skin
@@ -220,9 +246,10 @@ def _near(x: np.ndarray, reach: np.ndarray, skin: float) -> tuple[np.ndarray, np
 
 
 def _beside(shape: WallShape, x: np.ndarray, within: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Select the points x [m], shape [n, 3], that are nearer to a wall than `within` [m], shape [n].
+    """Select the points x [m], shape [n, 3], nearer to a wall than `within` [m], shape [n].
 
-    Returns their numbers, their distances [m] from it, and the unit vectors along which these grow.
+    Returns:
+        Their indices, their distances [m] from it, and the unit vectors along which these grow.
     """
     distance = shape.distance(x)
     near = (distance < within).nonzero()[0]
@@ -250,5 +277,5 @@ def _summed(rows: np.ndarray, values: np.ndarray, n: int) -> np.ndarray:
 
 
 def _rows(values: np.ndarray, rows: np.ndarray) -> np.ndarray:
-    """Rows of an array, shape [m, 3]; quicker than by an index."""
+    """Rows of an array, shape [m, 3]; faster than indexing."""
     return values.take(rows, axis=0)

@@ -1,4 +1,4 @@
-"""The inside of a closed container, where grains can be placed."""
+"""Inside of a closed container, in which grains can be placed."""
 
 import math
 from collections.abc import Callable, Iterator
@@ -12,25 +12,26 @@ from labbook.scene.walls import Symmetry
 
 _N = TypeVar("_N")
 _COUNTED: dict[tuple[str, float, bool, str, float], Any] = {}
-"""Heights and volumes that a `Room` counted, by walls, clearance, flatness, which of the two, and its argument:
-counting takes longer than placing a thousand grains, and every seed of a scene asks for it."""
+"""Heights and volumes that a `Room` has counted, by walls, clearance, flatness, name and argument. Counting takes
+longer
+than placing a thousand grains, and every seed of a scene needs the same."""
 
 
 DENSEST = math.pi / math.sqrt(12)
-"""Solid fraction that neither spheres of any sizes within labbook's limits nor rods side by side exceed by much."""
+"""Solid fraction that neither spheres of any sizes within labbook's limits nor parallel rods exceed by much."""
 JAMMED = 0.55
-"""Solid fraction that equal spheres placed at random never reach: 0.38 in space, 0.36 in a layer, 0.50 in a row."""
+"""Solid fraction that randomly placed equal spheres never reach: 0.38 in space, 0.36 in a layer, 0.50 in a row."""
 _LEVELS = 400
 _COLUMNS, _CROSSED = 200, 24  # points across a section, and of the space along x and along y
 _DOUBLINGS = 20
 
 
 class PlacingError(Exception):
-    """Grains cannot be placed; the message says why and what to do."""
+    """Grains cannot be placed; the message gives reason and remedy."""
 
 
 class Full(Exception):
-    """No further grain found a place; `placed`: how many did."""
+    """No further grain found a place. `placed`: number of grains that did."""
 
     def __init__(self, placed: int):
         super().__init__(f"{placed} grains found a place")
@@ -38,15 +39,23 @@ class Full(Exception):
 
 
 class Room:
-    """Inside of every wall, clear of it, above a wall that carries grains, and between the outermost plates.
+    """Region inside every wall, clear of it, above a wall that carries grains, and between the outermost plates.
 
-    Volumes are counted in a section: the plane y = 0, that of radius and height where plates are axial, or the space
-    itself where a wall without a symmetry encloses the room. What the section shows along its first axis is called `u`.
+    Volumes are counted in a section: the plane y = 0, that of radius and height if plates are axial, or the space
+    itself if a wall without a symmetry encloses the room. `u` is the first coordinate of the section.
     """
 
     def __init__(self, closed: Container, clearance: float, flat: bool = False):
-        """`clearance`: what the centres of grains, or of the ends of rods, keep from walls [m]; `flat`: only the plane
-        y = 0 of it. Raises PlacingError."""
+        """Describe the room of a closed container.
+
+        Args:
+            closed: The container.
+            clearance: Distance [m] that centres of grains, or ends of rods' segments, keep from walls.
+            flat: Take only its plane y = 0.
+
+        Raises:
+            PlacingError: Walls or a bottom are missing, or it is narrower than a grain.
+        """
         self.shapes = [wall.shape for wall in closed.walls()]
         self.clearance = clearance
         strips, frustums = self._plates("planar"), self._plates("axial")
@@ -75,20 +84,20 @@ class Room:
             raise PlacingError("the container has no bottom that grains could settle on")
         self.bottom = max(float(min(lowest)), _start_of(closed))
         self.poured = any(wall.opens for wall in closed.walls())
-        """Whether nothing lies below a plate: what parts that open let out goes on to where plates cover the room."""
+        """True if the room has nothing below plates: grains from parts that open go on to where plates cover it."""
         above = [shape.prismatic_above for shape in self.shapes]
         self.highest = max([self.bottom, *(z for z in above if z < math.inf)])
-        """z [m] above which the room has the same section everywhere, as far as walls say where they have."""
+        """Height z [m] above which the section is the same everywhere, as far as walls define it."""
         self.prismatic = max(above) < math.inf
-        """Whether all walls say so."""
+        """True if all walls define it."""
 
     def _plates(self, symmetry: Symmetry) -> list[Bounds]:
-        """The boxes of walls of a symmetry that have ends in the section."""
+        """Bounding boxes of walls of a symmetry that have ends in the section."""
         boxes = [shape.bounds for shape in self.shapes if symmetry in shape.symmetries]
         return [box for box in boxes if not any(box.endless[::2])]
 
     def _sheets(self) -> list[Bounds]:
-        """The boxes of walls that may be hoppers, such as meshes."""
+        """Bounding boxes of walls that may be hoppers, such as meshes."""
         return [shape.bounds for shape in self.shapes if shape.holds]
 
     def _range(self, axis: int, ends: list[float], limits: list[Bounds], sheets: list[Bounds]) -> tuple[float, float]:
@@ -105,8 +114,12 @@ class Room:
         return float(first), float(last)
 
     def holds(self, x: np.ndarray, clearance: float | np.ndarray | None = None) -> np.ndarray:
-        """Whether spheres centred at `x` [m], shape [n, 3], lie inside and keep `clearance` [m] (of each, shape [n];
-        none: the room's) from walls."""
+        """Mark the spheres that lie inside and clear of the walls.
+
+        Args:
+            x: Centres [m], shape [n, 3].
+            clearance: Distance from walls [m], for each shape [n] or for all; None: that of the room.
+        """
         clearance = self.clearance if clearance is None else clearance
         inside = np.ones(len(x), bool)
         for shape in self.shapes:
@@ -117,14 +130,14 @@ class Room:
             inside &= np.hypot(x[:, 0], x[:, 1]) <= self.x[1] + self.clearance - clearance
         carried = np.zeros(len(x), bool)
         for shape in self.shapes:
-            left = np.flatnonzero(inside & ~carried)
-            carried[left] = shape.carries(x[left])
+            rest = np.flatnonzero(inside & ~carried)
+            carried[rest] = shape.carries(x[rest])
             if self.poured:
                 inside &= ~shape.covers(x)
         return inside & carried
 
     def draw(self, rng: np.random.Generator, n: int, top: float) -> np.ndarray:
-        """Those of `n` uniform points up to z = `top` that are inside."""
+        """Draw `n` uniform points up to z = `top` [m] and return those inside."""
         low = (self.x[0], self.y[0], self.bottom + self.clearance)
         points = rng.uniform(low, (self.x[1], self.y[1], top), (n, 3))
         return points[self.holds(points)]
@@ -132,25 +145,37 @@ class Room:
     def draw_each(
         self, rng: np.random.Generator, clearance: np.ndarray, top: float, low: float | None = None
     ) -> np.ndarray:
-        """One uniform point up to z = `top` between the sides for each grain of this clearance [m], inside or not;
-        `low`: from this z on (None: from where it touches the bottom)."""
+        """Draw one uniform point between the sides for each grain, inside or not.
+
+        Args:
+            rng: Generator.
+            clearance: Clearance of each grain [m], shape [n].
+            top: Largest z [m].
+            low: Smallest z [m]; None: where the grain touches the bottom.
+        """
         nearer = (self.clearance - clearance)[:, None] * (1, 0 if self.flat else 1, 1)
-        least = np.array([self.x[0], self.y[0], self.bottom + self.clearance]) - nearer
+        lower = np.array([self.x[0], self.y[0], self.bottom + self.clearance]) - nearer
         if low is not None:
-            least[:, 2] = low
-        most = np.array([self.x[1], self.y[1], top]) + nearer * (1, 1, 0)
-        return rng.uniform(least, most)
+            lower[:, 2] = low
+        upper = np.array([self.x[1], self.y[1], top]) + nearer * (1, 1, 0)
+        return rng.uniform(lower, upper)
 
-    def tops(self, volume: float, solid: float, most: float = DENSEST) -> Iterator[float]:
-        """z [m] up to which grains of the volume `solid` [m^3] are placed, to have `volume` [m^3] between them: the
-        heights to try, one after another.
+    def tops(self, volume: float, solid: float, densest: float = DENSEST) -> Iterator[float]:
+        """Yield heights z [m] up to which grains may be placed, in the order in which to try them.
 
-        The first is the quicker estimate of `height_for`, which is too low where little of the container is as wide as
-        its widest part, as in a wide cone. It is left out where grains would need more than the solid fraction `most`
-        below it. Raises PlacingError where there is no room at all.
+        The first is the faster estimate of `height_for`. It is too low if little of the container is as wide as its
+        widest part, as in a wide cone, and is left out if grains would exceed the solid fraction `densest` below it.
+
+        Args:
+            volume: Volume over which the grains are spread [m^3].
+            solid: Volume of the grains [m^3].
+            densest: Largest solid fraction.
+
+        Raises:
+            PlacingError: There is no room at all.
         """
         first = self.height_for(volume)
-        fits = solid <= most * self._once("volume", first + self.clearance, self._volume_below)
+        fits = solid <= densest * self._once("volume", first + self.clearance, self._volume_below)
         if fits:
             yield first
         level = self.level_for(volume)
@@ -165,10 +190,10 @@ class Room:
             yield first
 
     def height_for(self, volume: float) -> float:
-        """z [m] up to which the container, walls included, holds `volume` [m^3], estimated.
+        """Estimate the height z [m] up to which the container, walls included, holds a volume [m^3].
 
         Its section is counted on a grid of 200 points across, or 24 x 24, and 400 up to where a straight container
-        would hold the volume; what lies above is as wide as the widest part.
+        would hold the volume. Above, it is taken to be as wide as its widest part.
         """
         return self._once("height", volume, self._counted_height)
 
@@ -181,8 +206,8 @@ class Room:
     def _counted_height(self, volume: float) -> float:
         area = self._area
         flat = self.bottom + volume / area
-        held, weights = self._counted(np.linspace(self.bottom, flat, 400), None)
-        part = np.average(held.ravel(), weights=None if weights is None else np.tile(weights, len(held)))
+        inside, weights = self._counted(np.linspace(self.bottom, flat, 400), None)
+        part = np.average(inside.ravel(), weights=None if weights is None else np.tile(weights, len(inside)))
         return flat + (1 - float(part)) * (flat - self.bottom) + 2 * self.clearance
 
     @property
@@ -192,8 +217,15 @@ class Room:
         return math.pi / 4 * wide * deep if self.round else wide * deep
 
     def _counted(self, z: np.ndarray, clearance: float | None) -> tuple[np.ndarray, np.ndarray | None]:
-        """Whether points of the section are held at the heights `z` [m], shape [n, m], and the weight of each of them,
-        shape [m], if they differ."""
+        """Mark the points of the section inside the room at some heights.
+
+        Args:
+            z: Heights [m], shape [n].
+            clearance: Distance from walls [m]; None: that of the room.
+
+        Returns:
+            Marks, shape [n, m], and the weight of each point, shape [m], if they differ.
+        """
         across = np.linspace(0 if self.round else self.x[0], self.x[1], _COLUMNS)
         u, y = across, np.full(len(across), sum(self.y) / 2)
         unlike = any(not shape.symmetries for shape, _ in self._vessels) or bool(self._sheets())
@@ -205,47 +237,56 @@ class Room:
         return self.holds(points, clearance).reshape(len(z), -1), across if self.round else None
 
     def level_for(self, volume: float, clearance: float | None = None) -> float | None:
-        """z [m] below which there is room of `volume` [m^3] that keeps `clearance` [m] (none: that of the centres of
-        grains) from walls; None if there never is, infinite if there is none for any."""
+        """Find the height z [m] below which there is room of a volume.
+
+        Args:
+            volume: Volume [m^3].
+            clearance: Distance from walls [m]; None: that of the centres of grains.
+
+        Returns:
+            The height; None if there is never so much room, infinite if there is none for any volume.
+        """
         clearance = self.clearance if clearance is None else clearance
         return self._once(f"level {clearance}", volume, lambda volume: self._counted_level(volume, clearance))
 
     def _counted_level(self, volume: float, clearance: float) -> float | None:
         high = volume / self._area
-        some = False
+        any_room = False
         for _ in range(_DOUBLINGS):
             z = np.linspace(self.bottom, self.bottom + high, _LEVELS)
             below = self._filled(z, clearance)
             if below[-1] >= volume:
                 return float(np.interp(volume, below, z))
             high *= 2
-            some = some or bool(below[-1])
-        return None if some else math.inf
+            any_room = any_room or bool(below[-1])
+        return None if any_room else math.inf
 
     def _volume_below(self, top: float) -> float:
         """Volume [m^3] of the container below z = `top` [m], walls excluded."""
         return float(self._filled(np.linspace(self.bottom, top, _LEVELS), 0.0)[-1])
 
     def _filled(self, z: np.ndarray, clearance: float) -> np.ndarray:
-        """Volume [m^3] below each of the equidistant heights `z` [m], shape [n], that keeps `clearance` [m] from walls,
-        counted on a grid of 200 points across, or 24 x 24."""
-        held, weights = self._counted(z, clearance)
-        part = np.average(held, axis=1, weights=weights)
+        """Volume [m^3] that keeps `clearance` [m] from walls, below each of the equidistant heights `z` [m], shape [n].
+
+        Counted on a grid of 200 points across, or 24 x 24.
+        """
+        inside, weights = self._counted(z, clearance)
+        part = np.average(inside, axis=1, weights=weights)
         return np.concatenate([[0.0], np.cumsum((part[1:] + part[:-1]) / 2 * np.diff(z) * self._area)])
 
 
 def _start_of(closed: Container) -> float:
-    """z [m] above which a filling starts: the lowest part that opens; of containers without one the outlet's plane."""
+    """Height z [m] above which a filling starts: the lowest opening part; without one the outlet's plane."""
     opening = [wall.shape.ground for wall in closed.walls() if wall.opens]
     plane = closed.outlet_plane
     return min(filter(math.isfinite, opening), default=-math.inf if plane is None else plane)
 
 
-def first_come(kept: np.ndarray, pairs: np.ndarray) -> None:
-    """Let go of the second of each of `pairs` (first < second) that are in each other's way."""
-    stays = kept.tolist()
+def first_come(accepted: np.ndarray, pairs: np.ndarray) -> None:
+    """Unmark the second of each of `pairs` (first < second) of points that are too close, if its first is marked."""
+    stays = accepted.tolist()
     for first, second in pairs[np.lexsort((pairs[:, 1], pairs[:, 0]))].tolist():  # lists are quicker one by one
-        # the first's fate is settled before it decides the second's
+        # pairs are sorted, so that the first is decided before it decides the second
         if stays[first]:
             stays[second] = False
-    kept[:] = stays
+    accepted[:] = stays
