@@ -163,6 +163,13 @@ def part_speed(scene: Scene, reach: float) -> float:
     return max(speeds)
 
 
+def mesh_moves(scene: Scene, numerics: Numerics) -> float:
+    """Distance [m] by which a grain may move in the frame of a mesh before lists are built again: a grain moves by half
+    a skin, and so does a part."""
+    skin = numerics.skin * scene.grains.diameter
+    return 1.0 * skin if has_moving_parts(scene) else 0.5 * skin
+
+
 def pose_table(scene: Scene, first: int, last: int, dt: float) -> np.ndarray:
     """Poses of W walls at steps `first` to `last`, shape [steps, W, POSE_COLUMNS]; those that stand still as they were
     placed."""

@@ -65,11 +65,11 @@ def mesh_rod_near(
         return True
     if mesh_near(features, conditions, f, x + a * half, radius, moves):
         return True
-    if features[f, F_KIND] == FACE:
+    if int(features[f, F_KIND]) == FACE:
         return False
     within = wide(1e-5) * radius + moves
-    low = -half
-    high = half
+    low = wide(-half)
+    high = wide(half)
     for c in range(int(features[f, F_FIRST]), int(features[f, F_LAST])):
         direction = mesh_vector(conditions, c, C_ALONG) * conditions[c, C_SENSE]
         at = dot(x - mesh_vector(conditions, c, C_POINT), direction) + within
@@ -147,10 +147,10 @@ def mesh_rod_contacts(
 ):  # fmt: skip
     """Contacts of a rod at x along the unit vector a with the features near[first:last], ascending; how many, OVER if
     there is no room. K_ALONG of each: where on the segment it is [m]."""
-    count = 0
+    count = int(0)
     for part in range(2):
         s = -half if part == 0 else half
-        here = 0
+        here = int(0)
         if part == 0 or half > wide(0.0):
             here = mesh_contacts(features, conditions, near, first, last, x + a * s, radius, contacts)
         if here == OVER or count + here > MESH_CONTACTS:
@@ -168,12 +168,12 @@ def mesh_rod_contacts(
         for column in range(K_PLACE):
             contacts[k, column] = contacts[row, column]
         contacts[k, K_ALONG] = contacts[row, K_ALONG]
-    ends = count
+    ends = int(count)
     for n in range(first, last):
         f = int(near[n])
-        if features[f, F_KIND] != FACE and half > wide(0.0):
+        if int(features[f, F_KIND]) != FACE and half > wide(0.0):
             s, overlap, normal = mesh_between(features, conditions, f, x, a, half, radius, contacts, ends)
-            place = count
+            place = int(count)
             if overlap > wide(0.0):
                 for k in range(ends, count):
                     there = a * contacts[k, K_ALONG] - mesh_vector(contacts, k, K_NORMAL) * (

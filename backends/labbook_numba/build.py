@@ -16,6 +16,7 @@ from types import ModuleType
 import llvmlite
 import numba
 from labbook_dem import contact, dispatch, generated, mesh, mesh_rods, motion, source
+from labbook_dem import poses as formulas_of_poses
 from labbook_dem import traction as traction_sums
 from labbook_dem.features import constants
 from labbook_dem.formulas import hold
@@ -94,7 +95,7 @@ def module_text(spec: Spec) -> str:
         motion,
         *(WALLS[kind] for kind in kinds),
         *PHYSICS[grains].physics,
-        *([mesh, *([mesh_rods] if layout.ORIENTED else [])] if spec.feature("MESHES") else []),
+        *([mesh, *([mesh_rods] if layout.ORIENTED else []), formulas_of_poses] if spec.feature("MESHES") else []),
         traction_sums,
     ]
     walls = dispatch.functions(kinds, rods=layout.ORIENTED, at="walls[{k}]", looks_first=True)

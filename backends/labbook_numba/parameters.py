@@ -33,8 +33,7 @@ def parameters(scene: Scene, numerics: Numerics, probes: Sequence[Probe], wall_n
     walls = features.wall_tables(scene, numerics)
     rolling_stiffness, rolling_damping = scene.contact.rolling_spring
     skin = numerics.skin * d
-    # a grain moves by half a skin before lists are rebuilt, and so does a part
-    moves = 1.0 * skin if features.has_moving_parts(scene) else 0.5 * skin
+    moves = features.mesh_moves(scene, numerics)
     shapes, reach = shapes_of(scene.container.walls()), mesh_reach(grains.radius + grains.half_length, moves)
     meshes = MeshGrids.of(shapes, [reach] * len(shapes), features.is_oriented(scene))
     spare = wall_numbers - walls.numbers.shape[1]

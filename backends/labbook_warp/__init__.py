@@ -25,6 +25,8 @@ class Backend(DemBackend):
         mixtures=True,
         single_velocities=True,
         meshes=True,
+        rods_at_meshes=True,
+        moving_parts=True,
     )
 
     def __init__(self, lanes: int | None = None):

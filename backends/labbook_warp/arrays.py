@@ -10,11 +10,11 @@ from typing import Any
 
 import numpy as np
 import warp as wp
-from labbook_dem.mesh import CONTACT_COLUMNS, SPHERE_ROWS
+from labbook_dem.mesh import CONTACT_COLUMNS
 
 from labbook_warp.codec import Codec, States
 from labbook_warp.kernels.words import NO_FAILURE
-from labbook_warp.layout import COPIED, SOMETIMES, WORDS_OF_STATE, Sizes, memory, shapes, state
+from labbook_warp.layout import COPIED, SOMETIMES, WORDS_OF_STATE, Sizes, contact_rows, memory, shapes, state
 from labbook_warp.shapes import SHAPES
 
 SEVERAL = 2
@@ -108,7 +108,7 @@ class Arrays:
             owner = self if shape.name in WORDS_OF_STATE else system
             array = wp.zeros(shape.length, dtype=shape.dtype, device=device)
             if shape.name == "mesh_contacts":
-                array = array.reshape((-1, SPHERE_ROWS, CONTACT_COLUMNS))
+                array = array.reshape((-1, contact_rows(module), CONTACT_COLUMNS))
             setattr(owner, shape.name, array)
         system.fail.fill_(NO_FAILURE)
         missing = set(SOMETIMES) - set(self.state)

@@ -39,7 +39,7 @@ class Beat:
         compiling.wait_for(self.kernels)
         fit = self.fit_at_once()
         # programs take turns on a GPU, each with all of it, unless they share it through the Multi-Process Service
-        self._several = fit and self.kernels.SHARED and not shared_with_others()
+        self._several = fit and self.kernels.SHARED and not self.kernels.POSES and not shared_with_others()
         groups = _GROUPS if self.device.is_cuda and self._slots > 1 and not fit else 0
         self._streams = [wp.Stream(self.device) for _ in range(groups)]
         self._graphs: dict[tuple[int, ...], Any] = {}
@@ -154,6 +154,8 @@ class Beat:
         for sub in range(first, first + some, at_once):
             self._meet_walls(here, True, slot, slots)
             self._launch(self.kernels.step, threads, here, there, slot, sub, at_once, self._arrived)
+            if self.kernels.POSES:
+                self._launch(self.kernels.tick, slots, slot)
             here, there = there, here
 
     def _if_flagged(self, launch: Callable[[], None]) -> None:

@@ -1,11 +1,12 @@
 """From features to compiled kernels: one generated module a specialisation, which Warp compiles and caches."""
 
 import re
+from collections.abc import Iterator, Sequence
 from functools import lru_cache
 from types import ModuleType
 
 import warp as wp
-from labbook_dem import contact, dispatch, features, generated, mesh, motion, source
+from labbook_dem import contact, dispatch, features, generated, mesh, mesh_rods, motion, poses, source
 from labbook_dem import traction as traction_sums
 from labbook_dem.formulas import hold
 from labbook_dem.laws import modules_of
@@ -20,9 +21,9 @@ from labbook_warp.kernels import (
     beside,
     bodies,
     forces,
-    mesh_walls,
     neighbours,
     observe,
+    parts,
     shape,
     step,
     sums,
@@ -32,7 +33,7 @@ from labbook_warp.kernels import (
     words,
 )
 from labbook_warp.shapes import SHAPES
-from labbook_warp.spec import most_parts
+from labbook_warp.spec import most_parts, plate_parts
 
 OF_WORDS = ("PARKED", "LOOKS", "BAD_STATE", "BAD_SPEED", "BAD_FORCE", "BAD_OVERLAP", "NO_NUMBER", "REPORTED")
 _UNROLL_OF_MESHES = 4  # loops over places of springs stay loops
@@ -52,23 +53,59 @@ def _system_text(meshes: bool) -> str:
     return f"# {system.__name__}\n{text}"
 
 
-_CALLED = r"@(func|kernel)\n(?=def mesh_(away|cell|contacts|listed|merged|near|normal|places|within)\()"
+_CALLED = r"@(func|kernel)\n(?=def mesh_(away|between|cell|contacts|listed|merged|near|normal|places|within|rod_\w+)\()"
 """Functions of meshes that are called and not inlined, so that they give the same bits in every kernel."""
+_STILL = "if POSES:"
 
 
-def _mesh_text() -> str:
-    """Source of `labbook_dem.mesh`, with the types of Warp's arrays."""
-    text = re.sub(_CALLED, "@subroutine\n", source.device_source(mesh))
-    return f"# {mesh.__name__}\n{text.replace('near: np.ndarray', 'near: Ints').replace('np.ndarray', 'Table')}"
+def _mesh_texts(rods: bool, poses_too: bool) -> Iterator[str]:
+    """Sources of formulas of meshes, with the types of Warp's arrays."""
+    for module in (mesh, *([mesh_rods] if rods else [])):
+        text = re.sub(_CALLED, "@subroutine\n", source.device_source(module))
+        text = text.replace("near: np.ndarray", "near: Ints").replace("np.ndarray", "Table")
+        yield f"# {module.__name__}\n{text}"
+    if poses_too:
+        text = source.device_source(poses).replace("@func\n", "@subroutine\n").replace("np.ndarray", "Tables")
+        yield f"# {poses.__name__}\n{text}"
+
+
+def _without_poses(text: str) -> str:
+    """Source without what is only for parts that move: `if POSES:` with what follows, but for its `else`.
+
+    Kernels of other scenes so have the text that they would have if no part could move.
+    """
+    lines, left = text.split("\n"), list[str]()
+    at = 0
+    while at < len(lines):
+        line = lines[at]
+        if not line.strip().startswith(_STILL):
+            left.append(line)
+            at += 1
+            continue
+        indent = len(line) - len(line.lstrip())
+        end = _block_end(lines, at, indent)
+        if end < len(lines) and lines[end] == " " * indent + "else:":
+            at, end = end, _block_end(lines, end, indent)
+            left += [inner[4:] for inner in lines[at + 1 : end]]
+        at = end
+    return "\n".join(left)
+
+
+def _block_end(lines: Sequence[str], at: int, indent: int) -> int:
+    """Number of the line behind the block that a line with an indent begins."""
+    end = at + 1
+    while end < len(lines) and len(lines[end]) - len(lines[end].lstrip()) > indent:
+        end += 1
+    return end
 
 
 def module_text(spec: Spec, uniform: bool, lanes: int, registers: int, apart: int, asked: int) -> str:
     """Source of the kernel module of one specialisation; see `kernels`."""
     precision, grains, kinds = spec.feature("precision"), spec.feature("shape"), spec.feature("walls")
-    own, meshes = SHAPES[grains], bool(spec.feature("MESHES"))
+    own, meshes, moves = SHAPES[grains], bool(spec.feature("MESHES")), bool(spec.feature("POSES"))
     of_shape = own.mesh_kernels if meshes else own.kernels
     hold(f"the shape {grains} in labbook_warp", shape, of_shape)
-    codec, parts, turns = Codec(precision == "mixed", own.shared_fields), most_parts(spec), spec.feature("ORIENTED")
+    codec, entries, turns = Codec(precision == "mixed", own.shared_fields), most_parts(spec), spec.feature("ORIENTED")
     together = [kind for kind in kinds if dispatch.finds_edges_together(kind)]
     named: dict[str, object] = {
         **features.constants(spec),
@@ -79,13 +116,14 @@ def module_text(spec: Spec, uniform: bool, lanes: int, registers: int, apart: in
         "APART": bool(apart),
         "ASKED": asked,
         "WORDS": codec.words,
-        "WALL_PARTS": parts,
+        "WALL_PARTS": entries,
+        **({"PLATE_PARTS": plate_parts(spec)} if turns else {}),
         "WALL_NUMBERS": max(map(dispatch.how_many, kinds), default=1),
         "LISTED": spec.feature("LISTED"),
         "TOGETHER": bool(together),
         "OTHERS_TOGETHER": bool(set(together) - {"frustum"}),
         "FRUSTUM": number("frustum"),
-        "EDGES": _edges(parts),
+        "EDGES": _edges(entries),
         "TORQUES": spec.feature("FRICTION") or turns,
         "REACH": own.reach,
         "COLUMNS": 17 if turns else 13,
@@ -96,7 +134,8 @@ def module_text(spec: Spec, uniform: bool, lanes: int, registers: int, apart: in
     physics = [contact, *modules_of(str(spec.feature("law"))), motion, *physics, *PHYSICS[grains].physics]
     modules = [
         _system_text(meshes),
-        *([_mesh_text()] if meshes else []),
+        *(_mesh_texts(turns, moves) if meshes else []),
+        *([parts] if moves else []),
         kernel_text(codec),
         walls,
         dispatch.functions(kinds, turns, "load_wide(walls, w * WALL_NUMBERS + {k})"),
@@ -107,11 +146,12 @@ def module_text(spec: Spec, uniform: bool, lanes: int, registers: int, apart: in
         named.update(SUMS=traction_sums.SUMS, WALL_COLUMNS=traction_sums.WALL_COLUMNS)
     unroll = min(own.unroll, _UNROLL_OF_MESHES) if meshes else own.unroll
     if meshes:
-        numbers = source.named_numbers([mesh, mesh_walls])
+        numbers = source.named_numbers([mesh, mesh_rods, *of_shape])
         for name, value in (numbers | {name: getattr(words, name) for name in OF_MESHES}).items():
             named.setdefault(name, value)
     header = dialect.header(precision, registers, apart, unroll, several=lanes > 1, meshes=meshes)
-    return source.generate(header, named, physics, modules)
+    text = source.generate(header, named, physics, modules)
+    return text if moves else _without_poses(text)
 
 
 @lru_cache(maxsize=64)

@@ -6,7 +6,7 @@ from types import ModuleType
 from typing import Any
 
 import warp as wp
-from labbook_dem.mesh import CONTACT_COLUMNS, MESH_CONTACTS, SPHERE_ROWS
+from labbook_dem.mesh import CONTACT_COLUMNS, CONTACT_ROWS, MESH_CONTACTS, SPHERE_ROWS
 
 from labbook_warp.kernels.words import MESH_LISTED, MOST_CONTACTS
 from labbook_warp.shapes import SHAPES
@@ -141,14 +141,24 @@ def shapes(module: ModuleType, sizes: Sizes, crossings: bool) -> Iterator[ArrayS
     lengths |= {"wall_c": max(1, slots * sizes.walls * module.KINDS), "pair_c": slots * module.KINDS**2}
     if module.MESHES:
         seats = rows * sizes.seats
-        lengths |= {"mesh_of": lengths["wall_kind"], "mesh_count": seats, "mesh_near": seats * MESH_LISTED}
-        lengths["mesh_contacts"] = (seats if module.SHARED else rows) * SPHERE_ROWS * CONTACT_COLUMNS
+        lengths |= {
+            "pose_of": lengths["wall_kind"],
+            "mesh_of": lengths["wall_kind"],
+            "mesh_count": seats,
+            "mesh_near": seats * MESH_LISTED,
+        }
+        lengths["mesh_contacts"] = (seats if module.SHARED else rows) * contact_rows(module) * CONTACT_COLUMNS
     lengths |= {"overflow": 3 * slots, "any_flag": 1, "crossed": 1, "cross": module.COLUMNS * rows if crossings else 1}
     lengths |= {"cell_count": slots * sizes.cells, "cell_rows": slots * sizes.cells * sizes.depth}
     for name in WORDS_OF_STATE:
         yield ArrayShape(name, module.word, rows * module.WORDS)
     for name, length in lengths.items():
         yield ArrayShape(name, module.System.vars[name].type.dtype, length)
+
+
+def contact_rows(module: ModuleType) -> int:
+    """Rows of scratch for the contacts of a grain with a mesh."""
+    return CONTACT_ROWS if module.ORIENTED else SPHERE_ROWS
 
 
 def memory(module: ModuleType, sizes: Sizes, crossings: bool) -> int:

@@ -1,10 +1,11 @@
 """Tables of the meshes of an ensemble's members on its device, each once, whichever members have it."""
 
-from collections.abc import Iterable
+from collections.abc import Collection
 from typing import Any
 
 import numpy as np
 import warp as wp
+from labbook_dem.features import is_oriented, mesh_moves
 from labbook_dem.mesh_grid import MeshGrids, first_features, mesh_reach, shapes_of
 
 from labbook.scene import TriangleMesh
@@ -22,20 +23,21 @@ class MeshTables:
         self._rows: dict[Key, int] = {}
         self._arrays: dict[str, Any] = {}
 
-    def cover(self, runs: Iterable[Run]) -> bool:
+    def cover(self, runs: Collection[Run]) -> bool:
         """Make tables of all meshes of these members, unless they are there already; True if they are new."""
         needed = dict.fromkeys(key for run in runs for key in _keys(run) if key)
         if needed.keys() <= self._rows.keys():
             return False
         self._rows = {key: row for row, key in enumerate(needed)}
         shapes = [shape for shape, _ in needed]
-        grids = MeshGrids.of(shapes, [reach for _, reach in needed])
+        rods = any(is_oriented(run.scene) for run in runs)
+        grids = MeshGrids.of(shapes, [reach for _, reach in needed], rods)
         wide = {
             "mesh_frame": grids.frame,
             "mesh_features": grids.features,
             "mesh_conditions": grids.conditions,
         }
-        whole = {"mesh_begin": first_features(shapes), "mesh_cell": grids.first, "mesh_listed": grids.listed}
+        whole = {"mesh_begin": first_features(shapes, rods), "mesh_cell": grids.first, "mesh_listed": grids.listed}
         self._arrays = {name: wp.array(table, dtype=wp.float64, device=self._device) for name, table in wide.items()}
         for name, table in whole.items():
             self._arrays[name] = wp.array(table.astype(np.int32), dtype=wp.int32, device=self._device)
@@ -54,6 +56,6 @@ class MeshTables:
 def _keys(run: Run) -> list[Key | None]:
     """The mesh of each wall of a member."""
     grains = run.scene.grains
-    reach = mesh_reach(grains.radius, 0.5 * run.numerics.skin * grains.diameter)
+    reach = mesh_reach(grains.radius + grains.half_length, mesh_moves(run.scene, run.numerics))
     shapes = shapes_of(run.scene.container.walls())
     return [(shape, reach) if isinstance(shape, TriangleMesh) else None for shape in shapes]

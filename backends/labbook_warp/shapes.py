@@ -5,7 +5,17 @@ from dataclasses import dataclass
 from types import ModuleType
 
 from labbook_warp.codec import GrainFields
-from labbook_warp.kernels import mesh_walls, rod_contacts, rod_walls, rods, sphere_walls, spheres
+from labbook_warp.kernels import (
+    mesh_walls,
+    meshes,
+    rod_contacts,
+    rod_meshes,
+    rod_plates,
+    rod_walls,
+    rods,
+    sphere_walls,
+    spheres,
+)
 
 
 @dataclass(frozen=True)
@@ -16,7 +26,7 @@ class Shape:
     kernels: tuple[ModuleType, ...]
     """Modules that define the functions of `labbook_warp.kernels.shape`."""
     mesh_kernels: tuple[ModuleType, ...]
-    """The same for scenes with a mesh; none: it has no contacts with one."""
+    """The same for scenes with a mesh."""
     shared_fields: GrainFields
     """Fields that other threads read."""
     state: Mapping[str, str]
@@ -49,7 +59,7 @@ class Shape:
 SHAPES = {
     "sphere": Shape(
         kernels=(spheres, sphere_walls),
-        mesh_kernels=(spheres, mesh_walls),
+        mesh_kernels=(spheres, meshes, mesh_walls),
         shared_fields=GrainFields(("x",), ("v", "w", "u"), rest=True),
         state={},
         reach=1,
@@ -64,8 +74,8 @@ SHAPES = {
         unroll=16,
     ),
     "spherocylinder": Shape(
-        kernels=(rods, rod_walls, rod_contacts),
-        mesh_kernels=(),
+        kernels=(rods, rod_walls, rod_contacts, rod_plates),
+        mesh_kernels=(rods, rod_walls, rod_contacts, meshes, rod_meshes),
         shared_fields=GrainFields(("x", "axis"), ("v", "w", "u", "y"), rest=False),
         state={"facing": "one", "turned": "one", "momentum": "one"},
         reach=2,
@@ -74,7 +84,7 @@ SHAPES = {
         registers_of_few={"mixed": 168, "double": 0},
         registers_of_rims={"mixed": 0, "double": 0},
         registers_of_walls={"mixed": 128, "double": 168},
-        registers_of_meshes={},
+        registers_of_meshes={"mixed": 128, "double": 168},
         bytes=480,
         prefetch=8,
         unroll=1,

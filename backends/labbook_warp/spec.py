@@ -15,8 +15,11 @@ from labbook_warp.kernels.words import MOST_CONTACTS, MOST_GRAINS
 
 def most_parts(spec: Spec) -> int:
     """Contacts that a grain may have with one wall."""
-    if spec.feature("MESHES"):
-        return MESH_CONTACTS
+    return MESH_CONTACTS if spec.feature("MESHES") else plate_parts(spec)
+
+
+def plate_parts(spec: Spec) -> int:
+    """Contacts that a grain may have with one wall that is no mesh."""
     return dispatch.most_parts(spec.feature("walls")) if spec.feature("ORIENTED") else 1
 
 

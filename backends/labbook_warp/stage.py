@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 import warp as wp
 from labbook_dem import features
+from labbook_dem.mesh_grid import mesh_reach
 
 from labbook.backend import Capabilities, Checkpoint, Spec
 from labbook.backend.numerics import Numerics
@@ -21,6 +22,7 @@ from labbook_warp.compiling import mixed
 from labbook_warp.layout import EXTREMES, Sizes
 from labbook_warp.meshes import MeshTables
 from labbook_warp.parameters import cell_size, material, place, same_material
+from labbook_warp.poses import PoseTables
 from labbook_warp.report import Report, collect
 from labbook_warp.run import Run
 
@@ -55,6 +57,7 @@ class Stage:
         self._arrays: Arrays | None = None
         self._beats: Beat | None = None
         self._meshes = MeshTables(device)
+        self._poses = PoseTables(device, spec.steps_per_beat)
         self.changes = 0
         """Counter of changes of the state of members."""
         self._of_all, self._of_one = 0, dict[int, int]()  # `changes` at the last change of all slots, or of one
@@ -260,7 +263,19 @@ class Stage:
         self._meshes.put(self.arrays.system)
         for run in runs:
             self.arrays.put("mesh_of", run.slot, self._meshes.of(run))
+        self._take_poses()
         self._list_features(runs)
+
+    def _take_poses(self) -> None:
+        """Let kernels know where the parts of all members are that move."""
+        if not self.arrays.module.POSES:
+            return
+        if self._poses.cover(self.runs, self._sizes.slots):
+            self.beats.renew()
+        self._poses.put(self.arrays.system)
+        for run in self.runs:
+            self.arrays.put("pose_of", run.slot, self._poses.of(run))
+        self._poses.bring(self.runs, ())
 
     def _list_features(self, runs: Sequence[Run]) -> None:
         """List the features near the grains of members that were not stepped to where they are."""
@@ -386,6 +401,8 @@ class Stage:
             RuntimeError: the device failed.
         """
         self.wake(runs)
+        if self.arrays.module.POSES:
+            self._poses.bring(self.runs, runs)
         if stops:
             self._take_parts(runs, stops, look)
         else:
@@ -468,6 +485,8 @@ class Stage:
         step = fetch(self.arrays.system.step)
         step[run.slot] = run.step
         self.arrays.system.step.assign(step)
+        if self.arrays.module.POSES:
+            self._poses.bring(self.runs, ())
         self._list_features([run])
         self._has_changed(run)
 
@@ -509,5 +528,8 @@ def check_interval(scene: Scene, numerics: Numerics) -> int:
     """Steps between two checks, even: a grain that falls through three diameters moves by a tenth of the skin."""
     d = scene.grains.diameter
     speed = math.sqrt(6 * scene.gravity * d) or d / (1000 * numerics.dt)
+    if features.has_moving_parts(scene):  # parts too
+        reach = mesh_reach(scene.grains.radius + scene.grains.half_length, features.mesh_moves(scene, numerics))
+        speed = max(speed, features.part_speed(scene, reach))
     steps = int(0.1 * numerics.skin * d / (speed * numerics.dt))
     return max(MIN_INTERVAL, min(MAX_INTERVAL, 2 * (steps // 2)))

@@ -4,6 +4,7 @@ from collections.abc import Mapping
 
 import numpy as np
 from labbook_dem.ensemble import LONGEST, check_checkpoint
+from labbook_dem.features import is_oriented
 from labbook_dem.mesh_grid import first_features, shapes_of
 
 from labbook.backend import Capabilities, Checkpoint, Spec
@@ -103,7 +104,7 @@ def _check_lists(arrays: Mapping[str, np.ndarray], scene: Scene, n: int, near: i
 
 def _check_features(arrays: Mapping[str, np.ndarray], scene: Scene, parts: int) -> None:
     """Raise ValueError if a spring at a mesh is not of one of its features."""
-    features = np.diff(first_features(shapes_of(scene.container.walls())))
+    features = np.diff(first_features(shapes_of(scene.container.walls()), is_oriented(scene)))
     entries = np.arange(len(arrays["wall_feature"]))[:, None]
     wall_of_entry = arrays["wall_seat"] if "wall_seat" in arrays else np.arange(len(entries) // parts)[:, None]
     wall = np.repeat(wall_of_entry, parts, axis=0).clip(max=len(features) - 1)

@@ -148,7 +148,7 @@ def _set_wall_springs(
     wall = np.array([place.get(name, -1) for name in packing.wall_name.tolist()], np.int64)
     feature = None
     if "wall_feature" in state:
-        features = np.diff(first_features(shapes_of(scene.container.walls())), append=0)[wall]
+        features = np.diff(first_features(shapes_of(scene.container.walls()), is_oriented(scene)), append=0)[wall]
         if (beyond := (features > 0) & (part >= features)).any():
             raise ValueError(f"the packing has a spring at part {part[beyond].max()} of a wall of triangles")
         meshes = features > 0

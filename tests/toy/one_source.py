@@ -65,7 +65,7 @@ def device_functions(module: ModuleType) -> list[str]:
     return [node.name for node in tree.body if isinstance(node, ast.FunctionDef)]
 
 
-LEFT_OUT = (".words", ".source", ".mesh", ".mesh_rods")
+LEFT_OUT = (".words", ".source", ".mesh", ".mesh_rods", ".poses")
 
 
 def physics() -> list[ModuleType]:

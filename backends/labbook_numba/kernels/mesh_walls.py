@@ -23,6 +23,15 @@ from labbook_dem.mesh import (
     mesh_within,
 )
 from labbook_dem.mesh_rods import mesh_rod_near
+from labbook_dem.poses import (
+    in_part,
+    inwards,
+    outwards,
+    part_spin,
+    part_velocity,
+    part_velocity_before,
+    spring_outwards,
+)
 from labbook_dem.spheres import sphere_on_wall
 from labbook_dem.words import FRICTION, func, narrow, real, vec3, wide
 
@@ -47,16 +56,7 @@ from labbook_numba.kernels.features import (
     kernel,
     uint64,
 )
-from labbook_numba.kernels.poses import (
-    in_part,
-    inwards,
-    outwards,
-    part_spin,
-    part_velocity,
-    part_velocity_before,
-    pose_now,
-    spring_outwards,
-)
+from labbook_numba.kernels.poses import pose_now
 from labbook_numba.kernels.surfaces import wall_velocity
 from labbook_numba.kernels.transfer import load, spring_at, write_row
 from labbook_numba.state import Params, State

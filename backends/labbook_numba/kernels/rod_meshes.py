@@ -14,11 +14,12 @@ from labbook_dem.mesh import (
     mesh_vector,
 )
 from labbook_dem.mesh_rods import mesh_rod_contacts
+from labbook_dem.poses import outwards
 from labbook_dem.words import wide
 
 from labbook_numba.kernels.features import FRICTION, POSES, WALL_PARTS, int64, kernel
 from labbook_numba.kernels.mesh_walls import placed_at
-from labbook_numba.kernels.poses import outwards, pose_now
+from labbook_numba.kernels.poses import pose_now
 from labbook_numba.state import Params, State
 
 

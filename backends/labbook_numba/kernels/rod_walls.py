@@ -5,6 +5,7 @@ Few rods are at walls. Each touches at up to four points, at a mesh at up to eig
 
 from labbook_dem.chosen import wall_edges, wall_part
 from labbook_dem.contact import rolling_rate
+from labbook_dem.poses import part_spin, part_velocity, part_velocity_before, spring_inwards, spring_outwards
 from labbook_dem.rods import has, heir, rod_on_wall
 from labbook_dem.words import func, narrow, real, vec3, wide, wide3
 
@@ -33,14 +34,7 @@ from labbook_numba.kernels.features import (
     X,
     kernel,
 )
-from labbook_numba.kernels.poses import (
-    part_spin,
-    part_velocity,
-    part_velocity_before,
-    pose_now,
-    spring_inwards,
-    spring_outwards,
-)
+from labbook_numba.kernels.poses import pose_now
 from labbook_numba.kernels.rod_meshes import key_rod_springs, measure_rod_at_mesh
 from labbook_numba.kernels.surfaces import near_here, wall_numbers, wall_velocity
 from labbook_numba.kernels.transfer import load

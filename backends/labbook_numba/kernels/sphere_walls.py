@@ -2,6 +2,7 @@
 
 from labbook_dem.chosen import wall_distance
 from labbook_dem.contact import rolling_rate
+from labbook_dem.poses import part_spin
 from labbook_dem.spheres import rolling_on_wall, sphere_on_wall
 from labbook_dem.words import ROLLING_SPRING, VARIED, real, vec3, wide, wide3
 
@@ -50,7 +51,7 @@ from labbook_numba.kernels.features import (
     uint64,
 )
 from labbook_numba.kernels.mesh_walls import key_springs, pack_mesh
-from labbook_numba.kernels.poses import part_spin, pose_now, springs_inwards, springs_outwards
+from labbook_numba.kernels.poses import pose_now, springs_inwards, springs_outwards
 from labbook_numba.kernels.surfaces import near_here, wall_numbers, wall_velocity
 from labbook_numba.kernels.transfer import (
     eights_at,

@@ -1,9 +1,4 @@
-"""Spheres at walls of which some are triangles: in place of `sphere_walls`, for scenes that have a mesh.
-
-Each near mesh has all entries of a wall, one for each contact that a grain may have with it. Which of its features a
-grain may touch is listed with the neighbours; a grain with more than MESH_LISTED takes all that its cell of the grid
-lists. The list decides no bit.
-"""
+"""Spheres at walls of which some are triangles: in place of `sphere_walls`, for scenes that have a mesh (`meshes`)."""
 
 from __future__ import annotations
 
@@ -14,37 +9,30 @@ from labbook_dem.mesh import (
     K_OLDER,
     K_OVERLAP,
     K_PLACE,
-    MESH_CONTACTS,
     OVER,
-    SPRING_KEY,
     mesh_away,
-    mesh_cell,
-    mesh_contacts,
-    mesh_listed,
-    mesh_near,
     mesh_normal,
-    mesh_places,
     mesh_vector,
     mesh_within,
 )
 from labbook_dem.words import FRICTION, ROLLING_SPRING, func, real, rounded, wide, wide3
 
 from labbook_warp.kernels.bodies import body
+from labbook_warp.kernels.meshes import is_mesh, mesh_parts_near, place_at, scratch, touched
+from labbook_warp.kernels.parts import direction_in_space, velocity_before, velocity_of
 from labbook_warp.kernels.spheres import Grain, at_surface, with_wall
 from labbook_warp.kernels.sums import Contact, Sums, plus
-from labbook_warp.kernels.system import Material, System, entry, has_bit, material
+from labbook_warp.kernels.system import Material, System, entry, has_bit
 from labbook_warp.kernels.walls import wall_at
 from labbook_warp.kernels.words import (
     CROWDED,
     FIRST_PARTS,
     LANES,
     MESH_LISTED,
-    MESH_NUMBER,
-    SHARED,
+    POSES,
     WALL_PARTS,
     Table,
     first_bit,
-    kernel,
     load_int,
     uint32,
     without_first,
@@ -53,45 +41,29 @@ from labbook_warp.kernels.words import (
 
 
 @func
-def is_mesh(a: System, wall: int):
-    """True for a wall of triangles."""
-    return load_int(a.wall_kind, wall) == MESH_NUMBER
+def at_features(
+    a: System, m: Material, wall: int, at: int, older: bool, g: Grain, overlap: wide, normal: wide3
+):  # fmt: skip
+    """The contact with a mesh at an overlap [m] along a unit normal in its frame; older: whether it has a spring at
+    `at`."""
+    distance = body(a, m, g.index).reach - overlap
+    if POSES:
+        normal = direction_in_space(a, wall, normal)
+        g = relative(a, m, wall, g, g.x - normal * distance)
+    return at_surface(a, m, wall, at, older, g, rounded(overlap), distance, normal)
 
 
 @func
-def scratch(a: System, s: int, r: int, k: int):
-    """Number of the scratch for the contacts of row r with the wall whose first entry is k."""
-    number = s * a.cap + r
-    if SHARED:
-        number = entry(a, s, a.seats, k // WALL_PARTS, r)
-    return number
-
-
-@func
-def touched(a: System, m: Material, s: int, r: int, k: int, wall: int, old: uint32, g: Grain, contacts: Table):
-    """Write the contacts of row r with a mesh, whose first entry is k, into `contacts`, with the places of their
-    springs; how many, OVER if there is no room. old: at which springs are held."""
-    radius = body(a, m, g.index).reach
-    at = entry(a, s, a.seats, k // WALL_PARTS, r)
-    mesh = load_int(a.mesh_of, wall)
-    listed = a.mesh_count[at]
-    crowd = listed > MESH_LISTED
-    cell = int(0)
-    if crowd:
-        cell = max(mesh_cell(a.mesh_frame, mesh, g.x), 0)
-    first = wp.where(crowd, a.mesh_cell[cell], at * MESH_LISTED)
-    last = wp.where(crowd, a.mesh_cell[cell + 1], at * MESH_LISTED + listed)
-    near = wp.where(crowd, a.mesh_listed, a.mesh_near)
-    count = mesh_contacts(a.mesh_features, a.mesh_conditions, near, first, last, g.x, radius, contacts)
-    if count > 0:
-        begin = load_int(a.mesh_begin, mesh)
-        # rows of contacts that are free by now stand for the springs
-        for place in range(MESH_CONTACTS):
-            feature = a.wall_feature[entry(a, s, a.seats * WALL_PARTS, k + place, r)]
-            contacts[MESH_CONTACTS + place, SPRING_KEY] = wide(begin + feature)
-        bits = int((old >> wp.uint32(k)) & wp.uint32((1 << WALL_PARTS) - 1))
-        mesh_places(a.mesh_features, contacts, count, bits, contacts, MESH_CONTACTS)
-    return count
+def relative(a: System, m: Material, wall: int, g: Grain, at: wide3):
+    """The grain with velocities relative to a part that moves, at a point in space."""
+    new = Grain()
+    new.x = g.x
+    new.v = g.v - velocity_before(a, m, wall, at)
+    new.w = g.w
+    new.u = g.u - velocity_of(a, wall, at)
+    new.spin = g.spin
+    new.index = g.index
+    return new
 
 
 @func
@@ -128,7 +100,7 @@ def at_mesh(
     overlap = wide(0.0)
     normal = wide3(wide(0.0), wide(0.0), wide(0.0))
     if single:  # most grains
-        away = mesh_away(a.mesh_features, feature, g.x)
+        away = mesh_away(a.mesh_features, feature, place_at(a, wall, g.x))
         if mesh_within(away, reach):
             distance, direction = mesh_normal(away)
             overlap = reach - distance
@@ -147,7 +119,7 @@ def at_mesh(
             overlap = contacts[n, K_OVERLAP]
             normal = mesh_vector(contacts, n, K_NORMAL)
         at = entry(a, s, a.seats * WALL_PARTS, q, r)
-        c = at_surface(a, m, wall, at, older, g, rounded(overlap), reach - overlap, normal)
+        c = at_features(a, m, wall, at, older, g, overlap, normal)
         if c.touches:
             sums = plus(sums, c, m)
             bits = bits | (wp.uint32(1) << wp.uint32(q))
@@ -212,10 +184,9 @@ def at_wall(a: System, m: Material, s: int, r: int, k: int, near: uint32, old: u
         contacts = a.mesh_contacts[scratch(a, s, r, k)]
         n = at_place(a, m, s, r, k, wall, old, g, contacts)
         if n >= 0:
-            overlap = contacts[n, K_OVERLAP]
             older = contacts[n, K_OLDER] > wide(0.0)
-            distance = body(a, m, g.index).reach - overlap
-            c = at_surface(a, m, wall, at, older, g, rounded(overlap), distance, mesh_vector(contacts, n, K_NORMAL))
+            normal = mesh_vector(contacts, n, K_NORMAL)
+            c = at_features(a, m, wall, at, older, g, contacts[n, K_OVERLAP], normal)
     else:
         c = with_wall(a, m, wall, at, has_bit(old, k), g)
     return c
@@ -229,10 +200,9 @@ def normal_at(a: System, m: Material, s: int, r: int, k: int, wall: int, near: u
         contacts = a.mesh_contacts[scratch(a, s, r, k)]
         n = at_place(a, m, s, r, k, wall, a.wall_held[g.index], g, contacts)
         normal = mesh_vector(contacts, max(n, 0), K_NORMAL)
+        if POSES:
+            normal = direction_in_space(a, wall, normal)
     return normal
-
-
-# lists
 
 
 @func
@@ -240,49 +210,10 @@ def parts_near(a: System, m: Material, g: Grain, wall: int):
     """The first entry of a wall, or all of a mesh, as bits, if the grain may touch it before its list is built again;
     else 0."""
     near = wp.uint32(0)
-    reach = body(a, m, g.index).reach
     if is_mesh(a, wall):
-        cell = mesh_cell(a.mesh_frame, load_int(a.mesh_of, wall), g.x)
-        if cell >= 0:
-            k = a.mesh_cell[cell]
-            while k < a.mesh_cell[cell + 1]:
-                if mesh_near(a.mesh_features, a.mesh_conditions, a.mesh_listed[k], g.x, reach, m.half_skin):
-                    near = wp.uint32((1 << WALL_PARTS) - 1)
-                    k = a.mesh_cell[cell + 1]
-                k = k + 1
+        near = mesh_parts_near(a, m, g.index, wall, g.x, g.x)
     else:
         distance, _normal = wall_distance(a.wall_numbers, wall, load_int(a.wall_kind, wall), g.x)
-        if distance < reach + m.half_skin:
+        if distance < body(a, m, g.index).reach + m.half_skin:
             near = wp.uint32(1)
     return near
-
-
-@kernel
-def list_features(a: System):
-    """List the features that each grain near a mesh may touch before its list is built again, ascending: of members
-    with a flag, by where their grains were as lists were built."""
-    i = wp.tid()
-    s = i // a.cap
-    r = i - s * a.cap
-    if a.flag[s] == 1 and r < a.rows[s]:
-        m = material(a, s)
-        reach = body(a, m, i).reach
-        moves = wide(1.0000001) * m.half_skin
-        x = a.origin[i]
-        near = a.wall_near[i] & wp.uint32(FIRST_PARTS)
-        while near != wp.uint32(0):
-            k = first_bit(near)
-            near = without_first(near, 1)
-            wall = wall_at(a, s, r, k // WALL_PARTS)
-            if is_mesh(a, wall):
-                at = entry(a, s, a.seats, k // WALL_PARTS, r)
-                cell = max(mesh_cell(a.mesh_frame, load_int(a.mesh_of, wall), x), 0)
-                count = int(0)
-                for n in range(a.mesh_cell[cell], a.mesh_cell[cell + 1]):
-                    f = a.mesh_listed[n]
-                    if mesh_near(a.mesh_features, a.mesh_conditions, f, x, reach, moves):
-                        if count < MESH_LISTED:
-                            to = at * MESH_LISTED + count
-                            a.mesh_near[to] = mesh_listed(a.mesh_features, a.mesh_conditions, f, x, moves)
-                        count = count + 1
-                a.mesh_count[at] = count

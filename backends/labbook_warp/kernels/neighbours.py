@@ -9,6 +9,7 @@ from __future__ import annotations
 from labbook_dem.words import FRICTION, ROLLING_SPRING, func, wide
 
 from labbook_warp.kernels.bodies import listed2
+from labbook_warp.kernels.parts import lists_are_due
 from labbook_warp.kernels.shape import Grain, apart2, grain, mark, parts_near, strayed
 from labbook_warp.kernels.shown import spot
 from labbook_warp.kernels.system import Material, Place, System, entry, has_bit, material
@@ -18,6 +19,7 @@ from labbook_warp.kernels.words import (
     LANES,
     LISTED,
     PARKED,
+    POSES,
     REACH,
     SHARED,
     WALL_PARTS,
@@ -49,6 +51,9 @@ def check_displacements(a: System, p: Words, interval: int):
             if interval > 1 and not so_far <= m.half_skin:
                 a.late[s] = 1
             ahead = wide(1.5) * speed * m.dt * wide(interval)
+            if POSES:
+                if lists_are_due(a, s, interval):
+                    ahead = ahead + m.half_skin + m.half_skin
             if not so_far + ahead <= m.half_skin:
                 a.flag[s] = 1
                 a.any_flag[0] = 1

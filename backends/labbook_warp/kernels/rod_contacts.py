@@ -1,4 +1,4 @@
-"""What a rod meets: the contact with one of its neighbours, and up to WALL_PARTS contacts with each wall near it."""
+"""Contacts of a rod: the contact with one of its neighbours, and up to PLATE_PARTS contacts with a plate near it."""
 
 from __future__ import annotations
 
@@ -7,13 +7,14 @@ from labbook_dem.rods import has, heir, rod_on_rod, rod_on_wall
 from labbook_dem.segments import closest_from
 from labbook_dem.words import FRICTION, dot, func, narrow, real, rounded, vec3, wide, wide3
 
-from labbook_warp.kernels.rod_walls import edge_near, edge_of_two, edges, part_distance
+from labbook_warp.kernels.parts import spring_from_part, spring_to_part, turning_of
+from labbook_warp.kernels.rod_walls import edge_near, edges, part_distance
 from labbook_warp.kernels.rods import Grain
 from labbook_warp.kernels.shown import motion, spot
 from labbook_warp.kernels.sums import Contact, Sums, plus, spring_before
 from labbook_warp.kernels.system import Material, System, entry
 from labbook_warp.kernels.walls import wall_at, wall_velocity
-from labbook_warp.kernels.words import LANES, MOVING, SHARED, WALL_PARTS, Words, first_bit, or_lanes, uint32, wp
+from labbook_warp.kernels.words import MOVING, PLATE_PARTS, POSES, WALL_PARTS, Words, first_bit, uint32, wp
 
 
 @func
@@ -67,6 +68,9 @@ def with_wall(a: System, m: Material, wall: int, at: int, held: bool, g: Grain, 
     if MOVING:
         surface = narrow(wall_velocity(a, wall, g.x + lever - normal * distance))
         turning = vec3(real(0.0), real(0.0), real(a.wall_motion[wall][3]))
+    if POSES:
+        turning = turning + turning_of(a, wall)
+        last = spring_from_part(a, wall, last)
     f, t, kept = rod_on_wall(
         a.wall_c[wall], m.radius, m.mass, overlap, narrow(normal), narrow(lever), g.u - surface, g.v - surface,
         g.soon, g.spin, turning, last, advance, m.inertia_rate,
@@ -76,6 +80,8 @@ def with_wall(a: System, m: Material, wall: int, at: int, held: bool, g: Grain, 
     c.force = f
     c.torque = t
     c.spring = kept
+    if POSES:
+        c.spring = spring_to_part(a, wall, kept)
     c.branch = lever - normal * distance
     return c
 
@@ -106,8 +112,8 @@ def parts_of(mask: uint32, q: int):
 
 
 @func
-def at_wall(a: System, m: Material, s: int, r: int, k: int, near: uint32, old: uint32, g: Grain):
-    """The contact of row r at k = wall WALL_PARTS + part; old: at which parts springs are held."""
+def at_plate(a: System, m: Material, s: int, r: int, k: int, near: uint32, old: uint32, g: Grain):
+    """The contact of row r with a plate at k = wall WALL_PARTS + part; old: at which parts springs are held."""
     q = k // WALL_PARTS
     part = k - q * WALL_PARTS
     now = int(0)
@@ -128,8 +134,8 @@ def at_wall(a: System, m: Material, s: int, r: int, k: int, near: uint32, old: u
 
 
 @func
-def normal_at(a: System, m: Material, s: int, r: int, k: int, wall: int, near: uint32, g: Grain):
-    """Unit normal from a wall to the part k modulo WALL_PARTS of the rod."""
+def plate_normal(a: System, m: Material, s: int, r: int, k: int, wall: int, near: uint32, g: Grain):
+    """Unit normal from a plate to the part k modulo WALL_PARTS of the rod."""
     q = k // WALL_PARTS
     met, on, twin, back = edges(a, wall, g.x, g.axis, m.half, m.reach, parts_of(near, q))
     _distance, normal, _at = part_distance(
@@ -145,48 +151,6 @@ def without_walls(near: uint32, n: int):
         if near != wp.uint32(0):
             near = near & ~(wp.uint32((1 << WALL_PARTS) - 1) << wp.uint32(first_bit(near) // WALL_PARTS * WALL_PARTS))
     return near
-
-
-@func
-def at_walls(
-    a: System, m: Material, s: int, r: int, lane: int, g: Grain, near: uint32, old: uint32, sums: Sums, keep: bool
-):  # fmt: skip
-    """`sums` with the contacts with all walls that are `near`, and at which springs are held; old: were held.
-
-    Of threads that share the grain, each gives its share.
-    """
-    held = wp.uint32(0)
-    if SHARED:
-        sums, held = abreast(a, m, s, r, lane, g, near, old, sums, keep)
-    else:
-        sums, held = one_by_one(a, m, s, r, g, near, old, sums, keep)
-    return sums, held
-
-
-@func
-def abreast(
-    a: System, m: Material, s: int, r: int, lane: int, g: Grain, near: uint32, old: uint32, sums: Sums, keep: bool
-):  # fmt: skip
-    """Each thread takes one part of one wall at a time. No spring is read that another writes: see `heir`."""
-    held = wp.uint32(0)
-    part = lane % WALL_PARTS
-    near = without_walls(near, lane // WALL_PARTS)
-    while near != wp.uint32(0):
-        q = first_bit(near) // WALL_PARTS
-        parts = parts_of(near, q)
-        near = without_walls(near, LANES // WALL_PARTS)
-        wall = wall_at(a, s, r, q)
-        met, on = edge_of_two(a, wall, g.x, g.axis, m.half, m.reach, parts, part)
-        distance, normal, at = part_distance(a, wall, g.x, g.axis, m.half, m.reach, part, met, on, met, on)
-        touches = wp.uint32(0)
-        if has(parts, part) and distance < m.reach:
-            touches = wp.uint32(1) << wp.uint32(part)
-        now = int(or_lanes(touches, WALL_PARTS))
-        if has(now, part):
-            c = meet(a, m, s, r, q, part, parts_of(old, q), now, g, distance, normal, at, keep)
-            sums = plus(sums, c, m)
-            held = held | (wp.uint32(1) << wp.uint32(q * WALL_PARTS + part))
-    return sums, held
 
 
 @func
@@ -222,13 +186,13 @@ def one_by_one(
 
 
 @func
-def parts_near(a: System, m: Material, g: Grain, wall: int):
-    """The parts that may touch a wall before the grain's list is built again, as bits.
+def plate_parts(a: System, m: Material, g: Grain, wall: int):
+    """The parts that may touch a plate before the grain's list is built again, as bits.
 
     An end counts wherever the plate is near.
     """
     near = wp.uint32(0)
-    for part in range(WALL_PARTS):
+    for part in range(PLATE_PARTS):
         if part < 2:
             end = m.half if part == 1 else -m.half
             distance, _normal = wall_distance(a.wall_numbers, wall, a.wall_kind[wall], g.x + g.axis * end)

@@ -25,6 +25,7 @@ class Grain:
     w: vec3  # [rad/s], reduced angular momentum half a step before: of a sphere, its spin
     u: vec3  # [m/s], v predicted for now
     spin: vec3  # [rad/s], half a step before
+    axis: Any
     q: Any
 
 

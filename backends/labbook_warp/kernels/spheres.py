@@ -22,11 +22,12 @@ from labbook_dem.words import (
 )
 
 from labbook_warp.kernels.bodies import between, body, touching2, with_plate
+from labbook_warp.kernels.parts import spring_from_part, spring_to_part, turning_of
 from labbook_warp.kernels.shown import motion, put, rest, spot
 from labbook_warp.kernels.sums import Contact, rolling_before, spring_before
 from labbook_warp.kernels.system import Material, System
 from labbook_warp.kernels.walls import wall_velocity
-from labbook_warp.kernels.words import MOVING, Words, load_int, widen
+from labbook_warp.kernels.words import MOVING, POSES, Words, load_int, widen
 
 
 @struct
@@ -187,21 +188,34 @@ def at_surface(
         if MOVING:
             surface = narrow(wall_velocity(a, wall, g.x - normal * distance))
             turning = vec3(real(0.0), real(0.0), real(a.wall_motion[wall][3]))
+        if POSES:
+            turning = turning + turning_of(a, wall)
+            last = spring_from_part(a, wall, last)
         f, t, kept = sphere_on_wall(
             with_plate(a, wall, one), one.radius, one.mass, overlap, narrow(normal), g.u - surface, g.v - surface, g.w,
             turning, last, advance, one.rolling_rate,
         )  # fmt: skip
         if ROLLING_SPRING:
-            roll, turned = rolling_on_wall(
-                with_plate(a, wall, one), one.radius, one.mass, overlap, narrow(normal), f, g.w, turning,
-                rolling_before(a.wall_rolling, at, older), advance, m.rolling_stiffness, m.rolling_damping,
-            )  # fmt: skip
+            if POSES:
+                before = spring_from_part(a, wall, rolling_before(a.wall_rolling, at, older))
+                roll, turned = rolling_on_wall(
+                    with_plate(a, wall, one), one.radius, one.mass, overlap, narrow(normal), f, g.w, turning,
+                    before, advance, m.rolling_stiffness, m.rolling_damping,
+                )  # fmt: skip
+                turned = spring_to_part(a, wall, turned)
+            else:
+                roll, turned = rolling_on_wall(
+                    with_plate(a, wall, one), one.radius, one.mass, overlap, narrow(normal), f, g.w, turning,
+                    rolling_before(a.wall_rolling, at, older), advance, m.rolling_stiffness, m.rolling_damping,
+                )  # fmt: skip
             t = t + roll
             c.rolling = turned
         c.overlap = overlap
         c.force = f
         c.torque = t
         c.spring = kept
+        if POSES:
+            c.spring = spring_to_part(a, wall, kept)
         c.branch = -(normal * distance)
     return c
 

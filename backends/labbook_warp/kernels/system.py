@@ -159,6 +159,12 @@ class System:
     mesh_conditions: Table
     mesh_cell: Ints
     mesh_listed: Ints
+    # of parts that move (`labbook_warp.poses`): which each wall is, 0 for those that stand still
+    pose_of: Ints
+    pose: Tables  # poses by step, slot after slot, and part
+    pose_row: Ints  # row of the poses of now, of each slot, and the number of this step
+    pose_step: Longs
+    pose_every: Longs  # steps in which no part moves by half a skin
 
 
 @func

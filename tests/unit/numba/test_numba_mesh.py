@@ -10,24 +10,21 @@ import pytest
 pytest.importorskip("numba")
 
 from labbook_numba import Backend
+from turning_box import RODS, SPHERES, in_the_box, turning_box
 
 from labbook.backend import Failed
 from labbook.backend.numerics import Numerics
 from labbook.backend.probes import Contacts, Ledger, Sample
 from labbook.checks.verify.materials import D, G, linear, scene, spheres
 from labbook.checks.verify.mesh import of_triangles, sheet
-from labbook.checks.verify.moving import box
 from labbook.checks.verify.rods import towards
 from labbook.checks.verify.stand import grains_at
 from labbook.scene import (
     Box,
-    PartMotion,
-    PartRotation,
     Primitives,
     Scene,
     Spherocylinders,
     TriangleMesh,
-    Vibration,
     Wall,
 )
 from labbook.scene.triangles import Triangles
@@ -124,34 +121,10 @@ def test_a_restart_changes_no_bit(of):
         )
 
 
-def turning_box(grains) -> Scene:
-    """Grains in a box of triangles that turns about an axis aside, sinks and vibrates."""
-    motion = PartMotion(
-        velocity=(0.02, 0.0, -0.05),
-        rotation=PartRotation(axis=(0.2, 1.0, 0.1), origin=(0.0, 0.0, R), rate=15.0),
-        vibration=Vibration(direction=(1.0, 0.0, 0.0), amplitude=0.02 * R, frequency=60.0, phase=0.4),
-    )
-    wall = of_triangles(*box(2.21 * R)).model_copy(update={"moves": motion})
-    law = linear(friction=0.4, restitution=0.6)
-    return Scene(grains=grains, contact=law, container=Primitives(parts=(wall,)), gravity=G)
-
-
 BOXES = [
-    pytest.param(turning_box(spheres(8)), id="spheres"),
-    pytest.param(
-        turning_box(Spherocylinders(diameter=1.4 * R, length=2.2 * R, density=2500, count=8)), id="rods",
-        marks=pytest.mark.ring,
-    ),
-]  # fmt: skip
-
-
-def in_the_box(of: Scene):
-    x = np.array([(a, b, c) for a in (-1.2, 1.2) for b in (-1.2, 1.2) for c in (-1.2, 1.2)]) * R
-    packing = grains_at(x, np.random.default_rng(4).uniform(-0.5, 0.5, (8, 3)))
-    if isinstance(of.grains, Spherocylinders):
-        q = np.random.default_rng(5).normal(0, 1, (8, 4))
-        packing = replace(packing, q=q / np.linalg.norm(q, axis=1)[:, None])
-    return packing
+    pytest.param(turning_box(SPHERES), id="spheres"),
+    pytest.param(turning_box(RODS), id="rods", marks=pytest.mark.ring),
+]
 
 
 @pytest.mark.parametrize("of", BOXES)

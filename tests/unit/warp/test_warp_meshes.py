@@ -10,13 +10,13 @@ import warp as wp
 from labbook_warp import Backend, room
 from labbook_warp.build import module_text
 
-from labbook.backend import Checkpoint, Unsupported
+from labbook.backend import Checkpoint
 from labbook.backend.numerics import Numerics
 from labbook.backend.probes import Contacts, Ledger, Sample, Traction
 from labbook.checks.verify.materials import D, G, linear
 from labbook.checks.verify.mesh import of_triangles, sheet
 from labbook.checks.verify.stand import grains_at
-from labbook.scene import Box, Primitives, Scene, Spheres, Spherocylinders
+from labbook.scene import Box, Primitives, Scene, Spheres
 
 R = D / 2
 PROBES = (Sample(fields=("x", "v", "omega")), Contacts(every=1), Ledger(every=10), Traction(size=1.0))
@@ -64,12 +64,6 @@ def test_kernels_of_scenes_without_a_mesh_know_nothing_of_meshes(precision):
         assert [line for line in text.splitlines() if "mesh" in line.lower() and not line.startswith("#")] == [
             "MESHES = False"
         ]
-
-
-def test_rods_beside_a_mesh_are_refused():
-    rods = Spherocylinders(diameter=D, length=2 * D, density=2500, count=1)
-    with pytest.raises(Unsupported, match="rods"):
-        Backend().specialise(bowl(rods), how("mixed"), PROBES)
 
 
 @pytest.mark.compiles
