@@ -54,7 +54,7 @@ def run_page(shelf: Shelf, prefix: str, query: Mapping[str, str]) -> Page:
                     lambda: measured, shown, {"curves": []})  # fmt: skip
     drawn, lacking = curve(folder, entry, record)
     ledger = _ledger(folder, entry, record)
-    arch_picture, held = arch(folder, entry, record)
+    arch_picture, arch_text = arch(folder, entry, record)
     siblings, several = shelf.catalogue.listed(Listing(packing=record.packing_key, sort="study", limit=_SIBLINGS))
     shown |= {
         "record": record,
@@ -74,7 +74,7 @@ def run_page(shelf: Shelf, prefix: str, query: Mapping[str, str]) -> Page:
         "lacking": lacking,
         "caption": curves.caption(drawn),
         "arch": arch_picture,
-        "held": held,
+        "arch_text": arch_text,
         "largest_overlap": ledger.get("largest") if ledger else None,
     }
     return Page(
