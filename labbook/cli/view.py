@@ -25,6 +25,12 @@ def register(app: typer.Typer) -> None:
                 help="Write a picture (.png) of the views of the first recording; needs no screen.", show_default=False
             ),
         ] = None,
+        at: Annotated[
+            float, typer.Option("--at", min=0, max=1, help="Part of the run at which the picture is taken.")
+        ] = 0.4,
+        size: Annotated[
+            str, typer.Option(metavar="WIDTHxHEIGHT", help="Window of the picture in pixels.")
+        ] = "1100x1200",
         open_viewer: Annotated[
             bool, typer.Option("--open/--no-open", help="Open the viewer, or only write the recordings.")
         ] = True,
@@ -34,4 +40,4 @@ def register(app: typer.Typer) -> None:
         """Make recordings of runs that kept their frames, and open them in the rerun viewer."""
         from labbook.cli.work import view as work
 
-        work.view(target, point, screenshot, open_viewer, lab, backend)
+        work.view(target, point, screenshot, at, size, open_viewer, lab, backend)

@@ -1,12 +1,15 @@
 """Contact forces in the frames of a recorded run, from the overlaps of its grains."""
 
+from collections.abc import Callable, Sequence
+from functools import partial
 from typing import NamedTuple
 
 import numpy as np
 
-from labbook.backend import Backend
+from labbook.backend import Backend, BackendMissing, load_to_plan
 from labbook.backend.numerics import Numerics
 from labbook.export.frames import Frame
+from labbook.measure import RunData
 from labbook.scene import Packing, Scene
 
 
@@ -58,11 +61,22 @@ def packing_of(start: Packing, frame: Frame) -> Packing:
         q = np.asarray(frame.q, float)
         q /= np.linalg.norm(q, axis=1)[:, None]
     x = frame.x.astype(float)
-    each = {name: array[rows] for name in ("diameter", "kind") if (array := getattr(start, name)) is not None}
-    return Packing(x=x, v=np.zeros_like(x), omega=np.zeros_like(x), ids=frame.ids, q=q, **each)
+    sizes = {name: array[rows] for name in ("diameter", "kind") if (array := getattr(start, name)) is not None}
+    return Packing(x=x, v=np.zeros_like(x), omega=np.zeros_like(x), ids=frame.ids, q=q, **sizes)
 
 
-def scale_of(forces: list[PairForces]) -> float:
+def forces_of(backend: str, data: RunData) -> Callable[[Frame], PairForces] | None:
+    """Contact forces in the frames of a run; None where its backend is not there or cannot tell."""
+    try:
+        made_by = load_to_plan(backend)
+    except BackendMissing:
+        return None
+    if made_by.elastic_forces(data.scene, data.numerics, data.start.part(np.arange(0))) is None:
+        return None
+    return partial(pair_forces, made_by, data.scene, data.numerics, data.start)
+
+
+def scale_of(forces: Sequence[PairForces]) -> float:
     """Upper end of a scale of forces [N]: one contact in a hundred of a frame exceeds it, in the frame where it is
     largest."""
-    return max((float(np.quantile(found.size, 0.99)) for found in forces if len(found.size)), default=0.0) or 1.0
+    return max((float(np.quantile(frame.size, 0.99)) for frame in forces if len(frame.size)), default=0.0) or 1.0

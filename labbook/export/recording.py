@@ -1,13 +1,14 @@
-"""Recordings of finished runs for the rerun viewer: grains coloured by speed, walls, and W(t) on the same clock.
+"""Recordings of finished runs for the rerun viewer: grains, walls, contact forces, and W(t) on the same clock.
 
-Grains of several kinds have a colour a kind, the lighter the faster; a bar below them says which colour is what.
+Tabs show the same grains by layers, by speed, by orientation, and with contact forces. By speed, grains of several
+kinds have a colour a kind, the lighter the faster; a bar below them says which colour is what.
 
 rerun is imported only here and in `labbook.export.viewer`, and only when a recording is made or shown.
 """
 
 import math
 import os
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
@@ -15,21 +16,26 @@ from typing import Any
 import numpy as np
 
 from labbook.export.colour_bar import BACKGROUND, colour_bar, kind_colours, speed_colours
+from labbook.export.colouring import PALE, force_colours, tilt_colours
+from labbook.export.forces import PairForces, forces_of, scale_of
 from labbook.export.frames import FRAMES, Frame, frames_of_run, top_speed
 from labbook.export.wall_shapes import drawn_walls, wall_points
 from labbook.lab import RunRecord
 from labbook.lab.runs import read_recording, run_data
 from labbook.measure import RunData
 from labbook.measure.series import flow_curve
+from labbook.picture import layer_colours
 from labbook.scene import Bodies, Packing, Scene
 from labbook.scene.orientation import axes
 from labbook.study import Point
 
-VERSION = 3
+VERSION = 4
 """Raised when recordings made before are no longer what would be written now."""
 POSITIONS = 4_000_000
-"""Most positions of grains in all frames of a recording, if these are more than FRAMES frames: its size is 16 bytes a
-position, of rods 32. Of more frames every second, third ... is shown."""
+"""Most positions of grains in all frames of a recording, if these are more than FRAMES frames: its size is up to 20
+bytes a position, of rods 40, without forces. Of more frames every second, third ... is shown."""
+FORCES = 400_000
+"""Most places of grains in all frames of a recording with contact forces: computing them takes some ten seconds."""
 CLOCK = "sim_time"
 """Name of the timeline: seconds since the opening."""
 EDGE_COLOUR = (60, 66, 80)
@@ -37,6 +43,9 @@ SPOKE_COLOUR = (213, 94, 0)  # of one spoke of a wall that turns: whole turns ca
 FLOW_COLOUR = (86, 180, 233)
 _EDGE = 1.2  # points on the screen: half the width of an edge, however large the silo is
 _BAR = "colours"
+_LASTS = 6.0  # s: duration of playback
+_WIDEST, _THINNEST = 0.2, 0.05  # of lines of forces: largest radius in diameters, and least one in parts of that
+_SMALL = 0.3  # of grains beside lines of forces: radius in parts of their own
 _FIELD_OF_VIEW = math.radians(55)  # vertical, of rerun's eye: it cannot be set, nor can a parallel projection
 _NARROWEST = 0.9  # width over height of a view that shows all
 _MARGIN = 1.08
@@ -66,7 +75,8 @@ def of_run(folder: Path, lab: Path, study: str | None = None, point: Point | Non
     if holds(path, source):
         return path
     title = titled(record, study, point)
-    return write(run_data(folder, record), read_recording(folder, record), path, name=title, source=source)
+    data, sample = run_data(folder, record), read_recording(folder, record)
+    return write(data, sample, path, name=title, source=source, forces=forces_of(record.backend, data))
 
 
 def path_of(folder: Path, record: RunRecord, study: str | None, point: Point | None, ending: str) -> Path:
@@ -109,37 +119,71 @@ def recording_id(source: str) -> str:
     return f"{source}-{VERSION}-rerun-{minor}"
 
 
-def write(data: RunData, sample: Mapping[str, np.ndarray] | None, path: Path, *, name: str, source: str) -> Path:
+def write(
+    data: RunData,
+    sample: Mapping[str, np.ndarray] | None,
+    path: Path,
+    *,
+    name: str,
+    source: str,
+    forces: Callable[[Frame], PairForces] | None = None,
+) -> Path:
     """Write the recording of one run to `path` (.rrd), in place by one rename. `name` is shown in the viewer; `source`:
     of what it is (`source_of`).
 
-    `sample`: the run's recorded frames, columns id, time, x, y, z, vx, vy, vz as the probe `Film` lists them.
+    `sample`: the run's recorded frames, columns id, time, x, y, z, vx, vy, vz as the probe `Film` lists them. forces:
+    contact forces in a frame, which are sent of runs with at most FORCES places of grains; None: none are.
     Raises ViewerMissing, or NotRecorded if there are none.
     """
     shown = frames_of_run(data, sample, max(FRAMES, POSITIONS // data.scene.grains.count))
     rr = need_rerun()
+    import rerun.blueprint as rrb
+
     fastest = top_speed(data.scene, shown)
-    views = front_view(data.scene, shown, name=name)
-    with written(path, name, recording_id(source), data.scene, views, _flow_rate_views(data)) as stream:
+    if sum(len(frame.ids) for frame in shown) > FORCES:
+        forces = None
+    tabs: list[Any] = [front_view(data.scene, shown, name="layers")]
+    tabs.append(above_bar(front_view(data.scene, shown, name="speed", by="speed"), data.scene, name="speed"))
+    if data.scene.grains.half_length > 0:
+        tabs.append(front_view(data.scene, shown, name="orientation", by="orientation"))
+    if forces is not None:
+        tabs.append(front_view(data.scene, shown, name="forces", by=None))
+    below = _flow_rate_views(data)
+    layout = rrb.Vertical(rrb.Tabs(*tabs, active_tab=0, name=name), *below, row_shares=[11, *(2 for _ in below)])
+    with written(path, name, recording_id(source), layout, data.duration) as stream:
         log_grains(stream, "", data.scene, data.start, shown, fastest)
         log_bar(stream, data.scene, fastest)
         send_flow_rate(rr, stream, data)
+        if forces is not None:
+            send_forces(rr, stream, [frame.time for frame in shown], [forces(frame) for frame in shown], data.scene)
     return path
 
 
-@contextmanager
-def written(path: Path, name: str, identity: str, scene: Scene, grains, below: Sequence = ()) -> Iterator[Any]:
-    """A stream of rerun to send to, which then is put in place as `path` (.rrd) by one rename.
+def send_forces(rr, stream, times: Sequence[float], forces: Sequence[PairForces], scene: Scene) -> None:
+    """Send contact forces as lines between centres, wider and darker the larger the force, at times [s]."""
+    top, widest = scale_of(forces), _WIDEST * scene.grains.diameter
+    part = np.minimum(np.concatenate([frame.size for frame in forces]) / top, 1.0)
+    ends = np.concatenate([frame.ends for frame in forces]).astype(np.float32)
+    columns = rr.LineStrips3D.columns(
+        strips=ends, radii=(widest * np.maximum(part, _THINNEST)).astype(np.float32), colors=force_colours(part)
+    )
+    counts = [len(frame.size) for frame in forces]
+    stream.send_columns("forces", [rr.TimeColumn(CLOCK, duration=times)], columns.partition(counts))
 
-    `name` is shown in the viewer, with the view `grains` above the bar of its colours and other views below that;
-    `identity`: what the recording calls itself. Raises ViewerMissing.
+
+@contextmanager
+def written(path: Path, name: str, identity: str, layout, duration: float) -> Iterator[Any]:
+    """Open a stream of rerun to send to, which then is put in place as `path` (.rrd) by one rename.
+
+    `name` is shown in the viewer, with the views of `layout`; `identity`: what the recording calls itself; duration: of
+    the run [s]. Raises ViewerMissing.
     """
     rr = need_rerun()
     partial = path.with_name(f".{path.name}.{os.getpid()}")
     path.parent.mkdir(parents=True, exist_ok=True)
     stream = rr.RecordingStream("labbook", recording_id=identity)
     try:
-        stream.save(partial, default_blueprint=resting(above_bar(grains, scene, below)))
+        stream.save(partial, default_blueprint=playing(layout, duration))
         stream.send_recording_name(name)
         yield stream
         stream.flush()
@@ -150,9 +194,10 @@ def written(path: Path, name: str, identity: str, scene: Scene, grains, below: S
 
 
 def log_grains(stream, root: str, scene: Scene, start: Packing, frames: Sequence[Frame], fastest: float) -> None:
-    """Send grains, coloured by speed up to `fastest` [m/s], and the walls around them, below the entity `root`.
+    """Send grains and the walls around them, below the entity `root`.
 
-    `start`: the packing that they began from, which says what each is.
+    Grains have the colours of their layers, and beside them those of speeds up to `fastest` [m/s] and of orientations,
+    which views choose (`front_view`). `start`: the packing that they began from, which says what each is.
     """
     rr = need_rerun()
     at = f"{root}/" if root else ""
@@ -161,12 +206,15 @@ def log_grains(stream, root: str, scene: Scene, start: Packing, frames: Sequence
     positions = np.concatenate([frame.x for frame in frames])
     speed, ids = np.concatenate([frame.speed for frame in frames]), np.concatenate([frame.ids for frame in frames])
     bodies, which = Bodies.of(scene.grains, start), start.rows(ids)
-    colours = speed_colours(speed, fastest)
+    by_speed = speed_colours(speed, fastest)
     if scene.grains.kinds:
-        colours = kind_colours(bodies.kind[which], speed, fastest)
+        by_speed = kind_colours(bodies.kind[which], speed, fastest)
+    colours = np.rint(255 * layer_colours(scene, start, which)).astype(np.uint8)
+    variants = {"speed": by_speed[:, :3]}
     radius, half = scene.grains.radius, scene.grains.half_length
     if half > 0:
         q = np.concatenate([np.asarray(frame.q) for frame in frames])
+        variants["orientation"] = tilt_colours(np.abs(axes(q)[:, 2]))
         # The viewer draws as many capsules as there are lengths: each rod needs its own in every frame. Equal numbers
         # are packed when they are written, and cost less than a byte a rod.
         stream.log(f"{at}grains", rr.Capsules3D.from_fields(fill_mode="solid"), static=True)
@@ -183,7 +231,11 @@ def log_grains(stream, root: str, scene: Scene, start: Packing, frames: Sequence
     else:
         sizes = bodies.radius[which].astype(np.float32)
         columns = rr.Points3D.columns(positions=positions, colors=colours, radii=sizes)
-    stream.send_columns(f"{at}grains", [clock], columns.partition(counts))
+    sent = [*columns.partition(counts)]
+    for by, of_grains in variants.items():
+        packed = {"colors": rr.components.ColorBatch(of_grains)}
+        sent += rr.DynamicArchetype.columns(archetype=by, components=packed).partition(counts)
+    stream.send_columns(f"{at}grains", [clock], sent)
     edge = rr.components.Radius.ui_points(_EDGE)
     for wall in drawn_walls(scene, positions):
         path, shape = f"{at}walls/{wall.name}", wall.mesh
@@ -204,18 +256,37 @@ def log_grains(stream, root: str, scene: Scene, start: Packing, frames: Sequence
             stream.send_columns(path, [clock], columns)
 
 
-def front_view(scene: Scene, frames: Sequence[Frame], *, origin: str = "", name: str):
+def front_view(
+    scene: Scene, frames: Sequence[Frame], *, origin: str = "", name: str, by: str | None = "layers"
+):  # fmt: skip
     """A view from the front of the grains and walls below the entity `origin`, all of them in all `frames`.
+
+    by: what grains are coloured by, `layers`, `speed` or `orientation`; None: they are small and pale beside the lines
+    of contact forces.
 
     A quasi-2D hopper is seen straight from the front, anything else from a little above.
     """
+    rr = need_rerun()
     import rerun.blueprint as rrb
+    from rerun.blueprint.encodings import VisualizerComponentMapping
 
+    rods = scene.grains.half_length > 0
+    shape = rr.Capsules3D if rods else rr.Points3D
+    overrides: dict[Any, Any] = {}
+    if by is None:
+        small = _SMALL * scene.grains.radius
+        overrides = {f"{origin and f'/{origin}'}/grains": shape.from_fields(colors=[PALE], radii=[small])}
+    elif by != "layers":
+        source = VisualizerComponentMapping(
+            f"{shape.__name__}:colors", "SourceComponent", source_component=f"{by}:colors"
+        )
+        overrides = {f"{origin and f'/{origin}'}/grains": shape.from_fields().visualizer(mappings=[source])}
     eye, middle = seen_from(scene, np.concatenate([frame.x for frame in frames]))
     return rrb.Spatial3DView(
         origin=f"/{origin}",
-        contents=["$origin/grains", "$origin/walls/**"],
+        contents=["$origin/grains", "$origin/walls/**", *(["$origin/forces"] if by is None else [])],
         name=name,
+        overrides=overrides,
         eye_controls=rrb.EyeControls3D(
             position=eye,
             look_target=middle,
@@ -252,22 +323,23 @@ def log_bar(stream, scene: Scene, fastest: float) -> None:
     stream.log(_BAR, need_rerun().EncodedImage(contents=bar, media_type="image/png"), static=True)
 
 
-def above_bar(grains, scene: Scene, below: Sequence):
-    """The view `grains` above the bar of its colours, and other views below that."""
+def above_bar(grains, scene: Scene, name: str):
+    """The view `grains` above the bar of its colours."""
     import rerun.blueprint as rrb
 
     bar = rrb.Spatial2DView(origin=f"/{_BAR}", name="colours", titlebar=False, background=BACKGROUND)
     rows = max(1, len(scene.grains.kinds))
-    return rrb.Vertical(grains, bar, *below, row_shares=[10, 1 + 0.25 * (rows - 1), *(2 for _ in below)])
+    return rrb.Vertical(grains, bar, row_shares=[10, 1 + 0.25 * (rows - 1)], name=name)
 
 
-def resting(views):
-    """A blueprint of `views` in which playback rests at the start, and nothing else is shown."""
+def playing(views, duration: float):
+    """A blueprint of `views` alone, which plays a run of this duration [s] in _LASTS seconds, again and again."""
     import rerun.blueprint as rrb
 
+    speed = duration / _LASTS if duration > 0 else 1.0
     return rrb.Blueprint(
         views,
-        rrb.TimePanel(timeline=CLOCK, play_state="paused", state="collapsed"),
+        rrb.TimePanel(timeline=CLOCK, play_state="playing", loop_mode="all", playback_speed=speed, state="collapsed"),
         rrb.BlueprintPanel(state="hidden"),
         rrb.SelectionPanel(state="hidden"),
     )
@@ -279,7 +351,8 @@ def _flow_rate_views(data: RunData) -> list:
 
     if flow_curve(data) is None:
         return []
-    return [rrb.TimeSeriesView(origin="/flow_rate", name="W [g/s]", plot_legend=rrb.PlotLegend(visible=False))]
+    legend, plot = rrb.PlotLegend(visible=False), rrb.archetypes.PlotBackground(color=BACKGROUND)
+    return [rrb.TimeSeriesView(origin="/flow_rate", name="W [g/s]", plot_legend=legend, background=plot)]
 
 
 def send_flow_rate(rr, stream, data: RunData) -> None:

@@ -6,12 +6,15 @@ import subprocess
 import tempfile
 import time
 from collections.abc import Sequence
+from contextlib import suppress
 from pathlib import Path
 
 from labbook.export.colour_bar import BACKGROUND
 from labbook.export.recording import CLOCK, need_rerun
 
-_SIZE = "1100x1200"
+SIZE = 1100, 1200
+"""Width and height of the window of a screenshot in pixels."""
+_HIDDEN = "NotFound"
 _PATIENCE = 120.0  # s: to start, and to have drawn everything
 _LATER = 0.5  # s between two looks
 _LOOKS = 2  # in a row that have to show the same as the one before
@@ -26,26 +29,38 @@ class ViewerFailed(Exception):
 
 def show(recordings: Sequence[Path]) -> None:
     """Open recordings (.rrd) in a window and wait until it is closed. Raises ViewerMissing or ViewerFailed."""
-    command = [*viewer_command(), "--port", "auto", *map(str, recordings)]
-    done = subprocess.run(command, capture_output=True, text=True, env=_plain())
-    if done.returncode:
+    port = _free_port()
+    command = [*viewer_command(), "--port", str(port), *map(str, recordings)]
+    viewer = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True, env=_plain())
+    try:
+        with suppress(RuntimeError, ConnectionError, TimeoutError):  # it then plays from the start
+            _play_from_the_middle(viewer, port)
+        messages = viewer.communicate()[0]
+    finally:
+        viewer.terminate()
+    if viewer.returncode:
         raise ViewerFailed(
             f"the viewer could not open a window; without a screen use --screenshot FILE or --no-open:\n"
-            f"{_last_words(done.stderr or done.stdout)}"
+            f"{_last_words(messages)}"
         )
 
 
-def screenshot(recording: Path, picture: Path, at: float = 0.4) -> None:
-    """Write to `picture` (.png) what the views of a recording show at its fraction `at`; needs no screen.
+def _play_from_the_middle(viewer: subprocess.Popen, port: int) -> None:
+    client = _connect(viewer, port)
+    start, end = _extent(client, time.monotonic() + _PATIENCE)
+    client.set_time(CLOCK, duration=(start + end) / 2, play_state="playing")
 
-    The views stand below one another, without the viewer's own bars and panels; each is headed by its name, the first
-    by the time too. Raises ViewerMissing or ViewerFailed.
+
+def screenshot(recording: Path, picture: Path, at: float = 0.4, size: tuple[int, int] = SIZE) -> None:
+    """Write a picture (.png) of the views that a recording opens with; needs no screen.
+
+    at: part of the run, from 0 to 1. size: width and height of the window in pixels. The views stand below one another,
+    without the viewer's own bars and panels; each is headed by its name, the first by the time too. Raises
+    ViewerMissing or ViewerFailed.
     """
-    command = viewer_command()
-    with socket.socket() as free:
-        free.bind(("127.0.0.1", 0))
-        port = free.getsockname()[1]
-    command += ["--headless", "--port", str(port), "--hide-welcome-screen", "--window-size", _SIZE]
+    command, port = viewer_command(), _free_port()
+    window = "x".join(map(str, size))
+    command += ["--headless", "--port", str(port), "--hide-welcome-screen", "--window-size", window]
     # Not ViewerClient.spawn: a viewer that it starts listens on all addresses.
     viewer = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True, env=_plain())
     try:
@@ -75,13 +90,8 @@ def _photograph(
     if not opened.store_ids and not opened.loading:
         raise RuntimeError(f"{recording} is not a recording that the viewer can read")
     deadline = answered + _PATIENCE
-    state = client.get_state()
-    while state.loading or not state.recordings or not state.recordings[0].timelines:
-        _wait_until(deadline, "it is still loading")
-        state = client.get_state()
-    clock = next(timeline for timeline in state.recordings[0].timelines if timeline.name == CLOCK)
-    start, end = clock.start or 0, clock.end or 0  # nanoseconds
-    now = (start + at * (end - start)) * 1e-9
+    start, end = _extent(client, deadline)
+    now = start + at * (end - start)
     client.set_time(CLOCK, duration=now, play_state="paused")
     # What is drawn arrives bit by bit: pictures are complete when they no longer change. The first seconds show a
     # notice of the viewer's own besides.
@@ -89,9 +99,8 @@ def _photograph(
     while looks < _LOOKS or time.monotonic() < answered + _NOTICE:
         _wait_until(deadline, "its picture keeps changing")
         views = sorted(client.get_state().views, key=lambda view: (_ORDER.get(view.view_class, len(_ORDER)), view.name))
+        views = [view for view in views if _saved(client, view, folder)]
         paths = [folder / f"{view.view_id}.png" for view in views]
-        for view, path in zip(views, paths, strict=True):
-            client.save_screenshot(str(path), view_id=view.view_id)
         drawn = b"".join(path.read_bytes() for path in paths)
         looks = looks + 1 if drawn == before else 0
         before = drawn
@@ -101,6 +110,33 @@ def _photograph(
     names = ["" if view.view_class == "2D" else view.name for view in views]  # colour bars speak for themselves
     first = f"{names[0]}{', ' if names[0] else ''}t = {now:.3f} s"
     return list(zip([first, *names[1:]], paths, strict=True))
+
+
+def _saved(client, view, folder: Path) -> bool:
+    """Save the picture of a view; False of one behind a tab, which has none."""
+    try:
+        client.save_screenshot(str(folder / f"{view.view_id}.png"), view_id=view.view_id)
+    except (RuntimeError, ConnectionError) as error:
+        if _HIDDEN not in str(error):
+            raise
+        return False
+    return True
+
+
+def _extent(client, deadline: float) -> tuple[float, float]:
+    """First and last time [s] of the recording, once it is loaded. Raises TimeoutError."""
+    state = client.get_state()
+    while state.loading or not state.recordings or not state.recordings[0].timelines:
+        _wait_until(deadline, "it is still loading")
+        state = client.get_state()
+    clock = next(timeline for timeline in state.recordings[0].timelines if timeline.name == CLOCK)
+    return (clock.start or 0) * 1e-9, (clock.end or 0) * 1e-9  # nanoseconds
+
+
+def _free_port() -> int:
+    with socket.socket() as free:
+        free.bind(("127.0.0.1", 0))
+        return free.getsockname()[1]
 
 
 def _stack(shown: Sequence[tuple[str, Path]], picture: Path) -> None:

@@ -23,7 +23,7 @@ BED = StoppedBed(
 )  # fmt: skip
 
 
-def picture(monkeypatch, arrays, measure=("arch",)) -> str:
+def picture(monkeypatch, arrays, measure=("arch",)) -> tuple[str, str]:
     def evaluated(*_):
         if arrays is None:
             raise NotEvaluated("arch", "0" * 24)
@@ -40,12 +40,14 @@ def picture(monkeypatch, arrays, measure=("arch",)) -> str:
 
 
 def test_it_is_an_image_with_its_data(monkeypatch):
-    kind, _, data = picture(monkeypatch, BED.arrays()).partition(",")
+    address, words = picture(monkeypatch, BED.arrays())
+    kind, _, data = address.partition(",")
     assert kind == "data:image/svg+xml;base64"
     assert b"<svg" in b64decode(data)
+    assert words == "Held by 3 grains, with forces along them of 2 to 4 grain weights; D = 2.5 d."
 
 
 def test_runs_without_an_arch_or_that_were_not_evaluated_have_none(monkeypatch):
-    assert picture(monkeypatch, {"size": np.array([])}) == ""
-    assert picture(monkeypatch, None) == ""
-    assert picture(monkeypatch, BED.arrays(), measure=("flow_rate",)) == ""
+    assert picture(monkeypatch, {"size": np.array([])}) == ("", "")
+    assert picture(monkeypatch, None) == ("", "")
+    assert picture(monkeypatch, BED.arrays(), measure=("flow_rate",)) == ("", "")

@@ -236,7 +236,7 @@ def test_films_are_on_the_pages_of_their_runs(done, tmp_path, monkeypatch):
 
 
 def test_without_the_viewer_recordings_are_refused(done, tmp_path, monkeypatch):
-    def recording(folder, name):
+    def recording(folder):
         raise NotRecorded("the viewer is not installed; install it: pip install 'labbook[viewer]'")
 
     monkeypatch.setattr(viewer, "recording", recording)

@@ -251,7 +251,7 @@ class App:
         key = key_of(self.shelf, hex_of(request))
         try:
             viewer.viewer_files()
-            viewer.recording(self.shelf.lab.run(key), key[:10])
+            viewer.recording(self.shelf.lab.run(key))
         except (viewer.NoViewer, ViewerMissing, NotRecorded, OSError) as error:
             return HTMLResponse(part("problem.html.j2", LINKS, why=str(error)))
         host = f"{request.url.scheme}://{request.headers['host']}"
@@ -269,7 +269,7 @@ class App:
     def _recording(self, request: Request) -> Response:
         key = key_of(self.shelf, hex_of(request))
         try:
-            path = viewer.recording(self.shelf.lab.run(key), key[:10])
+            path = viewer.recording(self.shelf.lab.run(key))
         except (ViewerMissing, NotRecorded) as error:
             raise NotThere(str(error)) from error
         return FileResponse(path, media_type="application/octet-stream", headers=saved_as(f"{key[:10]}.rrd"))

@@ -152,7 +152,7 @@ class _Writer:
         self._file(f"{page.path}/picture.png", picture or sketch(self._shelf, key).encode())
         if self._recordings and page.shown.get("recorded"):
             try:
-                made = viewer.recording(self._shelf.lab.run(key), key[:10])
+                made = viewer.recording(self._shelf.lab.run(key))
                 recording = f"{page.path}/recording.rrd"
                 self._file(recording, made.read_bytes())
             except (NotRecorded, ViewerMissing) as error:

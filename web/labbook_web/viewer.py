@@ -17,8 +17,9 @@ from importlib.metadata import version as installed_version
 from pathlib import Path
 
 from labbook.export.film import of_run, shows, source_of_film
+from labbook.export.forces import forces_of
 from labbook.export.frames import NotRecorded
-from labbook.export.recording import holds, path_of, recording_id, source_of, write
+from labbook.export.recording import holds, path_of, recording_id, source_of, titled, write
 from labbook.export.viewer import viewer_command
 from labbook.lab import RunRecord
 from labbook.lab.runs import read_recording, run_data
@@ -111,10 +112,10 @@ def _without_fonts(page: bytes) -> bytes:
     return re.sub(rb"<link[^>]+https?://[^>]+>|@import\s+url\([^)]*https?://[^)]*\);?", b"", page)
 
 
-def recording(folder: Path, name: str) -> Path:
+def recording(folder: Path) -> Path:
     """A recording (.rrd) of the run in `folder` that the installed viewer reads, made if it is not there.
 
-    `name`: what the viewer shows. Raises NotRecorded, Unreadable (of labbook.lab), ViewerMissing (of
+    Raises NotRecorded, Unreadable (of labbook.lab), ViewerMissing (of
     labbook.export.recording).
     """
     record = RunRecord.read(folder)
@@ -124,7 +125,9 @@ def recording(folder: Path, name: str) -> Path:
     path = cache_folder() / "recordings" / f"{recording_id(source)}.rrd"
     with _one_at_a_time:
         if not path.exists() or not holds(path, source):
-            write(run_data(folder, record), read_recording(folder, record), path, name=name, source=source)
+            data, sample = run_data(folder, record), read_recording(folder, record)
+            forces = forces_of(record.backend, data)
+            write(data, sample, path, name=titled(record), source=source, forces=forces)
             _forget(path.parent)
         os.utime(path)
     return path

@@ -19,7 +19,7 @@ from labbook.backend.probes import Sample, Table, film_probe
 from labbook.checks.compare.sides import Pair, Side, from_shared
 from labbook.checks.compare.verdict import Divergence
 from labbook.export.frames import FRAMES, at_opening, frames_of, top_speed
-from labbook.export.recording import front_view, log_bar, log_grains, need_rerun, written
+from labbook.export.recording import above_bar, front_view, log_bar, log_grains, need_rerun, written
 from labbook.filling import opened
 from labbook.lab.folder import LabFolder
 from labbook.lab.packings import load_packing
@@ -213,12 +213,13 @@ def record(study: Study, point: Point, lab: LabFolder, pair: Pair, seconds: floa
         films.append(frames_of({name: np.concatenate([table[name] for table in tables]) for name in tables[0]}))
     fastest = max(top_speed(scene, film) for film in films)
     views = rrb.Horizontal(
-        *(front_view(scene, film, origin=name, name=name) for name, film in zip(names, films, strict=True))
+        *(front_view(scene, film, origin=name, name=name, by="speed") for name, film in zip(names, films, strict=True))
     )
     title = f"{study.name}: {point.label}, seed {SEED}, {names[0]} beside {names[1]}"
     for film in films:
         film.insert(0, at_opening(start, film[0].q is not None))
-    with written(path, title, "-".join(run_keys.run for run_keys in keys), scene, views) as stream:
+    layout = above_bar(views, scene, title)
+    with written(path, title, "-".join(run_keys.run for run_keys in keys), layout, films[0][-1].time) as stream:
         for name, film in zip(names, films, strict=True):
             log_grains(stream, name, scene, start, film, fastest)
         log_bar(stream, scene, fastest)

@@ -8,9 +8,11 @@ import pytest
 
 from labbook.checks.verify.mesh import of_triangles, sheet
 from labbook.export.colour_bar import speed_colours, speed_ticks
-from labbook.export.frames import FRAMES, Frame, NotRecorded, frames_of, top_speed
+from labbook.export.forces import PairForces
+from labbook.export.frames import FRAMES, Frame, NotRecorded, frames_of, frames_of_run, top_speed
 from labbook.export.recording import CLOCK, ViewerMissing, log_grains, seen_from, write
 from labbook.export.wall_shapes import drawn_walls
+from labbook.picture import layer_colours
 from labbook.scene import (
     Box,
     CylinderSilo,
@@ -63,6 +65,45 @@ def test_every_frame_has_the_grains_of_that_time(run, tmp_path):
     first = np.stack([run.tables["sample"][c][: counts[0]] for c in ("x", "y", "z")], axis=1)
     np.testing.assert_allclose(np.array(fullest), first, atol=1e-7)
     assert len(times) == 30
+
+
+def rgb(packed) -> np.ndarray:
+    """Colours [n, 3] of a row as rerun stores them, 0xRRGGBBAA."""
+    packed = np.asarray(packed, np.uint32)
+    return np.stack([(packed >> shift) & 255 for shift in (24, 16, 8)], axis=-1)
+
+
+def test_grains_carry_their_layers_and_beside_them_their_speeds(run, tmp_path):
+    """Tabs of the viewer choose between the two columns of colours."""
+    table = run.tables["sample"]
+    parts = chunks(write(run, table, tmp_path / "a.rrd", name="a", source="1" * 16))["/grains", False]
+    by_layer, by_speed = (max(column(parts, f"{name}:colors"), key=len) for name in ("Points3D", "speed"))
+    first = table["time"] == 0
+    frame = frames_of(table)[0]
+    fastest = top_speed(run.scene, frames_of_run(run, table, FRAMES))
+    assert np.abs(rgb(by_speed) - speed_colours(frame.speed, fastest)[:, :3].astype(int)).max() <= 1
+    layers = np.rint(255 * layer_colours(run.scene, run.start, run.start.rows(table["id"][first])))
+    assert (rgb(by_layer) == layers).all()
+
+
+def test_contact_forces_are_lines_between_centres(run, tmp_path):
+    """Two contacts in the first of 30 frames, none in the others; the larger force has the thicker line."""
+    ends = np.array([[[0, 0, 0.01], [0, 0, 0.013]], [[0.01, 0, 0.02], [0.012, 0, 0.022]]])
+
+    def forces(frame):
+        there = frame.time == 0
+        return PairForces(ends[: 2 * there], np.array([0.2, 1.0])[: 2 * there])
+
+    table = run.tables["sample"]
+    found = chunks(write(run, table, tmp_path / "a.rrd", name="a", source="1" * 16, forces=forces))
+    strips, radii = (column(found["/forces", False], f"LineStrips3D:{name}") for name in ("strips", "radii"))
+    assert sorted(map(len, strips)) == [0] * 30 + [2]  # with the empty silo at the end
+    assert np.array(max(strips, key=len)) == pytest.approx(ends, abs=1e-8)
+    thin, thick = max(radii, key=len)
+    assert thick == pytest.approx(0.2 * run.scene.grains.diameter)  # a fifth of a diameter for the largest
+    assert thin < 0.3 * thick
+    without = chunks(write(run, table, tmp_path / "b.rrd", name="b", source="1" * 16))
+    assert "/forces" not in {path for path, _ in without}
 
 
 def test_a_recording_whose_frames_begin_late_shows_the_packing_first(run, tmp_path):
@@ -260,7 +301,7 @@ def test_every_frame_has_a_length_and_a_radius_for_every_rod(synthetic, tmp_path
 
 
 def test_lengths_of_rods_cost_next_to_nothing(tmp_path):
-    """36 bytes a rod and frame without packing: 12 of place, 16 of orientation, 4 of colour, the rest packed."""
+    """42 bytes a rod and frame: 12 of place, 16 of orientation, twice 4 of colours, of layers less; the rest packed."""
     rods = Spherocylinders(diameter=6e-3, length=20e-3, density=620, count=500)
     scene = Scene(
         grains=rods,
@@ -280,7 +321,7 @@ def test_lengths_of_rods_cost_next_to_nothing(tmp_path):
     log_grains(stream, "", scene, start, frames, 1.0)
     stream.flush()
     stream.disconnect()
-    assert (tmp_path / "a.rrd").stat().st_size < 34 * 500 * 40
+    assert (tmp_path / "a.rrd").stat().st_size < 42 * 500 * 40
 
 
 def test_round_walls_are_meshes_of_their_surface():

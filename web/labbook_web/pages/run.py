@@ -17,6 +17,7 @@ from labbook.lab.runs import picture_content
 from labbook.lab.suspect import ledger_summary, suspicion
 from labbook.measure import MEASURES
 from labbook.measure.arch import Arch, StoppedBed
+from labbook.measure.clogging import width_ratio
 from labbook.measure.flow import Trace
 from labbook.measure.ledger import EnergyLedger
 from labbook.report.blocks import Facts
@@ -54,6 +55,7 @@ def run_page(shelf: Shelf, prefix: str, query: Mapping[str, str]) -> Page:
                     lambda: measured, shown, {"curves": []})  # fmt: skip
     drawn, lacking = curve(folder, entry, record)
     ledger = _ledger(folder, entry, record)
+    arch_picture, arch_text = arch(folder, entry, record)
     siblings, several = shelf.catalogue.listed(Listing(packing=record.packing_key, sort="study", limit=_SIBLINGS))
     shown |= {
         "record": record,
@@ -73,7 +75,8 @@ def run_page(shelf: Shelf, prefix: str, query: Mapping[str, str]) -> Page:
         "several": several - 1,
         "lacking": lacking,
         "caption": curves.caption(drawn),
-        "arch": arch(folder, entry, record),
+        "arch": arch_picture,
+        "arch_text": arch_text,
         "largest_overlap": ledger.get("largest") if ledger else None,
     }
     return Page(
@@ -167,20 +170,24 @@ def _ledger(folder: Path, entry: Entry, record: RunRecord) -> dict[str, Any] | N
     return {**{name: found.arrays[column] for name, column in names.items()}, "largest": largest}
 
 
-def arch(folder: Path, entry: Entry, record: RunRecord) -> str:
-    """Address of a picture of the arch that held the last stop, with its data; empty where `arch` was not measured or
-    not evaluated, or no stop has one."""
+def arch(folder: Path, entry: Entry, record: RunRecord) -> tuple[str, str]:
+    """Picture of the arch that held the last stop, as an address with its data, and a sentence on it.
+
+    Both are empty where `arch` was not measured or not evaluated, or no stop has one.
+    """
     if Arch.name not in record.observe.measure:
-        return ""
+        return "", ""
     run = ReadOnlyRun(point_of_run(record), record.seed, folder, entry)
     try:
         bed = StoppedBed.of(run.evaluated(MEASURES[Arch.name], record.observe).evaluation.arrays)
     except NotEvaluated:
-        return ""
+        return "", ""
     if bed is None:
-        return ""
+        return "", ""
     (drawing,) = encoded(lambda: stopped_bed(record.scene, bed), "svg")
-    return f"data:image/svg+xml;base64,{b64encode(drawing).decode('ascii')}"
+    link = f", with forces along them of {bed.link.min():.2g} to {bed.link.max():.2g} grain weights"
+    words = f"Held by {len(bed.rows)} grains{link}; D = {width_ratio(record.scene):.3g} d."
+    return f"data:image/svg+xml;base64,{b64encode(drawing).decode('ascii')}", words
 
 
 def _stale(record: RunRecord) -> str:
