@@ -8,7 +8,7 @@ import pytest
 from labbook_web.pages.changes import changes, latest, moment
 from labbook_web.pages.sheet import extremes, sheet
 from labbook_web.pages.study import plotted
-from labbook_web.pages.tiles import tiles
+from labbook_web.pages.tiles import surface_of, tiles
 from toy_web import Read, client
 
 import labbook as package
@@ -38,7 +38,7 @@ def means(results: Results) -> dict[int, float]:
 
 
 def test_the_tiles_have_range_shares_and_what_limits_the_numbers(results):
-    found, known = tiles(results, IDLE), means(results)
+    found, known = tiles(results, IDLE, surface_of(results)), means(results)
     assert found.range is not None
     low, high = min(known, key=lambda n: known[n]), max(known, key=lambda n: known[n])
     assert [one.point for one in found.range.ends] == [low, high]
@@ -54,7 +54,7 @@ def test_the_tiles_have_range_shares_and_what_limits_the_numbers(results):
 
 def test_missing_runs_alarm_only_when_nothing_runs(results, monkeypatch):
     monkeypatch.setattr("labbook.results.points.PointResult.partial", property(lambda self: True))
-    still, going = tiles(results, IDLE), tiles(results, {**IDLE, "running": [{}], "done": 9})
+    still, going = tiles(results, IDLE, surface_of(results)), tiles(results, {**IDLE, "running": [{}], "done": 9}, None)
     assert any("Missing runs" in text for text in still.attention)
     assert not any("Missing runs" in text for text in (*going.attention, *going.more_attention))
     assert going.waiting.startswith("9 of 16 runs")

@@ -530,13 +530,14 @@ def addresses(lab: Path) -> list[str]:
 def settled(page: Page) -> None:
     """All that is folded is open, and all that is drawn late is there: what comes when it is seen, and charts."""
     page.evaluate("document.querySelectorAll('details').forEach((one) => { one.open = true; })")
-    height = page.evaluate("document.documentElement.scrollHeight")
-    for place in range(0, height, 500):
+    place = 0
+    while place < page.evaluate("document.documentElement.scrollHeight"):  # figures are higher than their places
         page.evaluate(f"window.scrollTo(0, {place})")
         page.wait_for_timeout(250)  # htmx looks five times a second at what has come into sight
+        place += 500
     page.wait_for_load_state("networkidle")
     page.evaluate("window.scrollTo(0, 0)")
-    expect(page.locator("[aria-busy=true]")).to_have_count(0)
+    expect(page.locator("[aria-busy=true]")).to_have_count(0, timeout=60 * MS)  # figures are drawn one by one
 
 
 RUN_AXE = """(async () => {

@@ -77,7 +77,7 @@ def _views(of_study: Found) -> list[dict[str, Any]]:
     )
 
 
-def map_view(results: StudyResults) -> dict[str, Any] | None:
+def map_view(results: StudyResults, surface: DesignSurface | None) -> dict[str, Any] | None:
     """Numbers of a map of the leading quantity, of a study that sweeps two keys of numbers and no others; None for
     others, and where no point has a number. Without a surface the points are drawn alone."""
     keys, choices = swept_keys(results.points)
@@ -85,7 +85,8 @@ def map_view(results: StudyResults) -> dict[str, Any] | None:
     if len(keys) != 2 or not quantity or any(len({one.at.get(name) for one in results.points}) > 1 for name in choices):
         return None
     try:
-        view = _view(explore(results, quantity), "")["numbers"]
+        same = surface is not None and surface.quantity == quantity
+        view = _view(surface if same else explore(results, quantity), "")["numbers"]
     except (LookupError, NoSurface) as problem:
         view = _without(results, quantity, {}, f"{problem.args[0]}.")["numbers"]
     return {name: view[name] for name in _MAPPED if name in view}

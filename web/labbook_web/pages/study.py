@@ -27,6 +27,7 @@ from labbook.report.setting import setting
 from labbook.report.statement_tables import statement_digest, statement_table
 from labbook.report.tables import Table
 from labbook.results import display
+from labbook.results.explore import DesignSurface
 from labbook.results.frames import frames, to_json
 from labbook.results.points import ORIFICE, PointResult, followers, names_scene
 from labbook.results.reference import at_series
@@ -36,7 +37,7 @@ from labbook_web.pages.changes import changes, latest, moment
 from labbook_web.pages.explore import explorable, map_view
 from labbook_web.pages.lab import outcomes, progress
 from labbook_web.pages.sheet import sheet
-from labbook_web.pages.tiles import tiles
+from labbook_web.pages.tiles import Tiles, surface_of, tiles
 from labbook_web.render import meaning
 from labbook_web.shelf import Compared, Found, NotThere, Shelf
 
@@ -71,7 +72,9 @@ def study_page(shelf: Shelf, name: str, query: Mapping[str, str]) -> Page:
         results.frame,
         {
             **found.once("study", lambda: _shown(found)),
-            "tiles": found.once(f"tiles of {now}", lambda: tiles(results, now)) if results.points else None,
+            "tiles": found.once(f"tiles of {now}", lambda: tiles(results, now, _surface(found)))
+            if results.points
+            else None,
             "sheet": sheet(results, labels) if labels else found.once("sheet", lambda: sheet(results)),
             "found": found,
             "backends": sorted({backend, *next((one.backends for one in shelf.listed() if one.name == name), ())}),
@@ -117,7 +120,15 @@ def _shown(found: Found) -> dict[str, Any]:
 
 def _map(found: Found) -> dict[str, Any] | None:
     """Numbers of the map of two swept keys, as `static/map.js` draws it; None for other studies."""
-    return found.once("map", lambda: map_view(found.results))
+    return found.once("map", lambda: map_view(found.results, _surface(found)))
+
+
+def _tiles(contents: Found, now: Mapping[str, Any]) -> Tiles | None:
+    return tiles(contents.results, now, _surface(contents)) if contents.results.points else None
+
+
+def _surface(contents: Found) -> DesignSurface | None:
+    return contents.once("surface", lambda: surface_of(contents.results))
 
 
 def _fits(results: Results) -> list[tuple[str, str, Law, Table]]:

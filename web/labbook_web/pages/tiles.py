@@ -82,15 +82,15 @@ class Tiles:
     waiting: str
 
 
-def tiles(results: StudyResults, progress: Mapping[str, Any]) -> Tiles:
+def tiles(results: StudyResults, progress: Mapping[str, Any], surface: DesignSurface | None) -> Tiles:
     """Sum up the results of a study.
 
     Args:
         results: Of a study with at least one finished run.
         progress: As `labbook_web.pages.lab.progress` gives it. While processes make runs, missing ones are no cause for
             alarm.
+        surface: As `surface_of` gives it.
     """
-    surface = surface_of(results)
     rows = bars(surface) if surface is not None else []
     findings = [*conclusions(results), *(effects(results) if not rows else [])]
     lacking = unfinished(results) if progress["running"] else []
