@@ -164,15 +164,14 @@ def _bands(ax: "Axes", series: Series, power: float) -> None:
 
 
 def _name_bands(ax: "Axes", end: float, law: float, one_more: float, frame: tuple[float, float]) -> None:
-    """The names of both bands at the right of the panel, level with their upper edges at the last orifice; those that
-    leave the frame have theirs at its top."""
+    """The names of both bands at the right of the panel, with lines to their upper edges at the last orifice, or to the
+    top of the frame where they leave it."""
     apart = 0.1 * (frame[1] - frame[0])
-    one_more = min(one_more, frame[1])
-    law = min(law, one_more - apart)
-    for level, name in ((law, "law"), (one_more, "one more\npoint")):
+    law, one_more = min(law, frame[1]), min(one_more, frame[1])
+    for edge, level, name in ((law, min(law, one_more - apart), "law"), (one_more, one_more, "one more\npoint")):
         beside = {"textcoords": ("axes fraction", "data"), "va": "center", "size": 5.5, "color": FAINT}
         line = {"arrowstyle": "-", "color": FAINT, "linewidth": 0.5, "shrinkA": 0, "shrinkB": 0}
-        ax.annotate(name, (end, level), (1.02, level), arrowprops=line, annotation_clip=False, **beside)
+        ax.annotate(name, (end, edge), (1.02, level), arrowprops=line, annotation_clip=False, **beside)
 
 
 def zero_of(fit: FitResult) -> float | None:

@@ -1,10 +1,11 @@
 """Fitted parameters against what else was swept, beside the paper's values."""
 
 import math
-from collections.abc import Sequence
-from typing import TYPE_CHECKING
+from collections.abc import Mapping, Sequence
+from typing import TYPE_CHECKING, Any
 
 from labbook.fit import Parameter
+from labbook.report.figures.arrangement import arranged
 from labbook.report.style import INK, MILLIMETRE, PAGE, house, legend_columns, look, mathtext, point
 from labbook.results import display
 from labbook.results.reference import Comparison
@@ -27,7 +28,11 @@ def parameters_against(key: str, law: str, series: Sequence[Series], comparisons
     names = list(dict.fromkeys(p for one in fitted for p in one.parameters(law)))
     columns = min(len(names), 3 if len(names) % 2 else 2)
     rows = math.ceil(len(names) / columns)
+    members = {one.label_without(key): one for one in reversed(fitted)}
     groups = list(dict.fromkeys(one.label_without(key) for one in fitted))
+    others = [{name: value for name, value in members[group].at.items() if name != key} for group in groups]
+    arrangement = arranged(others, groups)
+    looks = arrangement.looks if len(arrangement.panels) == 1 else tuple(look(k) for k in range(len(groups)))
     with house():
         figure = Figure(figsize=(PAGE, (8 + 44 * rows) * MILLIMETRE))
         axes = figure.subplots(rows, columns, sharex=True, squeeze=False).flatten()
@@ -39,7 +44,7 @@ def parameters_against(key: str, law: str, series: Sequence[Series], comparisons
                     shown = display.quantity(f"{law}.{parameter}", found.unit)
                     ax.set_ylabel(mathtext(shown.heading))
                     group = groups.index(one.label_without(key))
-                    _draw(ax, float(one.at[key]) * scale, found, shown.scale, group)
+                    _draw(ax, float(one.at[key]) * scale, found, shown.scale, looks[group])
             for entry in comparisons:
                 if entry.quantity == f"{law}.{parameter}" and key in entry.at:
                     place, value = float(entry.at[key]) * scale, entry.reference * shown.scale
@@ -51,14 +56,15 @@ def parameters_against(key: str, law: str, series: Sequence[Series], comparisons
         for ax in axes[max(len(names) - columns, 0) : len(names)]:
             ax.set_xlabel(display.key(key).heading)
             ax.xaxis.set_tick_params(labelbottom=True)
-        if len(groups) > 1:
+        if len(arrangement.panels) == 1:
+            arrangement.explain(figure, linestyle="none")
+        else:
             figure.legend(handles=_legend(groups), loc="outside upper right", ncols=legend_columns(groups))
         figure.align_ylabels()
     return figure
 
 
-def _draw(ax: "Axes", place: float, parameter: Parameter, scale: float, group: int) -> None:
-    style = look(group)
+def _draw(ax: "Axes", place: float, parameter: Parameter, scale: float, style: Mapping[str, Any]) -> None:
     ends = parameter.low * scale, parameter.high * scale
     point(ax, place, parameter.value * scale, ends, color=style["color"], marker=style["marker"])
 

@@ -15,13 +15,14 @@ from matplotlib.container import ErrorbarContainer
 from matplotlib.text import Text
 from toy_results import analyse
 
+from labbook.fit import Parameter
 from labbook.report import figures, style
 from labbook.report.against import found_against
 from labbook.report.figures.arrangement import ENTRIES, arranged
 from labbook.report.sections import fit_caption
 from labbook.report.style import INK
 from labbook.results.recorded import acceleration
-from labbook.results.series import Series
+from labbook.results.series import FurtherFit, Series
 
 ANGLE, FRICTION = "container.angle", "contact.friction"
 
@@ -338,3 +339,20 @@ def test_text_of_svg_is_text_in_the_fonts_of_journals(analysis):
     texts = ["".join(one.itertext()).strip() for one in tree.iter("{http://www.w3.org/2000/svg}text")]
     assert {"Beverloo", "Janda", "labbook", "(W − fit) / fit [%]"} <= set(texts)
     assert "Arial, Helvetica" in drawn
+
+
+def test_parameters_at_many_values_of_another_key_have_a_colour_bar():
+    class Fit(FurtherFit):
+        formula, source, version = "", "", 1
+
+    frictions = [0.1 * (k + 1) for k in range(8)]
+    series = []
+    for angle in (0.5, 1.0):
+        for mu in frictions:
+            fit = Fit({"k": Parameter(1 + mu, 0.9 + mu, 1.1 + mu, 0.05, "")})
+            at = {ANGLE: angle, FRICTION: mu}
+            series.append(Series(at, (), {}, frozenset(), frozenset(), (), (), further={"law": fit}))
+    for some, entries in ((series, 0), ([one for one in series if one.at[FRICTION] < 0.35], 3)):
+        figure = figures.parameters_against(ANGLE, "law", some, ())
+        assert sum(len(texts_of(legend)) for legend in figure.legends) == entries
+        assert len(figure.axes) == (1 if entries else 2)
