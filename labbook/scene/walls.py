@@ -317,14 +317,7 @@ class Frustum(WallShape):
             return None
         if z1 > top:
             r1, z1 = r0 + (r1 - r0) * (top - z0) / (z1 - z0), top
-        angle = np.linspace(0, 2 * math.pi, AROUND + 1)
-        rings = [
-            np.column_stack([r * np.cos(angle), r * np.sin(angle), np.full_like(angle, z)])
-            for r, z in ((r0, z0), (r1, z1))
-        ]
-        k, n = np.arange(AROUND), AROUND + 1
-        triangles = np.concatenate([np.stack(t, axis=1) for t in ((k, k + 1, k + n), (k + 1, k + n + 1, k + n))])
-        return Mesh(np.concatenate(rings), triangles, tuple(rings))
+        return Mesh.turned(((r0, z0), (r1, z1)), AROUND)
 
     @property
     def pane(self) -> bool:

@@ -5,6 +5,7 @@ import os
 import threading
 import time
 from importlib import import_module
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -20,6 +21,7 @@ from labbook.lab.packings import load_packing
 from labbook.lab.tables import read_checkpoint
 from labbook.plan.coverage import finished
 from labbook.plan.plan import Planner
+from labbook.run.discharge import DischargeJob
 from labbook.study import load
 
 
@@ -235,3 +237,11 @@ def test_a_full_disk_ends_when_no_kernel_is_at_work_any_more(tmp_path, monkeypat
 
 def no_room(path, *_, **__):
     raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC), str(path))
+
+
+@pytest.mark.parametrize(("now", "last", "idle"), [(0.15, 0.0, -0.05), (0.5, 0.1, 0.3), (0.5, 0.4, 0.1)])
+def test_a_run_waits_for_grains_only_after_its_last_part_has_vanished(now, last, idle):
+    """Else a lid that opens later than `stop.stall` would count as a clog."""
+    job = SimpleNamespace(status=SimpleNamespace(time=now), _last=last, _removals=[0.1, 0.2])
+    waits = vars(DischargeJob)["_idle"].fget(job)
+    assert waits == pytest.approx(idle)

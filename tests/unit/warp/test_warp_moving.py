@@ -20,6 +20,9 @@ from turning_box import RODS, SPHERES, D, in_the_box, turning_box
 
 from labbook.backend.numerics import Numerics
 from labbook.backend.probes import Contacts, Ledger, Sample, Traction
+from labbook.checks.verify.mesh import of_triangles, sheet
+from labbook.checks.verify.stand import grains_at
+from labbook.scene import Primitives
 
 PROBES = (Sample(fields=("x", "v", "omega")), Contacts(every=1), Ledger(every=10), Traction(size=1.0))
 STEPS = 50
@@ -120,3 +123,18 @@ def test_company_and_checkpoints_change_no_bit(grains):
     assert identical(again[0], alone)
     ((short, _),), _ = ends([(of, in_the_box(of))], 9)
     assert identical(first[0], short)
+
+
+@pytest.mark.ring
+@pytest.mark.compiles
+def test_a_part_vanishes_at_its_time():
+    """A sphere at rest on it falls freely from then on."""
+    vertices, triangles = sheet(1, 2 * D)
+    lid = of_triangles(vertices, triangles).model_copy(update={"opens": 40.5 * how().dt})
+    of = turning_box(SPHERES.model_copy(update={"count": 1})).model_copy(update={"container": Primitives(parts=(lid,))})
+    stiffness = of.contact.model_dump()["normal_stiffness"]
+    level = D / 2 - of.grains.mass * of.gravity / stiffness
+    ((end, _),), _ = ends([(of, grains_at([[0.0, 0.0, level]]))], 3)
+    steps = 3 * STEPS - 41  # step 41 is the first whose force is without it
+    assert level - end.x[0, 2] == pytest.approx(of.gravity * how().dt ** 2 * steps * (steps + 1) / 2, rel=1e-6)
+    assert not len(end.wall_name)
