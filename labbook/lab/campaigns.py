@@ -93,7 +93,7 @@ class CampaignFile:
         Raises LabError, OSError.
         """
         with self._lab.alone(f"campaign-{self.path.stem}"):
-            before = self.read()
+            before = self.read()  # under the lock: another process may have written a proposal since
             after = with_proposal(before, number, proposal)
             if after != before:
                 make_folder(self.path.parent)

@@ -182,6 +182,7 @@ def _content(folder: Path) -> str:
     depends on."""
     entries = [entry for entry in os.scandir(folder) if not (is_beside(entry.name) or entry.name.startswith("."))]
     files = sorted((entry.name, entry.stat().st_size) for entry in entries)
+    # Tables are not hashed: that would take as long as an evaluation. They change only together with the record.
     records = [(folder / name).read_bytes() for name, _ in files if name.endswith(".json")]
     return hashlib.blake2b(b"".join([repr(files).encode(), *records]), digest_size=16).hexdigest()
 

@@ -233,7 +233,7 @@ def _around(
         size = 3 if shape is Plane else 2
         blank = {key: field.default if key == "kind" else [_SLOT] * size for key, field in shape.model_fields.items()}
         entries.append(_wall(name, blank, motion, surfaces[place % len(surfaces)], by_kind))
-    return canonical(entries).replace("%", "%%").replace(_SLOT, "%r")
+    return canonical(entries).replace("%", "%%").replace(_SLOT, "%r")  # names of walls may have a percent sign
 
 
 @once(512)

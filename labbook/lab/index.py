@@ -238,7 +238,7 @@ class Index:
         with self._connection() as connection:
             readable = [folder.name for folder, problem in problems.items() if not problem]
             waiting = [row.run_key for row in select_in(connection, query, runs.c.packing_key, readable)]
-        for key in waiting:
+        for key in waiting:  # outside the transaction: checking a run takes long
             self.add_run(self.lab.run(key))
         return problems
 

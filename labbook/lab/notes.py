@@ -106,7 +106,7 @@ def write(lab: LabFolder, kind: Kind, name: str, note: Note) -> None:
         raise ValueError(f"character {error.start + 1} of the note is half of a surrogate pair; remove it") from error
     if len(content) > MOST_BYTES:
         raise ValueError(f"the note has {len(content)} bytes with its tags, and {MOST_BYTES} are allowed; shorten it")
-    with lab.alone(f"note-{kind}-{name}"):
+    with lab.alone(f"note-{kind}-{name}"):  # two pages may save the same note at once
         if content:
             make_folder(path.parent)
             write_bytes(path, content)

@@ -170,6 +170,7 @@ class FolderRecord(Part):
 
     def write(self, folder: Path, *, durable: bool = True) -> None:
         """Write the record into `folder`, with its checksum; `durable`: synchronise it with the disk."""
+        # The checksum is of the bytes with zeros in its own place, not of parsed values: so it shows every changed bit.
         text = self.model_copy(update={"seal": _UNSEALED}).as_stored()
         sealed = text.replace(_UNSEALED.encode(), _seal(text).encode(), 1)
         write_bytes(folder / self.FILE, sealed, durable=durable)

@@ -113,7 +113,7 @@ def move_to(lab: LabFolder, url: str) -> str | None:
         with engine(place).connect() as connection:
             connection.execute(CreateSchema(place.schema))
             connection.commit()
-        fresh.replace(lab.server)
+        fresh.replace(lab.server)  # a rename keeps the inode number, which is in the schema's name
     except SQLAlchemyError as error:
         raise LabError(f"no index can be made at {hide_password(url)}: {why(error)}") from error
     finally:

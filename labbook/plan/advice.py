@@ -98,15 +98,12 @@ def _make_plan(study: Study, catalogue: Catalogue, backend: Backend, device: str
     members = slots(backend, device, plan.points)
     prediction = forecast(plan, catalogue, machine, device, lanes, backend, members, measured)
     if other_devices:
+        # Devices share the work in proportion to their speeds, and each of them compiles.
         first, *other_speeds = speeds((device, *other_devices), backend, [point.shared for point in plan.points])
-        shared = (prediction.seconds - prediction.compiling) * first / (
-            first + sum(other_speeds)
-        ) + prediction.compiling
-        prediction = replace(
-            prediction,
-            seconds=shared,
-            lanes=prediction.lanes + sum(cores() if o == "cpu" else 1 for o in other_devices),
-        )
+        compiling = prediction.compiling
+        seconds = (prediction.seconds - compiling) * first / (first + sum(other_speeds)) + compiling
+        lanes = prediction.lanes + sum(cores() if other == "cpu" else 1 for other in other_devices)
+        prediction = replace(prediction, seconds=seconds, lanes=lanes)
     reason = unready(backend) if plan.todo else ""
     unready_warning = (f"{reason}; until then labbook run refuses",) if reason else ()
     warnings = (*unready_warning, *cut_short(plan, catalogue.lab), *advice(plan, prediction.seconds))

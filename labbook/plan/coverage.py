@@ -180,7 +180,7 @@ def _match(lab: LabFolder, backend: str, request: RequestedRun, entry: Entry) ->
     current = not request.age and entry.run_key == demand.run_key(backend, entry.cache_version)
     if current or not identity.hashed(installed):
         return _Match(request, entry, None, request.outdated)
-    recorded = made_by(lab, entry)
+    recorded = made_by(lab, entry)  # read from disk: the index has no hashes of sources
     outdated = identity.outdated(recorded, installed)
     return _Match(request, entry, recorded if outdated else None, outdated)
 
@@ -234,7 +234,7 @@ def finished(
     newest: dict[int, _Match] = {}
     for match in matches:
         point = match.request.demand.point.index
-        newest[point] = max(match, newest.get(point, match), key=lambda request: request.rank)
+        newest[point] = max(match, newest.get(point, match), key=lambda candidate: candidate.rank)
     matches.sort(key=lambda match: (match.request.demand.point.index, *match.request.demand.number))
     return [
         kind(

@@ -139,6 +139,7 @@ class PointDemand:
     def older(self) -> tuple[tuple[str, tuple[str, str]], ...]:
         """Changes since each older version of laws and walls, the newest first, with the keys of both scenes by it."""
         if self._older is None:
+            # Without versions there are no older ones: the closed scene, which is not cached for long, is not made.
             closed, installed = self.closed if self.versions else self.scene, self.versions
             self._older = tuple(
                 (

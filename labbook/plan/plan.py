@@ -452,6 +452,7 @@ class Planner:
         runs: list[tuple[Assignment, Item]] = []
         for assignment in generation.assignments:
             point = points.get(shared[place(assignment.at)].point.index)
+            # Plans may be older than the generation, which can ask for more replicates of a point.
             if point is None or point.items[-1].demand.seed < assignment.replicates:
                 (point,) = self._with_first_runs([shared[place(assignment.at)]])
             assigned = [item for item in point.items if item.demand.seed <= assignment.replicates]
@@ -700,7 +701,7 @@ class Planner:
     def _look_up_outdated(self, pairs: Iterable[tuple[Demand, Keys]]) -> None:
         """Look up earlier versions of missing runs, made with older versions of laws and walls."""
         lacking = [pair for pair in pairs if pair[0].shared.versions and pair[1].run not in self._entries]
-        if not lacking or not self.catalogue.counts():
+        if not lacking or not self.catalogue.counts():  # keys by older versions take time, and an empty lab has no run
             return
         lineages: dict[str, tuple[str, str]] = {}
         for demand, keys in lacking:

@@ -180,7 +180,7 @@ def test_runs_that_are_listed_stand_as_those_that_are_looked_for_one_by_one(tmp_
     lab.run(last.keys.run).rename(lab.folder / "gone")  # it is in the index alone
     packing = lab.packing(first.keys.packing)
     (packing / "packing.json").write_text("{}")
-    monkeypatch.setattr(planning, "_FEW", few)
+    monkeypatch.setattr(planning, "_LISTING_FROM", few)
     items = Planner(asked, Catalogue(lab), Backend().capabilities).plan().items
     stands = {item.keys.run: (item.state, item.packed) for item in items}
     assert stands[first.keys.run] == ("missing", False), "its packing cannot be read"
