@@ -273,8 +273,8 @@ class Ensemble(ABC):
 
         Returns:
             A table for every declared probe; without rows it is empty but has its columns. A beat gives the frames of a
-            Film within it and at its end, the first beat also that at step 0. A beat in which a member fails gives none
-            of that member.
+            Film within it and at its end, the first beat also that at step 0. A beat in which a member fails gives
+            none of its frames.
 
         Raises:
             Overflow: Rows would be lost.
