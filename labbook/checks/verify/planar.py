@@ -519,7 +519,7 @@ class _Flight:
             self.regimes[c], self.signs[c], y[spring] = self.law.first(vn, vt, self.impact.lasts)
 
     def _turn(self, c: int, y: np.ndarray) -> None:
-        """Handle a change of sign of the normal force, where the limit is zero before it grows: the contact may stick."""
+        """Handle a change of sign of the normal force, where the limit passes zero: the contact sticks if it can."""
         if self.meetings(y)[c].overlap <= 0:  # the end of the contact
             return
         if self.regimes[c] != "sticks":
