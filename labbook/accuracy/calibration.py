@@ -41,7 +41,7 @@ class OutOfRange(ValueError):
 
 
 class NotMeasured(OutOfRange):
-    """Neither this scene nor enough scenes of its kind and range were measured; a pilot of it would be."""
+    """Neither this scene nor enough scenes of its kind and range were measured; a pilot of it would help."""
 
 
 @dataclass(frozen=True)

@@ -32,7 +32,7 @@ class Capabilities:
         laws: Names of contact laws.
         walls: Kinds of walls.
         precisions: `double`, and `mixed` if it has it.
-        devices: Kinds of devices: `cpu`, `cuda`.
+        devices: Aliases of the devices that it is made for, such as `cpu`.
         mixtures: Grains of one scene may differ in size and material.
         single_velocities: `mixed` keeps velocities and spins in single precision too, not only the contact law.
         feeds: Grains that left can be put back (`Ensemble.put_back`), which fed scenes need.
@@ -273,8 +273,8 @@ class Ensemble(ABC):
 
         Returns:
             A table for every declared probe; without rows it is empty but has its columns. A beat gives the frames of a
-            Film within it and at its end, the first beat also that at step 0. A beat in which a member fails gives none
-            of that member.
+            Film within it and at its end, the first beat also that at step 0. A beat in which a member fails gives
+            none of its frames.
 
         Raises:
             Overflow: Rows would be lost.

@@ -50,7 +50,7 @@ class Prior(Model):
 
 
 class Calibrate(Goal):
-    """Finds the parameters with which the model gives the measured values."""
+    """Goal: the parameters of the contact law with which the model gives the measured values."""
 
     name: ClassVar[str] = "calibrate"
     testing: ClassVar[int] = _TESTING

@@ -45,13 +45,13 @@ _NEAR = 1.0
 """Largest distance of a point's value from the target, over the requested deviation, at which the point gets further
 beds: they are worth more than the same beds at another point."""
 _SHARED = 1.2
-"""Largest ratio of the half width at the answer to that at such a point, at which beds there are worth as much."""
+"""Largest ratio of the half width at the answer to that at such a point, up to which beds there are worth as much."""
 _SEVERAL = 8
 """Beds of each point up to which more are made, if the noise gives the value at several settings."""
 
 
 class Find(Goal):
-    """Finds the value of the swept key that gives a quantity."""
+    """Goal: the value of the swept key at which a quantity has a target value."""
 
     name: ClassVar[str] = "find"
 

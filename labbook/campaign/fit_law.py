@@ -57,7 +57,7 @@ Point = tuple[float, list[float]]
 
 
 class FitLaw(Goal):
-    """Fits a law to stated errors of its parameters."""
+    """Goal: the parameters of a law of the flow rate, each to a stated error."""
 
     name: ClassVar[str] = "fit"
     places: ClassVar[str] = "outlets"

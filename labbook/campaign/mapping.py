@@ -41,7 +41,7 @@ _NORMAL = 1.96
 
 
 class Map(Goal):
-    """Maps a quantity over several swept keys."""
+    """Goal: a map of a quantity over several swept keys, to a stated error."""
 
     name: ClassVar[str] = "map"
     testing: ClassVar[int] = _TESTING

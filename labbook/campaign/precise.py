@@ -12,7 +12,7 @@ has a trend."""
 
 
 class PreciseRun(Strategy):
-    """Lets one run of a fed bed go on from look to look.
+    """Strategy that lets one run of a fed bed continue from look to look.
 
     Each look is one trial of the run so far; looks are few (`labbook.stats.stopping.looks`), since each is a chance to
     stop on an error that came out small by accident.

@@ -14,7 +14,7 @@ _WRONG = 1.5
 
 
 class Replicates(Strategy):
-    """Adds replicates to one point by the stopping rule of `labbook.stats.stopping`.
+    """Strategy that adds replicates to one point by the stopping rule of `labbook.stats.stopping`.
 
     Replicates are beds, and all have as many discharges. Where `filling` is known, their number is the cheapest one: it
     only rises, by further discharges of the beds that there are.

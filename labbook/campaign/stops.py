@@ -13,7 +13,7 @@ COUNT = "clogging_stops"
 
 
 class Stops(Strategy):
-    """Adds replicates to one point until the relative error of the probability of a stop is reached.
+    """Strategy that adds replicates to one point until the probability of a stop has a relative error.
 
     That error is known in advance, from the number of stops alone: k >= (1.96 / error)^2. A point whose runs hardly
     ever stop ends at the cap, with the upper bound that its grains set.

@@ -158,7 +158,7 @@ class History:
 
 
 class Strategy(Model, ABC):
-    """Proposes the runs of a campaign from the results so far.
+    """Base class of strategies, which propose the runs of a campaign from the results so far.
 
     A proposal may depend on the study and on the history alone, never on time, chance or the machine: a campaign that
     was killed asks again and has to get the same answer. Fields are the keys of the strategy in a study.

@@ -54,7 +54,7 @@ class Position:
 
 
 class Transition(Goal):
-    """Finds where the flow stops before so many grains with a probability."""
+    """Goal: the value of the swept key at which flows stop before N grains with a stated probability."""
 
     name: ClassVar[str] = "transition"
     places: ClassVar[str] = "settings"

@@ -59,7 +59,7 @@ def parts_of_mass(grains: Grains, packing: Packing) -> np.ndarray:
 
 
 def bed_height(grains: Grains, packing: Packing, floor: float) -> float:
-    """Height [m] of a settled bed above z = `floor`; for a column it is twice that of the centre of mass."""
+    """Height [m] of a settled bed above z = `floor`, taken as a column: twice the height of its centre of mass."""
     z = packing.x[:, 2]
     middle = parts_of_mass(grains, packing)[packing.ids] @ z if grains.varied else np.mean(z)
     return 2 * float(middle - floor)

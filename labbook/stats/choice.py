@@ -4,8 +4,7 @@ import math
 from collections.abc import Mapping, Sequence
 
 DECISIVE = 4.0
-"""A difference in AICc below this does not choose (Burnham & Anderson, Model Selection, 2002, section 2.6).
-"""
+"""Difference in AICc from which on a law is beaten (Burnham & Anderson, Model Selection, 2002, section 2.6)."""
 
 
 def deviance(chi2: float, points: int) -> float:

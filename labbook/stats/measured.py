@@ -30,5 +30,5 @@ class Measured:
 
     @property
     def notes(self) -> tuple[str, ...]:
-        """Single notes."""
+        """Notes as a tuple, split at the semicolons."""
         return tuple(part.strip() for part in self.note.split(";") if part.strip())

@@ -131,7 +131,7 @@ ELASTIC: Mapping[str, Any] = {"restitution": 1.0, "tangential_damping": 0.0}
 HALVED: Mapping[str, float] = {"restitution": 0.5, "tangential_damping": 1.0}
 SMOOTH: Mapping[str, Any] = {"friction": 0.0}
 ANGLES = (5, 20, 40, 60, 75)
-"""From the normal [degrees]."""
+"""Angles of incidence, from the normal [degrees]."""
 SPINS = (0.5, 1.5, 3.0, 6.0)
 """Velocity of the surface by spin over the normal velocity."""
 EDGE = Wall(name="plate", shape=Strip(start=(-0.1, 0.0), end=(0.0, 0.0)))
@@ -255,7 +255,7 @@ def _at_edge(make: Make) -> list[PlanarImpact]:
 
 
 def slowing(make: Make) -> list[PlanarImpact]:
-    """A sphere that rests on a floor and begins to slide along it: it rolls after half of the time."""
+    """A sphere that begins to slide on a floor, so fast that it rolls after half of the simulated time."""
     law = make(rolling_friction=0, **HALVED)
     scene = _scene(spheres(1), law, floor(), gravity=G)
     still = PlanarImpact.of(scene, (_sphere(0, D / 2, 0, 0),), "floor", SPEED, follow=20.0)

@@ -479,7 +479,7 @@ class _Flight:
                 yield c, "slides", _event(lambda _, y, c=c: self.gripping(c, y), -1)
 
     def _change(self, c: int, change: str, y: np.ndarray) -> None:
-        """Go over to another regime; `y` gets the spring that it begins with."""
+        """Change the regime of contact c after an event, and put the spring of the new regime into the state y."""
         spring, was = 6 * len(self.start) + c, self.regimes[c]
         least = 1e-9 * self.law.mass * self.impact.speed / self.impact.lasts
         at_once = change == "slides" and self.law.pulls and self.damped and self.pushes[c] * self._push(c, y) < least
@@ -519,7 +519,7 @@ class _Flight:
             self.regimes[c], self.signs[c], y[spring] = self.law.first(vn, vt, self.impact.lasts)
 
     def _turn(self, c: int, y: np.ndarray) -> None:
-        """The normal force changes its sign, where the limit is zero, and grows again: the contact sticks if it can."""
+        """Handle a change of sign of the normal force, where the limit passes zero: the contact sticks if it can."""
         if self.meetings(y)[c].overlap <= 0:  # the end of the contact
             return
         if self.regimes[c] != "sticks":
@@ -576,7 +576,7 @@ def _at_point(motion: Sequence[float] | np.ndarray, arm: np.ndarray) -> np.ndarr
 
 
 def _closest(c: np.ndarray, a: np.ndarray, b: np.ndarray, half: float, half_other: float) -> tuple[float, float]:
-    """s and t with |s| <= half, |t| <= other for which |c + s a - t b|^2 + ACROSS (s^2 + t^2) is least [m].
+    """s and t with |s| <= half, |t| <= half_other for which |c + s a - t b|^2 + ACROSS (s^2 + t^2) is least [m].
 
     The free minimum if it is within the limits, else the best of those on the four sides.
     """

@@ -104,13 +104,13 @@ class ProfileFit(FurtherFit):
     source: ClassVar[str] = "Fan et al. 2023, eqs 10-12 and 15-17"
     version: ClassVar[int] = 2
     outlets: tuple[FittedOutlet, ...] = ()
-    """In the order of `points`."""
+    """Numbers of each outlet, in the order of `points`."""
     misfit: tuple[float, float] = (math.nan, math.nan)
     curves: Mapping[str, Curve] = field(default_factory=dict)
 
     @property
     def exponents(self) -> tuple[float, float]:
-        """a and b."""
+        """Exponents a and b of the domes."""
         return self.parameters["a"].value, self.parameters["b"].value
 
 
@@ -194,7 +194,7 @@ def fit_profiles(seeds: Sequence[Sequence[ProfileAcross]], context: Context) -> 
 
 
 def _numbers(outlets: Sequence[ProfileAcross], context: Context, saturates: bool) -> list[float]:
-    """Fit the shared parameters, those of eq 12, and seven numbers of each outlet, in the order of `names`."""
+    """Fit the shared parameters, those of eq 12, and for each outlet the numbers of OF_OUTLET, in this order."""
     d, rho, g = context.d, context.rho_p, context.g
     R = np.array([outlet.R for outlet in outlets])
     fall = np.sqrt(2 * g * R)

@@ -50,7 +50,7 @@ class Rotation:
 
     @cached_property
     def shape(self) -> str:
-        """`spheres`, or `rods, L/d = 3.33`."""
+        """Name of the shape: `spheres`, or `rods, L/d = 3.33`."""
         return shape_of(self.points[0])
 
     @property
@@ -61,7 +61,7 @@ class Rotation:
 
     @property
     def orifice(self) -> float:
-        """D [m]."""
+        """Orifice D [m]."""
         return self.points[0].orifice
 
     def has(self, quantity: str) -> bool:
@@ -139,7 +139,7 @@ class Rotation:
 
 
 _OF_SHAPE = {"contact.normal_stiffness"}
-"""Key swept along with the shape: the law's stiffness scales with the grains."""
+"""Keys that are swept along with the shape: the stiffness of the law scales with the grains."""
 
 
 def rotations(points: Sequence[PointResult], missing: Sequence[Mapping[str, float | str]] = ()) -> tuple[Rotation, ...]:
@@ -169,7 +169,7 @@ def rotations(points: Sequence[PointResult], missing: Sequence[Mapping[str, floa
 
 
 def rotations_of(results: StudyResults) -> tuple[Rotation, ...]:
-    """Points of a study that differ in the rotation of the bottom only."""
+    """Group the points of a study that differ in the rotation of the bottom only; see `rotations`."""
     extra = redundant(results.study.points)
     return rotations(results.points, [swept(point, extra) for point in results.missing])
 
@@ -280,7 +280,7 @@ def trend(curves: Sequence[Rotation], quantity: str, feature: str) -> tuple[Pool
 
 
 def along_rotation(frequencies: Sequence[float], values: Sequence[float]) -> tuple[float, float, float, float]:
-    """Ratio of a positive number from the slowest to the fastest rotation, along a line of its logarithm against f.
+    """Ratio of a positive number at the fastest rotation to that at the slowest, by a line through its logarithms.
 
     Returns:
         The ratio, its standard error, and the ends of its interval.
