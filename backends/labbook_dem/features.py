@@ -11,7 +11,6 @@ from labbook.backend.numerics import Numerics
 from labbook.backend.probes import Crossing, Dissipation, Film, Ledger, Probe, Sample, Traction, Zone
 from labbook.scene import ContactLaw, Grains, Scene, Surface, TriangleMesh
 from labbook.scene.model import once
-from labbook.scene.part_motion import POSE_COLUMNS
 from labbook.scene.walls import AT_REST
 from labbook_dem.coefficients import COEFFICIENTS
 from labbook_dem.dispatch import numbers
@@ -57,7 +56,7 @@ class Needs(NamedTuple):
         """Return the needs of `scene`."""
         walls = scene.container.walls()
         kinds = frozenset([wall.shape.kind for wall in walls])
-        poses = any([wall.moves is not None for wall in walls])
+        poses = any([wall.is_posed for wall in walls])
         moving = poses or any([wall.motion is not AT_REST and wall.motion != AT_REST for wall in walls])
         return cls(scene.grains, scene.contact, scene.surfaces, kinds, moving, poses, scene.outlet is not None)
 
@@ -152,8 +151,8 @@ def has_meshes(scene: Scene) -> bool:
 
 
 def has_moving_parts(scene: Scene) -> bool:
-    """True if a part of the container moves as a whole."""
-    return any(wall.moves is not None for wall in scene.container.walls())
+    """True if a part of the container moves as a whole, or vanishes at a time."""
+    return any(wall.is_posed for wall in scene.container.walls())
 
 
 def part_speed(scene: Scene, reach: float) -> float:
@@ -176,10 +175,7 @@ def pose_table(scene: Scene, first: int, last: int, dt: float) -> np.ndarray:
     """Poses of W walls at steps `first` to `last`, shape [steps, W, POSE_COLUMNS]; those that stand still as they were
     placed."""
     times = dt * np.arange(first, last + 1)
-    stands = np.zeros((len(times), POSE_COLUMNS))
-    stands[:, [0, 4, 8]] = 1.0
-    walls = scene.container.walls()
-    poses = [stands if wall.moves is None else wall.moves.poses(times).table() for wall in walls]
+    poses = [wall.poses(times).table() for wall in scene.container.walls()]
     return np.ascontiguousarray(np.stack(poses, axis=1))
 
 

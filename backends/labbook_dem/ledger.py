@@ -110,17 +110,15 @@ def contact_power(
     wall_velocity = np.zeros_like(force)
     for number, surface in enumerate(scene.container.walls()):
         at_surface = wall == number
-        at, surface_motion = x[i[at_surface]] + branch[at_surface], surface.motion
-        wall_velocity[at_surface] = np.asarray(surface_motion.velocity) + np.cross([0.0, 0.0, surface_motion.spin], at)
-        if surface.moves is not None:
-            pose = surface.moves.poses(np.array([time]))
+        at, motion = x[i[at_surface]] + branch[at_surface], surface.motion
+        wall_velocity[at_surface] = np.asarray(motion.velocity) + np.cross([0.0, 0.0, motion.spin], at)
+        if surface.is_posed:
+            pose = surface.poses(np.array([time]))
             wall_velocity[at_surface] += pose.velocity[0] + np.cross(pose.spin[0], at)
     relative = v[i] + np.cross(w[i], point) - np.where(of_pair[:, None], velocity_j, wall_velocity)
     normal_force = -np.sum(force * unit_branch, axis=1)
-    total, normal = (
-        -np.sum(force * relative, axis=1),
-        normal_force * np.sum(unit_branch * relative, axis=1),
-    )
+    total = -np.sum(force * relative, axis=1)
+    normal = normal_force * np.sum(unit_branch * relative, axis=1)
     overlap = radius[i] - r + np.where(of_pair, radius[j], 0.0)
     return {
         "normal_power": math.fsum(normal),

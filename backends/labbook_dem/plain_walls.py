@@ -132,8 +132,8 @@ class PlainWalls:
         """Bring parts that move to where they are at a step."""
         dt = self.numerics.dt
         for w, wall in enumerate(self.walls):
-            if wall.moves is not None:
-                before, now = wall.moves.poses(dt * np.arange(step - 1, step + 1)).table()
+            if wall.is_posed:
+                before, now = wall.poses(dt * np.arange(step - 1, step + 1)).table()
                 self.frames[w] = PartFrame(now, before if step > 0 else None, dt)
 
     def contacts(

@@ -95,5 +95,5 @@ def steps_of_part(run: Run) -> int:
 
 
 def _moving(run: Run) -> list[int]:
-    """Walls of a member that move as a whole."""
-    return [w for w, wall in enumerate(run.scene.container.walls()) if wall.moves is not None]
+    """Walls of a member that move as a whole, or vanish at a time."""
+    return [w for w, wall in enumerate(run.scene.container.walls()) if wall.is_posed]

@@ -212,8 +212,8 @@ def log_grains(stream, root: str, scene: Scene, start: Packing, frames: Sequence
         if wall.spin:
             turns = [[0, 0, math.sin(wall.spin * t / 2), math.cos(wall.spin * t / 2)] for t in times]
             stream.send_columns(path, [clock], rr.Transform3D.columns(quaternion=turns))
-        if wall.moves is not None:
-            poses = wall.moves.poses(np.array(times))
+        if wall.part is not None:
+            poses = wall.poses(times)
             columns = rr.Transform3D.columns(translation=poses.shift, mat3x3=poses.turn.reshape(-1, 9))
             stream.send_columns(path, [clock], columns)
 

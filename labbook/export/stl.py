@@ -40,7 +40,10 @@ def wall_files(container: Container, within: Bounds, facets: int = AROUND) -> di
     for wall in container.walls():
         name, mesh = wall.name, wall.shape.mesh(within)
         if "axial" in wall.shape.symmetries and (lines := _profile(wall.shape.section(), within.high[2])):
-            mesh = _turned(lines, facets)
+            frustums = [Mesh.turned(line, facets) for line in lines]
+            first = 2 * facets * np.arange(len(lines))
+            triangles = [mesh.triangles + k for mesh, k in zip(frustums, first, strict=True)]
+            mesh = Mesh(np.concatenate([mesh.vertices for mesh in frustums]), np.concatenate(triangles))
             radius = max(end[0] for line in lines for end in line)
             name = f"{name} ({facets} corners, sagitta {sagitta(radius, facets):.3g} m)"
         if mesh is not None:
@@ -65,20 +68,6 @@ def _profile(lines: Iterable[Segment], top: float) -> list[Segment]:
             upper = lower[0] + part * (upper[0] - lower[0]), top
         profile.append((lower, upper))
     return profile
-
-
-def _turned(lines: Iterable[Segment], facets: int) -> Mesh:
-    """Lines turned about the vertical axis, as prisms and frustums of a polygon."""
-    angle = 2 * np.pi * np.arange(facets) / facets
-    k, after = np.arange(facets), (np.arange(facets) + 1) % facets
-    vertices, triangles = list[np.ndarray](), list[np.ndarray]()
-    for line in lines:
-        first = sum(map(len, vertices))
-        vertices += [np.column_stack([r * np.cos(angle), r * np.sin(angle), np.full(facets, z)]) for r, z in line]
-        low, high = first + k, first + facets + k
-        triangles.append(np.column_stack([low, first + after, high]))
-        triangles.append(np.column_stack([first + after, first + facets + after, high]))
-    return Mesh(np.concatenate(vertices), np.concatenate(triangles))
 
 
 def stl(mesh: Mesh, name: str) -> str:

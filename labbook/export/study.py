@@ -124,7 +124,7 @@ def _grains(result: PointResult, rows, folder: Path) -> list[Path]:
 
 def moving_walls(folder: Path, surfaces: list[DrawnWall], times: np.ndarray, label: str) -> list[Path]:
     """Files of all walls at each time [s] and their series, where a part moves."""
-    if all(wall.moves is None for wall in surfaces):
+    if all(wall.part is None for wall in surfaces):
         return []
     paths = [folder / f"walls-{number:04d}.vtk" for number in range(len(times))]
     steps = zip(*(wall.at(times) for wall in surfaces), strict=True)

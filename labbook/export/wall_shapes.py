@@ -1,12 +1,14 @@
 """What walls look like in recordings: their meshes around the bed, plates and panes as polygons."""
 
+import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 
-from labbook.scene import PartMotion, Scene
+from labbook.scene import Scene, Wall
 from labbook.scene.geometry import Bounds, Mesh, Point3, Segment
+from labbook.scene.part_motion import Poses
 
 WALL_COLOUR = (120, 130, 150, 70)
 PANE_COLOUR = (120, 130, 150, 14)  # of walls with grains behind them, which must be seen
@@ -21,7 +23,7 @@ class DrawnWall:
     """A wall as it is drawn: its mesh with lines along its edges, colour, and how fast it turns [rad/s].
 
     spokes: of one that turns, lines [2, 3] by which that is seen; they reach beyond its edge, where no grain hides
-    them. moves: motion of a whole part; the mesh is that of the opening.
+    them. part: the wall, if it moves as a whole or vanishes at a time; the mesh is that of the opening.
     """
 
     name: str
@@ -29,16 +31,25 @@ class DrawnWall:
     colour: Colour
     spin: float
     spokes: tuple[np.ndarray, ...] = ()
-    moves: PartMotion | None = None
+    part: Wall | None = None
 
     def at(self, times: Sequence[float] | np.ndarray) -> Iterator[Mesh]:
         """Mesh of the wall at times [s]."""
-        if self.moves is None:
+        if self.part is None:
             yield from (self.mesh for _ in times)
             return
-        poses = self.moves.poses(np.asarray(times, float))
+        poses = self.poses(times)
         for k in range(len(poses.shift)):
             yield replace(self.mesh, vertices=poses.places(k, self.mesh.vertices))
+
+    def poses(self, times: Sequence[float] | np.ndarray) -> Poses:
+        """Poses of a part at times [s]; one that has vanished is a point."""
+        assert self.part is not None
+        poses = self.part.poses(np.asarray(times, float))
+        removed = np.asarray(times, float) >= (math.inf if self.part.removal is None else self.part.removal)
+        point = self.mesh.vertices.mean(axis=0)
+        shift = np.where(removed[:, None], point, poses.shift)
+        return poses._replace(turn=np.where(removed[:, None, None], 0.0, poses.turn), shift=shift)
 
 
 def drawn_walls(scene: Scene, positions: np.ndarray) -> Iterator[DrawnWall]:
@@ -63,7 +74,9 @@ def drawn_walls(scene: Scene, positions: np.ndarray) -> Iterator[DrawnWall]:
             continue
         spin = 0.0 if any(box.endless) else wall.motion.spin
         colour = PANE_COLOUR if wall.shape.pane else WALL_COLOUR
-        yield DrawnWall(wall.name, shown, colour, spin, _spokes(shown, r) if spin else (), wall.moves)
+        yield DrawnWall(
+            wall.name, shown, colour, spin, _spokes(shown, r) if spin else (), wall if wall.is_posed else None
+        )
 
 
 def _up_to(top: float, wall: Bounds, low: Point3, high: Point3) -> Bounds:

@@ -143,6 +143,7 @@ def _walls(scene: Scene, made: Versions) -> list[dict[str, Any]]:
     return [
         _wall(wall.name, _shape(wall.shape, made), wall.motion, _surfaces(scene, wall), by_kind)
         | ({} if wall.moves is None else {"moves": _text(wall.moves)})
+        | ({} if wall.removal is None else {"opens": wall.removal})
         for wall in scene.container.walls()
     ]
 

@@ -120,9 +120,14 @@ def _lifted_too_fast(shared: PointDemand) -> str | None:
 
 
 def _astray(shared: PointDemand) -> str | None:
-    """Fault of a part that moves too quickly for the time step, or out of the container."""
+    """Fault of a part that moves too quickly for the time step, or out of the container, or that vanishes too late."""
     dt = shared.numerics.dt
     for wall in shared.scene.container.walls():
+        if wall.removal is not None and wall.removal >= shared.stop.max_time:
+            return (
+                f"container.parts[].opens: the part {wall.name} vanishes {span(wall.removal)} after the opening, and "
+                f"runs end at {span(shared.stop.max_time)}\n    remedy: use an earlier time, or raise stop.max_time"
+            )
         if wall.moves is None:
             continue
         vibration = wall.moves.vibration

@@ -313,9 +313,19 @@ class DischargeJob(Job):
         return self.status.step // self.numerics.steps_per_beat
 
     @property
+    def _idle(self) -> float:
+        """Time [s] since the last grain left or the last part vanished; negative before that."""
+        return self.status.time - max([self._last, *self._removals])
+
+    @cached_property
+    def _removals(self) -> list[float]:
+        """Times [s] at which parts vanish."""
+        return [wall.removal for wall in self.scene.container.walls() if wall.removal is not None]
+
+    @property
     def _waits(self) -> bool:
         """True if no grain has left for so long that the flow may count as stopped."""
-        return self.status.time - self._last >= self._stop_time
+        return self._idle >= self._stop_time
 
     @cached_property
     def _stop_time(self) -> float:
@@ -345,7 +355,7 @@ class DischargeJob(Job):
             return "precise"
         if self.status.grains == 0 or any(isinstance(event, Emptied) for event in events):
             return "emptied"
-        if self._plane is not None and (self._rests or self.status.time - self._last >= stop.stall):
+        if self._plane is not None and self._idle >= 0 and (self._rests or self._idle >= stop.stall):
             return "clogged"
         return "time-limit" if self.status.time >= stop.max_time else None
 
@@ -385,7 +395,7 @@ class DischargeJob(Job):
             known = f", W to {percent(self._precision, '.2f')}" if math.isfinite(self._precision) else ""
             asked = f", ends at {percent(stop.precise.flow_rate)}" if stop.precise else f", ends at {stop.max_time:g} s"
             discharged = f"{percent(self._discharged, '.0f')} of the bed has passed{known}{asked}"
-        still, stall = self.status.time - self._last, self.demand.shared.stop.stall
+        still, stall = self._idle, self.demand.shared.stop.stall
         waiting = (f"no grain for {still:.2f} s, clogged after {stall:g} s",) if still > _STILL * stall else ()
         return discharged, *waiting, f"{self.status.time:.2f} s"
 

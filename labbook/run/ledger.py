@@ -23,7 +23,7 @@ def ledger(
     """
     plane = scene.container.outlet_plane
     above = end.x[:, 2] >= (-math.inf if plane is None else plane)
-    held = scene.container.inside(end.x)
+    held = scene.container.inside(end.x) & inside_moving(scene, end.x, status.time)
     assert end.ids is not None
     inside, behind = end.ids[above & held], end.ids[above & ~held]
     passed = np.zeros(0, np.int64) if crossings is None else np.asarray(crossings["id"])
@@ -40,6 +40,17 @@ def ledger(
         left=len(np.setdiff1d(passed, np.union1d(inside, outside))),
         outside=len(outside),
     )
+
+
+def inside_moving(scene: Scene, x: np.ndarray, time: float) -> np.ndarray:
+    """Points of x [m], shape [n, 3], on the side of the grains of all parts that move, where these are at a time [s]
+    after the opening, shape [n]. A part that has vanished holds no grain."""
+    inside = np.ones(len(x), bool)
+    for wall in scene.container.walls():
+        if wall.is_posed and (wall.removal is None or time < wall.removal):
+            pose = wall.poses(np.array([time]))
+            inside &= wall.shape.inside((x - pose.shift[0]) @ pose.turn[0])
+    return inside
 
 
 def expected_speed(scene: Scene, start: Packing) -> float:

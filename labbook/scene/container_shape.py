@@ -18,7 +18,7 @@ from pydantic import Field, model_validator
 from labbook.scene.geometry import Bounds, Mesh, Segment
 from labbook.scene.model import Fault, Model, OrWord, refuse
 from labbook.scene.quantities import Coordinate
-from labbook.scene.walls import AT_REST, Frustum, Plane, Strip, SurfaceMotion, Symmetry, Wall, WallShape
+from labbook.scene.walls import AT_REST, START, Frustum, Plane, Strip, SurfaceMotion, Symmetry, Wall, WallShape
 
 Parts = Annotated[tuple[Wall, ...], Field(exclude_if=lambda parts: not parts)]
 """Walls beside those that a container has of itself; left out of what is stored where there are none."""
@@ -156,7 +156,7 @@ class ContainerShape(Model, ABC):
         """Join own walls and parts; opened, without those that open."""
         if not self.parts:
             return own
-        return (*own, *(part for part in self.parts if self.closed or part.opens is None))
+        return (*own, *(part for part in self.parts if self.closed or part.opens != START))
 
     def _closed(self, surface_motion: bool, **update: Any) -> Any:
         """A copy that is closed, with other values of some fields, without what lies below the outlet, which so does
@@ -174,7 +174,7 @@ class ContainerShape(Model, ABC):
 
     def _clear_of_parts(self, x: np.ndarray) -> np.ndarray:
         """Points of x [m], shape [n, 3], on the side of the grains of all parts that stand still, shape [n]."""
-        still = [part for part in self._with_parts(()) if part.moves is None]
+        still = [part for part in self._with_parts(()) if not part.is_posed]
         return np.all([np.ones(len(x), bool), *(part.shape.inside(x) for part in still)], axis=0)
 
     @abstractmethod
@@ -262,9 +262,9 @@ def _lowest(part: Wall) -> float:
 
 
 def _at_rest(parts: tuple[Wall, ...], surface_motion: bool) -> tuple[Wall, ...]:
-    """The parts without motion, but for that of their surfaces if `surface_motion` says so; themselves if they have
-    none."""
-    if not any(part.moves is not None or (part.motion != AT_REST and not surface_motion) for part in parts):
+    """The parts without motion, but for that of their surfaces if `surface_motion` says so, and without a time at
+    which they vanish; themselves if they have none."""
+    if not any(part.is_posed or (part.motion != AT_REST and not surface_motion) for part in parts):
         return parts
     rest = {"moves": None} if surface_motion else {"moves": None, "motion": AT_REST}
-    return tuple(part.model_copy(update=rest) for part in parts)
+    return tuple(part.model_copy(update=rest | {"opens": part.opens and START}) for part in parts)

@@ -102,7 +102,8 @@ def _poured(grains: Grains, container: Container, frame: _Frame) -> Iterator[_Gr
     """Grains in rows between walls listed one by one, wherever nothing covers them."""
     left, right, low, _ = frame
     closed, d = container.close().walls(), grains.diameter
-    plates = [line for wall in closed for line in wall.shape.section()]
+    # the upper side of a vessel covers nothing within it
+    plates = [line for wall in closed if any(wall.shape.enclosed.endless) for line in wall.shape.section()]
     panes = {wall.name: box.low[1] for wall in closed if (box := wall.shape.bounds).endless == (True, False, True)}
     depths = list(panes.values())
     middle = sum(depths) / len(depths) if depths else 0.0

@@ -68,6 +68,18 @@ class Mesh:
         fan = np.array([[0, k, k + 1] for k in range(1, len(corners) - 1)])
         return cls(corners, fan, (np.array([*corners, corners[0]]),) if outlined else ())
 
+    @classmethod
+    def turned(cls, line: Segment, corners: int) -> "Mesh":
+        """A line (r, z) [m] turned about the z axis: a frustum of a polygon with its corners on the circle, outlined
+        by its two edges."""
+        angle = 2 * np.pi * np.arange(corners) / corners
+        rings = [np.column_stack([r * np.cos(angle), r * np.sin(angle), np.full(corners, z)]) for r, z in line]
+        k = np.arange(corners)
+        after = (k + 1) % corners
+        triangles = np.stack([[k, after, corners + k], [after, corners + after, corners + k]])
+        outlines = tuple(np.concatenate([ring, ring[:1]]) for ring in rings)
+        return cls(np.concatenate(rings), np.concatenate(triangles.transpose(0, 2, 1)), outlines)
+
     def section(self) -> tuple[Segment, ...]:
         """The lines (x, z) [m] in which the plane y = 0 cuts it; of triangles that lie in that plane, nothing."""
         corners = self.vertices[self.triangles]

@@ -119,7 +119,8 @@ class TriangleMesh(WallShape):
         return self.clearance(x, math.inf)
 
     def clearance(self, x: np.ndarray, reach: float) -> np.ndarray:
-        """Distance [m] as `distance` gives it, where it is at most `reach` [m]; further away any number beyond it."""
+        """Distance [m] as `distance` gives it, where its size is at most `reach` [m]; further away any number of its
+        sign whose size exceeds `reach`."""
         away = self.surface.distance(x, reach)
         if not self.surface.closed:
             return away

@@ -102,7 +102,11 @@ class OrWord:
         def check(value: Any, number: Callable[[Any], Any]) -> Any:
             return value if value == self.word else number(value)
 
-        return core_schema.no_info_wrap_validator_function(check, handler.generate_schema(self.number))
+        # written as it is: the schema of the number would warn of a word
+        serialization = core_schema.plain_serializer_function_ser_schema(lambda value: value)
+        return core_schema.no_info_wrap_validator_function(
+            check, handler.generate_schema(self.number), serialization=serialization
+        )
 
 
 @dataclass(frozen=True)

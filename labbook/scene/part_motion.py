@@ -66,6 +66,12 @@ class Poses(NamedTuple):
     spin: np.ndarray
     origin: np.ndarray
 
+    @classmethod
+    def at_rest(cls, times: int) -> "Poses":
+        """Poses of a part that stands where it was placed, at so many times."""
+        zero = np.zeros((times, 3))
+        return cls(np.tile(np.eye(3), (times, 1, 1)), zero, zero, zero, zero)
+
     def table(self) -> np.ndarray:
         """All but the origins as kernels take them, shape [n, POSE_COLUMNS]."""
         return np.concatenate([self.turn.reshape(-1, 9), self.shift, self.velocity, self.spin], axis=1)

@@ -13,9 +13,9 @@ from pydantic import Field, ValidationInfo, model_validator
 
 from labbook.scene.geometry import Bounds, Mesh, Segment
 from labbook.scene.mesh import TriangleMesh
-from labbook.scene.model import Fault, Model, TaggedModels, refuse
-from labbook.scene.part_motion import PartMotion
-from labbook.scene.quantities import Coordinate, Ratio
+from labbook.scene.model import Fault, Model, OrWord, TaggedModels, refuse
+from labbook.scene.part_motion import PartMotion, Poses
+from labbook.scene.quantities import Coordinate, Duration, Ratio
 from labbook.scene.wall_shape import AT_REST, SurfaceMotion, Symmetry, WallShape
 
 Point3 = tuple[Coordinate, Coordinate, Coordinate]
@@ -317,14 +317,7 @@ class Frustum(WallShape):
             return None
         if z1 > top:
             r1, z1 = r0 + (r1 - r0) * (top - z0) / (z1 - z0), top
-        angle = np.linspace(0, 2 * math.pi, AROUND + 1)
-        rings = [
-            np.column_stack([r * np.cos(angle), r * np.sin(angle), np.full_like(angle, z)])
-            for r, z in ((r0, z0), (r1, z1))
-        ]
-        k, n = np.arange(AROUND), AROUND + 1
-        triangles = np.concatenate([np.stack(t, axis=1) for t in ((k, k + 1, k + n), (k + 1, k + n + 1, k + n))])
-        return Mesh(np.concatenate(rings), triangles, tuple(rings))
+        return Mesh.turned(((r0, z0), (r1, z1)), AROUND)
 
     @property
     def pane(self) -> bool:
@@ -359,17 +352,26 @@ def _negligible(speed: float, motion: SurfaceMotion) -> float:
 _ALONG = 1e-9  # normals and velocities that a study states to so many parts are taken to be perpendicular
 
 
+START = "start"
+"""Value of `Wall.opens` for a wall that vanishes when the discharge starts."""
+OUT_OF_REACH = 1e6
+"""Distance [m] along x, y and z at which a part that has vanished touches no grain."""
+
+
 class Wall(Model):
-    """One wall: a name that springs and observations are keyed by, a shape, its surface's motion, and whether it
-    vanishes when the outlet opens."""
+    """One wall: a name that springs and observations are keyed by, a shape, its surface's motion, and when it
+    vanishes."""
 
     name: Annotated[str, Field(pattern=r"^[a-z][a-z0-9-]*$", max_length=40)]
     """Name that `walls` and friction springs refer to: lower-case letters, digits and hyphens."""
     shape: AnyShape
     motion: SurfaceMotion = AT_REST
     # where it is not stated it is left out of what is stored
-    opens: Annotated[Literal["start"] | None, Field(exclude_if=lambda opens: opens is None)] = None
-    """`start`: the wall stands while the container is filled and vanishes when the discharge starts; none: it stays."""
+    opens: Annotated[
+        Annotated[float | str, OrWord(Duration, START)] | None, Field(exclude_if=lambda opens: opens is None)
+    ] = None
+    """`start`: the wall stands while the container is filled and vanishes when the discharge starts; a time: it
+    vanishes so long after that start (parts of kind `mesh`). None: it stays."""
     moves: Annotated[PartMotion | None, Field(exclude_if=lambda moves: moves is None)] = None
     """Motion of the whole part, of kind `mesh`, from the opening on; while the container is filled it stands still."""
 
@@ -380,7 +382,28 @@ class Wall(Model):
         if self.moves is not None and not isinstance(self.shape, TriangleMesh):
             reason = f"a {self.shape.kind} cannot move: only walls of triangles do"
             refuse([Fault("moves", reason, "leave moves out, or make it a part of kind mesh")])
+        if self.removal is not None and not isinstance(self.shape, TriangleMesh):
+            reason = f"a {self.shape.kind} vanishes at the start or never: only walls of triangles do at a later time"
+            refuse([Fault("opens", reason, "state opens: start, or make it a part of kind mesh")])
         return self
+
+    @property
+    def removal(self) -> float | None:
+        """Time [s] after the start of the discharge at which it vanishes; None: at the start, or never."""
+        return self.opens if isinstance(self.opens, float) else None
+
+    @property
+    def is_posed(self) -> bool:
+        """True if it moves as a whole, or vanishes at a time of the discharge."""
+        return self.moves is not None or self.removal is not None
+
+    def poses(self, times: np.ndarray) -> Poses:
+        """Poses at times [s] since the opening, shape [n]; once it has vanished, out of reach."""
+        times = np.asarray(times, float)
+        poses = Poses.at_rest(len(times)) if self.moves is None else self.moves.poses(times)
+        if self.removal is None:
+            return poses
+        return poses._replace(shift=poses.shift + OUT_OF_REACH * (times >= self.removal)[:, None])
 
     @property
     def is_static(self) -> bool:

@@ -78,7 +78,7 @@ TABLE = (
         ". container",
         "gate gates valve stopper plug slide slidegate shutter door opensat opentime",
         "there is no gate: the outlet is closed while the container is filled, and opens when the bed is at rest",
-        "leave it out",
+        "leave it out; a part of kind mesh opens at a time (opens: 0.2 s) or moves (moves)",
     ),
     Absent(
         ". container",

@@ -471,9 +471,9 @@ class ContainerPartsKeys(TypedDict, total=False):
 
     name: object
     """Name that `walls` and friction springs refer to: lower-case letters, digits and hyphens."""
-    opens: Literal["start"] | object
-    """`start`: the wall stands while the container is filled and vanishes when the discharge starts; none: it
-    stays."""
+    opens: object
+    """`start`: the wall stands while the container is filled and vanishes when the discharge starts; a time: it
+    vanishes so long after that start (parts of kind `mesh`). None: it stays [s]. Range: above 0 or start."""
     shape: ContainerPartsShapeKeys | object
     motion: ContainerPartsMotionKeys | object
     moves: ContainerPartsMovesKeys | object
@@ -766,7 +766,7 @@ KEYS = """\
     container: kind, sink [m], width [m], height [m], thickness [m], angle [rad], orifice [m], gap [m], diameter
         [m], rotation [Hz], depth [m], lid, outlet_plane [m]
     container.planes[]: name, z [m]
-    container.parts[]: name, opens
+    container.parts[]: name, opens [s]
     container.parts[].shape: kind, point [m], normal, start [m], end [m], lower [m], upper [m], smooth [rad],
         encloses, file, unit, scale, rotate [rad], at [m], allow
     container.parts[].motion: velocity [m/s], spin [rad/s]

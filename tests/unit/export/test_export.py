@@ -15,7 +15,7 @@ from labbook.export.wall_shapes import DrawnWall
 from labbook.fields import ContactRows, GrainRows, Layer, Ring, Space, coarse_grain
 from labbook.lab.evaluations import evaluate
 from labbook.results.frames import frames
-from labbook.scene import Kind, PartMotion, Spherocylinders
+from labbook.scene import Kind, PartMotion, Spherocylinders, Wall
 from labbook.scene.geometry import Mesh
 from labbook.study.schema import Reference, ReferenceEntry, Statement
 
@@ -307,10 +307,15 @@ def test_every_rod_of_a_recorded_run_is_there_with_its_axis_and_length(synthetic
 def test_walls_are_written_for_each_frame_only_where_a_part_moves(tmp_path):
     sheet_at_rest = Mesh(np.array([[0.0, 0, 0], [1, 0, 0], [0, 1, 0]]), np.array([[0, 1, 2]]))
     still = DrawnWall("floor", sheet_at_rest, (0, 0, 0, 0), 0.0)
-    rising = replace(still, name="plate", moves=PartMotion(velocity=(0.0, 0.0, 2.0)))
+    wall = Wall.of(name="plate", shape=None, motion=None, opens=None, moves=PartMotion(velocity=(0.0, 0.0, 2.0)))
+    rising = replace(still, name="plate", part=wall)
     assert moving_walls(tmp_path, [still], np.array([0.0, 0.5]), "") == []
     series, first, last = moving_walls(tmp_path, [still, rising], np.array([0.0, 0.5]), "")
     assert series.name == "walls.vtk.series"
     points = [path.read_bytes().split(b"POINTS 6 float\n")[1][: 6 * 12] for path in (first, last)]
     before, after = (np.frombuffer(block, ">f4").reshape(6, 3) for block in points)
     assert (after - before).tolist() == [[0, 0, 0]] * 3 + [[0, 0, 1]] * 3
+    gone = replace(rising, part=Wall.of(name="plate", shape=None, motion=None, opens=0.4, moves=wall.moves))
+    early, late = (mesh.vertices for mesh in gone.at([0.3, 0.5]))
+    assert np.ptp(early, axis=0).tolist() == [1.0, 1.0, 0.0]
+    assert np.ptp(late, axis=0).tolist() == [0.0, 0.0, 0.0], "what has vanished is a point where it was placed"

@@ -2,6 +2,7 @@
 
 import json
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -11,14 +12,28 @@ from toy_records import records
 from toy_results import analyse
 
 from labbook.backend import Status
+from labbook.checks.verify.moving import box
 from labbook.lab import Catalogue, RunRecord
 from labbook.lab.packings import PackingRecord
 from labbook.lab.records import RunLedger
 from labbook.lab.suspect import DEEPEST, FASTEST, counts, said, suspicion
 from labbook.plan.coverage import finished
 from labbook.report.result_box import concerns
-from labbook.run.ledger import expected_speed, ledger
-from labbook.scene import CylinderSilo, HertzMindlin, Packing, Scene, Spheres, WedgeHopper
+from labbook.run.ledger import expected_speed, inside_moving, ledger
+from labbook.scene import (
+    CylinderSilo,
+    HertzMindlin,
+    Packing,
+    PartMotion,
+    PartRotation,
+    Primitives,
+    Scene,
+    Spheres,
+    TriangleMesh,
+    Wall,
+    WedgeHopper,
+)
+from labbook.scene.triangles import Triangles
 
 D, G = 3e-3, 9.81
 BACKEND = ("--backend", "toy")
@@ -51,6 +66,21 @@ def balance(end: Packing, *rows: tuple[int, float]) -> tuple[int, int, int, int]
     found = ledger(HOPPER, NOW, end, START, crossed(*rows) if rows else None)
     assert (found.overlap, found.speed, found.started) == (0.02, 1.3, 10)
     return found.inside, found.left, found.outside, found.lost
+
+
+def test_grains_that_leak_out_of_a_part_that_moves_are_outside():
+    """A cube of sides of 0.2 m that turns about y by an eighth: its corners reach out there, and its sides no more."""
+    surface, _ = Triangles.welded(*box(0.1))
+    turned = PartRotation(axis=(0.0, 1.0, 0.0), rate=math.pi / 4)
+    cube = Wall(name="cube", shape=TriangleMesh.of_surface(surface, encloses=True), moves=PartMotion(rotation=turned))
+    of = scene(Primitives(parts=(cube,)))
+    end = packing((0.0, 0.0), (0.13, 0.0), (0.08, 0.08))
+    for time, outside in ((0.0, 1), (1.0, 1)):
+        assert ledger(of, replace(NOW, time=time), end).outside == outside
+    assert inside_moving(of, end.x, 0.0).tolist() == [True, False, True]
+    assert inside_moving(of, end.x, 1.0).tolist() == [True, True, False]
+    lid = cube.model_copy(update={"opens": 0.5})
+    assert inside_moving(scene(Primitives(parts=(lid,))), end.x, 1.0).all(), "what has vanished holds nothing"
 
 
 def test_every_grain_is_inside_left_or_outside():

@@ -159,6 +159,28 @@ def test_with_a_part_that_moves_a_restart_and_reading_change_no_bit(of):
         assert np.array_equal(array, end[name]), name
 
 
+def test_a_part_vanishes_at_its_time():
+    """A sphere at rest on it falls freely from then on; one beside, on a part that stays, rests."""
+    vertices, triangles = sheet(1, 2 * R)
+    shift = np.array([3 * D, 0.0, 0.0])
+    stays = of_triangles(vertices, triangles)
+    opens = of_triangles(vertices + shift, triangles).model_copy(update={"name": "lid", "opens": 40.5 * NUMERICS.dt})
+    law = linear(friction=0.4, restitution=0.6)
+    level = R - spheres(1).mass * G / law.model_dump()["normal_stiffness"]
+    of = Scene(grains=spheres(2), contact=law, container=Primitives(parts=(stays, opens)), gravity=G)
+    start = grains_at(np.array([[0.0, 0.0, level], [3 * D, 0.0, level]]), np.zeros((2, 3)))
+    for backend in (Backend(wide=True), labbook_reference.Backend()):
+        ensemble, member, _ = run(backend, of, start, 3)
+        end = ensemble.packing(member)
+        ensemble.close()
+        fallen = level - end.x[:, 2]
+        # from step 41 on, whose force is the first without it: 109 kicks
+        steps = 150 - 41
+        assert fallen[0] == pytest.approx(0, abs=1e-12)
+        assert fallen[1] == pytest.approx(G * NUMERICS.dt**2 * steps * (steps + 1) / 2, rel=1e-6)
+        assert end.wall_name.tolist() == ["floor"]
+
+
 def test_the_deepest_contact_with_too_many_sides_fails_with_the_remedy():
     angles = 2 * np.pi * np.arange(24) / 24
     ends = np.array([(0.999 * R * np.cos(t), 0.999 * R * np.sin(t), z) for t in angles for z in (-9 * R, 9 * R)])

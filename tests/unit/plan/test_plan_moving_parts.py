@@ -100,3 +100,21 @@ def test_a_backend_without_parts_that_move_refuses_them(tmp_path):
     backend.capabilities = replace(backend.capabilities, moving_parts=False)
     with pytest.raises(Unsupported, match=r"no parts that move; use --backend numba"):
         planned(tmp_path, "{velocity: [0 m/s, 0 m/s, 0.3 m/s]}", backend)
+
+
+def test_a_part_that_vanishes_after_the_end_of_runs_is_refused(tmp_path):
+    pytest.importorskip("trimesh")
+
+    def of(opens: str):
+        (tmp_path / "blade.stl").write_text(f"solid blade\n{FACET}endsolid blade\n")
+        (tmp_path / "blade.yaml").write_text(TEXT.replace("moves: MOVES", f"opens: {opens}"))
+        backend = labbook_reference.Backend()
+        check(
+            backend,
+            "cpu",
+            Planner(load(tmp_path / "blade.yaml"), Catalogue(tmp_path / "lab"), backend.capabilities).points,
+        )
+
+    of("0.5 s")
+    with pytest.raises(Conflict, match="end at 1 s"):
+        of("1.5 s")

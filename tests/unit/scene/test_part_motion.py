@@ -20,6 +20,7 @@ from labbook.scene import (
     Vibration,
     Wall,
 )
+from labbook.scene.part_motion import Poses
 
 MOTION = PartMotion(
     velocity=(0.1, 0.0, -0.2),
@@ -98,3 +99,34 @@ def test_a_motion_that_moves_nothing_is_refused(moves, words):
 def test_walls_without_triangles_do_not_move():
     with pytest.raises(ValidationError, match="only walls of triangles"):
         Wall(name="gate", shape=Strip(start=(0, 0), end=(0.01, 0)), moves=PartMotion(velocity=(0.1, 0, 0)))
+
+
+def vanishing(opens) -> Wall:
+    return scene(velocity=(0, 0, 0.1)).container.walls()[0].model_copy(update={"opens": opens})
+
+
+def test_a_part_that_vanishes_is_out_of_reach_from_then_on():
+    wall, moves = vanishing(0.2), PartMotion(velocity=(0, 0, 0.1))
+    poses, times = wall.poses(np.array([0.0, 0.19999, 0.2, 1.0])), np.array([0.0, 0.19999, 0.2, 1.0])
+    assert np.array_equal(poses.shift[:2], moves.poses(times).shift[:2])
+    assert (poses.shift[2:] > 1e5).all()
+    assert vanishing("start").removal is None
+    assert np.array_equal(Poses.at_rest(2).table(), PartMotion(velocity=(0, 0, 0)).poses(np.zeros(2)).table())
+
+
+def test_the_time_at_which_a_part_vanishes_is_in_the_key_and_not_in_that_of_the_packing():
+    def of(opens) -> Scene:
+        wall = of_triangles(*sheet(1, 0.02)).model_copy(update={"opens": opens})
+        return scene().model_copy(update={"container": Primitives(parts=(wall,), outlet_plane=0.0)})
+
+    at_start, early, late = of("start"), of(0.1), of(0.2)
+    assert [len(each.container.walls()) for each in (at_start, early, late)] == [0, 1, 1]
+    assert len({scene_key(each) for each in (at_start, early, late)}) == 3
+    assert {scene_key(each.close()) for each in (at_start, early, late)} == {scene_key(late.close())}
+    assert late.close().container.walls()[0].opens == "start"
+    assert Scene.model_validate_json(late.model_dump_json()) == late
+
+
+def test_only_walls_of_triangles_vanish_at_a_time():
+    with pytest.raises(ValidationError, match="vanishes at the start or never"):
+        Wall(name="lid", shape=Strip(start=(0, 0), end=(0.01, 0)), opens=0.2)

@@ -4,7 +4,8 @@ import re
 
 import numpy as np
 
-from labbook.scene import Frustum, HertzMindlin, Plane, Primitives, Scene, Spheres, Strip, Wall
+from labbook.scene import Frustum, HertzMindlin, Plane, Primitives, Scene, Spheres, Strip, TriangleMesh, Wall
+from labbook.scene.triangles import Triangles
 
 D = 3e-3
 
@@ -68,6 +69,23 @@ def test_round_parts_hold_grains_above_the_cone_only():
     z = (drawn[:, [1, 3]].max() - seen[:, 1]) / scale
     assert (z > (np.abs(x) - 0.006) * 0.03 / 0.024).all()
     assert 20 < len(seen) < 250, "a section shows a part of 500 grains"
+
+
+def test_a_lying_vessel_of_triangles_has_grains_at_its_lower_side():
+    angles, half = 2 * np.pi * np.arange(24) / 24, 3 * D
+    ring = np.array([(12 * D * np.cos(t), y, 12 * D * np.sin(t)) for t in angles for y in (-half, half)])
+    middle = np.array([[0.0, -half, 0.0], [0.0, half, 0.0]])
+    pairs = [(2 * k, 2 * ((k + 1) % 24)) for k in range(24)]
+    triangles = [t for a, b in pairs for t in ((a, b, b + 1), (a, b + 1, a + 1), (b, a, 48), (a + 1, b + 1, 49))]
+    surface, _ = Triangles.welded(np.concatenate([ring, middle]), np.array(triangles))
+    drum = Wall(name="drum", shape=TriangleMesh.of_surface(surface, encloses=True))
+    picture = scene(drum, count=300).svg()
+    seen, drawn = places(picture), np.array(lines(picture))
+    scale = (drawn[:, [0, 2]].max() - drawn[:, [0, 2]].min()) / (24 * D)
+    x, z = (seen - [drawn[:, [0, 2]].mean(), drawn[:, [1, 3]].mean()]).T / scale
+    assert len(seen) > 30
+    assert (np.hypot(x, z) < 12 * D).all()
+    assert (z > 0).mean() > 0.9, "pixels count downwards"
 
 
 def test_walls_that_enclose_nothing_are_no_picture():
