@@ -15,7 +15,7 @@ from types import ModuleType
 from typing import ParamSpec, TypeVar
 
 Arguments = ParamSpec("Arguments")
-Result = TypeVar("Made")
+Result = TypeVar("Result")
 LOG = logging.getLogger("labbook")
 _making = threading.RLock()
 
