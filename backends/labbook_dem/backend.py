@@ -1,4 +1,4 @@
-"""Methods that all backends with the physics of this package have in common."""
+"""Methods common to all backends with the physics of this package."""
 
 from collections.abc import Mapping
 
@@ -9,7 +9,7 @@ from labbook.scene import Packing, Scene
 
 
 class DemBackend(backend.Backend):
-    """See `labbook.backend.Backend`."""
+    """Base of the backends with this physics; see `labbook.backend.Backend`."""
 
     def tractions(self, scene: Scene, numerics: Numerics, packing: Packing, probe: Traction) -> Table:
         """See `labbook.backend.Backend`."""
@@ -24,7 +24,7 @@ class DemBackend(backend.Backend):
         return elastic_forces(scene, numerics, packing, time)
 
     def describe(self, scene: Scene, numerics: Numerics) -> Mapping[str, float]:
-        """Asked and realised restitution of two grains (mean over ten phases of the step), and the damping used."""
+        """Requested and realised restitution of two grains (mean over ten phases of the step), and the damping used."""
         from labbook_dem.describe import describe
 
         return describe(scene, numerics)

@@ -20,10 +20,10 @@ from collections.abc import Mapping
 COEFFICIENTS = 8
 """Length of the row."""
 C_N, MU, MU_R = 1, 4, 5
-"""Of every law: coefficient of the normal dashpot, which records call `damping_coefficient`, 0 without a dashpot;
-friction; rolling friction."""
+"""Places that all laws share: coefficient of the normal dashpot, which records call `damping_coefficient`, 0 without a
+dashpot; friction; rolling friction."""
 OWN = (0, 2, 3, 6, 7)
-"""Places of the coefficients that a law has beside these."""
+"""Places of the coefficients of one law alone."""
 
 
 def row(values: Mapping[int, float]) -> tuple[float, ...]:

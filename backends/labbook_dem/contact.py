@@ -1,10 +1,10 @@
-"""From two bodies that touch to forces and torques, whatever the law.
+"""Forces and torques of two touching bodies, as far as they do not depend on the law.
 
 Velocities are those of a leapfrog, half a step before the positions. The normal dashpot, which decides the restitution,
-sees them predicted for the time of the positions (`motion.predict`), and so is second order in dt. Tangential dashpots
-and rolling resistance see the old ones: in a dense bed each grain's spin is damped at six or more contacts at once, and
-a prediction halves the time step up to which that is stable. Friction springs are advanced from position to position by
-the velocity half way, exact to second order and as free of drift as the leapfrog itself.
+takes them predicted for the time of the positions (`motion.predict`), and so is second order in dt. Tangential dashpots
+and rolling resistance take the old ones: in a dense bed each grain's spin is damped at six or more contacts at once,
+and a prediction halves the largest stable time step. Friction springs are advanced from position to position by the
+velocity half way, exact to second order and as free of drift as the leapfrog itself.
 """
 
 from labbook_dem.words import cross, dot, func, real, sqrt, vec3
@@ -12,10 +12,10 @@ from labbook_dem.words import cross, dot, func, real, sqrt, vec3
 
 @func
 def length(v: vec3):
-    """|v|, never below 3e-19, so that it may be divided by.
+    """|v|, at least 3e-19, so that it may be a divisor.
 
-    A square below 1e-38 is subnormal in single precision, and processors' approximate reciprocals take it for zero: a
-    force of 1e-20 N cut to none would not be a number. What is added changes no length above 1e-15.
+    A square below 1e-38 is subnormal in single precision, and approximate reciprocals of processors treat it as zero: a
+    force of 1e-20 N cut to zero would become NaN. The addend changes no length above 1e-15.
     """
     return sqrt(dot(v, v) + real(1e-37))
 
@@ -49,7 +49,7 @@ def trial(s: vec3, n: vec3, vt: vec3, dt: real):
 def rolling_rate(inertia: real, dt: real):
     """Largest torque per relative rotation [N m s] of rolling resistance: I/(12 dt).
 
-    A grain's contacts, up to twelve, together then never reverse in one step the rotation that they resist.
+    The contacts of a grain, up to twelve, then never together reverse within one step the rotation that they resist.
     """
     return inertia / (real(12.0) * dt)
 
@@ -62,6 +62,7 @@ def rolling(w: vec3, n: vec3, torque: real, inertia_rate: real, full: bool):
     """
     w = w if full else w - n * dot(w, n)
     rate = length(w)
+    # the branch of small rates needs no division, so that w = 0 gives zero and not NaN
     factor = inertia_rate if torque >= inertia_rate * rate else torque / rate
     return w * (-factor)
 

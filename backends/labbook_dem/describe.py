@@ -1,4 +1,4 @@
-"""What a scene and a time step come to, for the catalogue: the restitution that a time step gives back."""
+"""Restitution that a time step realises, for the catalogue."""
 
 import math
 from collections.abc import Mapping
@@ -14,7 +14,8 @@ from labbook_dem.motion import drift, kick, predict
 
 
 def describe(scene: Scene, numerics: Numerics) -> Mapping[str, float]:
-    """Restitution asked for and realised by this step (head-on at sqrt(g d), ten phases: mean and spread), damping."""
+    """Requested and realised restitution (head-on at sqrt(g d), ten phases of the step: mean and spread), and
+    damping."""
     law, grains = LAWS[scene.contact.law], scene.grains
     c = law.coefficients(scene.law_between(0, 0), scene.surface_of_grains, numerics.stiffness_scale)
     speed = math.sqrt(scene.gravity * grains.diameter) or 1.0
@@ -29,12 +30,21 @@ def describe(scene: Scene, numerics: Numerics) -> Mapping[str, float]:
 
 @lru_cache(maxsize=256)
 def realised(normal, c, rs: float, ms: float, dt: float, speed: float) -> np.ndarray:
-    """Restitution that a time step gives back: head-on collisions at ten positions of the touch within a step.
+    """Restitution that a time step realises: head-on collisions with the first touch at ten positions within a step.
 
-    None is at a whole step, where rounding would decide whether the grains touch yet.
+    None is at a whole step, where rounding would decide if the grains touch yet. The array is cached, since replicates
+    have the same collisions, and read-only.
 
-    normal: a law's `normal` in plain Python. c: its coefficients. rs, ms: effective radius [m] and mass [kg]. speed
-    [m/s] of approach. Replicates have the same collisions, so that the array is remembered, and cannot be written to.
+    Args:
+        normal: a law's `normal` in plain Python.
+        c: its coefficients.
+        rs: effective radius [m].
+        ms: effective mass [kg].
+        dt: time step [s].
+        speed: speed of approach [m/s].
+
+    Returns:
+        Restitutions, shape [10].
     """
     e = np.array([_collide(normal, c, rs, ms, dt, speed, (phase + 0.5) / 10) for phase in range(10)])
     e.flags.writeable = False
@@ -42,8 +52,8 @@ def realised(normal, c, rs: float, ms: float, dt: float, speed: float) -> np.nda
 
 
 _STUCK = 1e-6
-"""Part of the speed of approach below which grains that part are taken to stick, if they are still held back: where a
-force may pull, damping can be so strong that they never part."""
+"""Part of the speed of approach below which separating grains count as stuck while a force still holds them back:
+with a force that may pull, strong damping can keep them from ever separating."""
 
 
 def _collide(normal, c, rs, ms, dt, speed, phase) -> float:
@@ -54,7 +64,7 @@ def _collide(normal, c, rs, ms, dt, speed, phase) -> float:
         touched = touched or overlap > 0
         a = force / ms
         v = kick(v, a, dt)
-        if touched and not overlap > 0:  # or is no number, where the step is far too long
+        if touched and not overlap > 0:  # also NaN, from a step that is far too long
             return v / speed
         if a < 0 <= v < _STUCK * speed:
             return 0.0

@@ -1,4 +1,4 @@
-"""What ensembles of all backends do alike: members come and go, rows are collected, and events tell what happened."""
+"""Ensembles of all backends: members, rows of probes and events."""
 
 import math
 from abc import abstractmethod
@@ -23,14 +23,14 @@ from labbook_dem.reading import Readable, read
 from labbook_dem.traction import BinTable
 
 LONGEST = 2**53
-"""Steps from which on their number has no exact time."""
-UNKNOWN = math.inf
-"""Largest overlap or speed of a member that went on from a checkpoint which does not tell it: none is ever larger."""
+"""Number of steps from which on times are not exact."""
+NOT_RECORDED = math.inf
+"""Largest overlap or speed after a checkpoint that lacks it: infinite, so that no later value exceeds it."""
 
 
 @dataclass(frozen=True)
 class Failure:
-    """Why a guard stopped a member; see `labbook.backend.Failed`."""
+    """Reason why a check stopped a member; see `labbook.backend.Failed`."""
 
     guard: str
     step: int
@@ -39,7 +39,7 @@ class Failure:
 
 
 class Standing(Readable):
-    """What a backend knows of a member, as far as every backend knows it."""
+    """State of a member that every backend provides."""
 
     failure: Failure | None
 
@@ -58,7 +58,8 @@ class Standing(Readable):
 
     @abstractmethod
     def extremes(self) -> tuple[float, float]:
-        """Largest overlap [m] and speed [m/s] of all steps so far; UNKNOWN where they are not known."""
+        """Return the largest overlap [m] and speed [m/s] of all steps so far; NOT_RECORDED if a checkpoint lacked
+        them."""
 
     @abstractmethod
     def present(self) -> np.ndarray:
@@ -66,11 +67,11 @@ class Standing(Readable):
 
     @abstractmethod
     def put_back(self, grains: Packing, half_v: np.ndarray) -> None:
-        """Put grains that left back. half_v: their velocities [m/s] at the time of those that are kept."""
+        """Insert grains that left. half_v: their velocities [m/s] at the time of the stored ones, shape [n, 3]."""
 
     @abstractmethod
     def set_velocities(self, ids: np.ndarray, v: np.ndarray) -> None:
-        """Give grains other velocities [m/s], half a step before and as predicted for now."""
+        """Set velocities [m/s] of grains: half a step before, and the predicted ones."""
 
     def energy(self) -> float:
         """Kinetic energy [J] at the time of positions."""
@@ -84,23 +85,29 @@ class Standing(Readable):
 
 @dataclass
 class Settling:
-    """When a member counts as settled, and at how many beats on end it has been below the limit."""
+    """Criterion for a settled member.
+
+    Args:
+        below: limit of the kinetic energy per grain.
+        beats: successive beats below the limit.
+        beats_below: successive beats below the limit so far.
+    """
 
     below: float
     beats: int
-    seen: int = 0
+    beats_below: int = 0
 
     def after(self, kinetic: float) -> bool:
-        """Whether it is settled as of this beat, at this kinetic energy per grain."""
-        self.seen = self.seen + 1 if kinetic < self.below else 0
-        return self.seen == self.beats
+        """Count a beat with this kinetic energy per grain; return True at the beat that makes the member settled."""
+        self.beats_below = self.beats_below + 1 if kinetic < self.below else 0
+        return self.beats_below == self.beats
 
 
 R = TypeVar("R", bound=Standing)
 
 
 class Ensemble(backend.Ensemble, Generic[R]):
-    """See `labbook.backend.Ensemble`. A backend adds how a member begins and is stepped."""
+    """Base of the ensembles; see `labbook.backend.Ensemble`. A backend adds the start and the steps of a member."""
 
     def __init__(self, capabilities: Capabilities, spec: Spec):
         self._can, self._spec = capabilities, spec
@@ -117,7 +124,7 @@ class Ensemble(backend.Ensemble, Generic[R]):
 
     @abstractmethod
     def advance(self, beats: int = 1) -> Sequence[Event]:
-        """Let every member take `beats` beats; those that failed or emptied rest."""
+        """Take `beats` beats with every member; failed and empty ones rest."""
 
     def admit(
         self,
@@ -129,7 +136,11 @@ class Ensemble(backend.Ensemble, Generic[R]):
         settled_beats: int = 3,
         probes: Sequence[Probe] | None = None,
     ) -> Member:
-        """Add a member. Raises ValueError if it needs what this ensemble's Spec has not, or has no grains."""
+        """Add a member; see `labbook.backend.Ensemble`.
+
+        Raises:
+            ValueError: it needs features that this ensemble's Spec lacks, or has no grains.
+        """
         read_by = self._spec.probes if probes is None else tuple(probes)
         check_read_by(self._spec, read_by)
         if isinstance(start, Packing) and not len(start):
@@ -147,12 +158,12 @@ class Ensemble(backend.Ensemble, Generic[R]):
         return member
 
     def retire(self, member: Member) -> None:
-        """Drop a member; its slot is free."""
+        """Drop a member and free its slot."""
         del self._runs[member]
         self._settling.pop(member, None)
 
     def status(self, member: Member) -> Status:
-        """Where a member stands."""
+        """Status of a member."""
         return self._runs[member].status()
 
     def checkpoint(self, member: Member) -> Checkpoint:
@@ -164,27 +175,26 @@ class Ensemble(backend.Ensemble, Generic[R]):
         return self._runs[member].packing()
 
     def put_back(self, member: Member, grains: Packing) -> None:
-        """Put grains that left back into a member. Raises ValueError for grains that have not left."""
+        """Insert grains that left into a member. Raises ValueError for grains that have not left."""
         self.put_back_all({member: grains})
 
     def put_back_all(self, grains: Mapping[Member, Packing]) -> None:
-        """Put grains that left back into members. Raises ValueError, before any is changed, for grains that have not
-        left."""
+        """Insert grains that left into members. Raises ValueError for grains that have not left, before any change."""
         if not grains:
             return
         with self.reading(grains):
-            for member, own in grains.items():
-                _check_absent(self._runs[member], own)
-        runs = ((self._runs[member], own) for member, own in grains.items())
-        self._put_back([(run, own, _half_step(run, own)) for run, own in runs])
+            for member, returning in grains.items():
+                _check_absent(self._runs[member], returning)
+        runs = ((self._runs[member], returning) for member, returning in grains.items())
+        self._put_back([(run, returning, _half_step(run, returning)) for run, returning in runs])
 
     def _put_back(self, returning: Sequence[tuple[R, Packing, np.ndarray]]) -> None:
-        """Put grains back into each run, with their velocities [m/s] at the time of those that are stored."""
+        """Insert grains into each run, with their velocities [m/s] at the time of the stored ones."""
         for run, grains, half_v in returning:
             run.put_back(grains, half_v)
 
     def set_velocities(self, member: Member, ids: np.ndarray, v: np.ndarray) -> None:
-        """Give grains of a member other velocities. Raises ValueError for grains that are not there."""
+        """Set velocities of grains of a member. Raises ValueError for grains that are not present."""
         run = self._runs[member]
         if not np.isin(ids, run.present()).all():
             raise ValueError("set_velocities: some of these grains are not in the scene")
@@ -195,19 +205,19 @@ class Ensemble(backend.Ensemble, Generic[R]):
         self._runs.clear()
 
     def _going(self) -> dict[Member, R]:
-        """Members that take steps: those that failed or emptied rest."""
+        """Members that take steps: failed and empty ones rest."""
         return {member: run for member, run in self._runs.items() if run.failure is None and run.grains > 0}
 
     def _observed(self, runs: Mapping[Member, R]) -> Mapping[Probe, Table]:
-        """Rows of the probes that are due after a beat of these members, and of frames within it; those that failed
-        have none."""
-        well = {member.index: run for member, run in runs.items() if run.failure is None}
-        for run in well.values():
+        """Rows of the probes that are due after a beat of these members, with frames within it; failed members have
+        none."""
+        valid = {member.index: run for member, run in runs.items() if run.failure is None}
+        for run in valid.values():
             run.take_frames()
-        return read(well, self._spec.steps_per_beat)
+        return read(valid, self._spec.steps_per_beat)
 
     def _events(self, member: Member, run: R) -> list[Event]:
-        """What happened in a beat; of a failed member, only that it failed."""
+        """Events of a beat; for a failed member, only its failure."""
         if failure := run.failure:
             return [Failed(member, failure.guard, failure.step, failure.grain, failure.message)]
         if run.grains == 0:
@@ -221,7 +231,7 @@ class Ensemble(backend.Ensemble, Generic[R]):
                 self._rows[probe].append(table)
 
     def drain(self) -> Mapping[Probe, Table]:
-        """Rows since the last drain, of every declared probe."""
+        """Return the rows since the last drain, of every declared probe."""
         rows, self._rows = self._rows, defaultdict(list)
         return {
             probe: _joined(rows[probe] or [empty_table(probe, self._spec.feature("ORIENTED"))])
@@ -230,28 +240,30 @@ class Ensemble(backend.Ensemble, Generic[R]):
 
 
 def _check_absent(run: Standing, grains: Packing) -> None:
-    """Raises ValueError for grains that have not left."""
-    there = run.present()
+    """Raise ValueError for grains that have not left."""
+    present = run.present()
     assert grains.ids is not None
-    if len(np.unique([*there, *grains.ids])) < len(there) + len(grains):
+    if len(np.unique([*present, *grains.ids])) < len(present) + len(grains):
         raise ValueError("put_back: some of these grains are still in the scene")
     if len(grains) and not (grains.ids.min() >= 0 and grains.ids.max() < run.scene.grains.count):
         raise ValueError(f"put_back: ids are not those of {run.scene.grains.count} grains")
 
 
 def _half_step(run: Standing, grains: Packing) -> np.ndarray:
-    """Velocities [m/s] of grains that come back, half a step before: nothing touches them, so that only gravity has
-    acted. The first kick of a run starts at the whole step."""
+    """Velocities [m/s] of returning grains half a step before: they touch nothing, so that only gravity has acted.
+
+    The first kick of a run starts at the whole step.
+    """
     since = run.numerics.dt / 2 if run.step else 0.0
     return grains.v - np.array([0.0, 0.0, -run.scene.gravity]) * since
 
 
 def check_read_by(spec: Spec, probes: Sequence[Probe]) -> None:
-    """Raises ValueError unless members of `spec` can be read by these probes and no others."""
-    if other := {*probes} - {*spec.probes}:
-        raise ValueError(f"probes: the ensemble's Spec lacks {', '.join(map(repr, other))}")
-    if left_out := [one for one in {*spec.probes} - {*probes} if isinstance(one, Crossing | Ledger)]:
-        raise ValueError(f"probes: the kernels are compiled for {left_out[0]!r}, so every member must be read by it")
+    """Raise ValueError unless members of `spec` can be read by exactly these probes."""
+    if undeclared := {*probes} - {*spec.probes}:
+        raise ValueError(f"probes: the ensemble's Spec lacks {', '.join(map(repr, undeclared))}")
+    if missing := [one for one in {*spec.probes} - {*probes} if isinstance(one, Crossing | Ledger)]:
+        raise ValueError(f"probes: the kernels are compiled for {missing[0]!r}, so every member must be read by it")
 
 
 def _joined(tables: list[Table]) -> Table:
@@ -261,22 +273,36 @@ def _joined(tables: list[Table]) -> Table:
 def check_checkpoint(
     can: Capabilities, names: set[str], stored: Checkpoint, newer: frozenset[str] = frozenset()
 ) -> None:
-    """Raises ValueError if a checkpoint is not of this backend and version, or has other arrays than `names`; those in
-    `newer`, older checkpoints may lack."""
+    """Check backend, version and names of arrays of a checkpoint.
+
+    Args:
+        can: capabilities of the backend.
+        names: names of the arrays.
+        stored: the checkpoint.
+        newer: names that older checkpoints may lack.
+
+    Raises:
+        ValueError: the checkpoint does not fit.
+    """
     if (stored.backend, stored.cache_version) != (can.name, can.cache_version):
         raise ValueError(
             f"the checkpoint is of {stored.backend} version {stored.cache_version}, "
             f"not of {can.name} version {can.cache_version}"
         )
-    if other := (names ^ set(stored.arrays)) - (newer - set(stored.arrays)):
-        raise ValueError(f"the checkpoint has other arrays than this backend's state: {', '.join(sorted(other))}")
+    if mismatched := (names ^ set(stored.arrays)) - (newer - set(stored.arrays)):
+        raise ValueError(f"the checkpoint has other arrays than this backend's state: {', '.join(sorted(mismatched))}")
 
 
 def explain(guard: str, grain: int, step: int, value: float, scene: Scene, numerics: Numerics) -> str:
-    """Message of a failed guard: which grain, when, by how much, and what to change.
+    """Message of a failed check: grain, time, size, and the remedy.
 
-    guard: overlap, speed, spin, or state for all that is NaN or too large to be counted. value: overlap [m] or speed
-    [m/s]; of no meaning for the others.
+    Args:
+        guard: overlap, speed, spin, or state for all else that is NaN or too large for the quanta.
+        grain: id of the grain.
+        step: step of the failure.
+        value: overlap [m] or speed [m/s]; unused for the others.
+        scene: scene.
+        numerics: numerics.
     """
     where = f"grain {grain} at step {step} ({span(step * numerics.dt)}, dt = {span(numerics.dt)})"
     if guard == "overlap" and math.isinf(value):
@@ -293,13 +319,13 @@ def explain(guard: str, grain: int, step: int, value: float, scene: Scene, numer
             f"{where} moves at {speed} m/s, faster than numerics.speed_limit ({limit} m/s); "
             "use a smaller numerics.dt, or raise the limit if grains may be this fast"
         )
-    what = "its spin is NaN" if guard == "spin" else "its velocity or a force on it is NaN or too large"
-    return f"{where}: {what}; use a smaller numerics.dt"
+    cause = "its spin is NaN" if guard == "spin" else "its velocity or a force on it is NaN or too large"
+    return f"{where}: {cause}; use a smaller numerics.dt"
 
 
-def places(ascending: np.ndarray, wanted: np.ndarray) -> np.ndarray:
-    """Where each wanted key stands in an ascending array; -1 if nowhere."""
+def places(ascending: np.ndarray, keys: np.ndarray) -> np.ndarray:
+    """Index of each key in an ascending array, -1 if it is missing."""
     if not len(ascending):
-        return np.full(len(wanted), -1)
-    at = np.searchsorted(ascending, wanted).clip(max=len(ascending) - 1)
-    return np.where(ascending[at] == wanted, at, -1)
+        return np.full(len(keys), -1)
+    index = np.searchsorted(ascending, keys).clip(max=len(ascending) - 1)
+    return np.where(ascending[index] == keys, index, -1)

@@ -1,4 +1,4 @@
-"""What a scene needs and what it does not: features that backends compile in, and the tables of walls they take."""
+"""Features that a scene needs, which backends compile in, and the tables of coefficients and walls of kernels."""
 
 import math
 from collections.abc import Mapping, Sequence
@@ -35,17 +35,17 @@ SWITCHES = (
     "POSES",
 )
 """Features that are constants of a generated module."""
-FALL = 2.0  # lengths below outlet or sink at which a grain is dropped: nothing that is still to be counted touches it
+FALL = 2.0  # grain lengths below outlet or sink at which a grain is dropped: it touches none that is still counted
 
 
 class Needs(NamedTuple):
-    """What decides the features of a scene: all of it but sizes and places, so that many scenes have the same."""
+    """Parts of a scene that decide its features: all but sizes and positions, so that many scenes have equal ones."""
 
     grains: Grains
     contact: ContactLaw
     surfaces: tuple[Surface, ...]
     walls: frozenset[str]
-    """Their kinds."""
+    """Kinds of walls."""
     moving: bool
     poses: bool
     """True if parts move as a whole."""
@@ -53,7 +53,7 @@ class Needs(NamedTuple):
 
     @classmethod
     def of(cls, scene: Scene) -> "Needs":
-        """What `scene` needs."""
+        """Return the needs of `scene`."""
         walls = scene.container.walls()
         kinds = frozenset([wall.shape.kind for wall in walls])
         poses = any([wall.is_posed for wall in walls])
@@ -62,8 +62,8 @@ class Needs(NamedTuple):
 
 
 def features(scene: Scene, numerics: Numerics, probes: Sequence[Probe]) -> dict[str, object]:
-    """Features by name: the law, the precision, the shape of grains, kinds of walls; in capitals switches, and the
-    number of kinds of grains."""
+    """Features by name: law, precision, shape of grains, kinds of walls; in capitals the switches, and the number of
+    species."""
     return _features(Needs.of(scene), numerics.precision, probes)
 
 
@@ -93,34 +93,36 @@ def _features(needs: Needs, precision: str, probes: Sequence[Probe]) -> dict[str
 
 
 ALWAYS = ("FRICTION", "ROLLING", "MOVING", "ANY_WALLS", "OUTLET", "CROSSING", "LEDGER")
-"""Switches that may be on for a scene that needs nothing of them: coefficients, velocities and lists are empty then."""
+"""Switches that may be on for a scene that does not need them: coefficients, velocities and lists are empty then."""
 
 
 def constants(spec: Spec) -> dict[str, int]:
-    """The switches of a generated module, by name."""
+    """Switches of a generated module by name."""
     return {name: spec.feature(name) for name in SWITCHES}
 
 
-def superset(found: Mapping[str, object]) -> dict[str, object]:
+def superset(needed: Mapping[str, object]) -> dict[str, object]:
     """Features with every switch on that changes no motion, so that scenes of one law and shape share a kernel.
 
-    Twist is resisted only where the scene has it so: with rolling friction of zero it makes no difference. Rolling
-    resistance has springs only where the scene has them: they take memory. Parts move only where there are meshes.
+    Resistance to twist stays off unless the scene has it: with rolling friction of zero it makes no difference. Rolling
+    springs stay off, since they take memory. Parts move only if there are meshes.
     """
-    springs = bool(found["ROLLING_SPRING"])
-    twist = bool(found["TWIST"] or not (found["ROLLING"] or springs))
-    on = {"ROLLING": not springs, "TWIST": twist, "POSES": found["MESHES"], "walls": tuple(WALLS)}
-    return {**found, **dict.fromkeys(ALWAYS, True), **on}
+    springs = bool(needed["ROLLING_SPRING"])
+    twist = bool(needed["TWIST"] or not (needed["ROLLING"] or springs))
+    on = {"ROLLING": not springs, "TWIST": twist, "POSES": needed["MESHES"], "walls": tuple(WALLS)}
+    return {**needed, **dict.fromkeys(ALWAYS, True), **on}
 
 
 def covers(spec: Spec, needed: Spec) -> bool:
-    """Whether kernels of `spec` can move a member that needs no more than `needed`: all that it needs is compiled in,
-    and what is beside that changes no motion."""
-    has, wanted = dict(spec.features), dict(needed.features)
+    """True if kernels of `spec` can move a member that needs `needed`.
+
+    All that it needs is compiled in, and all other features of `spec` change no motion.
+    """
+    has, required = dict(spec.features), dict(needed.features)
     free = {*ALWAYS, "POSES"}
-    if wanted["ROLLING_SPRING"]:
+    if required["ROLLING_SPRING"]:
         free.remove("ROLLING")
-    elif not wanted["ROLLING"]:
+    elif not required["ROLLING"]:
         free.add("TWIST")
 
     def fixed(features: Mapping[str, object]) -> dict[str, object]:
@@ -128,14 +130,14 @@ def covers(spec: Spec, needed: Spec) -> bool:
 
     return (
         (spec.backend, spec.probes, spec.steps_per_beat) == (needed.backend, needed.probes, needed.steps_per_beat)
-        and fixed(has) == fixed(wanted)
-        and all(has[name] or not wanted[name] for name in free)
+        and fixed(has) == fixed(required)
+        and all(has[name] or not required[name] for name in free)
         and {*needed.feature("walls")} <= {*spec.feature("walls")}
     )
 
 
 def rolling_springs(scene: Scene) -> bool:
-    """Whether rolling resistance acts by springs, which contacts then keep."""
+    """True if rolling resistance acts by springs, which contacts store."""
     return _rolling_springs(scene.contact, scene.surfaces)
 
 
@@ -178,12 +180,12 @@ def pose_table(scene: Scene, first: int, last: int, dt: float) -> np.ndarray:
 
 
 def is_oriented(scene: Scene) -> bool:
-    """Whether grains have an orientation."""
+    """True if grains have an orientation."""
     return SHAPES[scene.grains.shape].oriented
 
 
 def planes(scene: Scene, probes: Sequence[Probe]) -> tuple[float, float]:
-    """z [m] of the plane whose crossings are recorded, and z below which grains are dropped."""
+    """Height z [m] of the plane whose crossings are recorded, and height below which grains are dropped."""
     crossed = [probe.plane for probe in probes if isinstance(probe, Crossing)]
     bottom, size = scene.outlet if scene.sink is None else scene.sink, scene.grains.extent
     drop = 0.0 if bottom is None else min([bottom, *crossed]) - FALL * size
@@ -192,21 +194,28 @@ def planes(scene: Scene, probes: Sequence[Probe]) -> tuple[float, float]:
 
 def capabilities(
     name: str, cache_version: int, precisions: frozenset[str], devices: tuple[str, ...], meshes: bool = False,
-    **more: bool,
+    **switches: bool,
 ):  # fmt: skip
-    """Capabilities of a backend that computes with the formulas of this package: all laws, shapes and walls; walls of
-    triangles only where it has `meshes`."""
+    """Capabilities of a backend with the formulas of this package: all laws, shapes and walls.
+
+    meshes: walls of triangles too; switches: further fields of `Capabilities`.
+    """
     walls: list[str] = [*WALLS, *([MESH] if meshes else [])]
     laws, shapes = frozenset(LAWS), frozenset(SHAPES)
     return Capabilities(
-        name, cache_version, shapes, laws, frozenset(walls), precisions, devices, feeds=True, breaks=True, **more
+        name, cache_version, shapes, laws, frozenset(walls), precisions, devices, feeds=True, breaks=True, **switches
     )
 
 
 def specialise(
     can: Capabilities, scene: Scene, numerics: Numerics, probes: Sequence[Probe], wide: bool = False
 ) -> Spec:
-    """What a backend with these capabilities compiles in; `wide`: the `superset` of it. Raises Unsupported."""
+    """Features that a backend with these capabilities compiles in; wide: their `superset`.
+
+    Raises:
+        Unsupported: the backend lacks a feature.
+        BrokenPlugin: formulas of a law or a wall are incomplete.
+    """
     return _specialised(can, Needs.of(scene), numerics.precision, numerics.steps_per_beat, tuple(probes), wide)
 
 
@@ -215,28 +224,28 @@ def _specialised(
     can: Capabilities, needs: Needs, precision: str, steps_per_beat: int, probes: tuple[Probe, ...], wide: bool
 ) -> Spec:
     check(can, needs, precision, probes)
-    found = _features(needs, precision, probes)
+    needed = _features(needs, precision, probes)
     return Spec(
         backend=can.name,
-        features=tuple(sorted((superset(found) if wide else found).items())),
+        features=tuple(sorted((superset(needed) if wide else needed).items())),
         probes=tuple(dict.fromkeys(probes)),
         steps_per_beat=steps_per_beat,
     )
 
 
 def check(can: Capabilities, needs: Needs, precision: str, probes: Sequence[Probe]) -> None:
-    """Raises Unsupported if a backend with these capabilities cannot do it, BrokenPlugin for a law or a wall whose
-    formulas are not complete."""
-    wanted = [
+    """Raise Unsupported if a backend with these capabilities lacks a need, BrokenPlugin for incomplete formulas of a
+    law or a wall."""
+    requirements = [
         ("grains.shape", needs.grains.shape, can.shapes),
         ("contact.law", needs.contact.law, can.laws),
         ("numerics.precision", precision, can.precisions),
         *(("container", kind, can.walls) for kind in sorted(needs.walls)),
     ]
-    for key, value, known in wanted:
-        if value not in known:
-            has = ", ".join(sorted(known))
-            state = f": state numerics: {{precision: {min(known)}}}" if key == "numerics.precision" else ""
+    for key, value, supported in requirements:
+        if value not in supported:
+            has = ", ".join(sorted(supported))
+            state = f": state numerics: {{precision: {min(supported)}}}" if key == "numerics.precision" else ""
             raise Unsupported(key, f"the backend {can.name} has no {value}; it has {has}{state}")
     if MESH in needs.walls and SHAPES[needs.grains.shape].oriented and not can.rods_at_meshes:
         reason = f"the backend {can.name} has no contacts of rods with a mesh"
@@ -246,7 +255,7 @@ def check(can: Capabilities, needs: Needs, precision: str, probes: Sequence[Prob
         raise Unsupported("container.parts[].moves", f"{reason}; use --backend numba, or leave moves out")
     for formulas, names in ((LAWS, (needs.contact.law,)), (WALLS, needs.walls - {MESH})):
         for name in names:
-            _ = formulas[name]  # held to its definitions
+            _ = formulas[name]  # raises BrokenPlugin if a definition is missing
     if sum(isinstance(probe, Crossing) for probe in probes) > 1:
         raise Unsupported("measure", f"the backend {can.name} records crossings of one plane at a time")
     if needs.grains.varied and not can.mixtures:
@@ -267,7 +276,7 @@ def check(can: Capabilities, needs: Needs, precision: str, probes: Sequence[Prob
 
 
 def pair_table(scene: Scene, numerics: Numerics) -> np.ndarray:
-    """Coefficients of contacts between kinds a and b in row a K + b of K kinds, shape [K^2, 8]."""
+    """Coefficients of contacts between species a and b in row a K + b of K species, shape [K^2, 8]."""
     law, sorts = LAWS[scene.contact.law], range(len(scene.grains.species))
     scale = numerics.stiffness_scale
     rows = [law.coefficients(scene.law_between(a, b), scene.surface_between(a, b), scale) for a in sorts for b in sorts]
@@ -275,8 +284,14 @@ def pair_table(scene: Scene, numerics: Numerics) -> np.ndarray:
 
 
 class WallTables(NamedTuple):
-    """Of each of W walls: coefficients for kind k of K grains in row w K + k [W K, 8]; the numbers that describe it, as
-    many as the longest has [W, n]; its kind, as kernels know it [W]; velocity and spin of its surface [W, 4]."""
+    """Tables of W walls.
+
+    Attributes:
+        c: coefficients for species k of K in row w K + k, shape [W K, 8].
+        numbers: numbers of each wall, padded, shape [W, n].
+        kind: kinds as kernels number them, shape [W].
+        motion: velocity [m/s] and spin [rad/s] of each surface, shape [W, 4].
+    """
 
     c: np.ndarray
     numbers: np.ndarray
@@ -285,7 +300,7 @@ class WallTables(NamedTuple):
 
 
 def wall_tables(scene: Scene, numerics: Numerics) -> WallTables:
-    """What kernels know of the walls of a scene."""
+    """Tables of the walls of a scene."""
     law, walls, sorts = LAWS[scene.contact.law], scene.container.walls(), range(len(scene.grains.species))
     scale = numerics.stiffness_scale
     shapes = [() if wall.shape.kind == MESH else numbers(wall.shape) for wall in walls]

@@ -1,4 +1,4 @@
-"""Modules of formulas, one a contact law or a wall, found by name and held to what each must define."""
+"""Modules of formulas, one a contact law or a wall: found by name, and checked for their definitions."""
 
 import ast
 from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -12,16 +12,24 @@ from labbook_dem.source import module_text, undefined_names
 
 
 def identifier(name: str) -> str:
-    """The name of a law or a wall as Python writes it: `hertz_mindlin` for `hertz-mindlin`."""
+    """Name of a law or a wall as a Python identifier: `hertz_mindlin` for `hertz-mindlin`."""
     return name.replace("-", "_")
 
 
 class Formulas(Mapping[str, ModuleType]):
-    """Modules by the names that scenes know, each imported when first asked for.
+    """Modules by the names of scenes, each imported at first use.
 
     A type of another package states its module in `physics`; labbook's own types have theirs in `package`, under their
-    names. what: the word for them in messages. known: types of scenes, by name. required: the names that the module of
-    one of them must define. Raises BrokenPlugin, with the missing name, when a module is asked for.
+    names.
+
+    Args:
+        what: word for the kind in messages.
+        package: package of labbook's own modules.
+        known: types of scenes by name.
+        required: names that the module of a type must define.
+
+    Raises:
+        BrokenPlugin: at the use of a module that is missing, or lacks a name.
     """
 
     def __init__(self, what: str, package: str, known: Mapping[str, type], required: Callable[[str], Sequence[str]]):
@@ -59,29 +67,35 @@ class Formulas(Mapping[str, ModuleType]):
 
 @cache
 def parameters_of(module: ModuleType, function: str) -> tuple[tuple[str, str], ...]:
-    """Names and annotations, as they are written, of the parameters of a function of a module."""
+    """Names and annotations, as written, of the parameters of a function of a module."""
     for node in ast.parse(module_text(module)).body:
         if isinstance(node, ast.FunctionDef) and node.name == function:
-            return tuple((one.arg, ast.unparse(one.annotation) if one.annotation else "") for one in node.args.args)
+            return tuple((arg.arg, ast.unparse(arg.annotation) if arg.annotation else "") for arg in node.args.args)
     raise LookupError(f"{module.__name__} has no function {function}")
 
 
-def hold(who: str, listed: ModuleType, modules: Sequence[ModuleType]) -> None:
-    """Hold modules to the functions that a symbolic module lists.
+def hold(subject: str, listed: ModuleType, modules: Sequence[ModuleType]) -> None:
+    """Check that modules define the functions of a symbolic module, with its parameters.
 
-    Raises BrokenPlugin if one is missing, or takes other parameters; who: whom the message is about.
+    Args:
+        subject: subject of messages.
+        listed: symbolic module.
+        modules: modules that define the functions between them.
+
+    Raises:
+        BrokenPlugin: a function is missing, or takes other parameters.
     """
     for function in _functions(listed):
-        wanted = [name for name, _ in parameters_of(listed, function)]
-        there = [module for module in modules if function in _functions(module)]
-        if not there:
+        required = [name for name, _ in parameters_of(listed, function)]
+        defining = [module for module in modules if function in _functions(module)]
+        if not defining:
             names = ", ".join(module.__name__ for module in modules)
-            raise BrokenPlugin(f"{who} lacks {function}({', '.join(wanted)}); define it in one of {names}")
-        for module in there:
-            found = [name for name, _ in parameters_of(module, function)]
-            if found != wanted:
-                told = f"{', '.join(found)}, and not {', '.join(wanted)}"
-                raise BrokenPlugin(f"{who}: {module.__name__}.{function} takes {told}; see {listed.__name__}")
+            raise BrokenPlugin(f"{subject} lacks {function}({', '.join(required)}); define it in one of {names}")
+        for module in defining:
+            parameters = [name for name, _ in parameters_of(module, function)]
+            if parameters != required:
+                difference = f"{', '.join(parameters)}, and not {', '.join(required)}"
+                raise BrokenPlugin(f"{subject}: {module.__name__}.{function} takes {difference}; see {listed.__name__}")
 
 
 @cache

@@ -1,4 +1,4 @@
-"""Generated modules on disk: written once under a name that says what they are made of, and imported from there."""
+"""Generated modules on disk: written once, in a folder named by a hash of their content, and imported from there."""
 
 import hashlib
 import importlib.util
@@ -15,13 +15,13 @@ from types import ModuleType
 from typing import ParamSpec, TypeVar
 
 Arguments = ParamSpec("Arguments")
-Made = TypeVar("Made")
+Result = TypeVar("Result")
 LOG = logging.getLogger("labbook")
 _making = threading.RLock()
 
 
 def cache_folder(backend: str) -> Path:
-    """Where a backend's generated modules live: in $LABBOOK_CACHE, or labbook/<backend> in the user's cache folder."""
+    """Folder of a backend's generated modules: $LABBOOK_CACHE, or labbook/<backend> in the user's cache folder."""
     home = os.environ.get("LABBOOK_CACHE")
     if home:
         return Path(home)
@@ -29,19 +29,19 @@ def cache_folder(backend: str) -> Path:
 
 
 def digest(*parts: str) -> str:
-    """Hash of all that decides what a module compiles to."""
+    """Hash of all texts that decide the compiled code of a module."""
     return hashlib.sha256("\0".join(parts).encode()).hexdigest()[:24]
 
 
-def alone(make: Callable[Arguments, Made]) -> Callable[Arguments, Made]:
-    """`make`, by one thread at a time, whichever backend it belongs to.
+def alone(make: Callable[Arguments, Result]) -> Callable[Arguments, Result]:
+    """Decorate `make` with a lock that all backends share.
 
-    What generates or imports a module parses Python, and before 3.11.8 its parser fails now and then in two threads at
-    once (SystemError: AST constructor recursion depth mismatch).
+    Generating or importing a module parses Python, and before 3.11.8 its parser fails at times in two threads at once
+    (SystemError: AST constructor recursion depth mismatch).
     """
 
     @wraps(make)
-    def locked(*args: Arguments.args, **kwargs: Arguments.kwargs) -> Made:
+    def locked(*args: Arguments.args, **kwargs: Arguments.kwargs) -> Result:
         with _making:
             return make(*args, **kwargs)
 
@@ -49,17 +49,19 @@ def alone(make: Callable[Arguments, Made]) -> Callable[Arguments, Made]:
 
 
 def load(name: str, text: str, folder: Path) -> ModuleType:
-    """Import module `name`, whose source is `text`; it is kept in `folder`, where compilers look for it.
+    """Import module `name` with the source `text`, written to `folder`, where compilers look for it.
 
-    What is executed is `text`, whatever is on the disk: a file there that has another content is damaged, as after a
-    power failure, and is written again. A module is imported once, also where two callers have missed it in a cache of
-    theirs: importing it again would register its kernels with the compiler a second time, in place of those that the
-    first caller may be launching.
+    `text` is executed, whatever the disk has: a file with other content is damaged, as after a power failure, and is
+    written again. A module is imported once, even if two callers miss it in their caches: a second import would
+    register its kernels with the compiler again, in place of those that the first caller may be launching.
+
+    Raises:
+        OSError: the folder cannot be written; the message names LABBOOK_CACHE.
     """
     path = folder / f"{name}.py"
-    known = sys.modules.get(name)
-    if known is not None and known.__file__ == str(path):
-        return known
+    loaded = sys.modules.get(name)
+    if loaded is not None and loaded.__file__ == str(path):
+        return loaded
     try:
         _keep(path, text.encode())
     except OSError as error:
@@ -88,7 +90,8 @@ def _keep(path: Path, content: bytes) -> None:
 
 
 def write(path: Path, content: bytes) -> None:
-    """Write a file of the cache by a rename: readers, also after a power failure, see the old content or the new."""
+    """Write a file of the cache atomically, by a rename: readers see the old or the new content, also after a power
+    failure."""
     part = path.with_name(f"{path.name}.{secrets.token_hex(6)}.part")
     try:
         with open(part, "xb") as file:

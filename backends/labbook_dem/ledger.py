@@ -1,4 +1,4 @@
-"""Totals of a member: energies, momenta, and the work that contacts have done."""
+"""Totals of a member: energies, momenta, and the work of contacts."""
 
 import math
 
@@ -12,8 +12,11 @@ from labbook_dem.rotation import spins
 def kinetic(grains: Grains | Bodies, v: np.ndarray, m: np.ndarray, q: np.ndarray | None = None) -> float:
     """Kinetic energy [J] of velocities v [m/s] and reduced angular momenta m [rad/s] (of spheres: spins).
 
-    grains: what all are, or each. q: orientations of rods (`labbook_dem.rotation`), whose rotational energy is
-    I_t m.omega / 2.
+    Args:
+        grains: properties of all grains, or of each.
+        v: velocities, shape [n, 3].
+        m: reduced angular momenta, shape [n, 3].
+        q: orientations of rods (`labbook_dem.rotation`), whose rotational energy is I_t m.omega / 2.
     """
     if isinstance(grains, Bodies):
         return 0.5 * float(grains.mass @ np.sum(v**2, axis=1) + grains.inertia @ np.sum(m**2, axis=1))
@@ -21,21 +24,30 @@ def kinetic(grains: Grains | Bodies, v: np.ndarray, m: np.ndarray, q: np.ndarray
 
 
 def energy_scale(scene: Scene) -> float:
-    """m g d [J], m the mean mass, by which kinetic energies per grain are counted; m d^2/s^2 without gravity."""
+    """Unit m g d [J] of kinetic energies per grain, m the mean mass; m d^2/s^2 without gravity."""
     d = scene.grains.diameter
     return scene.grains.mass * (scene.gravity * d or d**2)
 
 
 def status(scene: Scene, step: int, time: float, grains: int, energy: float, deepest: float, fastest: float) -> Status:
-    """Where a member stands, given the kinetic energy [J] of its grains, and the largest overlap [m] and speed [m/s] so
-    far: infinite where they are not known."""
+    """Status of a member.
+
+    Args:
+        scene: scene.
+        step: steps taken.
+        time: time [s].
+        grains: present grains.
+        energy: kinetic energy [J].
+        deepest: largest overlap [m] so far; infinite if not recorded.
+        fastest: largest speed [m/s] so far; infinite if not recorded.
+    """
     overlap = deepest / scene.grains.finest if math.isfinite(deepest) else None
     kinetic_per_grain = energy / max(grains, 1) / energy_scale(scene)
     return Status(step, time, grains, kinetic_per_grain, overlap, fastest if math.isfinite(fastest) else None)
 
 
 def _sum(weight: float | np.ndarray, values: np.ndarray) -> np.ndarray:
-    """Sum over grains of a weight, that of all or of each, times `values`, shape [n, ...]; shape [...]."""
+    """Sum over grains of a weight, one for all or one each, times `values`, shape [n, ...]; shape [...]."""
     return weight @ values if isinstance(weight, np.ndarray) else weight * values.sum(axis=0)
 
 
@@ -45,21 +57,21 @@ def totals(
 ) -> dict[str, float]:  # fmt: skip
     """Energies [J], mass [kg], momentum [kg m/s] and angular momentum [kg m^2/s] about the origin.
 
-    x, v, m, q at the whole step; v_half, m_half: half a step before, `since_half` [s] ago (0 at the start); m as in
-    `kinetic`. work: that of all kicks so far; the work of the last half kick is its gain in kinetic energy, less what
-    gravity did. bodies: what each grain is, where they differ.
+    x, v, m, q are at the whole step; v_half, m_half half a step before, `since_half` [s] ago (0 at the start); m as in
+    `kinetic`. work: of all kicks so far; the work of the last half kick is its gain of kinetic energy less the work of
+    gravity. bodies: properties of each grain, in a mixture.
     """
     grains = bodies or scene.grains
     mass, weight = grains.mass, grains.mass * scene.gravity
     energy = kinetic(grains, v, m, q)
-    gained = energy - kinetic(grains, v_half, m_half, q)  # m.a, and so the energy, stays while a rod drifts
-    by_gravity = -0.5 * float(_sum(weight * since_half, v[:, 2] + v_half[:, 2]))
+    kinetic_gain = energy - kinetic(grains, v_half, m_half, q)  # the drift of a rod conserves m.a, and so its energy
+    gravity_work = -0.5 * float(_sum(weight * since_half, v[:, 2] + v_half[:, 2]))
     momentum = _sum(mass, v)
     angular = _sum(mass, np.cross(x, v)) + _sum(grains.inertia, m)
     return {
         "kinetic": energy,
         "potential": float(weight) * math.fsum(x[:, 2]) if bodies is None else math.fsum(weight * x[:, 2]),
-        "contact_work": work + gained - by_gravity,
+        "contact_work": work + kinetic_gain - gravity_work,
         "mass": scene.grains.mass * len(x) if bodies is None else math.fsum(bodies.mass),
         **dict(zip(("px", "py", "pz"), momentum.tolist(), strict=True)),
         **dict(zip(("lx", "ly", "lz"), angular.tolist(), strict=True)),
@@ -91,25 +103,26 @@ def contact_power(
     i, j = (order[np.searchsorted(ids, contacts[:, side], sorter=order).clip(max=len(ids) - 1)] for side in (0, 1))
     of_pair = wall < 0
     r = np.linalg.norm(branch, axis=1)
-    towards = branch / r[:, None]
+    unit_branch = branch / r[:, None]
     lever = np.where(of_pair, (r**2 + radius[i] ** 2 - radius[j] ** 2) / (2 * r), r)
-    point = towards * lever[:, None]
-    of_grain = v[j] + np.cross(w[j], point - branch)
-    moving = np.zeros_like(force)
+    point = unit_branch * lever[:, None]
+    velocity_j = v[j] + np.cross(w[j], point - branch)
+    wall_velocity = np.zeros_like(force)
     for number, surface in enumerate(scene.container.walls()):
-        here = wall == number
-        at, motion = x[i[here]] + branch[here], surface.motion
-        moving[here] = np.asarray(motion.velocity) + np.cross([0.0, 0.0, motion.spin], at)
+        at_surface = wall == number
+        at, motion = x[i[at_surface]] + branch[at_surface], surface.motion
+        wall_velocity[at_surface] = np.asarray(motion.velocity) + np.cross([0.0, 0.0, motion.spin], at)
         if surface.is_posed:
             pose = surface.poses(np.array([time]))
-            moving[here] += pose.velocity[0] + np.cross(pose.spin[0], at)
-    apart = v[i] + np.cross(w[i], point) - np.where(of_pair[:, None], of_grain, moving)
-    pressing = -np.sum(force * towards, axis=1)
-    total, normal = -np.sum(force * apart, axis=1), pressing * np.sum(towards * apart, axis=1)
+            wall_velocity[at_surface] += pose.velocity[0] + np.cross(pose.spin[0], at)
+    relative = v[i] + np.cross(w[i], point) - np.where(of_pair[:, None], velocity_j, wall_velocity)
+    normal_force = -np.sum(force * unit_branch, axis=1)
+    total = -np.sum(force * relative, axis=1)
+    normal = normal_force * np.sum(unit_branch * relative, axis=1)
     overlap = radius[i] - r + np.where(of_pair, radius[j], 0.0)
     return {
         "normal_power": math.fsum(normal),
         "tangential_power": math.fsum(total - normal),
-        "wall_power": math.fsum(np.sum(force * moving, axis=1)),
-        "elastic": 0.5 * math.fsum(pressing * overlap),
+        "wall_power": math.fsum(np.sum(force * wall_velocity, axis=1)),
+        "elastic": 0.5 * math.fsum(normal_force * overlap),
     }

@@ -1,4 +1,4 @@
-"""Advancing a body by one step: leapfrog, positions at whole steps, velocities at half steps (velocity Verlet, for
+"""Integration by one step: leapfrog with positions at whole steps and velocities at half steps (velocity Verlet for
 forces that depend on positions only)."""
 
 from labbook_dem.words import func, wide
@@ -18,5 +18,5 @@ def drift(x: wide, v: wide, dt: wide):
 
 @func
 def predict(v: wide, a: wide, dt: wide):
-    """Velocity [m/s] at step n + 1 as forces there may see it, from v_{n+1/2} and a_n; one component."""
+    """Velocity [m/s] at step n + 1 for forces that depend on it, from v_{n+1/2} and a_n; one component."""
     return v + a * (wide(0.5) * dt)

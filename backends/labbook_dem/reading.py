@@ -1,4 +1,4 @@
-"""Rows of the probes, from what a backend reads of a member between two beats."""
+"""Rows of the probes, from a backend's readings of a member between two beats."""
 
 import math
 from abc import ABC, abstractmethod
@@ -29,25 +29,32 @@ from labbook_dem.traction import BinTable
 
 CROSSING_COLUMNS = ("id", "step", "time", "x", "y", "z", "vx", "vy", "vz", "wx", "wy", "wz")
 OF_RODS = ("qw", "qx", "qy", "qz")
-"""Further columns of crossings."""
+"""Further columns of crossings of rods."""
 CONTACT_COLUMNS = ("i", "j", "wall", "fx", "fy", "fz", "bx", "by", "bz")
 M = TypeVar("M", bound="Readable")
 
 Inside = Callable[[np.ndarray], np.ndarray]
-"""Which of centres x [m], shape [n, 3], lie within a part of the bed: shape [n]."""
+"""Function of centres x [m], shape [n, 3], that selects those within a part of the bed: mask of shape [n]."""
 
 
 def crossing_columns(rods: bool) -> tuple[str, ...]:
-    """Columns of what crossed a plane; rods have an orientation."""
+    """Columns of the crossings of a plane; rods have an orientation."""
     return CROSSING_COLUMNS + OF_RODS if rods else CROSSING_COLUMNS
 
 
 class Grains(NamedTuple):
-    """Grains that have not left, by id. Arrays of shape [n, 3] unless they say otherwise.
+    """Present grains, by id.
 
-    ids: shape [n]; x [m]. At the time of x: v [m/s], angular velocities w [rad/s] and reduced angular momenta m [rad/s]
-    (`labbook_dem.rotation`; of spheres w). Half a step before: v_half, m_half. q: orientations of rods, shape [n, 4].
-    bodies: what each grain is, where they differ.
+    Attributes:
+        ids: ids, shape [n].
+        x: positions [m], shape [n, 3].
+        v: velocities [m/s] at the time of x, shape [n, 3].
+        w: angular velocities [rad/s], likewise.
+        m: reduced angular momenta [rad/s], likewise (`labbook_dem.rotation`; of spheres w).
+        v_half: velocities half a step before [m/s], shape [n, 3].
+        m_half: reduced angular momenta half a step before [rad/s], shape [n, 3].
+        q: orientations of rods, shape [n, 4].
+        bodies: properties of each grain, in a mixture.
     """
 
     ids: np.ndarray
@@ -61,13 +68,13 @@ class Grains(NamedTuple):
     bodies: Bodies | None = None
 
     def within(self, inside: Inside | None) -> "Grains":
-        """Those that are `inside`; all of them for None."""
+        """Select the grains `inside`; None: all of them."""
         if inside is None:
             return self
-        mine = inside(self.x)
-        bodies = self.bodies and Bodies(*(array[mine] for array in vars(self.bodies).values()))
-        q = None if self.q is None else self.q[mine]
-        return Grains(*(array[mine] for array in self[:7]), q=q, bodies=bodies)
+        selected = inside(self.x)
+        bodies = self.bodies and Bodies(*(array[selected] for array in vars(self.bodies).values()))
+        q = None if self.q is None else self.q[selected]
+        return Grains(*(array[selected] for array in self[:7]), q=q, bodies=bodies)
 
 
 class SlabGrains(NamedTuple):
@@ -78,8 +85,14 @@ class SlabGrains(NamedTuple):
     v: np.ndarray
 
 
-class Seen(NamedTuple):
-    """What a probe saw at a step: fields of grains by row, or numbers that belong to one column each. time [s]."""
+class Snapshot(NamedTuple):
+    """Reading of a probe at a step.
+
+    Attributes:
+        step: number of the step.
+        time: time [s].
+        rows: fields of grains, by row, or values of one column each.
+    """
 
     step: int
     time: float
@@ -87,16 +100,16 @@ class Seen(NamedTuple):
 
 
 class Readable(ABC):
-    """A member, as probes see it. A backend tells how its memory is read."""
+    """State of a member that probes read. A backend defines how its memory is read."""
 
     scene: Scene
     numerics: Numerics
     probes: Sequence[Probe]
-    """All that look at it."""
-    frames: list[tuple[Film, Seen]]
-    """Taken in the beat, in the order of steps."""
+    """Probes that read it."""
+    frames: list[tuple[Film, Snapshot]]
+    """Frames of the beat, in the order of steps."""
     bins: Mapping[Traction, BinTable]
-    """Of its walls, for each of these probes."""
+    """Bins of its walls for each probe."""
     step: int
     """Steps taken."""
 
@@ -107,69 +120,72 @@ class Readable(ABC):
 
     @property
     def since_half(self) -> float:
-        """Time [s] since velocities were kicked; at the start they are of the same time as positions."""
+        """Time [s] since the last kick of velocities; at the start they are of the time of positions."""
         return 0.5 * self.numerics.dt if self.step > 0 else 0.0
 
     @abstractmethod
     def crossings(self) -> np.ndarray:
-        """First passages of the last beat, in `crossing_columns`."""
+        """Return the first passages of the last beat, in `crossing_columns`."""
 
     @abstractmethod
     def look(self, moving: bool = True, inside: Inside | None = None) -> Grains:
-        """Its grains, or those of them that are `inside`; v, w and m may be those of half a step before unless
-        `moving`."""
+        """Return its grains, or those `inside`.
+
+        v, w and m may be those of half a step before unless `moving`.
+        """
 
     def layer(self, slab: Slab) -> SlabGrains:
-        """Its grains in a slab."""
-        found = self.look(inside=lambda x: slab.holds(x[:, 2]))
-        return SlabGrains(found.ids, found.x, found.v)
+        """Return its grains in a slab."""
+        grains = self.look(inside=lambda x: slab.holds(x[:, 2]))
+        return SlabGrains(grains.ids, grains.x, grains.v)
 
     @abstractmethod
     def contacts(self) -> np.ndarray:
-        """Its touching contacts, in CONTACT_COLUMNS."""
+        """Return its touching contacts, in CONTACT_COLUMNS."""
 
     @abstractmethod
     def wall_sums(self, probe: Traction) -> np.ndarray:
-        """Sums over its contacts with walls, whole numbers by bin; see `labbook_dem.traction`."""
+        """Return sums over its contacts with walls, integers by bin; see `labbook_dem.traction`."""
 
     @abstractmethod
     def counted(self) -> Mapping[str, float]:
-        """`work` of contacts in all kicks so far [J], and the columns of `Ledger` that are counted while it steps:
+        """Return `work` of contacts in all kicks so far [J], and the columns of `Ledger` that are counted during steps:
         max_overlap, touching, rebuilds."""
 
     def totals(self) -> Mapping[str, float]:
-        """The columns of `Ledger`."""
+        """Return the columns of `Ledger`."""
         now, counted = self.look(), dict(self.counted())
         halves, work = (now.v_half, now.m_half, self.since_half), counted.pop("work")
-        found = totals(self.scene, now.x, now.v, now.m, *halves, work, now.q, now.bodies)
-        return {"grains": len(now.ids), **found, **counted}
+        energies = totals(self.scene, now.x, now.v, now.m, *halves, work, now.q, now.bodies)
+        return {"grains": len(now.ids), **energies, **counted}
 
     def above(self, planes: Sequence[float]) -> Mapping[str, np.ndarray]:
-        """The columns of `Above`; sums of masses are exact, so that no order of grains matters."""
+        """Return the columns of `Above`; sums of masses are exact, so that the order of grains decides no bit."""
         now = self.look(moving=False)
         over = [now.x[:, 2] > plane for plane in planes]
-        grains = np.array([int(one.sum()) for one in over])
+        grains = np.array([int(selected.sum()) for selected in over])
         equal = grains * self.scene.grains.mass
-        mass = equal if now.bodies is None else np.array([math.fsum(now.bodies.mass[one]) for one in over])
+        mass = equal if now.bodies is None else np.array([math.fsum(now.bodies.mass[selected]) for selected in over])
         return {"plane": np.arange(len(planes)), "grains": grains, "mass": mass}
 
     def powers(self) -> Mapping[str, float]:
-        """The columns of `Dissipation`."""
+        """Return the columns of `Dissipation`."""
         now = self.look()
         radius = np.full(len(now.ids), self.scene.grains.radius) if now.bodies is None else now.bodies.radius
         return contact_power(self.scene, now.ids, radius, now.x, now.v, now.w, self.contacts(), self.time)
 
     def frame_steps(self) -> list[int]:
-        """Steps of the next beat, without its end, after which frames are due; of the first beat with its beginning."""
+        """Steps of the next beat, without its end, after which frames are due; for the first beat, with its
+        beginning."""
         beat, dt = self.numerics.steps_per_beat, self.numerics.dt
         first, last = self.step + (self.step > 0), (self.step // beat + 1) * beat - 1
         return sorted({step for film in _films(self) for step in film.steps(dt, first, last)})
 
     def take_frames(self) -> None:
-        """Take the frames that are due at this step."""
+        """Read the frames that are due at this step."""
         for film in _films(self):
             if _is_due(film, self, self.numerics.steps_per_beat):
-                self.frames.append((film, Seen(self.step, self.time, _seen(self, film))))
+                self.frames.append((film, Snapshot(self.step, self.time, _read_probe(self, film))))
 
 
 def _films(member: Readable) -> list[Film]:
@@ -177,21 +193,25 @@ def _films(member: Readable) -> list[Film]:
 
 
 def read(members: Mapping[int, Readable], steps_per_beat: int) -> Mapping[Probe, Table]:
-    """Rows of the probes that are due after this beat, those of all members in one table; members by number. Frames
-    that were taken are read once."""
+    """Return the rows of the probes that are due after this beat, in one table for all members, and clear their frames.
+
+    Args:
+        members: members by number.
+        steps_per_beat: steps of a beat.
+    """
     due_of: dict[Probe, dict[int, Readable]] = {}
     for number, member in members.items():
         for probe in member.probes:
             if due(probe, member.step // steps_per_beat):
                 due_of.setdefault(probe, {})[number] = member
-    found = {probe: _table(probe, _parts(probe, of)) for probe, of in due_of.items()}
+    tables = {probe: _table(probe, _parts(probe, readers)) for probe, readers in due_of.items()}
     for member in members.values():
         member.frames.clear()
-    return found
+    return tables
 
 
 def looking(members: Iterable[M], steps_per_beat: int) -> list[M]:
-    """Return those of these members that have a probe due that looks at every grain."""
+    """Return the members with a due probe that reads every grain."""
     frames = (Sample, Film, Zone, Above, Ledger, Dissipation)
     return [
         member
@@ -206,32 +226,42 @@ def _is_due(probe: Probe, member: Readable, steps_per_beat: int) -> bool:
     return due(probe, member.step // steps_per_beat)
 
 
-def _parts(probe: Probe, members: Mapping[int, Readable]) -> list[tuple[int, Seen]]:
-    """What a probe saw of members, by number: of each all at once, or frame by frame."""
+def _parts(probe: Probe, members: Mapping[int, Readable]) -> list[tuple[int, Snapshot]]:
+    """Snapshots of a probe with the numbers of their members: one a member, or one a frame."""
     if isinstance(probe, Film):
-        return [(number, seen) for number, one in members.items() for film, seen in one.frames if film == probe]
-    return [(number, Seen(one.step, one.time, _seen(one, probe))) for number, one in members.items()]
+        return [
+            (number, snapshot)
+            for number, member in members.items()
+            for film, snapshot in member.frames
+            if film == probe
+        ]
+    return [
+        (number, Snapshot(member.step, member.time, _read_probe(member, probe))) for number, member in members.items()
+    ]
 
 
-def _table(probe: Probe, parts: Sequence[tuple[int, Seen]]) -> Table:
-    """Rows of a probe, one part after another. Columns are made of what all have together: there may be a hundred
-    members, each with a few rows of two dozen columns."""
+def _table(probe: Probe, parts: Sequence[tuple[int, Snapshot]]) -> Table:
+    """Rows of a probe, snapshot after snapshot.
+
+    Columns are made for all snapshots together: there may be a hundred members, each with few rows of two dozen
+    columns.
+    """
     if not parts:
         return {"member": np.zeros(0, np.int64)}
-    sizes = [len(next(iter(seen.rows.values()))) for _, seen in parts]
+    sizes = [len(next(iter(snapshot.rows.values()))) for _, snapshot in parts]
     table = {"member": np.repeat(np.array([number for number, _ in parts], np.int64), sizes)}
     if not isinstance(probe, Crossing):  # each of its rows has a time of its own
-        table["step"] = np.repeat(np.array([seen.step for _, seen in parts], np.int64), sizes)
-        table["time"] = np.repeat(np.array([seen.time for _, seen in parts]), sizes)
+        table["step"] = np.repeat(np.array([snapshot.step for _, snapshot in parts], np.int64), sizes)
+        table["time"] = np.repeat(np.array([snapshot.time for _, snapshot in parts]), sizes)
     names = parts[0][1].rows
     return {
         **table,
-        **_columns(probe, {name: np.concatenate([seen.rows[name] for _, seen in parts]) for name in names}),
+        **_columns(probe, {name: np.concatenate([snapshot.rows[name] for _, snapshot in parts]) for name in names}),
     }
 
 
-def _seen(member: Readable, probe: Probe) -> Mapping[str, np.ndarray]:
-    """What a probe sees of a member, by row: fields of grains, or numbers that belong to one column each."""
+def _read_probe(member: Readable, probe: Probe) -> Mapping[str, np.ndarray]:
+    """Read a probe of a member: fields of grains by row, or values of one column each."""
     match probe:
         case Crossing():
             return {"rows": member.crossings()}
@@ -255,17 +285,17 @@ def _seen(member: Readable, probe: Probe) -> Mapping[str, np.ndarray]:
     return {"id": grains.ids, **{name: getattr(grains, _FIELDS[name][1]) for name in fields}}
 
 
-def _columns(probe: Probe, seen: Mapping[str, np.ndarray]) -> Table:
-    """Columns of a probe, of what `_seen` gave."""
+def _columns(probe: Probe, rows: Mapping[str, np.ndarray]) -> Table:
+    """Columns of a probe from the rows of `_read_probe`."""
     if isinstance(probe, Above | Ledger | Dissipation | Traction):
-        return seen
+        return rows
     if isinstance(probe, Crossing | Contacts):
         crossing = isinstance(probe, Crossing)
-        names = crossing_columns(seen["rows"].shape[1] > len(CROSSING_COLUMNS)) if crossing else CONTACT_COLUMNS
-        table = dict(zip(names, seen["rows"].T.copy(), strict=True))
+        names = crossing_columns(rows["rows"].shape[1] > len(CROSSING_COLUMNS)) if crossing else CONTACT_COLUMNS
+        table = dict(zip(names, rows["rows"].T.copy(), strict=True))
         return {**table, **{name: table[name].astype(np.int64) for name in (_WHOLE & table.keys())}}
-    table = {"id": seen["id"]}
-    for name, array in seen.items():
+    table = {"id": rows["id"]}
+    for name, array in rows.items():
         if name != "id":
             axes = "wxyz" if name == "q" else "xyz"
             table |= {_FIELDS[name][0] + axis: column for axis, column in zip(axes, array.T.copy(), strict=True)}
@@ -273,6 +303,6 @@ def _columns(probe: Probe, seen: Mapping[str, np.ndarray]) -> Table:
 
 
 _FIELDS = {"x": ("", "x"), "v": ("v", "v"), "omega": ("w", "w"), "q": ("q", "q")}
-"""What columns of a field begin with, and its attribute in `Grains`."""
+"""Prefix of the columns of a field, and its attribute in `Grains`."""
 _WHOLE = {"id", "step", "i", "j", "wall"}
 """Columns of whole numbers."""

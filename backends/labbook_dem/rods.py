@@ -1,8 +1,8 @@
-"""Two rods, or a rod and a point of a wall, that touch: a contact of spheres at the closest points of their segments.
+"""Contacts of two rods, or of a rod and a point of a wall: contacts of spheres at the closest points of the segments.
 
 A lever is the branch from the centre of a rod to the closest point on its segment, s a; the contact lies half a branch,
-or a radius less the overlap, further on. Relative velocities of centres become those of the closest points here; the
-surfaces' part of the motion, spin times radius, is that of spheres.
+or a radius less the overlap, further on. Relative velocities of centres are converted to those of the closest points
+here; the surfaces' part of the motion, spin times radius, is that of spheres.
 
 At a wall a rod may touch at several points, its parts, each with a spring of its own. As an end slides from a plate
 over its edge, its contact ends as part 0 and begins as part 2, at the same point. Part 0 is the end at -h and part 1
@@ -26,16 +26,17 @@ def rod_on_rod(
     """
     half = real(0.5)
     r = sqrt(dot(away, away))
+    # as in `sphere_on_sphere`: the squares were subtracted in double
     delta = overlap2 / (real(2.0) * radius + r)
     reach = half * r
     u = u + (cross(pi, lever_i) - cross(pj, lever_j))
     v = v + (cross(wi, lever_i) - cross(wj, lever_j))
-    force, arm, roll, kept = touch(
+    force, arm, roll, spring = touch(
         c, half * radius, half * mass, radius, delta, away * (real(1.0) / r), u, v, (wi + wj) * reach, wi - wj,
         s, dt, inertia_rate,
     )  # fmt: skip
     arm = arm * reach
-    return force, roll - arm + cross(lever_i, force), -roll - arm - cross(lever_j, force), kept, delta
+    return force, roll - arm + cross(lever_i, force), -roll - arm - cross(lever_j, force), spring, delta
 
 
 @func
@@ -45,36 +46,36 @@ def rod_on_wall(
 ):  # fmt: skip
     """Force and torque on a rod, and spring, at a point of a wall with unit normal n that turns with `spin` [rad/s].
 
-    u, v: velocities of the centre relative to the wall there; p, w: spins; predicted and half a step old.
+    u, v: velocities of the centre relative to the wall at the contact; p, w: spins; predicted and half a step old.
     """
     reach = radius - delta
-    force, arm, roll, kept = touch(
+    force, arm, roll, spring = touch(
         c, radius, mass, radius, delta, n, u + cross(p, lever), v + cross(w, lever), w * reach, w - spin,
         s, dt, inertia_rate,
     )  # fmt: skip
-    return force, roll - arm * reach + cross(lever, force), kept
+    return force, roll - arm * reach + cross(lever, force), spring
 
 
 @func
 def has(parts: int, part: int):
-    """Whether a set of parts, as bits, holds a part."""
+    """True if a mask of parts contains a part."""
     return ((parts >> part) & 1) == 1
 
 
 @func
-def heir(part: int, was: int, now: int):
-    """The part whose spring `part` goes on with: its own, that of one that has ended as it began, or -1 for none.
+def heir(part: int, before: int, now: int):
+    """Part whose spring `part` inherits: its own, that of a part that ended as it began, or -1 for none.
 
-    was, now: the parts that touched at the last step and that touch now, as bits. No spring goes to two parts: a part
-    that has ended is left to the one on its own side (0 and 2, 1 and 3), else to the other edge or end across, else to
-    its like.
+    before, now: masks of the parts that touched at the last step and that touch now. No spring goes to two parts: that
+    of a part that ended goes to the part on its own side (0 and 2, 1 and 3), else to the other edge or end across, else
+    to its like.
     """
-    ended = was & ~now
-    begun = now & ~was
-    own = part ^ 2
+    ended = before & ~now
+    begun = now & ~before
+    same_side = part ^ 2
     across = part ^ 3
-    like = part ^ 1
+    opposite = part ^ 1
     takes_across = has(ended, across) and not has(begun, across ^ 2)
-    takes_like = has(ended, like) and not has(begun, like ^ 2) and not has(begun, like ^ 3)
-    other = across if takes_across else (like if takes_like else -1)
-    return part if has(was, part) else (own if has(ended, own) else other)
+    takes_like = has(ended, opposite) and not has(begun, opposite ^ 2) and not has(begun, opposite ^ 3)
+    source = across if takes_across else (opposite if takes_like else -1)
+    return part if has(before, part) else (same_side if has(ended, same_side) else source)

@@ -1,9 +1,9 @@
-"""How a rod turns: a symmetric top, kicked by torques and drifting freely in between.
+"""Rotation of rods: symmetric tops, kicked by torques and freely drifting in between.
 
-Its state is a unit quaternion q = (w, x, y, z), whose rotation takes the z axis to the rod's axis a, and the reduced
+The state is a unit quaternion q = (w, x, y, z), whose rotation takes the z axis to the rod's axis a, and the reduced
 angular momentum m = L / I_t [rad/s] in the frame of the lab, I_t across and I_a about the axis. With `slender` =
 I_t/I_a - 1 the spin is omega = m + slender (m.a) a; for a sphere m is omega. A torque T kicks m by T/I_t dt, whatever
-the orientation, and as it does a sphere's spin (`labbook_dem.motion`).
+the orientation, as it kicks a sphere's spin (`labbook_dem.motion`).
 """
 
 import numpy as np
@@ -16,9 +16,9 @@ from labbook_dem.words import dot, func, real, sqrt, vec3, wide, wide3
 @func
 def axis(w: wide, x: wide, y: wide, z: wide):
     """Unit vector along the rod."""
-    one = wide(1.0)
+    unity = wide(1.0)
     two = wide(2.0)
-    return wide3(two * (x * z + w * y), two * (y * z - w * x), one - two * (x * x + y * y))
+    return wide3(two * (x * z + w * y), two * (y * z - w * x), unity - two * (x * x + y * y))
 
 
 @func
@@ -29,32 +29,33 @@ def spin(m: vec3, a: vec3, slender: real):
 
 @func
 def turn(w: wide, x: wide, y: wide, z: wide, m: wide3, slender: wide, dt: wide):
-    """q after dt [s] of free motion: about m by |m| dt, and about the rod's own axis by slender (m.a) dt.
+    """q after dt [s] of free motion: rotation about m by |m| dt, and about the rod's own axis by slender (m.a) dt.
 
-    That is the motion of a free symmetric top itself (Landau & Lifshitz, Mechanics, section 33), so m.a, and with it
-    the energy, stays whatever the angles are. These are taken from tan(t/2) = (t/2)/(1 - (t/2)^2/3), which is wrong by
-    t^5/720.
+    This is the exact motion of a free symmetric top (Landau & Lifshitz, Mechanics, section 33) for any angle of
+    rotation, so m.a, and with it the energy, is conserved. Angles follow from tan(t/2) = (t/2)/(1 - (t/2)^2/3), with an
+    error of t^5/720.
     """
-    one = wide(1.0)
+    unity = wide(1.0)
     third = wide(1.0) / wide(3.0)
     half = wide(0.5) * dt
     bx = m.x * half
     by = m.y * half
     bz = m.z * half
     g = slender * half * dot(m, axis(w, x, y, z))
-    b = one - (bx * bx + by * by + bz * bz) * third
+    b = unity - (bx * bx + by * by + bz * bz) * third
     # about m, in the frame of the lab
     w1 = b * w - bx * x - by * y - bz * z
     x1 = b * x + bx * w + by * z - bz * y
     y1 = b * y - bx * z + by * w + bz * x
     z1 = b * z + bx * y - by * x + bz * w
     # about the z axis, in the frame of the rod
-    c = one - g * g * third
+    c = unity - g * g * third
     w = c * w1 - g * z1
     x = c * x1 + g * y1
     y = c * y1 - g * x1
     z = c * z1 + g * w1
-    size = one / sqrt(w * w + x * x + y * y + z * z)
+    # normalised at every step: rounding would let |q| drift
+    size = unity / sqrt(w * w + x * x + y * y + z * z)
     return w * size, x * size, y * size, z * size
 
 

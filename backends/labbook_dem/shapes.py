@@ -1,4 +1,4 @@
-"""Shapes of grains: what they are to kernels, whichever backend steps them."""
+"""Shapes of grains, for all backends."""
 
 from dataclasses import dataclass
 from types import ModuleType
@@ -8,9 +8,13 @@ from labbook_dem import rods, rotation, segments, spheres
 
 @dataclass(frozen=True)
 class Shape:
-    """One shape. oriented: whether its grains have an orientation, which turns; physics: modules of its formulas.
+    """Formulas of a shape. Backends have its kernels under the same name (`labbook_numba.shapes`,
+    `labbook_warp.shapes`).
 
-    A backend has, by the same name, the kernels of a shape (`labbook_numba.shapes`, `labbook_warp.shapes`)."""
+    Attributes:
+        oriented: grains have an orientation.
+        physics: modules of its formulas.
+    """
 
     oriented: bool
     physics: tuple[ModuleType, ...]
@@ -20,4 +24,4 @@ SHAPES = {
     "sphere": Shape(oriented=False, physics=(spheres,)),
     "spherocylinder": Shape(oriented=True, physics=(spheres, segments, rotation, rods)),
 }
-"""Shapes by the names that scenes know (`labbook.scene.grains`)."""
+"""Shapes by the names of scenes (`labbook.scene.grains`)."""

@@ -17,13 +17,14 @@ from types import ModuleType
 from labbook.plugins import BrokenPlugin
 
 MARKS = frozenset({"func", "rare_func", "struct", "kernel", "hot_kernel", "wall_kernel", "entry"})
-"""Decorators of what is compiled: `func` and `struct` of words, and the kernels of backends."""
+"""Decorators of compiled code: `func` and `struct` of words, and the kernels of backends."""
 
 
 def device_source(module: ModuleType) -> str:
-    """The functions and records of a module that are marked for a compiler, as text.
+    """Functions and records of a module that are marked for a compiler, as text.
 
-    Raises ValueError if one of them has another decorator beside its mark, which a compiler would not know.
+    Raises:
+        ValueError: one of them has a second decorator, which a compiler would not know.
     """
     return _marked_parts(module_text(module))
 
@@ -42,10 +43,11 @@ def _marked_nodes(text: str) -> list[ast.FunctionDef | ast.ClassDef]:
 
 
 def named_numbers(modules: Sequence[ModuleType]) -> dict[str, int]:
-    """Collect the whole numbers that compiled functions of these modules use by a name in capitals, such as the places
-    of coefficients (`labbook_dem.coefficients`).
+    """Whole numbers that compiled functions of these modules use by a name in capitals, such as places of coefficients
+    (`labbook_dem.coefficients`).
 
-    Raises BrokenPlugin if two modules use a name for different numbers.
+    Raises:
+        BrokenPlugin: two modules use a name for different numbers.
     """
     numbers: dict[str, int] = {}
     for module in modules:
@@ -67,7 +69,7 @@ def _capitals(text: str) -> frozenset[str]:
 
 
 def undefined_names(module: ModuleType) -> list[tuple[str, int]]:
-    """Names that compiled functions of a module read and that neither it nor Python defines, with their lines."""
+    """Names, with their lines, that compiled functions of a module read and that neither it nor Python defines."""
     text = module_text(module)
     marked = {node.name: node for node in _marked_nodes(text)}
     missing: list[tuple[str, int]] = []
@@ -103,11 +105,17 @@ def generate(
     physics: Sequence[ModuleType],
     kernels: Sequence[ModuleType | str] = (),
 ) -> str:
-    """Write one module: `header` (a compiler's vocabulary), `constants` and the `named_numbers` of the physics as
-    assignments, then all device functions of physics and kernels, with a line that says where they stand, and text as
-    it is.
+    """Write one module: header, constants, then the device functions of physics and kernels, each part headed by its
+    source.
 
-    Raises BrokenPlugin if the physics has a number whose name is one of `header` or `constants`.
+    Args:
+        header: vocabulary of a compiler.
+        constants: values by name. The `named_numbers` of the physics are added.
+        physics: modules of formulas.
+        kernels: modules, or text that is copied.
+
+    Raises:
+        BrokenPlugin: a number of the physics has a name of `header` or `constants`.
     """
     numbers = named_numbers(physics)
     for name in numbers:

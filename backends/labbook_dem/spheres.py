@@ -1,4 +1,4 @@
-"""Two spheres, or a sphere and a wall, that touch: from where they are and how they move to forces and torques.
+"""Contacts of two spheres, or a sphere and a wall: from positions and velocities to forces and torques.
 
 Every expression is odd or even under an exchange of the two spheres, term by term, so that a backend that computes a
 contact twice, once for each sphere, gets opposite forces to the last bit.
@@ -15,34 +15,34 @@ def touch(
     c: coefs, rs: real, ms: real, radius: real, delta: real, n: vec3, u: vec3, v: vec3, surface: vec3, turn: vec3,
     s: vec3, dt: real, inertia_rate: real,
 ):  # fmt: skip
-    """Force on i [N], its arm n x f_t, rolling torque on i [N m], and the spring [m].
+    """Force on i [N], its arm n x f_t, rolling torque on i [N m], and spring [m] of a contact.
 
-    rs, ms: effective radius [m] and mass [kg]; radius: at which rolling resistance acts [m]. u, v: relative velocities,
+    rs, ms: effective radius [m] and mass [kg]; radius: lever of rolling resistance [m]. u, v: relative velocities,
     predicted and half a step old [m/s]. surface: sum of lever times spin [m/s]; turn: difference of the spins [rad/s].
-    dt: by how much to advance the spring [s]. The rest as in `labbook_dem.contact`.
+    dt: time to advance the spring by [s]. The rest as in `labbook_dem.contact`.
     """
     zero = real(0.0)
     vn = dot(u, n)
     if FRICTION:
         vt = slip(n, v, surface)
-        fn, ft, kept = respond(c, rs, ms, delta, vn, trial(s, n, vt, dt), vt)
+        fn, ft, spring = respond(c, rs, ms, delta, vn, trial(s, n, vt, dt), vt)
         force = n * fn + ft
         arm = cross(n, ft)
     else:
         fn = normal(c, rs, ms, delta, vn)
         force = n * fn
         arm = vec3(zero, zero, zero)
-        kept = arm
+        spring = arm
     if ROLLING:
         roll = rolling(turn, n, c[MU_R] * radius * abs(fn), inertia_rate, TWIST)
     else:
         roll = vec3(zero, zero, zero)
-    return force, arm, roll, kept
+    return force, arm, roll, spring
 
 
 @func
 def effective(a: real, b: real):
-    """a b/(a + b): effective radius or mass of two spheres."""
+    """Effective radius or mass a b/(a + b) of two spheres."""
     return a * b / (a + b) if VARIED else real(0.5) * a
 
 
@@ -53,13 +53,15 @@ def sphere_on_sphere(
 ):  # fmt: skip
     """Force and torque on i, torque on j, spring and overlap [m] of two spheres of radii ri, rj and masses mi, mj.
 
-    away: branch from j to i [m]; overlap2: (ri + rj)^2 less its square [m^2], positive where they touch, from which the
-    overlap loses no digit. rate_i, rate_j: `rolling_rate` of each. The contact lies in the plane through the circle in
-    which the surfaces meet, at l_i = (r^2 + ri^2 - rj^2)/(2 r) from the centre of i: at r_i - delta if j is as flat as
-    a wall. Rolling resistance acts at the smaller radius, as a wall does, and spares the smaller inertia.
+    away: branch from j to i [m]; overlap2: (ri + rj)^2 less its square [m^2], positive in contact; the overlap follows
+    from it without cancellation. rate_i, rate_j: `rolling_rate` of each. The contact lies in the plane through the
+    circle in which the surfaces meet, at l_i = (r^2 + ri^2 - rj^2)/(2 r) from the centre of i: at r_i - delta if j is
+    as flat as a wall. Rolling resistance acts at the smaller radius, as a wall does, and is limited by the smaller
+    inertia.
     """
     half = real(0.5)
     r = sqrt(dot(away, away))
+    # (a - b) as (a^2 - b^2)/(a + b): the squares were subtracted in double, so that no digit is lost in single
     delta = overlap2 / (ri + rj + r)
     per_r = real(1.0) / r
     lever = half * r
@@ -67,15 +69,15 @@ def sphere_on_sphere(
     lever_j = lever
     surface = (wi + wj) * lever
     if VARIED:
-        more = half * (ri - rj) * (ri + rj) * per_r
-        lever_i = lever + more
-        lever_j = lever - more
-        surface = surface + (wi - wj) * more
-    force, arm, roll, kept = touch(
+        offset = half * (ri - rj) * (ri + rj) * per_r
+        lever_i = lever + offset
+        lever_j = lever - offset
+        surface = surface + (wi - wj) * offset
+    force, arm, roll, spring = touch(
         c, effective(ri, rj), effective(mi, mj), min(ri, rj), delta, away * per_r, u, v, surface, wi - wj,
         s, dt, min(rate_i, rate_j),
     )  # fmt: skip
-    return force, roll - arm * lever_i, -roll - arm * lever_j, kept, delta
+    return force, roll - arm * lever_i, -roll - arm * lever_j, spring, delta
 
 
 @func
@@ -85,10 +87,10 @@ def sphere_on_wall(
 ):  # fmt: skip
     """Force and torque on a sphere, and spring, at a wall with unit normal n that turns with `spin` [rad/s]."""
     lever = radius - delta
-    force, arm, roll, kept = touch(
+    force, arm, roll, spring = touch(
         c, radius, mass, radius, delta, n, u, v, w * lever, w - spin, s, dt, inertia_rate
     )  # fmt: skip
-    return force, roll - arm * lever, kept
+    return force, roll - arm * lever, spring
 
 
 @func
@@ -143,7 +145,8 @@ def rolling_on_wall(
     c: coefs, radius: real, mass: real, delta: real, n: vec3, force: vec3, w: vec3, spin: vec3, before: vec3, dt: real,
     stiffness: real, damping: real,
 ):  # fmt: skip
-    """The same at a wall with unit normal n that turns with `spin` [rad/s]; R_r is the radius."""
+    """Torque [N m] on a sphere of the rolling spring at a wall with unit normal n that turns with `spin` [rad/s], and
+    the spring's part of it; as `rolling_on_sphere`, with R_r the radius."""
     return rolling_resistance(
         c, radius, mass, delta, n, dot(force, n), w - spin, before, about_contact(radius, mass), dt, stiffness, damping
     )  # fmt: skip

@@ -30,6 +30,7 @@ def bin_of(coordinate: int, low: wide, per_size: wide, count: int, point: wide3)
     """Bin of a wall that a contact point lies in."""
     radius = sqrt(point.x * point.x + point.y * point.y)
     at = point.z if coordinate == HEIGHT else (radius if coordinate == RADIUS else point.x)
+    # the upper end belongs to the last bin; what lies outside counts in the nearest one
     place = min(max((at - low) * per_size, wide(0.0)), wide(count) - wide(0.5))
     return int(place)
 

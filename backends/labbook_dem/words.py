@@ -17,17 +17,17 @@ F = TypeVar("F", bound=Callable)
 
 
 def func(function: F) -> F:
-    """Marks a function of the physics; in plain Python it is left as it is."""
+    """Mark a function of the physics; in plain Python it is unchanged."""
     return function
 
 
 def kernel(function: F) -> F:
-    """Marks a function of the physics that takes arrays and loops, compiled on its own."""
+    """Mark a function of the physics that takes arrays and loops, compiled on its own."""
     return function
 
 
 def struct(cls: type) -> type:
-    """Marks a record that kernels take; in plain Python it is left as it is."""
+    """Mark a record of kernels; in plain Python it is unchanged."""
     return cls
 
 
@@ -38,7 +38,7 @@ coefs = tuple[float, ...]
 
 @dataclass(slots=True)
 class vec3:
-    """A vector of three reals. Nobody changes one; a frozen class would take twice as long to make."""
+    """Vector of three reals. It is never changed; a frozen class would take twice as long to create."""
 
     x: float
     y: float
@@ -62,16 +62,16 @@ class vec3:
 
 wide3 = vec3
 section = vec3
-"""A wide vector without y, of which walls store x and z (`labbook_dem.walls`)."""
+"""Wide vector without y, of which walls store x and z (`labbook_dem.walls`)."""
 
 
 def narrow(vector: wide3) -> vec3:
-    """A wide vector as a real one."""
+    """Wide vector as a real one."""
     return vector
 
 
 def rounded(number: wide) -> real:
-    """A wide number as a real one."""
+    """Wide number as a real one."""
     return number
 
 
@@ -87,13 +87,13 @@ def cross(a: vec3, b: vec3) -> vec3:
 
 sqrt = math.sqrt
 
-# what a scene may do without: constants of a generated module, so that nothing of it is compiled
+# optional features: constants of a generated module, so that compilers leave out unused branches
 FRICTION = True
 VARIED = True  # spheres differ in size, material or both
 
 
 class Switch:
-    """A feature that is on or off by choice, in plain Python (`labbook_dem.chosen`)."""
+    """Feature that is on or off within a context, in plain Python (`labbook_dem.chosen`)."""
 
     def __init__(self, name: str, on: bool):
         self.on: ContextVar[bool] = ContextVar(name, default=on)

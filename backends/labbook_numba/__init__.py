@@ -20,8 +20,7 @@ class Backend(DemBackend):
     Args:
         threads: threads that one large scene may use while cores are idle; None: one a core.
         wide: compile in all features that a scene of the same law and shape may need. Tests share kernels by it; no run
-            of
-        a study uses it.
+            of a study uses it.
     """
 
     requires = ("numba",)

@@ -17,6 +17,7 @@ def arrive(typing, meetings):
 
     def code(context, builder, sig, args):
         place = address(context, builder, sig.args[0], args[0], INT64(0), INT64)
+        # sequentially consistent: stores before an arrival are visible to those who read the counter
         return builder.atomic_rmw("add", place, INT64(1), "seq_cst")
 
     return types.int64(meetings), code

@@ -4,7 +4,7 @@ from collections.abc import Mapping
 from types import ModuleType
 
 import numpy as np
-from labbook_dem.ensemble import UNKNOWN, Failure, Standing, check_checkpoint, explain, places
+from labbook_dem.ensemble import NOT_RECORDED, Failure, Standing, check_checkpoint, explain, places
 from labbook_dem.features import has_meshes, is_oriented, pose_table, rolling_springs
 from labbook_dem.mesh import SPRING_KEY, spring_places
 from labbook_dem.mesh_grid import first_features, shapes_of
@@ -107,7 +107,7 @@ class Run(Standing):
         check_checkpoint(self._can, self._array_names, checkpoint)
         stored = {name: np.array(array, order="C") for name, array in checkpoint.arrays.items()}
         if stored["sums"].shape == (S.OLDER_SUMS,):
-            stored["sums"] = np.append(stored["sums"], [UNKNOWN, UNKNOWN])
+            stored["sums"] = np.append(stored["sums"], [NOT_RECORDED, NOT_RECORDED])
         check_state(stored, self.scene, self.numerics, crossings=bool(self._crossings(1)))
         self._put_back(stored)
 

@@ -101,6 +101,7 @@ def add_rows(typing, array, index, start, width, column, value):
         kind, index_kind = sig.args[:2]
         array, index, start, width, column, value = args
         places = list(_places(context, builder, index_kind, index, start, width))
+        # in sequence: a grain may be in several of the eight contacts
         for place, row in zip(places, _each_row(builder, value), strict=True):
             _add(context, builder, kind, array, builder.add(place, column), row)
         return context.get_dummy_value()

@@ -1,8 +1,8 @@
-"""The reference backend: the physics of `labbook_dem` as Python runs it, contact by contact.
+"""The reference backend: the physics of `labbook_dem` in plain Python, contact by contact.
 
-It has no neighbour lists, blocks, generated code or threads: all that it shares with the other backends are the
-formulas, so it is what they are held against, and a debugger can step through it (docs/kernels.md). It is some ten
-thousand times as slow as the CPU backend.
+It has no neighbour lists, blocks, generated code or threads. It shares only the formulas with the other backends, which
+are compared with it, and a debugger can step through it (docs/kernels.md). It is about ten thousand times slower than
+the CPU backend.
 """
 
 from collections.abc import Sequence
@@ -33,13 +33,14 @@ class Backend(DemBackend):
     )
 
     def specialise(self, scene: Scene, numerics: Numerics, probes: Sequence[Probe] = ()) -> Spec:
-        """What members of an ensemble have in common; nothing is compiled. Raises Unsupported."""
+        """Return the common features of an ensemble's members; nothing is compiled. Raises Unsupported."""
         from labbook_dem.features import specialise
 
         return specialise(self.capabilities, scene, numerics, probes)
 
     def open(self, spec: Spec, slots: int | None = None, device: str = "cpu"):
-        """An ensemble that steps its members one after the other. Raises Unsupported for a device other than `cpu`."""
+        """Return an ensemble that steps its members one after the other. Raises Unsupported for a device other than
+        `cpu`."""
         from labbook_reference.ensemble import Ensemble
 
         if device != "cpu":

@@ -20,7 +20,7 @@ class Ensemble(ensemble.Ensemble[Run]):
         return Run.started(self._can, scene, numerics, self._spec.probes, start)
 
     def advance(self, beats: int = 1) -> Sequence[Event]:
-        """Let every member take `beats` beats; those that failed or emptied rest."""
+        """Take `beats` beats with every member; failed and empty ones rest."""
         events: list[Event] = []
         for member, run in self._going().items():
             for _ in range(beats):

@@ -1,4 +1,4 @@
-"""One running scene, stepped as plainly as can be: all pairs that may touch, all walls, one contact at a time."""
+"""A member, stepped without optimisation: all pairs that may touch, all walls, one contact at a time."""
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
@@ -9,7 +9,7 @@ from labbook_dem import motion, rods, rotation, segments, spheres
 from labbook_dem.chosen import choose
 from labbook_dem.contact import rolling_rate
 from labbook_dem.dispatch import PlainWall
-from labbook_dem.ensemble import LONGEST, UNKNOWN, Failure, Standing, explain
+from labbook_dem.ensemble import LONGEST, NOT_RECORDED, Failure, Standing, explain
 from labbook_dem.ensemble import check_checkpoint as check_names
 from labbook_dem.features import features, is_oriented, planes, rolling_springs
 from labbook_dem.mesh import MESH_CONTACTS, PlainMesh, TooManyContacts, mesh_table
@@ -31,7 +31,7 @@ LOST = vec3(np.nan, np.nan, np.nan)
 NEWER = ("deepest", "fastest")
 """Numbers of a checkpoint that older ones lack."""
 
-# written for one component, and as good for arrays of them
+# annotated for one component, but NumPy arrays work too
 kick: Any = motion.kick
 drift: Any = motion.drift
 predict: Any = motion.predict
@@ -39,8 +39,16 @@ predict: Any = motion.predict
 
 @dataclass
 class TouchingPair:
-    """Two grains, or a grain and a wall, that touch. `i`, `j`: rows, j = -1 at a wall; `branch`: from the centre of i
-    to that of j, or to the point of the wall [m]; `force` on i [N]."""
+    """Contact of two grains, or of a grain and a wall.
+
+    Attributes:
+        i: row of the grain.
+        j: row of the second grain, -1 at a wall.
+        wall: number of the wall, -1 for two grains.
+        overlap: overlap [m].
+        force: force on i [N].
+        branch: vector from the centre of i to that of j, or to the point of the wall [m].
+    """
 
     i: int
     j: int
@@ -52,8 +60,15 @@ class TouchingPair:
 
 @dataclass
 class Forces:
-    """What acts on n grains: forces [N] and torques [N m], shape [n, 3]; springs as they are now [m], and those of
-    rolling resistance [N m]; and contacts."""
+    """Forces on n grains.
+
+    Attributes:
+        f: forces [N], shape [n, 3].
+        t: torques [N m], shape [n, 3].
+        springs: friction springs now [m].
+        rolling: torques of rolling springs now [N m].
+        contacts: touching contacts.
+    """
 
     f: np.ndarray
     t: np.ndarray
@@ -62,14 +77,17 @@ class Forces:
     contacts: list[TouchingPair] = field(default_factory=list)
 
     def add(self, i: int, force: vec3, torque: vec3) -> None:
-        """Let force and torque act on grain i."""
+        """Add a force and a torque to grain i."""
         self.f[i] += (force.x, force.y, force.z)
         self.t[i] += (torque.x, torque.y, torque.z)
 
 
 class Run(Standing):
-    """A scene being stepped. Arrays of n grains: x [m], v [m/s] half a step before (u: predicted for the whole step),
-    m: reduced angular momenta [rad/s] likewise (of spheres: angular velocities; y: predicted), q: orientations."""
+    """Member in plain Python.
+
+    Arrays of n grains: x [m]; v [m/s] half a step before, u predicted for the whole step; m, y: reduced angular momenta
+    [rad/s] likewise (of spheres: angular velocities); q: orientations.
+    """
 
     x: np.ndarray
     v: np.ndarray
@@ -79,20 +97,20 @@ class Run(Standing):
     q: np.ndarray | None
     ids: np.ndarray
     gone: np.ndarray
-    """Which have passed the plane whose crossings are recorded."""
+    """True for grains that have passed the plane of crossings."""
     bodies: Bodies
     springs: dict[Key, vec3]
     rolling: dict[Key, vec3]
-    """Torques of rolling springs [N m], of the same contacts where there are any."""
+    """Torques of rolling springs [N m] of the same contacts, if the law has them."""
     work: float
-    """Of contacts, in all kicks so far [J]."""
+    """Work of contacts in all kicks so far [J]."""
     clear: np.ndarray
-    """How far each grain [n] can still move before it may touch each wall [m], shape [W, n]."""
+    """Distance [m] that each grain can still move before it may touch each wall, shape [W, n]."""
     max_overlap: float
     touching: int
-    """Contacts of the last step."""
+    """Number of contacts of the last step."""
     deepest: float
-    """Largest overlap [m] of all steps so far, and largest speed [m/s]."""
+    """Largest overlap [m] and largest speed [m/s] of all steps so far."""
     fastest: float
 
     def __init__(self, can: Capabilities, scene: Scene, numerics: Numerics, probes: Sequence[Probe]):
@@ -102,8 +120,8 @@ class Run(Standing):
         self.slender = rotation.slenderness(scene.grains)
         self.failure: Failure | None = None
         self.frames = []
-        found = features(scene, numerics, probes)
-        self._friction, self._rolling = bool(found["FRICTION"]), bool(found["ROLLING_SPRING"])
+        features_by_name = features(scene, numerics, probes)
+        self._friction, self._rolling = bool(features_by_name["FRICTION"]), bool(features_by_name["ROLLING_SPRING"])
         crossed = any(isinstance(probe, Crossing) for probe in probes)
         plane, drop = planes(scene, probes)
         self._plane = plane if crossed else -np.inf
@@ -121,13 +139,13 @@ class Run(Standing):
         contact = self.scene.contact
         return choose(contact.law, twist=contact.rolling == "full", springs=contact.rolling_model == "epsd")
 
-    # how it starts
+    # start
 
     @classmethod
     def started(
         cls, can: Capabilities, scene: Scene, numerics: Numerics, probes: Sequence[Probe], packing: Packing
     ) -> "Run":
-        """At step 0 of a packing."""
+        """Return a member at step 0 of a packing."""
         run = cls(can, scene, numerics, probes)
         if run.rods and packing.q is None:
             raise ValueError("rods cannot start from a packing without orientations q: it is one of spheres")
@@ -147,42 +165,46 @@ class Run(Standing):
         run.clear = np.zeros((len(run.walls), run.grains))
         return run
 
-    def _springs_of(self, packing: Packing, of_pairs: np.ndarray, of_walls: np.ndarray) -> dict[Key, vec3]:
+    def _springs_of(self, packing: Packing, pair_springs: np.ndarray, wall_springs: np.ndarray) -> dict[Key, vec3]:
         ids, names = self.ids.tolist(), [wall.name for wall in self.walls]
-        found: dict[Key, vec3] = {}
-        for (i, j), spring in zip(packing.pairs.tolist(), of_pairs.tolist(), strict=True):
-            found[ids[i], ids[j]] = vec3(*spring)
-        at_walls = zip(packing.wall_grain, packing.wall_name, packing.wall_part, of_walls, strict=True)
-        for i, name, part, spring in at_walls:
+        springs: dict[Key, vec3] = {}
+        for (i, j), vector in zip(packing.pairs.tolist(), pair_springs.tolist(), strict=True):
+            springs[ids[i], ids[j]] = vec3(*vector)
+        at_walls = zip(packing.wall_grain, packing.wall_name, packing.wall_part, wall_springs, strict=True)
+        for i, name, part, vector in at_walls:
             if name in names:
-                found[ids[i], names.index(str(name)), int(part)] = vec3(*spring.tolist())
-        return found
+                springs[ids[i], names.index(str(name)), int(part)] = vec3(*vector.tolist())
+        return springs
 
     @classmethod
     def restored(
         cls, can: Capabilities, scene: Scene, numerics: Numerics, probes: Sequence[Probe], stored: Checkpoint
     ) -> "Run":
-        """Where a checkpoint was taken. Raises ValueError for one that no member of this scene can have made."""
+        """Return a member at the step of a checkpoint.
+
+        Raises:
+            ValueError: no member of this scene can have left it.
+        """
         check_checkpoint(can, scene, stored)
         run = cls(can, scene, numerics, probes)
-        kept = {name: np.array(array) for name, array in stored.arrays.items()}
+        arrays = {name: np.array(array) for name, array in stored.arrays.items()}
         for name in ("x", "v", "u", "m", "y", "ids", "gone"):
-            setattr(run, name, kept[name])
-        run.q = kept.get("q")
-        run.bodies = Bodies(*(kept[name] for name in ("radius", "mass", "inertia", "kind")))
-        run.step, run.touching = int(kept["step"]), int(kept["touching"])
+            setattr(run, name, arrays[name])
+        run.q = arrays.get("q")
+        run.bodies = Bodies(*(arrays[name] for name in ("radius", "mass", "inertia", "kind")))
+        run.step, run.touching = int(arrays["step"]), int(arrays["touching"])
         run.clear = np.zeros((len(run.walls), run.grains))
-        run.work, run.max_overlap = float(kept["work"]), float(kept["max_overlap"])
-        run.deepest, run.fastest = (float(kept.get(name, UNKNOWN)) for name in NEWER)
+        run.work, run.max_overlap = float(arrays["work"]), float(arrays["max_overlap"])
+        run.deepest, run.fastest = (float(arrays.get(name, NOT_RECORDED)) for name in NEWER)
 
-        def kept_of(name: str) -> dict[Key, vec3]:
+        def springs_of(name: str) -> dict[Key, vec3]:
             return {
                 tuple(key): vec3(*vector)
                 for of in ("pair", "wall")
-                for key, vector in zip(kept[f"{of}_key"].tolist(), kept[f"{of}_{name}"].tolist(), strict=True)
+                for key, vector in zip(arrays[f"{of}_key"].tolist(), arrays[f"{of}_{name}"].tolist(), strict=True)
             }
 
-        run.springs, run.rolling = kept_of("spring"), kept_of("rolling") if run._rolling else {}
+        run.springs, run.rolling = springs_of("spring"), springs_of("rolling") if run._rolling else {}
         return run
 
     def checkpoint(self) -> Checkpoint:
@@ -193,11 +215,11 @@ class Run(Standing):
         if self.q is not None:
             arrays["q"] = self.q.copy()
         for of, size in (("pair", 2), ("wall", 3)):
-            mine = {key: spring for key, spring in self.springs.items() if len(key) == size}
-            arrays[f"{of}_key"] = np.array(list(mine), np.int64).reshape(-1, size)
-            arrays[f"{of}_spring"] = np.array([_three(s) for s in mine.values()], float).reshape(-1, 3)
+            springs = {key: spring for key, spring in self.springs.items() if len(key) == size}
+            arrays[f"{of}_key"] = np.array(list(springs), np.int64).reshape(-1, size)
+            arrays[f"{of}_spring"] = np.array([_three(s) for s in springs.values()], float).reshape(-1, 3)
             if self._rolling:
-                arrays[f"{of}_rolling"] = np.array([_three(self.rolling[key]) for key in mine], float).reshape(-1, 3)
+                arrays[f"{of}_rolling"] = np.array([_three(self.rolling[key]) for key in springs], float).reshape(-1, 3)
         return Checkpoint(self._can.name, self._can.cache_version, arrays)
 
     def present(self) -> np.ndarray:
@@ -222,7 +244,7 @@ class Run(Standing):
         rows = order[np.searchsorted(self.ids, ids, sorter=order)]
         self.v[rows], self.u[rows] = v, v
 
-    # how it runs
+    # beats
 
     @property
     def grains(self) -> int:
@@ -230,23 +252,23 @@ class Run(Standing):
         return len(self.x)
 
     def beat(self) -> None:
-        """Take one beat of steps; on a failed guard, `failure` says why and the state is that before the beat."""
+        """Take one beat of steps; after a failure, set `failure` and restore the state before the beat."""
         before, crossed = self.checkpoint(), list(self._crossed)
         target = (self.step // self.numerics.steps_per_beat + 1) * self.numerics.steps_per_beat
         self.frames.clear()
-        filmed = self.frame_steps()
+        frame_steps = self.frame_steps()
         while self.step < target and self.grains:
-            if self.step in filmed:
+            if self.step in frame_steps:
                 self.take_frames()
             if (failure := self._step()) is not None:
-                back = Run.restored(self._can, self.scene, self.numerics, self.probes, before)
-                vars(self).update(vars(back), failure=failure, _crossed=crossed)
+                restored = Run.restored(self._can, self.scene, self.numerics, self.probes, before)
+                vars(self).update(vars(restored), failure=failure, _crossed=crossed)
                 return
 
     def _step(self) -> Failure | None:
-        """Take one step. Why it cannot be taken, or None."""
+        """Take one step; return the failure that prevents it, or None."""
         forces, dt = self.forces(), self.numerics.dt
-        deepest = max(forces.contacts, key=lambda one: one.overlap, default=None)
+        deepest = max(forces.contacts, key=lambda contact: contact.overlap, default=None)
         self.max_overlap, self.touching = deepest.overlap if deepest else 0.0, len(forces.contacts)
         if deepest and not deepest.overlap <= self.numerics.overlap_limit * self.scene.grains.finest:
             return self._failed("overlap", deepest.i, deepest.overlap)
@@ -260,10 +282,10 @@ class Run(Standing):
         self.springs, self.rolling = forces.springs, forces.rolling
         self.clear -= np.linalg.norm(self.v, axis=1) * dt
         if self.q is not None:
-            turned = []
-            for (w, x, y, z), about in zip(self.q.tolist(), self.m.tolist(), strict=True):
-                turned.append(rotation.turn(w, x, y, z, vec3(*about), self.slender, dt))
-            self.q = np.array(turned)
+            orientations = []
+            for (w, x, y, z), m_i in zip(self.q.tolist(), self.m.tolist(), strict=True):
+                orientations.append(rotation.turn(w, x, y, z, vec3(*m_i), self.slender, dt))
+            self.q = np.array(orientations)
         self.step += 1
         return self._guard() or self._leave()
 
@@ -274,15 +296,15 @@ class Run(Standing):
         return float(np.sum((forces.f - weight) * v) + np.sum(forces.t * self._spins(m))) * dt
 
     def _guard(self) -> Failure | None:
-        """Whether a grain, or the end of a rod, is too fast."""
+        """Return a failure if a grain, or the end of a rod, is too fast or not finite."""
         speed = np.linalg.norm(self.v, axis=1)
         if self.q is not None:
             speed = speed + self.scene.grains.half_length * np.linalg.norm(np.cross(self.m, axes(self.q)), axis=1)
         wrong = ~(speed <= self.numerics.speed_limit)
         if wrong.any():
             worst = int(np.argmax(wrong))
-            known = np.isfinite(speed[worst])
-            return self._failed("speed" if known else "state", worst, float(speed[worst]))
+            finite = np.isfinite(speed[worst])
+            return self._failed("speed" if finite else "state", worst, float(speed[worst]))
         self.fastest = max(self.fastest, float(speed.max(initial=0.0)))
         lost = ~np.isfinite(self.m).all(axis=1)
         return self._failed("spin", int(np.argmax(lost)), np.nan) if lost.any() else None
@@ -316,47 +338,47 @@ class Run(Standing):
                 for springs in (self.springs, self.rolling)
             )
 
-    # what acts
+    # forces
 
     def forces(self) -> Forces:
-        """What acts on the grains where they are now; the motion is not changed."""
-        found = Forces(np.zeros_like(self.x), np.zeros_like(self.x))
-        found.f[:, 2] = -self.bodies.mass * self.scene.gravity
+        """Return the forces at the present positions; the motion is not changed."""
+        total = Forces(np.zeros_like(self.x), np.zeros_like(self.x))
+        total.f[:, 2] = -self.bodies.mass * self.scene.gravity
         if not self.grains:
-            return found
+            return total
         self._move_parts()
         with self._law():
             a = axes(self.q) if self.q is not None else np.zeros_like(self.x)
             spins = self._spins(self.m), self._spins(self.y)
             for i, j in self._close(a):
                 try:
-                    self._pair(found, i, j, a, *spins)
+                    self._pair(total, i, j, a, *spins)
                 except ArithmeticError:  # Python raises where processors give NaN: two grains in the same place
-                    found.add(i, LOST, LOST)
-                    found.add(j, LOST, LOST)
+                    total.add(i, LOST, LOST)
+                    total.add(j, LOST, LOST)
             for w, wall in enumerate(self._at_walls.plain):
                 for i in self._near(w, wall):
-                    self._wall(found, i, w, self._grain(i, a, *spins))
-        return found
+                    self._wall(total, i, w, self._grain(i, a, *spins))
+        return total
 
     def _move_parts(self) -> None:
-        """Bring parts that move to where they are now; grains are then looked at anew."""
+        """Move parts to their poses of now; distances of grains from them are then computed anew."""
         self._at_walls.move_to(self.step)
         self.clear[list(self._at_walls.frames)] = 0.0
 
     def _close(self, a: np.ndarray) -> list[tuple[int, int]]:
-        """Pairs of grains that may touch: those within reach, and of rods along `a` those that nearly meet."""
+        """Pairs of grains that may touch: within reach, and for rods with axes `a` with close segments."""
         radius, half = float(self.bodies.radius.max()), self.scene.grains.half_length
         pairs = sorted(KDTree(self.x).query_pairs(2 * (radius + half)))
         if not self.rods or not pairs:
             return pairs
         i, j = np.array(pairs).T
-        # by far more than what the distances of `segments.closest`, which decide, may differ by
+        # the margin far exceeds the differences from the distances of `segments.closest`, which decide
         near = distances(self.x[i] - self.x[j], a[i], a[j], half) < 2.001 * radius
         return [pair for pair, meets in zip(pairs, near.tolist(), strict=True) if meets]
 
     def _near(self, w: int, wall: PlainWall | PlainMesh) -> list[int]:
-        """Grains that may touch a wall: others are farther off than they have moved since they were looked at."""
+        """Grains that may touch a wall; the others were farther away than they have moved since."""
         half, near = self.scene.grains.half_length, []
         for i in np.flatnonzero(self.clear[w] <= 0).tolist():
             x, radius = vec3(*self.x[i].tolist()), float(self.bodies.radius[i])
@@ -367,71 +389,71 @@ class Run(Standing):
                 near.append(i)
         return near
 
-    def _pair(self, found: Forces, i: int, j: int, a: np.ndarray, spin: np.ndarray, soon: np.ndarray) -> None:
-        """Add what grains i and j do to each other, if they touch."""
-        of, away = self.bodies, vec3(*(self.x[i] - self.x[j]).tolist())
+    def _pair(self, total: Forces, i: int, j: int, a: np.ndarray, spin: np.ndarray, soon: np.ndarray) -> None:
+        """Add the forces of grains i and j on each other, if they touch."""
+        bodies, branch = self.bodies, vec3(*(self.x[i] - self.x[j]).tolist())
         u, v = vec3(*(self.u[i] - self.u[j]).tolist()), vec3(*(self.v[i] - self.v[j]).tolist())
         key = int(self.ids[i]), int(self.ids[j])
         last, advance = self._spring(key)
-        c: coefs = self._pair_c[int(of.kind[i]), int(of.kind[j])]
+        c: coefs = self._pair_c[int(bodies.kind[i]), int(bodies.kind[j])]
         wi, wj = vec3(*spin[i].tolist()), vec3(*spin[j].tolist())
         if not self.rods:
-            ri, rj = float(of.radius[i]), float(of.radius[j])
-            overlap2 = (ri + rj) * (ri + rj) - dot(away, away)
+            ri, rj = float(bodies.radius[i]), float(bodies.radius[j])
+            overlap2 = (ri + rj) * (ri + rj) - dot(branch, branch)
             if not overlap2 > 0:
                 return
-            force, on_i, on_j, kept, overlap = spheres.sphere_on_sphere(
-                c, ri, rj, float(of.mass[i]), float(of.mass[j]), away, overlap2, u, v, wi, wj, last, advance,
+            force, on_i, on_j, spring, overlap = spheres.sphere_on_sphere(
+                c, ri, rj, float(bodies.mass[i]), float(bodies.mass[j]), branch, overlap2, u, v, wi, wj, last, advance,
                 self._rate(i), self._rate(j),
             )  # fmt: skip
             if self._rolling:
-                roll, found.rolling[key] = spheres.rolling_on_sphere(
-                    c, ri, rj, float(of.mass[i]), float(of.mass[j]), away, overlap, force, wi, wj,
+                roll, total.rolling[key] = spheres.rolling_on_sphere(
+                    c, ri, rj, float(bodies.mass[i]), float(bodies.mass[j]), branch, overlap, force, wi, wj,
                     self.rolling.get(key, NONE), advance, *self.scene.contact.rolling_spring,
                 )  # fmt: skip
                 on_i, on_j = on_i + roll, on_j - roll
         else:
             ai, aj = vec3(*a[i].tolist()), vec3(*a[j].tolist())
-            s, t, close = segments.closest(away, ai, aj, self.scene.grains.half_length)
+            s, t, nearest = segments.closest(branch, ai, aj, self.scene.grains.half_length)
             radius = self.scene.grains.radius
-            overlap2 = 4 * radius * radius - dot(close, close)
+            overlap2 = 4 * radius * radius - dot(nearest, nearest)
             if not overlap2 > 0:
                 return
             pi, pj = vec3(*soon[i].tolist()), vec3(*soon[j].tolist())
-            force, on_i, on_j, kept, overlap = rods.rod_on_rod(
-                c, radius, self.scene.grains.mass, close, overlap2, ai * s, aj * t, u, v, pi, pj, wi, wj, last, advance,
-                self._rate(i),
+            force, on_i, on_j, spring, overlap = rods.rod_on_rod(
+                c, radius, self.scene.grains.mass, nearest, overlap2, ai * s, aj * t, u, v, pi, pj, wi, wj, last,
+                advance, self._rate(i),
             )  # fmt: skip
-        found.add(i, force, on_i)
-        found.add(j, -force, on_j)
-        found.contacts.append(TouchingPair(i, j, -1, overlap, force, -away))
+        total.add(i, force, on_i)
+        total.add(j, -force, on_j)
+        total.contacts.append(TouchingPair(i, j, -1, overlap, force, -branch))
         if self._friction:
-            found.springs[key] = kept
+            total.springs[key] = spring
 
-    def _wall(self, found: Forces, i: int, w: int, grain: GrainState) -> None:
-        """Add what wall w does to grain i at each part that touches."""
+    def _wall(self, total: Forces, i: int, w: int, grain: GrainState) -> None:
+        """Add the forces of wall w on grain i, at each part that touches."""
         try:
             contacts = list(self._at_walls.contacts(w, grain, self.springs, self.rolling))
         except TooManyContacts:
-            found.add(i, LOST, LOST)
-            found.contacts.append(TouchingPair(i, -1, w, np.inf, LOST, NONE))
+            total.add(i, LOST, LOST)
+            total.contacts.append(TouchingPair(i, -1, w, np.inf, LOST, NONE))
             return
-        for one in contacts:
-            key = grain.name, w, one.part
-            if one.rolling is not None:
-                found.rolling[key] = one.rolling
-            found.add(i, one.force, one.torque)
-            found.contacts.append(TouchingPair(i, -1, w, one.overlap, one.force, one.branch))
+        for contact in contacts:
+            key = grain.name, w, contact.part
+            if contact.rolling is not None:
+                total.rolling[key] = contact.rolling
+            total.add(i, contact.force, contact.torque)
+            total.contacts.append(TouchingPair(i, -1, w, contact.overlap, contact.force, contact.branch))
             if self._friction:
-                found.springs[key] = one.spring
+                total.springs[key] = contact.spring
 
     def _grain(self, i: int, a: np.ndarray, spin: np.ndarray, soon: np.ndarray) -> GrainState:
         """Grain i; a, spin and soon: axes, and spins half a step before and predicted, of all grains."""
-        of = self.bodies
+        bodies = self.bodies
         x, axis, u, v, w, y = (vec3(*array[i].tolist()) for array in (self.x, a, self.u, self.v, spin, soon))
-        inertia = self.scene.grains.inertia_axis if self.rods else float(of.inertia[i])
-        own = float(of.radius[i]), float(of.mass[i]), inertia, int(of.kind[i])
-        return GrainState(int(self.ids[i]), x, axis, u, v, w, y, *own)
+        inertia = self.scene.grains.inertia_axis if self.rods else float(bodies.inertia[i])
+        properties = float(bodies.radius[i]), float(bodies.mass[i]), inertia, int(bodies.kind[i])
+        return GrainState(int(self.ids[i]), x, axis, u, v, w, y, *properties)
 
     def wall_sums(self, probe: Traction) -> np.ndarray:
         """See `labbook_dem.reading.Readable`."""
@@ -444,12 +466,12 @@ class Run(Standing):
             for w, wall in enumerate(self._at_walls.plain):
                 for i in self._near(w, wall):
                     grain = self._grain(i, a, *spins)
-                    for one in self._at_walls.contacts(w, grain, self.springs, self.rolling):
-                        add_touch(table, w, self._at_walls.touch(w, grain, one), sums)
+                    for contact in self._at_walls.contacts(w, grain, self.springs, self.rolling):
+                        add_touch(table, w, self._at_walls.touch(w, grain, contact), sums)
         return sums
 
     def _spring(self, key: Key) -> tuple[vec3, float]:
-        """A spring, and by how much to advance it [s]: one that is new began anywhere within the step."""
+        """Spring of a contact, and the time [s] to advance it by: half a step if it is new."""
         dt = self.numerics.dt
         return (self.springs[key], dt) if key in self.springs else (NONE, 0.5 * dt)
 
@@ -460,18 +482,18 @@ class Run(Standing):
     def _spins(self, m: np.ndarray) -> np.ndarray:
         return rotation.spins(self.scene.grains, m, self.q)
 
-    # how it is read
+    # readings
 
     def whole_step(self) -> tuple[np.ndarray, np.ndarray]:
         """Velocities [m/s] and angular velocities [rad/s], shape [n, 3], at the time of the positions."""
-        if self.step == 0:  # those of the start, even where grains in one place have forces of 0/0
+        if self.step == 0:  # those of the start: coincident grains would have forces of 0/0
             return self.v.copy(), self._spins(self.m)
         forces = self.forces()
         v = kick(self.v, forces.f / self.bodies.mass[:, None], self.since_half)
         return v, self._spins(kick(self.m, forces.t / self.bodies.inertia[:, None], self.since_half))
 
     def look(self, moving: bool = True, inside: Inside | None = None) -> Grains:
-        """Its grains, always at the whole step."""
+        """Return its grains at the whole step."""
         v, w = self.whole_step()
         m, bodies = rotation.momenta(self.scene.grains, w, self.q), self.bodies if self.scene.grains.varied else None
         return Grains(self.ids, self.x, v, w, m, self.v, self.m, self.q, bodies).within(inside)
@@ -485,7 +507,7 @@ class Run(Standing):
         return self.deepest, self.fastest
 
     def contacts(self) -> np.ndarray:
-        """Touching contacts, as the probe `Contacts` gives them."""
+        """Return touching contacts in the columns of the probe `Contacts`."""
         rows = [
             (self.ids[c.i], self.ids[c.j] if c.j >= 0 else -1, c.wall, *_three(c.force), *_three(c.branch))
             for c in self.forces().contacts
@@ -493,7 +515,7 @@ class Run(Standing):
         return np.array(rows, float).reshape(-1, len(CONTACT_COLUMNS))
 
     def crossings(self) -> np.ndarray:
-        """First passages since the last call."""
+        """Return the first passages since the last call."""
         rows, self._crossed = self._crossed, []
         return np.array(rows, float).reshape(-1, len(crossing_columns(self.rods)))
 
@@ -521,14 +543,15 @@ class Run(Standing):
         )
 
     def _rolling_of(self, contacts: Iterable[Key]) -> np.ndarray | None:
-        """Torques [N m] of the rolling springs of these contacts, shape [m, 3]; None where there are none."""
+        """Torques [N m] of the rolling springs of these contacts, shape [m, 3]; None without rolling springs."""
         if not self._rolling:
             return None
         return np.array([_three(self.rolling[key]) for key in contacts], float).reshape(-1, 3)
 
 
 def check_checkpoint(can: Capabilities, scene: Scene, stored: Checkpoint) -> None:
-    """Raises ValueError, saying what is wrong, for a checkpoint that no member of this scene can have made."""
+    """Validate a checkpoint. Raises ValueError if no member of this scene can have left it; the message names the
+    array."""
     names = {"x", "v", "u", "m", "y", "ids", "gone", "radius", "mass", "inertia", "kind", "step", "touching", "work"}
     names |= {"max_overlap", "pair_key", "pair_spring", "wall_key", "wall_spring"}
     names |= {"q"} if is_oriented(scene) else set()
@@ -562,8 +585,8 @@ def check_checkpoint(can: Capabilities, scene: Scene, stored: Checkpoint) -> Non
     if not 0 <= int(arrays["step"]) < LONGEST:
         raise ValueError(f"it was saved at step {int(arrays['step'])}")
     meshes = [wall.shape for wall in scene.container.walls() if isinstance(wall.shape, TriangleMesh)]
-    most = n * (n + max(PARTS, MESH_CONTACTS) * len(scene.container.walls()))
-    if not 0 <= int(arrays["touching"]) <= most:
+    most_contacts = n * (n + max(PARTS, MESH_CONTACTS) * len(scene.container.walls()))
+    if not 0 <= int(arrays["touching"]) <= most_contacts:
         raise ValueError(f"{int(arrays['touching'])} contacts are more than {n} grains can have")
     radius, kind = arrays["radius"], arrays["kind"]
     if not ((radius > 0) & (radius <= scene.grains.radius) & (arrays["mass"] > 0) & (arrays["inertia"] > 0)).all():

@@ -34,8 +34,7 @@ class Backend(DemBackend):
 
         Args:
             lanes: threads a grain on a GPU: 1, 2, 4 or 8; None: the fastest number. Where several share a rod, they are
-                at
-            least as many as its parts that may touch a wall: four, or two if all walls are planes.
+                at least as many as its parts that may touch a wall: four, or two if all walls are planes.
 
         Raises:
             ValueError: another number of threads.
@@ -61,7 +60,7 @@ class Backend(DemBackend):
         """Return the source of the kernels for many equal grains with a thread each."""
         from labbook_warp.build import module_text
 
-        return module_text(spec, uniform=True, lanes=1, registers=0, apart=0, asked=0)
+        return module_text(spec, uniform=True, lanes=1, registers=0, apart=0, prefetch=0)
 
     def capacity(self, spec: Spec, scene: Scene, device: str) -> int | None:
         """Number of members of `scene` that fit into the device's free memory.

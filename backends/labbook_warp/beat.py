@@ -65,6 +65,7 @@ class Beat:
         self._run_captured((every,), lambda: self._beat_launches(every))
 
     def _beat_launches(self, every: int) -> None:
+        """Launch a whole beat, with a check of displacements every `every` steps."""
         self.begin()
         done = 0
         while done < self.steps:
@@ -86,8 +87,8 @@ class Beat:
     def part(self, first: int, stop: int, every: int) -> int:
         """Take some steps of a beat from step `first` on, up to `stop` at most, without counting them.
 
-        Displacements are checked at the same steps as in `run`. The number of steps is a power of two of steps, or of
-        intervals between checks, so that few graphs serve stops at any step.
+        Displacements are checked at the same steps as in `run`. The number of steps is a power of two, of steps or
+        of intervals between checks, so that few graphs serve stops at any step.
 
         Returns:
             The number of steps taken.
@@ -102,6 +103,7 @@ class Beat:
         return steps
 
     def _part_launches(self, ahead: int, steps: int, every: int) -> None:
+        """Launch a part of a beat; ahead: steps to the next check, 0 without a check at its start."""
         for first in range(0, steps, every):
             if ahead:
                 self._check_displacements(ahead)
@@ -125,6 +127,7 @@ class Beat:
         self._if_flagged(self.rebuild)
 
     def _take_steps(self, first: int, some: int) -> None:
+        """Take `some` steps; the state ends in `arrays.p`, by a copy if their number is odd."""
         self._move(first, some)
         if some % 2:
             self._launch(self.kernels.copy_states, self._rows, self.arrays.q, self.arrays.p)

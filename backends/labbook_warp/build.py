@@ -99,7 +99,7 @@ def _block_end(lines: Sequence[str], at: int, indent: int) -> int:
     return end
 
 
-def module_text(spec: Spec, uniform: bool, lanes: int, registers: int, apart: int, asked: int) -> str:
+def module_text(spec: Spec, uniform: bool, lanes: int, registers: int, apart: int, prefetch: int) -> str:
     """Source of the kernel module of one specialisation; see `kernels`."""
     precision, grains, kinds = spec.feature("precision"), spec.feature("shape"), spec.feature("walls")
     own, meshes, moves = SHAPES[grains], bool(spec.feature("MESHES")), bool(spec.feature("POSES"))
@@ -107,14 +107,14 @@ def module_text(spec: Spec, uniform: bool, lanes: int, registers: int, apart: in
     hold(f"the shape {grains} in labbook_warp", shape, of_shape)
     codec, entries, turns = Codec(precision == "mixed", own.shared_fields), most_parts(spec), spec.feature("ORIENTED")
     together = [kind for kind in kinds if dispatch.finds_edges_together(kind)]
-    named: dict[str, object] = {
+    constants: dict[str, object] = {
         **features.constants(spec),
         "FINE": precision == "double",
         "UNIFORM": uniform,
         "LANES": lanes,
         "SHARED": lanes > 1,
         "APART": bool(apart),
-        "ASKED": asked,
+        "PREFETCH": prefetch,
         "WORDS": codec.words,
         "WALL_PARTS": entries,
         **({"PLATE_PARTS": plate_parts(spec)} if turns else {}),
@@ -128,7 +128,7 @@ def module_text(spec: Spec, uniform: bool, lanes: int, registers: int, apart: in
         "REACH": own.reach,
         "COLUMNS": 17 if turns else 13,
     }
-    named |= {name: getattr(words, name) for name in OF_WORDS}
+    constants |= {name: getattr(words, name) for name in OF_WORDS}
     # the formulas of frustums are there for `rod_walls`, whether a scene has one or not
     physics = [WALLS[kind] for kind in dict.fromkeys((*kinds, *(("frustum",) if turns else ())))]
     physics = [contact, *modules_of(str(spec.feature("law"))), motion, *physics, *PHYSICS[grains].physics]
@@ -143,21 +143,21 @@ def module_text(spec: Spec, uniform: bool, lanes: int, registers: int, apart: in
     modules += [bodies, sums, *of_shape, forces, step, neighbours, observe, *([beside] if apart else [])]
     if any(isinstance(probe, Traction) for probe in spec.probes):
         physics, modules = [*physics, traction_sums], [*modules, traction]
-        named.update(SUMS=traction_sums.SUMS, WALL_COLUMNS=traction_sums.WALL_COLUMNS)
+        constants.update(SUMS=traction_sums.SUMS, WALL_COLUMNS=traction_sums.WALL_COLUMNS)
     unroll = min(own.unroll, _UNROLL_OF_MESHES) if meshes else own.unroll
     if meshes:
         numbers = source.named_numbers([mesh, mesh_rods, *of_shape])
         for name, value in (numbers | {name: getattr(words, name) for name in OF_MESHES}).items():
-            named.setdefault(name, value)
+            constants.setdefault(name, value)
     header = dialect.header(precision, registers, apart, unroll, several=lanes > 1, meshes=meshes)
-    text = source.generate(header, named, physics, modules)
+    text = source.generate(header, constants, physics, modules)
     return text if moves else _without_poses(text)
 
 
 @lru_cache(maxsize=64)
 @generated.alone
 def kernels(
-    spec: Spec, uniform: bool = False, lanes: int = 1, registers: int = 0, apart: int = 0, asked: int = 0
+    spec: Spec, uniform: bool = False, lanes: int = 1, registers: int = 0, apart: int = 0, prefetch: int = 0
 ) -> ModuleType:  # fmt: skip
     """Import the kernel module of one specialisation, which is compiled at first use on a device.
 
@@ -167,9 +167,9 @@ def kernels(
         lanes: threads that share a grain.
         registers: cap for a thread of the step; 0: the compiler's choice.
         apart: cap for a thread of a separate kernel of walls; 0: walls are part of the step. For one thread a grain.
-        asked: entries of lists that the step prefetches. For one thread a grain.
+        prefetch: entries of lists that the step prefetches. For one thread a grain.
     """
-    assert lanes == 1 or not (apart or asked)
-    text = module_text(spec, uniform, lanes, registers, apart, asked)
+    assert lanes == 1 or not (apart or prefetch)
+    text = module_text(spec, uniform, lanes, registers, apart, prefetch)
     key = generated.digest(text, wp.config.version)
     return generated.load(f"labbook_warp_{key}", text, generated.cache_folder("warp") / key)

@@ -92,13 +92,13 @@ class Codec:
 
 
 def kernel_text(codec: Codec) -> str:
-    """Source of `Spot`, `spot`, `motion`, `rest` and `put`, which `labbook_warp.kernels.shown` lists."""
+    """Source of `GrainPosition`, `position`, `motion`, `rest` and `put`, which `labbook_warp.kernels.shown` lists."""
     parts = ["\n".join(lines) + "\n" for lines in (_record(codec), *_functions(codec))]
     return "\n\n".join([f"# written by {__name__}", *parts])
 
 
 _WORD = "shared"
-"""Field of Spot: the word that contains both the end of the vectors in double and the start of the others."""
+"""Field of GrainPosition: the word that contains both the end of the vectors in double and the start of the others."""
 
 
 def _split(codec: Codec) -> bool:
@@ -107,7 +107,7 @@ def _split(codec: Codec) -> bool:
 
 def _record(codec: Codec) -> Iterator[str]:
     yield "@struct"
-    yield "class Spot:"
+    yield "class GrainPosition:"
     yield from (f"    {name}: wide3" for name in codec.fields.exact)
     if _split(codec):
         yield f"    {_WORD}: word"
@@ -115,7 +115,7 @@ def _record(codec: Codec) -> Iterator[str]:
 
 def _functions(codec: Codec) -> Iterator[Iterator[str]]:
     begins = -(-codec.exact // codec.numbers)
-    yield _spot(codec, begins)
+    yield _position(codec, begins)
     yield _motion(codec, begins)
     yield iter(_rest(codec))
     yield _put(codec)
@@ -130,11 +130,11 @@ def _number(codec: Codec, at: int) -> str:
     return f"n{at // codec.numbers}[{at % codec.numbers}]"
 
 
-def _spot(codec: Codec, begins: int) -> Iterator[str]:
+def _position(codec: Codec, begins: int) -> Iterator[str]:
     yield "@func"
-    yield "def spot(p: Words, i: int):"
+    yield "def position(p: Words, i: int):"
     yield from _loads(codec, 0, begins)
-    yield "    s = Spot()"
+    yield "    s = GrainPosition()"
     for k, name in enumerate(codec.fields.exact):
         if codec.mixed:
             at = range(6 * k, 6 * k + 6, 2)
@@ -149,7 +149,7 @@ def _spot(codec: Codec, begins: int) -> Iterator[str]:
 
 def _motion(codec: Codec, begins: int) -> Iterator[str]:
     yield "@func"
-    yield "def motion(p: Words, i: int, s: Spot):"
+    yield "def motion(p: Words, i: int, s: GrainPosition):"
     yield from _loads(codec, begins, codec.words)
     vectors = []
     for k in range(len(codec.fields.moving)):

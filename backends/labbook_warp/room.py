@@ -120,7 +120,7 @@ def suitable(spec: Spec, sizes: Sizes, uniform: bool, lanes: int) -> ModuleType:
     uncached = sizes.rows * shape.bytes > CACHE
     prefetched = shape.prefetch if one_lane and uncached and spec.feature("FRICTION") else 0
     assert not prefetched or prefetched + 2 <= sizes.near, "lines are asked for whether lists are as long or not"
-    return kernels(spec, uniform, lanes, registers, apart=apart, asked=prefetched)
+    return kernels(spec, uniform, lanes, registers, apart=apart, prefetch=prefetched)
 
 
 def lanes(sizes: Sizes, device: wp.Device, requested: int | None) -> int:

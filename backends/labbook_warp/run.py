@@ -5,7 +5,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
-from labbook_dem.ensemble import UNKNOWN, Failure
+from labbook_dem.ensemble import NOT_RECORDED, Failure
 from labbook_dem.ledger import kinetic
 from labbook_dem.rotation import momenta
 
@@ -69,7 +69,7 @@ class Run:
         self.rows, self.left, self.past_work = len(arrays["ids"]), 0, arrays["past_work"]
         self.near = len(arrays["nbr"])
         self.step, self.rebuilds = int(arrays["step"]), int(arrays["rebuilds"])
-        deep, speed2 = arrays.get("most", (UNKNOWN, UNKNOWN))
+        deep, speed2 = arrays.get("most", (NOT_RECORDED, NOT_RECORDED))
         self.start_extremes = float(deep), float(speed2)
 
     @property

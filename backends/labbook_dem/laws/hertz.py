@@ -1,7 +1,7 @@
-"""What the laws after Hertz share: F_n = K delta - C_n sqrt(6 m* K) v_n with K = (4/3) E* sqrt(R* delta), and Mindlin's
-friction spring.
+"""Formulas that the laws after Hertz share: the normal force and Mindlin's friction spring.
 
-No law by itself: they differ in friction, and name this module in NEEDS.
+F_n = K delta - C_n sqrt(6 m* K) v_n with K = (4/3) E* sqrt(R* delta). This is not a law: the laws differ in friction,
+and list this module in NEEDS.
 """
 
 from labbook.scene import Surface
@@ -10,7 +10,7 @@ from labbook_dem.coefficients import C_N, MU, MU_R, OWN, row
 from labbook_dem.words import coefs, func, real, sqrt, vec3
 
 MODULUS, C_T, KAPPA, LEAST = OWN[:4]
-"""(4/3) E* [Pa]; C_t; kappa; the least normal force [N], next to minus infinity where it may pull."""
+"""(4/3) E* [Pa]; C_t; kappa; the smallest normal force [N], hugely negative if it may pull."""
 
 
 def coefficients(
@@ -18,7 +18,11 @@ def coefficients(
 ) -> coefs:  # fmt: skip
     """Coefficients of a contact between equal materials with this surface.
 
-    wall: whether it is of a grain and a wall; Hertz's laws have the same coefficients for both.
+    Args:
+        law: contact law of the scene.
+        surface: friction and restitution.
+        stiffness_scale: factor of the modulus.
+        wall: the contact is with a wall; the laws of Hertz have the same coefficients for both.
     """
     nu = law.poisson_ratio
     c_n = law.damping_ratio(surface.restitution)
@@ -52,26 +56,26 @@ def normal(c: coefs, rs: real, ms: real, delta: real, vn: real):
 
 @func
 def unslid(size: real, s_max: real):
-    """u = 1 - |s|/s_max of a spring of this size [m], which slides from s_max [m] on; there 0."""
+    """Elastic part u = 1 - |s|/s_max of a spring of this size [m]; 0 from s_max [m] on, where it slides."""
     slides = size >= s_max
     return real(0.0) if slides else max(real(1.0) - size / s_max, real(0.0))  # an approximate quotient may exceed one
 
 
 @func
 def mindlin(c: coefs, ms: real, stiff_t: real, stiff_s: real, u: real, s: vec3, vt: vec3):
-    """Friction [N] of Mindlin's spring and its dashpot, F_t^e + F_t^v as `hertz_mindlin` has them.
+    """Friction force [N] of Mindlin's spring and its dashpot, F_t^e + F_t^v of `hertz_mindlin`.
 
-    stiff_t: K/kappa [N/m]; stiff_s: the same, or less where s [m] is longer than what counts of it. u: of `unslid`.
-    vt: tangential velocity [m/s].
+    stiff_t: K/kappa [N/m]; stiff_s: the same, or less if only a part of s [m] counts; u: from `unslid`; vt: tangential
+    velocity [m/s].
     """
-    one = real(1.0)
+    unity = real(1.0)
     root = sqrt(u)
-    k_t = stiff_s * (one + u + u * u) / (one + u * root)
+    k_t = stiff_s * (unity + u + u * u) / (unity + u * root)
     damp_t = c[C_T] * sqrt(real(6.0) * ms * stiff_t * root)
     return -(s * k_t) - vt * damp_t
 
 
 @func
 def without_slip(c: coefs, stiff: real):
-    """8 G* sqrt(R* delta) [N/m], the tangential stiffness of a contact that slips nowhere: 3/2 K/kappa."""
+    """Tangential stiffness 8 G* sqrt(R* delta) [N/m] of a contact without slip: 3/2 K/kappa."""
     return real(1.5) * stiff / c[KAPPA]

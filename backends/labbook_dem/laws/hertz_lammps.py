@@ -19,7 +19,7 @@ NEEDS = (shared,)
 @func
 def respond(c: coefs, rs: real, ms: real, delta: real, vn: real, s: vec3, vt: vec3):
     """Normal force, tangential force on i and the spring; see `labbook_dem.laws`."""
-    one = real(1.0)
+    unity = real(1.0)
     fn, stiff, root = hertz(c, rs, ms, delta, vn)
     k_t = without_slip(c, stiff)
     drag = vt * (c[C_T] * root)
@@ -27,5 +27,6 @@ def respond(c: coefs, rs: real, ms: real, delta: real, vn: real, s: vec3, vt: ve
     limit = c[MU] * abs(fn)
     slides = length(ft) > limit
     ft = cut(ft, limit)
-    kept = ((ft + drag) * (-(one / k_t))) if slides else s
-    return fn, ft, kept
+    # only where it slides: without a cut the spring keeps its bits
+    spring = ((ft + drag) * (-(unity / k_t))) if slides else s
+    return fn, ft, spring

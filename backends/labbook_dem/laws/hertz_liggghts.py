@@ -21,13 +21,13 @@ NEEDS = (shared,)
 def respond(c: coefs, rs: real, ms: real, delta: real, vn: real, s: vec3, vt: vec3):
     """Normal force, tangential force on i and the spring; see `labbook_dem.laws`."""
     zero = real(0.0)
-    one = real(1.0)
+    unity = real(1.0)
     fn, stiff, _ = hertz(c, rs, ms, delta, vn)
     k_t = without_slip(c, stiff)
     damp_t = real(2.0) * c[C_T] * sqrt(ms * k_t)
     pull = k_t * length(s)
     limit = c[MU] * abs(fn)
     slides = pull > limit
-    s = s * ((limit / pull) if slides else one)
+    s = s * ((limit / pull) if slides else unity)
     ft = -(s * k_t) - vt * (zero if slides else damp_t)
     return fn, ft, s

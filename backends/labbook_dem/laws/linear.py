@@ -21,7 +21,11 @@ def coefficients(
 ) -> coefs:  # fmt: skip
     """Coefficients of a contact with this surface.
 
-    wall: whether it is of a grain and a wall, whose m* is twice that of two grains.
+    Args:
+        law: contact law of the scene.
+        surface: friction and restitution.
+        stiffness_scale: factor of the stiffness.
+        wall: the contact is with a wall, whose m* is twice that of two grains.
     """
     ratio = law.damping_ratio(surface.restitution)
     if wall and law.damping == "printed":
@@ -41,7 +45,7 @@ def coefficients(
 @func
 def respond(c: coefs, rs: real, ms: real, delta: real, vn: real, s: vec3, vt: vec3):
     """Normal force, tangential force on i and the spring; see `labbook_dem.laws`."""
-    one = real(1.0)
+    unity = real(1.0)
     gamma = c[C_N] * sqrt(c[K_N] * ms)
     fn = max(c[K_N] * delta - gamma * vn, real(0.0))
     k_t = c[K_RATIO] * c[K_N]
@@ -49,8 +53,9 @@ def respond(c: coefs, rs: real, ms: real, delta: real, vn: real, s: vec3, vt: ve
     drag = vt * gamma_t
     ft = -(s * k_t) - drag
     ft = cut(ft, c[MU] * fn)
-    kept = (ft + drag) * (-(one / k_t))
-    return fn, ft, kept
+    # the spring that gives the cut force; without a cut it is s up to rounding
+    spring = (ft + drag) * (-(unity / k_t))
+    return fn, ft, spring
 
 
 @func

@@ -34,7 +34,7 @@ from labbook_dem.formulas import Formulas, identifier
 
 
 class _ByDistance(Mapping[str, type]):
-    """Walls by kind, without those of triangles, whose contacts `labbook_dem.mesh` finds."""
+    """Walls by kind, without those of triangles, whose contacts `labbook_dem.mesh` computes."""
 
     def __getitem__(self, kind: str) -> type:
         if kind == MESH:
@@ -64,5 +64,5 @@ MESH_NUMBER = 1000
 
 
 def number(kind: str) -> int:
-    """By which kernels know a kind of walls."""
+    """Number by which kernels identify a kind of walls."""
     return MESH_NUMBER if kind == MESH else list(WALLS).index(kind)

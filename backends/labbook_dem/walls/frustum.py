@@ -1,4 +1,4 @@
-"""A thin plate round the z axis: a segment in the plane of radius and height, turned about it.
+"""Thin plate round the z axis: a segment in the plane of radius and height, revolved.
 
 rim: its lower end as (radius, 0, z); along: unit direction from there as (radial, 0, axial) with a radial part of at
 least zero; length of the segment. The lower end is an edge that grains roll over.
@@ -14,7 +14,7 @@ PARTS = 4
 
 @func
 def frustum_over(rim: section, along: section, x: wide3):
-    """How far up the plate x is [m]; negative beyond the rim. Along a straight line it is convex."""
+    """Coordinate [m] of x up the plate; negative beyond the rim. It is convex along a straight line."""
     return (sqrt(x.x * x.x + x.y * x.y) - rim.x) * along.x + (x.z - rim.z) * along.z
 
 
@@ -22,7 +22,7 @@ def frustum_over(rim: section, along: section, x: wide3):
 def frustum_distance(rim: section, along: section, length: wide, x: wide3):
     """Distance [m] of x from the nearest point of the plate, and the unit normal from there to x."""
     zero = wide(0.0)
-    one = wide(1.0)
+    unity = wide(1.0)
     rho = sqrt(x.x * x.x + x.y * x.y)
     dr = rho - rim.x
     dz = x.z - rim.z
@@ -30,17 +30,17 @@ def frustum_distance(rim: section, along: section, length: wide, x: wide3):
     dr = dr - along.x * at
     dz = dz - along.z * at
     distance = sqrt(dr * dr + dz * dz)
-    inverse = one / distance if distance > zero else zero
+    inverse = unity / distance if distance > zero else zero
     outwards = dr * inverse / rho if rho > zero else zero
     return distance, wide3(x.x * outwards, x.y * outwards, dz * inverse)
 
 
 @func
 def leaves_plate(rim: section, along: section, x: wide3, a: wide3, half: wide):
-    """Where on the segment, seen from its end at -half, the first point beyond the rim is [m].
+    """Position [m] on the segment of the first point beyond the rim, seen from the end at -half.
 
-    A convex function falls to its first zero: Newton's steps come from the left and never pass it. They are taken in
-    `real`, but for a last one that puts right what rounding leaves, but for its square.
+    A convex function falls to its first zero: Newton's steps come from the left and never pass it. They are computed in
+    `real`, except for a last one in `wide`, which removes the rounding error up to its square.
     """
     zero = real(0.0)
     radius = rounded(rim.x)
@@ -73,7 +73,7 @@ def leaves_plate(rim: section, along: section, x: wide3, a: wide3, half: wide):
 
 @func
 def pull(s: real, ca: real, radius: real, passes: real, a2: real, b2: real):
-    """g of `nearest_to_rim` at s, and the distance rho from the axis there [m]: rho^2 = b2 + a2 (s - passes)^2."""
+    """Function g of `nearest_to_rim` at s, and distance rho from the axis there [m]: rho^2 = b2 + a2 (s - passes)^2."""
     t = s - passes
     rho = max(sqrt(b2 + a2 * t * t), real(1e-12))
     return s + ca - radius * (a2 * t) / rho, rho
@@ -81,15 +81,15 @@ def pull(s: real, ca: real, radius: real, passes: real, a2: real, b2: real):
 
 @func
 def nearest_to_rim(rim: section, x: wide3, a: wide3, first: wide, last: wide):
-    """The first point between `first` and `last` at which the distance from the rim stops falling [m].
+    """Position [m] of the first minimum between `first` and `last` of the distance from the rim.
 
     Half the derivative of its square is g(s) = s + c.a - R rho'(s), c = x - (0, 0, z). rho'' is largest where the
     segment passes the axis, and R rho'' = 1 at both ends m, n of the stretch on which g falls: g rises and is concave
     before m, rises and is convex behind n. There Newton's steps come from `first`, here from `last`, and never pass a
-    zero. They are taken in `real`, but for a last one that puts right what rounding leaves.
+    zero. They are computed in `real`, except for a last one in `wide`, which removes the rounding error.
     """
     zero = real(0.0)
-    one = real(1.0)
+    unity = real(1.0)
     tiny = real(1e-12)
     radius = rounded(rim.x)
     begin = rounded(first)
@@ -116,7 +116,7 @@ def nearest_to_rim(rim: section, x: wide3, a: wide3, first: wide, last: wide):
     left = int(8)
     while left > 0 and moved > near:
         g, rho = pull(s, ca, radius, passes, a2, b2)
-        slope = one - radius * a2 * b2 / (rho * rho * rho)
+        slope = unity - radius * a2 * b2 / (rho * rho * rho)
         step = g / slope if slope > tiny else zero
         to = min(max(s - step, low), high) if before or g > zero else s
         moved = abs(to - s)
@@ -134,9 +134,9 @@ def nearest_to_rim(rim: section, x: wide3, a: wide3, first: wide, last: wide):
 
 @func
 def frustum_part(rim: section, along: section, length: wide, x: wide3, a: wide3, half: wide, part: int, on: wide):
-    """Distance [m] of an end of a rod from the plate that it is over, unit normal, and where on the segment it is.
+    """Distance [m] of an end of a rod from the plate below it, unit normal, and position on the segment [m].
 
-    on: where on the segment an edge is, which is asked for as part 2 or 3: the nearest point of the plate, then.
+    on: position of an edge on the segment; for parts 2 and 3, the point whose normal is returned.
     """
     s = on if part > 1 else (half if part == 1 else -half)
     p = x + a * s
@@ -149,57 +149,57 @@ def frustum_part(rim: section, along: section, length: wide, x: wide3, a: wide3,
 def rim_met(
     rim: section, along: section, length: wide, x: wide3, a: wide3, half: wide, radius: wide, s: wide, two: bool
 ):  # fmt: skip
-    """Distance [m] from the rim of the minimum at s, the first from the end at -half; `two`: there is another.
+    """Distance [m] from the rim of the minimum at s, the first from the end at -half; two: there is another one.
 
-    It is larger by what the ends carry while they are over the plate. One at the far side of the hole, with a minimum
-    of its own, counts already as it comes near.
+    It is larger by the overlap that the ends carry while they are over the plate. An end at the far side of the hole,
+    with a minimum of its own, counts already as it comes near.
     """
     zero = wide(0.0)
-    one = wide(1.0)
+    unity = wide(1.0)
     distance, _ = frustum_distance(rim, along, length, x + a * s)
     near, _ = frustum_distance(rim, along, length, x - a * half)
     far, _ = frustum_distance(rim, along, length, x + a * half)
-    near_over = one if frustum_over(rim, along, x - a * half) >= zero else zero
-    far_over = min(max(one + frustum_over(rim, along, x + a * half) / radius, zero), one)
-    far_over = far_over if two or far_over >= one else zero
+    near_over = unity if frustum_over(rim, along, x - a * half) >= zero else zero
+    far_over = min(max(unity + frustum_over(rim, along, x + a * half) / radius, zero), unity)
+    far_over = far_over if two or far_over >= unity else zero
     to_far = (s + half) / (half + half) if half > zero else zero
-    carried = (one - to_far) * near_over * max(radius - near, zero) + to_far * far_over * max(radius - far, zero)
+    carried = (unity - to_far) * near_over * max(radius - near, zero) + to_far * far_over * max(radius - far, zero)
     return distance + carried
 
 
 @func
 def is_across(rim: section, along: section, x: wide3, a: wide3, half: wide, first: wide, last: wide, at: wide):
-    """Whether a stretch from `first` to `last` of the segment is beyond the rim, as its point at `at` should be."""
+    """True if the stretch from `first` to `last` of the segment is beyond the rim, tested at its point `at`."""
     return first <= last and frustum_over(rim, along, x + a * at) <= wide(1e-9) * (rim.x + half)
 
 
 @func
 def two_minima(s: wide, back: wide, half: wide):
-    """Whether the minima at s and at `back`, found from the two ends, are two."""
+    """True if the minima at s and at `back`, from searches from the two ends, are different."""
     return back - s > wide(1e-3) * half
 
 
 @func
 def frustum_edges(rim: section, along: section, length: wide, x: wide3, a: wide3, half: wide, radius: wide):
-    """Distances [m] from the rim of a rod that lies across it, and where on the segment, of part 2 and of part 3.
+    """Distances [m] from the rim of a rod that lies across it, and positions on the segment, of part 2 and of part 3.
 
-    Of the stretch of the segment beyond the rim, part 2 is the minimum of the distance that is met first from the end
-    at -half, part 3 that from the other end, where it is another. There are at most two; none is 1e9 m off.
+    On the stretch of the segment beyond the rim, part 2 is the first minimum of the distance from the end at -half,
+    part 3 the first from the other end, if it is a different one. There are at most two; a missing one has 1e9 m.
     """
-    none = wide(1e9)
+    absent = wide(1e9)
     zero = wide(0.0)
     first = leaves_plate(rim, along, x, a, half)
     last = -leaves_plate(rim, along, x, -a, half)
     if not is_across(rim, along, x, a, half, first, last, first):
-        return none, zero, none, zero
+        return absent, zero, absent, zero
     s = nearest_to_rim(rim, x, a, first, last)
     back = -nearest_to_rim(rim, x, -a, -last, -first)
-    two = two_minima(s, back, half)
-    met = rim_met(rim, along, length, x, a, half, radius, s, two)
-    other = none
-    if two:
-        other = rim_met(rim, along, length, x, -a, half, radius, -back, two)
-    return met, s, other, back
+    both = two_minima(s, back, half)
+    met = rim_met(rim, along, length, x, a, half, radius, s, both)
+    second_met = absent
+    if both:
+        second_met = rim_met(rim, along, length, x, -a, half, radius, -back, both)
+    return met, s, second_met, back
 
 
 @func
@@ -215,10 +215,10 @@ def frustum_rod(
     rim: section, along: section, length: wide, x: wide3, a: wide3, half: wide, part: int, met: wide, on: wide,
     other: wide, back: wide,
 ):  # fmt: skip
-    """Distance [m] of a part of a rod from the plate, unit normal, and where on the segment it is; see `walls`.
+    """Distance [m] of a part of a rod from the plate, unit normal, and position on the segment; see `walls`.
 
-    x: centre [m]; a: unit axis; half: half the length of the segment [m]. met, on, other, back: both edges, as
-    `frustum_edges` gives them.
+    x: centre [m]; a: unit axis; half: half the length of the segment [m]. met, on, other, back: both edges, from
+    `frustum_edges`.
     """
     distance, normal, s = frustum_part(rim, along, length, x, a, half, part, on if part == 2 else back)
     return (distance if part < 2 else (met if part == 2 else other)), normal, s

@@ -1,4 +1,4 @@
-"""An infinite plane; grains are on the side that its normal points to."""
+"""Infinite plane; grains are on the side that its normal points to."""
 
 import math
 

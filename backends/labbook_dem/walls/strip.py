@@ -1,4 +1,4 @@
-"""A thin plate seen edge on: a segment in the x-z plane, endless along y. A grain rolls over its ends."""
+"""Thin plate seen edge on: a segment in the x-z plane, endless along y. A grain rolls over its ends."""
 
 import math
 
@@ -27,7 +27,7 @@ def strip_distance(start: section, along: section, length: wide, x: wide3):
 
 @func
 def strip_over(start: section, along: section, x: wide3):
-    """How far along the plate x is [m]."""
+    """Coordinate [m] of x along the plate."""
     return (x.x - start.x) * along.x + (x.z - start.z) * along.z
 
 

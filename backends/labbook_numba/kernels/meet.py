@@ -11,6 +11,7 @@ from labbook_numba.state import State
 @kernel
 def wait_for_domains(meetings, domains):
     """Wait until all domains have arrived; return False if one has failed and never will."""
+    # the counter is never reset: the goal is the next multiple of the number of domains
     goal = (arrive(meetings) // domains + 1) * domains
     while arrived(meetings) < goal:
         give_way()
@@ -31,7 +32,7 @@ def largest_of_domains(domain, shared_values, meetings, column, value):
             return np.nan
         for k in range(domains):
             domain_value = shared_values[k, column]
-            if domain_value != domain_value:
+            if domain_value != domain_value:  # NaN, which `max` would drop or keep by the order of its arguments
                 return domain_value
             value = max(value, domain_value)
     return value

@@ -23,8 +23,9 @@ def near_pairs(st: State, p: Params, pair_i, pair_j, cell, head, next_grain):
             for b in range(max(cell[i, 1] - 1, 0), min(cell[i, 1] + 2, ny)):
                 for c in range(max(cell[i, 2] - 1, 0), min(cell[i, 2] + 2, nz)):
                     j = head[(a * ny + b) * nz + c]
-                    while j > i:
+                    while j > i:  # the list of a cell descends: the rest are pairs with i second
                         if near_grain(grains, body, i, j, reach, p.half, p.skin):
+                            # beyond the capacity pairs are only counted, for the size of the next attempt
                             if count < capacity:
                                 k = count
                                 while k > start and pair_j[k - 1] > j:

@@ -110,6 +110,7 @@ def advance(st: State, p: Params, target):
     limit2 = p.speed_limit * p.speed_limit
     reading = st.count[STEP] == target
     while (reading or st.count[STEP] < target) and st.count[GRAINS] > 0:
+        # written so that NaN asks for a rebuild too
         if not st.sums[MOVED] < wide(0.5) * p.skin:
             return REBUILD
         pair_forces(st, p)
@@ -118,6 +119,7 @@ def advance(st: State, p: Params, target):
         if reading:
             return DONE
         overlap = domain_maximum(st, OVERLAP, st.sums[MAX_OVERLAP])
+        # all domains compare the same value, so all return at the same step
         if not overlap <= p.overlap_limit:
             st.sums[FAIL_VALUE] = overlap
             return BAD_OVERLAP

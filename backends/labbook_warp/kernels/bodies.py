@@ -40,7 +40,7 @@ def body(a: System, m: Material, i: int):
 
 
 @func
-def between(a: System, m: Material, s: int, first: Body, second: Body):
+def pair_coefficients(a: System, m: Material, s: int, first: Body, second: Body):
     """Coefficients of the contact law between two grains of slot s."""
     c = m.c
     if VARIED:
@@ -49,7 +49,7 @@ def between(a: System, m: Material, s: int, first: Body, second: Body):
 
 
 @func
-def with_plate(a: System, g: int, b: Body):
+def wall_coefficients(a: System, g: int, b: Body):
     """Coefficients of the contact law between a grain and wall g."""
     row = g
     if VARIED:
@@ -58,7 +58,7 @@ def with_plate(a: System, g: int, b: Body):
 
 
 @func
-def touching2(m: Material, first: Body, second: Body):
+def contact_distance2(m: Material, first: Body, second: Body):
     """Square of the centre distance [m^2] below which two grains overlap."""
     square = m.reach2
     if VARIED:

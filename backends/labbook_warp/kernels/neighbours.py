@@ -10,8 +10,8 @@ from labbook_dem.words import FRICTION, ROLLING_SPRING, func, wide
 
 from labbook_warp.kernels.bodies import listed2
 from labbook_warp.kernels.parts import lists_are_due
-from labbook_warp.kernels.shape import Grain, apart2, grain, mark, parts_near, strayed
-from labbook_warp.kernels.shown import spot
+from labbook_warp.kernels.shape import Grain, displacement_and_speed, distance2, grain, parts_near, store_origin
+from labbook_warp.kernels.shown import position
 from labbook_warp.kernels.system import Material, Place, System, entry, has_bit, material
 from labbook_warp.kernels.walls import wall_at
 from labbook_warp.kernels.words import (
@@ -47,7 +47,7 @@ def check_displacements(a: System, p: Words, interval: int):
         m = material(a, s)
         g = grain(p, m, i)
         if g.x[2] > wide(0.5) * wide(PARKED):
-            so_far, speed = strayed(a, m, i, g)
+            so_far, speed = displacement_and_speed(a, m, i, g)
             if interval > 1 and not so_far <= m.half_skin:
                 a.late[s] = 1
             ahead = wide(1.5) * speed * m.dt * wide(interval)
@@ -98,7 +98,7 @@ def fill_cells(a: System, p: Words):
     i = wp.tid()
     s = i // a.cap
     if a.flag[s] == 1 and i - s * a.cap < a.rows[s]:
-        x = spot(p, i).x
+        x = position(p, i).x
         if x[2] > wide(0.5) * wide(PARKED):
             b = a.place[s]
             index = cell_index(
@@ -135,7 +135,7 @@ def collect_neighbours(a: System, p: Words, m: Material, s: int, r: int, g: Grai
             c = s * a.cells + cell_index(b, cx + dx, cy + dy, cz + dz)
             for e in range(min(a.cell_count[c], a.depth)):
                 row = a.cell_rows[c * a.depth + e]
-                d2 = apart2(p, m, g, s * a.cap + row)
+                d2 = distance2(p, m, g, s * a.cap + row)
                 if d2 < listed2(a, m, i, s * a.cap + row) and row != r:
                     if SHARED:
                         count = wp.atomic_add(a.new_count, i, 1)
@@ -171,7 +171,7 @@ def build_lists(a: System, p: Words):
     if a.flag[s] == 1 and r < a.rows[s]:
         m = material(a, s)
         g = grain(p, m, i)
-        mark(a, i, g)
+        store_origin(a, i, g)
         count = int(0)
         near = wp.uint32(0)
         if g.x[2] > wide(0.5) * wide(PARKED):

@@ -1,4 +1,4 @@
-"""Contacts of a rod: the contact with one of its neighbours, and up to PLATE_PARTS contacts with a plate near it."""
+"""Contacts of a rod: with one of its neighbours, and up to PLATE_PARTS contacts with a plate near it."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from labbook_dem.words import FRICTION, dot, func, narrow, real, rounded, vec3, 
 from labbook_warp.kernels.parts import spring_from_part, spring_to_part, turning_of
 from labbook_warp.kernels.rod_walls import edge_near, edges, part_distance
 from labbook_warp.kernels.rods import Grain
-from labbook_warp.kernels.shown import motion, spot
+from labbook_warp.kernels.shown import motion, position
 from labbook_warp.kernels.sums import Contact, Sums, plus, spring_before
 from labbook_warp.kernels.system import Material, System, entry
 from labbook_warp.kernels.walls import wall_at, wall_velocity
@@ -18,51 +18,53 @@ from labbook_warp.kernels.words import MOVING, PLATE_PARTS, POSES, WALL_PARTS, W
 
 
 @func
-def with_neighbour(a: System, p: Words, m: Material, at: int, j: int, held: bool, g: Grain):
-    """The contact with grain j, whose spring stands at `at` and is valid if `held`.
+def with_neighbour(a: System, p: Words, m: Material, at: int, j: int, has_spring: bool, g: Grain):
+    """Contact with grain j, whose spring is entry `at`; has_spring: it is valid.
 
-    Closest points are looked for from the rod that is farther along x, and as points in space: both sides find the same
-    to the last bit.
+    The search for closest points starts from the rod that is farther along x, and finds points in space: both rods get
+    the same ones to the last bit.
     """
     c = Contact()
-    there = spot(p, j)
-    # what touched a step ago mostly still does: the rest is asked for before it is known
-    last, advance = spring_before(a.spring, at, held, real(wide(0.5) * m.dt))
+    there = position(p, j)
+    # most contacts of the last step persist: their velocities are loaded before the overlap is known
+    last, advance = spring_before(a.spring, at, has_spring, real(wide(0.5) * m.dt))
     v = vec3(real(0.0), real(0.0), real(0.0))
     w = vec3(real(0.0), real(0.0), real(0.0))
     u = vec3(real(0.0), real(0.0), real(0.0))
     y = vec3(real(0.0), real(0.0), real(0.0))
-    if held:
+    if has_spring:
         v, w, u, y = motion(p, j, there)
     away = g.x - there.x
     along = away[0] if away[0] != wide(0.0) else (away[1] if away[1] != wide(0.0) else away[2])
-    mine, yours = closest_from(away, g.axis, there.axis, m.half, along > wide(0.0))
-    branch = (g.x + g.axis * wide(mine)) - (there.x + there.axis * wide(yours))
+    s, t = closest_from(away, g.axis, there.axis, m.half, along > wide(0.0))
+    branch = (g.x + g.axis * wide(s)) - (there.x + there.axis * wide(t))
     overlap2 = m.reach2 - dot(branch, branch)
     c.touches = overlap2 > wide(0.0)
     if c.touches:
-        if not held:
+        if not has_spring:
             v, w, u, y = motion(p, j, there)
         b = narrow(there.axis)
-        f, t, _t, kept, delta = rod_on_rod(
-            m.c, m.radius, m.mass, narrow(branch), rounded(overlap2), narrow(g.axis) * mine, b * yours,
+        force, torque, _t, spring, delta = rod_on_rod(
+            m.c, m.radius, m.mass, narrow(branch), rounded(overlap2), narrow(g.axis) * s, b * t,
             g.u - u, g.v - v, g.soon, y, g.spin, w, last, advance, m.inertia_rate,
         )  # fmt: skip
         c.overlap = delta
-        c.force = f
-        c.torque = t
-        c.spring = kept
+        c.force = force
+        c.torque = torque
+        c.spring = spring
         c.branch = -away
     return c
 
 
 @func
-def with_wall(a: System, m: Material, wall: int, at: int, held: bool, g: Grain, distance: wide, normal: wide3, s: wide):
-    """The contact with a wall at the point s [m] of the segment, whose spring stands at `at` and is valid if `held`."""
+def with_wall(
+    a: System, m: Material, wall: int, at: int, has_spring: bool, g: Grain, distance: wide, normal: wide3, s: wide
+):
+    """Contact with a wall at the point s [m] of the segment, whose spring is entry `at`; has_spring: it is valid."""
     c = Contact()
     overlap = rounded(m.reach - distance)
     lever = g.axis * s
-    last, advance = spring_before(a.wall_spring, at, held, real(wide(0.5) * m.dt))
+    last, advance = spring_before(a.wall_spring, at, has_spring, real(wide(0.5) * m.dt))
     surface = vec3(real(0.0), real(0.0), real(0.0))
     turning = vec3(real(0.0), real(0.0), real(0.0))
     if MOVING:
@@ -71,7 +73,7 @@ def with_wall(a: System, m: Material, wall: int, at: int, held: bool, g: Grain, 
     if POSES:
         turning = turning + turning_of(a, wall)
         last = spring_from_part(a, wall, last)
-    f, t, kept = rod_on_wall(
+    f, t, spring = rod_on_wall(
         a.wall_c[wall], m.radius, m.mass, overlap, narrow(normal), narrow(lever), g.u - surface, g.v - surface,
         g.soon, g.spin, turning, last, advance, m.inertia_rate,
     )  # fmt: skip
@@ -79,9 +81,9 @@ def with_wall(a: System, m: Material, wall: int, at: int, held: bool, g: Grain, 
     c.overlap = overlap
     c.force = f
     c.torque = t
-    c.spring = kept
+    c.spring = spring
     if POSES:
-        c.spring = spring_to_part(a, wall, kept)
+        c.spring = spring_to_part(a, wall, spring)
     c.branch = lever - normal * distance
     return c
 
@@ -119,13 +121,13 @@ def at_plate(a: System, m: Material, s: int, r: int, k: int, near: uint32, old: 
     now = int(0)
     wall = wall_at(a, s, r, q)
     met, on, twin, back = edges(a, wall, g.x, g.axis, m.half, m.reach, parts_of(near, q))
-    for other in range(WALL_PARTS):
-        if has(parts_of(near, q), other):
+    for candidate in range(WALL_PARTS):
+        if has(parts_of(near, q), candidate):
             distance, normal, at = part_distance(
-                a, wall, g.x, g.axis, m.half, m.reach, other, met, on, twin, back
+                a, wall, g.x, g.axis, m.half, m.reach, candidate, met, on, twin, back
             )  # fmt: skip
             if distance < m.reach:
-                now = now | (1 << other)
+                now = now | (1 << candidate)
     c = Contact()
     if has(now, part):
         distance, normal, at = part_distance(a, wall, g.x, g.axis, m.half, m.reach, part, met, on, twin, back)

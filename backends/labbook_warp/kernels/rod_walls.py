@@ -33,7 +33,7 @@ def edges(a: System, wall: int, x: wide3, axis: wide3, half: wide, radius: wide,
 
 @func
 def rim_of_two(rim: wide3, along: wide3, length: wide, x: wide3, axis: wide3, half: wide, radius: wide, second: bool):
-    """`frustum_rims` by two neighbouring threads, one edge each; the `second` searches from the other end."""
+    """Search of `frustum_edges` by two neighbouring threads, one edge each; the `second` starts from the other end."""
     direction = -axis if second else axis
     first = leaves_plate(rim, along, x, direction, half)
     last = -other_of_two(first)

@@ -7,7 +7,7 @@ from labbook_dem.rotation import axis, spin, turn
 from labbook_dem.segments import closest_from
 from labbook_dem.words import cross, dot, func, narrow, real, sqrt, struct, vec3, wide, wide3
 
-from labbook_warp.kernels.shown import motion, put, spot
+from labbook_warp.kernels.shown import motion, position, put
 from labbook_warp.kernels.system import Material, System
 from labbook_warp.kernels.words import (
     Words,
@@ -38,7 +38,7 @@ class Grain:
 @func
 def grain(p: Words, m: Material, i: int):
     """Load the shared state of grain i; q and w are not set."""
-    here = spot(p, i)
+    here = position(p, i)
     v, w, u, y = motion(p, i, here)
     g = Grain()
     g.x = here.x
@@ -148,7 +148,7 @@ def angular_velocity(m: Material, g: Grain, w: wide3):
 
 
 @func
-def strayed(a: System, m: Material, i: int, g: Grain):
+def displacement_and_speed(a: System, m: Material, i: int, g: Grain):
     """Displacement [m] of grain i since the last rebuild, and its speed [m/s]: bounds for its farthest point."""
     shift = g.x - a.origin[i]
     tilt = g.axis - a.facing[i]
@@ -158,16 +158,16 @@ def strayed(a: System, m: Material, i: int, g: Grain):
 
 
 @func
-def mark(a: System, i: int, g: Grain):
+def store_origin(a: System, i: int, g: Grain):
     """Store the position of grain i at the rebuild of its list."""
     a.origin[i] = g.x
     a.facing[i] = g.axis
 
 
 @func
-def apart2(p: Words, m: Material, g: Grain, j: int):
+def distance2(p: Words, m: Material, g: Grain, j: int):
     """Square of the distance [m^2] to grain j: of the segments if the centres are close enough, else of the centres."""
-    there = spot(p, j)
+    there = position(p, j)
     away = g.x - there.x
     d2 = dot(away, away)
     if d2 < m.centres2:

@@ -84,8 +84,8 @@ def angular_velocity(m: Material, g: Grain, w: wide3) -> Any:
 # contacts
 
 
-def with_neighbour(a: System, p: Words, m: Material, at: int, j: int, held: bool, g: Grain) -> Contact:
-    """Contact with grain j, whose spring is entry `at`; held: the spring is valid."""
+def with_neighbour(a: System, p: Words, m: Material, at: int, j: int, has_spring: bool, g: Grain) -> Contact:
+    """Contact with grain j, whose spring is entry `at`; has_spring: it is valid."""
     raise NotImplementedError(_OF_SHAPE)
 
 
@@ -113,17 +113,17 @@ def at_walls(
 # lists
 
 
-def strayed(a: System, m: Material, i: int, g: Grain) -> Any:
+def displacement_and_speed(a: System, m: Material, i: int, g: Grain) -> Any:
     """Displacement [m] of grain i since the last rebuild, and its speed [m/s]: bounds for its farthest point."""
     raise NotImplementedError(_OF_SHAPE)
 
 
-def mark(a: System, i: int, g: Grain) -> None:
+def store_origin(a: System, i: int, g: Grain) -> None:
     """Store the position of grain i at the rebuild of its list."""
     raise NotImplementedError(_OF_SHAPE)
 
 
-def apart2(p: Words, m: Material, g: Grain, j: int) -> wide:
+def distance2(p: Words, m: Material, g: Grain, j: int) -> wide:
     """Square of the distance [m^2] from grain j; of rods, of their segments."""
     raise NotImplementedError(_OF_SHAPE)
 

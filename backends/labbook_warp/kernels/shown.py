@@ -14,7 +14,7 @@ from labbook_warp.kernels.words import Words
 _GENERATED = "written by labbook_warp.codec for a shape and a precision"
 
 
-class Spot:
+class GrainPosition:
     """Position and axis of a grain, in double precision.
 
     A word that also contains the first component of its motion is kept here, so that `motion` need not load it again.
@@ -24,12 +24,12 @@ class Spot:
     axis: wide3  # unit vector of a rod
 
 
-def spot(p: Words, i: int) -> Spot:
+def position(p: Words, i: int) -> GrainPosition:
     """Load the position of grain i, and the axis of a rod."""
     raise NotImplementedError(_GENERATED)
 
 
-def motion(p: Words, i: int, s: Spot) -> Any:
+def motion(p: Words, i: int, s: GrainPosition) -> Any:
     """Load the motion of grain i: velocity [m/s] and angular velocity [rad/s] half a step before, predicted velocity,
     and of rods the predicted angular velocity."""
     raise NotImplementedError(_GENERATED)
@@ -45,5 +45,5 @@ def rest(p: Words, i: int) -> real:
 
 
 def put(p: Words, i: int, *numbers: Any) -> None:
-    """Store the shared state of grain i: the vectors of `spot` and `motion`, and of a sphere also `rest`."""
+    """Store the shared state of grain i: the vectors of `position` and `motion`, and of a sphere also `rest`."""
     raise NotImplementedError(_GENERATED)

@@ -21,9 +21,9 @@ from labbook_dem.words import (
     wide3,
 )
 
-from labbook_warp.kernels.bodies import between, body, touching2, with_plate
+from labbook_warp.kernels.bodies import body, contact_distance2, pair_coefficients, wall_coefficients
 from labbook_warp.kernels.parts import spring_from_part, spring_to_part, turning_of
-from labbook_warp.kernels.shown import motion, put, rest, spot
+from labbook_warp.kernels.shown import motion, position, put, rest
 from labbook_warp.kernels.sums import Contact, rolling_before, spring_before
 from labbook_warp.kernels.system import Material, System
 from labbook_warp.kernels.walls import wall_velocity
@@ -46,7 +46,7 @@ class Grain:
 def grain(p: Words, m: Material, i: int):
     """Load grain i."""
     g = Grain()
-    here = spot(p, i)
+    here = position(p, i)
     g.x = here.x
     v, w, u = motion(p, i, here)
     g.v = v
@@ -125,35 +125,35 @@ def angular_velocity(m: Material, g: Grain, w: wide3):
 
 
 @func
-def with_neighbour(a: System, p: Words, m: Material, at: int, j: int, held: bool, g: Grain):
-    """Contact with grain j, whose spring is entry `at`; held: the spring is valid."""
+def with_neighbour(a: System, p: Words, m: Material, at: int, j: int, has_spring: bool, g: Grain):
+    """Contact with grain j, whose spring is entry `at`; has_spring: it is valid."""
     c = Contact()
-    there = spot(p, j)
+    there = position(p, j)
     branch = g.x - there.x
     first = body(a, m, g.index)
     second = body(a, m, j)
     # most contacts of the last step persist: their velocities are loaded before the overlap is known
-    last, advance = spring_before(a.spring, at, held, real(wide(0.5) * m.dt))
+    last, advance = spring_before(a.spring, at, has_spring, real(wide(0.5) * m.dt))
     v = vec3(real(0.0), real(0.0), real(0.0))
     w = vec3(real(0.0), real(0.0), real(0.0))
     u = vec3(real(0.0), real(0.0), real(0.0))
-    if held:
+    if has_spring:
         v, w, u = motion(p, j, there)
-    overlap2 = touching2(m, first, second) - dot(branch, branch)
+    overlap2 = contact_distance2(m, first, second) - dot(branch, branch)
     c.touches = overlap2 > wide(0.0)
     if c.touches:
-        if not held:
+        if not has_spring:
             v, w, u = motion(p, j, there)
         f, t, _t, spring, delta = sphere_on_sphere(
-            between(a, m, j // a.cap, first, second), first.radius, second.radius, first.mass, second.mass,
+            pair_coefficients(a, m, j // a.cap, first, second), first.radius, second.radius, first.mass, second.mass,
             narrow(branch), rounded(overlap2), g.u - u, g.v - v, g.w, w, last, advance, first.rolling_rate,
             second.rolling_rate,
         )  # fmt: skip
         if ROLLING_SPRING:
             rolling, rolling_torque = rolling_on_sphere(
-                between(a, m, j // a.cap, first, second), first.radius, second.radius, first.mass, second.mass,
-                narrow(branch), delta, f, g.w, w, rolling_before(a.rolling, at, held), advance, m.rolling_stiffness,
-                m.rolling_damping,
+                pair_coefficients(a, m, j // a.cap, first, second), first.radius, second.radius, first.mass,
+                second.mass, narrow(branch), delta, f, g.w, w, rolling_before(a.rolling, at, has_spring), advance,
+                m.rolling_stiffness, m.rolling_damping,
             )  # fmt: skip
             t = t + rolling
             c.rolling = rolling_torque
@@ -166,11 +166,11 @@ def with_neighbour(a: System, p: Words, m: Material, at: int, j: int, held: bool
 
 
 @func
-def with_wall(a: System, m: Material, wall: int, at: int, held: bool, g: Grain):
-    """Contact with a wall, whose spring is entry `at`; held: the spring is valid."""
+def with_wall(a: System, m: Material, wall: int, at: int, has_spring: bool, g: Grain):
+    """Contact with a wall, whose spring is entry `at`; has_spring: it is valid."""
     distance, normal = wall_distance(a.wall_numbers, wall, load_int(a.wall_kind, wall), g.x)
     overlap = rounded(body(a, m, g.index).reach - distance)
-    return at_surface(a, m, wall, at, held, g, overlap, distance, normal)
+    return at_surface(a, m, wall, at, has_spring, g, overlap, distance, normal)
 
 
 @func
@@ -179,7 +179,7 @@ def at_surface(
 ):  # fmt: skip
     """Contact with a wall at a distance [m] along a unit normal; older: there is a spring at entry `at`."""
     c = Contact()
-    one = body(a, m, g.index)
+    b = body(a, m, g.index)
     c.touches = overlap > real(0.0)
     if c.touches:
         last, advance = spring_before(a.wall_spring, at, older, real(wide(0.5) * m.dt))
@@ -191,21 +191,21 @@ def at_surface(
         if POSES:
             turning = turning + turning_of(a, wall)
             last = spring_from_part(a, wall, last)
-        f, t, kept = sphere_on_wall(
-            with_plate(a, wall, one), one.radius, one.mass, overlap, narrow(normal), g.u - surface, g.v - surface, g.w,
-            turning, last, advance, one.rolling_rate,
+        f, t, spring = sphere_on_wall(
+            wall_coefficients(a, wall, b), b.radius, b.mass, overlap, narrow(normal), g.u - surface, g.v - surface, g.w,
+            turning, last, advance, b.rolling_rate,
         )  # fmt: skip
         if ROLLING_SPRING:
             if POSES:
                 before = spring_from_part(a, wall, rolling_before(a.wall_rolling, at, older))
                 roll, turned = rolling_on_wall(
-                    with_plate(a, wall, one), one.radius, one.mass, overlap, narrow(normal), f, g.w, turning,
+                    wall_coefficients(a, wall, b), b.radius, b.mass, overlap, narrow(normal), f, g.w, turning,
                     before, advance, m.rolling_stiffness, m.rolling_damping,
                 )  # fmt: skip
                 turned = spring_to_part(a, wall, turned)
             else:
                 roll, turned = rolling_on_wall(
-                    with_plate(a, wall, one), one.radius, one.mass, overlap, narrow(normal), f, g.w, turning,
+                    wall_coefficients(a, wall, b), b.radius, b.mass, overlap, narrow(normal), f, g.w, turning,
                     rolling_before(a.wall_rolling, at, older), advance, m.rolling_stiffness, m.rolling_damping,
                 )  # fmt: skip
             t = t + roll
@@ -213,9 +213,9 @@ def at_surface(
         c.overlap = overlap
         c.force = f
         c.torque = t
-        c.spring = kept
+        c.spring = spring
         if POSES:
-            c.spring = spring_to_part(a, wall, kept)
+            c.spring = spring_to_part(a, wall, spring)
         c.branch = -(normal * distance)
     return c
 
@@ -224,7 +224,7 @@ def at_surface(
 
 
 @func
-def strayed(a: System, m: Material, i: int, g: Grain):
+def displacement_and_speed(a: System, m: Material, i: int, g: Grain):
     """Displacement [m] of grain i since the last rebuild, and its speed [m/s]: bounds for its farthest point."""
     shift = g.x - a.origin[i]
     v = widen(g.v)
@@ -232,13 +232,13 @@ def strayed(a: System, m: Material, i: int, g: Grain):
 
 
 @func
-def mark(a: System, i: int, g: Grain):
+def store_origin(a: System, i: int, g: Grain):
     """Store the position of grain i at the rebuild of its list."""
     a.origin[i] = g.x
 
 
 @func
-def apart2(p: Words, m: Material, g: Grain, j: int):
+def distance2(p: Words, m: Material, g: Grain, j: int):
     """Square of the distance [m^2] from the centre of grain j."""
-    away = g.x - spot(p, j).x
+    away = g.x - position(p, j).x
     return dot(away, away)

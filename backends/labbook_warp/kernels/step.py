@@ -22,7 +22,6 @@ from labbook_warp.kernels.shape import (
 from labbook_warp.kernels.system import Material, System, entry, material
 from labbook_warp.kernels.words import (
     APART,
-    ASKED,
     BAD_FORCE,
     BAD_OVERLAP,
     BAD_SPEED,
@@ -35,6 +34,7 @@ from labbook_warp.kernels.words import (
     ORIENTED,
     OUTLET,
     PARKED,
+    PREFETCH,
     REPORTED,
     SHARED,
     WORDS,
@@ -179,8 +179,8 @@ def step(a: System, p: Words, q: Words, slot: int, first: int, some: int, arrive
             m = material(a, s)
             near = listed(a, s, r, lane)
             g = grain(p, m, i)
-            if ASKED > 0:
-                prefetch_lists(a.spring, a.nbr, entry(a, s, a.near, 0, r), a.cap, ASKED)
+            if PREFETCH > 0:
+                prefetch_lists(a.spring, a.nbr, entry(a, s, a.near, 0, r), a.cap, PREFETCH)
             if g.x[2] > wide(0.5) * wide(PARKED):
                 hidden = Private()
                 if SHARED:  # with many grains it is loaded below: it would occupy registers during `forces`

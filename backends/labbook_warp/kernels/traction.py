@@ -5,7 +5,7 @@ from __future__ import annotations
 from labbook_dem.traction import SUMS, WALL_COLUMNS, bin_of, components, friction_of, moment, slides
 from labbook_dem.words import wide
 
-from labbook_warp.kernels.bodies import body, with_plate
+from labbook_warp.kernels.bodies import body, wall_coefficients
 from labbook_warp.kernels.shape import at_wall, grain, normal_at
 from labbook_warp.kernels.system import System, has_bit, material
 from labbook_warp.kernels.walls import wall_at
@@ -46,7 +46,7 @@ def wall_sums(a: System, p: Words, bins: Wides, units: Wides, part: wide, sums: 
                             along, bins[WALL_COLUMNS * wall + 1], bins[WALL_COLUMNS * wall + 2], count, point
                         )
                         at = SUMS * (int(bins[WALL_COLUMNS * wall + 4]) + place)
-                        friction = friction_of(with_plate(a, wall, body(a, m, i)))
+                        friction = friction_of(wall_coefficients(a, wall, body(a, m, i)))
                         wp.atomic_add(sums, at, wp.int64(1))
                         wp.atomic_add(sums, at + 1, wp.int64(slides(force, normal, friction, part)))
                         for n in range(3):

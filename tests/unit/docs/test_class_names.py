@@ -16,7 +16,7 @@ REPEATED = {
     "Run": {"labbook.api.run", "labbook_numba.member", "labbook_reference.member", "labbook_warp.run"},
     # records of kernels: a module for each shape stands in for `shape`, so the names are an interface
     "Grain": {f"labbook_warp.kernels.{name}" for name in ("shape", "rods", "spheres")},
-    "Own": {f"labbook_warp.kernels.{name}" for name in ("shape", "rods", "spheres")},
+    "Private": {f"labbook_warp.kernels.{name}" for name in ("shape", "rods", "spheres")},
     # a record of kernels, whose name is in compiled code; `Material` of scenes is public
     "Material": {"labbook.scene.material", "labbook_warp.kernels.system"},
     # the protocol that measures of other packages name, and the model of the study's key that fulfils it

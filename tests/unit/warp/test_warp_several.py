@@ -285,7 +285,7 @@ def test_checks_that_became_frequent_become_less_frequent_again(monkeypatch):
         at = ensemble._stage
         usual = at._interval
         if late:
-            at.check_oftener()
+            at.check_more_often()
         for _ in range(7):
             often.append(at._interval / usual)
             ensemble.advance(1)
@@ -321,7 +321,7 @@ def test_beats_that_are_taken_again_give_their_frames_once(device, monkeypatch, 
             return replace(report, slots=slots)
 
         monkeypatch.setattr(stage, "collect", late)
-        monkeypatch.setattr(stage.Stage, "check_oftener", lambda _: None)
+        monkeypatch.setattr(stage.Stage, "check_more_often", lambda _: None)
         backend = Backend()
         ensemble = backend.open(backend.specialise(scene, how, [Crossing(), film]), 3, device)
         members = [ensemble.admit(scene, how, start)]
@@ -382,7 +382,7 @@ def test_steps_taken_in_one_launch_are_those_taken_one_by_one(few, fewer, lanes,
 
         monkeypatch.setattr(Beat, "fit_at_once", fit_at_once)
         monkeypatch.setattr(stage, "collect", late)
-        monkeypatch.setattr(stage.Stage, "check_oftener", lambda _: None)
+        monkeypatch.setattr(stage.Stage, "check_more_often", lambda _: None)
         ends.append(together(members, how, lanes, a_gpu, 80))
         assert all(fitted)
     one, other = ends
