@@ -166,7 +166,7 @@ def test_fillings_are_placed_ahead_but_not_all(tmp_path, monkeypatch):
 
     def noted(self):
         place_ahead(self)
-        waiting.append(len(self.waiting))
+        waiting.append(len(self.being_placed))
 
     monkeypatch.setattr(job_queue.JobQueue, "place_ahead", noted)
     monkeypatch.setattr("labbook.run.runner.cores", lambda: 3)
