@@ -254,11 +254,11 @@ class Camera:
         self.scene, self.start = shot.data.scene, shot.data.start
         self.view = _view(self.scene, self.start, shot.frames, size)
         parts = self.scene.container.parts
-        still = tuple(part for part in parts if part.moves is None)
+        still = tuple(part for part in parts if not part.is_posed)
         container = self.scene.container.model_copy(update={"parts": still}) if len(still) < len(parts) else None
         self._still = (container or self.scene.container).section()
         walls = list(drawn_walls(self.scene, self.start.x))
-        self._moving = [wall for wall in walls if wall.moves is not None]
+        self._moving = [wall for wall in walls if wall.part is not None]
         self._turning = [wall for wall in walls if wall.spin and len(wall.mesh.outlines) > 1]
         self._clock = np.array([frame.time for frame in shot.frames])
         self._last: tuple[int, Image] | None = None
