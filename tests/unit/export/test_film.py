@@ -201,6 +201,15 @@ def test_a_moving_part_is_drawn_where_it_is():
     assert later == pytest.approx(np.stack([x, z], axis=-1), abs=1e-9)
 
 
+def test_a_part_that_vanishes_is_drawn_until_then():
+    gate = of_triangles(*sheet(3, 0.02)).model_copy(update={"name": "gate", "opens": 0.2})
+    container = HOPPER.model_copy(update={"parts": (gate,)})
+    camera, still = Camera(run_of([frame()], container=container), 100), len(HOPPER.section())
+    before, after = (np.array(camera._walls(time)[still:]).reshape(-1, 2, 2) for time in (0.19, 0.21))
+    assert np.linalg.norm(before[:, 1] - before[:, 0], axis=1).sum() > 0.01
+    assert np.linalg.norm(after[:, 1] - after[:, 0], axis=1).sum() < 1e-9
+
+
 @pytest.mark.parametrize("time", [0.0, 0.13, 0.9])
 def test_marks_turn_with_the_bottom(time):
     """Every second of sixteen sectors of the rim is marked, counted from the angle that the bottom has turned by."""
