@@ -14,7 +14,7 @@ class NoMoment(ValueError):
 
 
 @dataclass(frozen=True)
-class Change:
+class PointChange:
     """A point with new runs. `before`, `now`: its mean with its interval; a dash without one."""
 
     point: int
@@ -30,7 +30,7 @@ class Changes:
 
     since: str
     heading: str
-    rows: tuple[Change, ...]
+    rows: tuple[PointChange, ...]
 
     @property
     def new_runs(self) -> int:
@@ -69,7 +69,7 @@ def changes(results: StudyResults, since: str) -> Changes:
         if len(earlier) < len(result.runs):
             before = pooled_point(results.study, result.point, extra, earlier)
             texts = (_mean(one, quantity, unit) for one in (before, result))
-            rows.append(Change(result.point.index + 1, result.label, len(result.runs) - len(earlier), *texts))
+            rows.append(PointChange(result.point.index + 1, result.label, len(result.runs) - len(earlier), *texts))
     return Changes(since, unit.heading, tuple(rows))
 
 

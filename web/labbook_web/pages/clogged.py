@@ -13,7 +13,7 @@ from labbook_web.shelf import NotThere, Shelf
 
 
 @dataclass(frozen=True)
-class Flowing:
+class FlowingPoint:
     """The point with the next wider outlet, all else equal, at which no run clogged."""
 
     point: int
@@ -26,7 +26,7 @@ class Clogged:
     """Facts of a run that clogged, in terms and sentences. `arch`: it measured the arch."""
 
     rows: tuple[tuple[str, str], ...]
-    flowing: Flowing | None
+    flowing: FlowingPoint | None
     arch: bool
 
 
@@ -60,7 +60,7 @@ def _point(shelf: Shelf, record: RunRecord) -> tuple[PointResult | None, tuple[P
     return next((one for one in points if any(run.run_key == record.run_key for run in one.runs)), None), points
 
 
-def _flowing(result: PointResult, points: tuple[PointResult, ...]) -> Flowing | None:
+def _flowing(result: PointResult, points: tuple[PointResult, ...]) -> FlowingPoint | None:
     rest = {name: value for name, value in result.at.items() if name != ORIFICE}
     wider = [
         one
@@ -76,4 +76,4 @@ def _flowing(result: PointResult, points: tuple[PointResult, ...]) -> Flowing | 
     text = f"D = {nearest.orifice * 1e3:.4g} mm = {width_ratio(nearest.point.scene):.3g} grain diameters"
     if flow is not None:
         text += f": {unit.name} = {with_unit(flow, unit)}"
-    return Flowing(nearest.point.index + 1, nearest.label, text)
+    return FlowingPoint(nearest.point.index + 1, nearest.label, text)

@@ -44,7 +44,7 @@ class Range:
 
 
 @dataclass(frozen=True)
-class Stop:
+class CloggedPoint:
     """A point at which runs clogged, and the run that shows it best."""
 
     label: str
@@ -78,7 +78,7 @@ class Tiles:
     more_findings: tuple[Row, ...]
     attention: tuple[str, ...]
     more_attention: tuple[str, ...]
-    stops: tuple[Stop, ...]
+    stops: tuple[CloggedPoint, ...]
     waiting: str
 
 
@@ -148,12 +148,12 @@ def _end(name: str, result: PointResult, quantity: str, unit: display.Shown) -> 
     return End(name, text, result.label if name != "at all points" else "", result.point.index + 1)
 
 
-def _stops(results: StudyResults) -> tuple[Stop, ...]:
+def _stops(results: StudyResults) -> tuple[CloggedPoint, ...]:
     """Points with clogged runs, those with most of them first."""
     clogged = [(result, [run for run in result.runs if run.outcome == "clogged"]) for result in results.points]
     clogged = sorted((pair for pair in clogged if pair[1]), key=lambda pair: -len(pair[1]) / len(pair[0].runs))
     return tuple(
-        Stop(result.label or "the only point", len(runs), len(result.runs), best_shown(runs).run_key)
+        CloggedPoint(result.label or "the only point", len(runs), len(result.runs), best_shown(runs).run_key)
         for result, runs in clogged[:_STOPS]
     )
 
