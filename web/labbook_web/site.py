@@ -110,8 +110,8 @@ class _Writer:
         cards = {one.name: _raw(part("card.html.j2", links, **card(self._shelf, one))) for one in self._shelf.listed()}
         counts: dict[str, int] = {}
         for found in self._found.values():
-            for outcome, many in outcomes(found.results).items():
-                counts[outcome] = counts.get(outcome, 0) + many
+            for outcome, number in outcomes(found.results).items():
+                counts[outcome] = counts.get(outcome, 0) + number
         packed = {run.packing_key for found in self._found.values() for one in found.results.points for run in one.runs}
         page = lab_page(self._shelf, {}, cards=max(1, len(self._names)))
         front = replace(page, title="Studies", data=lambda: {**page.data(), "runs": counts, "packings": len(packed)})
