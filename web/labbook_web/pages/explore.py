@@ -85,8 +85,9 @@ def map_view(results: StudyResults, surface: DesignSurface | None) -> dict[str, 
     if len(keys) != 2 or not quantity or any(len({one.at.get(name) for one in results.points}) > 1 for name in choices):
         return None
     try:
-        same = surface is not None and surface.quantity == quantity
-        view = _view(surface if same else explore(results, quantity), "")["numbers"]
+        if surface is None or surface.quantity != quantity:
+            surface = explore(results, quantity)
+        view = _view(surface, "")["numbers"]
     except (LookupError, NoSurface) as problem:
         view = _without(results, quantity, {}, f"{problem.args[0]}.")["numbers"]
     return {name: view[name] for name in _MAPPED if name in view}
