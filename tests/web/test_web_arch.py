@@ -20,6 +20,7 @@ from labbook.scene import WedgeHopper
 BED = StoppedBed(
     ids=np.arange(3), x=np.array([[-1.4, 0, 0.5], [0, 0, 1.0], [1.4, 0, 0.5]]) * D, pairs=np.array([[0, 1], [1, 2]]),
     force=np.array([4.0, 2.0]), rows=np.arange(3), link=np.array([4.0, 2.0]),
+    links=np.array([[0, 1], [1, 2]]),
 )  # fmt: skip
 
 
