@@ -138,7 +138,7 @@ class _Writer:
                 self._file(f"{page.path}/figure/{address}.csv", table.to_csv(index=False).encode())
             drawn[address] = _raw(part("figure.html.j2", links, found=found, **shown))
         self._file(f"{page.path}/{name}.yaml", found.text.encode())
-        self._page(page, drawn=drawn, command=command("run", f"{name}.yaml"))
+        self._page(page, drawn=drawn, kinds=FILES, command=command("run", f"{name}.yaml"))
 
     def _figure(self, found: Found, address: str, stem: str) -> None:
         files = study_module.encoded(study_module.draw(found, address)[1], *FILES)

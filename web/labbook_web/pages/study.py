@@ -110,6 +110,7 @@ def _shown(found: Found) -> dict[str, Any]:
         "numerics": tables.numerical_table(results.numerical) if results.numerical else None,
         "figures": figures(found),
         "printed": {address: drawings(found)[address][0] for address in _charted(found)},
+        "kinds": style.FORMATS,
         "compared": verdicts(found.compared),
         "copied": copied(found.text, found.study.name),
         "explorable": explorable(results.study),
