@@ -63,19 +63,19 @@ def has(parts: int, part: int):
 
 
 @func
-def heir(part: int, before: int, now: int):
+def heir(part: int, touched: int, touches: int):
     """Part whose spring `part` inherits: its own, that of a part that ended as it began, or -1 for none.
 
-    before, now: masks of the parts that touched at the last step and that touch now. No spring goes to two parts: that
+    touched, touches: masks of the parts that touched at the last step and that touch now. No spring goes to two parts: that
     of a part that ended goes to the part on its own side (0 and 2, 1 and 3), else to the other edge or end across, else
     to its like.
     """
-    ended = before & ~now
-    begun = now & ~before
+    ended = touched & ~touches
+    begun = touches & ~touched
     same_side = part ^ 2
     across = part ^ 3
     opposite = part ^ 1
     takes_across = has(ended, across) and not has(begun, across ^ 2)
     takes_like = has(ended, opposite) and not has(begun, opposite ^ 2) and not has(begun, opposite ^ 3)
     source = across if takes_across else (opposite if takes_like else -1)
-    return part if has(before, part) else (same_side if has(ended, same_side) else source)
+    return part if has(touched, part) else (same_side if has(ended, same_side) else source)

@@ -127,9 +127,10 @@ def write(
     name: str,
     source: str,
     forces: Callable[[Frame], PairForces] | None = None,
+    opens: str = "layers",
 ) -> Path:
     """Write the recording of one run to `path` (.rrd), in place by one rename. `name` is shown in the viewer; `source`:
-    of what it is (`source_of`).
+    of what it is (`source_of`); `opens`: name of the tab in front.
 
     `sample`: the run's recorded frames, columns id, time, x, y, z, vx, vy, vz as the probe `Film` lists them. forces:
     contact forces in a frame, which are sent of runs with at most FORCES places of grains; None: none are.
@@ -142,14 +143,15 @@ def write(
     fastest = top_speed(data.scene, shown)
     if sum(len(frame.ids) for frame in shown) > FORCES:
         forces = None
-    tabs: list[Any] = [front_view(data.scene, shown, name="layers")]
-    tabs.append(above_bar(front_view(data.scene, shown, name="speed", by="speed"), data.scene, name="speed"))
+    tabs: dict[str, Any] = {"layers": front_view(data.scene, shown, name="layers")}
+    tabs["speed"] = above_bar(front_view(data.scene, shown, name="speed", by="speed"), data.scene, name="speed")
     if data.scene.grains.half_length > 0:
-        tabs.append(front_view(data.scene, shown, name="orientation", by="orientation"))
+        tabs["orientation"] = front_view(data.scene, shown, name="orientation", by="orientation")
     if forces is not None:
-        tabs.append(front_view(data.scene, shown, name="forces", by=None))
+        tabs["forces"] = front_view(data.scene, shown, name="forces", by=None)
     below = _flow_rate_views(data)
-    layout = rrb.Vertical(rrb.Tabs(*tabs, active_tab=0, name=name), *below, row_shares=[11, *(2 for _ in below)])
+    front = rrb.Tabs(*tabs.values(), active_tab=[*tabs].index(opens), name=name)
+    layout = rrb.Vertical(front, *below, row_shares=[11, *(2 for _ in below)])
     with written(path, name, recording_id(source), layout, data.duration) as stream:
         log_grains(stream, "", data.scene, data.start, shown, fastest)
         log_bar(stream, data.scene, fastest)

@@ -56,7 +56,7 @@ RANGES = {
 }
 SPREAD = {"s": 3e-6, "before": 1e-5, "vt": 0.1, "away": 2e-3, "lever_i": 3e-3, "lever_j": 3e-3, "lever": 3e-3}
 UNITS = ("n", "normal", "along", "a", "b")
-WHOLE = {"part": 4, "was": 16, "now": 16, "parts": 16, "coordinate": 3, "count": 9}
+WHOLE = {"part": 4, "touched": 16, "touches": 16, "parts": 16, "coordinate": 3, "count": 9}
 
 
 def device_functions(module: ModuleType) -> list[str]:

@@ -41,7 +41,7 @@ def shown(scene, table, path, at=0.0, start=None):
         x = np.zeros((scene.grains.count, 3))
         start = Packing(x=x, v=x, omega=x)
     run = RunData(scene, Numerics(dt=1e-5), 1, start, "finished", float(np.max(table["time"])), {})
-    write(run, table, path / "a.rrd", name="a", source="1" * 16)
+    write(run, table, path / "a.rrd", name="a", source="1" * 16, opens="speed")
     screenshot(path / "a.rrd", path / "a.png", at=at)
     return np.round(imread(path / "a.png")[28:, :, :3] * 255).astype(int)
 
@@ -171,7 +171,7 @@ def test_a_picture_has_views_and_their_scale_and_nothing_of_the_window(synthetic
 
     scene = synthetic.scene()
     run = synthetic.observe(scene, seed=1, recorded=True)
-    write(run, run.tables["sample"], tmp_path / "a.rrd", name="a", source="1" * 16)
+    write(run, run.tables["sample"], tmp_path / "a.rrd", name="a", source="1" * 16, opens="speed")
     screenshot(tmp_path / "a.rrd", tmp_path / "a.png", at=0.0)
     pixels = np.round(imread(tmp_path / "a.png")[..., :3] * 255).astype(int)
     labels = labelled(coloured(pixels))

@@ -242,6 +242,6 @@ def no_room(path, *_, **__):
 @pytest.mark.parametrize(("now", "last", "idle"), [(0.15, 0.0, -0.05), (0.5, 0.1, 0.3), (0.5, 0.4, 0.1)])
 def test_a_run_waits_for_grains_only_after_its_last_part_has_vanished(now, last, idle):
     """Else a lid that opens later than `stop.stall` would count as a clog."""
-    job = SimpleNamespace(status=SimpleNamespace(time=now), _last=last, _removals=[0.1, 0.2])
-    waits = vars(DischargeJob)["_idle"].fget(job)
+    job = SimpleNamespace(status=SimpleNamespace(time=now), _last_crossing=last, _removal_times=[0.1, 0.2])
+    waits = vars(DischargeJob)["_idle_time"].fget(job)
     assert waits == pytest.approx(idle)

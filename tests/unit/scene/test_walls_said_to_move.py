@@ -91,7 +91,7 @@ def test_its_springs_are_gone_with_it(tmp_path):
 
 
 def test_other_times_of_opening_are_refused(tmp_path):
-    with pytest.raises(StudyError, match=r"container.parts\[6\].opens: at_rest is unknown\n.*start"):
+    with pytest.raises(StudyError, match=r"container.parts\[6\].opens: at_rest: not a quantity.*\n.*or start"):
         study(tmp_path, SLOT, LID.replace("opens: start", "opens: at_rest"))
 
 

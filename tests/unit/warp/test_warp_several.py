@@ -442,7 +442,7 @@ def test_groups_of_members_take_the_steps_of_all_together(few, fewer, monkeypatc
     def move(self, first: int, some: int) -> None:
         for slot, slots in ((0, self._slots // 2), (self._slots // 2, self._slots - self._slots // 2)):
             sizes.add(slots)
-            self._take(first, some, slot, slots)
+            self._launch_steps(first, some, slot, slots)
 
     monkeypatch.setattr(Beat, "_move", move)
     check_alike(whole, ends_in_groups(few, fewer, how, "cpu", 20))
