@@ -66,9 +66,9 @@ def has(parts: int, part: int):
 def heir(part: int, touched: int, touches: int):
     """Part whose spring `part` inherits: its own, that of a part that ended as it began, or -1 for none.
 
-    touched, touches: masks of the parts that touched at the last step and that touch now. No spring goes to two parts: that
-    of a part that ended goes to the part on its own side (0 and 2, 1 and 3), else to the other edge or end across, else
-    to its like.
+    touched, touches: masks of the parts that touched at the last step and that touch now. No spring goes to two parts:
+    that of a part that ended goes to the part on its own side (0 and 2, 1 and 3), else to the other edge or end across,
+    else to its like.
     """
     ended = touched & ~touches
     begun = touches & ~touched
