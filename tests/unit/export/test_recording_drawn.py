@@ -12,7 +12,7 @@ from scipy import ndimage
 from labbook.backend.numerics import Numerics
 from labbook.export.colour_bar import KIND_COLOURS
 from labbook.export.recording import SPOKE_COLOUR, write
-from labbook.export.viewer import screenshot
+from labbook.export.viewer import SIZE, screenshot
 from labbook.measure import RunData
 from labbook.scene import CylinderSilo, LinearSpringDashpot, Packing, Scene, Spherocylinders, WedgeHopper
 
@@ -20,6 +20,8 @@ pytest.importorskip("rerun")
 pytestmark = pytest.mark.render
 
 HOPPER = WedgeHopper(width=0.2, height=0.3, thickness=0.03, orifice=0.05)
+
+_TABS = 28  # pixels: height of the row of tabs above a view
 
 
 class Patch(NamedTuple):
@@ -42,7 +44,7 @@ def shown(scene, table, path, at=0.0, start=None):
         start = Packing(x=x, v=x, omega=x)
     run = RunData(scene, Numerics(dt=1e-5), 1, start, "finished", float(np.max(table["time"])), {})
     write(run, table, path / "a.rrd", name="a", source="1" * 16, opens="speed")
-    screenshot(path / "a.rrd", path / "a.png", at=at)
+    screenshot(path / "a.rrd", path / "a.png", at=at, size=(SIZE[0], SIZE[1] + _TABS))
     return np.round(imread(path / "a.png")[28:, :, :3] * 255).astype(int)
 
 
