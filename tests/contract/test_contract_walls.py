@@ -66,7 +66,8 @@ def end(stand: Bundled, scene: Scene, start=None, beats: int = BEATS):
         ensemble.close()
 
 
-@pytest.fixture(scope="module", params=list(SHAPES))
+# rods at many walls compile kernels that no other test needs; test_reference_rods has their walls
+@pytest.fixture(scope="module", params=["sphere", pytest.param("rod", marks=pytest.mark.ring)])
 def shape(request, stand: Bundled) -> str:
     if {"sphere": "sphere", "rod": "spherocylinder"}[request.param] not in stand.backend.capabilities.shapes:
         pytest.skip("it has no such grains")

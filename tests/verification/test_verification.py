@@ -128,6 +128,8 @@ def checks(among: Sequence[Bundled]):
                     long |= stand.part < 1 and case.name in LONG_BY_THE_REFERENCE
                     # every step is a launch or more there; its GPU takes all, and the contract is quick on both
                     long |= stand.backend.capabilities.name == "warp"
+                    # kernels of the second precision are compiled for these; test_reference_spheres has them too
+                    long |= stand.second
                 marks = [*here.marks, *([pytest.mark.slow] if case.slow else []), *([pytest.mark.ring] if long else [])]
                 yield pytest.param(case, stand, id=f"{case.name}-{here.id}", marks=marks)
 

@@ -194,7 +194,7 @@ MASS = 2500 * math.pi / 6 * 0.003**3
     "backend",
     [
         pytest.param("reference", marks=pytest.mark.slow),
-        pytest.param("warp", marks=pytest.mark.compiles),
+        pytest.param("warp", marks=[pytest.mark.compiles, pytest.mark.ring]),
         pytest.param("numba", marks=[pytest.mark.compiles, pytest.mark.ring]),
     ],
 )

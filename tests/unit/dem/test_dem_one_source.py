@@ -139,7 +139,8 @@ def warp_module(module: ModuleType, given: dict, precision: str, folder) -> Modu
     return generated.load(f"warp_{precision}_{module.__name__.replace('.', '_')}", text, folder)
 
 
-@pytest.mark.parametrize("precision", [pytest.param("double", marks=pytest.mark.ring), "mixed"])
+@pytest.mark.ring  # of the words of both backends numba's are tried above, and Warp's by its contract
+@pytest.mark.parametrize("precision", ["double", "mixed"])
 @pytest.mark.parametrize("module", MODULES, ids=lambda m: m.__name__)
 def test_warp_agrees_with_python(module, precision, tmp_path):
     wp = pytest.importorskip("warp", reason="Warp is not installed: pip install 'labbook[warp]'")

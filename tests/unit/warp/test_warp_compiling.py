@@ -113,6 +113,7 @@ def test_nothing_is_compiled_ahead_on_a_processor(expected, gate):
     assert not compiling._compiling
 
 
+@pytest.mark.ring  # compiles all variants of a scene
 def test_what_is_foreseen_is_what_is_needed(tmp_path, monkeypatch):
     told, used, waited, made = [], [], [], beat.Beat.__init__
 
