@@ -87,15 +87,6 @@ LONG = {
     *(case.name for case in mesh_rods.CASES),
 }
 """Cases that take twenty seconds and more anywhere on a processor, with kernels of their own or many steps."""
-LONG_IN_ITS_SECOND = {
-    "resting-bed",
-    # twenty seconds to compile for a few cases: the GPU backend, whose first precision is the other, has the contract
-    # of rods, mixtures and rolling springs in it, and the same cases by linear springs
-    *("rod-free-top", "rod-impact", "energy-cycle-linear", "rim-without-slip"),
-    *("unlike-impact-linear", "unlike-stack-linear"),
-    *("unlike-materials-oblique-linear", "unlike-materials-oblique-hertz-mindlin"),
-}
-"""The same in the second precision of a backend."""
 BY_THE_REFERENCE = {
     *("restitution-at-study-step", "contact-time", "pair-momenta", "rod-impact", "rod-without-length"),
     *("turning-rim-impact", "energy-cycle-hertz-mindlin", "energy-cycle-linear", "energy-impact"),
@@ -123,7 +114,7 @@ def checks(among: Sequence[Bundled]):
         here = where(stand, slow=pytest.mark.slow)
         for case in CASES:
             if not left_out(case, stand):
-                long = case.name in LONG or (stand.second and case.name in LONG_IN_ITS_SECOND)
+                long = case.name in LONG
                 if stand.device == "cpu":
                     long |= stand.part < 1 and case.name in LONG_BY_THE_REFERENCE
                     # every step is a launch or more there; its GPU takes all, and the contract is quick on both
@@ -153,7 +144,7 @@ def test_case_on_the_kernels_of_users(case, stand):
 
 
 def test_what_is_left_out_is_known():
-    names = IN_ONE | ON_A_GPU | BY_THE_REFERENCE | LONG | LONG_IN_ITS_SECOND | LONG_BY_THE_REFERENCE
+    names = IN_ONE | ON_A_GPU | BY_THE_REFERENCE | LONG | LONG_BY_THE_REFERENCE
     assert {case.name for case in CASES} >= names
 
 
