@@ -47,7 +47,7 @@ class Scene(Model):
         names = self.wall_names if self.walls else set()
         for name in self.walls:
             if name not in names:
-                reason = f"the container has no wall named {name}"
+                reason = f"the container has no wall named {name if name.isprintable() else ascii(name)}"
                 yield Fault(f"walls.{name}", reason, f"use one of: {', '.join(sorted(names))}")
         yield from self.faults_of_law(self.contact)
         if self.feed is not None and not (self.container.outlets and math.isfinite(self.container.roof)):

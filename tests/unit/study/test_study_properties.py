@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from hypothesis import given, settings
+from hypothesis import example, given, settings
 from hypothesis import strategies as st
 from ruamel.yaml import YAML
 
@@ -144,6 +144,7 @@ def test_a_value_replaced(data):
 @pytest.mark.slow
 @QUICK
 @given(st.sampled_from(PLACES), st.text(min_size=1, max_size=12), st.sampled_from(["rename", "delete", "add"]))
+@example(("walls", "all"), "\n", "rename")
 def test_a_key_renamed_deleted_or_added(place, name, change):
     study = valid()
     inner: Any = study
