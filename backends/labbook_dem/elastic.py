@@ -83,8 +83,8 @@ def _walls(scene: Scene, numerics: Numerics, packing: Packing, time: float):
     with choose(scene.contact.law) as law:
         for w, wall in enumerate(plain.walls):
             x = packing.x
-            if wall.moves is not None:
-                pose = wall.moves.poses(np.array([time]))
+            if wall.is_posed:
+                pose = wall.poses(np.array([time]))
                 x = (x - pose.shift[0]) @ pose.turn[0]
             for i in np.flatnonzero(wall.shape.distance(x) < reach).tolist():
                 at, a = (vec3(*array[i].tolist()) for array in (packing.x, axis))
