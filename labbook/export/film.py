@@ -53,6 +53,7 @@ _MARK = 4.0  # pixels: width of marks of a turning bottom
 _FAINT, _THINNEST, _WIDEST = 0.02, 0.7, 0.4  # of forces: least part of the scale; width in pixels, and in diameters
 _OF_STROKES = ("ends", "width", "colour")
 _SCALED = 12  # frames by which a scale of forces is chosen
+_SMALL = 11  # pixels: size of the type below a bed of a sweep
 _PAD, _LINE, _BAR = 12, 22, 40  # pixels: around everything, of a line of text, of a legend
 _CHART = (340, 230)  # pixels beside an upright bed
 _LOW = 140  # pixels: height of a chart below a wide bed
@@ -392,7 +393,9 @@ def _together(
     rows: Sequence[str], columns: Sequence[str], cameras: Mapping[tuple[int, int], Camera], times: np.ndarray
 ) -> Iterator["Image"]:
     """Frames of a film of several runs: headings of rows and columns, and the time."""
-    wide = max(max(camera.view.across for camera in cameras.values()), *(_extent(text)[0] for text in columns), 90)
+    endings = {place: f"{c.shot.data.outcome} at {c.shot.stopped:.2f} s" for place, c in cameras.items()}
+    texts = [*(_extent(text)[0] for text in columns), *(_extent(text, _SMALL)[0] for text in endings.values())]
+    wide = max(*(camera.view.across for camera in cameras.values()), *texts)
     tall = max(camera.view.down for camera in cameras.values())
     left = _PAD + (max((_extent(text)[0] for text in rows), default=0) + _PAD if any(rows) else 0)
     top, step_x, step_y = _PAD + 2 * _LINE, wide + _PAD, tall + _LINE
@@ -410,8 +413,7 @@ def _together(
             canvas.paste(camera.at(time), (x, y + tall - camera.view.down))
             shot = camera.shot
             if time >= shot.stopped * (1 - 1e-9):
-                ending = f"{shot.data.outcome} at {shot.stopped:.2f} s"
-                write(left + column * step_x + wide // 2, y + tall, _fitting(ending, wide), _QUIET, "ma", 11)
+                write(left + column * step_x + wide // 2, y + tall, endings[row, column], _QUIET, "ma", _SMALL)
         if legend is not None:
             _draw_legend(canvas, legend, left, down - _BAR, min(across - left - _PAD, 420))
         yield canvas
