@@ -1,7 +1,8 @@
 """Flow rate from crossing events."""
 
 import math
-from collections.abc import Mapping
+import re
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
@@ -35,6 +36,8 @@ CUT_SHORT = ENDED.format("finished")
 """Note on a run that met its stop rule before the window ended."""
 WIDER = "use more grains or a wider window"
 """What helps against too few grains in the window."""
+GAPS = re.compile(r"(\d+) gaps? without flow left out, (\S+) s together")
+"""Note of a run whose outflow stopped within the window: how often, and for how long [s]."""
 _GRAINS_PER_BIN, _BINS = 25, 80  # of W(t): as fine as counting allows, and no finer than a figure shows
 NO_PLATEAU = "no steady part: the start-up takes more than half of the outflow up to the end of the window"
 """Note on a run whose window was to open at the end of its start-up."""
@@ -150,16 +153,26 @@ _WIDTH, _HEIGHT = 480, 160  # px of a drawing of W(t)
 
 
 def summed_up(notes: Mapping[str, int]) -> dict[str, int]:
-    """Notes with the number of runs that carry each; those on too few grains are one, with a range and the remedy."""
-    few = [(found, n) for note, n in notes.items() if (found := TOO_FEW.fullmatch(note))]
-    if not few:
-        return dict(notes)
-    left = sorted({int(found[1]) for found, _ in few})
-    some = " to ".join(map(str, dict.fromkeys((left[0], left[-1]))))
-    _, total, fewest = few[0][0].groups()
-    told = f"too few grains: {some} of {total} left, fewer than {fewest} in the window: {WIDER}"
-    others = {note: n for note, n in notes.items() if not TOO_FEW.fullmatch(note)}
-    return {told: sum(n for _, n in few), **others}
+    """Notes with the number of runs that carry each; those that differ in their numbers only are one, with a range."""
+    few = {note: found for note in notes if (found := TOO_FEW.fullmatch(note))}
+    gaps = {note: found for note in notes if (found := GAPS.fullmatch(note))}
+    merged = {}
+    if few:
+        _, total, fewest = next(iter(few.values())).groups()
+        left = _spread(int(found[1]) for found in few.values())
+        merged[f"too few grains: {left} of {total} left, fewer than {fewest} in the window: {WIDER}"] = few
+    if gaps:
+        number = _spread(int(found[1]) for found in gaps.values())
+        time = _spread(float(found[2]) for found in gaps.values())
+        merged[f"{number} {'gap' if number == '1' else 'gaps'} without flow left out, {time} s together"] = gaps
+    others = {note: n for note, n in notes.items() if note not in few and note not in gaps}
+    return {note: sum(notes[one] for one in group) for note, group in merged.items()} | others
+
+
+def _spread(numbers: Iterable[float]) -> str:
+    """The smallest and the largest of some numbers, as `1 to 10`; one number if they are equal."""
+    ordered = sorted(numbers)
+    return " to ".join(dict.fromkeys((f"{ordered[0]:.6g}", f"{ordered[-1]:.6g}")))
 
 
 def _trace(run: RunData, times: np.ndarray, flow: SteadyFlow | None) -> dict[str, np.ndarray]:
@@ -218,7 +231,7 @@ def _notes(flow: SteadyFlow, run: RunData, window: Window) -> list[str]:
     if not flow.plateau:
         notes.append(NO_PLATEAU)
     if flow.gaps:
-        plural = "gap" if flow.gaps == 1 else "gaps"
+        plural = "gap" if flow.gaps == 1 else "gaps"  # GAPS reads this note again
         notes.append(f"{flow.gaps} {plural} without flow left out, {flow.gap_time:.3g} s together")
     if math.isinf(window.end):
         short = False

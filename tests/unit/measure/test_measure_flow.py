@@ -7,6 +7,7 @@ import pytest
 from labbook.backend.numerics import Numerics
 from labbook.backend.probes import Crossing
 from labbook.measure import MEASURES, MeasureError, RunData
+from labbook.measure.flow import summed_up
 from labbook.measure.series import discharged, flow_series, smooth_flow
 from labbook.measure.steady import steady_flow
 from labbook.scene import Box, Feed, HertzMindlin, Scene, Spheres, WedgeHopper
@@ -149,6 +150,16 @@ def test_gaps_are_left_out_and_reported():
     assert found["grain_rate"].value == pytest.approx(400, rel=1e-9)
     assert found["gap_time"].value == pytest.approx(4.0 + 2 / 400, rel=1e-12)
     assert "2 gaps without flow left out" in found["flow_rate"].note
+
+
+def test_gaps_of_many_runs_are_one_note_with_ranges():
+    notes = {"3 gaps without flow left out, 1.54 s together": 2, "1 gap without flow left out, 0.46 s together": 1}
+    assert summed_up({**notes, "trending": 4}) == {
+        "1 to 3 gaps without flow left out, 0.46 to 1.54 s together": 3,
+        "trending": 4,
+    }
+    alone = {"1 gap without flow left out, 0.46 s together": 5}
+    assert summed_up(alone) == alone
 
 
 def test_a_pause_of_up_to_a_second_counts_as_flow():
