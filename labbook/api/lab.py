@@ -49,7 +49,7 @@ if TYPE_CHECKING:
 
 _OPTION = re.compile(r"(?<=use )--(device|backend) ([\w:]*\w)")
 """Of the command line, with its value."""
-_SHOWN = 40
+_ROWS = 40
 """Rows of a table."""
 
 
@@ -121,7 +121,7 @@ class Lab:
         """
         _is_study(study)
         part = WHOLE if shard is None else Shard.parse(shard)
-        other = None if base is None else LabFolder(given_path(base, "base"))
+        base_lab = None if base is None else LabFolder(given_path(base, "base"))
         backend, plain = load_backend(self.backend), isinstance(progress, bool)
         with watching(progress) as watcher, _in_python():
             study = self._calibrated(study)
@@ -132,12 +132,14 @@ class Lab:
             if cluster is not None:
                 summary = Cluster(study, self.place, self.backend, cluster, self.device, watcher=watcher).run()
             else:
-                first, *others = parse_devices(self.device, backend)
+                first, *more_devices = parse_devices(self.device, backend)
                 options = (checkpoint_every, watcher)
-                if others:
-                    runner = MultiDeviceRunner(study, self.place, self.backend, (first, *others), *options, part, other)
+                if more_devices:
+                    runner = MultiDeviceRunner(
+                        study, self.place, self.backend, (first, *more_devices), *options, part, base_lab
+                    )
                 else:
-                    runner = Runner(study, self.place, backend, first, *options, shard=part, base=other)
+                    runner = Runner(study, self.place, backend, first, *options, shard=part, base=base_lab)
                 summary = runner.run()
             summary = replace(summary, study=summary.study or study)
             if study.record is not None and study.record.film and not summary.stopped:
@@ -154,16 +156,16 @@ class Lab:
     def _forewarned(self, study: Study, backend: Backend) -> tuple[str, ...]:
         """The warnings of a plan, and what was wrong with an index that has to be made first."""
 
-        def looked() -> tuple[str, ...]:
+        def forewarn_lines() -> tuple[str, ...]:
             with self._catalogue() as catalogue:
                 return tuple(f"Warning: {line}" for line in forewarn(study, catalogue, backend, self.device))
 
         try:
-            return looked()
+            return forewarn_lines()
         except NoCatalogue:
             index = Index(self.place)  # to run makes the index of a lab without one, where a plan only looks
             index.close()
-            return (*(f"Unreadable: {problem}" for problem in index.report.problems), *looked())
+            return (*(f"Unreadable: {problem}" for problem in index.report.problems), *forewarn_lines())
 
     def _film(self, study: Study, watcher: Watcher) -> None:
         """Make films of the recorded runs of a study that have none. No study is lost for a film: problems are told."""
@@ -199,7 +201,7 @@ class Lab:
         return study
 
     def _calibration_file(self, study: Study) -> Path:
-        """Where the pilot of a study writes its calibration: beside its file, or into the lab."""
+        """File into which the pilot of a study writes its calibration: beside the study's file, else in the lab."""
         if study.source:
             return study.path.with_suffix(BESIDE)
         return (self.place.studies / f"{study.name}{BESIDE}").resolve()
@@ -212,15 +214,15 @@ class Lab:
         return study.calibrated(file) if file.is_file() else study
 
     def _no_flow(self, study: Study, summary: Summary) -> str:
-        """Why no point has a flow rate, though the study measures it and runs are done; empty if one has."""
+        """Reason that no point has a flow rate, though the study measures it and runs are done; empty if any has."""
         done = [[item.keys.run for item in point.items if item.state == "done"] for point in summary.points]
         if FLOW_RATE not in study.measure or not any(done):
             return ""
         with self._catalogue() as catalogue:
             if any(flow_rates(study, catalogue, keys) for keys in done):
                 return ""
-            found = find(study, catalogue, self.backend, lambda done: None)
-        return "; ".join(dict.fromkeys(filter(None, (point.no_flow for point in found.points)))) or "see the report"
+            results = find(study, catalogue, self.backend, lambda done: None)
+        return "; ".join(dict.fromkeys(filter(None, (point.no_flow for point in results.points)))) or "see the report"
 
     def pilot(self, study: Study, progress: bool | Watcher = True, seeds: int | None = None) -> Study:
         """`study` with numerics chosen from its pilot: runs that measure the effect of numerics on the flow rate.
@@ -254,14 +256,14 @@ class Lab:
         _is_study(study)
         if not Path(self.folder).exists():
             warn(f"there is no lab {self.folder} yet, so that it has no runs")
-        with self._catalogue() as catalogue, counted(progress, "evaluating runs") as told:
+        with self._catalogue() as catalogue, counted(progress, "evaluating runs") as count:
             kind = partial(Results, place=self.place, backend=self.backend)
-            found = find(self._calibrated(study), catalogue, self.backend, told, kind)
-        for problem in grouped(found.unreadable):
+            results = find(self._calibrated(study), catalogue, self.backend, count, kind)
+        for problem in grouped(results.unreadable):
             warn(f"left out: {problem}")
-        for problem in grouped(found.unmeasured):
+        for problem in grouped(results.unmeasured):
             warn(f"not measured: {problem}")
-        return found
+        return results
 
     def frame(
         self, study: Study | str | None = None, outcome: str | None = None, limit: int | None = None
@@ -275,9 +277,9 @@ class Lab:
         with self._catalogue() as catalogue:
             if absent := catalogue.absent(study if isinstance(study, str) else None, outcome):
                 raise ValueError(absent)
-            made = catalogue.runs(study.name if isinstance(study, Study) else study, outcome, limit)
-        made.attrs = {"lab": str(self.folder), "units": {"duration": "s", "wall_time": "s", "rate": "1/s"}}
-        return made
+            frame = catalogue.runs(study.name if isinstance(study, Study) else study, outcome, limit)
+        frame.attrs = {"lab": str(self.folder), "units": {"duration": "s", "wall_time": "s", "rate": "1/s"}}
+        return frame
 
     def __repr__(self) -> str:
         head = f"<Lab {self.folder} on {self.backend}, {self.device}"
@@ -287,8 +289,8 @@ class Lab:
         except LabError as error:
             return f"{head}: {error}>"
         by = ", ".join(f"{count} {outcome}" for outcome, count in sorted(counts.items()))
-        held = f"{sum(counts.values())} runs{f' ({by})' if by else ''}, {packings} packings"
-        return f"{head}: {held}>"
+        contents = f"{sum(counts.values())} runs{f' ({by})' if by else ''}, {packings} packings"
+        return f"{head}: {contents}>"
 
     def _repr_html_(self) -> str:
         try:
@@ -297,11 +299,11 @@ class Lab:
         except LabError as error:
             return escape(f"<Lab {self.folder} on {self.backend}, {self.device}: {error}>")
         rows = [(one.study or "–", one.backend, one.outcome, str(one.runs)) for one in counts]
-        listed = html.table(("study", "backend", "outcome", "runs"), rows[:_SHOWN]) if rows else ""
-        more = [f"and {len(rows) - _SHOWN} more rows"] if len(rows) > _SHOWN else []
+        listed = html.table(("study", "backend", "outcome", "runs"), rows[:_ROWS]) if rows else ""
+        rest = [f"and {len(rows) - _ROWS} more rows"] if len(rows) > _ROWS else []
         runs = sum(one.runs for one in counts)
-        said = f"{runs} run{'' if runs == 1 else 's'}, {packings} packing{'' if packings == 1 else 's'}"
-        return html.titled(f"Lab {self.folder} on {self.backend}, {self.device}: {said}", listed, html.lines(more))
+        totals = f"{runs} run{'' if runs == 1 else 's'}, {packings} packing{'' if packings == 1 else 's'}"
+        return html.titled(f"Lab {self.folder} on {self.backend}, {self.device}: {totals}", listed, html.lines(rest))
 
     @contextmanager
     def _catalogue(self) -> Iterator[Catalogue]:
@@ -313,7 +315,7 @@ class Lab:
 
 
 def effects_of_numerics(lab: Lab, pilot: Study, progress: bool | Watcher = True) -> tuple[Calibrated, ...]:
-    """What numerics do to the flow rate, scene by scene, from a pilot, whose missing runs are made.
+    """Measure the effect of numerics on the flow rate of each scene by a pilot, whose missing runs are made.
 
     Raises what `Lab.pilot` raises.
     """
@@ -332,5 +334,5 @@ def _in_python() -> Iterator[None]:
     except Unsupported as problem:
         if by_a_verb():
             raise
-        said = _OPTION.sub(lambda found: f"{found[1]}={found[2]!r}", problem.remedy).replace("--", "")
-        raise Unsupported(problem.key.removeprefix("--"), said) from problem
+        remedy = _OPTION.sub(lambda found: f"{found[1]}={found[2]!r}", problem.remedy).replace("--", "")
+        raise Unsupported(problem.key.removeprefix("--"), remedy) from problem

@@ -44,7 +44,7 @@ if TYPE_CHECKING:
 
 _ENDS = ("", "_error", "_low", "_high")
 """Of the names of columns that have the unit of their quantity."""
-_SHOWN = 40
+_LINES = 40
 """Lines of a plain text."""
 
 
@@ -78,17 +78,17 @@ class Results(StudyResults):
                 row |= {name: pooled.value, f"{name}_error": pooled.error, f"{name}_low": low, f"{name}_high": high}
                 row[f"{name}_n"] = pooled.n
             numbers = {name: one for run in result.runs for name, one in run.measured.items() if name in result.pooled}
-            for name, one in numbers.items():
-                units |= {f"{name}{end}": one.unit for end in _ENDS}
+            for name, number in numbers.items():
+                units |= {f"{name}{end}": number.unit for end in _ENDS}
             n = row[f"{FLOW_RATE}_n"] if measured else max((one.n for one in result.pooled.values()), default=0)
             rows.append({**row, "runs": len(result.runs), "replicates": n, "remark": result.remark})
         swept = dict.fromkeys(key for point in self.study.points for key in point.at)
         empty = ["point", *swept, *rates, "runs", "replicates", "remark"]
-        made = pd.DataFrame(rows, columns=None if rows else empty)
+        frame = pd.DataFrame(rows, columns=None if rows else empty)
         for name in (f"{one}_n" for one in dict.fromkeys(one for result in self.points for one in result.pooled)):
-            made[name] = made[name].fillna(0).astype(int)  # of points that lack it
-        made.attrs = {"study": self.study.name, "units": units}
-        return made
+            frame[name] = frame[name].fillna(0).astype(int)  # of points that lack it
+        frame.attrs = {"study": self.study.name, "units": units}
+        return frame
 
     def frames(self) -> dict[str, "pd.DataFrame"]:
         """All tables by name, one row per number, as `labbook export` writes them: see `labbook.results.frames.frames`.
@@ -172,8 +172,8 @@ class Results(StudyResults):
         at: the series, as for `fit`. Raises LookupError for an unknown figure.
         """
         name = gallery.FILES.get(name or "", name) or next(iter(self.figures(at)), "flow_rate")
-        if name not in (known := self.figures()):
-            there = ", ".join(known) or "none, as there are no series of finished points"
+        if name not in (names := self.figures()):
+            there = ", ".join(names) or "none, as there are no series of finished points"
             raise gallery.NothingToShow(f"no figure of these results is called {name}; there are: {there}")
         draw = gallery.of_results(self).get(name)
         if draw is None and self.series:
@@ -265,11 +265,11 @@ class Results(StudyResults):
             paths += write_walls(self.study, there / "walls", facets)
         return paths + (write_recordings(self, there / "vtk", say) if vtk else [])
 
-    def _folder(self, given: Path | str | None, kind: str) -> Path:
+    def _folder(self, folder: Path | str | None, kind: str) -> Path:
         """The folder that was given for files, or that of this study in the lab."""
-        if given is None:
+        if folder is None:
             return self.place.folder / kind / self.study.name
-        return given_path(given, f"results.{kind.removesuffix('s')}: folder")
+        return given_path(folder, f"results.{kind.removesuffix('s')}: folder")
 
     def __repr__(self) -> str:
         head = f"<Results of {self.study.name} on {self.backend} in {self.place.folder}: "
@@ -278,24 +278,24 @@ class Results(StudyResults):
         ]
         for result in self.points:
             flow = result.flow_rate
-            said = "no flow rate" if flow is None else f"W = {display.with_error(flow.value, flow.error, 1e3)} g/s"
+            flow_text = "no flow rate" if flow is None else f"W = {display.with_error(flow.value, flow.error, 1e3)} g/s"
             lines.append(
-                f"  {result.label or 'the only point'}: {said}" + (f" ({result.remark})" * bool(result.remark))
+                f"  {result.label or 'the only point'}: {flow_text}" + (f" ({result.remark})" * bool(result.remark))
             )
-        return "\n".join(lines[:_SHOWN] + ([f"  and {len(lines) - _SHOWN} more"] if len(lines) > _SHOWN else []))
+        return "\n".join(lines[:_LINES] + ([f"  and {len(lines) - _LINES} more"] if len(lines) > _LINES else []))
 
     def _repr_html_(self) -> str:
         if not self.points:
             return escape(repr(self))
-        shown = "".join(f"<div>{escape(line)}</div>" for line in page.summary(self))
-        return f"<div><b>{escape(self.study.name)}</b></div>{shown}{_html(tables.flow_table(self))}{self._picture()}"
+        lines = "".join(f"<div>{escape(line)}</div>" for line in page.summary(self))
+        return f"<div><b>{escape(self.study.name)}</b></div>{lines}{_html(tables.flow_table(self))}{self._picture()}"
 
     def _picture(self) -> str:
         """The first figure of all, as the notebook's own: of several series the one that shows them all."""
-        drawn = {**(gallery.of_results(self) if len(self.series) > 1 else {})}
-        for one in self.series[:1]:
-            drawn |= gallery.of_series(self, one)
-        for draw in drawn.values():
+        figures = {**(gallery.of_results(self) if len(self.series) > 1 else {})}
+        for series in self.series[:1]:
+            figures |= gallery.of_series(self, series)
+        for draw in figures.values():
             try:
                 data, size = style.for_a_screen(draw())
             except gallery.NothingToShow:  # the points do not determine a map: the next one

@@ -70,18 +70,18 @@ class Run(RunResult):
         columns = sorted(
             data.rows(table).items(), key=lambda column: _ORDER.index(column[0]) if column[0] in _ORDER else len(_ORDER)
         )
-        made = pd.DataFrame({name: column for name, column in columns if name != "member"})
-        units = {name: UNITS[name] for name in made if name in UNITS}
-        made.attrs = {"study": self.study.name, "run_key": self.run_key, "units": units}
-        return made
+        frame = pd.DataFrame({name: column for name, column in columns if name != "member"})
+        units = {name: UNITS[name] for name in frame if name in UNITS}
+        frame.attrs = {"study": self.study.name, "run_key": self.run_key, "units": units}
+        return frame
 
     def trajectories(self) -> Trajectories:
         """Trajectories of the grains, as arrays. Raises NotRecorded (of `labbook.export.frames`)."""
-        found = Trajectories.of(self.run.data())
-        if found is None:
+        trajectories = Trajectories.of(self.run.data())
+        if trajectories is None:
             remedy = "add record={'every': '10 ms', 'replicates': ...} to the study and run it"
             raise NotRecorded(f"{self} kept no frames: {remedy}")
-        return found
+        return trajectories
 
     def recording(self) -> Path:
         """The file (.rrd) for the rerun viewer, written if it does not exist. Raises NotRecorded or ViewerMissing."""
@@ -129,8 +129,8 @@ class Run(RunResult):
             bed = f'<img alt="The bed" style="max-height:16em" src="data:image/png;base64,{data}"/>'
         numbers = f"<div>{facts}{_quantities(self.measured)}</div>"
         numbers += f"<div>{self.trace._repr_html_()}</div>" if self.trace is not None else ""
-        shown = f'<div style="display:flex;flex-wrap:wrap;gap:1.5em">{bed}{numbers}</div>'
-        return html.titled(f"{self.study.name}, {label}, {self.repeat}", shown)
+        content = f'<div style="display:flex;flex-wrap:wrap;gap:1.5em">{bed}{numbers}</div>'
+        return html.titled(f"{self.study.name}, {label}, {self.repeat}", content)
 
     def __repr__(self) -> str:
         recorded = ", recorded" if self.recorded else ""
@@ -140,8 +140,8 @@ class Run(RunResult):
 def _quantities(measured: Mapping[str, Measured]) -> str:
     """The numbers of a run, as its page shows them."""
     rows = []
-    for name, one in measured.items():
-        shown = display.quantity(name, one.unit)
-        value = display.with_error(one.value, one.error, shown.scale) if math.isfinite(one.value) else "–"
-        rows.append((shown.name, value, shown.unit, one.note))
+    for name, number in measured.items():
+        display_of = display.quantity(name, number.unit)
+        value = display.with_error(number.value, number.error, display_of.scale) if math.isfinite(number.value) else "–"
+        rows.append((display_of.name, value, display_of.unit, number.note))
     return html.table(("quantity", "value ± error", "unit", "note"), rows)

@@ -234,7 +234,7 @@ class PointDemand:
         """Numbers of stop rule, guards and recording that the study leaves to labbook."""
         stop, record = self.study.stop, self.study.record
         has_speed_limit = (
-            "speed_limit" in self.study.stated.get("numerics", {}) or "numerics.speed_limit" in self.point.at
+            "speed_limit" in self.study.definition.get("numerics", {}) or "numerics.speed_limit" in self.point.at
         )
         defaults = {
             "max_time": stop.max_time is None,

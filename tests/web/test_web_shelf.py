@@ -114,7 +114,7 @@ def test_results_are_found_once_while_nothing_changes(copied, monkeypatch):
 
     from labbook_web import shelf as module
 
-    results = module.kept
+    results = module.stored_results
     monkeypatch.setattr(module, "kept", counted)
     monkeypatch.setattr(module, "SPARED", 0)
     shelf = Shelf(copied / "lab")

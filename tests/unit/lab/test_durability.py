@@ -11,7 +11,7 @@ import pytest
 from fragile_disk import Crash, Disk, Platter, failing
 from toy_lab import carry_out, content, leftovers, study, within
 
-from labbook.cli.options import told
+from labbook.cli.options import explanation
 from labbook.lab import LabFolder
 from labbook.lab.index import Index
 from labbook.lab.merge import merge
@@ -96,7 +96,7 @@ def failures(do, other: Path, folder: Path, every: int, errors: Sequence[int], r
         if len(disk.operations) < number:
             return number // every - 1
         at += f": {disk.operations[number - 1]}"
-        assert problem is None or told(problem) is not None, f"{at}: {problem!r}"
+        assert problem is None or explanation(problem) is not None, f"{at}: {problem!r}"
         with within(60):
             do(lab)
         assert content(lab) == right, at
