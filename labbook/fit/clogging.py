@@ -11,7 +11,7 @@ import numpy as np
 from labbook.fit.law import exponential
 from labbook.fit.profile import LowerMinimum, Residuals, interval, minimise
 from labbook.fit.result import FitError, Parameter
-from labbook.stats.choice import unbeaten
+from labbook.stats.choice import best_laws
 from labbook.stats.pooling import student
 
 DECADES = 3.0
@@ -241,4 +241,4 @@ def preferred(fits: Sequence[AvalancheFit]) -> tuple[str, ...]:
     A law is beaten only by 4 or more, in AICc and in the likelihood alone, as for laws of the flow rate. If there are
     too few outlets for the criterion, nothing is beaten.
     """
-    return unbeaten({fit.law.name: (fit.aicc, fit.deviance) for fit in fits})
+    return best_laws({fit.law.name: (fit.aicc, fit.deviance) for fit in fits})

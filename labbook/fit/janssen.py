@@ -16,7 +16,7 @@ import numpy as np
 
 from labbook.fit.profile import Minimum, minimise
 from labbook.fit.result import FitError, Parameter
-from labbook.stats.choice import aicc, unbeaten
+from labbook.stats.choice import aicc, best_laws
 from labbook.stats.pooling import student
 
 MODELS = ("J1", "J2", "J3")
@@ -178,7 +178,7 @@ def _check(depth: np.ndarray, *errors: np.ndarray) -> None:
 
 def preferred(fits: Mapping[str, ModelFit]) -> tuple[str, ...]:
     """Models that no other beats by 4 in AICc; several names mean that the data do not decide."""
-    return unbeaten({name: (entry.aicc,) for name, entry in fits.items()}) if fits else ()
+    return best_laws({name: (entry.aicc,) for name, entry in fits.items()}) if fits else ()
 
 
 def _fits(

@@ -453,7 +453,7 @@ def tolerance(study: Study, point: Point | None = None) -> float | None:
 
     `point` None: a point whose numerics have no known bias.
     """
-    return study.accuracy.flow_rate if point is None or point.choice is None else point.choice.left
+    return study.accuracy.flow_rate if point is None or point.choice is None else point.choice.remainder
 
 
 def stopping_rule(study: Study, point: Point | None = None) -> StoppingRule:

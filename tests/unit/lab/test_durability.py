@@ -28,12 +28,12 @@ EVERY = 12
 def ran(lab: Path) -> None:
     """A run, saved at every beat, which is then gone on with and replaced."""
     for more in (SHORT, LONG):
-        carry_out(study(lab.parent, *more, **SMALL), lab, lanes=1, checkpoint_every=0)
+        carry_out(study(lab.parent, *more, **SMALL), lab, workers=1, checkpoint_every=0)
 
 
 def imported(lab: Path) -> None:
     """A longer run and its packing, of another lab, that replace those of this one."""
-    carry_out(study(lab.parent, *SHORT, **SMALL), lab, lanes=1)
+    carry_out(study(lab.parent, *SHORT, **SMALL), lab, workers=1)
     index = Index(LabFolder(lab))
     try:
         merge(index, lab.parent / "other")
