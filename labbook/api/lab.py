@@ -54,7 +54,7 @@ _ROWS = 40
 
 
 class PilotNeeded(Exception):
-    """A part of a study was asked for that needs a pilot as a whole; the message says what to do."""
+    """A shard of a study was requested that needs a pilot as a whole; the message has the remedy."""
 
 
 def _is_study(given: object) -> None:
@@ -66,15 +66,17 @@ def _is_study(given: object) -> None:
 class Lab:
     """A folder with runs and packings, and the backend and device that make them.
 
-    The folder is created at the first write; `~` is the home folder, as in a shell. Several processes may use one lab
-    at once: they share the work.
+    The folder is created at the first write. Several processes may use one lab at once: they share the work.
+
+    Args:
+        folder: The folder; `~` is the home folder, as in a shell.
+        backend: Backend that makes the runs, and whose runs `results` reads: `numba` (CPU) or `warp` (GPU).
+        device: Device, such as `cpu` or `cuda:0`; several as `cuda:0,cuda:1` or `cuda:all`.
     """
 
     folder: Path | str = DEFAULT
     backend: str = "numba"
-    """Backend that makes the runs, and whose runs `results` reads: `numba` (CPU) or `warp` (GPU)."""
     device: str = "cpu"
-    """Device, such as `cpu` or `cuda:0`; several as `cuda:0,cuda:1` or `cuda:all`."""
 
     def __post_init__(self):
         object.__setattr__(self, "folder", given_path(self.folder, "labbook.Lab: folder"))
@@ -85,9 +87,21 @@ class Lab:
         return LabFolder(Path(self.folder))
 
     def plan(self, study: Study) -> Plan:
-        """The runs that `study` still needs in this lab and why, with a forecast of time and disk space, and warnings.
+        """Plan a study: the runs that it still needs in this lab and why.
 
-        Raises Unsupported, Conflict or MeasureError if the backend cannot do it, TooLarge, BackendMissing, LabError.
+        Args:
+            study: The study.
+
+        Returns:
+            The plan, with a forecast of time [s] and disk space [bytes], and warnings.
+
+        Raises:
+            Unsupported: The backend cannot compute a scene.
+            Conflict: Two keys of the study cannot be fulfilled by the same runs.
+            MeasureError: A measure does not apply to a scene.
+            TooLarge: The runs need more memory than is free.
+            BackendMissing: No such backend is installed.
+            LabError: The lab or its index cannot be used.
         """
         _is_study(study)
         with self._catalogue() as catalogue, _in_python():
@@ -103,21 +117,33 @@ class Lab:
         cluster: str | None = None,
         pilot: bool = True,
     ) -> Summary:
-        """Make the runs that `study` still needs; finished runs are not repeated.
+        """Make the runs that a study still needs; finished runs are not repeated.
 
-        progress: whether to show a bar, or a Watcher to inform. checkpoint_every: wall time [s] between two saves of a
-        run; more if saving took over 5 % of the time. shard: I/N, to run only part I of N parts of the study, which
-        have about the same forecast cost; all runs from one packing are in one part. base: another lab, whose runs are
-        not repeated and whose packings are used. cluster: address of a Dask scheduler; its workers run the study
-        (extra `cluster`). pilot: whether the pilot that a requested error may need comes first (`pilot`); False: the
-        default step is used where none can be chosen, and the error budget says that its bias is not known.
+        Ctrl-C saves unfinished runs and returns; a second one raises KeyboardInterrupt and keeps the last checkpoints.
+        Either way the next call continues. Failed runs give a warning and are named in the summary. If anything is to
+        run, the warnings of the plan are repeated before, unless `progress` is False.
 
-        Ctrl-C saves unfinished runs and returns; a second one raises KeyboardInterrupt and keeps the
-        last checkpoints. Either way the next call goes on. Failed runs give a warning and are named in the summary.
-        If anything is to run, the warnings of the plan are repeated before, unless progress is False. Raises what
-        `plan` does except TooLarge, before anything runs; ValueError for a wrong `shard`; DiskFull; PilotNeeded for a
-        `shard` of a study that needs a pilot; PilotStopped after Ctrl-C in the pilot, and PermissionError where its
-        calibration cannot be written.
+        Args:
+            study: The study.
+            progress: True shows a bar, False nothing; or a Watcher to inform.
+            checkpoint_every: Wall time [s] between two saves of a run; more if saving took over 5 % of the time.
+            shard: `I/N`: run only part I of N parts of the study, of about the same forecast cost. All runs from one
+                packing are in one part.
+            base: Another lab, whose runs are not repeated and whose packings are used.
+            cluster: Address of a Dask scheduler, whose workers run the study (extra `cluster`).
+            pilot: Run the pilot first that a requested error may need (`pilot`). False: the default step is used where
+                none can be chosen, and the error budget says that its bias is unknown.
+
+        Returns:
+            Summary of this session, with the runs that are done, failed or diverged.
+
+        Raises:
+            ValueError: `shard` is not of the form I/N.
+            PilotNeeded: A `shard` is requested of a study that needs a pilot.
+            PilotStopped: Ctrl-C ended the pilot.
+            PermissionError: The calibration of the pilot cannot be written.
+            DiskFull: The disk is full.
+            Unsupported: As in `plan`, whose further errors except TooLarge are raised too, before anything runs.
         """
         _is_study(study)
         part = WHOLE if shard is None else Shard.parse(shard)
@@ -225,16 +251,26 @@ class Lab:
         return "; ".join(dict.fromkeys(filter(None, (point.no_flow for point in results.points)))) or "see the report"
 
     def pilot(self, study: Study, progress: bool | Watcher = True, seeds: int | None = None) -> Study:
-        """`study` with numerics chosen from its pilot: runs that measure the effect of numerics on the flow rate.
+        """Choose the numerics of a study by its pilot: runs that measure the effect of numerics on the flow rate.
 
-        seeds: None for the pilot that the requested error needs, which has two time steps; a study whose scenes are
-        calibrated, or that requests no error, needs none and is returned as it is. With a number a whole pilot is
-        run, needed or not: seven settings of time step and stiffness with `seeds` runs each, at the first, middle
-        and last point. A study that sweeps numerics is its own pilot.
+        The calibration is written beside the study file, where `load` finds it, or into the lab for a study made in
+        Python. A study that sweeps numerics is its own pilot.
 
-        The calibration is written beside the study file, where `load` finds it, or into the lab for a study made
-        in Python. Raises what `run` raises; NotCalibrated where too few runs flowed or scenes of this kind cannot be
-        calibrated, PilotStopped after Ctrl-C; OSError where the calibration cannot be written, before anything runs.
+        Args:
+            study: The study.
+            progress: As for `run`.
+            seeds: None: the pilot that the requested error needs, with two time steps; a study whose scenes are
+                calibrated, or that requests no error, needs none and is returned as it is. A number: a whole pilot of
+                seven settings of time step and stiffness at the first, middle and last point, with `seeds` runs each.
+
+        Returns:
+            The study with the chosen numerics.
+
+        Raises:
+            NotCalibrated: Too few runs flowed, or scenes of this kind cannot be calibrated.
+            PilotStopped: Ctrl-C ended the pilot.
+            OSError: The calibration cannot be written; raised before anything runs.
+            Unsupported: As in `run`, whose further errors are raised too.
         """
         _is_study(study)
         runs = first_needed(study) if seeds is None else whole(study, seeds)
@@ -248,10 +284,19 @@ class Lab:
         return study.calibrated(file)
 
     def results(self, study: Study, progress: bool | Callable[[int], None] = True) -> Results:
-        """Results of `study` so far. Runs that are not evaluated yet are evaluated now, and the numbers are kept.
+        """Read the results of a study so far. Runs that are not evaluated yet are evaluated, and the numbers stored.
 
-        progress: whether to show how many runs are evaluated, or a function to call. Unreadable runs give a warning
-        and are left out; measures that fail on a run give one too. Raises LabError.
+        Unreadable runs give a warning and are left out; measures that fail on a run give one too.
+
+        Args:
+            study: The study.
+            progress: True shows the number of evaluated runs, False nothing; or a function to call with it.
+
+        Returns:
+            The results.
+
+        Raises:
+            LabError: The lab or its index cannot be used.
         """
         _is_study(study)
         if not Path(self.folder).exists():
@@ -268,11 +313,19 @@ class Lab:
     def frame(
         self, study: Study | str | None = None, outcome: str | None = None, limit: int | None = None
     ) -> "pd.DataFrame":
-        """All runs of the lab, the latest first: one row per run, with units in `attrs`.
+        """List the runs of the lab as a data frame, the latest first.
 
-        study: only runs first made for this study (or its name); outcome: only runs with this outcome, or
-        `unreadable`, or `suspect`; limit: largest number of rows. Raises LabError, and ValueError for an outcome or the
-        name of a study that no run has.
+        Args:
+            study: Only runs first made for this study (or its name).
+            outcome: Only runs with this outcome, or `unreadable`, or `suspect`.
+            limit: Largest number of rows; None: all.
+
+        Returns:
+            One row per run, with units in `attrs`.
+
+        Raises:
+            LabError: The lab or its index cannot be used.
+            ValueError: No run has this outcome or study.
         """
         with self._catalogue() as catalogue:
             if absent := catalogue.absent(study if isinstance(study, str) else None, outcome):
@@ -317,7 +370,17 @@ class Lab:
 def effects_of_numerics(lab: Lab, pilot: Study, progress: bool | Watcher = True) -> tuple[Calibrated, ...]:
     """Measure the effect of numerics on the flow rate of each scene by a pilot, whose missing runs are made.
 
-    Raises what `Lab.pilot` raises.
+    Args:
+        lab: Lab that has, or makes, the runs.
+        pilot: The study that sweeps numerics.
+        progress: As for `Lab.run`.
+
+    Returns:
+        Effects of numerics in each scene.
+
+    Raises:
+        PilotStopped: Ctrl-C ended the runs.
+        NotCalibrated: No scene has enough runs.
     """
     for point in pilot.points:
         flow_and_filling(point)  # refuses, before anything runs, scenes that have no groups

@@ -35,7 +35,15 @@ def watching(progress: bool | Watcher) -> AbstractContextManager[Watcher]:
 
 @contextmanager
 def counted(progress: bool | Callable[[int], None], title: str) -> Iterator[Callable[[int], None]]:
-    """A function that shows how many runs are done, as `progress` says. `what`: title of the count."""
+    """Show a number of finished runs while a context lasts.
+
+    Args:
+        progress: True shows the number, False nothing; or a function to call with it.
+        title: Title of the count.
+
+    Yields:
+        A function to call with the number.
+    """
     if not isinstance(progress, bool):
         yield progress
         return

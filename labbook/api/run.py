@@ -30,12 +30,15 @@ _ORDER = ("id", "i", "j", "wall", "step", *UNITS)
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Run(RunResult):
-    """One run: its outcome, its measurements, and its recorded tables."""
+    """A finished run: its outcome, its measurements, and its recorded tables.
+
+    Args:
+        study: Study whose result it is.
+        place: Folder of the lab that has it.
+    """
 
     study: Study
-    """The study whose result it is."""
     place: LabFolder
-    """The folder of the lab that has it."""
 
     @property
     def point(self) -> Point:
@@ -59,9 +62,19 @@ class Run(RunResult):
         return tuple(self.run.data().tables)
 
     def frame(self, table: str = "crossing") -> "pd.DataFrame":
-        """A recorded table: `crossing`, one row for every grain that left, or that of another probe (columns:
-        `labbook.backend.probes`, and those of `RunData.rows` for unlike grains). SI, units in `attrs`. Raises
-        LookupError; LabError if it cannot be read."""
+        """Read a recorded table as a data frame.
+
+        Args:
+            table: `crossing`, with one row for every discharged grain, or the table of another probe
+                (`labbook.backend.probes`, and `RunData.rows` for grains that differ).
+
+        Returns:
+            The rows in SI, with units in `attrs`.
+
+        Raises:
+            LookupError: The run has no such table.
+            LabError: The table cannot be read.
+        """
         import pandas as pd
 
         data = self.run.data()
@@ -76,7 +89,14 @@ class Run(RunResult):
         return frame
 
     def trajectories(self) -> Trajectories:
-        """Trajectories of the grains, as arrays. Raises NotRecorded (of `labbook.export.frames`)."""
+        """Read the trajectories of the grains as arrays.
+
+        Returns:
+            Positions, velocities and orientations of every frame [SI].
+
+        Raises:
+            NotRecorded: The run kept no frames (of `labbook.export.frames`).
+        """
         trajectories = Trajectories.of(self.run.data())
         if trajectories is None:
             remedy = "add record={'every': '10 ms', 'replicates': ...} to the study and run it"
@@ -84,7 +104,12 @@ class Run(RunResult):
         return trajectories
 
     def recording(self) -> Path:
-        """The file (.rrd) for the rerun viewer, written if it does not exist. Raises NotRecorded or ViewerMissing."""
+        """Path of the recording (.rrd) for the rerun viewer, which is written if it does not exist.
+
+        Raises:
+            NotRecorded: The run kept no frames.
+            ViewerMissing: rerun is not installed.
+        """
         return of_run(self.folder, self.place.folder, self.study.name, self.point)
 
     def film(

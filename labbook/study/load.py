@@ -73,7 +73,22 @@ def _with_keys(function: _F) -> _F:
 class Study:
     """A study with all defaults resolved: the points of its sweep, and the measures and fits that it requests.
 
-    `fill` and `numerics` are those of points that do not sweep them: use a point's own.
+    `fill` is that of points that do not sweep it: use a point's own.
+
+    Args:
+        name: Name of the study.
+        about: Its purpose, in a sentence.
+        points: Scenes with their filling and numerics.
+        replicates: Minimum number of beds of each point.
+        accuracy: Requested errors.
+        fill: Filling of the closed container.
+        window: Part of the discharge in which flow rates are measured.
+        stop: Conditions that end a discharge.
+        measure: Names of the measures.
+        fit: Names of the laws to fit.
+        record: Runs that keep frames; None: none.
+        reference: Published numbers to compare with.
+        discharges_per_bed: Number of discharges of each bed; `auto`: the cheapest one.
     """
 
     path: Path
@@ -111,23 +126,41 @@ class Study:
 
     @_with_keys
     def change(self, changes: Changed | Mapping[str, Any] | None = None, /, **keys: Unpack[StudyKeys]) -> "Study":
-        """The study with other values; this one stays as it is.
+        """Copy the study with other values.
 
-        changes: dotted keys (`contact.friction`, `sweep.container.orifice`) and new values, as `define` takes them;
-        None leaves a key out. keys: the same for whole sections and settings. Raises StudyError, also for a key that
-        is swept, and TypeError where `changes` is no dict.
+        Args:
+            changes: New values by dotted key (`contact.friction`, `sweep.container.orifice`), as `define` takes them;
+                None removes a key.
+            keys: New values of whole sections and settings.
+
+        Returns:
+            The changed study; this one stays as it is.
+
+        Raises:
+            StudyError: The new study has problems, or a changed key is swept.
+            TypeError: `changes` is no dict.
         """
         new = {**_keys_and_values(changes, "change({'contact.friction': 0.3}), or change(replicates=4)"), **keys}
         stays = not any(str(key).partition(".")[0] == "accuracy" for key in new)
         return _resolved(changed(self.definition, new, self.beside), self.calibration_file if stays else None)
 
     def calibrated(self, file: Path) -> "Study":
-        """The study with numerics chosen by another calibration file. Raises StudyError."""
+        """Choose the numerics of the study by another calibration file.
+
+        Args:
+            file: The calibration file.
+
+        Returns:
+            The study with these numerics.
+
+        Raises:
+            StudyError: The file cannot be read.
+        """
         source = StudyText(self.path, dict(self.definition), {}, self.source, self.beside.again())
         return _resolved(source, file)
 
     def frame(self) -> "pd.DataFrame":
-        """The points: a row each, with `point` (from 1), what was swept [SI, units in `attrs`], and `label`."""
+        """Points as a data frame: a row each, with `point` (from 1), swept values (SI, units in `attrs`), `label`."""
         import pandas as pd
 
         rows = [{"point": point.index + 1, **point.at, "label": point.label} for point in self.points]
@@ -152,10 +185,17 @@ class Study:
         return as_yaml(self.definition)
 
     def save(self, path: Path | str) -> Path:
-        """Write the study to a file, for the command line, and the files that it names beside it; its path.
+        """Write the study to a file, for the command line, with the files that it names beside it.
 
-        Raises FileExistsError where another file has the name of such a file, and AttachedError (of
-        `labbook.scene.attached`) where its content is gone.
+        Args:
+            path: File to write.
+
+        Returns:
+            Its path.
+
+        Raises:
+            FileExistsError: Another file has the name of a file that the study names.
+            AttachedError: The content of such a file is gone (of `labbook.scene.attached`).
         """
         there = given_path(path, "study.save")
         self.beside.copy(there.parent)
@@ -177,19 +217,36 @@ class Study:
 
 
 def load(path: Path | str, calibration: Path | None = None) -> Study:
-    """The study in the file `path` (YAML). Raises StudyError with all problems that were found.
+    """Read a study from its file.
 
-    calibration: file to use in place of the one that it names, or that a pilot has written beside it.
+    Args:
+        path: The file (YAML).
+        calibration: Calibration file in place of the one that the study names, or that a pilot has written beside it.
+
+    Returns:
+        The study.
+
+    Raises:
+        StudyError: The file has problems; all are listed.
     """
     return _resolved(read(given_path(path, "labbook.load")), calibration)
 
 
 @_with_keys
 def define(definition: StudyKeys | Mapping[str, Any] | None = None, /, **keys: Unpack[StudyKeys]) -> Study:
-    """A study made in Python, of the keys and values of a study file.
+    """Define a study in Python, with the keys and values of a study file.
 
-    Sections are dicts, quantities text with a unit (`"3 mm"`) or pint quantities, lists any sequence or array. keys and
-    `stated`, a dict of the same, together are the study. Raises StudyError with all problems that were found.
+    Sections are dicts, quantities text with a unit (`"3 mm"`) or pint quantities, lists any sequence or array.
+
+    Args:
+        definition: Keys and values as a dict.
+        keys: Further keys and values; no key may be in both.
+
+    Returns:
+        The study.
+
+    Raises:
+        StudyError: The study has problems; all are listed.
     """
     return _resolved(text_of_keys(_keys_and_values(definition, "labbook.load(path) to read a file"), keys))
 

@@ -14,10 +14,15 @@ from labbook.study.schema import Fill
 
 @dataclass(frozen=True, slots=True)
 class Point:
-    """One point of a study: a scene with its filling and numerics.
+    """Point of a study: a scene with its filling and numerics.
 
-    `at` has what was swept or listed, dotted key -> SI value (the word itself where a key takes words); `label` says
-    the same in the units of the file.
+    Args:
+        index: Index of the point in the study, from 0.
+        scene: Scene of the discharge.
+        fill: Filling of the closed container.
+        numerics: Time step, stiffness and further numerical parameters of the discharge.
+        at: Swept values by dotted key, in SI or as words.
+        label: Swept values in the units of the study file.
     """
 
     index: int
@@ -36,9 +41,16 @@ class Point:
     """Replicates that a strategy has proposed for it; None: as many as the study asks for everywhere."""
 
     def value(self, key: str) -> float | str | None:
-        """SI value (or word) of the dotted `key` of the scene, `fill` or `numerics`; None where it has none.
+        """Value of a key of the scene, `fill` or `numerics`.
 
-        Raises KeyError for a key that no scene has.
+        Args:
+            key: Dotted key, such as `container.orifice`.
+
+        Returns:
+            Its value in SI, or the word; None if this scene does not have the key.
+
+        Raises:
+            KeyError: No scene has this key.
         """
         setting = value_of(key, self.scene, self.fill, self.numerics)
         if setting is None and not find(key):
