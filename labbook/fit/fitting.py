@@ -211,7 +211,16 @@ def contenders(results: Sequence[FitResult]) -> tuple[str, ...]:
 
     A law is beaten only if another one wins by AICc and by the likelihood alone. With 8 points a third parameter costs
     9 in AICc, so that a law with two would win by more than 4 on data that both fit equally well. Such a choice would
-    rest on the number of parameters, not on the data. Raises FitError unless all laws were fitted to the same points.
+    rest on the number of parameters, not on the data.
+
+    Args:
+        results: Fitted laws.
+
+    Returns:
+        Names in the order of the fits.
+
+    Raises:
+        FitError: The laws were not fitted to the same points.
     """
     first = results[0]
     if any(not (np.array_equal(r.D, first.D) and np.array_equal(r.W, first.W)) for r in results):
