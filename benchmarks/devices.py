@@ -31,7 +31,7 @@ def once(study: Study, backend: str, devices: Sequence[str]) -> dict[str, Any]:
         begun = time.perf_counter()
         done = Lab(folder, backend, ",".join(devices)).run(study)
         seconds = time.perf_counter() - begun
-    if not done.done == done.asked:
+    if not done.done == done.requested:
         raise SystemExit(f"{done}")
     return {"devices": list(devices), "seconds": seconds, "runs": done.done, "grain_steps": done.work_done}
 

@@ -44,7 +44,7 @@ def studies(law: str, rolling: str) -> tuple[labbook.Study, labbook.Study]:
     own = {"contact.law": law, "contact.rolling": rolling, "numerics.precision": "mixed", "fill.max_time": "6 s"}
     angle = labbook.load(STUDIES / "fan2023-hopper-angle.yaml")
     gaps = labbook.load(STUDIES / "fan2023-eccentricity.yaml")
-    narrow = [point for point in gaps.stated["points"] if "100" in str(point["container.width"])]
+    narrow = [point for point in gaps.definition["points"] if "100" in str(point["container.width"])]
     rest = {"record": None, "reference": None}
     return angle.change({**own, **rest}), gaps.change({**own, **rest, "points": narrow})
 

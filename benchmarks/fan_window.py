@@ -78,7 +78,7 @@ def studies(law: str, rolling: str, args: argparse.Namespace) -> Iterator[labboo
            "replicates": args.replicates, "record": None, "reference": None, "fit": []}  # fmt: skip
     for name in args.studies:
         study = labbook.load(STUDIES / f"{name}.yaml")
-        points = [point for point in study.stated.get("points") or []
+        points = [point for point in study.definition.get("points") or []
                   if args.wide or "100" in str(point["container.width"])]  # fmt: skip
         if args.count != 1.0:
             points = [{**point, "grains.count": round(point["grains.count"] * args.count)} for point in points]

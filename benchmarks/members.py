@@ -23,7 +23,7 @@ from labbook.backend.machine import hardware
 from labbook.backend.numerics import Numerics
 from labbook.backend.probes import Crossing
 from labbook.checks.bench.speed import CYLINDER_STEP, FAN_STEP, FILLING_STEP, GRAVITY, advance_until, cylinder, fan
-from labbook.filling.opening import opened
+from labbook.filling.opening import start_of_discharge
 from labbook.filling.placing import place
 from labbook.scene import LinearSpringDashpot, Plane, Primitives, Scene, Spheres, Strip, Wall
 from labbook.scene.packing import Packing
@@ -90,7 +90,7 @@ def flowing(
     how = numerics.model_copy(update={"precision": "mixed"})
     coarse = how.model_copy(update={"dt": filling or how.dt})
     bed = advance_until(backend, device, closed, coarse, start or place(closed, "gas", 1), SETTLED)
-    flow = advance_until(backend, device, scene, coarse, opened(bed, closed, scene), outflow=OUTFLOW)
+    flow = advance_until(backend, device, scene, coarse, start_of_discharge(bed, closed, scene), outflow=OUTFLOW)
     return Bed(name, scene, how, flow)
 
 

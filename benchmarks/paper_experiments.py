@@ -407,7 +407,7 @@ def falls_to(z: np.ndarray, a: np.ndarray, level: float) -> float:
 def _dosta() -> Sequence[Study]:
     """Six beds of M1 over the large orifice."""
     study = labbook.load(STUDIES / "dosta2024-silo.yaml")
-    m1 = study.stated["points"][0] | {"container.orifice": "60 mm", "container.height": "370 mm"}
+    m1 = study.definition["points"][0] | {"container.orifice": "60 mm", "container.height": "370 mm"}
     stop = {"discharged": 1, "max_time": "4.05 s"}
     return (study.change({"points": [m1], "sweep": None, "replicates": 6, "stop": stop, "reference": None}),)
 
@@ -454,7 +454,7 @@ EXPERIMENTS: Mapping[str, Experiment] = {
 
 def small(study: Study) -> Study:
     """The same with few soft grains, fewer seeds and a longer step: to try the code."""
-    swept, stated = {name for point in study.points for name in point.at}, study.stated
+    swept, stated = {name for point in study.points for name in point.at}, study.definition
     changes: dict[str, Any] = {"replicates": min(2, study.replicates), **_SOFT[study.points[0].scene.contact.law]}
     new = {name: value for name, value in changes.items() if name not in swept}
     if stated.get("points"):

@@ -41,14 +41,21 @@ fits that a paper adds belong to the paper."""
 
 @dataclass(frozen=True)
 class Extension:
-    """An entry that another package announces: of which group, its name, and the package with its version."""
+    """Entry point of another package.
+
+    Args:
+        group: Group of entry points, such as `labbook.laws`.
+        name: Name of the object.
+        package: Package that announces it.
+        version: Version of the package.
+        module: Module that the entry names.
+    """
 
     group: str
     name: str
     package: str
     version: str
     module: str = field(compare=False)
-    """The module that the entry names."""
 
     @property
     def use(self) -> str:
@@ -65,7 +72,15 @@ class Extension:
 
     @classmethod
     def of(cls, entry: Any, name: str = "") -> "Extension | None":
-        """The extension of an entry point; None of what labbook announces itself. `name`: that of the object."""
+        """Read an entry point.
+
+        Args:
+            entry: Entry point of `importlib.metadata`.
+            name: Name of the object; empty: that of the entry.
+
+        Returns:
+            The extension; None if labbook itself announces the entry.
+        """
         package, version = (entry.dist.name, entry.dist.version) if entry.dist is not None else (entry.module, "")
         return None if package == _OWN else cls(entry.group, name or entry.name, package, version, entry.module)
 
@@ -96,9 +111,15 @@ class ExtensionError(BrokenPlugin):
 
 
 def blamed(error: BaseException) -> ExtensionError | None:
-    """The same error as one of the extension whose code raised it, by its traceback; None if it was labbook's code.
+    """Attribute an error to the extension whose code raised it.
 
     Extensions call labbook and other libraries: the innermost frame of a loaded extension counts.
+
+    Args:
+        error: The error, with its traceback.
+
+    Returns:
+        The error with the name of the extension; None if no code of an extension is in the traceback.
     """
     for package, extensions in _loaded.items():
         if (place := _frame_of(error, package)) is not None:
@@ -134,17 +155,24 @@ def _place(frame: FrameType, line: int) -> str:
 
 
 class Registry(Mapping[str, _T], Generic[_T]):
-    """What is built in and what other packages add in the entry-point group `group`, by name, in that order.
+    """Objects by name: those built in, then those that other packages announce in a group of entry points.
 
-    `kind`: the class that all must be of, each with a `name`. Raises BrokenPlugin when it is first used, for something
-    that cannot be loaded, is of another kind, lacks abstract methods or class variables, or has a name that is taken.
+    The first use loads the packages. It raises BrokenPlugin for an entry that cannot be loaded, is of another class,
+    lacks abstract methods or class variables, or has a name that is taken.
     """
 
     def __init__(self, group: str, kind: type, builtin: Iterable[_T]):
+        """Declare a registry.
+
+        Args:
+            group: Group of entry points.
+            kind: Class that all objects are of, each with a `name`.
+            builtin: Objects of labbook itself.
+        """
         self._group, self._kind, self._builtin = group, kind, tuple(builtin)
 
     @cached_property
-    def _found(self) -> dict[str, _T]:
+    def _objects(self) -> dict[str, _T]:
         return self._entries[0]
 
     @cached_property
@@ -154,7 +182,7 @@ class Registry(Mapping[str, _T], Generic[_T]):
         for entry in sorted(entry_points(group=self._group), key=lambda entry: entry.name):
             name, loaded = self._load(entry)
             if name in objects:
-                raise BrokenPlugin(f"{self._said(entry)}: another package provides {name}; uninstall one of the two")
+                raise BrokenPlugin(f"{self._origin(entry)}: another package provides {name}; uninstall one of the two")
             objects[name] = loaded
             if (extension := Extension.of(entry, name)) is not None:
                 extensions[name] = extension
@@ -168,11 +196,16 @@ class Registry(Mapping[str, _T], Generic[_T]):
 
     @contextmanager
     def calling(self, name: str, *passing: type[Exception]) -> Iterator[None]:
-        """A context in which the code of the object called `name` is called.
+        """Context for a call of the code of an object, in which exceptions are attributed to its package.
 
-        An exception in it becomes an ExtensionError. Exceptions of the kinds `passing` stay, as do those for reasons of
-        the machine (ImportError, OSError, MemoryError), and all exceptions of labbook's own objects: those are errors
-        of labbook, which need their traceback.
+        Exceptions of labbook's own objects stay as they are: those are errors of labbook, which need their traceback.
+
+        Args:
+            name: Name of the object.
+            passing: Exceptions that stay as they are, beside those of the machine (ImportError, OSError, MemoryError).
+
+        Raises:
+            ExtensionError: The code of an extension raised another exception.
         """
         try:
             yield
@@ -186,10 +219,10 @@ class Registry(Mapping[str, _T], Generic[_T]):
     def _name(self, one: Any) -> str:
         return one.name
 
-    def _made(self, loaded: Any) -> Any:
-        """What is registered of what an entry point names; None if it is of another kind."""
-        one = loaded() if isinstance(loaded, type) else loaded
-        return one if isinstance(one, self._kind) else None
+    def _object_of(self, loaded: Any) -> Any:
+        """Object to register for a loaded entry, which may be a class; None if it is of another kind."""
+        instance = loaded() if isinstance(loaded, type) else loaded
+        return instance if isinstance(instance, self._kind) else None
 
     def _load(self, entry: Any) -> tuple[str, _T]:
         try:
@@ -199,37 +232,45 @@ class Registry(Mapping[str, _T], Generic[_T]):
         kind = loaded if isinstance(loaded, type) else type(loaded)
         if issubclass(kind, self._kind) and (missing := required(kind)):
             raise BrokenPlugin(
-                f"{self._said(entry)}: it lacks {', '.join(missing)}; define that in {kind.__qualname__}"
+                f"{self._origin(entry)}: it lacks {', '.join(missing)}; define that in {kind.__qualname__}"
             )
         try:
-            made = self._made(loaded)
-            name = "" if made is None else self._name(made)
+            instance = self._object_of(loaded)
+            name = "" if instance is None else self._name(instance)
         except Exception as error:  # whatever its class does
             raise self._broken(entry, error) from error
-        if made is None:
-            raise BrokenPlugin(f"{self._said(entry)}: it is not a {self._kind.__name__}; fix or uninstall the package")
-        return name, made
+        if instance is None:
+            reason = f"it is not a {self._kind.__name__}"
+            raise BrokenPlugin(f"{self._origin(entry)}: {reason}; fix or uninstall the package")
+        return name, instance
 
     def _broken(self, entry: Any, error: Exception) -> BrokenPlugin:
         why = f"it cannot be loaded ({type(error).__name__}: {error})"
-        return BrokenPlugin(f"{self._said(entry)}: {why}; fix or uninstall the package")
+        return BrokenPlugin(f"{self._origin(entry)}: {why}; fix or uninstall the package")
 
-    def _said(self, entry: Any) -> str:
+    def _origin(self, entry: Any) -> str:
         package = f" of {entry.dist.name}" if entry.dist is not None else ""
         return f"{entry.value}{package}, announced in {self._group}"
 
     def __getitem__(self, name: str) -> _T:
-        return self._found[name]
+        return self._objects[name]
 
     def __iter__(self) -> Iterator[str]:
-        return iter(self._found)
+        return iter(self._objects)
 
     def __len__(self) -> int:
-        return len(self._found)
+        return len(self._objects)
 
 
 def required(kind: type) -> tuple[str, ...]:
-    """Names that a class derived from `kind` has to define: class variables without a value, and abstract methods."""
+    """Names that a class still has to define: class variables without a value, and abstract methods.
+
+    Args:
+        kind: The class.
+
+    Returns:
+        The names.
+    """
     variables = [
         name
         for base in reversed(kind.__mro__)

@@ -71,7 +71,7 @@ from labbook.backend.machine import hardware
 from labbook.backend.numerics import Numerics, Precision
 from labbook.backend.probes import Crossing
 from labbook.checks.bench.speed import advance_until
-from labbook.filling.opening import opened
+from labbook.filling.opening import start_of_discharge
 from labbook.filling.placing import place
 from labbook.scene import HertzMindlin, Scene, Spheres, WedgeHopper
 from labbook.scene.packing import Packing
@@ -112,7 +112,7 @@ def ours(
     began = time.perf_counter()
     relaxed = advance_until(backend, device, closed, how, still, outflow=RELAX * DT)
     spent = time.perf_counter() - began
-    start = opened(relaxed, closed, scene)
+    start = start_of_discharge(relaxed, closed, scene)
     ensemble = backend.open(backend.specialise(scene, how, [Crossing(0.0)]), members, device)
     handles = [ensemble.admit(scene, how, start) for _ in range(members)]
     ensemble.advance(beats)

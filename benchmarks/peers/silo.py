@@ -36,7 +36,7 @@ from labbook.backend import load
 from labbook.backend.machine import hardware
 from labbook.backend.numerics import Numerics
 from labbook.backend.probes import Crossing
-from labbook.filling.opening import opened
+from labbook.filling.opening import start_of_discharge
 from labbook.lab.packings import read_packing
 from labbook.plan.demand import Demand, PointDemand
 from labbook.scene import HertzLammps, HertzLiggghts, Scene
@@ -177,7 +177,7 @@ def by_labbook(job: Job, packing: Packing) -> pd.DataFrame:
     assert job.scene.container.outlet_plane is not None
     outlet = Crossing(job.scene.container.outlet_plane)
     ensemble = backend.open(backend.specialise(job.scene, numerics, [outlet]), 1, "cpu")
-    start = opened(replace(packing, **bare), job.closed, job.scene)
+    start = start_of_discharge(replace(packing, **bare), job.closed, job.scene)
     ensemble.admit(job.scene, numerics, start)
     assert start.ids is not None
     mass = dict(zip(start.ids.tolist(), np.broadcast_to(masses(job.scene.grains, start), len(start)), strict=True))

@@ -35,7 +35,7 @@ from labbook.checks.bench.speed import (
     settle,
     time_member,
 )
-from labbook.filling.opening import opened
+from labbook.filling.opening import start_of_discharge
 from labbook.scene import Scene
 from labbook.scene.packing import Packing
 
@@ -56,7 +56,9 @@ def beds(backend: Backend, grains: int) -> list[Bed]:
     scene = fan(grains)
     closed = scene.close()
     packing = settle(backend, closed, FAN_STEP, SETTLED)
-    flowing = advance_until(backend, "cpu", scene, FAN_STEP, opened(packing, closed, scene), outflow=OUTFLOW)
+    flowing = advance_until(
+        backend, "cpu", scene, FAN_STEP, start_of_discharge(packing, closed, scene), outflow=OUTFLOW
+    )
     return [Bed("settled", closed, packing), Bed("flowing", scene, flowing)]
 
 

@@ -66,13 +66,13 @@ class Choice:
         return 1.0 if self.usual is None else self.cost() * self.usual * self.tolerance**2
 
     @property
-    def left(self) -> float:
+    def remainder(self) -> float:
         """Part of the tolerance that remains for the half width of the interval."""
-        return Tolerance(self.tolerance, self.bias.bound).left
+        return Tolerance(self.tolerance, self.bias.bound).remainder
 
     def cost(self) -> float:
         """Number of steps of the runs that meet the tolerance, up to a factor common to all choices."""
-        return 1 / (self.dt * self.left**2)
+        return 1 / (self.dt * self.remainder**2)
 
     @property
     def time(self) -> float:
@@ -137,7 +137,7 @@ def choose(
         for name in precisions:
             total = bias if name == "double" or rounding is None else bias + rounding
             candidate = Choice(step, scale, name, total, tolerance, scenes.scatter, scenes.source, usual)
-            if candidate.left <= 0:
+            if candidate.remainder <= 0:
                 moves = f"dt/t_c = {numerics.step:.3g} moves W by up to {percent(total.bound, '.2f')}"
                 reasons.append(f"{moves}, and {percent(tolerance)} is asked")
             elif best is None or candidate.time < best.time:

@@ -49,12 +49,12 @@ if TYPE_CHECKING:
 
 _OPTION = re.compile(r"(?<=use )--(device|backend) ([\w:]*\w)")
 """Of the command line, with its value."""
-_SHOWN = 40
+_ROWS = 40
 """Rows of a table."""
 
 
 class PilotNeeded(Exception):
-    """A part of a study was asked for that needs a pilot as a whole; the message says what to do."""
+    """A shard of a study was requested that needs a pilot as a whole; the message has the remedy."""
 
 
 def _is_study(given: object) -> None:
@@ -66,15 +66,17 @@ def _is_study(given: object) -> None:
 class Lab:
     """A folder with runs and packings, and the backend and device that make them.
 
-    The folder is created at the first write; `~` is the home folder, as in a shell. Several processes may use one lab
-    at once: they share the work.
+    The folder is created at the first write. Several processes may use one lab at once: they share the work.
+
+    Args:
+        folder: The folder; `~` is the home folder, as in a shell.
+        backend: Backend that makes the runs, and whose runs `results` reads: `numba` (CPU) or `warp` (GPU).
+        device: Device, such as `cpu` or `cuda:0`; several as `cuda:0,cuda:1` or `cuda:all`.
     """
 
     folder: Path | str = DEFAULT
     backend: str = "numba"
-    """Backend that makes the runs, and whose runs `results` reads: `numba` (CPU) or `warp` (GPU)."""
     device: str = "cpu"
-    """Device, such as `cpu` or `cuda:0`; several as `cuda:0,cuda:1` or `cuda:all`."""
 
     def __post_init__(self):
         object.__setattr__(self, "folder", given_path(self.folder, "labbook.Lab: folder"))
@@ -85,9 +87,21 @@ class Lab:
         return LabFolder(Path(self.folder))
 
     def plan(self, study: Study) -> Plan:
-        """The runs that `study` still needs in this lab and why, with a forecast of time and disk space, and warnings.
+        """Plan a study: the runs that it still needs in this lab and why.
 
-        Raises Unsupported, Conflict or MeasureError if the backend cannot do it, TooLarge, BackendMissing, LabError.
+        Args:
+            study: The study.
+
+        Returns:
+            The plan, with a forecast of time [s] and disk space [bytes], and warnings.
+
+        Raises:
+            Unsupported: The backend cannot compute a scene.
+            Conflict: Two keys of the study cannot be fulfilled by the same runs.
+            MeasureError: A measure does not apply to a scene.
+            TooLarge: The runs need more memory than is free.
+            BackendMissing: No such backend is installed.
+            LabError: The lab or its index cannot be used.
         """
         _is_study(study)
         with self._catalogue() as catalogue, _in_python():
@@ -103,25 +117,37 @@ class Lab:
         cluster: str | None = None,
         pilot: bool = True,
     ) -> Summary:
-        """Make the runs that `study` still needs; finished runs are not repeated.
+        """Make the runs that a study still needs; finished runs are not repeated.
 
-        progress: whether to show a bar, or a Watcher to inform. checkpoint_every: wall time [s] between two saves of a
-        run; more if saving took over 5 % of the time. shard: I/N, to run only part I of N parts of the study, which
-        have about the same forecast cost; all runs from one packing are in one part. base: another lab, whose runs are
-        not repeated and whose packings are used. cluster: address of a Dask scheduler; its workers run the study
-        (extra `cluster`). pilot: whether the pilot that a requested error may need comes first (`pilot`); False: the
-        default step is used where none can be chosen, and the error budget says that its bias is not known.
+        Ctrl-C saves unfinished runs and returns; a second one raises KeyboardInterrupt and keeps the last checkpoints.
+        Either way the next call continues. Failed runs give a warning and are named in the summary. If anything is to
+        run, the warnings of the plan are repeated before, unless `progress` is False.
 
-        Ctrl-C saves unfinished runs and returns; a second one raises KeyboardInterrupt and keeps the
-        last checkpoints. Either way the next call goes on. Failed runs give a warning and are named in the summary.
-        If anything is to run, the warnings of the plan are repeated before, unless progress is False. Raises what
-        `plan` does except TooLarge, before anything runs; ValueError for a wrong `shard`; DiskFull; PilotNeeded for a
-        `shard` of a study that needs a pilot; PilotStopped after Ctrl-C in the pilot, and PermissionError where its
-        calibration cannot be written.
+        Args:
+            study: The study.
+            progress: True shows a bar, False nothing; or a Watcher to inform.
+            checkpoint_every: Wall time [s] between two saves of a run; more if saving took over 5 % of the time.
+            shard: `I/N`: run only part I of N parts of the study, of about the same forecast cost. All runs from one
+                packing are in one part.
+            base: Another lab, whose runs are not repeated and whose packings are used.
+            cluster: Address of a Dask scheduler, whose workers run the study (extra `cluster`).
+            pilot: Run the pilot first that a requested error may need (`pilot`). False: the default step is used where
+                none can be chosen, and the error budget says that its bias is unknown.
+
+        Returns:
+            Summary of this session, with the runs that are done, failed or diverged.
+
+        Raises:
+            ValueError: `shard` is not of the form I/N.
+            PilotNeeded: A `shard` is requested of a study that needs a pilot.
+            PilotStopped: Ctrl-C ended the pilot.
+            PermissionError: The calibration of the pilot cannot be written.
+            DiskFull: The disk is full.
+            Unsupported: As in `plan`, whose further errors except TooLarge are raised too, before anything runs.
         """
         _is_study(study)
         part = WHOLE if shard is None else Shard.parse(shard)
-        other = None if base is None else LabFolder(given_path(base, "base"))
+        base_lab = None if base is None else LabFolder(given_path(base, "base"))
         backend, plain = load_backend(self.backend), isinstance(progress, bool)
         with watching(progress) as watcher, _in_python():
             study = self._calibrated(study)
@@ -132,12 +158,14 @@ class Lab:
             if cluster is not None:
                 summary = Cluster(study, self.place, self.backend, cluster, self.device, watcher=watcher).run()
             else:
-                first, *others = parse_devices(self.device, backend)
+                first, *more_devices = parse_devices(self.device, backend)
                 options = (checkpoint_every, watcher)
-                if others:
-                    runner = MultiDeviceRunner(study, self.place, self.backend, (first, *others), *options, part, other)
+                if more_devices:
+                    runner = MultiDeviceRunner(
+                        study, self.place, self.backend, (first, *more_devices), *options, part, base_lab
+                    )
                 else:
-                    runner = Runner(study, self.place, backend, first, *options, shard=part, base=other)
+                    runner = Runner(study, self.place, backend, first, *options, shard=part, base=base_lab)
                 summary = runner.run()
             summary = replace(summary, study=summary.study or study)
             if study.record is not None and study.record.film and not summary.stopped:
@@ -154,16 +182,16 @@ class Lab:
     def _forewarned(self, study: Study, backend: Backend) -> tuple[str, ...]:
         """The warnings of a plan, and what was wrong with an index that has to be made first."""
 
-        def looked() -> tuple[str, ...]:
+        def forewarn_lines() -> tuple[str, ...]:
             with self._catalogue() as catalogue:
                 return tuple(f"Warning: {line}" for line in forewarn(study, catalogue, backend, self.device))
 
         try:
-            return looked()
+            return forewarn_lines()
         except NoCatalogue:
             index = Index(self.place)  # to run makes the index of a lab without one, where a plan only looks
             index.close()
-            return (*(f"Unreadable: {problem}" for problem in index.report.problems), *looked())
+            return (*(f"Unreadable: {problem}" for problem in index.report.problems), *forewarn_lines())
 
     def _film(self, study: Study, watcher: Watcher) -> None:
         """Make films of the recorded runs of a study that have none. No study is lost for a film: problems are told."""
@@ -199,7 +227,7 @@ class Lab:
         return study
 
     def _calibration_file(self, study: Study) -> Path:
-        """Where the pilot of a study writes its calibration: beside its file, or into the lab."""
+        """File into which the pilot of a study writes its calibration: beside the study's file, else in the lab."""
         if study.source:
             return study.path.with_suffix(BESIDE)
         return (self.place.studies / f"{study.name}{BESIDE}").resolve()
@@ -212,27 +240,37 @@ class Lab:
         return study.calibrated(file) if file.is_file() else study
 
     def _no_flow(self, study: Study, summary: Summary) -> str:
-        """Why no point has a flow rate, though the study measures it and runs are done; empty if one has."""
+        """Reason that no point has a flow rate, though the study measures it and runs are done; empty if any has."""
         done = [[item.keys.run for item in point.items if item.state == "done"] for point in summary.points]
         if FLOW_RATE not in study.measure or not any(done):
             return ""
         with self._catalogue() as catalogue:
             if any(flow_rates(study, catalogue, keys) for keys in done):
                 return ""
-            found = find(study, catalogue, self.backend, lambda done: None)
-        return "; ".join(dict.fromkeys(filter(None, (point.no_flow for point in found.points)))) or "see the report"
+            results = find(study, catalogue, self.backend, lambda done: None)
+        return "; ".join(dict.fromkeys(filter(None, (point.no_flow for point in results.points)))) or "see the report"
 
     def pilot(self, study: Study, progress: bool | Watcher = True, seeds: int | None = None) -> Study:
-        """`study` with numerics chosen from its pilot: runs that measure the effect of numerics on the flow rate.
+        """Choose the numerics of a study by its pilot: runs that measure the effect of numerics on the flow rate.
 
-        seeds: None for the pilot that the requested error needs, which has two time steps; a study whose scenes are
-        calibrated, or that requests no error, needs none and is returned as it is. With a number a whole pilot is
-        run, needed or not: seven settings of time step and stiffness with `seeds` runs each, at the first, middle
-        and last point. A study that sweeps numerics is its own pilot.
+        The calibration is written beside the study file, where `load` finds it, or into the lab for a study made in
+        Python. A study that sweeps numerics is its own pilot.
 
-        The calibration is written beside the study file, where `load` finds it, or into the lab for a study made
-        in Python. Raises what `run` raises; NotCalibrated where too few runs flowed or scenes of this kind cannot be
-        calibrated, PilotStopped after Ctrl-C; OSError where the calibration cannot be written, before anything runs.
+        Args:
+            study: The study.
+            progress: As for `run`.
+            seeds: None: the pilot that the requested error needs, with two time steps; a study whose scenes are
+                calibrated, or that requests no error, needs none and is returned as it is. A number: a whole pilot of
+                seven settings of time step and stiffness at the first, middle and last point, with `seeds` runs each.
+
+        Returns:
+            The study with the chosen numerics.
+
+        Raises:
+            NotCalibrated: Too few runs flowed, or scenes of this kind cannot be calibrated.
+            PilotStopped: Ctrl-C ended the pilot.
+            OSError: The calibration cannot be written; raised before anything runs.
+            Unsupported: As in `run`, whose further errors are raised too.
         """
         _is_study(study)
         runs = first_needed(study) if seeds is None else whole(study, seeds)
@@ -246,38 +284,55 @@ class Lab:
         return study.calibrated(file)
 
     def results(self, study: Study, progress: bool | Callable[[int], None] = True) -> Results:
-        """Results of `study` so far. Runs that are not evaluated yet are evaluated now, and the numbers are kept.
+        """Read the results of a study so far. Runs that are not evaluated yet are evaluated, and the numbers stored.
 
-        progress: whether to show how many runs are evaluated, or a function to call. Unreadable runs give a warning
-        and are left out; measures that fail on a run give one too. Raises LabError.
+        Unreadable runs give a warning and are left out; measures that fail on a run give one too.
+
+        Args:
+            study: The study.
+            progress: True shows the number of evaluated runs, False nothing; or a function to call with it.
+
+        Returns:
+            The results.
+
+        Raises:
+            LabError: The lab or its index cannot be used.
         """
         _is_study(study)
         if not Path(self.folder).exists():
             warn(f"there is no lab {self.folder} yet, so that it has no runs")
-        with self._catalogue() as catalogue, counted(progress, "evaluating runs") as told:
+        with self._catalogue() as catalogue, counted(progress, "evaluating runs") as count:
             kind = partial(Results, place=self.place, backend=self.backend)
-            found = find(self._calibrated(study), catalogue, self.backend, told, kind)
-        for problem in grouped(found.unreadable):
+            results = find(self._calibrated(study), catalogue, self.backend, count, kind)
+        for problem in grouped(results.unreadable):
             warn(f"left out: {problem}")
-        for problem in grouped(found.unmeasured):
+        for problem in grouped(results.unmeasured):
             warn(f"not measured: {problem}")
-        return found
+        return results
 
     def frame(
         self, study: Study | str | None = None, outcome: str | None = None, limit: int | None = None
     ) -> "pd.DataFrame":
-        """All runs of the lab, the latest first: one row per run, with units in `attrs`.
+        """List the runs of the lab as a data frame, the latest first.
 
-        study: only runs first made for this study (or its name); outcome: only runs with this outcome, or
-        `unreadable`, or `suspect`; limit: largest number of rows. Raises LabError, and ValueError for an outcome or the
-        name of a study that no run has.
+        Args:
+            study: Only runs first made for this study (or its name).
+            outcome: Only runs with this outcome, or `unreadable`, or `suspect`.
+            limit: Largest number of rows; None: all.
+
+        Returns:
+            One row per run, with units in `attrs`.
+
+        Raises:
+            LabError: The lab or its index cannot be used.
+            ValueError: No run has this outcome or study.
         """
         with self._catalogue() as catalogue:
             if absent := catalogue.absent(study if isinstance(study, str) else None, outcome):
                 raise ValueError(absent)
-            made = catalogue.runs(study.name if isinstance(study, Study) else study, outcome, limit)
-        made.attrs = {"lab": str(self.folder), "units": {"duration": "s", "wall_time": "s", "rate": "1/s"}}
-        return made
+            frame = catalogue.runs(study.name if isinstance(study, Study) else study, outcome, limit)
+        frame.attrs = {"lab": str(self.folder), "units": {"duration": "s", "wall_time": "s", "rate": "1/s"}}
+        return frame
 
     def __repr__(self) -> str:
         head = f"<Lab {self.folder} on {self.backend}, {self.device}"
@@ -287,8 +342,8 @@ class Lab:
         except LabError as error:
             return f"{head}: {error}>"
         by = ", ".join(f"{count} {outcome}" for outcome, count in sorted(counts.items()))
-        held = f"{sum(counts.values())} runs{f' ({by})' if by else ''}, {packings} packings"
-        return f"{head}: {held}>"
+        contents = f"{sum(counts.values())} runs{f' ({by})' if by else ''}, {packings} packings"
+        return f"{head}: {contents}>"
 
     def _repr_html_(self) -> str:
         try:
@@ -297,11 +352,11 @@ class Lab:
         except LabError as error:
             return escape(f"<Lab {self.folder} on {self.backend}, {self.device}: {error}>")
         rows = [(one.study or "–", one.backend, one.outcome, str(one.runs)) for one in counts]
-        listed = html.table(("study", "backend", "outcome", "runs"), rows[:_SHOWN]) if rows else ""
-        more = [f"and {len(rows) - _SHOWN} more rows"] if len(rows) > _SHOWN else []
+        listed = html.table(("study", "backend", "outcome", "runs"), rows[:_ROWS]) if rows else ""
+        rest = [f"and {len(rows) - _ROWS} more rows"] if len(rows) > _ROWS else []
         runs = sum(one.runs for one in counts)
-        said = f"{runs} run{'' if runs == 1 else 's'}, {packings} packing{'' if packings == 1 else 's'}"
-        return html.titled(f"Lab {self.folder} on {self.backend}, {self.device}: {said}", listed, html.lines(more))
+        totals = f"{runs} run{'' if runs == 1 else 's'}, {packings} packing{'' if packings == 1 else 's'}"
+        return html.titled(f"Lab {self.folder} on {self.backend}, {self.device}: {totals}", listed, html.lines(rest))
 
     @contextmanager
     def _catalogue(self) -> Iterator[Catalogue]:
@@ -313,9 +368,19 @@ class Lab:
 
 
 def effects_of_numerics(lab: Lab, pilot: Study, progress: bool | Watcher = True) -> tuple[Calibrated, ...]:
-    """What numerics do to the flow rate, scene by scene, from a pilot, whose missing runs are made.
+    """Measure the effect of numerics on the flow rate of each scene by a pilot, whose missing runs are made.
 
-    Raises what `Lab.pilot` raises.
+    Args:
+        lab: Lab that has, or makes, the runs.
+        pilot: The study that sweeps numerics.
+        progress: As for `Lab.run`.
+
+    Returns:
+        Effects of numerics in each scene.
+
+    Raises:
+        PilotStopped: Ctrl-C ended the runs.
+        NotCalibrated: No scene has enough runs.
     """
     for point in pilot.points:
         flow_and_filling(point)  # refuses, before anything runs, scenes that have no groups
@@ -332,5 +397,5 @@ def _in_python() -> Iterator[None]:
     except Unsupported as problem:
         if by_a_verb():
             raise
-        said = _OPTION.sub(lambda found: f"{found[1]}={found[2]!r}", problem.remedy).replace("--", "")
-        raise Unsupported(problem.key.removeprefix("--"), said) from problem
+        remedy = _OPTION.sub(lambda found: f"{found[1]}={found[2]!r}", problem.remedy).replace("--", "")
+        raise Unsupported(problem.key.removeprefix("--"), remedy) from problem

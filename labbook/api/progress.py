@@ -34,19 +34,27 @@ def watching(progress: bool | Watcher) -> AbstractContextManager[Watcher]:
 
 
 @contextmanager
-def counted(progress: bool | Callable[[int], None], what: str) -> Iterator[Callable[[int], None]]:
-    """A function that shows how many runs are done, as `progress` says. `what`: title of the count."""
+def counted(progress: bool | Callable[[int], None], title: str) -> Iterator[Callable[[int], None]]:
+    """Show a number of finished runs while a context lasts.
+
+    Args:
+        progress: True shows the number, False nothing; or a function to call with it.
+        title: Title of the count.
+
+    Yields:
+        A function to call with the number.
+    """
     if not isinstance(progress, bool):
         yield progress
         return
     if progress and in_notebook():
-        with counting(what) as told:
-            yield told
+        with counting(title) as count:
+            yield count
         return
     from rich.console import Console
     from rich.progress import Progress
 
     console = Console(stderr=True)
     with Progress(console=console, transient=True, disable=not (progress and console.is_terminal)) as bar:
-        task = bar.add_task(what, total=None)
+        task = bar.add_task(title, total=None)
         yield lambda done: bar.update(task, completed=done)

@@ -44,26 +44,31 @@ if TYPE_CHECKING:
 
 _ENDS = ("", "_error", "_low", "_high")
 """Of the names of columns that have the unit of their quantity."""
-_SHOWN = 40
+_LINES = 40
 """Lines of a plain text."""
 
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Results(StudyResults):
-    """All results of a study, with its tables, figures and files."""
+    """Results of a study, with its tables, figures and files.
+
+    Args:
+        place: Folder of the lab that has the runs.
+        backend: Name of the backend that made the runs.
+    """
 
     place: LabFolder = field(kw_only=True)
-    """The folder of the lab that has the runs."""
     backend: str = field(kw_only=True)
-    """The backend that made the runs."""
 
     def frame(self) -> "pd.DataFrame":
-        """A row a point: `point` (from 1), what was swept, and of each quantity its mean over replicates (`flow_rate`),
-        standard error (`flow_rate_error`), the ends of its 95 % interval (`flow_rate_low`, `flow_rate_high`) and the
-        number of beds in the mean (`flow_rate_n`); `runs`: finished runs of the point, however they ended;
-        `replicates`: beds in the mean of the flow rate, or in any mean if the study does not measure it; `remark`.
+        """Means of all points as a data frame, in SI, with units in `attrs`.
 
-        SI, units in `attrs`; NaN for what is not known, so error and interval of a mean of one run are NaN.
+        Returns:
+            A row for each point: `point` (from 1), swept keys, and of each quantity its mean over replicates
+            (`flow_rate`), standard error (`flow_rate_error`), ends of its 95 % interval (`flow_rate_low`,
+            `flow_rate_high`) and number of beds in the mean (`flow_rate_n`); `runs`: finished runs of any outcome;
+            `replicates`: beds in the mean of the flow rate, or in any mean if the study does not measure it; `remark`.
+            Unknown numbers are NaN, such as the error of a mean of one run.
         """
         import pandas as pd
 
@@ -78,22 +83,23 @@ class Results(StudyResults):
                 row |= {name: pooled.value, f"{name}_error": pooled.error, f"{name}_low": low, f"{name}_high": high}
                 row[f"{name}_n"] = pooled.n
             numbers = {name: one for run in result.runs for name, one in run.measured.items() if name in result.pooled}
-            for name, one in numbers.items():
-                units |= {f"{name}{end}": one.unit for end in _ENDS}
+            for name, number in numbers.items():
+                units |= {f"{name}{end}": number.unit for end in _ENDS}
             n = row[f"{FLOW_RATE}_n"] if measured else max((one.n for one in result.pooled.values()), default=0)
             rows.append({**row, "runs": len(result.runs), "replicates": n, "remark": result.remark})
         swept = dict.fromkeys(key for point in self.study.points for key in point.at)
         empty = ["point", *swept, *rates, "runs", "replicates", "remark"]
-        made = pd.DataFrame(rows, columns=None if rows else empty)
+        frame = pd.DataFrame(rows, columns=None if rows else empty)
         for name in (f"{one}_n" for one in dict.fromkeys(one for result in self.points for one in result.pooled)):
-            made[name] = made[name].fillna(0).astype(int)  # of points that lack it
-        made.attrs = {"study": self.study.name, "units": units}
-        return made
+            frame[name] = frame[name].fillna(0).astype(int)  # of points that lack it
+        frame.attrs = {"study": self.study.name, "units": units}
+        return frame
 
     def frames(self) -> dict[str, "pd.DataFrame"]:
-        """All tables by name, one row per number, as `labbook export` writes them: see `labbook.results.frames.frames`.
+        """All tables by name, as `labbook export` writes them (`labbook.results.frames.frames`).
 
-        SI, with units in `attrs` and in columns called `unit`.
+        Returns:
+            Data frames with one row per number, in SI, with units in `attrs` and in columns called `unit`.
         """
         return frames(self)
 
@@ -104,11 +110,18 @@ class Results(StudyResults):
     def fit(self, law: str, at: Mapping[str, Any] | None = None) -> FitResult: ...
 
     def fit(self, law: str, at: Mapping[str, Any] | None = None) -> FitResult:
-        """Fit of the law with this name (`beverloo_3d` or `Beverloo 3d`) to flow rates against the orifice; the study
-        need not list it.
+        """Fit a law to flow rates against the orifice. The study need not list it.
 
-        at: the series, if other keys than the orifice are swept (`{"container.angle": "30 deg"}`). Raises FitError,
-        LookupError if `at` is missing or matches no series.
+        Args:
+            law: Name of the law, `beverloo_3d` or `Beverloo 3d`.
+            at: Values of the series, if other keys than the orifice are swept (`{"container.angle": "30 deg"}`).
+
+        Returns:
+            Fitted parameters with intervals, goodness and band.
+
+        Raises:
+            FitError: The law cannot be fitted to these points, or there is no such law.
+            LookupError: `at` is missing or matches no series.
         """
         series, law = series_at(self.series, at, self.study.points[0]), named_law(law)
         if law not in series.fits:
@@ -122,38 +135,72 @@ class Results(StudyResults):
     def surface(
         self, quantity: str = FLOW_RATE, over: str | None = None, at: Mapping[str, Any] | None = None
     ) -> ResponseSurface:
-        """A quantity between the swept values of a key, with its interval: by a law of the study if the points allow
-        it, else interpolated. `surface.predict("21 mm")` gives value and ends. Values beyond the range are refused.
+        """Predict a quantity between the swept values of a key, with its interval: by a law of the study if the points
+        allow it, else interpolated. `surface.predict("21 mm")` gives value and ends.
 
-        over: the key, or its last part; None: the only swept key that takes numbers. at: values of the other swept
-        keys. Raises LookupError for keys and values that the study does not have, and NoSurface (of
-        `labbook.results.surface`) where too few points are known.
+        Args:
+            quantity: Name of the quantity.
+            over: The key, or its last part; None: the only swept key that takes numbers.
+            at: Values of the other swept keys.
+
+        Returns:
+            The surface, which refuses values beyond the range.
+
+        Raises:
+            LookupError: The study does not have these keys or values.
+            NoSurface: Too few points have the quantity (of `labbook.results.surface`).
         """
         return surface_of(self, quantity, over, at)
 
     def inverse(
         self, quantity: str, value: str | float, over: str | None = None, at: Mapping[str, Any] | None = None
     ) -> DesignValue:
-        """The value of a swept key that gives a wanted value of a quantity (text with a unit, or a number in SI), with
-        its 95 % interval: `results.inverse("flow_rate", "50 g/s")`.
+        """Find the value of a swept key at which a quantity takes a given value.
 
-        over, at: as for `surface`; where no point has the values `at`, a surface over all keys answers (`explore`).
-        Raises what `surface` does; NoSurface also where the wanted value is not reached
-        within the swept range, or at several places; ValueError for text that is no such quantity.
+        `results.inverse("flow_rate", "50 g/s")` gives the orifice for 50 g/s.
+
+        Args:
+            quantity: Name of the quantity.
+            value: Its value: text with a unit, or a number in SI.
+            over: The key, as for `surface`.
+            at: Values of the other swept keys; if no point has them, a surface over all keys answers (`explore`).
+
+        Returns:
+            The value of the key with its 95 % interval.
+
+        Raises:
+            LookupError: The study does not have these keys or values.
+            NoSurface: Too few points have the quantity, or it takes the value nowhere or repeatedly in the range.
+            ValueError: The text is no such quantity.
         """
         return inverse(self, quantity, value, over, at)
 
     def explore(self, quantity: str = FLOW_RATE, at: Mapping[str, Any] | None = None) -> DesignSurface:
-        """A quantity over all swept keys of numbers at once: `predict(design)` and `inverse(value, over, others)` with
-        intervals, `influences` (what matters), `next_runs` and `next_study` (what to run next, with its gain).
+        """Model a quantity over all swept keys of numbers at once.
 
-        at: values of the swept keys that take words or belong to numerics. Raises LookupError for keys and values that
-        the study does not have, and NoSurface (of `labbook.results.surface`) where the points do not determine it.
+        Args:
+            quantity: Name of the quantity.
+            at: Values of the swept keys that take words or belong to numerics.
+
+        Returns:
+            The surface: `predict(design)` and `inverse(value, over, others)` with intervals, `influences` of the keys,
+            `next_runs` and `next_study` with the gain of further runs.
+
+        Raises:
+            LookupError: The study does not have these keys or values.
+            NoSurface: The points do not determine it (of `labbook.results.surface`).
         """
         return explored(self, quantity, at)
 
     def figures(self, at: Mapping[str, Any] | None = None) -> tuple[str, ...]:
-        """Names of the figures that `plot` can draw. at: only figures of this series (None: of all series)."""
+        """List the figures that `plot` can draw.
+
+        Args:
+            at: Only figures of the series with these values; None: of all series.
+
+        Returns:
+            Their names.
+        """
         series = self.series if at is None else (series_at(self.series, at, self.study.points[0]),)
         own = [name for one in series for name in gallery.of_series(self, one)]
         shared = [*gallery.of_results(self)]
@@ -166,14 +213,21 @@ class Results(StudyResults):
     def plot(self, name: str | None = None, at: Mapping[str, Any] | None = None) -> "Figure": ...
 
     def plot(self, name: str | None = None, at: Mapping[str, Any] | None = None) -> "Figure":
-        """One of the report's figures, by its name in `figures()` (None: the first) or that of its file in the report
-        (`flow`, `fit`); a notebook displays it.
+        """Draw a figure of the report.
 
-        at: the series, as for `fit`. Raises LookupError for an unknown figure.
+        Args:
+            name: Name in `figures()`, or of its file in the report (`flow`, `fit`); None: the first.
+            at: Values of the series, as for `fit`.
+
+        Returns:
+            The figure, which a notebook displays.
+
+        Raises:
+            LookupError: There is no such figure.
         """
         name = gallery.FILES.get(name or "", name) or next(iter(self.figures(at)), "flow_rate")
-        if name not in (known := self.figures()):
-            there = ", ".join(known) or "none, as there are no series of finished points"
+        if name not in (names := self.figures()):
+            there = ", ".join(names) or "none, as there are no series of finished points"
             raise gallery.NothingToShow(f"no figure of these results is called {name}; there are: {there}")
         draw = gallery.of_results(self).get(name)
         if draw is None and self.series:
@@ -199,9 +253,21 @@ class Results(StudyResults):
         discharge: int = 1,
         at: Mapping[str, Any] | None = None,
     ) -> Run:
-        """The run with this seed of a point: a Point of the study, its number (from 1), or the one whose swept values
-        are `at` (`{"container.orifice": "18 mm", "contact.friction": 0.2}`). discharge: which one of its bed. Raises
-        LookupError, TypeError."""
+        """Find a run.
+
+        Args:
+            point: A Point of the study, or its number (from 1).
+            seed: Seed of the bed.
+            discharge: Number of the discharge of its bed, from 1.
+            at: Swept values in place of `point` (`{"container.orifice": "18 mm", "contact.friction": 0.2}`).
+
+        Returns:
+            The run.
+
+        Raises:
+            LookupError: No finished run is there.
+            TypeError: Neither or both of `point` and `at` are given.
+        """
         if (point is None) == (at is None):
             raise TypeError("give a point (a Point of the study, or its number from 1) or the values `at` it")
         if at is not None:
@@ -222,14 +288,24 @@ class Results(StudyResults):
     def calibration(self) -> CalibrationResults:
         """Infer the parameters of a study with `calibrate`, from the runs that the lab has.
 
-        Raises NoPosterior (of `labbook.results.calibrated`) for another study, or with too few runs, and LearnMissing
-        (of `labbook.stats.emulator`) without the extra `learn`.
+        Returns:
+            Posterior of the parameters, with predictions and the next experiment.
+
+        Raises:
+            NoPosterior: The study has no `calibrate`, or too few runs (of `labbook.results.calibrated`).
+            LearnMissing: The extra `learn` is not installed (of `labbook.stats.emulator`).
         """
         return calibration_of(self)
 
     def report(self, folder: Path | str | None = None) -> Path:
-        """Write the report, one HTML file, and its figures as PNG, SVG and PDF, into a folder (None:
-        LAB/reports/NAME). Returns the path of the page."""
+        """Write the report, one HTML file, and its figures as PNG, SVG and PDF.
+
+        Args:
+            folder: Folder to write into; None: LAB/reports/NAME.
+
+        Returns:
+            Path of the page.
+        """
         return page.write(self, self._folder(folder, "reports"))
 
     def export(
@@ -244,15 +320,27 @@ class Results(StudyResults):
         facets: int = AROUND,
         headings: bool = False,
     ) -> list[Path]:
-        """Write all tables; with `vtk` also recorded runs for ParaView, with `packings` also initial packings as data
-        files of LIGGGHTS and LAMMPS with their walls as STL, with `walls` also the walls of all containers as STL.
-        Returns the paths.
+        """Write all tables, and on request recordings, packings and walls.
 
-        folder: None for LAB/exports/NAME. every: also write the table `inside`, the number of grains inside at times
-        this far apart [s]. say: called with the name of each file. facets: corners of round walls in STL files.
-        headings: write units into the headings of CSV files (`container.orifice [m]`). Raises ValueError for another
-        kind or number of facets, NoParquet (of `labbook.export.study`) without pyarrow, NotSpheres (of
-        `labbook.export.packing`) for packings of rods, and Unreadable (of `labbook.lab`) for a damaged one.
+        Args:
+            folder: Folder to write into; None: LAB/exports/NAME.
+            kind: Format of the tables.
+            vtk: Also write recorded runs as VTK files for ParaView.
+            packings: Also write initial packings as data files of LIGGGHTS and LAMMPS, with their walls as STL.
+            every: Also write the table `inside`: number of grains inside, at times this far apart [s].
+            say: Called with the name of each file.
+            walls: Also write the walls of all containers as STL.
+            facets: Corners of round walls in STL files.
+            headings: Write units into the headings of CSV files (`container.orifice [m]`).
+
+        Returns:
+            Paths of the files.
+
+        Raises:
+            ValueError: There is no such kind, or too few facets.
+            NoParquet: pyarrow is not installed (of `labbook.export.study`).
+            NotSpheres: Packings of rods have no such files (of `labbook.export.packing`).
+            Unreadable: A packing is damaged (of `labbook.lab`).
         """
         check_facets(facets)
         if packings:
@@ -265,11 +353,11 @@ class Results(StudyResults):
             paths += write_walls(self.study, there / "walls", facets)
         return paths + (write_recordings(self, there / "vtk", say) if vtk else [])
 
-    def _folder(self, given: Path | str | None, kind: str) -> Path:
+    def _folder(self, folder: Path | str | None, kind: str) -> Path:
         """The folder that was given for files, or that of this study in the lab."""
-        if given is None:
+        if folder is None:
             return self.place.folder / kind / self.study.name
-        return given_path(given, f"results.{kind.removesuffix('s')}: folder")
+        return given_path(folder, f"results.{kind.removesuffix('s')}: folder")
 
     def __repr__(self) -> str:
         head = f"<Results of {self.study.name} on {self.backend} in {self.place.folder}: "
@@ -278,24 +366,24 @@ class Results(StudyResults):
         ]
         for result in self.points:
             flow = result.flow_rate
-            said = "no flow rate" if flow is None else f"W = {display.with_error(flow.value, flow.error, 1e3)} g/s"
+            flow_text = "no flow rate" if flow is None else f"W = {display.with_error(flow.value, flow.error, 1e3)} g/s"
             lines.append(
-                f"  {result.label or 'the only point'}: {said}" + (f" ({result.remark})" * bool(result.remark))
+                f"  {result.label or 'the only point'}: {flow_text}" + (f" ({result.remark})" * bool(result.remark))
             )
-        return "\n".join(lines[:_SHOWN] + ([f"  and {len(lines) - _SHOWN} more"] if len(lines) > _SHOWN else []))
+        return "\n".join(lines[:_LINES] + ([f"  and {len(lines) - _LINES} more"] if len(lines) > _LINES else []))
 
     def _repr_html_(self) -> str:
         if not self.points:
             return escape(repr(self))
-        shown = "".join(f"<div>{escape(line)}</div>" for line in page.summary(self))
-        return f"<div><b>{escape(self.study.name)}</b></div>{shown}{_html(tables.flow_table(self))}{self._picture()}"
+        lines = "".join(f"<div>{escape(line)}</div>" for line in page.summary(self))
+        return f"<div><b>{escape(self.study.name)}</b></div>{lines}{_html(tables.flow_table(self))}{self._picture()}"
 
     def _picture(self) -> str:
         """The first figure of all, as the notebook's own: of several series the one that shows them all."""
-        drawn = {**(gallery.of_results(self) if len(self.series) > 1 else {})}
-        for one in self.series[:1]:
-            drawn |= gallery.of_series(self, one)
-        for draw in drawn.values():
+        figures = {**(gallery.of_results(self) if len(self.series) > 1 else {})}
+        for series in self.series[:1]:
+            figures |= gallery.of_series(self, series)
+        for draw in figures.values():
             try:
                 data, size = style.for_a_screen(draw())
             except gallery.NothingToShow:  # the points do not determine a map: the next one

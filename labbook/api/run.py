@@ -30,12 +30,15 @@ _ORDER = ("id", "i", "j", "wall", "step", *UNITS)
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Run(RunResult):
-    """One run: its outcome, its measurements, and its recorded tables."""
+    """A finished run: its outcome, its measurements, and its recorded tables.
+
+    Args:
+        study: Study whose result it is.
+        place: Folder of the lab that has it.
+    """
 
     study: Study
-    """The study whose result it is."""
     place: LabFolder
-    """The folder of the lab that has it."""
 
     @property
     def point(self) -> Point:
@@ -59,9 +62,19 @@ class Run(RunResult):
         return tuple(self.run.data().tables)
 
     def frame(self, table: str = "crossing") -> "pd.DataFrame":
-        """A recorded table: `crossing`, one row for every grain that left, or that of another probe (columns:
-        `labbook.backend.probes`, and those of `RunData.rows` for unlike grains). SI, units in `attrs`. Raises
-        LookupError; LabError if it cannot be read."""
+        """Read a recorded table as a data frame.
+
+        Args:
+            table: `crossing`, with one row for every discharged grain, or the table of another probe
+                (`labbook.backend.probes`, and `RunData.rows` for grains that differ).
+
+        Returns:
+            The rows in SI, with units in `attrs`.
+
+        Raises:
+            LookupError: The run has no such table.
+            LabError: The table cannot be read.
+        """
         import pandas as pd
 
         data = self.run.data()
@@ -70,21 +83,33 @@ class Run(RunResult):
         columns = sorted(
             data.rows(table).items(), key=lambda column: _ORDER.index(column[0]) if column[0] in _ORDER else len(_ORDER)
         )
-        made = pd.DataFrame({name: column for name, column in columns if name != "member"})
-        units = {name: UNITS[name] for name in made if name in UNITS}
-        made.attrs = {"study": self.study.name, "run_key": self.run_key, "units": units}
-        return made
+        frame = pd.DataFrame({name: column for name, column in columns if name != "member"})
+        units = {name: UNITS[name] for name in frame if name in UNITS}
+        frame.attrs = {"study": self.study.name, "run_key": self.run_key, "units": units}
+        return frame
 
     def trajectories(self) -> Trajectories:
-        """Trajectories of the grains, as arrays. Raises NotRecorded (of `labbook.export.frames`)."""
-        found = Trajectories.of(self.run.data())
-        if found is None:
+        """Read the trajectories of the grains as arrays.
+
+        Returns:
+            Positions, velocities and orientations of every frame [SI].
+
+        Raises:
+            NotRecorded: The run kept no frames (of `labbook.export.frames`).
+        """
+        trajectories = Trajectories.of(self.run.data())
+        if trajectories is None:
             remedy = "add record={'every': '10 ms', 'replicates': ...} to the study and run it"
             raise NotRecorded(f"{self} kept no frames: {remedy}")
-        return found
+        return trajectories
 
     def recording(self) -> Path:
-        """The file (.rrd) for the rerun viewer, written if it does not exist. Raises NotRecorded or ViewerMissing."""
+        """Path of the recording (.rrd) for the rerun viewer, which is written if it does not exist.
+
+        Raises:
+            NotRecorded: The run kept no frames.
+            ViewerMissing: rerun is not installed.
+        """
         return of_run(self.folder, self.place.folder, self.study.name, self.point)
 
     def film(
@@ -129,8 +154,8 @@ class Run(RunResult):
             bed = f'<img alt="The bed" style="max-height:16em" src="data:image/png;base64,{data}"/>'
         numbers = f"<div>{facts}{_quantities(self.measured)}</div>"
         numbers += f"<div>{self.trace._repr_html_()}</div>" if self.trace is not None else ""
-        shown = f'<div style="display:flex;flex-wrap:wrap;gap:1.5em">{bed}{numbers}</div>'
-        return html.titled(f"{self.study.name}, {label}, {self.repeat}", shown)
+        content = f'<div style="display:flex;flex-wrap:wrap;gap:1.5em">{bed}{numbers}</div>'
+        return html.titled(f"{self.study.name}, {label}, {self.repeat}", content)
 
     def __repr__(self) -> str:
         recorded = ", recorded" if self.recorded else ""
@@ -140,8 +165,8 @@ class Run(RunResult):
 def _quantities(measured: Mapping[str, Measured]) -> str:
     """The numbers of a run, as its page shows them."""
     rows = []
-    for name, one in measured.items():
-        shown = display.quantity(name, one.unit)
-        value = display.with_error(one.value, one.error, shown.scale) if math.isfinite(one.value) else "–"
-        rows.append((shown.name, value, shown.unit, one.note))
+    for name, number in measured.items():
+        display_of = display.quantity(name, number.unit)
+        value = display.with_error(number.value, number.error, display_of.scale) if math.isfinite(number.value) else "–"
+        rows.append((display_of.name, value, display_of.unit, number.note))
     return html.table(("quantity", "value ± error", "unit", "note"), rows)

@@ -58,7 +58,11 @@ class Capabilities:
 
 @dataclass(frozen=True)
 class Member:
-    """A handle on one running scene of an ensemble."""
+    """Handle of a running scene in an ensemble.
+
+    Args:
+        index: Number of the member; numbers are not used again.
+    """
 
     index: int
 
@@ -67,7 +71,9 @@ class Member:
 class Settled:
     """Event: the kinetic energy per grain stayed below `settled_below` m g d for `settled_beats` beats.
 
-    `time` [s]: end of the last of these beats.
+    Args:
+        member: The member.
+        time: End of the last of these beats [s].
     """
 
     member: Member
@@ -76,7 +82,12 @@ class Settled:
 
 @dataclass(frozen=True)
 class Emptied:
-    """Event: no grain is left. `time` [s]: end of the beat."""
+    """Event: no grain is left.
+
+    Args:
+        member: The member.
+        time: End of the beat [s].
+    """
 
     member: Member
     time: float
@@ -130,7 +141,13 @@ class Status:
 
 @dataclass(frozen=True)
 class Checkpoint:
-    """Exact state of a member, private to the backend that made it; a run restored from it continues bit for bit."""
+    """Exact state of a member, private to the backend that made it; a run restored from it continues bit for bit.
+
+    Args:
+        backend: Name of the backend.
+        cache_version: Its version of results; another one refuses the state.
+        arrays: Arrays of the state by name, in the layout of the backend.
+    """
 
     backend: str
     cache_version: int
@@ -156,7 +173,12 @@ class EndState(Protocol):
 
 @dataclass(frozen=True)
 class StoredState:
-    """End state whose checkpoint and packing are computed already."""
+    """End state whose checkpoint and packing are computed already.
+
+    Args:
+        checkpoint: Exact state.
+        packing: Portable state, in double precision.
+    """
 
     checkpoint: Checkpoint
     packing: Packing
@@ -179,7 +201,17 @@ class Spec:
     steps_per_beat: int = 1000
 
     def feature(self, name: str) -> Any:
-        """Return the value of a feature. Raises KeyError for one that the backend does not have."""
+        """Return the value of a feature.
+
+        Args:
+            name: Name of the feature.
+
+        Returns:
+            Its value.
+
+        Raises:
+            KeyError: The backend has no such feature.
+        """
         return dict(self.features)[name]
 
 
@@ -282,28 +314,69 @@ class Ensemble(ABC):
 
     @abstractmethod
     def status(self, member: Member) -> Status:
-        """Return step, time and state of a member."""
+        """Return step, time and state of a member.
+
+        Args:
+            member: The member; it may have failed or emptied.
+
+        Returns:
+            Its status after the last beat.
+        """
 
     @abstractmethod
     def checkpoint(self, member: Member) -> Checkpoint:
-        """Return the exact state of a member, which does not change."""
+        """Return the exact state of a member, which does not change.
+
+        Args:
+            member: The member.
+
+        Returns:
+            The state, from which `admit` continues bit for bit.
+        """
 
     @abstractmethod
     def packing(self, member: Member) -> Packing:
-        """Return the portable state of a member, in double precision."""
+        """Return the portable state of a member, which any backend can start from.
+
+        Args:
+            member: The member.
+
+        Returns:
+            Grains with their springs, in double precision and SI.
+        """
 
     def bed(self, member: Member) -> Packing:
-        """Return the grains of `packing`; springs, most of a state, need not be read for it."""
+        """Return the grains of `packing`; springs, most of a state, need not be read for it.
+
+        Args:
+            member: The member.
+
+        Returns:
+            Grains in double precision and SI; springs may be missing.
+        """
         return self.packing(member)
 
     def end_state(self, member: Member) -> EndState:
-        """Return the state of a member that ends here, copied from the device."""
+        """Return the state of a member that ends here, copied from the device.
+
+        Args:
+            member: The member; it is advanced no more.
+
+        Returns:
+            Checkpoint and packing, which may be computed later.
+        """
         return StoredState(self.checkpoint(member), self.packing(member))
 
     def reading(self, members: Collection[Member]) -> AbstractContextManager[None]:
         """Return a context for reading checkpoints and packings of members, none of which changes within it.
 
         A backend may copy at its start what all of them need. Other members may be read too.
+
+        Args:
+            members: Members that will be read.
+
+        Returns:
+            The context.
         """
         return nullcontext()
 
@@ -327,6 +400,12 @@ class Ensemble(ABC):
         """Put grains into several members; see `put_back`.
 
         A backend may do so at once: for each member alone, it would have to copy to and from the device.
+
+        Args:
+            grains: Grains by member.
+
+        Raises:
+            ValueError: A grain is in its member.
         """
         for member, own in grains.items():
             self.put_back(member, own)
@@ -350,7 +429,11 @@ class Ensemble(ABC):
 
     @abstractmethod
     def retire(self, member: Member) -> None:
-        """Remove a member; its slot becomes free."""
+        """Remove a member; its slot becomes free.
+
+        Args:
+            member: The member; its handle is invalid from now on.
+        """
 
     @abstractmethod
     def close(self) -> None:
@@ -363,7 +446,14 @@ class Ensemble(ABC):
 
 @dataclass(frozen=True)
 class Expected:
-    """Forecast for `Backend.precompile`: `count` members of one scene, to be admitted beside others of their Spec."""
+    """Forecast for `Backend.precompile`: members of one scene, to be admitted beside others of their Spec.
+
+    Args:
+        spec: Their Spec.
+        scene: Their scene.
+        numerics: Their numerical parameters.
+        count: Number of members.
+    """
 
     spec: Spec
     scene: Scene
@@ -373,7 +463,13 @@ class Expected:
 
 @dataclass(frozen=True)
 class Device:
-    """Device of this machine. `memory`: bytes of its own memory; None if it has none."""
+    """Device of this machine.
+
+    Args:
+        alias: Name for the option `--device`, such as `cuda:0`.
+        name: Name by its maker.
+        memory: Memory of its own [bytes]; None if it has none.
+    """
 
     alias: str
     name: str
@@ -382,7 +478,12 @@ class Device:
 
 @dataclass(frozen=True)
 class Survey:
-    """Versions of the libraries that a backend uses, by name, and devices of this machine."""
+    """Libraries and devices of this machine that a backend uses.
+
+    Args:
+        versions: Versions of the libraries by name.
+        devices: Devices on which it can run.
+    """
 
     versions: Mapping[str, str]
     devices: tuple[Device, ...]
@@ -409,6 +510,9 @@ class Backend(ABC):
             numerics: Its numerical parameters.
             probes: Probes to compile in.
 
+        Returns:
+            The Spec. Scenes with equal Specs share an ensemble.
+
         Raises:
             Unsupported: The backend cannot compute the scene; with the key and the remedy.
         """
@@ -421,11 +525,23 @@ class Backend(ABC):
             spec: The Spec.
             slots: Number of members. A CPU admits no more, a GPU grows. None: it grows with its members.
             device: Device to run on.
+
+        Returns:
+            An ensemble without members.
         """
 
     @abstractmethod
     def describe(self, scene: Scene, numerics: Numerics) -> Mapping[str, float]:
-        """Return derived physics for the catalogue: restitution_asked, restitution_realised, damping_coefficient."""
+        """Return derived physics of a scene for the catalogue.
+
+        Args:
+            scene: The scene.
+            numerics: Its numerical parameters.
+
+        Returns:
+            `restitution_asked` and `restitution_realised`: normal restitution as stated and as the discrete steps give
+            it; `damping_coefficient`: coefficient of the normal damping in the law's own definition.
+        """
 
     def missing(self) -> tuple[str, ...]:
         """Names of packages in `requires` that are not installed; none is imported."""
@@ -435,6 +551,10 @@ class Backend(ABC):
         """Begin to compile kernels for members that may be admitted soon, in threads of the backend.
 
         Does nothing for a backend that compiles later.
+
+        Args:
+            members: Members that may be admitted.
+            device: Device on which they will run.
         """
 
     def compiling(self) -> bool:
@@ -442,19 +562,49 @@ class Backend(ABC):
         return False
 
     def generated(self, spec: Spec) -> str | None:
-        """Source of the generated module of kernels of a Spec, for reading (docs/kernels.md); None if there is none."""
+        """Source of the generated module of kernels, for reading (docs/kernels.md).
+
+        Args:
+            spec: Spec of the kernels.
+
+        Returns:
+            The source; None if the backend generates none.
+        """
         return None
 
     def compiled(self, spec: Spec) -> bool:
-        """True if compiled kernels of a Spec are cached on this machine; False if a backend cannot tell."""
+        """Look for compiled kernels in the cache of this machine.
+
+        Args:
+            spec: Spec of the kernels.
+
+        Returns:
+            True if they are there; False also if a backend cannot tell.
+        """
         return False
 
     def bandwidth(self, device: str) -> float | None:
-        """Measure the copy bandwidth of a device at present, read and written [bytes/s]; None: memory is no limit."""
+        """Measure the copy bandwidth of a device at present.
+
+        Args:
+            device: The device.
+
+        Returns:
+            Bytes read and written per second; None if memory is no limit.
+        """
         return None
 
     def capacity(self, spec: Spec, scene: Scene, device: str) -> int | None:
-        """Number of members of `scene` that fit into the free memory, at least one; None: no limit."""
+        """Estimate the number of members that fit into the free memory of a device.
+
+        Args:
+            spec: Spec of the members.
+            scene: Their scene.
+            device: The device.
+
+        Returns:
+            The number, at least one; None: no limit.
+        """
         return None
 
     def verify(  # noqa: B027 - nothing is a choice
@@ -476,17 +626,30 @@ class Backend(ABC):
         """
 
     def tractions(self, scene: Scene, numerics: Numerics, packing: Packing, probe: Traction) -> Table | None:
-        """Compute the rows of `probe` for a packing in `scene`, before any step, with step and time 0.
+        """Compute the tractions on walls of a packing before any step. Nothing is compiled for it.
 
-        Nothing is compiled for it. None, the default, if a backend cannot compute them.
+        Args:
+            scene: Scene of the packing.
+            numerics: Its numerical parameters.
+            packing: The packing.
+            probe: Bins of the walls.
+
+        Returns:
+            Rows of the probe with step and time 0; None, the default, if a backend cannot compute them.
         """
         return None
 
     def elastic_forces(self, scene: Scene, numerics: Numerics, packing: Packing, time: float = 0.0) -> Table | None:
-        """Rows of the probe `Contacts` with the elastic normal forces of a packing, as its grains overlap.
+        """Compute the elastic normal forces of a packing from its overlaps. Nothing is compiled for it.
 
-        time: since the opening [s], for parts that move. None, the default, where a backend cannot tell. Nothing is
-        compiled for it.
+        Args:
+            scene: Scene of the packing.
+            numerics: Its numerical parameters.
+            packing: The packing.
+            time: Time since the opening [s], for parts that move.
+
+        Returns:
+            Rows of the probe `Contacts`; None, the default, if a backend cannot compute them.
         """
         return None
 

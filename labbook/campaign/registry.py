@@ -25,7 +25,7 @@ class Strategies(Registry[type[Strategy]]):
     def __hash__(self) -> int:  # `Annotated` asks for it where a field may also be None
         return id(self)
 
-    def _made(self, loaded: Any) -> Any:
+    def _object_of(self, loaded: Any) -> Any:
         return loaded if isinstance(loaded, type) and issubclass(loaded, Strategy) else None
 
     def __get_pydantic_core_schema__(self, source: Any, handler: GetCoreSchemaHandler) -> CoreSchema:

@@ -15,7 +15,7 @@ from typing import Annotated
 import typer
 from typer.core import TyperGroup
 
-from labbook.cli.options import fail, told
+from labbook.cli.options import explanation, fail
 from labbook.cli.screen import say, show_anywhere
 from labbook.version import __version__
 
@@ -64,14 +64,14 @@ class Verbs(TyperGroup):
         except (typer.Exit, typer.Abort):
             raise
         except Exception as error:
-            line = told(error)
+            line = explanation(error)
             if line is None:
                 raise
             fail(line)
 
 
-def _show_version(asked: bool) -> None:
-    if asked:
+def _show_version(requested: bool) -> None:
+    if requested:
         say(f"labbook {__version__}")
         raise typer.Exit()
 
@@ -102,8 +102,8 @@ def build() -> typer.Typer:
         try:
             entry.load()(app)
         except Exception as error:  # whatever a package does when it is imported: other verbs stay
-            told = f"{entry.value} ({type(error).__name__}: {error}); fix or uninstall the package"
-            print(f"Warning: the verb {entry.name} cannot be loaded: {told}", file=sys.stderr)
+            problem = f"{entry.value} ({type(error).__name__}: {error}); fix or uninstall the package"
+            print(f"Warning: the verb {entry.name} cannot be loaded: {problem}", file=sys.stderr)
     return app
 
 

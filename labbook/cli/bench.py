@@ -56,8 +56,8 @@ def register(app: typer.Typer) -> None:
             "accuracy": {"--repeats": repeats, "--full": full or None},
             "skips": {"--quick": quick or None, "--full": full or None},
         }
-        for name, given in of_others[what].items():
-            if given is not None:
+        for name, value in of_others[what].items():
+            if value is not None:
                 raise typer.BadParameter(f"it does not apply to {what}; leave it out", param_hint=name)
         try:
             with saying("preparing") as say:
@@ -110,9 +110,9 @@ def _show_skips(result) -> None:
     from rich.table import Table
 
     table = Table("put back", "relative time", "range", "state")
-    for one in result.saved:
-        state = "bitwise equal" if one.same else f"within {one.difference:.0e} d"
-        table.add_row(one.name, f"{one.times:.2f}", f"{one.low:.2f}-{one.high:.2f}", state)
+    for feature in result.saved:
+        state = "bitwise equal" if feature.same else f"within {feature.difference:.0e} d"
+        table.add_row(feature.name, f"{feature.times:.2f}", f"{feature.low:.2f}-{feature.high:.2f}", state)
     table.add_row("fall of a rain, not of a dense start", f"{result.fall:.2f}", "", "other beds; in steps of a filling")
     console = screen()
     console.print(
@@ -129,17 +129,17 @@ def _show_accuracy(result) -> None:
     console.print(f"backend {result.backend} on {result.hardware['processor']}; errors relative to the impact speed")
     at = [n for n in (20, 40, 160) if n in result.contacts[0].steps]
     table = Table("impact", "law", "precision", *(f"t_c/{n}" for n in at), "order")
-    for one in result.contacts:
-        errors = (f"{one.error[one.steps.index(n)]:.1e}" for n in at)
-        table.add_row(one.situation, one.law, one.precision, *errors, _order(one.order))
+    for contact in result.contacts:
+        errors = (f"{contact.error[contact.steps.index(n)]:.1e}" for n in at)
+        table.add_row(contact.situation, contact.law, contact.precision, *errors, _order(contact.order))
     console.print(table)
     if not result.beds:
         return
     table = Table("bed", "precision", *(f"x [d], t_c/{n}" for n in result.beds[0].steps[:3]), "order", "v", "growth")
-    for one in result.beds:
-        errors = (f"{e:.1e} ({far:.0e})" for e, far in zip(one.position[:3], one.farthest[:3], strict=True))
-        orders = _order(one.order), _order(one.order_velocity)
-        table.add_row(one.bed, one.precision, *errors, *orders, f"{one.growth:.1f}")
+    for bed in result.beds:
+        errors = (f"{e:.1e} ({far:.0e})" for e, far in zip(bed.position[:3], bed.farthest[:3], strict=True))
+        orders = _order(bed.order), _order(bed.order_velocity)
+        table.add_row(bed.bed, bed.precision, *errors, *orders, f"{bed.growth:.1f}")
     console.print(table)
     console.print("beds: median (largest) error of positions; growth of a small change of the initial state")
 

@@ -25,21 +25,21 @@ def register(app: typer.Typer) -> None:
 
         if bibtex and as_json:
             fail("--bibtex and --json exclude each other; give one of them")
-        asked = read_study(study)
-        found = bibliography(asked)
+        definition = read_study(study)
+        sources = bibliography(definition)
         if as_json:
-            cited = [{**one.source.plain, "for": list(one.uses)} for one in found.citations]
-            shown = {"study": asked.name, "sources": cited, "without_source": list(found.unstated)}
-            typer.echo(json.dumps(shown, indent=2, allow_nan=False))
+            cited = [{**one.source.plain, "for": list(one.uses)} for one in sources.citations]
+            plain = {"study": definition.name, "sources": cited, "without_source": list(sources.unsourced)}
+            typer.echo(json.dumps(plain, indent=2, allow_nan=False))
         elif bibtex:
-            say("\n\n".join(one.source.bibtex for one in found.citations))
+            say("\n\n".join(one.source.bibtex for one in sources.citations))
         else:
-            _show(asked.name, found)
-        if found.unstated and not as_json:
-            say(f"No source is stated for {', '.join(found.unstated)}. See the packages that add them.", err=True)
+            _show(definition.name, sources)
+        if sources.unsourced and not as_json:
+            say(f"No source is stated for {', '.join(sources.unsourced)}. See the packages that add them.", err=True)
 
 
-def _show(name: str, found: "Bibliography") -> None:
+def _show(name: str, sources: "Bibliography") -> None:
     say(f"Sources of the study {name}:")
-    for one in found.citations:
-        say(f"\n[{one.source.key}] {one.source.text}\n    for {'; '.join(one.uses)}")
+    for citation in sources.citations:
+        say(f"\n[{citation.source.key}] {citation.source.text}\n    for {'; '.join(citation.uses)}")

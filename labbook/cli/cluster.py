@@ -41,7 +41,7 @@ def register(app: typer.Typer) -> None:
     def local(workers: Workers = 2, gpus: Gpus = 0, port: Port = 0) -> None:
         """Start a cluster of processes that only this machine can reach; Ctrl-C ends it."""
 
-        def made():
+        def local_cluster():
             from distributed import LocalCluster  # pyright: ignore[reportMissingImports]
 
             untyped: Any = LocalCluster  # its dashboard may be None, whatever its signature says
@@ -57,7 +57,7 @@ def register(app: typer.Typer) -> None:
                 preload=_DEAF,
             )
 
-        _serve(made)
+        _serve(local_cluster)
 
     @group.command()
     def slurm(
@@ -82,7 +82,7 @@ def register(app: typer.Typer) -> None:
         if shutil.which("sbatch") is None:
             fail("sbatch is not installed here; give this command where jobs of Slurm can be submitted")
 
-        def made():
+        def slurm_cluster():
             from dask_jobqueue.slurm import SLURMCluster  # pyright: ignore[reportMissingImports]
 
             cluster = SLURMCluster(
@@ -101,7 +101,7 @@ def register(app: typer.Typer) -> None:
             cluster.scale(jobs=workers)
             return cluster
 
-        _serve(made)
+        _serve(slurm_cluster)
 
     @group.command()
     def ssh(hosts: Hosts, workers: Workers = 1, gpus: Gpus = 0) -> None:
@@ -110,7 +110,7 @@ def register(app: typer.Typer) -> None:
         if find_spec("asyncssh") is None:
             fail("asyncssh is not installed; try: pip install asyncssh")
 
-        def made():
+        def ssh_cluster():
             from distributed import SSHCluster  # pyright: ignore[reportMissingImports]
 
             options: dict[str, Any] = {"nthreads": 1, "n_workers": workers}
@@ -118,24 +118,25 @@ def register(app: typer.Typer) -> None:
                 options["resources"] = {"GPU": 1}
             return SSHCluster(hosts, worker_options=options)
 
-        _serve(made)
+        _serve(ssh_cluster)
 
 
 _DEAF = "import signal; signal.signal(signal.SIGINT, signal.SIG_IGN)"
-"""What each worker of this machine does first: a terminal sends Ctrl-C to it too, and closing the cluster ends it."""
+"""Code that each worker of this machine runs first: a terminal sends Ctrl-C to workers too, and these have to go on
+until the cluster is closed."""
 
 
-def _serve(made: "Callable[[], Any]") -> None:
+def _serve(make_cluster: "Callable[[], Any]") -> None:
     """Start a cluster, print its address, and wait for Ctrl-C."""
-    heard = signal.signal(signal.SIGINT, signal.SIG_IGN)  # as processes inherit it that are only just beginning
+    handler = signal.signal(signal.SIGINT, signal.SIG_IGN)  # as processes inherit it that are only just beginning
     try:
-        cluster = made()
+        cluster = make_cluster()
     except ImportError as missing:
         fail(f"Dask is not installed ({missing}); try: pip install 'labbook[cluster]'")
     except (OSError, RuntimeError) as problem:
         fail(f"the cluster does not start: {problem}")
     finally:
-        signal.signal(signal.SIGINT, heard)
+        signal.signal(signal.SIGINT, handler)
     try:
         say(f"Scheduler: {cluster.scheduler_address}")
         say(f"In another terminal: labbook run STUDY --cluster {cluster.scheduler_address}")

@@ -48,11 +48,11 @@ def register(app: typer.Typer) -> None:
         from labbook.export.packing import NotSpheres
         from labbook.export.study import NoParquet
 
-        found = results(study, lab, backend)
-        folder = out if out is not None else lab / "exports" / found.study.name
+        results_of_study = results(study, lab, backend)
+        folder = out if out is not None else lab / "exports" / results_of_study.study.name
         try:
             with screen(stderr=True).status("writing") as status:
-                paths = found.export(
+                paths = results_of_study.export(
                     folder, kind, vtk, packings, _seconds(inside), status.update, walls, facets, headings
                 )
         except NoParquet as missing:
@@ -61,12 +61,12 @@ def register(app: typer.Typer) -> None:
             raise typer.BadParameter(str(rods), param_hint="--packings") from None
         for path in (path for path in paths if path.parent == folder):
             say(path)
-        for chosen, name, none in (
+        for enabled, name, none in (
             (packings, "packings", "this study has no finished run yet"),
             (walls, "walls", "no wall of this study has a mesh"),
             (vtk, "vtk", "no run of this study kept frames"),
         ):
-            if chosen:
+            if enabled:
                 there = [path for path in paths if (folder / name) in path.parents]
                 where = f"{len(there)} files in {folder / name}" if there else none
                 say(f"{'VTK' if name == 'vtk' else name}: {where}")

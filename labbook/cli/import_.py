@@ -42,8 +42,8 @@ def register(app: typer.Typer) -> None:
             say(f"Study files imported: {', '.join(merged.studies)}")
         if merged.notes:
             say(f"Notes imported: {merged.notes}")
-        for what in merged.stayed:
-            say(f"Not replaced: {what}")
+        for difference in merged.stayed:
+            say(f"Not replaced: {difference}")
         for problem in merged.left_out:
             say(f"Not imported: {problem}", err=True)
         if merged.left_out:

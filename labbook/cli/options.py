@@ -58,7 +58,7 @@ def leave(status: int) -> NoReturn:
     os._exit(status)
 
 
-def told(error: Exception) -> str | None:
+def explanation(error: Exception) -> str | None:
     """Meaning of an error of the storage or of an extension, and the remedy, in a line; None for any other error."""
     if isinstance(error, BrokenPlugin):
         return str(error)
@@ -94,9 +94,9 @@ _REMEDIES = {
 
 def _of_files(error: OSError) -> str:
     where = " and ".join(str(path) for path in (error.filename, error.filename2) if path is not None)
-    what = f"{where}: {error.strerror}" if where else str(error.strerror)
+    problem = f"{where}: {error.strerror}" if where else str(error.strerror)
     remedy = _REMEDIES.get(error.errno or 0, "check the disk and the folder, and give the same command again")
-    return f"{what[0].lower() if not where else what[0]}{what[1:]}; {remedy}"
+    return f"{problem[0].lower() if not where else problem[0]}{problem[1:]}; {remedy}"
 
 
 def read_study(path: Path) -> "Study":
@@ -121,7 +121,7 @@ def existing(lab: Path) -> "Catalogue":
 
 
 def results(path: Path, lab: Path, backend: str) -> "Results":
-    """What the lab holds of a study; runs that cannot be read are named and left out, measures that fail named."""
+    """Read the results of a study. Unreadable runs are named and left out; measures that fail are named."""
     import warnings
 
     from labbook.api import Lab as Place
@@ -131,25 +131,25 @@ def results(path: Path, lab: Path, backend: str) -> "Results":
     existing(lab)
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", LabWarning)  # told below
-        found = Place(lab, backend).results(study)
-    if not found.points and not found.unreadable:
+        results_of_study = Place(lab, backend).results(study)
+    if not results_of_study.points and not results_of_study.unreadable:
         fail(
             f"{lab} has no finished run of {study.name} on {backend}; {instead_of_none(study.name, path, lab, backend)}"
         )
-    for what, problems in (("Left out", found.unreadable), ("Not measured", found.unmeasured)):
-        for problem in problems[:_SAID]:
-            say(f"{what}: {problem}", err=True)
-        if len(problems) > _SAID:
-            say(f"{what}: {len(problems) - _SAID} more", err=True)
-    if found.unreadable:
+    for title, problems in (("Left out", results_of_study.unreadable), ("Not measured", results_of_study.unmeasured)):
+        for problem in problems[:_PROBLEMS]:
+            say(f"{title}: {problem}", err=True)
+        if len(problems) > _PROBLEMS:
+            say(f"{title}: {len(problems) - _PROBLEMS} more", err=True)
+    if results_of_study.unreadable:
         say(f"Make what cannot be read again: {again(path, lab, backend)}", err=True)
-    if not found.points:
+    if not results_of_study.points:
         fail(f"no finished run of {study.name} on {backend} in {lab} can be read; make them again: "
              f"{again(path, lab, backend)}")  # fmt: skip
-    return found
+    return results_of_study
 
 
-_SAID = 20
+_PROBLEMS = 20
 """Runs with a problem that are named one by one."""
 
 
@@ -159,7 +159,7 @@ def again(study: Path | str, lab: Path, backend: str) -> str:
 
 
 def instead_of_none(name: str, path: Path | str, lab: Path, backend: str) -> str:
-    """What to do where a lab has no run of a study from a backend: take another one, or make them."""
+    """Remedy where a lab has no run of a study from a backend: another backend, or the command that makes the runs."""
     from labbook.backend.registry import installed
     from labbook.lab import Catalogue
 

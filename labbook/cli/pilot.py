@@ -49,20 +49,20 @@ def register(app: typer.Typer) -> None:
         from labbook.study.pilot import whole
 
         path = out or studies[0].with_suffix(BESIDE)
-        place, found = Place(lab, backend, device), []
-        for asked in [read_study(study) for study in studies]:
+        place, effects = Place(lab, backend, device), []
+        for study in [read_study(study) for study in studies]:
             try:
                 with Bar(screen(stderr=True)) as bar:
-                    found += effects_of_numerics(place, whole(asked, seeds), bar)
+                    effects += effects_of_numerics(place, whole(study, seeds), bar)
             except (BackendMissing, NoCatalogue, Unsupported, Conflict, MeasureError, DiskFull, StudyError) as problem:
                 fail(problem)
             except NotCalibrated as problem:
-                fail(f"{asked.name} cannot be calibrated: {problem}")
-        write(path, [one.effects for one in found])
+                fail(f"{study.name} cannot be calibrated: {problem}")
+        write(path, [one.effects for one in effects])
         console = screen(highlight=False, markup=False)
-        for line in (line for one in found for line in one.lines()):
+        for line in (line for one in effects for line in one.lines()):
             console.print(line, soft_wrap=True)
         console.print(f"Written: {path}", soft_wrap=True)
         name = path.name if path.resolve().parent == studies[0].resolve().parent else path
-        named = "" if path == studies[0].with_suffix(BESIDE) else f", calibration: {name}"
-        console.print(f"Next, in {studies[0]}: accuracy: {{flow_rate: 1 %{named}}}", soft_wrap=True)
+        option = "" if path == studies[0].with_suffix(BESIDE) else f", calibration: {name}"
+        console.print(f"Next, in {studies[0]}: accuracy: {{flow_rate: 1 %{option}}}", soft_wrap=True)

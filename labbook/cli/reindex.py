@@ -38,9 +38,9 @@ def register(app: typer.Typer) -> None:
             if left:
                 say(left, err=True)
         with ticking("indexing") as tick:
-            made = Index(LabFolder(lab), again=True, tick=tick)
-            made.close()
-        found = made.report
-        say(f"{found.runs} runs and {found.packings} packings indexed")
-        for problem in found.problems:
+            new_index = Index(LabFolder(lab), again=True, tick=tick)
+            new_index.close()
+        report = new_index.report
+        say(f"{report.runs} runs and {report.packings} packings indexed")
+        for problem in report.problems:
             say(f"Unreadable: {problem}", err=True)

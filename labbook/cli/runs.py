@@ -42,19 +42,19 @@ def register(app: typer.Typer) -> None:
         if absent := catalogue.absent(study, outcome):
             fail(absent)
         if tag is None:
-            found = catalogue.runs(study, outcome, limit or None)
+            listed = catalogue.runs(study, outcome, limit or None)
         else:
-            found = catalogue.runs(study, outcome)
-            found = found[found.run_key.isin(_with_tag(catalogue.lab, tag))].head(limit or len(found))
-        changed = catalogue.changed(list(found.run_key))
+            listed = catalogue.runs(study, outcome)
+            listed = listed[listed.run_key.isin(_with_tag(catalogue.lab, tag))].head(limit or len(listed))
+        changed = catalogue.changed(list(listed.run_key))
         if as_json:
-            records = json.loads(found.to_json(orient="records") or "[]")
+            records = json.loads(listed.to_json(orient="records") or "[]")
             typer.echo(json.dumps(records, indent=2, allow_nan=False))
             return
         total = sum(catalogue.counts().values())  # before anything is printed: the index may be damaged
-        _show(found, catalogue.flow_rates(found.run_key))
-        if len(found) < total:
-            say(f"{len(found)} of {total} runs shown")
+        _show(listed, catalogue.flow_rates(listed.run_key))
+        if len(listed) < total:
+            say(f"{len(listed)} of {total} runs shown")
         if changed:
             say(
                 f"{len(changed)} of these changed since they were indexed, such as {sorted(changed)[0]}; index them "
@@ -68,15 +68,15 @@ def _with_tag(lab: "LabFolder", tag: str) -> list[str]:
     from labbook.lab.notes import checked, damaged, tagged
 
     try:
-        (wanted,) = checked([tag])
+        (label,) = checked([tag])
     except ValueError as problem:
         fail(f"--tag: {problem}")
     for problem in damaged(lab, "run"):
         say(f"Unreadable: {problem}", err=True)
-    return [key for key, tags in tagged(lab, "run").items() if wanted in tags]
+    return [key for key, tags in tagged(lab, "run").items() if label in tags]
 
 
-def _show(found, rates: "Mapping[str, Sequence[float]]") -> None:
+def _show(listed, rates: "Mapping[str, Sequence[float]]") -> None:
     """Print runs as a table. On a terminal, study and backend are named once where all runs have the same. `rates`:
     flow rates of runs [kg/s], one for each window."""
     from rich import box
@@ -86,14 +86,14 @@ def _show(found, rates: "Mapping[str, Sequence[float]]") -> None:
     from labbook.scene.quantities import percent
 
     table = Table(box=box.SIMPLE_HEAD, padding=(0, 1, 0, 0))
-    readable = found[found["outcome"] != "unreadable"]
+    readable = listed[listed["outcome"] != "unreadable"]
     backends = [
         f"{name} {int(version)}" for name, version in zip(readable.backend, readable.cache_version, strict=True)
     ]
     console = screen(highlight=False)
     values = {"study": set(readable.study), "backend": set(backends)} if console.width < WIDE else {}
     shared = {name: some.pop() for name, some in values.items() if len(some) == 1}
-    several = bool((found["discharge"] > 1).any())
+    several = bool((listed["discharge"] > 1).any())
     headings = [
         name for name in ("run", "study", "point", "seed", "discharge", "backend", "outcome") if name not in shared
     ]
@@ -105,9 +105,9 @@ def _show(found, rates: "Mapping[str, Sequence[float]]") -> None:
         folded = heading in ("study", "point")  # the others are never cut
         table.add_column(escape(heading), justify="right" if right else "left", no_wrap=not folded, overflow="fold")
     problems, suspects = [], []
-    scenes = found.groupby(["study", "label"])["scene_key"].nunique()
+    scenes = listed.groupby(["study", "label"])["scene_key"].nunique()
     twice = {point for point, many in scenes.items() if many > 1}
-    for row in found.itertuples(index=False):
+    for row in listed.itertuples(index=False):
         if row.outcome == "unreadable":
             cells = {"run": row.run_key[:10], "outcome": "unreadable"}
             table.add_row(*(cells.get(heading, "") for heading in headings), style="red")

@@ -1,4 +1,4 @@
-"""What is shown on a terminal: text of files and studies, which steers nothing, tables, and progress."""
+"""Output on a terminal: text of files and studies without control characters, tables, and progress."""
 
 import codecs
 import io
@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 
     from labbook.report.tables import Table
 
-_KEPT = frozenset("\n\t")
+_LAYOUT = frozenset("\n\t")
 _STEERING = frozenset(["Cc", "Cs"])  # control characters, and halves of others, which no terminal can be sent
 _TURNING = frozenset("\u202a\u202b\u202c\u202d\u202e\u2066\u2067\u2068\u2069")  # change the order of what follows
 _BESIDE = 3
@@ -53,12 +53,12 @@ def _replacing(error: UnicodeError) -> tuple[str, int]:
 
 def plain(text: str) -> str:
     """Text in ASCII: signs as one types them, Greek letters by their names, others without accents, the rest as ?."""
-    found, raised = "", False
-    for one in text:
-        power = one in _RAISED
-        found += ("^" if power and not raised else "") + _plain(one)
+    ascii_text, raised = "", False
+    for sign in text:
+        power = sign in _RAISED
+        ascii_text += ("^" if power and not raised else "") + _plain(sign)
         raised = power
-    return found
+    return ascii_text
 
 
 @lru_cache(maxsize=4096)
@@ -83,7 +83,7 @@ def printable(text: object) -> str:
 
 @lru_cache(maxsize=4096)
 def _steers(character: str) -> bool:
-    if character in _KEPT:
+    if character in _LAYOUT:
         return False
     return unicodedata.category(character) in _STEERING or character in _TURNING
 
@@ -103,10 +103,10 @@ def screen(**options: Any):
         def render_str(self, text: str, **how: Any):
             return super().render_str(encodable(printable(text), self.encoding), **how)
 
-    made = Screen(**options)
-    if "width" not in options and not made.is_terminal and not os.environ.get("COLUMNS", "").isdigit():
-        made.width = WIDE
-    return made
+    console = Screen(**options)
+    if "width" not in options and not console.is_terminal and not os.environ.get("COLUMNS", "").isdigit():
+        console.width = WIDE
+    return console
 
 
 def encodable(text: str, encoding: str) -> str:
@@ -118,34 +118,38 @@ def encodable(text: str, encoding: str) -> str:
 
 
 @contextmanager
-def saying(what: str) -> Iterator[Callable[[str], None]]:
-    """What is going on, on standard error: in one line that changes on a terminal, elsewhere line by line with the
-    time since the beginning. Gives a function to call with the next."""
+def saying(activity: str) -> Iterator[Callable[[str], None]]:
+    """Show the present activity on standard error: in one line that changes on a terminal, elsewhere line by line with
+    the time since the beginning.
+
+    Yields:
+        A function to call with the next activity.
+    """
     import time
 
     from labbook.scene.quantities import duration
 
     console, begun = screen(stderr=True, markup=False), time.monotonic()
     if console.is_terminal:
-        with console.status(what) as status:
+        with console.status(activity) as status:
             yield status.update
         return
 
     def step(text: str) -> None:
         say(f"{duration(time.monotonic() - begun):>6}: {text}", err=True)
 
-    step(what)
+    step(activity)
     yield step
 
 
 @contextmanager
-def ticking(what: str) -> Iterator[Callable[[int, int], None]]:
+def ticking(title: str) -> Iterator[Callable[[int, int], None]]:
     """A progress bar on a terminal: a function to call with how many of how many are done."""
     from rich.progress import Progress
 
     console = screen(stderr=True)
     with Progress(console=console, transient=True, disable=not console.is_terminal) as progress:
-        task = progress.add_task(what, total=None)
+        task = progress.add_task(title, total=None)
         yield lambda done, total: progress.update(task, completed=done, total=total)
 
 
@@ -155,9 +159,9 @@ def print_table(console: "Console", table: "Table", title: str) -> None:
     from rich import box
     from rich.cells import cell_len
     from rich.markup import escape
-    from rich.table import Table as Shown
+    from rich.table import Table as RichTable
 
-    shown = Shown(title=escape(title), title_justify="left", box=box.SIMPLE_HEAD)
+    rich_table = RichTable(title=escape(title), title_justify="left", box=box.SIMPLE_HEAD)
     columns = list(zip(table.headings, *table.rows, strict=True))
     whole = [max(map(cell_len, cells)) for cells in columns]
     words = [max(map(cell_len, " ".join(cells).split()), default=0) for cells in columns]
@@ -172,9 +176,9 @@ def print_table(console: "Console", table: "Table", title: str) -> None:
             spare -= grant
     for k, heading in enumerate(table.headings):
         justify = "left" if k in table.text else "right"
-        shown.add_column(escape(heading), justify=justify, overflow="fold", width=widths[k])
+        rich_table.add_column(escape(heading), justify=justify, overflow="fold", width=widths[k])
     for place, row in enumerate(table.rows):
-        shown.add_row(*map(escape, row), style="bold" if place in table.marked else None)
-    console.print(shown)
+        rich_table.add_row(*map(escape, row), style="bold" if place in table.marked else None)
+    console.print(rich_table)
     for note in table.notes:
         console.print(note, style="dim", markup=False)

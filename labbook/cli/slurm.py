@@ -71,25 +71,25 @@ def register(app: typer.Typer) -> None:
         from labbook.run.slurm import submit as hand_in
         from labbook.study.pilot import first_needed
 
-        asked = read_study(study)
-        if asked.adapt is not None:
+        definition = read_study(study)
+        if definition.adapt is not None:
             why = "a strategy chooses its points from all results, and no parts can be fixed before"
-            fail(f"{asked.name}: adapt: {why}; let several processes run it in one lab, which share the work")
-        if first_needed(asked) is not None:
+            fail(f"{definition.name}: adapt: {why}; let several processes run it in one lab, which share the work")
+        if first_needed(definition) is not None:
             first = command("pilot", study, lab=lab, backend=backend)
-            fail(f"{asked.name} needs a pilot for all parts: give first: {first}")
+            fail(f"{definition.name} needs a pilot for all parts: give first: {first}")
         try:
             capabilities = load_to_plan(backend).capabilities
-            many = gpus if gpus is not None else int(backend == "warp" and device in (None, "cuda:0"))
+            gpu_count = gpus if gpus is not None else int(backend == "warp" and device in (None, "cuda:0"))
             array = JobArray(
-                study=asked,
+                study=definition,
                 backend=capabilities,
                 base=lab,
                 labs=labs or lab.with_name(f"{lab.name}-parts"),
                 tasks=tasks,
                 time=time,
-                device=device or ("cuda:all" if many else "cpu"),
-                gpus=many,
+                device=device or ("cuda:all" if gpu_count else "cpu"),
+                gpus=gpu_count,
                 cpus=cpus,
                 site=site.read_text(encoding="utf-8") if site else "",
                 options=options or (),

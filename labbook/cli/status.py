@@ -8,7 +8,7 @@ from labbook.cli.options import LAB, AsJson, Lab, existing
 from labbook.cli.screen import say, screen
 from labbook.commands import command
 
-_MOST = 10
+_DAMAGED = 10
 """Damaged files that are listed one by one."""
 
 
@@ -28,7 +28,7 @@ def register(app: typer.Typer) -> None:
         works, live = unfinished(catalogue.lab), running(catalogue.lab)
         lost = catalogue.unreadable()
         if as_json:
-            found = {
+            plain = {
                 "runs": counts,
                 "suspect": suspect,
                 "packings": packings,
@@ -36,7 +36,7 @@ def register(app: typer.Typer) -> None:
                 "unfinished": [vars(work) for work in works],
                 "running": [one.plain() for one in live],
             }
-            typer.echo(json.dumps(found, indent=2, allow_nan=False))
+            typer.echo(json.dumps(plain, indent=2, allow_nan=False))
             return
         total = sum(counts.values())
         by = ", ".join(f"{count} {outcome}" for outcome, count in sorted(counts.items()))
@@ -45,13 +45,13 @@ def register(app: typer.Typer) -> None:
             verb = "run is" if suspect == 1 else "runs are"
             say(f"  {suspect} {verb} suspect: {command('runs', '--outcome', 'suspect', lab=lab)} says why")
         console = screen(highlight=False)
-        for problem in lost[:_MOST]:
+        for problem in lost[:_DAMAGED]:
             console.print(f"  cannot be read: {problem}", style="red", markup=False, soft_wrap=True)
-        if len(lost) > _MOST:
-            say(f"  and {len(lost) - _MOST} more; {command('status', '--json', lab=lab)} lists all")
-        for one in live:
-            where = f"{one.backend} on {one.device}, process {one.pid} on {one.host}"
-            say(f"  {one.study}: {'; '.join(filter(None, (runs_done(one), remaining(one), where)))}")
+        if len(lost) > _DAMAGED:
+            say(f"  and {len(lost) - _DAMAGED} more; {command('status', '--json', lab=lab)} lists all")
+        for process in live:
+            where = f"{process.backend} on {process.device}, process {process.pid} on {process.host}"
+            say(f"  {process.study}: {'; '.join(filter(None, (runs_done(process), remaining(process), where)))}")
         for work in works:
             state = (
                 "in progress" if work.claimed else "stopped, resumable" if work.saved else "stopped, starts from step 0"

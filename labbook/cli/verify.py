@@ -4,7 +4,7 @@ from typing import Annotated
 
 import typer
 
-from labbook.cli.cases import AsJson, Listed, Names, On, Precision, Tried, asked
+from labbook.cli.cases import AsJson, Listed, Names, On, Precision, Tried, find_cases
 from labbook.cli.screen import screen
 
 
@@ -28,7 +28,7 @@ def register(app: typer.Typer) -> None:
         from labbook.checks.verify.cases import select_cases
         from labbook.checks.verify.show import list_cases, run_cases
 
-        cases = asked("verify", select_cases, names, quick)
+        cases = find_cases("verify", select_cases, names, quick)
         if list_:
             list_cases(cases, json, screen())
         elif not run_cases(cases, backend, precision, device, json, screen()):

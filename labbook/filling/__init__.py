@@ -4,9 +4,9 @@ the outlet, kick of a further discharge of a bed, return of grains, and breaking
 from labbook.filling.breaking import Breaker, still
 from labbook.filling.feeding import Feeder, Refill, refill
 from labbook.filling.from_file import GrainFile
-from labbook.filling.kick import Kick, kicked
+from labbook.filling.kick import Kick, kick_grains
 from labbook.filling.mobilising import Mobilise, lifted
-from labbook.filling.opening import opened
+from labbook.filling.opening import start_of_discharge
 from labbook.filling.placing import place
 from labbook.filling.pouring import Inflow, Pouring
 from labbook.filling.room import PlacingError
@@ -21,10 +21,10 @@ __all__ = [
     "PlacingError",
     "Pouring",
     "Refill",
-    "kicked",
+    "kick_grains",
     "lifted",
-    "opened",
     "place",
     "refill",
+    "start_of_discharge",
     "still",
 ]

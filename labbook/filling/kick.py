@@ -32,7 +32,7 @@ class Kick:
             raise ValueError(f"no discharge has this kick: discharge {self.discharge}, version {self.version}")
 
 
-def kicked(start: Packing, scene: Scene, kick: Kick, seed: int) -> Packing:
+def kick_grains(start: Packing, scene: Scene, kick: Kick, seed: int) -> Packing:
     """Add random velocities to the start of a discharge; orientations, spins and springs stay.
 
     Args:

@@ -8,7 +8,7 @@ from labbook.scene import Scene, Wall
 from labbook.scene.packing import Packing
 
 
-def opened(packing: Packing, closed: Scene, scene: Scene) -> Packing:
+def start_of_discharge(packing: Packing, closed: Scene, scene: Scene) -> Packing:
     """Convert a packing of the closed container to the start of the discharge: wall springs are renamed or dropped.
 
     A wall of both containers keeps its springs. If a plate of the closed container is split in the open one (a flat

@@ -55,18 +55,40 @@ class Start(ABC):
     drop: ClassVar[float] = 1.0
 
     def obstacles(self, scene: Scene) -> Iterator[Fault]:
-        """Yield reasons why grains of a scene, closed or open, cannot start in this way; none by default."""
+        """Reasons why grains of a scene cannot start in this way; none by default.
+
+        Args:
+            scene: The scene, closed or open.
+
+        Yields:
+            A fault for each reason, with key and remedy.
+        """
         yield from ()
 
     def quiet_beats(self, closed: Scene, beat: float) -> int:
-        """Number of consecutive beats of length `beat` [s] with low kinetic energy after which a bed is at rest."""
+        """Number of consecutive beats with low kinetic energy after which a bed is at rest.
+
+        Args:
+            closed: The closed scene.
+            beat: Length of a beat [s].
+
+        Returns:
+            The number, at least one.
+        """
         if self.quiet is None:
             return 3
         return 1 + math.ceil(self.quiet * math.sqrt(closed.grains.diameter / closed.gravity) / beat)
 
     @abstractmethod
     def volume(self, closed: Scene) -> float:
-        """Volume [m^3] over which the grains are spread, for the forecast of the length of their fall."""
+        """Volume over which the grains are spread, for the forecast of the length of their fall.
+
+        Args:
+            closed: The closed scene.
+
+        Returns:
+            Volume [m^3].
+        """
 
     @abstractmethod
     def place(self, closed: Scene, seed: int) -> Packing:
@@ -87,7 +109,9 @@ class Start(ABC):
 class Column(Start):
     """Grains at random places in a column, with Gaussian velocities and no spins.
 
-    `density`: solid fraction; `speed`: standard deviation of each velocity component, in units of sqrt(g d).
+    Attributes:
+        density: Solid fraction of the column.
+        speed: Standard deviation of each velocity component, in units of sqrt(g d).
     """
 
     version: ClassVar[int] = 1
@@ -274,9 +298,16 @@ STARTS: Registry[Start] = Registry[Start]("labbook.starts", Start, _BUILTIN)
 
 
 def column(scene: Scene, kind: str = Rain.name) -> float:
-    """Height [m] of the column of a start, over the widest section of the container.
+    """Height of the column of a start over the widest section of the container, for planning.
 
-    It is for planning: above a cone or a wedge the column is higher.
+    Above a cone or a wedge the column is higher.
+
+    Args:
+        scene: The scene.
+        kind: Name of the start.
+
+    Returns:
+        Height [m].
     """
     wide, deep = scene.container.across or 10 * scene.grains.diameter, scene.container.front_to_back
     deep = wide if math.isinf(deep) else deep
@@ -284,7 +315,16 @@ def column(scene: Scene, kind: str = Rain.name) -> float:
 
 
 def place(closed: Scene, kind: str, seed: int, file: GrainFile | None = None) -> Packing:
-    """Place the grains of a closed scene by the start called `kind`, or at the positions of a `file`.
+    """Place the grains of a closed scene.
+
+    Args:
+        closed: The closed scene.
+        kind: Name of the start.
+        seed: Seed of all random numbers.
+        file: Positions to use instead of the start.
+
+    Returns:
+        The grains, with positions, velocities and orientations.
 
     Raises:
         PlacingError: The grains cannot be placed.
@@ -293,7 +333,16 @@ def place(closed: Scene, kind: str, seed: int, file: GrainFile | None = None) ->
 
 
 def no_room(closed: Scene, placed: int, top: float) -> PlacingError:
-    """Build the error for `placed` grains that found a place up to z = `top` [m], with the keys that make room."""
+    """Build the error for a container with too little room, with the keys that make room.
+
+    Args:
+        closed: The closed scene.
+        placed: Number of grains that found a place.
+        top: Height up to which places were tried [m].
+
+    Returns:
+        The error.
+    """
     grains, container = closed.grains, closed.container
     widths = [f"container.{key}" for key in container.widths]
     narrow = [
@@ -497,7 +546,15 @@ def assort(grains: Spheres, version: int, seed: int) -> tuple[np.ndarray | None,
 
 
 def whole_numbers(shares: np.ndarray, total: int) -> np.ndarray:
-    """Round shares to whole numbers that add up to `total`: the largest remainders are rounded up."""
+    """Round shares to whole numbers: those with the largest remainders are rounded up.
+
+    Args:
+        shares: Shares of any sum, shape [k].
+        total: Sum of the whole numbers.
+
+    Returns:
+        Whole numbers, shape [k].
+    """
     exact = shares / shares.sum() * total
     numbers = np.floor(exact).astype(int)
     short = total - int(numbers.sum())

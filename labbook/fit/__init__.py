@@ -18,7 +18,14 @@ LAWS: Registry[Law] = Registry[Law](
 
 
 def law_name(law: str) -> str:
-    """Return the name of a law written as reports show it: `beverloo_3d` for `Beverloo 3d`; others are unchanged."""
+    """Name of a law that is written as reports show it.
+
+    Args:
+        law: Text such as `Beverloo 3d`.
+
+    Returns:
+        `beverloo_3d`; a text that names no law is unchanged.
+    """
     plain = law.strip().lower().replace(" ", "_")
     return plain if plain in LAWS else law
 

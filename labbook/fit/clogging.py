@@ -11,7 +11,7 @@ import numpy as np
 from labbook.fit.law import exponential
 from labbook.fit.profile import LowerMinimum, Residuals, interval, minimise
 from labbook.fit.result import FitError, Parameter
-from labbook.stats.choice import unbeaten
+from labbook.stats.choice import best_laws
 from labbook.stats.pooling import student
 
 DECADES = 3.0
@@ -54,18 +54,32 @@ class AvalancheLaw(ABC):
             x: Outlets D/d with stops, shape [n].
             log_mean: Rough ln ⟨s⟩ at each, shape [n].
             context: Properties of the outlets.
+
+        Returns:
+            Starts, each of shape [p].
         """
 
     @abstractmethod
     def reported(self, free: float, index: int, context: "Outlets") -> tuple[str, float]:
-        """Name and value of the reported parameter that corresponds to a free one; a monotone function."""
+        """Reported parameter that corresponds to a free one.
+
+        Args:
+            free: Value of the free parameter.
+            index: Its index.
+            context: Properties of the outlets.
+
+        Returns:
+            Name and value, a monotone function of `free`.
+        """
 
 
 @dataclass(frozen=True)
 class Outlets:
     """Properties of the outlets of a fit.
 
-    `dimension`: of the region of arches (2 for a slot, 3 for a hole); `widest`: the widest outlet with a stop [d].
+    Args:
+        dimension: Dimension of the region of arches: 2 for a slot, 3 for a hole.
+        widest: Widest outlet with a stop [d].
     """
 
     dimension: int
@@ -147,7 +161,14 @@ class AvalancheFit:
     best: np.ndarray
 
     def mean(self, x: np.ndarray) -> np.ndarray:
-        """⟨s⟩ of the law at the outlets x = D/d, shape [m]; infinite where the flow never stops."""
+        """Mean avalanche of the law.
+
+        Args:
+            x: Outlets D/d, shape [m].
+
+        Returns:
+            ⟨s⟩ [grains], shape [m]; infinite where the flow never stops.
+        """
         with np.errstate(over="ignore"):
             return np.exp(self.law.log_mean(np.asarray(x, float), self.best, self.context))
 
@@ -240,5 +261,11 @@ def preferred(fits: Sequence[AvalancheFit]) -> tuple[str, ...]:
 
     A law is beaten only by 4 or more, in AICc and in the likelihood alone, as for laws of the flow rate. If there are
     too few outlets for the criterion, nothing is beaten.
+
+    Args:
+        fits: Fits of laws to the same outlets.
+
+    Returns:
+        Names in the order of the fits.
     """
-    return unbeaten({fit.law.name: (fit.aicc, fit.deviance) for fit in fits})
+    return best_laws({fit.law.name: (fit.aicc, fit.deviance) for fit in fits})

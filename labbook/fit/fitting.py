@@ -10,7 +10,7 @@ from labbook.fit.profile import LowerMinimum, Minimum, interval, minimise
 from labbook.fit.result import FitError, FitResult, Parameter, widened
 from labbook.fit.weights import Weights, pooled_weights
 from labbook.scene.quantities import told_apart
-from labbook.stats.choice import aicc, deviance, unbeaten
+from labbook.stats.choice import aicc, best_laws, deviance
 from labbook.stats.pooling import student
 
 _RESTARTS = 8
@@ -211,9 +211,18 @@ def contenders(results: Sequence[FitResult]) -> tuple[str, ...]:
 
     A law is beaten only if another one wins by AICc and by the likelihood alone. With 8 points a third parameter costs
     9 in AICc, so that a law with two would win by more than 4 on data that both fit equally well. Such a choice would
-    rest on the number of parameters, not on the data. Raises FitError unless all laws were fitted to the same points.
+    rest on the number of parameters, not on the data.
+
+    Args:
+        results: Fitted laws.
+
+    Returns:
+        Names in the order of the fits.
+
+    Raises:
+        FitError: The laws were not fitted to the same points.
     """
     first = results[0]
     if any(not (np.array_equal(r.D, first.D) and np.array_equal(r.W, first.W)) for r in results):
         raise FitError("laws can be compared only on the same points")
-    return unbeaten({r.law.name: (r.aicc, deviance(r.chi2, len(r.D))) for r in results})
+    return best_laws({r.law.name: (r.aicc, deviance(r.chi2, len(r.D))) for r in results})

@@ -61,6 +61,9 @@ class Interpolation:
             of_length: True if the key is a length.
             trend: Known trend of the quantity (`trend_of_outlets`); unused if a value is not positive.
 
+        Returns:
+            The fitted quantity.
+
         Raises:
             ValueError: See `Response.of`.
         """
@@ -71,18 +74,32 @@ class Interpolation:
         return cls(float(x.min()), float(x.max()), response, of_length, logarithmic, trend)
 
     def at(self, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Compute the quantity, or its logarithm if it is above 0, at m settings, and the half width of its interval.
+        """Compute the quantity, or its logarithm if all its values are above 0.
 
-        Raises ValueError for a setting outside the range.
+        Args:
+            x: Settings [SI], shape [m].
+
+        Returns:
+            Values and half widths of their 95 % intervals, each of shape [m].
+
+        Raises:
+            ValueError: A setting is outside the range.
         """
         x = np.asarray(x, float)
         mean, half = self.response.at(np.log(x) if self._of_length else x)
         return mean + self._trend(x), half
 
     def band(self, x: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Compute the quantity [SI] at m settings, and the ends of its 95 % interval, each of shape [m].
+        """Compute the quantity with its interval.
 
-        Raises ValueError for a setting outside the range.
+        Args:
+            x: Settings [SI], shape [m].
+
+        Returns:
+            Values and the ends of their 95 % intervals [SI], each of shape [m].
+
+        Raises:
+            ValueError: A setting is outside the range.
         """
         value, half = self.at(x)
         back = np.exp if self._logarithmic else np.asarray

@@ -16,7 +16,7 @@ import numpy as np
 
 from labbook.fit.profile import Minimum, minimise
 from labbook.fit.result import FitError, Parameter
-from labbook.stats.choice import aicc, unbeaten
+from labbook.stats.choice import aicc, best_laws
 from labbook.stats.pooling import student
 
 MODELS = ("J1", "J2", "J3")
@@ -68,8 +68,16 @@ class BulkProfile:
 
 @dataclass(frozen=True, eq=False)
 class ModelFit:
-    """A model fitted to a profile. `parameters`: `length` l [m], of walls also `ratio` K and, where it has one, the
-    shift s or the thickness a of the hydrostatic layer [m] as `layer`."""
+    """A model fitted to a profile.
+
+    Attributes:
+        model: Name in MODELS.
+        parameters: `length` l [m]; of walls also `ratio` K; of J2 and J3 also `layer`, the shift s or the thickness a
+            of the hydrostatic layer [m].
+        chi2: Sum of squares of the residuals over their errors.
+        dof: Degrees of freedom.
+        aicc: Akaike's criterion, corrected for small samples.
+    """
 
     model: str
     parameters: Mapping[str, Parameter]
@@ -85,18 +93,33 @@ class ModelFit:
 
 @dataclass(frozen=True, eq=False)
 class BulkFit(ModelFit):
-    """A model fitted to the vertical stress in the bed."""
+    """A model fitted to the vertical stress in the bed.
+
+    Attributes:
+        profile: The fitted profile.
+    """
 
     profile: BulkProfile
 
     def curve(self, depth: np.ndarray) -> np.ndarray:
-        """Vertical stress [Pa] at depths [m]."""
+        """Vertical stress of the model.
+
+        Args:
+            depth: Depths below the surface [m], shape [n].
+
+        Returns:
+            Stress [Pa], shape [n].
+        """
         return self.profile.specific_weight * self._over_weight(depth)[0]
 
 
 @dataclass(frozen=True, eq=False)
 class JanssenFit(ModelFit):
-    """A model fitted to the normal and shear stress of walls."""
+    """A model fitted to the normal and shear stress of walls.
+
+    Attributes:
+        profile: The fitted profile.
+    """
 
     profile: WallProfile
 
@@ -107,14 +130,31 @@ class JanssenFit(ModelFit):
         return self.profile.section / (values["ratio"].value * values["length"].value)
 
     def curves(self, depth: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Normal and shear stress [Pa] at depths [m]."""
+        """Stresses on the walls by the model.
+
+        Args:
+            depth: Depths below the surface [m], shape [n].
+
+        Returns:
+            Normal stress and shear stress [Pa], each of shape [n].
+        """
         vertical, slope = self._over_weight(depth)
         weight = self.profile.specific_weight
         return self.parameters["ratio"].value * weight * vertical, self.profile.section * weight * (1 - slope)
 
 
 def vertical_stress(model: str, depth: np.ndarray, length: float, layer: float = 0.0) -> np.ndarray:
-    """sigma_zz/(rho g) [m] at depths x [m], by a model of MODELS; layer: s of J2, a of J3 [m]."""
+    """Vertical stress over specific weight, sigma_zz/(rho g), by a model of MODELS.
+
+    Args:
+        model: Name of the model.
+        depth: Depths x below the surface [m], shape [n].
+        length: Length l [m].
+        layer: Shift s of J2, or thickness a of J3 [m].
+
+    Returns:
+        sigma_zz/(rho g) [m], shape [n].
+    """
     return _vertical(model, np.asarray(depth, float), length, layer)[0]
 
 
@@ -132,6 +172,10 @@ def fit_janssen(profile: WallProfile, confidence: float = 0.95) -> dict[str, Jan
     """Fit the three models by weighted least squares to the stresses of walls.
 
     Intervals are Student's in ln l and ln K, with errors of the size that the residuals have.
+
+    Args:
+        profile: Stresses of the walls by depth.
+        confidence: Confidence of the intervals.
 
     Returns:
         Fits by model; those that do not converge are left out.
@@ -153,7 +197,14 @@ def fit_janssen(profile: WallProfile, confidence: float = 0.95) -> dict[str, Jan
 
 
 def fit_bulk(profile: BulkProfile, confidence: float = 0.95) -> dict[str, BulkFit]:
-    """Fit the three models to the vertical stress in a bed, in the same way; K is no parameter.
+    """Fit the three models to the vertical stress in a bed, as `fit_janssen` does; K is no parameter.
+
+    Args:
+        profile: Stresses in the bed by depth.
+        confidence: Confidence of the intervals.
+
+    Returns:
+        Fits by model; those that do not converge are left out.
 
     Raises:
         FitError: fewer than four heights, or an error that is not positive.
@@ -177,8 +228,15 @@ def _check(depth: np.ndarray, *errors: np.ndarray) -> None:
 
 
 def preferred(fits: Mapping[str, ModelFit]) -> tuple[str, ...]:
-    """Models that no other beats by 4 in AICc; several names mean that the data do not decide."""
-    return unbeaten({name: (entry.aicc,) for name, entry in fits.items()}) if fits else ()
+    """Models that no other beats by 4 in AICc.
+
+    Args:
+        fits: Fits by model, to the same profile.
+
+    Returns:
+        Their names; several mean that the data do not decide.
+    """
+    return best_laws({name: (entry.aicc,) for name, entry in fits.items()}) if fits else ()
 
 
 def _fits(

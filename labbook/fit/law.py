@@ -31,7 +31,15 @@ class Context:
 
     @classmethod
     def of(cls, scene: Scene, packing_fraction: float | None) -> "Context":
-        """Build the context of a scene, with the measured packing fraction of its bed; None: not measured."""
+        """Build the context of a scene.
+
+        Args:
+            scene: The scene.
+            packing_fraction: Measured packing fraction of its bed; None: not measured.
+
+        Returns:
+            Properties of its grains, slot and gravity.
+        """
         density = scene.grains.mean_density
         diameter = (6 * scene.grains.mass / (math.pi * density)) ** (1 / 3)  # of a sphere of the grains' volume
         thickness = float(getattr(scene.container, "thickness", math.nan))
@@ -75,7 +83,18 @@ class Reported:
     scale: float = 1.0
 
     def invert(self, value: float, near: float) -> float:
-        """Find the free parameter near `near` whose reported value is `value`. Raises ValueError if there is none."""
+        """Invert the function `of`.
+
+        Args:
+            value: Reported value [`unit`].
+            near: Free parameter to search around.
+
+        Returns:
+            The free parameter.
+
+        Raises:
+            ValueError: No free parameter within 1e4 of `near` has this reported value.
+        """
         from scipy.optimize import brentq
 
         for reach in (1.0, 10.0, 100.0, 1e4):
@@ -128,18 +147,33 @@ class Law(ABC):
 
     @abstractmethod
     def start(self, D: np.ndarray, W: np.ndarray, context: Context) -> np.ndarray:
-        """Free parameters, shape [p], to start a fit from; D [m] and W [kg/s] are the points, shape [n]."""
+        """Free parameters to start a fit from.
+
+        Args:
+            D: Orifices [m], shape [n].
+            W: Flow rates [kg/s], shape [n].
+            context: Properties of grains, slot and gravity.
+
+        Returns:
+            Free parameters, shape [p].
+        """
 
     @abstractmethod
     def reported(self, context: Context) -> tuple[Reported, ...]:
-        """Parameters as reports show them, in their order."""
+        """Parameters as reports show them.
+
+        Args:
+            context: Properties of grains, slot and gravity; without a bulk density, parameters that need it are left
+                out.
+
+        Returns:
+            The parameters in their order.
+        """
 
     def without_minimum(
         self, D: np.ndarray, W: np.ndarray, relative: np.ndarray, context: Context, allowed: Callable[[float], float]
     ) -> str:
-        """Reason why chi2 has no minimum at finite parameters, with the limits that the data still give.
-
-        Empty if it has a minimum, or if the law has no limit to diverge to.
+        """Reason why chi2 has no minimum at finite parameters.
 
         Args:
             D: Orifices [m], shape [n].
@@ -147,13 +181,23 @@ class Law(ABC):
             relative: Relative standard errors of W, shape [n].
             context: Properties of grains, slot and gravity.
             allowed: Rise of chi2 over a given minimum that bounds the intervals.
+
+        Returns:
+            The reason, with the limits that the data still give; empty if there is a minimum, or if the law has no
+            limit to diverge to.
         """
         return ""
 
     def endless(self, free: np.ndarray) -> Collection[int]:
-        """Indices of free parameters that diverge at `free`, shape [p], but for a bound of the law.
+        """Free parameters that would diverge if the law did not bound them.
 
-        An end of their intervals there is that of the bound, not of the data, and counts as infinite.
+        An end of their intervals at such a bound is that of the bound, not of the data, and counts as infinite.
+
+        Args:
+            free: Free parameters, shape [p].
+
+        Returns:
+            Their indices.
         """
         return ()
 
@@ -169,18 +213,39 @@ class Law(ABC):
         return tuple(entry.symbol for name, entry in self.parameters.items() if name not in without)
 
     def flow(self, D: np.ndarray, free: np.ndarray, context: Context) -> np.ndarray:
-        """W [kg/s] at the orifices D [m], shape [n]."""
+        """Flow rates of the law.
+
+        Args:
+            D: Orifices [m], shape [n].
+            free: Free parameters, shape [p].
+            context: Properties of grains, slot and gravity.
+
+        Returns:
+            W [kg/s], shape [n].
+        """
         return np.exp(self.log_flow(np.asarray(D, float), np.asarray(free, float), context))
 
     def outside(self, D: np.ndarray, context: Context) -> np.ndarray:
-        """Mark the orifices outside the range that the law is meant for, shape [n]."""
+        """Mark the orifices outside the range that the law is meant for, D/d >= `least_ratio`.
+
+        Args:
+            D: Orifices [m], shape [n].
+            context: Properties of the grains.
+
+        Returns:
+            True for orifices outside, shape [n].
+        """
         return np.asarray(D, float) / context.d < self.least_ratio * (1 - 1e-9)
 
 
 def extended_log(x: np.ndarray) -> np.ndarray:
     """ln x, continued below 1e-3 by its tangent: a fit that leaves the domain is led back.
 
-    `x` should be of order one at a grain's diameter beyond its zero.
+    Args:
+        x: Argument, of any shape; of order one at a grain's diameter beyond its zero.
+
+    Returns:
+        Finite values of the same shape.
     """
     edge = 1e-3
     inside = np.maximum(x, edge)

@@ -24,7 +24,13 @@ _FARTHEST = 1e3
 
 @dataclass(frozen=True)
 class Minimum:
-    """Least-squares solution: parameters, shape [p], sum of squares, and covariance, shape [p, p], or infinity."""
+    """Least-squares solution.
+
+    Attributes:
+        best: Parameters, shape [p].
+        chi2: Sum of squares.
+        covariance: Covariance of the parameters, shape [p, p]; infinite if the data do not determine them.
+    """
 
     best: np.ndarray
     chi2: float
@@ -76,7 +82,15 @@ def minimise(residuals: Residuals, start: np.ndarray) -> Minimum:
 
 
 def derivative(function: Residuals, at: np.ndarray) -> np.ndarray:
-    """Central-difference derivative of a vector function: shape [n, p]."""
+    """Central-difference derivative of a vector function.
+
+    Args:
+        function: Function of p parameters with n values.
+        at: Parameters, shape [p].
+
+    Returns:
+        Derivative of each value by each parameter, shape [n, p].
+    """
     columns = []
     for i in range(len(at)):
         step = np.zeros_like(at)

@@ -32,7 +32,15 @@ class FitError(ValueError):
 
 @dataclass(frozen=True)
 class Parameter:
-    """A fitted parameter: value, ends of its interval, standard error (linearised), unit."""
+    """A fitted parameter.
+
+    Attributes:
+        value: Fitted value [`unit`].
+        low: Lower end of its interval; -inf without one.
+        high: Upper end of its interval; inf without one.
+        error: Standard error, linearised at the minimum.
+        unit: SI unit.
+    """
 
     value: float
     low: float
@@ -41,9 +49,13 @@ class Parameter:
     unit: str
 
     def determined(self, about_zero: bool = False) -> bool:
-        """Decide whether the data determine the parameter: its interval has both ends and is at most ten values wide.
+        """Decide if the data determine the parameter.
 
-        `about_zero`: a value compatible with zero is a result too, whatever the width of its interval.
+        Args:
+            about_zero: A value compatible with zero is a result too, whatever the width of its interval.
+
+        Returns:
+            True if the interval has both ends and is at most ten values wide.
         """
         width = self.high - self.low
         return math.isfinite(width) and (about_zero or width <= _WIDE * abs(self.value))
@@ -194,7 +206,15 @@ class FitResult:
             raise ValueError(f"orifice: {problem}; give text such as '20 mm', or numbers in m") from None
 
     def band(self, at: np.ndarray, *, new_point: bool = False) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Compute the band of `predict` at m orifices `at` [m], without its warning."""
+        """Compute the band of `predict` without its warning on extrapolation.
+
+        Args:
+            at: Orifices [m], shape [m].
+            new_point: Band of one further point with as many replicates, instead of that of the law.
+
+        Returns:
+            W of the law and the ends of its interval [kg/s], each of shape [m].
+        """
         best = self._minimum.best
         with np.errstate(over="ignore", invalid="ignore", divide="ignore"):
             slopes = derivative(lambda free: self.law.log_flow(at, free, self.context), best)

@@ -61,7 +61,7 @@ class CampaignFile:
             strategy: Proposes.
             backend: Name of the backend whose runs are looked at.
         """
-        sections = {name: section for name, section in study.stated.items() if name not in _BESIDE}
+        sections = {name: section for name, section in study.definition.items() if name not in _BESIDE}
         options = strategy.model_dump(mode="json")
         key = digest([sections, strategy.name, strategy.version, options, backend])
         self.path = lab.campaigns / f"{study.name}-{key}.json"

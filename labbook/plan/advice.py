@@ -344,7 +344,12 @@ def _narrow_rings(study: Study) -> Iterator[str]:
 
 def _low_beds(study: Study) -> Iterator[str]:
     """Warn of beds that are too low for a steady flow at the end of a window that labbook chose."""
-    if study.fed or study.window.timed or "end" in study.stated.get("window", {}) or "flow_rate" not in study.measure:
+    if (
+        study.fed
+        or study.window.timed
+        or "end" in study.definition.get("window", {})
+        or "flow_rate" not in study.measure
+    ):
         return
     low_points = [(point, until) for point in study.points
            if (until := high_until(point.scene)) is not None and until < study.window.end - 1e-9]  # fmt: skip
@@ -454,7 +459,7 @@ def _large_recordings(plan: Plan) -> Iterator[str]:
 def _stiff(study: Study, points: Sequence[tuple[PointDemand, Outline]]) -> Iterator[str]:
     """Hint at grains much stiffer than their bed needs, which cost steps."""
     hints = []
-    by_youngs = "youngs_modulus" in study.stated.get("contact", {})
+    by_youngs = "youngs_modulus" in study.definition.get("contact", {})
     for shared, shape in points:
         scale = shared.numerics.stiffness_scale
         youngs = by_youngs or "contact.youngs_modulus" in shared.point.at
@@ -471,7 +476,7 @@ def _stiff(study: Study, points: Sequence[tuple[PointDemand, Outline]]) -> Itera
 
 def _soft(study: Study, points: Sequence[tuple[PointDemand, Outline]]) -> Iterator[str]:
     """Warn of grains so soft that the weight of the bed alone overlaps them by more than the guard allows."""
-    by_youngs = "youngs_modulus" in study.stated.get("contact", {})
+    by_youngs = "youngs_modulus" in study.definition.get("contact", {})
     for shared, shape in points:
         numerics = shared.filled_by
         scene = shared.scene.stiffened(numerics.stiffness_scale)

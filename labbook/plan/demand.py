@@ -234,7 +234,7 @@ class PointDemand:
         """Numbers of stop rule, guards and recording that the study leaves to labbook."""
         stop, record = self.study.stop, self.study.record
         has_speed_limit = (
-            "speed_limit" in self.study.stated.get("numerics", {}) or "numerics.speed_limit" in self.point.at
+            "speed_limit" in self.study.definition.get("numerics", {}) or "numerics.speed_limit" in self.point.at
         )
         defaults = {
             "max_time": stop.max_time is None,
@@ -453,7 +453,7 @@ def tolerance(study: Study, point: Point | None = None) -> float | None:
 
     `point` None: a point whose numerics have no known bias.
     """
-    return study.accuracy.flow_rate if point is None or point.choice is None else point.choice.left
+    return study.accuracy.flow_rate if point is None or point.choice is None else point.choice.remainder
 
 
 def stopping_rule(study: Study, point: Point | None = None) -> StoppingRule:

@@ -323,7 +323,7 @@ class Plan:
                     f"{choice.precision}: they change the flow "
                 )
                 summary += (
-                    f"rate by {bias}, which leaves {percent(choice.left, '.2f')} for the scatter; "
+                    f"rate by {bias}, which leaves {percent(choice.remainder, '.2f')} for the scatter; "
                     f"{needed} replicates{alone} expected{cap}"
                 )
                 if choice.usual is not None:

@@ -1,1 +1,1 @@
-"""What a study found: analysis of its points, comparison with a paper, figures, and the page that shows them."""
+"""Report of a study: its page with sections, tables and figures, and the hook for the analyses of papers."""

@@ -1,4 +1,4 @@
-"""What a page is made of: sections, and the blocks in them. The template draws every kind in one place.
+"""Parts of a page: sections, and the blocks in them. The template draws every kind in one place.
 
 Whoever adds to a report returns a Section of these blocks; neither the page nor the template has to know of it.
 """
@@ -114,17 +114,17 @@ def slug(text: str) -> str:
     return re.sub(r"[^a-z0-9]+", "-", text.lower()).strip("-")
 
 
-def anchored(sections: Sequence[Section], taken: set[str] | None = None) -> tuple[Section, ...]:
+def anchored(sections: Sequence[Section], used: set[str] | None = None) -> tuple[Section, ...]:
     """The same sections, each with an anchor that no other has."""
-    taken = set() if taken is None else taken
-    return tuple(_anchored(section, taken) for section in sections)
+    used = set() if used is None else used
+    return tuple(_anchored(section, used) for section in sections)
 
 
-def _anchored(section: Section, taken: set[str]) -> Section:
-    wanted = section.anchor or slug(section.title) or "section"
-    anchor = next(name for name in _numbered(wanted) if name not in taken)
-    taken.add(anchor)
-    within = (_anchored(block, taken) if isinstance(block, Section) else block for block in section.blocks)
+def _anchored(section: Section, used: set[str]) -> Section:
+    stem = section.anchor or slug(section.title) or "section"
+    anchor = next(name for name in _numbered(stem) if name not in used)
+    used.add(anchor)
+    within = (_anchored(block, used) if isinstance(block, Section) else block for block in section.blocks)
     return replace(section, anchor=anchor, blocks=tuple(within))
 
 

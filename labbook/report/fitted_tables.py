@@ -13,7 +13,7 @@ from labbook.scene.quantities import percent
 
 
 def fit_table(
-    law: str, fit: FitResult, known: Mapping[str, Comparison] = MappingProxyType({}), source: str = ""
+    law: str, fit: FitResult, comparisons: Mapping[str, Comparison] = MappingProxyType({}), source: str = ""
 ) -> Table:
     """Parameters of a fit with standard errors and intervals, beside the reference; goodness and notes below."""
     goodness = f"χ² = {fit.chi2:.3g} with {fit.dof} degree{'' if fit.dof == 1 else 's'} of freedom"
@@ -24,16 +24,18 @@ def fit_table(
     notes = (
         goodness + ".",
         *(f"{note[:1].upper()}{note[1:]}." for note in fit.notes),
-        *_together(law, fit, known, source),
+        *_together(law, fit, comparisons, source),
     )
-    return parameter_table(law, fit.parameters, known, source, notes)
+    return parameter_table(law, fit.parameters, comparisons, source, notes)
 
 
-def _together(law: str, fit: FitResult, known: Mapping[str, Comparison], source: str) -> Iterator[str]:
-    """What the reference's parameters say at once, of each set of them that leaves nothing free. Those fitted to a
-    measurement have errors that belong together, which this test does not know."""
+def _together(law: str, fit: FitResult, comparisons: Mapping[str, Comparison], source: str) -> Iterator[str]:
+    """Test the reference's parameters jointly, in each set of them that leaves no parameter of the law free.
+
+    Parameters fitted to a measurement are left out: their errors are correlated, and the test has no covariance.
+    """
     reported = fit.law.reported(fit.context)
-    published = {name: one for name, one in known.items() if not one.measured}
+    published = {name: one for name, one in comparisons.items() if not one.measured}
     names = [
         [one.name for one in reported if one.free == free and one.name in published]
         for free in range(len(fit.law.free))
@@ -43,22 +45,24 @@ def _together(law: str, fit: FitResult, known: Mapping[str, Comparison], source:
             p = fit.together({name: published[name].reference for name in group})
         except ValueError:
             continue
-        said = " and ".join(display.quantity(f"{law}.{name}", fit.parameters[name].unit).name for name in group)
+        parameters_text = " and ".join(
+            display.quantity(f"{law}.{name}", fit.parameters[name].unit).name for name in group
+        )
         where = f"{'within' if p >= 1 - fit.confidence else 'outside'} our joint {percent(fit.confidence)} region"
-        yield f"{said} of {source} together: {where} (p = {p:.2g}, F test)."
+        yield f"{parameters_text} of {source} together: {where} (p = {p:.2g}, F test)."
 
 
 def parameter_table(
     law: str,
     parameters: Mapping[str, Parameter],
-    known: Mapping[str, Comparison],
+    comparisons: Mapping[str, Comparison],
     source: str,
     notes: tuple[str, ...] = (),
 ) -> Table:
     """Parameters of `law` with intervals and, where the reference has any (`known`), whether it lies inside."""
     rows = [parameter_row(f"{law}.{name}", parameter) for name, parameter in parameters.items()]
     headings = ("parameter", "value", "95 % interval")
-    theirs = [known.get(name) for name in parameters]
+    theirs = [comparisons.get(name) for name in parameters]
     if not any(theirs):
         return Table(headings, tuple(rows), notes=notes)
     rows = [(*row, *_beside(one)) for row, one in zip(rows, theirs, strict=True)]
@@ -66,24 +70,24 @@ def parameter_table(
     return Table((*headings, source, INSIDE), tuple(rows), marked=far, notes=notes)
 
 
-def _beside(one: Comparison | None) -> tuple[str, str]:
+def _beside(comparison: Comparison | None) -> tuple[str, str]:
     """The reference's number, and whether it lies inside our interval."""
-    if one is None:
+    if comparison is None:
         return "–", "–"
-    scale = display.quantity(one.quantity, one.unit).scale
-    return display.with_error(one.reference, one.reference_error or math.nan, scale), inside(one)
+    scale = display.quantity(comparison.quantity, comparison.unit).scale
+    return display.with_error(comparison.reference, comparison.reference_error or math.nan, scale), inside(comparison)
 
 
 def parameter_row(quantity: str, parameter: Parameter) -> tuple[str, str, str]:
     """A parameter with its interval; one without an end, or far wider than the value, leaves no value to quote."""
-    shown = display.quantity(quantity, parameter.unit)
+    notation = display.quantity(quantity, parameter.unit)
     width = parameter.high - parameter.low
     digits = width / 4  # about a standard error, also where the linearised one means nothing
-    ends = (display.number(end, digits, shown.scale) for end in (parameter.low, parameter.high))
-    if not parameter.determined(shown.about_zero):
+    ends = (display.number(end, digits, notation.scale) for end in (parameter.low, parameter.high))
+    if not parameter.determined(notation.about_zero):
         value = NOT_DETERMINED
     elif parameter.error > width:
-        value = display.number(parameter.value, digits, shown.scale)
+        value = display.number(parameter.value, digits, notation.scale)
     else:
-        value = display.with_error(parameter.value, parameter.error, shown.scale)
-    return shown.heading, value, " to ".join(ends)
+        value = display.with_error(parameter.value, parameter.error, notation.scale)
+    return notation.heading, value, " to ".join(ends)

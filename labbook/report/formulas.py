@@ -34,15 +34,15 @@ def mathml(text: str) -> str:
 
 
 def _tokens(text: str) -> list[str]:
-    found, place = [], 0
+    tokens, place = [], 0
     text = text.rstrip()
     while place < len(text):
         match = _TOKEN.match(text, place)
         if match is None:
             raise ValueError(text[place:])
-        found.append(match[1])
+        tokens.append(match[1])
         place = match.end()
-    return found
+    return tokens
 
 
 class _Reader:

@@ -73,59 +73,61 @@ class NothingToShow(LookupError):
 
 def of_results(results: StudyResults) -> dict[str, Draw]:
     """Figures that show several series at once, by name, as functions that draw them."""
-    found: dict[str, Draw] = {}
+    drawings: dict[str, Draw] = {}
     fitted = [one for one in results.series if one.used]
     if len(fitted) > 1 and len({result.orifice for one in fitted for result in one.points}) > 1:
-        found["overview"] = Drawing(lambda: figures.overview(fitted), lambda: overview_caption(fitted), "points")
+        drawings["overview"] = Drawing(lambda: figures.overview(fitted), lambda: overview_caption(fitted), "points")
     if explored.mapped(results):
-        found["map"] = Drawing(lambda: _map(results), lambda: explored.CAPTION, "points")
-    for one in found_against(results):
-        found[f"against_{slug(one.key)}"] = Drawing(
-            lambda one=one: figures.against_key(one), lambda one=one: against_caption(one), "against"
+        drawings["map"] = Drawing(lambda: _map(results), lambda: explored.CAPTION, "points")
+    for comparison in found_against(results):
+        drawings[f"against_{slug(comparison.key)}"] = Drawing(
+            lambda ratios=comparison: figures.against_key(ratios),
+            lambda ratios=comparison: against_caption(ratios),
+            "against",
         )
     if Composition.name in results.study.measure and (points := compositions(results)):
-        found["composition"] = Drawing(
+        drawings["composition"] = Drawing(
             lambda: figures.composition_against_discharge(points), lambda: COMPOSITION_CAPTION, "composition"
         )
     if energies := energy.balanced(results):
-        found["energy"] = Drawing(lambda: figures.energy_balance(energies), lambda: energy.CAPTION, "points")
+        drawings["energy"] = Drawing(lambda: figures.energy_balance(energies), lambda: energy.CAPTION, "points")
     if Residence.name in results.study.measure:
         maps, curves = residence.residence_of(results)
         if maps:
-            found["residence_map"] = Drawing(
+            drawings["residence_map"] = Drawing(
                 lambda: figures.residence_maps(maps), lambda: residence.MAP_CAPTION, "residence"
             )
         if curves:
-            found["residence"] = Drawing(
+            drawings["residence"] = Drawing(
                 lambda: figures.residence_distributions(curves), lambda: residence.CURVE_CAPTION, "residence_times"
             )
-    return found | figures_of_all(results)
+    return drawings | figures_of_all(results)
 
 
 def of_series(results: StudyResults, series: Series) -> dict[str, Draw]:
     """Figures of one series by name, as functions that draw them."""
     beside, source = results.comparisons, results.source
-    found: dict[str, Draw] = {}
+    drawings: dict[str, Draw] = {}
     if series.fits or len(series.used) > 1:
-        found["flow_rate"] = Drawing(
+        drawings["flow_rate"] = Drawing(
             lambda: figures.flow_against_orifice(series, beside, source), lambda: fit_caption(series), "points"
         )
-    return found | of_points(series) | figures_of_all(results, series)
+    return drawings | of_points(series) | figures_of_all(results, series)
 
 
 def of_points(series: Series) -> dict[str, Draw]:
     """Figures with a panel or a curve for each point of a series, by name, as functions that draw them."""
-    found: dict[str, Draw] = {}
+    drawings: dict[str, Draw] = {}
     if any(run.trace is not None for result in series.points for run in result.runs):
-        found["flow_over_time"] = Drawing(
+        drawings["flow_over_time"] = Drawing(
             lambda: figures.flow_against_time(series), lambda: flow_caption(series), "flow"
         )
     if any(run.recorded for result in series.points for run in result.runs):
-        found["patterns"] = Drawing(lambda: _patterns(series), lambda: PATTERNS)
-        found["acceleration"] = Drawing(
+        drawings["patterns"] = Drawing(lambda: _patterns(series), lambda: PATTERNS)
+        drawings["acceleration"] = Drawing(
             lambda: _acceleration(series), lambda: acceleration_caption(_accelerations(series)), "accelerations"
         )
-    return found
+    return drawings
 
 
 def _map(results: StudyResults) -> "Figure":
@@ -136,10 +138,10 @@ def _map(results: StudyResults) -> "Figure":
 
 
 def _patterns(series: Series) -> "Figure":
-    found = [one[0] for one in map(flow_patterns, series.points) if one]
-    if not found:
+    patterns = [one[0] for one in map(flow_patterns, series.points) if one]
+    if not patterns:
         raise NothingToShow("patterns: too few frames were recorded within the window; record more often")
-    return figures.flow_patterns(found)
+    return figures.flow_patterns(patterns)
 
 
 def _accelerations(series: Series) -> list[tuple[PointResult, AccelerationProfile]]:

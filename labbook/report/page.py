@@ -215,13 +215,13 @@ def environment(*packages: str) -> "Environment":
     """Templates that draw blocks (`blocks.html.j2`): those of the report, and before them those of other packages."""
     from jinja2 import ChoiceLoader, Environment, PackageLoader, StrictUndefined, select_autoescape
 
-    made = Environment(
+    templates = Environment(
         loader=ChoiceLoader([PackageLoader(name) for name in (*packages, "labbook.report")]),
         autoescape=select_autoescape(["j2", "html"]),
         undefined=StrictUndefined,
         trim_blocks=True,
         lstrip_blocks=True,
     )
-    made.filters["typeset"] = _typeset
-    made.filters["formula"] = _formula
-    return made
+    templates.filters["typeset"] = _typeset
+    templates.filters["formula"] = _formula
+    return templates

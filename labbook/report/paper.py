@@ -1,4 +1,4 @@
-"""What a paper's own analysis shows in reports."""
+"""Sections, tables and figures that a paper's own analysis adds to reports."""
 
 from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from contextlib import suppress
@@ -22,7 +22,7 @@ Draw = Callable[[], "Figure"]
 
 
 class Paper(Analysis):
-    """What the analysis of a paper adds to labbook; whatever it leaves out, it adds nothing to.
+    """Additions of a paper's analysis to labbook: base class, whose methods add nothing unless overridden.
 
     | room    | attributes and methods                                                                   |
     |---------|------------------------------------------------------------------------------------------|
@@ -34,18 +34,45 @@ class Paper(Analysis):
     """
 
     def sections(self, results: StudyResults, folder: Path) -> Sequence[Section]:
-        """Sections of the page, after the comparison with the reference; figures go into the folder."""
+        """Sections of the page, after the comparison with the reference.
+
+        Args:
+            results: Results of the study.
+            folder: Folder of the page, into which figures are written.
+
+        Returns:
+            The sections, in order.
+        """
         return ()
 
     def of_series(
         self, results: StudyResults, series: Series, folder: Path, suffix: str, where: str
     ) -> Sequence[Block]:
-        """What stands at the end of the section of a series. `suffix`: of names of files, `where`: ` (angle = 40 deg)`,
-        to be put into words; both are empty of the only series."""
+        """Blocks at the end of the section of a series.
+
+        Args:
+            results: Results of the study.
+            series: The series.
+            folder: Folder of the page, into which figures are written.
+            suffix: Suffix for names of files; empty if there is one series.
+            where: Place of the series for use in titles, ` (angle = 40 deg)`; empty if there is one series.
+
+        Returns:
+            The blocks, in order.
+        """
         return ()
 
     def tables(self, results: StudyResults, series: Series, where: str) -> Sequence[tuple[str, Table]]:
-        """Titles and tables of a series for the terminal; `where`: ` at angle = 40 deg`, or empty."""
+        """Tables of a series for the terminal.
+
+        Args:
+            results: Results of the study.
+            series: The series.
+            where: Place of the series for use in titles, ` at angle = 40 deg`; empty if there is one series.
+
+        Returns:
+            Pairs of title and table.
+        """
         return ()
 
     def figures(self, results: StudyResults) -> Mapping[str, Draw]:
@@ -62,7 +89,7 @@ class Paper(Analysis):
 
 
 def papers() -> Iterator[Paper]:
-    """Those that are installed. An entry of the group that is an `Analysis` or a `Vocabulary` only shows nothing."""
+    """Installed papers with output in reports. An entry that is only an `Analysis` or a `Vocabulary` has none."""
     return (paper for paper in PAPERS.values() if isinstance(paper, Paper))
 
 

@@ -27,7 +27,7 @@ from labbook.scene.quantities import percent
 from labbook.stats.rates import PooledRate, events_needed
 
 ATTENTION = "Attention"
-_NAMED = 5
+_LISTED = 5
 """Places that a sentence names one by one."""
 _APART = 3
 """Series whose parameters are stated one by one."""
@@ -40,27 +40,27 @@ _EXPECTED = {PACKING_FRACTION: "packing fraction", "power_released": "energy bal
 
 
 def result_box(results: StudyResults) -> Facts:
-    """What was found, in lines of a term and a sentence; what asks for attention is marked."""
-    rows = [*_found(results), *((ATTENTION, text) for text in concerns(results))]
+    """Findings of a study: rows of a term and a sentence. Rows that need attention are marked."""
+    rows = [*_findings(results), *((ATTENTION, text) for text in concerns(results))]
     rows.append(("Runs", _counted(results)))
     return Facts(tuple(rows), frozenset({ATTENTION}))
 
 
 def summary(results: StudyResults) -> list[str]:
     """The same as plain sentences."""
-    return [_counted(results), *concerns(results), *(text for _, text in _found(results))]
+    return [_counted(results), *concerns(results), *(text for _, text in _findings(results))]
 
 
 def headline(results: StudyResults) -> str:
-    """What was found, in a line for a list of studies: the parameters of the first law that was fitted, else the range
-    of the flow rates; and whether the data choose a law. Empty if nothing was found."""
+    """Main finding in a line, for lists of studies: parameters of the first fitted law and the preferred law, else the
+    range of the flow rates. Empty without finished runs."""
     fitted = [one for one in results.series if one.fits]
     if fitted:
         law = next(iter(fitted[0].fits))
-        told = _parameters(law, [one for one in fitted if law in one.fits]).rstrip(".")
+        parameters = _parameters(law, [one for one in fitted if law in one.fits]).rstrip(".")
         judged = dict.fromkeys(one.verdict.rstrip(".") for one in fitted if one.verdict)
         verdict = f"; {next(iter(judged))}" if len(judged) == 1 else "; series differ in the law" if judged else ""
-        return f"{display.law(law)}: {told}{verdict}."
+        return f"{display.law(law)}: {parameters}{verdict}."
     return next((text for _, text in _flow_rates(results)), "")
 
 
@@ -69,13 +69,13 @@ def _counted(results: StudyResults) -> str:
     return f"{_count(runs, 'run')} of {_count(len(results.points), 'point')}."
 
 
-def _found(results: StudyResults) -> list[Row]:
+def _findings(results: StudyResults) -> list[Row]:
     if isinstance(results.study.adapt, Calibrate):  # its points differ in parameters that have no meaning alone
         return [*_goal(results)]
     rows = [*_goal(results), *_flow_rates(results), *_clogging(results)]
     rows += [*effects(results), *conclusions(results)]
-    known = point_budgets(results)
-    sentences = [budget_summed_up(known, quantity) for quantity in (FLOW_RATE, PACKING_FRACTION)]
+    budgets = point_budgets(results)
+    sentences = [budget_summed_up(budgets, quantity) for quantity in (FLOW_RATE, PACKING_FRACTION)]
     if any(sentences):
         rows.append(("Error budget", " ".join(filter(None, sentences))))
     return rows
@@ -116,29 +116,29 @@ def _flow_rates(results: StudyResults) -> list[Row]:
     """The smallest and the largest flow rate with what was set there, and how well they are known."""
     rows: list[Row] = []
     for quantity, called in ((FLOW_RATE, "Flow rate"), (PACKING_FRACTION, "Packing fraction")):
-        known = sorted(
+        ordered = sorted(
             (result for result in results.points if quantity in result.pooled),
             key=lambda result: result.pooled[quantity].value,
         )
-        if known:
-            rows.append((called, _range(known, quantity)))
-    asked = results.study.accuracy.flow_rate
-    if asked is not None and results.points and all(result.precise for result in results.points):
-        said = f"The flow rate of every point has the requested error of {percent(asked)} (95 % interval)."
-        rows.append(("Accuracy", said))
+        if ordered:
+            rows.append((called, _range(ordered, quantity)))
+    tolerance = results.study.accuracy.flow_rate
+    if tolerance is not None and results.points and all(result.precise for result in results.points):
+        sentence = f"The flow rate of every point has the requested error of {percent(tolerance)} (95 % interval)."
+        rows.append(("Accuracy", sentence))
     return rows
 
 
-def _range(known: Sequence[PointResult], quantity: str) -> str:
-    shown, ends = display.quantity(quantity), [known[0], known[-1]] if len(known) > 1 else [known[0]]
-    told = []
+def _range(ordered: Sequence[PointResult], quantity: str) -> str:
+    notation, ends = display.quantity(quantity), [ordered[0], ordered[-1]] if len(ordered) > 1 else [ordered[0]]
+    texts = []
     for result in ends:
         pooled = result.pooled[quantity]
-        value = f"{display.with_error(pooled.value, pooled.error, shown.scale)} {shown.unit}".rstrip()
-        told.append(f"{value} ({result.label})" if result.label else value)
-    if len(told) > 1 and known[0].pooled[quantity].value == known[-1].pooled[quantity].value:
-        told = [f"{told[0].partition(' (')[0]} at all points"]
-    return f"{shown.name} = {' to '.join(told)}; {interval_widths(known, quantity)}."
+        value = f"{display.with_error(pooled.value, pooled.error, notation.scale)} {notation.unit}".rstrip()
+        texts.append(f"{value} ({result.label})" if result.label else value)
+    if len(texts) > 1 and ordered[0].pooled[quantity].value == ordered[-1].pooled[quantity].value:
+        texts = [f"{texts[0].partition(' (')[0]} at all points"]
+    return f"{notation.name} = {' to '.join(texts)}; {interval_widths(ordered, quantity)}."
 
 
 def interval_widths(measured: Sequence[PointResult], quantity: str) -> str:
@@ -175,18 +175,20 @@ def _parameters(law: str, series: Sequence[Series]) -> str:
     names = list(dict.fromkeys(name for one in series for name in one.fits[law].parameters))
     names = [name for name in names if name in _LEADING.get(law, names)]
     if len(series) <= _APART:
-        told = [_of_series(law, names, one, len(series) > 1) for one in series]
-        return f"{'; '.join(told)}."
+        texts = [_of_series(law, names, one, len(series) > 1) for one in series]
+        return f"{'; '.join(texts)}."
     parts = []
     for name in names:
-        shown = display.quantity(f"{law}.{name}")
-        found = sorted((one.fits[law].parameters[name] for one in series if name in one.fits[law].parameters),
+        notation = display.quantity(f"{law}.{name}")
+        ordered = sorted((one.fits[law].parameters[name] for one in series if name in one.fits[law].parameters),
                        key=lambda parameter: parameter.value)  # fmt: skip
-        ends = [display.with_error(one.value, one.error, shown.scale) for one in (found[0], found[-1])]
-        parts.append(f"{shown.name} = {ends[0]} to {ends[1]} {shown.unit}".rstrip())
+        ends = [display.with_error(one.value, one.error, notation.scale) for one in (ordered[0], ordered[-1])]
+        parts.append(f"{notation.name} = {ends[0]} to {ends[1]} {notation.unit}".rstrip())
     missed = [one for one in series if _misses(one.fits[law])]
-    more = f"; misses the points of {len(missed)} of {len(series)} series by more than their errors" if missed else ""
-    return f"{', '.join(parts)} ({len(series)} series){more}."
+    misfits = (
+        f"; misses the points of {len(missed)} of {len(series)} series by more than their errors" if missed else ""
+    )
+    return f"{', '.join(parts)} ({len(series)} series){misfits}."
 
 
 def _of_series(law: str, names: Sequence[str], series: Series, labelled: bool) -> str:
@@ -194,12 +196,12 @@ def _of_series(law: str, names: Sequence[str], series: Series, labelled: bool) -
     parts = []
     for name in names:
         if name in fit.parameters:
-            shown = display.quantity(f"{law}.{name}", fit.parameters[name].unit)
+            notation = display.quantity(f"{law}.{name}", fit.parameters[name].unit)
             _, value, interval = parameter_row(f"{law}.{name}", fit.parameters[name])
-            known = f"= {value} {shown.unit}".rstrip() if value != NOT_DETERMINED else value
+            estimate = f"= {value} {notation.unit}".rstrip() if value != NOT_DETERMINED else value
             if value != NOT_DETERMINED and "±" not in value:  # its interval is all that tells how well it is known
-                known += f" (95 %: {interval})"
-            parts.append(f"{shown.name} {known}")
+                estimate += f" (95 %: {interval})"
+            parts.append(f"{notation.name} {estimate}")
     text = ", ".join(parts)
     if _misses(fit):
         text += " (misses the points by more than their errors)"
@@ -207,7 +209,7 @@ def _of_series(law: str, names: Sequence[str], series: Series, labelled: bool) -
 
 
 def _misses(fit: FitResult) -> bool:
-    """Whether the points lie farther from the law than their errors let expect, at the 5 % level."""
+    """True if the points deviate from the law by more than their errors explain, at the 5 % level."""
     return fit.p_value < 0.05
 
 
@@ -218,14 +220,14 @@ def unfinished(results: StudyResults) -> list[str]:
         extra = redundant(results.study.points)
         names = [display.label(point.at, extra) for point in results.missing]
         sentences.append(f"Points without a finished run: {_listed(names)}.")
-    partial = [f"{one.label} ({len(one.runs)} of {one.asked})" for one in results.points if one.partial]
+    partial = [f"{one.label} ({len(one.runs)} of {one.requested})" for one in results.points if one.partial]
     if partial:
         sentences.append(f"Missing runs at {_listed(partial)}: runs that finish first are biased to fast flow.")
     return sentences
 
 
 def concerns(results: StudyResults) -> list[str]:
-    """What a reader must know before quoting a number, in plain sentences; nothing if all is as asked."""
+    """Reservations about the numbers, in sentences: read them before quoting one. Empty if all is as requested."""
     study, points, sentences = results.study, results.points, []
     sentences += [*_stale(results), *unfinished(results)]
     if results.unreadable:
@@ -252,8 +254,8 @@ def concerns(results: StudyResults) -> list[str]:
     measured = [run.measured for result in points for run in result.runs]
     for quantity, words in _EXPECTED.items():
         numbers = [one[quantity] for one in measured if quantity in one]
-        if unknown := [number for number in numbers if math.isnan(number.value)]:
-            sentences.append(f"No {words} in {len(unknown)} of {_count(len(numbers), 'run')}: {unknown[0].note}.")
+        if lacking := [number for number in numbers if math.isnan(number.value)]:
+            sentences.append(f"No {words} in {len(lacking)} of {_count(len(numbers), 'run')}: {lacking[0].note}.")
     if trending := _labels(points, lambda one: one.trending):
         sentences.append(f"No plateau of W within the window (trending): {_listed(trending)}.")
     if cut := _labels(points, lambda one: bool(one.notes[CUT_SHORT])):
@@ -270,7 +272,7 @@ def concerns(results: StudyResults) -> list[str]:
 
 
 def _stale(results: StudyResults) -> list[str]:
-    """Why runs are stale, a sentence for each reason."""
+    """Reasons that runs are stale, a sentence each."""
     total = sum(len(one.runs) for one in results.points)
     return [
         f"{n} of {_count(total, 'run')} {'is' if n == 1 else 'are'} stale: {why}. labbook run makes "
@@ -280,29 +282,31 @@ def _stale(results: StudyResults) -> list[str]:
 
 
 def _limits(results: StudyResults) -> list[str]:
-    """What `labbook plan` warns of and limits the numbers that there are, without the name of the file."""
+    """Warnings of `labbook plan` that limit the meaning of existing numbers, without the name of the file."""
     if not any(result.pooled for result in results.points):
         return []
     runs: dict[tuple[str, ...], list[str]] = {}
     for result in results.points:
         runs.setdefault(tuple(run.run_key for run in result.runs), []).append(result.label)
-    same = [
+    duplicates = [
         f"These points are the same runs, as what differs between them changes nothing: {_listed(labels)}."
         for labels in runs.values()
         if len(labels) > 1
     ]
-    told = (text.removeprefix(f"{results.study.path}: ").partition("\n    remedy: ") for text in limits(results.study))
-    return [*same, *(f"{reason} (remedy: {remedy})." for reason, _, remedy in told)]
+    plan_warnings = (
+        text.removeprefix(f"{results.study.path}: ").partition("\n    remedy: ") for text in limits(results.study)
+    )
+    return [*duplicates, *(f"{reason} (remedy: {remedy})." for reason, _, remedy in plan_warnings)]
 
 
 def no_number(results: StudyResults) -> str:
-    """Why no finished run gave a number, in a sentence; empty if any did, or if none has finished."""
+    """Reason that no finished run gave a number, in a sentence; empty if any did, or if none has finished."""
     if not results.points or any(result.pooled for result in results.points):
         return ""
     if results.unevaluated:
         return _unevaluated(results)
-    if known := _no_flow(results):
-        return known
+    if reason := _no_flow(results):
+        return reason
     runs = [run for result in results.points for run in result.runs]
     if not any(run.counted for run in runs):
         return "No number: every run diverged or is suspect."
@@ -313,13 +317,13 @@ def no_number(results: StudyResults) -> str:
 
 
 def _no_flow(results: StudyResults) -> str:
-    """Which points have runs and no flow rate, why, and what would help; empty if there are none."""
+    """Points with runs and no flow rate, with reasons and remedies; empty if there are none."""
     points = results.points
-    found = [
+    reasons = [
         f"at {_listed(_labels(points, lambda one, why=why: one.no_flow == why))}: {why}"
         for why in dict.fromkeys(one.no_flow for one in points if one.no_flow)
     ]
-    return f"No flow rate {'; '.join(found)}." if found else ""
+    return f"No flow rate {'; '.join(reasons)}." if reasons else ""
 
 
 def _unevaluated(results: StudyResults) -> str:
@@ -358,9 +362,9 @@ def _few_stops(results: StudyResults) -> list[str]:
 def _imprecise(results: StudyResults) -> list[str]:
     if results.study.accuracy.flow_rate is None or not results.points:
         return []
-    asked = percent(results.study.accuracy.flow_rate)
+    tolerance = percent(results.study.accuracy.flow_rate)
     if short := _labels(results.points, lambda one: one.precise is False):
-        return [f"The requested error of {asked} of the flow rate is not reached at {'; '.join(short)}."]
+        return [f"The requested error of {tolerance} of the flow rate is not reached at {'; '.join(short)}."]
     return []
 
 
@@ -369,8 +373,8 @@ def _labels(points: Sequence[PointResult], wanted: Callable[[PointResult], bool]
 
 
 def _listed(names: Sequence[str]) -> str:
-    more = f" and {len(names) - _NAMED} more" if len(names) > _NAMED else ""
-    return "; ".join(names[:_NAMED]) + more
+    more = f" and {len(names) - _LISTED} more" if len(names) > _LISTED else ""
+    return "; ".join(names[:_LISTED]) + more
 
 
 def _count(n: int, noun: str) -> str:

@@ -1,4 +1,4 @@
-"""What the page shows of one series after the other: figures with their captions, and tables."""
+"""Sections of the page for each series: figures with their captions, and tables."""
 
 import math
 from collections.abc import Sequence
@@ -8,7 +8,7 @@ from labbook.fields.pattern import SLOW
 from labbook.measure.acceleration import AccelerationProfile
 from labbook.report import figures
 from labbook.report.blocks import Beside, Block, Formula, Picture, Prose, Section, picture
-from labbook.report.figures.flow import drawn
+from labbook.report.figures.flow import panel_content
 from labbook.report.figures.orifice import side_by_side, zero_of
 from labbook.report.fitted_tables import fit_table
 from labbook.report.paper import beds_shown_by_all, blocks_of_all
@@ -26,12 +26,12 @@ def series_sections(results: StudyResults, folder: Path) -> list[Section]:
     """Figures, tables and remarks of every series. Single points to which no law is fitted share theirs."""
     alone = [one for one in results.series if len(one.points) == 1 and not one.fits and not one.further]
     merged = alone if len(alone) > 1 else []
-    found = [_series(results, k, folder) for k, one in enumerate(results.series) if one not in merged]
+    sections = [_series(results, k, folder) for k, one in enumerate(results.series) if one not in merged]
     if merged:
-        found.append(_together(results, merged, folder, "-points" if found else ""))
-    if len(found) < 2:
-        return found
-    return [Section("Series by series", tuple(found))]
+        sections.append(_together(results, merged, folder, "-points" if sections else ""))
+    if len(sections) < 2:
+        return sections
+    return [Section("Series by series", tuple(sections))]
 
 
 def _series(results: StudyResults, index: int, folder: Path) -> Section:
@@ -39,9 +39,9 @@ def _series(results: StudyResults, index: int, folder: Path) -> Section:
     suffix = f"-{index + 1}" if len(results.series) > 1 else ""
     where = f" ({series.label})" if series.label else ""
     laws: list[Block] = []
-    for law, found in series.fits.items():
-        table = fit_table(law, found, at_series(results.comparisons, law, series), results.source)
-        laws.append(Section(display.law(law), (Formula(found.law.formula, found.law.source), table)))
+    for law, law_fit in series.fits.items():
+        table = fit_table(law, law_fit, at_series(results.comparisons, law, series), results.source)
+        laws.append(Section(display.law(law), (Formula(law_fit.law.formula, law_fit.law.source), table)))
     laws += [Prose(series.verdict)] if series.verdict else []
     blocks: list[Block] = laws
     if series.fits or len(series.used) > 1:  # a single point shows nothing
@@ -87,32 +87,39 @@ def fit_caption(series: Series) -> str:
 
 
 def marks(points: Sequence[PointResult], flagged: frozenset[int] = frozenset()) -> str:
-    """What hollow points, dashed bars and crosses mean, as far as a figure of these points has any. `flagged`: those
-    that lie outside a law's range or have no plateau."""
-    known = [one for one in points if one.flow_rate is not None]
-    outside = any(one.point.index in flagged for one in known)
+    """Legend of hollow points, dashed bars and crosses, as far as a figure of these points has any.
+
+    Args:
+        points: Points of the figure.
+        flagged: Indices of points that lie outside a law's range or have no plateau.
+
+    Returns:
+        Sentences for a caption, each after a space.
+    """
+    with_flow = [one for one in points if one.flow_rate is not None]
+    outside = any(one.point.index in flagged for one in with_flow)
     text = ""
-    if any(one.hollow for one in known) or outside:
+    if any(one.hollow for one in with_flow) or outside:
         text += f" Hollow: {'outside a law’s range, or ' if outside else ''}with a remark in the table"
         text += "; they take part in the fit." if outside else "."
-    if any(one.flow_rate and not math.isfinite(one.flow_rate.half_width) for one in known):
+    if any(one.flow_rate and not math.isfinite(one.flow_rate.half_width) for one in with_flow):
         text += " Dashed bar: one run, the interval is unknown."
-    return text + (" Cross at the foot: no flow rate." if len(known) < len(points) else "")
+    return text + (" Cross at the foot: no flow rate." if len(with_flow) < len(points) else "")
 
 
 def flow_caption(series: Series) -> str:
     """Caption of W(t) of all points of a series."""
-    shown = drawn(series)
-    if not shown.window:
+    content = panel_content(series)
+    if not content.window:
         return f"{_FLOW} No run has enough grains in the window for a mean."
-    interval = " and its 95 % interval" if shown.interval else ""
-    return f"{_FLOW} {_WINDOW}{f'; in it the pooled mean{interval}' if shown.mean else ''}."
+    interval = " and its 95 % interval" if content.interval else ""
+    return f"{_FLOW} {_WINDOW}{f'; in it the pooled mean{interval}' if content.mean else ''}."
 
 
 def _patterns_if_they_can_be(
     results: StudyResults, series: Series, folder: Path, suffix: str, where: str
 ) -> tuple[list[Block], list[str]]:
-    """How the beds flow, of points that no paper shows in a section of its own; and what is lacking."""
+    """Flow patterns of points that no paper shows in a section of its own, and sentences on missing figures."""
     elsewhere = beds_shown_by_all(results)
     points = [one for one in series.points if id(one) not in elsewhere]
     blocks, lacking = [], []
@@ -124,22 +131,22 @@ def _patterns_if_they_can_be(
 
 
 def _patterns(points: Sequence[PointResult], folder: Path, suffix: str, where: str) -> list[Block]:
-    found = [one for one in map(flow_patterns, points) if one]
-    if not found:
+    patterns = [one for one in map(flow_patterns, points) if one]
+    if not patterns:
         return []
-    figure = figures.flow_patterns([one[0] for one in found])
-    shown = picture(figure, folder / f"patterns{suffix}", f"how the beds flow{where}", PATTERNS)
-    table = orifice_table([(one[0].result, pooled_means(one)) for one in found])
-    return [Section("How the beds flow", (shown, table))]
+    figure = figures.flow_patterns([one[0] for one in patterns])
+    block = picture(figure, folder / f"patterns{suffix}", f"how the beds flow{where}", PATTERNS)
+    table = orifice_table([(one[0].result, pooled_means(one)) for one in patterns])
+    return [Section("How the beds flow", (block, table))]
 
 
 def acceleration_figures(points: Sequence[PointResult], folder: Path, suffix: str, where: str) -> list[Block]:
-    found = [(result, profile) for result in points if (profile := acceleration(result)) is not None]
-    if not found:
+    profiles = [(result, profile) for result in points if (profile := acceleration(result)) is not None]
+    if not profiles:
         return []
-    figure = figures.acceleration_against_height(found, found[0][0].point.scene.gravity)
+    figure = figures.acceleration_against_height(profiles, profiles[0][0].point.scene.gravity)
     alt = f"acceleration against height{where}"
-    return [picture(figure, folder / f"acceleration{suffix}", alt, acceleration_caption(found))]
+    return [picture(figure, folder / f"acceleration{suffix}", alt, acceleration_caption(profiles))]
 
 
 def acceleration_caption(profiles: Sequence[tuple[PointResult, AccelerationProfile]]) -> str:

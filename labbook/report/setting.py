@@ -1,4 +1,4 @@
-"""What was simulated, as a page lists it: grains, contact law, container, what is the same at all points, the sweep."""
+"""Simulated system as a page lists it: grains, contact law, container, values common to all points, the sweep."""
 
 from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
@@ -10,7 +10,7 @@ from labbook.measure.measure import window_in_words
 from labbook.report.blocks import Facts
 from labbook.results import display
 from labbook.results.beds import shares_in_words
-from labbook.results.display import Shown
+from labbook.results.display import Notation
 from labbook.results.study import StudyResults
 from labbook.scene import attached
 from labbook.scene.quantities import span
@@ -19,12 +19,12 @@ from labbook.study.keys import find
 from labbook.study.schema import AUTO
 
 _UNITS = {
-    "m": Shown("", "mm", 1e3),
-    "rad": Shown("", "deg", display.KEYS["container.angle"].scale),
-    "kg/m^3": Shown("", "kg/m³"),
-    "m/s^2": Shown("", "m/s²"),
+    "m": Notation("", "mm", 1e3),
+    "rad": Notation("", "deg", display.KEYS["container.angle"].scale),
+    "kg/m^3": Notation("", "kg/m³"),
+    "m/s^2": Notation("", "m/s²"),
 }
-"""How quantities of an SI unit are shown that have no entry of their own."""
+"""Notations of quantities by SI unit, for keys without an entry of their own."""
 _PARTS = {"grains": "Grains", "contact": "Contact", "container": "Container", "walls": "Walls", "fill": "Filling"}
 _FIRST = {"grains": "shape", "contact": "law", "container": "kind", "fill": "kind"}
 _HIDDEN = {"container.closed"}
@@ -47,9 +47,9 @@ def setting(results: StudyResults, today: date) -> Facts:
 
 
 def common(points: Sequence[Point]) -> list[tuple[str, str]]:
-    """What points have in common: their grains, contact law, container, walls, filling, gravity and time step."""
+    """Values that points have in common: grains, contact law, container, walls, filling, gravity and time step."""
     rows = [(term, text) for part, term in _PARTS.items() if (text := _common(points, part))]
-    rows += [("Gravity", _one(points, "gravity")), ("Time step", _range(points, "numerics.dt"))]
+    rows += [("Gravity", _value_of(points, "gravity")), ("Time step", _range(points, "numerics.dt"))]
     return [(term, text) for term, text in rows if text]
 
 
@@ -60,12 +60,12 @@ def differences(points: Sequence[Point]) -> list[tuple[str, tuple[str, ...]]]:
          **dict(_leaves(point.numerics.model_dump(mode="json"), "numerics")), "gravity": point.scene.gravity}
         for point in points
     ]  # fmt: skip
-    found = []
+    rows = []
     for name in dict.fromkeys(name for one in values for name in one):
-        each = [one.get(name) for one in values]
-        if name not in _HIDDEN and any(value != each[0] for value in each):
-            found.append((name, tuple(_valued(name, value) for value in each)))
-    return found
+        of_points = [one.get(name) for one in values]
+        if name not in _HIDDEN and any(value != of_points[0] for value in of_points):
+            rows.append((name, tuple(_valued(name, value) for value in of_points)))
+    return rows
 
 
 def _valued(name: str, value: float | str | bool | None) -> str:
@@ -73,33 +73,35 @@ def _valued(name: str, value: float | str | bool | None) -> str:
         return "–"
     if isinstance(value, bool | str):
         return str(value).lower() if isinstance(value, bool) else value
-    shown = _shown(name)
-    return f"{value * shown.scale:.6g} {shown.unit}".rstrip()
+    notation = _notation(name)
+    return f"{value * notation.scale:.6g} {notation.unit}".rstrip()
 
 
 def _common(points: Sequence[Point], part: str) -> str:
     """All of a part of the scene that is the same at every point."""
     values = [_with_youngs_moduli(dict(_leaves(_plain(point, part), part))) for point in points]
-    same = {name: value for name, value in values[0].items() if all(one.get(name) == value for one in values)}
+    shared = {name: value for name, value in values[0].items() if all(one.get(name) == value for one in values)}
     swept = {name for point in points for name in point.at}
     first = f"{part}.{_FIRST.get(part, '')}"
-    told = [str(same[first])] if first in same else []
-    for name, value in same.items():
+    texts = [str(shared[first])] if first in shared else []
+    for name, value in shared.items():
         if name not in swept and name != first and name not in _HIDDEN and value is not None:
-            told.append(_setting(name, value))
-    return ", ".join(told)
+            texts.append(_setting(name, value))
+    return ", ".join(texts)
 
 
 def _with_youngs_moduli(leaves: Mapping[str, Any]) -> dict[str, Any]:
     """Beside each shear modulus of a contact law Young's modulus E = 2 G (1 + nu), by which a study may state it."""
-    found = dict[str, Any]()
+    extended = dict[str, Any]()
     for name, value in leaves.items():
         section, _, leaf = name.rpartition(".")
         if leaf == "shear_modulus" and section.endswith("contact"):
             young = 2 * value * (1 + leaves[f"{section}.poisson_ratio"])
-            found[f"{section}.youngs_modulus"] = float(f"{young:.12g}")  # of points that differ in nu alone, the same
-        found[name] = value
-    return found
+            extended[f"{section}.youngs_modulus"] = float(
+                f"{young:.12g}"
+            )  # of points that differ in nu alone, the same
+        extended[name] = value
+    return extended
 
 
 def _plain(point: Point, part: str) -> Any:
@@ -141,18 +143,18 @@ def _setting(name: str, value: float | str | bool) -> str:
         return f"{_called(name)}: {'yes' if value else 'no'}"
     if isinstance(value, str):
         return f"{_called(name)} {attached.name(value) if attached.is_hash(value) else value}"
-    shown = _shown(name)
-    return f"{shown.name} {value * shown.scale:.6g} {shown.unit}".rstrip()
+    notation = _notation(name)
+    return f"{notation.name} {value * notation.scale:.6g} {notation.unit}".rstrip()
 
 
 @lru_cache(maxsize=512)
-def _shown(name: str) -> Shown:
-    """How a key is shown: as everywhere, else by the unit that studies write it in."""
+def _notation(name: str) -> Notation:
+    """Notation of a key: that of `display.KEYS`, else one with the unit that studies use."""
     if name in display.KEYS:
         return display.KEYS[name]
     unit = next((key.unit for key in find(name) if key.unit), "")
-    of_unit = _UNITS.get(unit, Shown("", unit))
-    return Shown(_called(name), of_unit.unit, of_unit.scale)
+    of_unit = _UNITS.get(unit, Notation("", unit))
+    return Notation(_called(name), of_unit.unit, of_unit.scale)
 
 
 def _called(name: str) -> str:
@@ -161,7 +163,7 @@ def _called(name: str) -> str:
     return " ".join(parts[1:] or parts).replace("_", " ")
 
 
-def _one(points: Sequence[Point], name: str) -> str:
+def _value_of(points: Sequence[Point], name: str) -> str:
     """The value of a key, if it is not swept."""
     if any(name in point.at for point in points):
         return ""
@@ -173,22 +175,22 @@ def _range(points: Sequence[Point], name: str) -> str:
     values = [value for point in points if isinstance(value := point.value(name), float)]
     if not values:
         return ""
-    shown = _shown(name)
-    ends = dict.fromkeys(f"{value * shown.scale:.4g}" for value in (min(values), max(values)))
-    return f"{' to '.join(ends)} {shown.unit}".rstrip()
+    notation = _notation(name)
+    ends = dict.fromkeys(f"{value * notation.scale:.4g}" for value in (min(values), max(values)))
+    return f"{' to '.join(ends)} {notation.unit}".rstrip()
 
 
 def _swept(points: Sequence[Point]) -> Iterator[str]:
     for name in dict.fromkeys(name for point in points for name in point.at):
         values = list(dict.fromkeys(point.at[name] for point in points if name in point.at))
-        shown = _shown(name) if not any(isinstance(value, str) for value in values) else display.key(name)
-        listed = [value if isinstance(value, str) else f"{value * shown.scale:.6g}" for value in values]
+        notation = _notation(name) if not any(isinstance(value, str) for value in values) else display.key(name)
+        listed = [value if isinstance(value, str) else f"{value * notation.scale:.6g}" for value in values]
         if len(values) > _VALUES:
             numbers = [value for value in values if isinstance(value, float)]
             ends = (min(numbers), max(numbers)) if len(numbers) == len(values) else (values[0], values[-1])
             listed = [f"{display.amount(name, ends[0])} to {display.amount(name, ends[1])}"]
             listed[0] += f" ({len(values)} values)"
-        yield f"{display.key(name).name} = {', '.join(listed)} {shown.unit}".rstrip()
+        yield f"{display.key(name).name} = {', '.join(listed)} {notation.unit}".rstrip()
 
 
 def _measured(results: StudyResults) -> str:
@@ -202,12 +204,12 @@ def _replicates(results: StudyResults) -> str:
     runs = [len(result.runs) for result in results.points]
     if not runs:
         return ""
-    each = " to ".join(dict.fromkeys(str(n) for n in (min(runs), max(runs))))
+    per_point = " to ".join(dict.fromkeys(str(n) for n in (min(runs), max(runs))))
     total, points = (f"{n} {what}{'' if n == 1 else 's'}" for n, what in ((sum(runs), "run"), (len(runs), "point")))
     number = results.study.discharges_per_bed
     beds = "" if number == 1 else f", each a bed with {number} discharges"
     beds = ", each a bed with as many discharges as are cheapest" if number == AUTO else beds
-    return f"{total} of {points}, {each} at each; asked: {results.study.replicates}{beds}"
+    return f"{total} of {points}, {per_point} at each; asked: {results.study.replicates}{beds}"
 
 
 def _discharges(results: StudyResults) -> Iterator[str]:
@@ -218,7 +220,7 @@ def _discharges(results: StudyResults) -> Iterator[str]:
 
 
 def _recorded(results: StudyResults) -> str:
-    """How many runs have frames, and how far these are apart."""
+    """Number of runs with frames, and the times between frames."""
     apart = [run.frame_interval for result in results.points for run in result.runs if run.frame_interval]
     if not apart:
         return ""
@@ -228,10 +230,10 @@ def _recorded(results: StudyResults) -> str:
 
 def _backend(results: StudyResults) -> Iterator[str]:
     """Each backend that made runs, with version, precision and device, and how many runs."""
-    made: Counter[str] = Counter()
+    makers: Counter[str] = Counter()
     for run in (run for result in results.points for run in result.runs):
-        made[f"{run.backend} (version {run.cache_version}), {run.run.point.numerics.precision}, {run.device}"] += 1
-    yield "; ".join(made if len(made) == 1 else (f"{text}: {n} runs" for text, n in made.items()))
+        makers[f"{run.backend} (version {run.cache_version}), {run.run.point.numerics.precision}, {run.device}"] += 1
+    yield "; ".join(makers if len(makers) == 1 else (f"{text}: {n} runs" for text, n in makers.items()))
 
 
 def _dates(results: StudyResults, today: date) -> str:

@@ -12,27 +12,40 @@ from labbook.study import Statement
 def statement_table(judged: Sequence[Judged]) -> Table:
     """Every statement with ours, its interval, what it asks, and the verdict; those that do not hold are marked."""
     rows, marked, reasons = [], set(), []
-    for place, one in enumerate(judged):
-        stated, (scale, _) = one.statement, _shown(one.statement)
-        asked = _asked(stated)
-        if one.ours is None:
-            rows.append((stated.says, one.label, asked, "–", "–", one.verdict))
-            reasons.append(f"{stated.says} ({one.label}): {one.why}." if one.label else f"{stated.says}: {one.why}.")
+    for place, judgement in enumerate(judged):
+        statement, (scale, _) = judgement.statement, _scale_and_unit(judgement.statement)
+        range_text = _range_text(statement)
+        if judgement.ours is None:
+            rows.append((statement.says, judgement.label, range_text, "–", "–", judgement.verdict))
+            reasons.append(
+                f"{statement.says} ({judgement.label}): {judgement.why}."
+                if judgement.label
+                else f"{statement.says}: {judgement.why}."
+            )
             continue
-        error = None if math.isnan(one.error) else one.error
-        interval = " to ".join(display.number(end, error, scale) for end in (one.low, one.high))
+        error = None if math.isnan(judgement.error) else judgement.error
+        interval = " to ".join(display.number(end, error, scale) for end in (judgement.low, judgement.high))
         rows.append(
-            (stated.says, one.label, asked, display.with_error(one.ours, one.error, scale), interval, one.verdict)
+            (
+                statement.says,
+                judgement.label,
+                range_text,
+                display.with_error(judgement.ours, judgement.error, scale),
+                interval,
+                judgement.verdict,
+            )
         )
-        if one.verdict == "does not hold":
+        if judgement.verdict == "does not hold":
             marked.add(place)
     note = (
         "A statement holds if our interval lies within its range, does not hold if it lies outside (bold), and is "
         "undecided otherwise or where nothing was measured. Intervals are 95 % unless stated otherwise."
     )
-    made = dict.fromkeys(one.how for one in judged if one.how)
+    methods = dict.fromkeys(one.how for one in judged if one.how)
     headings = ("statement", "at", "stated", "ours", "interval", "verdict")
-    return Table(headings, tuple(rows), frozenset({0, 1, 5}), frozenset(marked), (note, *made, *dict.fromkeys(reasons)))
+    return Table(
+        headings, tuple(rows), frozenset({0, 1, 5}), frozenset(marked), (note, *methods, *dict.fromkeys(reasons))
+    )
 
 
 def statement_digest(judged: Sequence[Judged]) -> Table | None:
@@ -41,13 +54,13 @@ def statement_digest(judged: Sequence[Judged]) -> Table | None:
     if len(groups) == len(judged):
         return None
     rows, marked = [], set()
-    for place, (stated, group) in enumerate(groups):
+    for place, (statement, group) in enumerate(groups):
         verdict = at_all(group)
         there = sum(one.verdict == verdict for one in group)
-        found = sorted((one for one in group if one.ours is not None), key=lambda one: one.ours or 0.0)
-        ours = [_number(one) for one in (*found[:1], *found[-1:])]
+        ordered = sorted((one for one in group if one.ours is not None), key=lambda one: one.ours or 0.0)
+        ours = [_number(one) for one in (*ordered[:1], *ordered[-1:])]
         where = "" if len(group) == 1 else f" at all {there}" if there == len(group) else f" at {there} of {len(group)}"
-        rows.append((stated.says, _asked(stated), " to ".join(dict.fromkeys(ours)) or "–", verdict + where))
+        rows.append((statement.says, _range_text(statement), " to ".join(dict.fromkeys(ours)) or "–", verdict + where))
         if verdict == "does not hold":
             marked.add(place)
     note = "A statement holds if it holds at all of its points, and does not hold (bold) if it fails at one."
@@ -56,18 +69,18 @@ def statement_digest(judged: Sequence[Judged]) -> Table | None:
 
 def _number(one: Judged) -> str:
     assert one.ours is not None
-    return display.number(one.ours, None if math.isnan(one.error) else one.error, _shown(one.statement)[0])
+    return display.number(one.ours, None if math.isnan(one.error) else one.error, _scale_and_unit(one.statement)[0])
 
 
-def _asked(stated: Statement) -> str:
-    scale, unit = _shown(stated)
-    low, high = (display.number(end, None, scale) for end in (stated.low, stated.high))
-    if math.isinf(stated.low):
+def _range_text(statement: Statement) -> str:
+    scale, unit = _scale_and_unit(statement)
+    low, high = (display.number(end, None, scale) for end in (statement.low, statement.high))
+    if math.isinf(statement.low):
         return f"at most {high}{unit}"
-    return f"at least {low}{unit}" if math.isinf(stated.high) else f"{low} to {high}{unit}"
+    return f"at least {low}{unit}" if math.isinf(statement.high) else f"{low} to {high}{unit}"
 
 
-def _shown(stated: Statement) -> tuple[float, str]:
+def _scale_and_unit(statement: Statement) -> tuple[float, str]:
     """Factor from SI to the unit that is shown, and that unit after a space; ratios have none."""
-    shown = display.quantity(stated.quantity, stated.unit)
-    return shown.scale, f" {shown.unit}" if shown.unit else ""
+    notation = display.quantity(statement.quantity, statement.unit)
+    return notation.scale, f" {notation.unit}" if notation.unit else ""

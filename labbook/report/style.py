@@ -144,15 +144,15 @@ def point(
 ) -> None:
     """A marker at `value` with its interval from `ends[0]` to `ends[1]`: hollow, with a dashed bar without ends, where
     the interval is not known. `look`: marker, its size, zorder."""
-    known = all(map(math.isfinite, ends))
-    face = "white" if hollow or not known else color
-    shown = {"color": color, "linestyle": "none", "markerfacecolor": face, **look}
-    if known:
-        ax.errorbar(x, value, yerr=[[max(value - ends[0], 0.0)], [max(ends[1] - value, 0.0)]], **shown)
+    finite = all(map(math.isfinite, ends))
+    face = "white" if hollow or not finite else color
+    options = {"color": color, "linestyle": "none", "markerfacecolor": face, **look}
+    if finite:
+        ax.errorbar(x, value, yerr=[[max(value - ends[0], 0.0)], [max(ends[1] - value, 0.0)]], **options)
         return
     bar = {"marker": _open_bar(), "markersize": _OPEN, "markeredgewidth": 0.8, "label": OPEN_BAR}
-    ax.plot(x, value, color=color, linestyle="none", zorder=shown.get("zorder", 2), clip_on=False, **bar)
-    ax.errorbar(x, value, yerr=0.0, capsize=0, **shown)
+    ax.plot(x, value, color=color, linestyle="none", zorder=options.get("zorder", 2), clip_on=False, **bar)
+    ax.errorbar(x, value, yerr=0.0, capsize=0, **options)
 
 
 def legend_point(ax: "Axes", label: str, **look: Any) -> None:
@@ -180,7 +180,7 @@ OPEN_BAR = "_open"
 
 
 def has_open_bars(figure: "Figure") -> bool:
-    """Whether the interval of any point is unknown."""
+    """True if the interval of any point is unknown."""
     return any(line.get_label() == OPEN_BAR for ax in figure.axes for line in ax.lines)
 
 
@@ -196,7 +196,7 @@ def _open_bar() -> "MarkerStyle":
 
 
 def beside_title(title: str) -> Literal["outside upper right", "outside lower center"]:
-    """Where the legend of a page-wide figure goes: in the line of its title, below the axes if that is long."""
+    """Place of the legend of a page-wide figure: in the line of its title; below the axes if the title is long."""
     return "outside upper right" if len(title) <= _SHORT else "outside lower center"
 
 

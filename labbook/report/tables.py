@@ -48,9 +48,9 @@ _FLOW = ("flow_rate", "grain_rate", "flow_rate_drift", "gap_time")
 def flow_table(results: StudyResults) -> Table:
     """Every point: what was swept, its pooled flow rate with errors, and what a reader must know of it."""
     swept = _swept(results)
-    found = _measured(results, of_flow=True)
-    flow = [one for one in found if one.quantity == FLOW_RATE]
-    others = [one for one in found if one.quantity != FLOW_RATE]
+    quantities = _measured(results, of_flow=True)
+    flow = [one for one in quantities if one.quantity == FLOW_RATE]
+    other_quantities = [one for one in quantities if one.quantity != FLOW_RATE]
     rows = []
     for result in results.points:
         pooled = result.flow_rate
@@ -61,8 +61,14 @@ def flow_table(results: StudyResults) -> Table:
         own = (value, interval) if flow else ()
         runs = str(n) if n == len(result.beds) else f"{n} of {len(result.beds)}"
         runs += f" ({len(result.runs)} runs)" if len(result.runs) > len(result.beds) else ""
-        rows.append((*_at(result, swept), *own, *_cells(result, others), runs, "; ".join(_remarks(result))))
-    headings = (*_headings(swept, flow), *(("95 % interval",) if flow else ()), *_headings((), others), "n", "remarks")
+        rows.append((*_at(result, swept), *own, *_cells(result, other_quantities), runs, "; ".join(_remarks(result))))
+    headings = (
+        *_headings(swept, flow),
+        *(("95 % interval",) if flow else ()),
+        *_headings((), other_quantities),
+        "n",
+        "remarks",
+    )
     alone = results.study.fed and any(len(result.runs) == 1 for result in results.points)
     notes = (CONVENTIONS, ALONE) if alone else (CONVENTIONS,)
     if any(len(result.runs) > len(result.beds) for result in results.points):
@@ -95,14 +101,14 @@ def _swept(results: StudyResults) -> list[str]:
 
 def _measured(results: StudyResults, of_flow: bool) -> list[Measured]:
     """One example of each pooled quantity, flow rate first: that one wherever it was asked for."""
-    found: dict[str, Measured] = {}
+    examples: dict[str, Measured] = {}
     for result in results.points:
         for run in result.runs:
-            found |= {name: m for name, m in run.measured.items() if name in result.pooled and name not in found}
-    if FlowRate.name in results.study.measure and FLOW_RATE not in found:
-        found[FLOW_RATE] = Measured(FLOW_RATE, math.nan, math.nan, 0, "", "", "kg/s")
-    ordered = sorted(found, key=lambda name: _FLOW.index(name) if name in _FLOW else len(_FLOW))
-    return [found[name] for name in ordered if (name.removesuffix(FLOWING) in _FLOW) == of_flow]
+            examples |= {name: m for name, m in run.measured.items() if name in result.pooled and name not in examples}
+    if FlowRate.name in results.study.measure and FLOW_RATE not in examples:
+        examples[FLOW_RATE] = Measured(FLOW_RATE, math.nan, math.nan, 0, "", "", "kg/s")
+    ordered = sorted(examples, key=lambda name: _FLOW.index(name) if name in _FLOW else len(_FLOW))
+    return [examples[name] for name in ordered if (name.removesuffix(FLOWING) in _FLOW) == of_flow]
 
 
 def _headings(swept: Iterable[str], measured: Iterable[Measured]) -> tuple[str, ...]:
@@ -141,7 +147,7 @@ def budget_table(results: StudyResults) -> Table:
     reasons: dict[str, None] = {}
     for budget in budgets(results):
         cells = {share.source: _share(share) for share in budget.shares}
-        total = "–" if len(budget.unknown) == len(budget.shares) else _parts(budget.total)
+        total = "–" if len(budget.unmeasured) == len(budget.shares) else _parts(budget.total)
         if budget.quantity == FLOW_RATE:
             reasons |= dict.fromkeys(f"{share.source}: {share.basis}" for share in budget.shares)
         rows.append((budget.name, _at(budget.of, swept), (*(cells.get(source, "–") for source in SOURCES), total)))
@@ -180,17 +186,17 @@ _BUDGET = (
 )
 
 
-_MANY = 12
+_DIGEST = 12
 """Numbers of a reference from which on a digest is shown above them."""
 
 
 def digest_table(comparisons: Sequence[Comparison]) -> Table | None:
     """Of each quantity of a reference: how many numbers, how many agree, and how far the others are; None for few."""
     groups: dict[str, list[Comparison]] = {}
-    for one in comparisons:
-        if one.inside is not None:
-            groups.setdefault(one.quantity, []).append(one)
-    if sum(map(len, groups.values())) < _MANY:
+    for comparison in comparisons:
+        if comparison.inside is not None:
+            groups.setdefault(comparison.quantity, []).append(comparison)
+    if sum(map(len, groups.values())) < _DIGEST:
         return None
     rows = []
     for quantity, group in groups.items():
@@ -208,7 +214,7 @@ INSIDE = "inside interval"
 
 
 def inside(one: Comparison) -> str:
-    """Whether the reference lies inside our 95 % interval, as text."""
+    """Tell in a word if the reference lies inside our 95 % interval."""
     return {True: "yes", False: "no", None: "–"}[one.inside]
 
 
@@ -216,15 +222,17 @@ def comparison_table(comparisons: Iterable[Comparison]) -> Table:
     """The reference's numbers beside ours; rows of numbers outside our 95 % intervals are marked."""
     rows, marked, reasons = [], set(), []
     for place, c in enumerate(comparisons):
-        shown = display.quantity(c.quantity, c.unit)
-        reference = display.with_error(c.reference, c.reference_error or math.nan, shown.scale)
-        name = f"{shown.heading}, {c.says}" if c.says else shown.heading
+        notation = display.quantity(c.quantity, c.unit)
+        reference = display.with_error(c.reference, c.reference_error or math.nan, notation.scale)
+        name = f"{notation.heading}, {c.says}" if c.says else notation.heading
         if c.ours is None:
             rows.append((name, c.label, reference, "–", "–", "–", "–"))
-            reasons.append(f"{shown.name}{f' at {c.label}' if c.label else ''}: {c.why}.")
+            reasons.append(f"{notation.name}{f' at {c.label}' if c.label else ''}: {c.why}.")
             continue
-        interval = f"{display.number(c.low, c.error, shown.scale)} to {display.number(c.high, c.error, shown.scale)}"
-        ours = display.with_error(c.ours, c.error, shown.scale)
+        interval = (
+            f"{display.number(c.low, c.error, notation.scale)} to {display.number(c.high, c.error, notation.scale)}"
+        )
+        ours = display.with_error(c.ours, c.error, notation.scale)
         part = "–" if math.isnan(c.relative) else percent(c.relative, "+.1f").replace("-", "−")
         rows.append((name, c.label, reference, ours, interval, part, inside(c)))
         if c.inside is False:
@@ -239,7 +247,7 @@ def comparison_table(comparisons: Iterable[Comparison]) -> Table:
 
 
 def outcomes_table(results: StudyResults) -> Table:
-    """How many runs ended in which way, and at which points."""
+    """Number of runs by outcome, with their points."""
     total: Counter[str] = Counter()
     where: dict[str, list[str]] = {}
     for result in results.points:
@@ -267,8 +275,8 @@ def outcomes_table(results: StudyResults) -> Table:
 
 
 def provenance_table(results: StudyResults) -> Table:
-    """What made the runs: every fact on which they agree, and how many ways there are where they differ; and which
-    extensions the analysis uses now."""
+    """Provenance of the runs: facts on which all agree, the number of values where they differ, and the extensions that
+    the analysis uses now."""
     skipped = {"seed", "sessions"}
     facts: dict[str, list] = {}
     for run in (run for result in results.points for run in result.runs):
@@ -313,45 +321,47 @@ def _flat(facts, prefix: str = ""):
             yield prefix + name, value
 
 
-def numerical_table(found: Sequence[Numerical]) -> Table:
+def numerical_table(comparisons: Sequence[Numerical]) -> Table:
     """Every comparison: both means, their difference with its interval, and what the test of equivalence shows."""
-    shown = display.quantity(FLOW_RATE)
+    notation = display.quantity(FLOW_RATE)
     rows, notes = [], [_OF_NUMERICS]
-    for one in found:
+    for comparison in comparisons:
         means = [
-            "–" if flow is None else display.with_error(flow.value, flow.error, shown.scale)
-            for flow in (one.first.flow_rate, one.other.flow_rate)
+            "–" if flow is None else display.with_error(flow.value, flow.error, notation.scale)
+            for flow in (comparison.first.flow_rate, comparison.second.flow_rate)
         ]
-        runs = f"{len(one.first.beds)}, {len(one.other.beds)}"
-        rows.append((one.label, one.where or "–", runs, *means, *_numerical_cells(one)))
-        if one.test is not None and one.finding == "undecided":
-            need = replicates_needed(one.test, min(len(one.first.beds), len(one.other.beds)))
-            many = "more than 1000" if need is None else str(need)
-            notes.append(f"{one.label}: {many} replicates of each would decide with a power of 90 % if W is the same.")
-    margin = next((one.margin for one in found if one.margin is not None), None)
+        runs = f"{len(comparison.first.beds)}, {len(comparison.second.beds)}"
+        rows.append((comparison.label, comparison.where or "–", runs, *means, *_numerical_cells(comparison)))
+        if comparison.test is not None and comparison.finding == "undecided":
+            need = replicates_needed(comparison.test, min(len(comparison.first.beds), len(comparison.second.beds)))
+            number = "more than 1000" if need is None else str(need)
+            notes.append(
+                f"{comparison.label}: {number} replicates of each would decide with a power of 90 % if W is the same."
+            )
+    margin = next((one.margin for one in comparisons if one.margin is not None), None)
     if margin is None:
         notes.append("Equivalence is not tested: no margin is stated (accuracy.numerics).")
     else:
         notes.insert(1, _NUMERICS_TESTED.format(margin=percent(margin)))
-    headings = ("changed", "at", "runs", f"first {shown.heading}", f"other {shown.heading}", "difference")
+    headings = ("changed", "at", "runs", f"first {notation.heading}", f"other {notation.heading}", "difference")
     return Table(
         (*headings, "90 % interval", "p", "power", "finding"),
         tuple(rows),
         frozenset({0, 1, 9}),
-        frozenset(k for k, one in enumerate(found) if one.finding == "different"),
+        frozenset(k for k, one in enumerate(comparisons) if one.finding == "different"),
         tuple(notes),
     )
 
 
-def _numerical_cells(one: Numerical) -> tuple[str, ...]:
-    test = one.test
+def _numerical_cells(comparison: Numerical) -> tuple[str, ...]:
+    test = comparison.test
     if test is None:
-        return ("–", "–", "–", "–", one.why)
+        return ("–", "–", "–", "–", comparison.why)
     low, high = (display.number(end, test.error, 100) for end in (test.low, test.high))
     difference = f"{display.with_error(test.difference, test.error, 100)} %"
-    if not one.finding:
+    if not comparison.finding:
         return (difference, f"{low} to {high} %", "–", "–", "–")
-    return (difference, f"{low} to {high} %", f"{test.p:.2g}", percent(test.power, ".0f"), one.finding)
+    return (difference, f"{low} to {high} %", f"{test.p:.2g}", percent(test.power, ".0f"), comparison.finding)
 
 
 _OF_NUMERICS = (
@@ -371,19 +381,19 @@ def orifice_table(rows: Sequence[tuple[PointResult, Mapping[str, Pooled]]]) -> T
     names = list(dict.fromkeys(name for _, means in rows for name in means))
     cells = []
     for result, means in rows:
-        shown = ("–" if name not in means else _mean(name, means[name]) for name in names)
-        cells.append((result.label, *shown, str(means["stagnant_fraction"].n)))
+        numbers = ("–" if name not in means else _mean(name, means[name]) for name in names)
+        cells.append((result.label, *numbers, str(means["stagnant_fraction"].n)))
     headings = ("point", *(display.quantity(f"orifice.{name}").heading for name in names), "recorded runs")
     layer = value_range((result.layer for result, _ in rows), "mm", 1e3)
-    told = [
+    remarks = [
         _ORIFICE.format(layer),
         *(meaning for name, meaning in _OF_ORIFICE.items() if name in names),
     ]
     if any("v_z" not in means for _, means in rows):
-        told.append("there are none (–) where no grain was in this layer, or where a cell of the fields is thicker")
+        remarks.append("there are none (–) where no grain was in this layer, or where a cell of the fields is thicker")
     alone = any(mean.n < 2 for _, means in rows for mean in means.values())
-    more = " Errors need two recorded runs (record.replicates)." if alone else ""
-    return Table(headings, tuple(cells), notes=(f"{'; '.join(told)}.{more}",))
+    errors_note = " Errors need two recorded runs (record.replicates)." if alone else ""
+    return Table(headings, tuple(cells), notes=(f"{'; '.join(remarks)}.{errors_note}",))
 
 
 _ORIFICE = "Means over the first {} above the orifice, weighted by the packing fraction, in the window"
@@ -391,7 +401,7 @@ _OF_ORIFICE = {
     "kinetic_pressure": "p_k is the trace of the kinetic stress",
     "S": "S is the largest eigenvalue of the mean orientation tensor",
 }
-"""What columns of that table mean, by the quantity."""
+"""Meaning of the columns of that table, by quantity."""
 
 
 def _mean(name: str, pooled: Pooled) -> str:

@@ -1,1 +1,1 @@
-"""What the lab holds of a study: points, series, fits, references and statements; measured once, read from there."""
+"""Results of a study from its lab: points, series, fits, references and statements. Each number is measured once."""

@@ -1,4 +1,4 @@
-"""What changing a parameter does to the flow rate: points that differ in one swept key, each over the first.
+"""Effect of a parameter on the flow rate: ratios of points that differ in one swept key to the first of them.
 
 Runs of equal seed often start from the same packing, for points that differ only in what happens after the opening.
 What the packing does to both flow rates then divides out of their ratio, which is known better than each of them. Only
@@ -41,14 +41,14 @@ class Line:
 
     @property
     def label(self) -> str:
-        """What the points have in common; empty if nothing else was swept."""
+        """Swept values that the points have in common; empty if nothing else was swept."""
         return display.label(self.at)
 
     @property
     def largest(self) -> RatioPoint | None:
-        """Where the quantity differs most from that of the first; None without any ratio."""
-        known = [place for place in self.places if place.ratio is not None]
-        return max(known, key=lambda place: abs(place.ratio.value - 1) if place.ratio else 0.0, default=None)
+        """Point at which the quantity differs most from that of the first; None without any ratio."""
+        with_ratio = [place for place in self.places if place.ratio is not None]
+        return max(with_ratio, key=lambda place: abs(place.ratio.value - 1) if place.ratio else 0.0, default=None)
 
 
 @dataclass(frozen=True, eq=False)
@@ -65,8 +65,8 @@ class Against:
 
     def setting(self, place: RatioPoint) -> str:
         """`L = 6 mm, d = 3 mm`: the key at a place, with the keys that change along."""
-        known = {**place.result.at, **place.result.along}
-        along = {name: known[name] for name in self.along if name in known and names_scene(name)}
+        values = {**place.result.at, **place.result.along}
+        along = {name: values[name] for name in self.along if name in values and names_scene(name)}
         return display.label({self.key: place.value, **along})
 
     @property
@@ -77,7 +77,7 @@ class Against:
 
     @property
     def words(self) -> bool:
-        """Whether the key takes words."""
+        """True if the values of the key are words."""
         return any(isinstance(place.value, str) for line in self.lines for place in line.places)
 
     @property
@@ -95,20 +95,25 @@ def against(
     no such point, or none with the quantity, is compared with the first of its points that has it.
     """
     keys = dict.fromkeys(name for result in points for name in result.at if name != ORIFICE)
-    found = (_of_key(key, points, quantity, (over or {}).get(key)) for key in keys)
-    return tuple(one for one in found if len(one.values) > 1)
+    comparisons = (_of_key(key, points, quantity, (over or {}).get(key)) for key in keys)
+    return tuple(one for one in comparisons if len(one.values) > 1)
 
 
-def rows(found: Sequence[Against]) -> Iterator[dict[str, Any]]:
+def rows(comparisons: Sequence[Against]) -> Iterator[dict[str, Any]]:
     """Every ratio as a row of plain values, in SI: what a data frame is made of."""
-    for one in found:
-        for line in one.lines:
+    for comparison in comparisons:
+        for line in comparison.lines:
             for place in line.places:
                 if place.ratio is None or line.first is None:
                     continue
                 numbers = {name: getattr(place.ratio, name) for name in ("value", "error", "low", "high", "confidence")}
-                head = {"point": place.result.point.index + 1, **place.result.point.at, "key": one.key}
-                ratio = {"quantity": one.quantity, "over": line.first.value, "ratio": numbers.pop("value"), **numbers}
+                head = {"point": place.result.point.index + 1, **place.result.point.at, "key": comparison.key}
+                ratio = {
+                    "quantity": comparison.quantity,
+                    "over": line.first.value,
+                    "ratio": numbers.pop("value"),
+                    **numbers,
+                }
                 yield {**head, **ratio, "pairs": place.pairs}
 
 
@@ -116,12 +121,12 @@ def _of_key(key: str, points: Sequence[PointResult], quantity: str, over: Value 
     valued = [(result, result.at.get(key, result.point.value(key))) for result in points]
     places = [RatioPoint(result, value) for result, value in valued if value is not None]
     unset = tuple(result for result, value in valued if value is None)
-    others = [name for name in dict.fromkeys(name for result in points for name in result.at) if name != key]
+    other_keys = [name for name in dict.fromkeys(name for result in points for name in result.at) if name != key]
     along: tuple[str, ...] = ()
-    groups = _groups(places, others)
+    groups = _groups(places, other_keys)
     if all(len({place.value for place in group}) < 2 for group in groups.values()):  # nothing varies alone
-        along = tuple(name for name in others if _follows(name, places))
-        groups = _groups(places, [name for name in others if name not in along])
+        along = tuple(name for name in other_keys if _follows(name, places))
+        groups = _groups(places, [name for name in other_keys if name not in along])
     if any(len({place.value for place in group}) > 1 for group in groups.values()):  # one value says nothing of the key
         groups = {at: group for at, group in groups.items() if len({place.value for place in group}) > 1}
     words = any(isinstance(place.value, str) for place in places)
@@ -131,17 +136,17 @@ def _of_key(key: str, points: Sequence[PointResult], quantity: str, over: Value 
 
 
 def _groups(
-    places: Sequence[RatioPoint], others: Sequence[str]
+    places: Sequence[RatioPoint], other_keys: Sequence[str]
 ) -> dict[tuple[tuple[str, Value], ...], list[RatioPoint]]:
     groups: dict[tuple[tuple[str, Value], ...], list[RatioPoint]] = {}
     for place in places:
         at = place.result.at
-        groups.setdefault(tuple((name, at[name]) for name in others if name in at), []).append(place)
+        groups.setdefault(tuple((name, at[name]) for name in other_keys if name in at), []).append(place)
     return groups
 
 
 def _follows(name: str, places: Sequence[RatioPoint]) -> bool:
-    """Whether the value of another key is known as soon as that of this one is."""
+    """True if each value of the compared key goes with one value of the key `name`."""
     values: dict[Value, set[Value | None]] = {}
     for place in places:
         values.setdefault(place.value, set()).add(place.result.at.get(name))
@@ -179,9 +184,9 @@ def ratio_of(result: PointResult, first: PointResult, quantity: str) -> tuple[Po
     return independent_ratio(result.pooled[quantity], first.pooled[quantity]), 0
 
 
-def _shared(one: PointResult, other: PointResult, seeds: Sequence[int]) -> list[int]:
+def _shared(first: PointResult, second: PointResult, seeds: Sequence[int]) -> list[int]:
     """Seeds whose runs at both points started from the same packing."""
-    packings = [{run.seed: run.packing_key for run in result.runs} for result in (one, other)]
+    packings = [{run.seed: run.packing_key for run in result.runs} for result in (first, second)]
     return [seed for seed in seeds if packings[0][seed] == packings[1][seed]]
 
 

@@ -1,4 +1,4 @@
-"""What a number owes to seeds, numerics, window, bed and filling: an error budget, with what was not measured."""
+"""Error budget of a number: parts by seeds, numerics, window, bed and filling, and the sources without measurement."""
 
 import math
 from collections.abc import Iterator, Mapping, Sequence
@@ -29,8 +29,14 @@ NOT_MEASURED = "not measured"
 
 @dataclass(frozen=True)
 class Share:
-    """What one source adds to the error of a number. `part`: of the number, None where `basis` says why it is not
-    known; `basis`: what it rests on; `beside`: the measured number that a table has beside the part."""
+    """Part of one source in the error of a number.
+
+    Args:
+        source: Source of the error.
+        part: Half-width or largest difference, relative to the number; None if it is unknown.
+        basis: Measurement that the part rests on, or the reason that there is none, in words.
+        beside: Measured number that tables print beside the part.
+    """
 
     source: Source
     part: float | None
@@ -42,8 +48,11 @@ class Share:
 class Budget:
     """The error of a number by source.
 
-    `quantity`: W or packing fraction of a point, by the name of its quantity, or `LAW.PARAMETER` of a series; `of`: the
-    point or series.
+    Args:
+        quantity: Name of the quantity of a point (flow rate, packing fraction), or `LAW.PARAMETER` of a series.
+        of: The point or series.
+        value: The number, in SI.
+        shares: Part of each source.
     """
 
     quantity: str
@@ -57,8 +66,8 @@ class Budget:
         return math.fsum(share.part for share in self.shares if share.part is not None)
 
     @property
-    def unknown(self) -> tuple[Source, ...]:
-        """Sources of which nothing is known."""
+    def unmeasured(self) -> tuple[Source, ...]:
+        """Sources whose part is unknown."""
         return tuple(share.source for share in self.shares if share.part is None)
 
     @property
@@ -73,17 +82,17 @@ class Budget:
 
         These are half-widths and largest differences, no standard errors.
         """
-        shown = display.quantity(self.quantity)
-        known = [(share.source, abs(self.value) * share.part) for share in self.shares if share.part is not None]
-        finest = min((error for _, error in known if error > 0 and math.isfinite(error)), default=math.nan)
+        notation = display.quantity(self.quantity)
+        bounds = [(share.source, abs(self.value) * share.part) for share in self.shares if share.part is not None]
+        finest = min((error for _, error in bounds if error > 0 and math.isfinite(error)), default=math.nan)
         parts = [
-            f"± {display.number(error, finest, shown.scale)} ({source}{', 95 %' if source == 'seeds' else ''})"
-            for source, error in known
+            f"± {display.number(error, finest, notation.scale)} ({source}{', 95 %' if source == 'seeds' else ''})"
+            for source, error in bounds
         ]
-        value = display.number(self.value, finest, shown.scale)
-        lacking = f"; {NOT_MEASURED}: {', '.join(self.unknown)}" if self.unknown else ""
+        value = display.number(self.value, finest, notation.scale)
+        lacking = f"; {NOT_MEASURED}: {', '.join(self.unmeasured)}" if self.unmeasured else ""
         before = "Bounds: " if parts else ""
-        return before + f"{self.name} = {' '.join([value, *parts])} {shown.unit}".rstrip() + lacking
+        return before + f"{self.name} = {' '.join([value, *parts])} {notation.unit}".rstrip() + lacking
 
 
 def budgets(results: StudyResults) -> tuple[Budget, ...]:
@@ -101,14 +110,14 @@ def point_budgets(results: StudyResults) -> tuple[Budget, ...]:
 def _of_points(results: StudyResults, quantity: str) -> Iterator[Budget]:
     there = [(one, one.pooled[quantity]) for one in results.points if quantity in one.pooled]
     values = [(one.at, pooled.value) for one, pooled in there]
-    for one, pooled in there:
+    for result, pooled in there:
         shares = [_seeds(pooled)]
         if quantity == FLOW_RATE:
-            shares += [_numerics(one, values, results.study.calibration), _window(one)]
+            shares += [_numerics(result, values, results.study.calibration), _window(result)]
         else:  # of the bed at rest, before there is a window
-            shares += [_swept("numerics", one.at, pooled.value, values)]
-        shares += [_swept(source, one.at, pooled.value, values) for source in ("filling", "bed")]
-        yield Budget(quantity, one, pooled.value, tuple(shares))
+            shares += [_swept("numerics", result.at, pooled.value, values)]
+        shares += [_swept(source, result.at, pooled.value, values) for source in ("filling", "bed")]
+        yield Budget(quantity, result, pooled.value, tuple(shares))
 
 
 def _of_series(results: StudyResults) -> Iterator[Budget]:
@@ -116,9 +125,9 @@ def _of_series(results: StudyResults) -> Iterator[Budget]:
     for law in dict.fromkeys(law for series in results.series for law in series.fits):
         there = [series for series in results.series if law in series.fits]
         for name in dict.fromkeys(name for series in there for name in series.parameters(law)):
-            known = [series for series in there if name in series.parameters(law)]
-            values = [(series.at, series.parameters(law)[name].value) for series in known]
-            for series, (at, value) in zip(known, values, strict=True):
+            fitted = [series for series in there if name in series.parameters(law)]
+            values = [(series.at, series.parameters(law)[name].value) for series in fitted]
+            for series, (at, value) in zip(fitted, values, strict=True):
                 swept = {source: _swept(source, at, value, values) for source in _SWEPT}
                 shares = [_fitted(series.parameters(law)[name]), swept["numerics"]]
                 shares += [_opening(results, series, law, name), swept["filling"], swept["bed"]]
@@ -140,10 +149,10 @@ def _fitted(parameter: Parameter) -> Share:
 
 
 Values = Sequence[tuple[Mapping[str, float | str], float]]
-"""What was swept, and the number there."""
+"""Pairs of swept values [SI or word] and the number measured there."""
 
 
-def _numerics(result: PointResult, values: Values, known: Calibration | None) -> Share:
+def _numerics(result: PointResult, values: Values, calibration: Calibration | None) -> Share:
     """From the study's own sweep over numerics, else from the calibration."""
     flow = result.flow_rate
     assert flow is not None
@@ -152,7 +161,7 @@ def _numerics(result: PointResult, values: Values, known: Calibration | None) ->
         return swept
     point = result.point
     try:
-        bias = bias_of(point.scene, point.numerics, point.fill.numerics or point.numerics, known)
+        bias = bias_of(point.scene, point.numerics, point.fill.numerics or point.numerics, calibration)
     except OutOfRange as reason:
         return Share("numerics", None, f"{NOT_MEASURED}; beyond the calibration ({reason})")
     error = f"{percent(bias.value, '+.2f')} ± {percent(bias.half_width, '.2f')}"
@@ -181,10 +190,10 @@ def _opening(results: StudyResults, series: Series, law: str, name: str) -> Shar
 
 def _swept(source: Source, at: Mapping[str, float | str], value: float, values: Values) -> Share:
     """The largest difference to numbers of the study where nothing differs but keys of this source."""
-    others = _without(at, source)
-    if len(others) == len(at):
+    fixed = _without(at, source)
+    if len(fixed) == len(at):
         return Share(source, None, NOT_MEASURED)
-    alike = [other for there, other in values if there is not at and _without(there, source) == others]
+    alike = [other for there, other in values if there is not at and _without(there, source) == fixed]
     if not alike or not value:
         return Share(source, None, NOT_MEASURED)
     part = max(abs(other / value - 1) for other in alike)
@@ -195,19 +204,21 @@ def _without(at: Mapping[str, float | str], source: Source) -> dict[str, float |
     return {key: value for key, value in at.items() if not key.startswith(_SWEPT[source])}
 
 
-def summed_up(found: Sequence[Budget], quantity: str = FLOW_RATE) -> str:
+def summed_up(budget_list: Sequence[Budget], quantity: str = FLOW_RATE) -> str:
     """The budget of a quantity in a sentence: that of its only point, or the largest part of every source and where."""
-    found = [one for one in found if one.quantity == quantity]
-    if len(found) == 1:
-        return f"{found[0].line}."
+    budget_list = [one for one in budget_list if one.quantity == quantity]
+    if len(budget_list) == 1:
+        return f"{budget_list[0].line}."
     parts = []
     for source in SOURCES:
-        known = [(share.part, one) for one in found for share in one.shares if share.source == source]
-        largest = max(((part, one) for part, one in known if part is not None), key=lambda pair: pair[0], default=None)
+        of_source = [(share.part, one) for one in budget_list for share in one.shares if share.source == source]
+        largest = max(
+            ((part, one) for part, one in of_source if part is not None), key=lambda pair: pair[0], default=None
+        )
         if largest is not None:
             part, of = largest[0], largest[1].of.label
             parts.append(f"{source} up to {percent(part, '.2g')} ({of})" if part else f"{source} 0 % everywhere")
-    lacking = [source for source in SOURCES if any(s.source == source for one in found for s in one.shares)]
-    lacking = [source for source in lacking if all(source in one.unknown for one in found)]
-    told = "; ".join([*parts, *([f"{NOT_MEASURED}: {', '.join(lacking)}"] if lacking else [])])
-    return f"Of {found[0].name}: {told}." if told else ""
+    lacking = [source for source in SOURCES if any(s.source == source for one in budget_list for s in one.shares)]
+    lacking = [source for source in lacking if all(source in one.unmeasured for one in budget_list)]
+    text = "; ".join([*parts, *([f"{NOT_MEASURED}: {', '.join(lacking)}"] if lacking else [])])
+    return f"Of {budget_list[0].name}: {text}." if text else ""

@@ -16,7 +16,7 @@ from labbook.results import display
 from labbook.results.study import StudyResults
 from labbook.scene.quantities import percent
 from labbook.study.proposed import written_at
-from labbook.study.source import written
+from labbook.study.source import as_yaml
 
 _SECTIONS = ("grains", "contact", "walls")
 """Sections of a study from which a material card takes what belongs to a parameter."""
@@ -163,7 +163,7 @@ class CalibrationResults:
         lines = [f"# Material card of the study {self.study}: medians of a calibration, with 95 % intervals"]
         lines += [f"# {self.interval(key, entry)}" for key, entry in self.parameters.items()]
         lines += [f"# measured: {self.place(entry)}" for entry in self.agreements]
-        return "\n".join(lines) + "\n" + written(card)
+        return "\n".join(lines) + "\n" + as_yaml(card)
 
     def _belongs(self, section: str) -> bool:
         return section == "contact" or bool(self._own(section))
@@ -227,7 +227,7 @@ def calibration(results: StudyResults) -> CalibrationResults:
         inference = goal.infer(results.study, trials, tuple(unmeasured))
     except NotInferred as problem:
         raise NoPosterior(f"{results.study.name}: {problem}") from None
-    return CalibrationResults(results.study.name, goal, inference, results.study.stated)
+    return CalibrationResults(results.study.name, goal, inference, results.study.definition)
 
 
 def trials_of(results: StudyResults) -> list[Trial]:

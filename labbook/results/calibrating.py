@@ -29,8 +29,17 @@ class PilotStopped(NotCalibrated):
 
 @dataclass(frozen=True)
 class Change:
-    """What a setting does to W against the first one of its scene, seed by seed: `change` of ln W with its standard
-    error over `seeds` seeds, and `fitted`, the same by the regression."""
+    """Effect of a setting of numerics on W, against the first setting of its scene, seed by seed.
+
+    Args:
+        label: Label of the point.
+        flow: Dimensionless groups of the discharge.
+        filled: Dimensionless groups of the filling.
+        change: Mean change of ln W.
+        error: Its standard error over seeds.
+        seeds: Number of seeds with W at both settings.
+        fitted: Change of ln W by the regression.
+    """
 
     label: str
     flow: Groups
@@ -51,18 +60,23 @@ class Change:
 
 @dataclass(frozen=True)
 class Calibrated:
-    """What numerics do to W in one scene: slopes with their errors, what each setting did, and the entry of a
-    calibration file."""
+    """Effect of numerics on W in one scene.
+
+    Args:
+        slopes: Slopes of ln W with their errors.
+        changes: Effect of each setting.
+        effects: Entry of a calibration file.
+    """
 
     slopes: Slopes
     changes: tuple[Change, ...]
     effects: Effects
 
     def lines(self) -> list[str]:
-        """What came of it, line by line."""
+        """Slopes and effects as lines of text."""
         here, errors = self.effects.here, np.sqrt(np.diag(self.slopes.covariance))
         words = ("overlap", "(dt/t_c)^2", "overlap while filling")
-        found = (
+        slope_lines = (
             f"d ln W/d {w} = {v:.3g} +- {e:.2g}"
             for w, v, e in zip(words, self.slopes.values, errors, strict=True)
             if math.isfinite(e)
@@ -70,15 +84,15 @@ class Calibrated:
         bend = () if self.slopes.curvature is None else (_in_words(self.slopes),)
         precisions = (("flow", self.slopes.mixed_flow), ("flow and filling", self.slopes.mixed))
         rounded = (
-            f"{what} in mixed precision: W {percent(one[0], '+.2f')} +- {percent(math.sqrt(one[1]), '.2f')}"
-            for what, one in precisions
-            if one is not None
+            f"{setting} in mixed precision: W {percent(effect[0], '+.2f')} +- {percent(math.sqrt(effect[1]), '.2f')}"
+            for setting, effect in precisions
+            if effect is not None
         )
         return [
             f"{here.law}, D/d = {here.ratio:.3g}, friction {here.friction:g}, restitution {here.restitution:g}, "
             f"rolling friction {here.rolling:g}: {self.slopes.runs} runs from {self.slopes.beds} beds",
             *(one.line() for one in self.changes),
-            *found,
+            *slope_lines,
             *bend,
             *rounded,
             f"scatter between seeds {percent(self.slopes.between, '.2f')}, "
@@ -101,21 +115,23 @@ def calibrate(name: str, points: Sequence[PointResult]) -> tuple[Calibrated, ...
     if not points:
         raise NotCalibrated("no run is finished")
     scenes: dict[str, list[PointResult]] = defaultdict(list)
-    for one in points:
-        scenes[_place(one)].append(one)
-    made = sorted({f"{run.backend} version {run.cache_version}" for one in points for run in one.runs})
+    for result in points:
+        scenes[_place(result)].append(result)
+    makers = sorted({f"{run.backend} version {run.cache_version}" for one in points for run in one.runs})
     runs = sum(len(counted(one, FLOW_RATE)) for one in points)
-    source = f"{name}, {runs} runs on {', '.join(made)}, {datetime.now(UTC):%Y-%m-%d}"
-    found, reasons = [], []
+    source = f"{name}, {runs} runs on {', '.join(makers)}, {datetime.now(UTC):%Y-%m-%d}"
+    calibrated, reasons = [], []
     for some in scenes.values():
         try:
-            found.append((some, _scene(some, source)))
+            calibrated.append((some, _scene(some, source)))
         except ValueError as reason:
             reasons.append(f"{some[0].label}: {reason}")
-    if not found:
+    if not calibrated:
         raise NotCalibrated(reasons[0])
-    bends = curved([one.slopes.curvature_p for _, one in found])
-    return tuple(_scene(some, source, bend) if bend else one for (some, one), bend in zip(found, bends, strict=True))
+    bends = curved([one.slopes.curvature_p for _, one in calibrated])
+    return tuple(
+        _scene(some, source, bend) if bend else one for (some, one), bend in zip(calibrated, bends, strict=True)
+    )
 
 
 def _scene(points: Sequence[PointResult], source: str, bend: bool = False) -> Calibrated:
@@ -146,10 +162,10 @@ def effects_of_scene(
         ValueError: Too few runs.
     """
     slopes = regress(observed, bend)
-    known = [group for pair in numerics for group in pair]
-    overlap, step = max(group.overlap for group in known), max(flow.step for flow, _ in numerics)
+    groups = [group for pair in numerics for group in pair]
+    overlap, step = max(group.overlap for group in groups), max(flow.step for flow, _ in numerics)
     return slopes, Effects(
-        here=replace(known[0], overlap=overlap, step=step),
+        here=replace(groups[0], overlap=overlap, step=step),
         slopes=tuple(slopes.values.tolist()),
         covariance=tuple(tuple(row) for row in slopes.covariance.tolist()),
         freedom=slopes.freedom,
@@ -171,7 +187,7 @@ def flow_and_filling(point: Point) -> tuple[Groups, Groups]:
 
 
 def _place(point: PointResult) -> str:
-    """What is swept beside numerics."""
+    """Swept values other than numerics, as a text that is equal for the points of one scene."""
     return repr(
         [(key, value) for key, value in point.at.items() if not key.startswith(("numerics.", "fill.numerics."))]
     )
@@ -189,7 +205,7 @@ def are_mixed(point: Point) -> tuple[bool, bool]:
 
 
 def _changes(points: Sequence[PointResult], numerics: dict[int, tuple[Groups, Groups]], slopes: Slopes) -> list[Change]:
-    found = []
+    changes = []
     first = points[0]
     (reference, bed), a = numerics[first.point.index], by_seed(first, FLOW_RATE)
     for point in points:
@@ -205,12 +221,12 @@ def _changes(points: Sequence[PointResult], numerics: dict[int, tuple[Groups, Gr
             + _rounding(slopes, *are_mixed(point.point))
             - _rounding(slopes, *are_mixed(first.point))
         )
-        found.append(Change(point.label, flow, filled, mean, error, len(change), fitted))
-    return found
+        changes.append(Change(point.label, flow, filled, mean, error, len(change), fitted))
+    return changes
 
 
 def _rounding(slopes: Slopes, flow: bool, filled: bool) -> float:
-    """What mixed precision does to ln W by the fit; 0 for what was not measured."""
+    """Change of ln W by mixed precision, from the fit; 0 for what was not measured."""
     of_flow = slopes.mixed_flow[0] if slopes.mixed_flow else 0.0
     of_filling = slopes.mixed[0] - of_flow if slopes.mixed else 0.0
     return of_flow * flow + of_filling * filled

@@ -15,9 +15,15 @@ from labbook.study.paper import PAPERS
 
 
 @dataclass(frozen=True)
-class Shown:
-    """How a quantity is shown: its name, the unit shown, and the factor from SI to it; and whether a value about zero
-    is a finding."""
+class Notation:
+    """Notation of a quantity on pages, in tables and in figures.
+
+    Args:
+        name: Symbol or name.
+        unit: Displayed unit; empty for a pure number.
+        scale: Factor from SI to the displayed unit.
+        about_zero: True if a value that agrees with zero is a result, as of a difference.
+    """
 
     name: str
     unit: str = ""
@@ -33,53 +39,55 @@ class Shown:
 _MM, _DEGREE = 1e3, 180 / math.pi
 
 KEYS = {
-    "container.orifice": Shown("D", "mm", _MM),
-    "container.angle": Shown("angle", "deg", _DEGREE),
-    "container.gap": Shown("gap", "mm", _MM),
-    "container.width": Shown("width", "mm", _MM),
-    "container.height": Shown("height", "mm", _MM),
-    "container.thickness": Shown("thickness", "mm", _MM),
-    "grains.diameter": Shown("d", "mm", _MM),
-    "grains.length": Shown("L", "mm", _MM),
-    "grains.density": Shown("density", "kg/m³"),
-    "container.rotation": Shown("f", "Hz"),
-    "contact.shear_modulus": Shown("shear modulus", "MPa", 1e-6),
-    "contact.youngs_modulus": Shown("Young's modulus", "MPa", 1e-6),
-    "contact.normal_stiffness": Shown("k_n", "N/m"),
-    "numerics.dt": Shown("dt", "µs", 1e6),
-    "gravity": Shown("g", "m/s²"),
-    "fill.friction": Shown("friction while filling"),
-    "fill.max_time": Shown("longest filling", "s"),
+    "container.orifice": Notation("D", "mm", _MM),
+    "container.angle": Notation("angle", "deg", _DEGREE),
+    "container.gap": Notation("gap", "mm", _MM),
+    "container.width": Notation("width", "mm", _MM),
+    "container.height": Notation("height", "mm", _MM),
+    "container.thickness": Notation("thickness", "mm", _MM),
+    "grains.diameter": Notation("d", "mm", _MM),
+    "grains.length": Notation("L", "mm", _MM),
+    "grains.density": Notation("density", "kg/m³"),
+    "container.rotation": Notation("f", "Hz"),
+    "contact.shear_modulus": Notation("shear modulus", "MPa", 1e-6),
+    "contact.youngs_modulus": Notation("Young's modulus", "MPa", 1e-6),
+    "contact.normal_stiffness": Notation("k_n", "N/m"),
+    "numerics.dt": Notation("dt", "µs", 1e6),
+    "gravity": Notation("g", "m/s²"),
+    "fill.friction": Notation("friction while filling"),
+    "fill.max_time": Notation("longest filling", "s"),
 }
 
 
-def key(name: str) -> Shown:
-    """How the dotted key of a study is shown; an unknown one by its last part, in SI."""
+def key(name: str) -> Notation:
+    """Notation of the dotted key of a study; an unknown key is named by its last part, in SI."""
     if name.startswith(("fill.contact.", "fill.numerics.")):
         inner = key(name.removeprefix("fill."))
         return replace(inner, name=f"{inner.name} while filling")
-    shown = KEYS.get(name, Shown(name.rsplit(".", 1)[-1].replace("_", " ")))
+    notation = KEYS.get(name, Notation(name.rsplit(".", 1)[-1].replace("_", " ")))
     if name.startswith("walls."):
-        which = name.split(".")[1]
-        shown = replace(shown, name=f"{shown.name} of {'all walls' if which == 'all' else f'wall {which}'}")
-    return shown
+        wall = name.split(".")[1]
+        notation = replace(notation, name=f"{notation.name} of {'all walls' if wall == 'all' else f'wall {wall}'}")
+    return notation
 
 
 @cache
-def _declared() -> dict[str, Shown]:
-    """How measures, laws and papers say that their numbers are shown; a superscript is written ^(...)."""
+def _declared() -> dict[str, Notation]:
+    """Notations that measures, laws and papers declare, by quantity; a superscript is written ^(...)."""
     declaring = (*MEASURES.values(), FlowPattern(), FlowRegime(), *PAPERS.values())
     declared = (one for source in declaring for one in source.declared)
-    found = {one.name: Shown(one.symbol, one.shown or one.unit, one.scale, one.about_zero) for one in declared}
+    notations = {one.name: Notation(one.symbol, one.shown or one.unit, one.scale, one.about_zero) for one in declared}
     for law in LAWS.values():
-        for one in law.parameters.values():
-            found[f"{law.name}.{one.name}"] = Shown(one.symbol or one.name, one.shown or one.unit, one.scale)
-    return found
+        for parameter in law.parameters.values():
+            notations[f"{law.name}.{parameter.name}"] = Notation(
+                parameter.symbol or parameter.name, parameter.shown or parameter.unit, parameter.scale
+            )
+    return notations
 
 
-def quantity(name: str, unit: str = "") -> Shown:
-    """How a measured or fitted quantity is shown; an unknown one by its own name, in SI (`unit`)."""
-    return _declared().get(name) or Shown(name.rsplit(".", 1)[-1].replace("_", " "), unit)
+def quantity(name: str, unit: str = "") -> Notation:
+    """Notation of a measured or fitted quantity; an unknown one is named by its own name, in SI (`unit`)."""
+    return _declared().get(name) or Notation(name.rsplit(".", 1)[-1].replace("_", " "), unit)
 
 
 _WORDS = {
@@ -94,12 +102,12 @@ _WORDS = {
 
 
 def spoken(name: str) -> str:
-    """What the dotted key of a study is called in a sentence or a title: with a word where it is shown as a symbol."""
+    """Name of the dotted key of a study in a sentence or a title: a word where its notation is a symbol."""
     return _WORDS.get(name, key(name).name)
 
 
 def law(name: str) -> str:
-    """What a law or another fit is called: `Beverloo 3d`."""
+    """Name of a law or another fit in text: `Beverloo 3d`."""
     return name.replace("_", " ").capitalize()
 
 
@@ -117,8 +125,8 @@ def amount(name: str, value: float | str) -> str:
 
 def setting(name: str, value: float | str) -> str:
     """`D = 30 mm` of a key and its value in SI, or the word that it takes."""
-    shown = key(name)
-    return f"{shown.name} = {amount(name, value)} {shown.unit}".rstrip()
+    notation = key(name)
+    return f"{notation.name} = {amount(name, value)} {notation.unit}".rstrip()
 
 
 def label(at: Mapping[str, float | str], leave_out: Collection[str] = ()) -> str:
@@ -150,8 +158,8 @@ def with_error(value: float, error: float, scale: float = 1.0) -> str:
 def with_interval(pooled: Pooled, scale: float = 1.0) -> str:
     """`70.0 (66.5 to 73.4, 95 %), n = 3`: a mean with its interval, to the digits that its error asks for."""
     value, low, high = (number(one, pooled.error, scale) for one in (pooled.value, pooled.low, pooled.high))
-    known = math.isfinite(pooled.half_width)
-    interval = f"{low} to {high}, {percent(pooled.confidence)}" if known else "interval unknown"
+    finite = math.isfinite(pooled.half_width)
+    interval = f"{low} to {high}, {percent(pooled.confidence)}" if finite else "interval unknown"
     return f"{value} ({interval}), n = {pooled.n}"
 
 

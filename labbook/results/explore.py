@@ -536,6 +536,6 @@ def _because(notes: Sequence[str]) -> str:
     return f" ({'; '.join(notes[:_LISTED])}{more})" if notes else ""
 
 
-def _range(low: float, high: float, unit: display.Shown) -> str:
+def _range(low: float, high: float, unit: display.Notation) -> str:
     ends = (display.number(x, None, unit.scale) for x in (low, high))
     return f"{' to '.join(ends)} {unit.unit}".rstrip()

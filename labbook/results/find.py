@@ -1,4 +1,4 @@
-"""What the lab holds of a study, found: replicates pooled, series fitted, the reference compared with."""
+"""Results of a study from the runs of a lab: replicates pooled, series fitted, comparisons with the reference."""
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
@@ -34,9 +34,17 @@ def results_of(
 ) -> _R:
     """Pool replicates, fit series and compare with the study's reference.
 
-    `numbers`: what was measured of the runs. A run that cannot be read is left out and reported, after those of which
-    that was known before (`lost`: why). One that a measure fails on has its other numbers. `kind`: the class of the
-    results, or a function that makes them.
+    An unreadable run is left out and reported. A run on which a measure fails keeps its other numbers.
+
+    Args:
+        study: The study, with its points as a strategy proposed them.
+        runs: Its finished runs, in any order.
+        numbers: Measured numbers of the runs.
+        lost: Messages on runs that were found unreadable before.
+        kind: Class of the results, or a function that makes them.
+
+    Returns:
+        Points, series, comparisons and statements.
     """
     unreadable, unmeasured = list(lost), list[str]()
     by_point: dict[int, list[RunResult]] = {}
@@ -47,19 +55,19 @@ def results_of(
             continue
         unmeasured += numbers.failed.get(key, {}).values()
         counted = counts(run.entry.outcome, run.entry.suspect, study.accuracy.count_suspect)
-        found = RunResult(run, numbers.measured.get(key, {}), study.measure, study.window, counted)
-        by_point.setdefault(run.point.index, []).append(found)
+        of_run = RunResult(run, numbers.measured.get(key, {}), study.measure, study.window, counted)
+        by_point.setdefault(run.point.index, []).append(of_run)
     read = [point for point in study.points if by_point.get(point.index)]
     extra = redundant(study.points)
     points = tuple(pooled_point(study, point, extra, tuple(by_point[point.index])) for point in read)
     missing = tuple(point for point in study.points if not by_point.get(point.index))
     series = series_of(points, study.fit, further_fits())
-    found = kind(study, points, missing, tuple(unreadable), series, unmeasured=tuple(unmeasured))
-    own = partial(compared, found)
+    results = kind(study, points, missing, tuple(unreadable), series, unmeasured=tuple(unmeasured))
+    own = partial(compared, results)
     return replace(
-        found,
+        results,
         comparisons=compare(study.reference, points, series, own),
-        judged=judge(study.reference, points, series, own, partial(judged, found)),
+        judged=judge(study.reference, points, series, own, partial(judged, results)),
         numerical=numerical(study.points, points, study.accuracy.numerics),
     )
 
@@ -71,9 +79,17 @@ def find(
     progress: Callable[[int], None] = lambda done: None,
     kind: Callable[..., _R] = StudyResults,
 ) -> _R:
-    """What the lab holds of a study from `backend`; what was not evaluated yet is evaluated now, and kept.
+    """Read the results of a study from the lab. Runs that are not evaluated yet are evaluated, and the numbers stored.
 
-    `progress` is told how many runs are done. `kind`: as for `results_of`.
+    Args:
+        study: The study.
+        catalogue: Index of the lab.
+        backend: Name of the backend that made the runs.
+        progress: Called with the number of evaluated runs.
+        kind: Class of the results, as for `results_of`.
+
+    Returns:
+        The results.
     """
     study, proposed = as_proposed(study, catalogue.lab, backend)
     runs, lost = finished(catalogue, study, backend), unreadable(catalogue, study, backend)
@@ -82,33 +98,42 @@ def find(
     return replace(results, installed=_installed(backend), campaign=proposed)
 
 
-def kept(
+def stored_results(
     study: Study,
     catalogue: Catalogue,
     backend: str,
-    asked: Mapping[str, Sequence[RequestedRun]] | None = None,
+    requested: Mapping[str, Sequence[RequestedRun]] | None = None,
     kind: Callable[..., _R] = StudyResults,
 ) -> _R:
-    """The same for those who only look: nothing is evaluated, and no folder is looked at.
+    """Read the results of a study that are stored already: nothing is evaluated, and no folder is opened.
 
-    `asked`: what `labbook.plan.coverage.requested_runs` gives of the study, where it is known already. Profiles, traces
-    and fields that were not evaluated raise NotEvaluated (of `labbook.lab.evaluations`) when they are asked for; where
-    fits or comparisons of a paper rest on such ones, they are left out, and the run is among the unevaluated.
+    Profiles, traces and fields without a stored evaluation raise NotEvaluated (of `labbook.lab.evaluations`) on access.
+    Fits and comparisons of a paper that rest on such data are left out, and the run is among the unevaluated.
+
+    Args:
+        study: The study.
+        catalogue: Index of the lab.
+        backend: Name of the backend that made the runs.
+        requested: Result of `labbook.plan.coverage.requested_runs`, if it is at hand.
+        kind: Class of the results, as for `results_of`.
+
+    Returns:
+        The results; their `unevaluated` names the runs that lack evaluations.
     """
     study, proposed = as_proposed(study, catalogue.lab, backend)
     runs, lost = (
-        finished(catalogue, study, backend, None if proposed else asked, ReadOnlyRun),
+        finished(catalogue, study, backend, None if proposed else requested, ReadOnlyRun),
         unreadable(catalogue, study, backend),
     )
     observe = Observe.of(study.measure, study.window)
-    found = evaluations.kept_numbers(catalogue, runs, observe)
-    lacking = dict.fromkeys(found.lacking)
+    numbers = evaluations.kept_numbers(catalogue, runs, observe)
+    lacking = dict.fromkeys(numbers.lacking)
     try:
-        results = results_of(study, runs, found, lost, kind)
+        results = results_of(study, runs, numbers, lost, kind)
     except NotEvaluated as problem:  # profiles that a paper's fits or statements rest on
         lacking |= {problem.run_key: None}
         plain = replace(study, fit=tuple(law for law in study.fit if law in LAWS), reference=None)
-        results = replace(results_of(plain, runs, found, lost, kind), study=study)
+        results = replace(results_of(plain, runs, numbers, lost, kind), study=study)
     return replace(results, installed=_installed(backend), unevaluated=tuple(lacking), campaign=proposed)
 
 

@@ -1,4 +1,4 @@
-"""What was found of a study as tidy data frames: SI units, a row a number, NaN for what is not known."""
+"""Results of a study as tidy data frames: SI units, a row for each number, NaN for unknown numbers."""
 
 import json
 import math
@@ -113,7 +113,7 @@ def frames(
     """
     import pandas as pd
 
-    made: dict[str, Iterable[Row]] = {
+    tables: dict[str, Iterable[Row]] = {
         "points": _points(results),
         "runs": _runs(results),
         "flow": _flow(results),
@@ -141,11 +141,13 @@ def frames(
         "clogging_laws": _clogging_laws(results),
     }
     of_papers, problems = frames_of_papers(results)
-    made |= of_papers
-    made["problems"] = (*_problems(results), *({"kind": "paper", "where": "", "why": why} for why in problems))
-    asked = made.keys() if names is None else names
-    found = {name: pd.DataFrame(list(rows)) for name, rows in made.items() if name in asked and name not in without}
-    return {name: _with_units(results, name, _with_known_ends(frame)) for name, frame in found.items() if len(frame)}
+    tables |= of_papers
+    tables["problems"] = (*_problems(results), *({"kind": "paper", "where": "", "why": why} for why in problems))
+    requested = tables.keys() if names is None else names
+    selected = {
+        name: pd.DataFrame(list(rows)) for name, rows in tables.items() if name in requested and name not in without
+    }
+    return {name: _with_units(results, name, _with_known_ends(frame)) for name, frame in selected.items() if len(frame)}
 
 
 def known_interval(low: float, high: float) -> tuple[float, float]:
@@ -167,8 +169,8 @@ def _with_known_ends(frame: "pd.DataFrame") -> "pd.DataFrame":
 def _with_units(results: StudyResults, name: str, frame: "pd.DataFrame") -> "pd.DataFrame":
     """With the name of the study and the SI units of its columns in `attrs`."""
     columns = {**_UNITS, **{table: of for paper in analyses() for table, of in paper.columns.items()}}
-    known = {**results.study.units, **columns.get(name, {})}
-    frame.attrs = {"study": results.study.name, "units": {one: known[one] for one in frame if one in known}}
+    units = {**results.study.units, **columns.get(name, {})}
+    frame.attrs = {"study": results.study.name, "units": {one: units[one] for one in frame if one in units}}
     return frame
 
 
@@ -189,8 +191,8 @@ def inside(results: StudyResults, every: float) -> "pd.DataFrame":
             head = {**of_run(results, result, run), "run_key": run.run_key}
             for k in range(math.floor(data.duration / every * (1 + 1e-12)) + 1):
                 left = int(np.searchsorted(times, k * every, side="right"))
-                gone = float(mass[left - 1]) if left else 0.0
-                rows.append({**head, "time": k * every, "grains": count - left, "mass": total - gone})
+                outflow = float(mass[left - 1]) if left else 0.0
+                rows.append({**head, "time": k * every, "grains": count - left, "mass": total - outflow})
     return _with_units(results, "inside", pd.DataFrame(rows))
 
 
@@ -201,9 +203,10 @@ def _runs_empty(result: PointResult) -> bool:
 
 def to_json(results: StudyResults, names: Collection[str] | None = None) -> str:
     """The frames called `names` (all but EVERY, if none are given) as JSON: SI, null for what is unknown or endless."""
-    chosen = frames(results, names or None, () if names else EVERY)
+    selected = frames(results, names or None, () if names else EVERY)
     parts = {
-        name: json.loads(frame.to_json(orient="records", double_precision=15) or "[]") for name, frame in chosen.items()
+        name: json.loads(frame.to_json(orient="records", double_precision=15) or "[]")
+        for name, frame in selected.items()
     }
     campaign = {"campaign": list(results.campaign)} if results.campaign else {}
     return json.dumps({"study": results.study.name, **campaign, **parts}, indent=2, allow_nan=False)
@@ -284,27 +287,27 @@ def _problems(results: StudyResults) -> Iterator[Row]:
 def _series(results: StudyResults) -> Iterator[Row]:
     for series in results.series:
         contenders = ", ".join(series.contenders)
-        chosen = {"preferred": series.preferred, "contenders": contenders, "verdict": series.verdict}
-        yield {**_of_series(series), **chosen, **_resting(results, series.points)}
+        preference = {"preferred": series.preferred, "contenders": contenders, "verdict": series.verdict}
+        yield {**_of_series(series), **preference, **_resting(results, series.points)}
 
 
 def _numerics(results: StudyResults) -> Iterator[Row]:
-    for one in results.numerical:
-        told: Row = {"key": one.key, "first": one.first.point.label, "other": one.other.point.label}
-        told |= {"margin": one.margin, "why": one.why}
-        if one.test is not None:
-            told |= {name: getattr(one.test, name) for name in ("difference", "error", "low", "high")}
-            told |= {"p": one.test.p, "power": one.test.power, "finding": one.finding} if one.finding else {}
-            told |= {"paired": one.paired}
-        yield told | _resting(results, (one.first, one.other))
+    for pair in results.numerical:
+        row: Row = {"key": pair.key, "first": pair.first.point.label, "other": pair.second.point.label}
+        row |= {"margin": pair.margin, "why": pair.why}
+        if pair.test is not None:
+            row |= {name: getattr(pair.test, name) for name in ("difference", "error", "low", "high")}
+            row |= {"p": pair.test.p, "power": pair.test.power, "finding": pair.finding} if pair.finding else {}
+            row |= {"paired": pair.paired}
+        yield row | _resting(results, (pair.first, pair.second))
 
 
 def _budget(results: StudyResults) -> Iterator[Row]:
     for budget in budgets(results):
         for share in budget.shares:
             where = of_point(budget.of) if isinstance(budget.of, PointResult) else _of_series(budget.of)
-            told = {"source": share.source, "part": share.part, "basis": share.basis}
-            yield {**where, "quantity": budget.quantity, **told}
+            numbers = {"source": share.source, "part": share.part, "basis": share.basis}
+            yield {**where, "quantity": budget.quantity, **numbers}
 
 
 def _of_series(series: Series) -> Row:
@@ -340,9 +343,9 @@ def _fitted(series: Series, law: str) -> Sequence[PointResult]:
 
 def _bands(results: StudyResults) -> Iterator[Row]:
     for series in results.series:
-        for law, found in series.fits.items():
-            D = np.linspace(found.D.min(), found.D.max(), _PLACES)
-            of_law, of_point = found.band(D), found.band(D, new_point=True)
+        for law, fitted in series.fits.items():
+            D = np.linspace(fitted.D.min(), fitted.D.max(), _PLACES)
+            of_law, of_point = fitted.band(D), fitted.band(D, new_point=True)
             names = ("orifice", "flow_rate", "low", "high", "point_low", "point_high")
             for values in zip(D, *of_law, *of_point[1:], strict=True):
                 yield {**_of_series(series), "law": law, **dict(zip(names, map(float, values), strict=True))}
@@ -357,13 +360,13 @@ def _resting(results: StudyResults, points: Sequence[PointResult]) -> Row:
 
 def _goodness(series: Series, law: str) -> Row:
     if law not in series.fits:
-        other = series.further[law]
-        return {"version": other.version, "formula": other.formula, "notes": "; ".join(other.notes)}
+        further = series.further[law]
+        return {"version": further.version, "formula": further.formula, "notes": "; ".join(further.notes)}
     fit = series.fits[law]
     goodness = {"chi2": fit.chi2, "degrees_of_freedom": fit.dof, "p_value": fit.p_value, "aicc": fit.aicc}
     notes = "; ".join(fit.notes)
-    said = {"version": fit.law.version, "formula": fit.law.formula, "notes": notes}
-    return {"confidence": fit.confidence, **goodness, **said}
+    description = {"version": fit.law.version, "formula": fit.law.formula, "notes": notes}
+    return {"confidence": fit.confidence, **goodness, **description}
 
 
 def _flow(results: StudyResults) -> Iterator[Row]:
@@ -395,11 +398,28 @@ def _along(outlets: Sequence[ProfileAcross]) -> Iterator[Row]:
 
 
 def _reference(results: StudyResults) -> Iterator[Row]:
-    for one in results.comparisons:
-        theirs = {"reference": one.reference, "reference_error": one.reference_error, "says": one.says}
-        ours = {"ours": one.ours, "error": one.error, "low": one.low, "high": one.high, "unit": one.unit}
-        apart = {"difference_in_errors": one.in_errors, "why": one.why}
-        yield {"quantity": one.quantity, **one.at, **theirs, **ours, **apart, **_resting(results, one.points)}
+    for comparison in results.comparisons:
+        theirs = {
+            "reference": comparison.reference,
+            "reference_error": comparison.reference_error,
+            "says": comparison.says,
+        }
+        ours = {
+            "ours": comparison.ours,
+            "error": comparison.error,
+            "low": comparison.low,
+            "high": comparison.high,
+            "unit": comparison.unit,
+        }
+        apart = {"difference_in_errors": comparison.in_errors, "why": comparison.why}
+        yield {
+            "quantity": comparison.quantity,
+            **comparison.at,
+            **theirs,
+            **ours,
+            **apart,
+            **_resting(results, comparison.points),
+        }
 
 
 def _accelerations(results: StudyResults) -> Iterator[Row]:
@@ -474,10 +494,17 @@ def _clogging_laws(results: StudyResults) -> Iterator[Row]:
 
 
 def _statements(results: StudyResults) -> Iterator[Row]:
-    """What a paper states, ours, and the verdict."""
-    for one in results.judged:
-        stated = one.statement
-        asked = {"quantity": stated.quantity, "at": one.label, "says": stated.says}
-        ours = {"from": stated.low, "to": stated.high, "ours": one.ours, "error": one.error}
-        interval = {"low": one.low, "high": one.high, "pairs": one.pairs}
-        yield {**asked, **ours, **interval, "verdict": one.verdict, "why": one.why, **_resting(results, one.points)}
+    """Statements of the reference with ours and the verdict."""
+    for judgement in results.judged:
+        statement = judgement.statement
+        where = {"quantity": statement.quantity, "at": judgement.label, "says": statement.says}
+        ours = {"from": statement.low, "to": statement.high, "ours": judgement.ours, "error": judgement.error}
+        interval = {"low": judgement.low, "high": judgement.high, "pairs": judgement.pairs}
+        yield {
+            **where,
+            **ours,
+            **interval,
+            "verdict": judgement.verdict,
+            "why": judgement.why,
+            **_resting(results, judgement.points),
+        }

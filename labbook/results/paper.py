@@ -22,7 +22,7 @@ Row = dict[str, Any]
 
 
 class Analysis(Vocabulary):
-    """What it makes of results. `labbook.papers.Paper` is the whole of what a paper adds."""
+    """Numbers that a paper's analysis adds to results. `labbook.papers.Paper` has everything that a paper adds."""
 
     columns: ClassVar[Mapping[str, Mapping[str, str]]] = MappingProxyType({})
     """SI units of the columns of its frames that mean the same in every row, by frame."""
@@ -51,7 +51,7 @@ class Analysis(Vocabulary):
 
 
 def analyses() -> Iterator[Analysis]:
-    """Those of all papers. An entry of the group that is a `Vocabulary` only adds words to studies and nothing here."""
+    """Analyses of all papers. An entry that is only a `Vocabulary` adds words to studies and no numbers."""
     return (paper for paper in PAPERS.values() if isinstance(paper, Analysis))
 
 
@@ -62,7 +62,7 @@ def calling(paper: Vocabulary) -> AbstractContextManager[None]:
 
 
 def further_fits() -> dict[str, FitTo]:
-    """What papers can fit to the points of a series, by name."""
+    """Fits of all papers to the points of a series, by name."""
     return {name: _fit_of(paper, name) for paper in analyses() for name in paper.fits}
 
 

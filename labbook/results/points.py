@@ -32,7 +32,7 @@ from labbook.study import Point, Study
 FLOW_RATE, DRIFT = "flow_rate", "flow_rate_drift"
 ORIFICE = "container.orifice"
 NUMERICS, FILLING, BED = "numerics.", "fill.", "grains.count"
-"""How keys begin that say not what a scene is, but how it is computed, filled, and how large it is made."""
+"""First letters of keys that do not change the physical scene: its numerics, its filling and the size of its bed."""
 _NO_FLOW = {
     "few": f"fewer than {FEWEST} grains flowed out within the window ({WIDER})",
     "clogged": f"runs clogged (use a wider outlet, or measure: [{Clogging.name}])",
@@ -40,7 +40,7 @@ _NO_FLOW = {
     "diverged": "runs diverged (use a smaller time step)",
     "suspect": "runs are suspect and left out",
 }
-"""Why a run gives no flow rate, and what would help."""
+"""Reasons that a run gives no flow rate, each with a remedy."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -50,10 +50,10 @@ class RunResult:
     run: FinishedRun
     measured: Mapping[str, Measured]
     measures: tuple[str, ...]
-    """Those that the study asks for."""
+    """Names of the measures that the study requests."""
     window: Window
     counted: bool
-    """Whether it takes part in means and fits (`labbook.lab.suspect`)."""
+    """True if the run takes part in means and fits (`labbook.lab.suspect`)."""
 
     @property
     def seed(self) -> int:
@@ -82,17 +82,17 @@ class RunResult:
 
     @property
     def outcome(self) -> str:
-        """How it ended."""
+        """Outcome of the run."""
         return self.run.entry.outcome
 
     @property
     def suspect(self) -> str:
-        """Why it is suspect; empty if it is not."""
+        """Reason that the run is suspect; empty if it is not."""
         return self.run.entry.suspect
 
     @property
     def ended(self) -> str:
-        """When it ended (UTC, ISO 8601)."""
+        """Time at which the run ended (UTC, ISO 8601)."""
         return self.run.entry.finished
 
     @property
@@ -107,12 +107,12 @@ class RunResult:
 
     @property
     def outdated(self) -> str:
-        """What has changed of its law and walls since it was made; empty if nothing."""
+        """Changes of its law and walls since the run was made; empty if there are none."""
         return self.run.outdated
 
     @property
     def device(self) -> str:
-        """Where it was computed."""
+        """Device on which the run was computed."""
         return self.run.entry.device
 
     @property
@@ -122,12 +122,12 @@ class RunResult:
 
     @property
     def provenance(self) -> Mapping[str, Any]:
-        """What made it."""
+        """Software, hardware and sessions that made the run."""
         return self.run.provenance
 
     @property
     def recorded(self) -> bool:
-        """Whether frames of it were recorded."""
+        """True if frames of the run were recorded."""
         return self.frame_interval is not None
 
     @property
@@ -136,7 +136,7 @@ class RunResult:
         return self.run.entry.frame_interval
 
     def evaluation(self, measure: Measure | str) -> Evaluation:
-        """What a measure gave of it; nothing if it cannot be taken of this run.
+        """Evaluation of a measure on this run; empty if the measure does not apply to it.
 
         Args:
             measure: the measure, or its name in `labbook.measure.MEASURES`.
@@ -189,8 +189,8 @@ class RunResult:
     @cached_property
     def stress(self) -> Fields | None:
         """Fields with the contact stress of the bed, where `contact_stress` was measured."""
-        kept = self.evaluation(ContactStress()).arrays if ContactStress.name in self.measures else {}
-        return Fields.of(kept) if kept else None
+        arrays = self.evaluation(ContactStress()).arrays if ContactStress.name in self.measures else {}
+        return Fields.of(arrays) if arrays else None
 
     @cached_property
     def outlets(self) -> Mapping[str, ProfileAcross]:
@@ -198,17 +198,22 @@ class RunResult:
         or does not count, as for its flow rate."""
         if OutletProfiles.name not in self.measures or self.outcome == "clogged" or not self.counted:
             return {}
-        found = OutletProfile.of(self.evaluation(OutletProfiles()))
-        return found.outlets(self.run.point.scene.grains.radius) if found is not None else {}
+        profiles = OutletProfile.of(self.evaluation(OutletProfiles()))
+        return profiles.outlets(self.run.point.scene.grains.radius) if profiles is not None else {}
 
 
 @dataclass(frozen=True, eq=False)
 class PointResult:
     """One point of a study with its replicates.
 
-    `at`: what was swept, without what follows from the rest, which is `along`; `pooled`: means over beds, by quantity,
-    with Student intervals; of several discharges of a bed their mean is its value. `tolerance`: the requested relative
-    half-width; `asked`: how many runs it asks for at least.
+    Args:
+        point: The point of the study.
+        at: Swept values [SI or word], without those that follow from others.
+        runs: Its finished runs.
+        pooled: Means over beds by quantity, with Student intervals. The value of a bed is the mean of its discharges.
+        tolerance: Requested relative half-width of the flow rate's interval; None if none is requested.
+        requested: Number of runs that the study requests at least.
+        along: Swept values that follow from those in `at`.
     """
 
     point: Point
@@ -216,18 +221,18 @@ class PointResult:
     runs: tuple[RunResult, ...]
     pooled: Mapping[str, Pooled]
     tolerance: float | None
-    asked: int
+    requested: int
     along: Mapping[str, float | str] = field(default_factory=dict)
 
     @property
     def label(self) -> str:
-        """What was swept, in the units of the field."""
+        """Swept values in the units of the field."""
         return self.label_without(())
 
-    def label_without(self, known: Collection[str]) -> str:
-        """The label, without keys that are known already, and without those that say only how a scene is made."""
+    def label_without(self, omitted: Collection[str]) -> str:
+        """Label without the keys `omitted`, and without keys that change only how a scene is computed or filled."""
         return display.label(
-            {**self.at, **{name: value for name, value in self.along.items() if names_scene(name)}}, known
+            {**self.at, **{name: value for name, value in self.along.items() if names_scene(name)}}, omitted
         )
 
     @property
@@ -265,7 +270,7 @@ class PointResult:
 
     @property
     def outcomes(self) -> Counter[str]:
-        """How many replicates ended in which way."""
+        """Number of replicates by outcome."""
         return Counter(run.outcome for run in self.runs)
 
     @property
@@ -275,13 +280,13 @@ class PointResult:
 
     @cached_property
     def notes(self) -> Counter[str]:
-        """How many replicates carry which note on their flow rate (`trending` ...)."""
+        """Number of replicates by note on their flow rate (`trending` ...)."""
         carried = (run.measured[FLOW_RATE].notes for run in self.runs if FLOW_RATE in run.measured)
         return Counter(summed_up(Counter(note for notes in carried for note in notes)))
 
     @property
     def no_flow(self) -> str:
-        """Why no run gave a flow rate, with the remedy; empty if one did, or if none was measured for it."""
+        """Reasons that no run gave a flow rate, with remedies; empty if one did, or if no flow rate was measured."""
         if self.flow_rate is not None:
             return ""
         reasons = dict.fromkeys(filter(None, map(_no_flow, self.runs)))
@@ -289,28 +294,31 @@ class PointResult:
 
     @property
     def trending(self) -> bool:
-        """Whether the flow of more than half of the replicates has no plateau, or the drift of all together is more
-        than 5 % and its 95 % interval leaves zero out: what each replicate alone is too noisy to show."""
+        """True if the flow has no plateau.
+
+        Either more than half of the replicates trend, or their mean drift is above 5 % with a 95 % interval that
+        excludes zero: single replicates may be too noisy to show a drift.
+        """
         drift = self.pooled.get(DRIFT)
         together = drift is not None and abs(drift.value) > max(MATERIAL, drift.half_width)
         return self.notes["trending"] > len(self.runs) / 2 or together
 
     @property
     def hollow(self) -> bool:
-        """Whether figures mark it: there is a remark on it, or its flow rate rests on one run and has no interval."""
+        """True if figures draw the point hollow: it has a remark, or its flow rate has no interval (one run)."""
         return bool(self.remark) or (self.flow_rate is not None and not math.isfinite(self.flow_rate.half_width))
 
     @property
     def lacking(self) -> str:
-        """Why it has no flow rate, in the fewest words: `4 of 4 clogged`; empty if it has one."""
+        """Reason that the point has no flow rate, in a few words: `4 of 4 clogged`; empty if it has one."""
         if self.flow_rate is not None:
             return ""
         return self.remark or "too few grains"
 
     @property
     def precise(self) -> bool | None:
-        """Whether the half width of the flow rate's interval, with the bias of numerics that were chosen, meets the
-        requested error; None if the study requests none."""
+        """True if |bias of the chosen numerics| + half-width of the flow rate's interval is within the requested error;
+        None if the study requests none."""
         if self.tolerance is None:
             return None
         bias = 0.0 if self.point.choice is None else self.point.choice.bias.bound
@@ -318,13 +326,13 @@ class PointResult:
 
     @property
     def partial(self) -> bool:
-        """Whether replicates are lacking. Of runs that began together the first to end flow fast: no fair sample."""
-        return len(self.runs) < self.asked
+        """True if replicates are missing. Runs that end first flow fastest, so that they are a biased sample."""
+        return len(self.runs) < self.requested
 
     @property
     def remark(self) -> str:
-        """What a reader must know of this point, in a few words; empty if nothing."""
-        parts = [f"{len(self.runs)} of {self.asked} runs so far"] if self.partial else []
+        """Remarks that readers of this point need, in a few words; empty without any."""
+        parts = [f"{len(self.runs)} of {self.requested} runs so far"] if self.partial else []
         parts += ["trending"] if self.trending else []
         parts += ["stopped within the window"] if self.notes[CUT_SHORT] else []
         ended = {how: n for how, n in self.outcomes.items() if how in ("clogged", "diverged")}
@@ -333,13 +341,13 @@ class PointResult:
 
     def _repr_html_(self) -> str:
         rows = []
-        for name, one in self.pooled.items():
+        for name, mean in self.pooled.items():
             unit = next((run.measured[name].unit for run in self.runs if name in run.measured), "")
-            shown = display.quantity(name, unit)
-            low, high = (display.number(end, one.error, shown.scale) for end in (one.low, one.high))
-            interval = f"{low} to {high}" if math.isfinite(one.half_width) else "unknown"
-            value = display.with_error(one.value, one.error, shown.scale)
-            rows.append((shown.name, value, interval, shown.unit, str(one.n)))
+            notation = display.quantity(name, unit)
+            low, high = (display.number(end, mean.error, notation.scale) for end in (mean.low, mean.high))
+            interval = f"{low} to {high}" if math.isfinite(mean.half_width) else "unknown"
+            value = display.with_error(mean.value, mean.error, notation.scale)
+            rows.append((notation.name, value, interval, notation.unit, str(mean.n)))
         table = html.table(("quantity", "mean ± error", "95 % interval", "unit", "replicates in the mean"), rows)
         ended = ", ".join(f"{count} {name}" for name, count in self.outcomes.items())
         return html.titled(self.label or "the only point", table, html.lines(filter(None, (ended, self.remark))))
@@ -350,7 +358,7 @@ class PointResult:
 
 
 def _no_flow(run: RunResult) -> str:
-    """Which of `_NO_FLOW` holds of a run; empty if it was not asked for a flow rate, or is not evaluated yet."""
+    """Key of `_NO_FLOW` that applies to a run; empty if no flow rate was requested, or if it is not evaluated yet."""
     if FlowRate.name not in run.measures:
         return ""
     if run.outcome == "clogged" and Clogging.name in run.measures:
@@ -375,7 +383,7 @@ def by_seed(result: PointResult, quantity: str) -> dict[int, float]:
 
 
 def names_scene(name: str) -> bool:
-    """Whether a key says what a scene is, and not how it is computed, filled or how large it is made."""
+    """True for keys of the physical scene; false for numerics, filling and the number of grains."""
     return not name.startswith((NUMERICS, FILLING, BED))
 
 
@@ -389,27 +397,27 @@ def redundant(points: Sequence[Point]) -> frozenset[str]:
     names.sort(key=lambda name: not names_scene(name))
     extra: set[str] = set()
     for place, name in enumerate(names):
-        for other in (other for other in names[:place] if other not in extra):
-            pairs = {(point.at.get(other), point.at.get(name)) for point in points}
+        for earlier in (other for other in names[:place] if other not in extra):
+            pairs = {(point.at.get(earlier), point.at.get(name)) for point in points}
             if len(pairs) == len({first for first, _ in pairs}) == len({second for _, second in pairs}) > 1:
                 extra.add(name)
     return frozenset(extra)
 
 
 def swept(point: Point, extra: frozenset[str]) -> dict[str, float | str]:
-    """What was swept at a point, without what follows from the rest."""
+    """Swept values of a point, without the keys in `extra`, which follow from others."""
     return {name: value for name, value in point.at.items() if name not in extra}
 
 
 def followers(points: Sequence[PointResult], key: str) -> tuple[str, ...]:
     """Swept keys that change with `key` and are known as soon as it is: a diameter that is given for every length."""
     valued = [({**one.at, **one.along}, value) for one in points if (value := one.at.get(key)) is not None]
-    found = []
+    following = []
     for name in dict.fromkeys(name for one in points for name in one.along):
         pairs = {(value, known.get(name)) for known, value in valued}
         if len(pairs) == len({value for value, _ in pairs}) and len({other for _, other in pairs}) > 1:
-            found.append(name)
-    return tuple(found)
+            following.append(name)
+    return tuple(following)
 
 
 def pooled_point(study: Study, point: Point, extra: frozenset[str], runs: tuple[RunResult, ...]) -> PointResult:
@@ -430,8 +438,8 @@ def pooled_point(study: Study, point: Point, extra: frozenset[str], runs: tuple[
     if study.fed and len(values.get(FLOW_RATE, ())) == 1:
         pooled |= _of_one_run(runs)
     along = {name: value for name, value in point.at.items() if name in extra}
-    asked = fewest_runs(study, point)
-    return PointResult(point, swept(point, extra), runs, pooled, study.accuracy.flow_rate, asked, along)
+    requested = fewest_runs(study, point)
+    return PointResult(point, swept(point, extra), runs, pooled, study.accuracy.flow_rate, requested, along)
 
 
 def _rate(runs: Sequence[tuple[int, Measured]]) -> PooledRate:
@@ -443,7 +451,7 @@ def _rate(runs: Sequence[tuple[int, Measured]]) -> PooledRate:
 def _of_one_run(runs: tuple[RunResult, ...]) -> dict[str, Pooled]:
     """Flow rates of the only run of a fed bed, which is long enough to tell its own error."""
     names = (FLOW_RATE, "grain_rate")
-    each = [run.measured[name] for run in runs for name in names if run.counted and name in run.measured]
-    found = [one for one in each if math.isfinite(one.value)]
+    rates_of_run = [run.measured[name] for run in runs for name in names if run.counted and name in run.measured]
+    finite = [one for one in rates_of_run if math.isfinite(one.value)]
     t = student(0.95, BLOCKS - 1)
-    return {one.quantity: Pooled(one.value, one.error, t * one.error, 1) for one in found}
+    return {one.quantity: Pooled(one.value, one.error, t * one.error, 1) for one in finite}

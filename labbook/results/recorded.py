@@ -1,4 +1,4 @@
-"""How the bed of a point flows: mean velocities of its recorded runs, one moment of one, means above the orifice."""
+"""Flow pattern of a point: mean velocities of its recorded runs, one frame of one run, means above the orifice."""
 
 import math
 from collections.abc import Mapping
@@ -47,7 +47,7 @@ class Flowing:
 
     @property
     def pattern(self) -> Pattern:
-        """Where grains stand still."""
+        """Bed and stagnant zone on the grid."""
         return self.bed.pattern
 
     @property
@@ -57,7 +57,7 @@ class Flowing:
 
     @property
     def frames(self) -> int:
-        """How many were averaged."""
+        """Number of averaged frames."""
         return self.bed.frames
 
     @property
@@ -128,8 +128,8 @@ def acceleration(result: PointResult) -> AccelerationProfile | None:
             beds.setdefault(run.seed, []).append(run.acceleration)
     if beds:
         return pooled_profile([pooled_profile(discharges) for discharges in beds.values()])
-    found = (AccelerationProfile.of(run.evaluation(FreeFall())) for run in _recorded(result))
-    return next((profile for profile in found if profile is not None), None)
+    profiles = (AccelerationProfile.of(run.evaluation(FreeFall())) for run in _recorded(result))
+    return next((profile for profile in profiles if profile is not None), None)
 
 
 def pooled_means(patterns: list[Flowing]) -> dict[str, Pooled]:
@@ -140,8 +140,8 @@ def pooled_means(patterns: list[Flowing]) -> dict[str, Pooled]:
     names = dict.fromkeys(name for row in rows for name in row)
     means = {name: pool([row[name] for row in rows if name in row]) for name in names}
     # of mean fields: not the mean of what S is in single frames
-    same = {name: f"orifice_{'S_of_mean' if name == 'S' else name}" for name in means}
-    return {name: measured.get(same[name], mean) for name, mean in means.items()}
+    measured_names = {name: f"orifice_{'S_of_mean' if name == 'S' else name}" for name in means}
+    return {name: measured.get(measured_names[name], mean) for name, mean in means.items()}
 
 
 def _recorded(result: PointResult) -> list[RunResult]:
@@ -151,9 +151,9 @@ def _recorded(result: PointResult) -> list[RunResult]:
 
 
 def _of_run(result: PointResult, run: RunResult) -> Flowing | None:
-    found = run.evaluation(FlowPattern())
-    bed = Bed.of(found)
+    evaluation = run.evaluation(FlowPattern())
+    bed = Bed.of(evaluation)
     if bed is None:
         return None
-    known = {one.quantity.removeprefix("orifice."): one.value for one in found.numbers if math.isfinite(one.value)}
-    return Flowing(result, bed, known)
+    means = {one.quantity.removeprefix("orifice."): one.value for one in evaluation.numbers if math.isfinite(one.value)}
+    return Flowing(result, bed, means)

@@ -51,9 +51,11 @@ class Comparison:
 
     @property
     def inside(self) -> bool | None:
-        """Whether the reference lies inside our 95 % interval, widened by that of the reference where it has an error:
-        an interval by Student's t, as two or three seeds know their own standard error too badly to count it. None
-        where we have no number or no interval."""
+        """True if the reference lies inside our 95 % interval, widened by that of the reference if it states an error.
+
+        The interval is Student's: two or three seeds estimate their standard error too badly for a normal interval.
+        None if we have no number or no interval.
+        """
         if self.ours is None or not (math.isfinite(self.low) or math.isfinite(self.high)):
             return None
         half = self.ours - self.low if self.reference < self.ours else self.high - self.ours
@@ -61,7 +63,7 @@ class Comparison:
 
     @property
     def n(self) -> int | None:
-        """How many runs our number is a mean of; None of a fitted one."""
+        """Number of beds in our mean; None for a fitted number."""
         pooled = self.points[0].pooled.get(self.quantity) if len(self.points) == 1 else None
         return None if pooled is None else pooled.n
 
@@ -75,7 +77,8 @@ class Comparison:
 
 
 Own = Callable[[str, Mapping[str, float | str]], Sequence[Comparison] | None]
-"""What papers have for a quantity at the asked values, the reference being left NaN; None if it is not theirs."""
+"""Function of a quantity and values of keys: our numbers by the analysis of a paper, with NaN as the reference; None if
+no paper has the quantity."""
 
 
 def compare(
@@ -85,9 +88,11 @@ def compare(
     if reference is None:
         return ()
     published = (
-        replace(found, reference=entry.value, reference_error=entry.error, says=entry.says, measured=entry.measured)
+        replace(
+            comparison, reference=entry.value, reference_error=entry.error, says=entry.says, measured=entry.measured
+        )
         for entry in reference.entries
-        for found in entry_of(entry.quantity, entry.at, points, series, own)
+        for comparison in entry_of(entry.quantity, entry.at, points, series, own)
     )
     return (*published, *(one for each in series for one in _of_measured_fits(reference, each)))
 
@@ -143,21 +148,21 @@ def at_series(comparisons: Sequence[Comparison], law: str, series: Series) -> di
 
 
 def of_reference(comparisons: Sequence[Comparison], law: str, series: Series) -> dict[str, float]:
-    """What the reference has for the parameters of `law` (or a further fit) at a series, by name, in SI."""
+    """Parameters of `law` (or a further fit) that the reference states for a series, by name, in SI."""
     return {name: one.reference for name, one in at_series(comparisons, law, series).items()}
 
 
 def agreement(comparisons: Sequence[Comparison], source: str) -> str:
     """A plain sentence on how ours agree with the source."""
-    known = [c for c in comparisons if c.inside is not None]
-    if not known:
+    with_interval = [c for c in comparisons if c.inside is not None]
+    if not with_interval:
         return f"No numbers to compare with {source} yet."
-    apart = [c for c in known if not c.inside]
+    apart = [c for c in with_interval if not c.inside]
     near = sum(abs(c.relative) <= NEAR for c in apart)
-    more = f", and {near} more lie within {percent(NEAR)}" if near else ""
-    inside = len(known) - len(apart)
-    text = f"Of {len(known)} numbers of {source}, {inside} lie inside our 95 % intervals{more}."
-    sized = [c for c in apart or known if math.isfinite(c.relative)]
+    near_text = f", and {near} more lie within {percent(NEAR)}" if near else ""
+    inside = len(with_interval) - len(apart)
+    text = f"Of {len(with_interval)} numbers of {source}, {inside} lie inside our 95 % intervals{near_text}."
+    sized = [c for c in apart or with_interval if math.isfinite(c.relative)]
     if not sized:
         return text
     farthest = max(sized, key=lambda c: abs(c.relative))
@@ -176,41 +181,54 @@ def sought(quantity: str, asked: Mapping[str, float | str]) -> Comparison:
 
 def entry_of(
     name: str,
-    asked: Mapping[str, float | str],
+    conditions: Mapping[str, float | str],
     points: Sequence[PointResult],
     series: Sequence[Series],
     own: Own = lambda *_: None,
 ) -> Iterator[Comparison]:
-    """Ours for each series (`law.parameter`) or point at the `asked` values; the reference is left NaN."""
+    """Compare a quantity of the reference with ours at each series (`law.parameter`) or point.
+
+    Args:
+        name: Name of the quantity.
+        conditions: Values of keys [SI or word] that a point must have.
+        points: Points of the study with finished runs.
+        series: Series of the study.
+        own: Numbers of papers.
+
+    Yields:
+        A comparison for each point or series; its reference is NaN.
+    """
     head, _, tail = name.partition(".")
-    of_papers = own(name, asked)
-    base = sought(name if of_papers is not None or of_fit(name) else tail or head, asked)
-    found: list[Comparison] = []
+    of_papers = own(name, conditions)
+    base = sought(name if of_papers is not None or of_fit(name) else tail or head, conditions)
+    comparisons: list[Comparison] = []
     if of_papers is not None:
-        found += of_papers
+        comparisons += of_papers
     elif of_fit(name):
-        at = {name: value for name, value in asked.items() if name != ORIFICE}
-        for one in (one for one in series if matches(at, one.points[0].point)):
-            there = replace(base, at=one.at or at, label=one.label or base.label, points=one.points)
-            found.append(_of_fit(there, head, tail, one))
+        at = {name: value for name, value in conditions.items() if name != ORIFICE}
+        for fitted_series in (one for one in series if matches(at, one.points[0].point)):
+            there = replace(
+                base, at=fitted_series.at or at, label=fitted_series.label or base.label, points=fitted_series.points
+            )
+            comparisons.append(_of_fit(there, head, tail, fitted_series))
     else:
-        for result in (result for result in points if matches(asked, result.point)):
-            found.append(_of_point(replace(base, at=result.at, label=result.label, points=(result,)), result))
-    yield from _merged(found, len(points)) or [replace(base, why=_NO_POINT)]
+        for result in (result for result in points if matches(conditions, result.point)):
+            comparisons.append(_of_point(replace(base, at=result.at, label=result.label, points=(result,)), result))
+    yield from _merged(comparisons, len(points)) or [replace(base, why=_NO_POINT)]
 
 
-def _merged(found: Sequence[Comparison], points: int) -> list[Comparison]:
-    """Points that share what was compared (their packing, say) as one, told by what they have in common."""
+def _merged(comparisons: Sequence[Comparison], points: int) -> list[Comparison]:
+    """Merge comparisons of points that share the compared number, as those with a common packing do."""
     groups: dict[tuple, list[Comparison]] = {}
-    for one in found:
-        groups.setdefault((one.ours, one.why), []).append(one)
+    for comparison in comparisons:
+        groups.setdefault((comparison.ours, comparison.why), []).append(comparison)
     merged = []
     for group in groups.values():
         first = group[0]
         if len(group) > 1:
             common = {name: value for name, value in first.at.items() if all(c.at.get(name) == value for c in group)}
-            said = f" at {display.label(common)}" if common else ""
-            label = "all points" if len(group) == points else f"{len(group)} points{said}"
+            place = f" at {display.label(common)}" if common else ""
+            label = "all points" if len(group) == points else f"{len(group)} points{place}"
             first = replace(first, at=common, label=label, points=tuple(one for c in group for one in c.points))
         merged.append(first)
     return merged
@@ -229,15 +247,15 @@ def _of_fit(base: Comparison, law: str, parameter: str, series: Series) -> Compa
 def _of_point(base: Comparison, result: PointResult) -> Comparison:
     pooled = result.pooled.get(base.quantity)
     if pooled is None:
-        known = ", ".join(result.pooled) or "nothing"
-        return replace(base, why=f"{base.quantity} was not measured here; measured: {known}")
+        measured = ", ".join(result.pooled) or "nothing"
+        return replace(base, why=f"{base.quantity} was not measured here; measured: {measured}")
     unit = next(run.measured[base.quantity].unit for run in result.runs if base.quantity in run.measured)
     return replace(base, ours=pooled.value, error=pooled.error, low=pooled.low, high=pooled.high, unit=unit)
 
 
-def matches(asked: Mapping[str, float | str], point: Point) -> bool:
-    """Whether a point has all the asked values, be they swept or the same for all points."""
-    for name, value in asked.items():
+def matches(conditions: Mapping[str, float | str], point: Point) -> bool:
+    """True if a point has all these values of keys, whether they are swept or the same for all points."""
+    for name, value in conditions.items():
         ours = point.value(name)
         if isinstance(value, str) or not isinstance(ours, float):
             if ours != value:

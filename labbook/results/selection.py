@@ -13,7 +13,7 @@ from labbook.study import Point
 from labbook.study.keys import find as find_keys
 from labbook.study.problems import instead
 
-_NAMED = 12
+_LISTED = 12
 """Series, points or runs that a message names."""
 
 
@@ -28,16 +28,16 @@ def point_at(points: Sequence[Point], at: Mapping[str, Any]) -> Point:
         LookupError: no point has these values, or several do.
     """
     keys = list(dict.fromkeys(key for point in points for key in point.at))
-    wanted: dict[str, float | str] = {}
+    values: dict[str, float | str] = {}
     for key, value in at.items():
-        names = _named(str(key), keys)
+        names = _ending_in(str(key), keys)
         if len(names) != 1:
             raise LookupError(f"at: the study does not sweep {key}; {instead(str(key), keys)}")
-        wanted[names[0]] = value_of_key(names[0], value, points[0])
-    matches = [point for point in points if has(point.at, wanted)]
+        values[names[0]] = value_of_key(names[0], value, points[0])
+    matches = [point for point in points if has(point.at, values)]
     if len(matches) == 1:
         return matches[0]
-    there = "; ".join(listed([_written(point.at) for point in matches or points]))
+    there = "; ".join(listed([_as_text(point.at) for point in matches or points]))
     raise LookupError(f"{len(matches)} points are at {dict(at)}; there are: {there}")
 
 
@@ -54,14 +54,14 @@ def series_at(series: Sequence[Series], at: Mapping[str, Any] | None, like: Poin
     """
     if not series:
         raise LookupError("there is no series, as no point with an orifice is done")
-    wanted: dict[str, float | str] = {}
+    values: dict[str, float | str] = {}
     for key, value in (at or {}).items():
         name = _series_key(series, str(key))
-        wanted[name] = value_of_key(name, value, like)
-    matches = [one for one in series if has(one.at, wanted)]
+        values[name] = value_of_key(name, value, like)
+    matches = [one for one in series if has(one.at, values)]
     if len(matches) == 1:
         return matches[0]
-    there = "; ".join(listed([_written(one.at) for one in series]))
+    there = "; ".join(listed([_as_text(one.at) for one in series]))
     if at:
         raise LookupError(f"{len(matches)} series are at {dict(at)}; there are: {there}")
     raise LookupError(f"the study has several series: say which by `at`; there are: {there}")
@@ -74,7 +74,7 @@ def _series_key(series: Sequence[Series], name: str) -> str:
         LookupError: no key has this name, or several end with it.
     """
     keys = list(dict.fromkeys(key for one in series for key in one.at))
-    names = _named(name, keys)
+    names = _ending_in(name, keys)
     if len(names) == 1:
         return names[0]
     if len(names) > 1:
@@ -89,49 +89,49 @@ def _series_key(series: Sequence[Series], name: str) -> str:
 
 def key_named(name: str, keys: Sequence[str]) -> str:
     """Find the key with this name or ending among several. Raises LookupError."""
-    names = _named(name, keys)
+    names = _ending_in(name, keys)
     if len(names) != 1:
         raise LookupError(f"the study does not sweep {name}; {instead(name, keys)}")
     return names[0]
 
 
-def _named(name: str, keys: Sequence[str]) -> list[str]:
+def _ending_in(name: str, keys: Sequence[str]) -> list[str]:
     """The keys with this name or ending."""
     return [key for key in keys if key == name or key.endswith(f".{name}")]
 
 
 def has(at: Mapping[str, float | str], wanted: Mapping[str, float | str]) -> bool:
     """Decide if swept values are the wanted ones, of those keys that these have."""
-    return all(_same(at.get(key), value) for key, value in wanted.items())
+    return all(_equal(at.get(key), value) for key, value in wanted.items())
 
 
 def value_of_key(key: str, value: Any, point: Point) -> float | str:
     """A value of a key in SI, or the word that it is; text is read as a study's, with its unit."""
-    known = next((one for one in find_keys(key) if one.unit is not None), None)
-    if isinstance(value, str) and known is not None:
-        return parse(value, known.unit, point.scene.grains.diameter)
+    key_with_unit = next((one for one in find_keys(key) if one.unit is not None), None)
+    if isinstance(value, str) and key_with_unit is not None:
+        return parse(value, key_with_unit.unit, point.scene.grains.diameter)
     return value if isinstance(value, str) else float(value)
 
 
-def _written(at: Mapping[str, float | str]) -> str:
-    """What tells a series apart, as one writes it for `at`: with units, and numbers that mean the very same value."""
-    written: dict[str, float | str] = {}
+def _as_text(at: Mapping[str, float | str]) -> str:
+    """Values of a series as text for the argument `at`: with units, and with digits that give exactly these values."""
+    values: dict[str, float | str] = {}
     for key, value in at.items():
-        shown = display.key(key)
-        written[key] = value
-        if not isinstance(value, str) and shown.unit:
-            text = f"{value * shown.scale:.12g} {shown.unit}"
+        notation = display.key(key)
+        values[key] = value
+        if not isinstance(value, str) and notation.unit:
+            text = f"{value * notation.scale:.12g} {notation.unit}"
             with suppress(ValueError):  # units that are shown by a sign of their own
-                written[key] = text if _same(parse(text, None), value) else value
-    return repr(written)
+                values[key] = text if _equal(parse(text, None), value) else value
+    return repr(values)
 
 
 def listed(texts: Sequence[str]) -> list[str]:
     """The first of many, and how many there are."""
-    return [*texts[:_NAMED], f"... ({len(texts)} in all)"] if len(texts) > _NAMED else [*texts]
+    return [*texts[:_LISTED], f"... ({len(texts)} in all)"] if len(texts) > _LISTED else [*texts]
 
 
-def _same(one: float | str | None, other: float | str) -> bool:
-    if isinstance(one, str) or isinstance(other, str) or one is None:
-        return one == other
-    return math.isclose(one, other, rel_tol=1e-9)
+def _equal(first: float | str | None, second: float | str) -> bool:
+    if isinstance(first, str) or isinstance(second, str) or first is None:
+        return first == second
+    return math.isclose(first, second, rel_tol=1e-9)

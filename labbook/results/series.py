@@ -19,8 +19,13 @@ UNDECIDED = "undecided"
 
 @dataclass(frozen=True, eq=False)
 class FurtherFit:
-    """What a paper's own analysis fits to a series beside its flow rates: parameters by name, and what a reader must
-    know. `points`: those that it was fitted to."""
+    """Fit of a paper's own analysis to a series, beside the laws of the flow rate.
+
+    Args:
+        parameters: Fitted parameters by name.
+        notes: Remarks that readers need.
+        points: Fitted points.
+    """
 
     formula: ClassVar[str]
     source: ClassVar[str]
@@ -33,8 +38,14 @@ class FurtherFit:
 
 @dataclass(frozen=True)
 class Residual:
-    """What the flow rate of a point lies off a law, relative to the law: `value`, `half_width` of its own 95 % interval
-    (infinite for one replicate), and `error`, the standard error that fit and test use, pooled over points."""
+    """Relative residual of a point, (W - W of the law) / W of the law.
+
+    Args:
+        orifice: Width or diameter of the outlet [m].
+        value: The residual.
+        half_width: Half-width of the point's own 95 % interval, relative to the law; infinite for one replicate.
+        error: Standard error that fit and test use, pooled over points, relative to the law.
+    """
 
     orifice: float
     value: float
@@ -44,12 +55,18 @@ class Residual:
 
 @dataclass(frozen=True, eq=False)
 class Series:
-    """Points in order of their orifice. `at`: their common swept values (SI), without the orifice; `unset`: what is
-    swept elsewhere in the study and not set here.
+    """Points that differ in their orifice, and the laws fitted to them.
 
-    `used`: indices of the points that were fitted; `flagged`: those of them that lie outside a law's range or have no
-    steady flow. `contenders`: the laws among which the data do not choose; one alone is what they prefer, and there is
-    none with fewer than two fits. `problems`: why a law could not be fitted.
+    Args:
+        at: Swept values that all points share [SI or word], without the orifice.
+        points: The points, in order of their orifice.
+        fits: Fitted laws by name.
+        used: Indices of the fitted points.
+        flagged: Indices of fitted points outside a law's range or without steady flow.
+        contenders: Laws among which the data do not decide; a single one is preferred. Empty with fewer than two fits.
+        problems: Reasons that laws could not be fitted.
+        unset: Keys that are swept elsewhere in the study and not set here.
+        further: Fits of papers.
     """
 
     at: Mapping[str, float | str]
@@ -61,16 +78,16 @@ class Series:
     problems: tuple[str, ...]
     unset: tuple[str, ...] = ()
     further: Mapping[str, FurtherFit] = field(default_factory=dict)
-    """What papers fit beside the flow rates, by name, if the study asks for it."""
+    """Fits of papers beside the laws of the flow rate, by name, if the study requests them."""
 
     def parameters(self, name: str) -> Mapping[str, Parameter]:
         """Fitted parameters of the law or further fit `name`; empty where it was not fitted."""
-        found = {**self.fits, **self.further}.get(name)
-        return found.parameters if found is not None else {}
+        fitted = {**self.fits, **self.further}.get(name)
+        return fitted.parameters if fitted is not None else {}
 
     @property
     def label(self) -> str:
-        """What the points have in common; empty if nothing else was swept."""
+        """Swept values that the points have in common; empty if nothing else was swept."""
         return ", ".join(filter(None, (self.label_without(""), display.label(self.along))))
 
     @property
@@ -90,7 +107,7 @@ class Series:
 
     @property
     def outlet(self) -> Literal["slot", "hole"]:
-        """What the points flow through."""
+        """Form of the outlet."""
         return self.points[0].point.scene.container.outlet_form or "hole"
 
     @property
@@ -107,16 +124,16 @@ class Series:
 
     def residuals(self, law: str) -> tuple[Residual, ...]:
         """Of every point with a flow rate, in order of the orifice."""
-        known = [(result.orifice, result.flow_rate) for result in self.points if result.flow_rate is not None]
+        measured = [(result.orifice, result.flow_rate) for result in self.points if result.flow_rate is not None]
         fit = self.fits[law]
-        expected, _, _ = fit.band(np.array([orifice for orifice, _ in known]))
+        expected, _, _ = fit.band(np.array([orifice for orifice, _ in measured]))
         errors = fit.relative_error * fit.W  # the same points in the same order
         return tuple(
             Residual(
                 orifice,
                 *(float(one) for one in (pooled.value / of_law - 1, pooled.half_width / of_law, error / of_law)),
             )
-            for (orifice, pooled), of_law, error in zip(known, expected, errors, strict=True)
+            for (orifice, pooled), of_law, error in zip(measured, expected, errors, strict=True)
         )
 
     def __repr__(self) -> str:
@@ -125,14 +142,14 @@ class Series:
 
     @property
     def verdict(self) -> str:
-        """Which law the data prefer, in a sentence."""
+        """The law that the data prefer, in a sentence."""
         if not self.contenders:
             return ""
         left, beaten = self.contenders, [law for law in self.fits if law not in self.contenders]
         if len(left) == 1:
-            return f"The data prefer {_named(left)} to {_named(beaten)} (AICc)."
-        behind = f"; against {_named(beaten)} they do (AICc)" if beaten else ""
-        return f"The data do not decide between {_named(left)}{behind}."
+            return f"The data prefer {_listed(left)} to {_listed(beaten)} (AICc)."
+        behind = f"; against {_listed(beaten)} they do (AICc)" if beaten else ""
+        return f"The data do not decide between {_listed(left)}{behind}."
 
 
 FitTo = Callable[[Sequence[PointResult]], FurtherFit]
@@ -151,8 +168,8 @@ def series_of(
             groups.setdefault(key, []).append(result)
     ordered = sorted(groups.items(), key=lambda item: [(isinstance(v, str), v) for _, v in item[0]])
     names = dict.fromkeys(name for key in groups for name, _ in key)
-    found = (_series(dict(key), sorted(group, key=lambda r: r.orifice), laws, further) for key, group in ordered)
-    return tuple(replace(one, unset=tuple(name for name in names if name not in one.at)) for one in found)
+    all_series = (_series(dict(key), sorted(group, key=lambda r: r.orifice), laws, further) for key, group in ordered)
+    return tuple(replace(one, unset=tuple(name for name in names if name not in one.at)) for one in all_series)
 
 
 def _series(
@@ -172,20 +189,20 @@ def _series(
             continue
         try:
             with LAWS.calling(name, FitError):
-                found = fit(LAWS[name], D, W, error, context(points), replicates)
-            fits[name] = replace(found, notes=(*found.notes, *_lacking([result for result, _ in used])))
+                of_law = fit(LAWS[name], D, W, error, context(points), replicates)
+            fits[name] = replace(of_law, notes=(*of_law.notes, *_lacking([result for result, _ in used])))
         except (FitError, ExtensionError) as failure:
             problems.append(f"{display.law(name)}: {str(failure).removeprefix(f'{name}: ')}")
-    others: dict[str, FurtherFit] = {}
+    further_fits: dict[str, FurtherFit] = {}
     for name in (law for law in laws if law in further):
         try:
-            other = further[name](points)
-            others[name] = replace(other, notes=(*other.notes, *_lacking(other.points)))
+            further_fit = further[name](points)
+            further_fits[name] = replace(further_fit, notes=(*further_fit.notes, *_lacking(further_fit.points)))
         except (FitError, ExtensionError) as failure:
             problems.append(f"{display.law(name)}: {failure}")
     outside = np.zeros(len(used), bool)
-    for one in fits.values():
-        outside |= one.outside
+    for law_fit in fits.values():
+        outside |= law_fit.outside
     flagged = {r.point.index for (r, _), out in zip(used, outside, strict=True) if out or r.trending}
     left = contenders(list(fits.values())) if len(fits) > 1 else ()
     indices = frozenset(result.point.index for result, _ in used)
@@ -197,18 +214,18 @@ def _series(
         frozenset(flagged),
         left,
         tuple(problems),
-        further=others,
+        further=further_fits,
     )
 
 
-def _named(laws: Iterable[str]) -> str:
+def _listed(laws: Iterable[str]) -> str:
     return " and ".join(display.law(law) for law in laws)
 
 
 def _lacking(points: Sequence[PointResult]) -> tuple[str, ...]:
     """Notes on fitted points that lack runs, because they have not finished or clogged."""
     notes = []
-    if partial := [f"{r.orifice * 1e3:g} mm with {len(r.runs)} of {r.asked} runs" for r in points if r.partial]:
+    if partial := [f"{r.orifice * 1e3:g} mm with {len(r.runs)} of {r.requested} runs" for r in points if r.partial]:
         notes.append(f"fitted with missing runs: {', '.join(partial)}; runs that finish first are biased to fast flow")
     if clogged := sum(r.outcomes["clogged"] for r in points):
         alone = sum(r.flow_rate is not None and r.flow_rate.n == 1 for r in points)
@@ -219,6 +236,6 @@ def _lacking(points: Sequence[PointResult]) -> tuple[str, ...]:
 
 
 def context(points: Sequence[PointResult]) -> Context:
-    """What the laws need to know of a series; its packing fraction is the mean over points where it was measured."""
+    """Properties of a series that the laws need. The packing fraction is the mean over points that measured it."""
     fractions = [r.pooled[PACKING_FRACTION].value for r in points if PACKING_FRACTION in r.pooled]
     return Context.of(points[0].point.scene, float(np.mean(fractions)) if fractions else None)

@@ -1,4 +1,4 @@
-"""What a paper says in words, held against our numbers: it holds, it does not, or ours do not decide."""
+"""Statements of a paper compared with our numbers: they hold, do not hold, or are undecided."""
 
 import math
 from collections.abc import Callable, Iterable, Iterator, Sequence
@@ -18,7 +18,17 @@ Verdict = Literal["holds", "does not hold", "undecided"]
 
 @dataclass(frozen=True)
 class Judged:
-    """A statement and ours, in SI. `ours` is None where we have none; `why` then says so."""
+    """A statement of the reference and our number.
+
+    Args:
+        statement: The statement.
+        label: Points or series that the number is of.
+        ours: Our number [SI]; None if there is none.
+        error: Its standard error [SI].
+        low: Lower end of its interval [SI].
+        high: Upper end of its interval [SI].
+        why: Reason that there is no number.
+    """
 
     statement: Statement
     label: str
@@ -30,25 +40,25 @@ class Judged:
     pairs: int = 0
     """Seeds that the number rests on, where it is made of pairs."""
     points: tuple[PointResult, ...] = ()
-    """Those that the number rests on."""
+    """Points that the number rests on."""
     how: str = ""
-    """How number and interval were made, in a sentence, where they are not pooled means with 95 % intervals."""
+    """Method of number and interval, in a sentence, if they are not pooled means with 95 % intervals."""
 
     @property
     def verdict(self) -> Verdict:
         """`holds` if our interval lies within what is stated, `does not hold` if outside, else `undecided`."""
         if self.ours is None or math.isinf(self.high - self.low):
             return "undecided"
-        stated = self.statement
-        if stated.low <= self.low and self.high <= stated.high:
+        statement = self.statement
+        if statement.low <= self.low and self.high <= statement.high:
             return "holds"
-        return "does not hold" if self.high < stated.low or self.low > stated.high else "undecided"
+        return "does not hold" if self.high < statement.low or self.low > statement.high else "undecided"
 
 
 LACKING = "runs are missing, and runs that finish first are biased to fast flow"
-"""Why a statement about points that lack runs is undecided."""
+"""Reason that a statement about points that lack runs is undecided."""
 JudgedOwn = Callable[[Statement], Sequence[Judged] | None]
-"""What papers judge of a statement themselves; None if its quantity is not theirs."""
+"""Function of a statement: judgements by the analysis of a paper; None if no paper has the quantity."""
 
 
 def judge(
@@ -65,43 +75,52 @@ def judge(
 
 
 def summed_up(judged: Sequence[Judged], source: str) -> str:
-    """How many of the statements hold, in a sentence.
+    """Count the statements that hold, in a sentence.
 
-    One that speaks of several points counts once: it holds if it does at all of them, and does not if it fails at one.
+    A statement about several points counts once: it holds if it holds at all of them, and does not if it fails at one.
     """
-    found = [at_all(group) for _, group in by_statement(judged)]
-    holds, fails, open_ones = (found.count(verdict) for verdict in get_args(Verdict))
-    statements = "statement" if len(found) == 1 else "statements"
+    verdicts = [at_all(group) for _, group in by_statement(judged)]
+    holds, fails, open_ones = (verdicts.count(verdict) for verdict in get_args(Verdict))
+    statements = "statement" if len(verdicts) == 1 else "statements"
     return (
-        f"Of {len(found)} {statements} of {source}, {holds} hold{'s' if holds == 1 else ''}, "
+        f"Of {len(verdicts)} {statements} of {source}, {holds} hold{'s' if holds == 1 else ''}, "
         f"{fails} do{'es' if fails == 1 else ''} not, and {open_ones} {'is' if open_ones == 1 else 'are'} undecided."
     )
 
 
 def by_statement(judged: Sequence[Judged]) -> list[tuple[Statement, list[Judged]]]:
-    """What was judged, statement by statement, in their order."""
+    """Group judgements by statement, in the order of the statements."""
     return [(statement, list(group)) for statement, group in groupby(judged, lambda one: one.statement)]
 
 
 def at_all(places: Iterable[Judged]) -> Verdict:
     """The verdict on a statement that speaks of several places."""
-    found = {one.verdict for one in places}
-    if "does not hold" in found:
+    verdicts = {one.verdict for one in places}
+    if "does not hold" in verdicts:
         return "does not hold"
-    return "undecided" if "undecided" in found else "holds"
+    return "undecided" if "undecided" in verdicts else "holds"
 
 
 def _judge(
     statement: Statement, points: Sequence[PointResult], series: Sequence[Series], own: Own, judged: JudgedOwn
 ) -> Iterator[Judged]:
-    found = judged(statement)
-    if found is None:
+    judgements = judged(statement)
+    if judgements is None:
         every = entry_of(statement.quantity, statement.at, points, series, own)
         fitted = of_fit(statement.quantity)  # of which a note tells which points lack runs
-        found = [
-            Judged(statement, one.label, None, why=LACKING, points=one.points)
-            if not fitted and any(point.partial for point in one.points)
-            else Judged(statement, one.label, one.ours, one.error, one.low, one.high, one.why, points=one.points)
-            for one in every
+        judgements = [
+            Judged(statement, comparison.label, None, why=LACKING, points=comparison.points)
+            if not fitted and any(point.partial for point in comparison.points)
+            else Judged(
+                statement,
+                comparison.label,
+                comparison.ours,
+                comparison.error,
+                comparison.low,
+                comparison.high,
+                comparison.why,
+                points=comparison.points,
+            )
+            for comparison in every
         ]
-    yield from found or [Judged(statement, display.label(statement.at), None, why="no finished point matches")]
+    yield from judgements or [Judged(statement, display.label(statement.at), None, why="no finished point matches")]

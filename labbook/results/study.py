@@ -32,20 +32,20 @@ class StudyResults:
     numerical: tuple[Numerical, ...] = ()
     """Points that differ in numerics only."""
     campaign: tuple[str, ...] = ()
-    """What its strategy has proposed and why, line by line; empty for a study without one."""
+    """Proposals of its strategy with their reasons, line by line; empty for a study without a strategy."""
     unevaluated: tuple[str, ...] = ()
-    """Keys of runs that are not fully evaluated, if nothing is evaluated now (`find.kept`)."""
+    """Keys of runs that are not fully evaluated, if nothing is evaluated now (`find.stored_results`)."""
     installed: tuple[str, int] | None = None
     """Backend and version of it with which stale runs would be made again; None if it is not installed here."""
 
     @cached_property
     def stale(self) -> Counter[str]:
-        """How many runs are stale, by reason: `labbook run` would make them again."""
+        """Number of stale runs by reason; `labbook run` would make them again."""
         every = (run for result in self.points for run in result.runs)
         return Counter(why for run in every if (why := self.stale_because(run)))
 
     def stale_because(self, run: RunResult) -> str:
-        """Why a run of these results is stale; empty if it is not."""
+        """Reason that a run of these results is stale; empty if it is not."""
         if run.outdated or self.installed is None or self.installed[1] == run.cache_version:
             return run.outdated
         name, version = self.installed

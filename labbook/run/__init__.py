@@ -1,1 +1,1 @@
-"""Carrying out a plan: jobs, lanes, processes, and progress."""
+"""Execution of a plan: jobs, workers, processes, and progress."""

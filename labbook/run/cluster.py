@@ -138,10 +138,10 @@ def _run_task(task: Task, lab: LabFolder, backend: Any) -> TaskResult:
     timer = threading.Thread(target=_stop_when_due, args=(task.slice, _stop_check(task), request, is_over), daemon=True)
     timer.start()
     try:
-        lanes = 1 if task.device == "cpu" else None  # a thread of a worker is a lane
+        workers = 1 if task.device == "cpu" else None  # a Dask worker's thread steps one ensemble
         study = replace(task.study, points=points)
         summary = Runner(
-            study, lab, backend, task.device, task.slice, lanes=lanes, repeats=task.repeats, request=request
+            study, lab, backend, task.device, task.slice, workers=workers, repeats=task.repeats, request=request
         ).run()
     finally:
         is_over.set()

@@ -27,7 +27,7 @@ from labbook.backend.probes import (
 )
 from labbook.campaign import Assignment, Generation, History, PreciseRun, Trial
 from labbook.campaign.precise import HALF_WIDTH
-from labbook.filling import Breaker, Feeder, Inflow, PlacingError, Refill, kicked, opened, still
+from labbook.filling import Breaker, Feeder, Inflow, PlacingError, Refill, kick_grains, start_of_discharge, still
 from labbook.filling.bed import bed_height, parts_of_mass
 from labbook.lab import identity
 from labbook.lab.folder import PICTURE, Claim, stamp
@@ -109,8 +109,8 @@ class DischargeJob(Job):
                 f"({lowest * 1e3:.4g} mm); use more grains or lower stop.fill_height"
             )
         _ = self._feeder  # which may have no room
-        start, kick = opened(packing, self.demand.shared.closed, self.scene), self.demand.kick
-        return start if kick is None else kicked(start, self.scene, kick, self.demand.seed)
+        start, kick = start_of_discharge(packing, self.demand.shared.closed, self.scene), self.demand.kick
+        return start if kick is None else kick_grains(start, self.scene, kick, self.demand.seed)
 
     @cached_property
     def _feeder(self) -> Feeder | Inflow | None:

@@ -106,7 +106,7 @@ class Execution:
                 for worker in workers if not (self._is_shared and busy) else ():
                     if worker not in busy:
                         pending |= self._start_beat(worker, pending)
-                recorded = self._finalizers.record()  # now, while lanes are at work
+                recorded = self._finalizers.record()  # now, while workers step
                 self._queue.place_ahead()
                 if self._request.requested:
                     break
@@ -350,7 +350,7 @@ class Execution:
     def _active_jobs(self) -> list[ActiveJob]:
         """State of every active job."""
         compiling = self._backend.compiling()
-        stepping = {job for lane in self._workers if not lane.preparing for job in list(lane.jobs.values())}
+        stepping = {job for worker in self._workers if not worker.preparing for job in list(worker.jobs.values())}
         statuses, closing, waiting = [], dict.fromkeys(self._finalizers.jobs), {*self._queue.being_placed.values()}
         for job in (*(job for job in self._queue.active.values() if job not in closing), *closing):
             if job in closing:

@@ -42,7 +42,7 @@ class Runner:
         device: `cpu`, or the name of a GPU device.
         checkpoint_every: Wall time between saves of a job [s].
         watcher: Receives progress.
-        lanes: Number of ensembles stepped at once on a CPU; None: one for each core. A GPU has two.
+        workers: Number of ensembles stepped at once on a CPU; None: one for each core. A GPU has two.
         packings_of: Backend whose packings the runs start from; they must exist. None: `backend` makes its own.
         packings_only: Make the packings of the runs, and no runs.
         shard: Part of the runs to make.
@@ -58,7 +58,7 @@ class Runner:
     device: str = "cpu"
     checkpoint_every: float = CHECKPOINT_EVERY
     watcher: Watcher = field(default_factory=NullWatcher)
-    lanes: int | None = None
+    workers: int | None = None
     packings_of: PackingsOf | None = None
     packings_only: bool = False
     shard: Shard = WHOLE
@@ -115,7 +115,7 @@ class Runner:
                 finalizer_pool,
                 self.backend,
                 self.device,
-                self.lanes or (cores() if self.device == "cpu" else 1),
+                self.workers or (cores() if self.device == "cpu" else 1),
                 slots(self.backend, self.device, plan.points),
                 enough(plan.points),
                 publisher,

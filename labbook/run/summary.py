@@ -57,7 +57,7 @@ class Summary:
         return counted(self.points, self.holds)[0]
 
     @property
-    def asked(self) -> int:
+    def requested(self) -> int:
         """Number of runs that the study demands so far."""
         return counted(self.points, self.holds)[1]
 
@@ -100,12 +100,12 @@ class Summary:
     @property
     def complete(self) -> bool:
         """True if all runs are done, and none diverged or is suspect."""
-        return self.done == self.asked and not self.diverged and not self.suspect
+        return self.done == self.requested and not self.diverged and not self.suspect
 
     def lines(self) -> list[str]:
         """Format the summary as lines."""
         tally, outcomes = self.tally, Counter(self.tally.ran.values())
-        lines = [f"{self.done} of {self.asked} runs done"]
+        lines = [f"{self.done} of {self.requested} runs done"]
         if tally.ran or tally.packings:
             stepping = self.wall_time - self.preparing
             outcomes_text = ", ".join(f"{count} {outcome}" for outcome, count in outcomes.items()) or "none ended"

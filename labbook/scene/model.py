@@ -73,7 +73,7 @@ class TaggedModels(Registry[type[_M]]):
     def _name(self, one: type[_M]) -> str:
         return str(one.model_fields[self.tag].default)
 
-    def _made(self, loaded: Any) -> Any:
+    def _object_of(self, loaded: Any) -> Any:
         return loaded if isinstance(loaded, type) and issubclass(loaded, self._kind) else None
 
     def __get_pydantic_core_schema__(self, source: Any, handler: GetCoreSchemaHandler) -> CoreSchema:

@@ -34,7 +34,7 @@ def aicc(chi2: float, points: int, parameters: int) -> float:
     return deviance(chi2, points) + 2 * k + 2 * k * (k + 1) / (points - k - 1)
 
 
-def unbeaten(criteria: Mapping[str, Sequence[float]]) -> tuple[str, ...]:
+def best_laws(criteria: Mapping[str, Sequence[float]]) -> tuple[str, ...]:
     """Names of the laws that no other law beats, in the order given.
 
     A law beats another if it is smaller by DECISIVE or more in every criterion. A NaN beats nothing and is not beaten.

@@ -18,7 +18,7 @@ class Tolerance:
     bias: float = 0.0
 
     @property
-    def left(self) -> float:
+    def remainder(self) -> float:
         """Part of the error left for the half width; not positive if the bias alone is too large."""
         return self.error - self.bias
 
@@ -28,4 +28,4 @@ class Tolerance:
 
     def within(self, half_widths: np.ndarray) -> np.ndarray:
         """Decide the same for several half widths, of any shape."""
-        return half_widths <= self.left
+        return half_widths <= self.remainder

@@ -17,7 +17,7 @@ class Absent:
     at: str
     words: str
     says: str
-    """What there is not, as a message."""
+    """Message that names the missing feature."""
     remedy: str
     key: str = ""
     """The key beside it that then is missing, and is not told of as well."""
@@ -238,7 +238,7 @@ TABLE = (
         "use velocities over the outlet and in container.zones, outlet_profiles, orifice, or record for maps",
     ),
 )
-"""What people write who come from other codes. The first row that has a word at its place counts."""
+"""Words of users who come from other codes. The first row that has a word at its place counts."""
 
 
 def absent(section: str, word: str) -> Absent | None:
@@ -249,7 +249,7 @@ def absent(section: str, word: str) -> Absent | None:
 
 
 def plain(word: str) -> str:
-    """As the table has it: in small letters and digits."""
+    """Spelling of a word in the table: small letters and digits."""
     return word if word == "[]" else re.sub(r"[^a-z0-9]", "", word.lower())
 
 

@@ -44,10 +44,10 @@ def unfittable(source: StudyText, settings: Settings, points: Sequence[Point]) -
         if of in (outlet, "any"):
             return None
         family = name.removesuffix("_3d")
-        others = [law for law in LAWS if law.removesuffix("_3d") == family and LAWS[law].outlet == outlet]
+        alternatives = [law for law in LAWS if law.removesuffix("_3d") == family and LAWS[law].outlet == outlet]
         return (
             f"{name} is a law for a {of}, but the outlet is a {outlet}",
-            f"use {' or '.join(others)}" if others else f"remove {name} from fit",
+            f"use {' or '.join(alternatives)}" if alternatives else f"remove {name} from fit",
         )
 
     yield from _unfit(source, "fit", [name for name in settings.fit if name in LAWS], points, why)
@@ -64,10 +64,10 @@ def unfillable(source: StudyText, settings: Settings, points: Sequence[Point]) -
 
     A scene needs gravity, room for a grain, and a start of the filling that suits it.
     """
-    told = set[str]()
+    reported = set[str]()
     for point in points:
         start = (*STARTS[point.fill.kind].obstacles(point.scene), *_file_faults(point, settings))
-        found = (
+        obstacles = (
             *_obstacles(point.scene),
             *_restless(point),
             *_immobile(point),
@@ -75,9 +75,9 @@ def unfillable(source: StudyText, settings: Settings, points: Sequence[Point]) -
             *_unrested(point, settings.measure),
             *_blocked(point),
         )
-        for key, reason, remedy in (*found, *((one.key, one.reason, one.remedy) for one in start)):
-            if key not in told:
-                told.add(key)
+        for key, reason, remedy in (*obstacles, *((one.key, one.reason, one.remedy) for one in start)):
+            if key not in reported:
+                reported.add(key)
                 at = f" (at {point.label})" if len(points) > 1 else ""
                 place = tuple(key.split("."))
                 for swept in (("sweep", key), ("sweep", "zip", key), place):
@@ -98,7 +98,7 @@ def unfed(source: StudyText, settings: Settings, points: Sequence[Point], window
     if len(fed) < len(points):
         reason = "some points have a feed and others have none: their windows and stop rules differ"
         yield Problem(source.path, source.line(("feed",)), "feed", reason, "use two studies")
-    stop, stated = settings.stop.model_fields_set, settings.window.model_fields_set
+    stop, window_keys = settings.stop.model_fields_set, settings.window.model_fields_set
     never = "the level of a fed bed never falls"
     for key in sorted(stop & {"discharged", "fill_height"}):
         remedy = "leave it out: runs end when accuracy.flow_rate is reached, or at stop.max_time"
@@ -106,7 +106,7 @@ def unfed(source: StudyText, settings: Settings, points: Sequence[Point], window
     if window.auto:
         reason = "auto finds the start-up of a discharge, and the flow of a fed bed changes until half of it has left"
         yield Problem(source.path, source.line(("window", "start")), "window.start", reason, "state it, such as 0.5")
-    for key in sorted(stated & {"end", "after", "until"}):
+    for key in sorted(window_keys & {"end", "after", "until"}):
         reason = f"{never}: the window opens after the start-up, by mass, and closes when the run ends"
         remedy = "leave it out, or state window.start alone"
         yield Problem(source.path, source.line(("window", key)), f"window.{key}", reason, remedy)
@@ -178,8 +178,8 @@ def undamped(point: Point) -> tuple[str, str] | None:
     closed = point.scene.close(point.fill.friction, point.fill.contact)
     if any(closed.contact.damps(surface.restitution) for surface in closed.surfaces):
         return None
-    stated = getattr(closed.contact, "normal_damping", None) is not None
-    key, better = ("normal_damping", "above 0") if stated else ("restitution", "below 1")
+    has_damping = getattr(closed.contact, "normal_damping", None) is not None
+    key, better = ("normal_damping", "above 0") if has_damping else ("restitution", "below 1")
     section = "contact" if point.fill.contact is None else "fill.contact"
     own = "" if point.fill.contact is not None else "; fill.contact may state another law for the filling alone"
     return f"{section}.{key}", f"use a {key.replace('_', ' ')} {better}{own}"
@@ -227,8 +227,8 @@ def _too_high(scene: Scene, stop: float | None) -> Iterator[tuple[str, str, str]
         return
     highest = scene.grains.count * scene.grains.volume / (LOOSEST * area)
     if stop >= highest:
-        height, most = told_apart(stop * 1e3, highest * 1e3, digits=6, of_limit=3)
-        bound = f"at most {most} mm, at a packing fraction of {LOOSEST:g}"
+        height, upper = told_apart(stop * 1e3, highest * 1e3, digits=6, of_limit=3)
+        bound = f"at most {upper} mm, at a packing fraction of {LOOSEST:g}"
         reason = f"{height} mm is above any bed of these grains ({bound})"
         yield "stop.fill_height", reason, f"use less than {highest / 2 * 1e3:.3g} mm, or more grains"
 
@@ -269,18 +269,18 @@ def _unfit(
     for name in names:
         wrong: dict[tuple[str, str], list[Point]] = {}
         for point in points:
-            if told := why(name, point.scene):
-                wrong.setdefault(told, []).append(point)
+            if fault := why(name, point.scene):
+                wrong.setdefault(fault, []).append(point)
         for (reason, remedy), at in wrong.items():
-            stated = source.data.get(key)
-            listed = (key, stated.index(name)) if isinstance(stated, list) and name in stated else (key,)
-            place = listed if stated else ("container", "kind")
-            more = f" and {len(at) - 1} other point{'' if len(at) == 2 else 's'}" if len(at) > 1 else ""
-            where = f" (at {at[0].label}{more})" if len(at) < len(points) else ""
+            raw = source.data.get(key)
+            listed = (key, raw.index(name)) if isinstance(raw, list) and name in raw else (key,)
+            place = listed if raw else ("container", "kind")
+            rest = f" and {len(at) - 1} other point{'' if len(at) == 2 else 's'}" if len(at) > 1 else ""
+            where = f" (at {at[0].label}{rest})" if len(at) < len(points) else ""
             yield Problem(source.path, source.line(place), key, reason + where, remedy)
 
 
-def unit_of(quantity: str, settings: Settings, scenes: Iterable[Scene], stated: bool = False) -> str | Wrong:
+def unit_of(quantity: str, settings: Settings, scenes: Iterable[Scene], is_statement: bool = False) -> str | Wrong:
     """SI unit of the `quantity` of a reference, in a study with these settings and scenes; Wrong if it has none.
 
     stated: whether the reference gives a range instead of a number.
@@ -289,17 +289,19 @@ def unit_of(quantity: str, settings: Settings, scenes: Iterable[Scene], stated: 
     kinds = tuple({_kind(scene): scene for scene in scenes}.values())
     units = _units_of(settings.measure, kinds)
     if head in LAWS:
-        known: Mapping[str, str] = {name: one.unit for name, one in LAWS[head].parameters.items()}
+        parameters: Mapping[str, str] = {name: one.unit for name, one in LAWS[head].parameters.items()}
         if head not in settings.fit:
             return Wrong(f"{head} is not fitted in this study", f"add {head} to fit")
-        return known[tail] if tail in known else none_such(quantity, [f"{head}.{name}" for name in known])
+        return (
+            parameters[tail] if tail in parameters else none_such(quantity, [f"{head}.{name}" for name in parameters])
+        )
     name = tail or head
     if name in units and (not tail or head in settings.measure):
         return units[name]
-    asked = Asked(kinds, units, stated)
+    context = Asked(kinds, units, is_statement)
     for paper in PAPERS.values():
-        if (found := paper.unit(quantity, asked)) is not None:
-            return found
+        if (unit := paper.unit(quantity, context)) is not None:
+            return unit
     if head in MEASURES and head not in settings.measure:
         return Wrong(f"{head} is not measured in this study", f"add {head} to measure")
     prefix = f"{head}." if tail and head in MEASURES else ""

@@ -13,7 +13,7 @@ from labbook.measure import MEASURES
 from labbook.scene.quantities import parse
 from labbook.study.keys import Key, find, nearest
 from labbook.study.point import Point
-from labbook.study.problems import Problem, instead, shown
+from labbook.study.problems import Problem, instead, quote
 from labbook.study.reference import condition
 from labbook.study.schema import Reference, ReferenceEntry, Settings
 from labbook.study.source import Location, StudyText, dotted
@@ -97,7 +97,7 @@ class CalibrateReader:
 
     def _prior(self, entry: Any, key: Key, place_of: Location) -> Prior | None:
         if not (isinstance(entry, Mapping) and len(entry) == 1 and next(iter(entry)) in _PRIORS):
-            self._problem(place_of, f"{shown(entry)} is no prior", f"name one of {', '.join(_PRIORS)}: {_EXAMPLE}")
+            self._problem(place_of, f"{quote(entry)} is no prior", f"name one of {', '.join(_PRIORS)}: {_EXAMPLE}")
             return None
         ((kind, ends),) = entry.items()
         if not (isinstance(ends, list | tuple) and len(ends) == 2):
@@ -198,10 +198,10 @@ class CalibrateReader:
         try:
             return adapter.validate_python(raw[key])
         except ValidationError:
-            self._problem((key,), f"{shown(raw[key])} is no number of runs", "write a whole number of at least 16")
+            self._problem((key,), f"{quote(raw[key])} is no number of runs", "write a whole number of at least 16")
             return None
 
     def _problem(self, below: Location, message: str, remedy: str) -> None:
         location = ("calibrate", *below)
         line = self._source.line(location)
-        self.problems.append(Problem(self._source.path, line, shown(dotted(location)), message, remedy))
+        self.problems.append(Problem(self._source.path, line, quote(dotted(location)), message, remedy))

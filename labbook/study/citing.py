@@ -1,4 +1,4 @@
-"""What to cite for a study: labbook, and the published sources of what the study uses."""
+"""Bibliography of a study: labbook, and the published sources of the laws, measures and methods that it uses."""
 
 import math
 from collections.abc import Iterable, Iterator, Mapping
@@ -36,7 +36,7 @@ class Bibliography:
     """
 
     citations: tuple[Citation, ...]
-    unstated: tuple[str, ...] = ()
+    unsourced: tuple[str, ...] = ()
 
 
 def itself() -> Source:
@@ -45,19 +45,29 @@ def itself() -> Source:
 
 
 def bibliography(study: Study) -> Bibliography:
-    """What to cite for a study. Raises BrokenPlugin if the study uses a package that cannot be loaded."""
+    """Collect the sources to cite for a study.
+
+    Args:
+        study: The study; it needs no finished run.
+
+    Returns:
+        The sources with their uses, and the uses without a stated source.
+
+    Raises:
+        BrokenPlugin: The study uses a package that cannot be loaded.
+    """
     cited: dict[str, Source] = {}
     uses: dict[str, list[str]] = {}
-    unstated = []
-    for use, found in _uses(study):
-        if found is None:
-            unstated.append(use)
-        for source in found or ():
+    unsourced = []
+    for use, published in _uses(study):
+        if published is None:
+            unsourced.append(use)
+        for source in published or ():
             key = _key(source, cited)
             cited[key] = source if key == source.key else Source(**{**vars(source), "key": key})
             uses.setdefault(key, []).append(use)
     citations = (Citation(source, tuple(dict.fromkeys(uses[key]))) for key, source in cited.items())
-    return Bibliography(tuple(citations), tuple(dict.fromkeys(unstated)))
+    return Bibliography(tuple(citations), tuple(dict.fromkeys(unsourced)))
 
 
 def _key(source: Source, cited: Mapping[str, Source]) -> str:
@@ -112,7 +122,7 @@ def _contacts(study: Study) -> Iterator[_Used]:
 def _fits(study: Study) -> Iterator[_Used]:
     laws = [name for name in study.fit if name in LAWS]
     for name in laws:
-        yield f"fit {name}", _stated(LAWS[name])
+        yield f"fit {name}", _own_sources(LAWS[name])
     if laws:
         yield _method("confidence intervals of fits")
     if len(laws) > 1:
@@ -134,21 +144,21 @@ def _references(study: Study) -> Iterator[_Used]:
     if study.reference is None:
         return
     yield f"reference ({' '.join(study.reference.source.split())})", named_in(study.reference.source)
-    asked = (*study.reference.entries, *study.reference.statements)
-    heads = {one.quantity.partition(".")[0] for one in asked} - {*MEASURES, *LAWS}
+    published = (*study.reference.entries, *study.reference.statements)
+    heads = {one.quantity.partition(".")[0] for one in published} - {*MEASURES, *LAWS}
     for paper in PAPERS.values() if heads else ():
         if heads & set(paper.words):
-            yield f"analysis of {paper.name}", [SOURCES[paper.name]] if paper.name in SOURCES else _stated(paper)
+            yield f"analysis of {paper.name}", [SOURCES[paper.name]] if paper.name in SOURCES else _own_sources(paper)
 
 
 def _listed(use: str, name: str, one: Any, table: Mapping[str, tuple[str, ...]]) -> _Used:
-    """What `table` lists for a name; for something of another package what it states itself."""
-    return use, [SOURCES[key] for key in table[name]] if name in table else _stated(one)
+    """Sources that `table` lists for a name; for an extension of another package those that it states itself."""
+    return use, [SOURCES[key] for key in table[name]] if name in table else _own_sources(one)
 
 
-def _stated(one: Any) -> tuple[Source, ...] | None:
+def _own_sources(extension: Any) -> tuple[Source, ...] | None:
     """The sources in the text `source` of a class or object; None without one."""
-    text = getattr(one, "source", "")
+    text = getattr(extension, "source", "")
     return named_in(text) if isinstance(text, str) and text.strip() else None
 
 
@@ -165,7 +175,8 @@ def _hexatic(scene: Scene) -> bool:
 
 
 def _compares_angles(study: Study) -> bool:
-    """Whether hoppers of several angles, a flat one among them, are compared: reports show laws of the angle then."""
+    """True if the study compares hoppers of several angles, a flat one among them; reports then show laws of the
+    angle."""
     hoppers = [point.scene.container for point in study.points if ANGLE in point.at]
     angles = {hopper.angle for hopper in hoppers if isinstance(hopper, WedgeHopper)}
     return len(angles) > 1 and any(math.isclose(angle, math.pi / 2) for angle in angles)

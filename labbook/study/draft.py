@@ -10,7 +10,7 @@ from labbook.scene.attached import StudyFolder
 from labbook.scene.grains import Grains, Spheres
 from labbook.scene.scene import Scene
 from labbook.study.explain import Complaint, complaints
-from labbook.study.problems import shown
+from labbook.study.problems import quote
 from labbook.study.schema import SCENE_KEYS, Fill
 from labbook.study.source import Location
 from labbook.study.timestep import TimeStepError, resolve, speed_limit
@@ -31,7 +31,7 @@ class Draft:
     def __init__(self, data: Mapping[str, Any], beside: StudyFolder):
         """data: the sections of the study, with the values of the point in them; beside: where its files are."""
         self._complaints: list[Complaint] = []
-        self.stated: Any = data.get("numerics", {})
+        self.numerics_keys: Any = data.get("numerics", {})
         """The section `numerics` as it is written."""
         fill, own = _apart(data.get("fill", {}), "numerics")
 
@@ -44,7 +44,7 @@ class Draft:
         self._closed = self._read_closed()
         # a step of its own is for the filling alone
         closed = self._closed if own is None else None
-        self._numerics = self._read_numerics(self.stated, {}, self._nearest, closed, _NUMERICS)
+        self._numerics = self._read_numerics(self.numerics_keys, {}, self._nearest, closed, _NUMERICS)
         if own is not None and self._fill is not None and self._numerics is not None:
             numerics = self._read_numerics_of_filling(own, self._numerics)
             self._fill = self._fill.model_copy(update={"numerics": numerics})
@@ -63,7 +63,7 @@ class Draft:
         return scene, fill, numerics
 
     def _holds(self, complaint: Complaint) -> bool:
-        """Whether a complaint holds: values that clash with a stand-in may be right in the scene that is meant."""
+        """True if a complaint holds. A clash with a placeholder may not: the value may suit the intended scene."""
         if not complaint.clash:
             return True
         if self._grains is None:
@@ -84,18 +84,18 @@ class Draft:
 
     def _read_scene(self, data: Mapping[str, Any]) -> tuple[Scene | None, Scene | None]:
         """The scene, and the nearest thing to it: itself without the values that are wrong."""
-        stated = {key: data[key] for key in SCENE_KEYS if key in data}
-        stated["grains"] = self._grains or _PLACEHOLDER
-        scene, first = self._attempt(Scene, stated)
+        scene_keys = {key: data[key] for key in SCENE_KEYS if key in data}
+        scene_keys["grains"] = self._grains or _PLACEHOLDER
+        scene, first = self._attempt(Scene, scene_keys)
         if scene is not None:
             return (None if self._grains is None else scene), scene
         # Clashes are only looked at once each value is right by itself: look without those that are not, and with
         # misspelled keys put right.
         for complaint in first:
-            stated = _moved(stated, complaint.location, complaint.meant)
-        nearest, second = self._attempt(Scene, stated)
-        known = {complaint.location for complaint in first}
-        clashes = [complaint for complaint in second if complaint.clash and complaint.location not in known]
+            scene_keys = _moved(scene_keys, complaint.location, complaint.target)
+        nearest, second = self._attempt(Scene, scene_keys)
+        wrong = {complaint.location for complaint in first}
+        clashes = [complaint for complaint in second if complaint.clash and complaint.location not in wrong]
         self._complaints += [*first, *clashes]
         return None, nearest
 
@@ -111,7 +111,7 @@ class Draft:
 
     def _read_numerics(
         self,
-        stated: Any,
+        keys: Any,
         inherited: Mapping[str, Any],
         scene: Scene | None,
         closed: Scene | None,
@@ -119,24 +119,24 @@ class Draft:
     ) -> Numerics | None:
         """Numerics that `section` states, and `inherited` where it does not, with a time step for `scene` and for
         `closed`, the scene of its filling."""
-        if not isinstance(stated, Mapping):
-            return self._validated(Numerics, stated, section)
-        stated = {**inherited, **stated}
-        numerics: Numerics | None = self._validated(Numerics, {**stated, "dt": "1 us"}, section)  # resolved below
+        if not isinstance(keys, Mapping):
+            return self._validated(Numerics, keys, section)
+        keys = {**inherited, **keys}
+        numerics: Numerics | None = self._validated(Numerics, {**keys, "dt": "1 us"}, section)  # resolved below
         if numerics is None or scene is None:
             return None
         try:
-            dt = resolve(stated.get("dt"), scene, numerics.stiffness_scale, closed)
+            dt = resolve(keys.get("dt"), scene, numerics.stiffness_scale, closed)
         except TimeStepError as error:
-            value = f"{shown(stated['dt'])}: " if "dt" in stated else ""
+            value = f"{quote(keys['dt'])}: " if "dt" in keys else ""
             self._complaints.append(Complaint((*section, "dt"), f"{value}{error}", error.remedy, error.clash))
             return None
         return numerics.model_copy(update={"dt": dt})
 
-    def _read_numerics_of_filling(self, stated: Any, discharge: Numerics) -> Numerics | None:
+    def _read_numerics_of_filling(self, keys: Any, discharge: Numerics) -> Numerics | None:
         """Numerics that `fill` states, and those of the discharge where it does not."""
         scene = self._closed or self._nearest
-        numerics = self._read_numerics(stated, self.stated, scene, None, _FILLING)
+        numerics = self._read_numerics(keys, self.numerics_keys, scene, None, _FILLING)
         if numerics is None or self._nearest is None:
             return None
         if numerics.stiffness_scale < discharge.stiffness_scale:
@@ -144,24 +144,24 @@ class Draft:
             reason = f"grains {softer:.3g} times softer than in the discharge"
             remedy = f"use {discharge.stiffness_scale:g} or more: a softer bed would fly apart when it is stiffened"
             self._complaints.append(Complaint((*_FILLING, "stiffness_scale"), reason, remedy, clash=True))
-        return guarded(numerics, {**self.stated, **stated}, self._nearest)
+        return guarded(numerics, {**self.numerics_keys, **keys}, self._nearest)
 
-    def _validated(self, model: type[Any], stated: Any, section: Location) -> Any:
+    def _validated(self, model: type[Any], keys: Any, section: Location) -> Any:
         """`stated`, of the section `section`, as a `model`; None and complaints if it is none."""
-        part, wrong = self._attempt(model, stated, section)
+        part, wrong = self._attempt(model, keys, section)
         self._complaints += wrong
         return part
 
-    def _attempt(self, model: type[Any], stated: Any, section: Location = ()) -> tuple[Any, list[Complaint]]:
+    def _attempt(self, model: type[Any], keys: Any, section: Location = ()) -> tuple[Any, list[Complaint]]:
         try:
-            return model.model_validate(stated, context=dict(self._context)), []
+            return model.model_validate(keys, context=dict(self._context)), []
         except ValidationError as error:
-            return None, list(complaints(error, stated, section))
+            return None, list(complaints(error, keys, section))
 
 
-def guarded(numerics: Numerics, stated: Mapping[str, Any], scene: Scene) -> Numerics:
+def guarded(numerics: Numerics, keys: Mapping[str, Any], scene: Scene) -> Numerics:
     """Numerics with the limit of speeds that a scene has, unless one is stated."""
-    if "speed_limit" in stated or scene.gravity == 0:
+    if "speed_limit" in keys or scene.gravity == 0:
         return numerics
     return numerics.model_copy(update={"speed_limit": speed_limit(scene)})
 
@@ -180,5 +180,5 @@ def _moved(data: Any, location: Location, target: Location | None) -> Any:
     head, *rest = location
     if rest:
         return {**data, head: _moved(data[head], tuple(rest), target)}
-    others = {key: value for key, value in data.items() if key != head}
-    return {str(target[-1]): data[head], **others} if target else others
+    siblings = {key: value for key, value in data.items() if key != head}
+    return {str(target[-1]): data[head], **siblings} if target else siblings

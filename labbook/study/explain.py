@@ -9,7 +9,7 @@ from pydantic import ValidationError
 from labbook.study.absent import absent
 from labbook.study.habits import habit
 from labbook.study.keys import NEGLIGIBLE, Key, choices_of, find, siblings
-from labbook.study.problems import instead, meant, shown
+from labbook.study.problems import closest, instead, quote
 from labbook.study.source import Location, dotted
 
 _MISSING = "this key is missing"
@@ -45,16 +45,24 @@ class Complaint:
     remedy: str
     clash: bool = False
     """Each value may be right, but not these together."""
-    meant: Location | None = None
+    target: Location | None = None
     """The key that an unknown one seems to be a misspelling of."""
 
 
 def complaints(error: ValidationError, raw: Any, prefix: Location = ()) -> Iterator[Complaint]:
-    """What is wrong with `raw`, the value at `prefix` of the study.
+    """Explain the errors of a value of the study.
 
-    A key that is missing because it is misspelled is told once, as the unknown key.
+    A misspelled key that is required is reported once, as the unknown key.
+
+    Args:
+        error: Errors of pydantic.
+        raw: The value as it was read.
+        prefix: Its place in the study.
+
+    Yields:
+        A complaint for each error.
     """
-    found: list[Complaint] = []
+    all_complaints: list[Complaint] = []
     for detail in error.errors(include_url=False)[:_LOOKED_AT]:
         if detail["type"] == "default_factory_not_called":  # a default that follows from a key that is wrong
             continue
@@ -63,29 +71,29 @@ def complaints(error: ValidationError, raw: Any, prefix: Location = ()) -> Itera
         for part in location[:-1]:
             beside = beside[part]
         beside = beside if isinstance(beside, Mapping) else {}
-        found += _complain(detail, (*prefix, *location), discriminators, beside)
-    misspelled = {complaint.meant for complaint in found}
-    yield from (each for each in found if each.message != _MISSING or each.location not in misspelled)
+        all_complaints += _complain(detail, (*prefix, *location), discriminators, beside)
+    misspelled = {complaint.target for complaint in all_complaints}
+    yield from (each for each in all_complaints if each.message != _MISSING or each.location not in misspelled)
 
 
 def _location(loc: tuple[int | str, ...], raw: Any) -> tuple[Location, frozenset[str]]:
     """`loc` without the names of union members, and the choices (`kind: box`) that were passed on the way."""
     location: Location = ()
-    chosen: set[str] = set()
+    choices: set[str] = set()
     for part in loc:
         if isinstance(raw, Mapping):
             tags = {str(raw[tag]): tag for tag in _TAGS if isinstance(raw.get(tag), str)}
             if part not in raw and part in tags:
-                chosen = {f"{tags[str(part)]}: {part}"}
+                choices = {f"{tags[str(part)]}: {part}"}
                 continue
             location, raw = (*location, part), raw.get(str(part))
         elif isinstance(raw, list) and isinstance(part, int):
             location, raw = (*location, part), raw[part] if part < len(raw) else None
-    return location, frozenset(chosen)
+    return location, frozenset(choices)
 
 
 def _complain(
-    detail: Any, location: Location, chosen: frozenset[str], beside: Mapping[str, Any]
+    detail: Any, location: Location, choices: frozenset[str], beside: Mapping[str, Any]
 ) -> Iterator[Complaint]:
     """Complaints of one validation error. chosen: choices on the way (`kind: box`). beside: the keys beside it."""
     kind, context, value = detail["type"], detail.get("ctx", {}), detail["input"]
@@ -95,9 +103,9 @@ def _complain(
             place = (*location, *filter(None, fault.key.split(".")))  # of a whole section there is no key
             yield Complaint(place, fault.reason, fault.remedy, clash=True)
     elif kind == "missing":
-        yield Complaint(location, _MISSING, f"add it: {_rule(name, chosen)}")
+        yield Complaint(location, _MISSING, f"add it: {_rule(name, choices)}")
     elif kind == "extra_forbidden":
-        yield _unknown_key(location, chosen, beside)
+        yield _unknown_key(location, choices, beside)
     elif kind == "attached":
         yield Complaint(location, context["reason"], context["remedy"])
     elif kind == "internal":
@@ -110,53 +118,53 @@ def _complain(
         yield Complaint(location, "a mapping of keys is needed", instead("", siblings(f"{name}.x")))
     elif isinstance(value, list | dict) and (row := absent(name, "[]")) is not None:
         reason = context.get("reason", "a single value is needed")
-        yield Complaint(location, f"{reason}: {row.says}", f"{_rule(name, chosen)}; {row.remedy}")
+        yield Complaint(location, f"{reason}: {row.says}", f"{_rule(name, choices)}; {row.remedy}")
     elif kind in _WRONG_UNIT:
-        yield Complaint(location, f"{shown(value)}: {context.get('reason', 'not finite')}", _rule(name, chosen))
+        yield Complaint(location, f"{quote(value)}: {context.get('reason', 'not finite')}", _rule(name, choices))
     elif kind in _RANGE:
-        yield _out_of_range(location, kind, context, value, _rule(name, chosen))
+        yield _out_of_range(location, kind, context, value, _rule(name, choices))
     else:
-        yield Complaint(location, _SIMPLE.get(kind, f"{shown(value)} cannot be used"), _rule(name, chosen))
+        yield Complaint(location, _SIMPLE.get(kind, f"{quote(value)} cannot be used"), _rule(name, choices))
 
 
-def _unknown_key(location: Location, chosen: frozenset[str], beside: Mapping[str, Any]) -> Complaint:
+def _unknown_key(location: Location, choices: frozenset[str], beside: Mapping[str, Any]) -> Complaint:
     section, leaf = location[:-1], str(location[-1])
     name = dotted(location)
-    known = siblings(name, chosen)
+    names = siblings(name, choices)
     if leaf.isdigit():  # 0,5 in braces is two entries
         return Complaint(location, "unknown key", "write decimal fractions with a point, such as 0.5")
     if (row := absent(name.rpartition(".")[0], leaf)) is not None:
-        return Complaint(location, row.says, row.remedy, meant=(*section, row.key) if row.key else None)
-    if (foreign := habit(name, beside.get(leaf), known)) is not None:
+        return Complaint(location, row.says, row.remedy, target=(*section, row.key) if row.key else None)
+    if (foreign := habit(name, beside.get(leaf), names)) is not None:
         key = tuple(foreign.key.split(".")) if foreign.key else ()
-        return Complaint(location, "unknown key", foreign.remedy, meant=key if key and key[:-1] == section else None)
-    elsewhere = ", ".join(choice for choice in choices_of(name) if choice not in chosen)
+        return Complaint(location, "unknown key", foreign.remedy, target=key if key and key[:-1] == section else None)
+    elsewhere = ", ".join(choice for choice in choices_of(name) if choice not in choices)
     message = f"this key belongs to {elsewhere}" if elsewhere else "unknown key"
-    close = meant(leaf, known)
-    return Complaint(location, message, instead(leaf, known), meant=(*section, close) if close else None)
+    close = closest(leaf, names)
+    return Complaint(location, message, instead(leaf, names), target=(*section, close) if close else None)
 
 
 def _unknown_choice(section: Location, context: Mapping[str, Any], value: Any) -> Iterator[Complaint]:
     """Of a section without its choice (`kind`, `law`, `shape`), or with one that there is not."""
     location = (*section, context["discriminator"].strip("'"))
-    stated = str(context.get("tag", ""))
+    tag = str(context.get("tag", ""))
     keys = value if isinstance(value, Mapping) else ()
-    if absent(dotted(location), stated) is not None:
-        yield _unknown_value(location, stated)
+    if absent(dotted(location), tag) is not None:
+        yield _unknown_value(location, tag)
     elif rows := [(key, row) for key in keys if (row := absent(dotted(section), str(key))) is not None]:
         yield from (Complaint((*section, str(key)), row.says, row.remedy) for key, row in rows)
     elif "tag" not in context:
         yield Complaint(location, _MISSING, f"add it: use one of: {', '.join(_choices(location))}")
     else:
-        yield _unknown_value(location, stated)
+        yield _unknown_value(location, tag)
 
 
-def _unknown_value(location: Location, stated: str) -> Complaint:
+def _unknown_value(location: Location, word: str) -> Complaint:
     """Of a key that takes one of a few words."""
-    message = f"{shown(stated)} is unknown"
-    if (row := absent(dotted(location), stated)) is not None:
+    message = f"{quote(word)} is unknown"
+    if (row := absent(dotted(location), word)) is not None:
         return Complaint(location, f"{message}: {row.says}", row.remedy)
-    return Complaint(location, message, instead(stated, _choices(location)))
+    return Complaint(location, message, instead(word, _choices(location)))
 
 
 def _choices(location: Location) -> list[str]:
@@ -167,11 +175,11 @@ def _out_of_range(location: Location, kind: str, context: Mapping[str, Any], val
     bounds = _bounds(context, next((key.unit for key in find(dotted(location))), None))
     unsaid = kind.startswith("less") and " in " not in rule and "at most" not in rule
     remedy = f"{rule}, and {bounds.removeprefix('it must be ')}" if unsaid else rule
-    return Complaint(location, f"{shown(value)} is out of range: {bounds}", remedy)
+    return Complaint(location, f"{quote(value)} is out of range: {bounds}", remedy)
 
 
 def _bounds(context: Mapping[str, Any], unit: str | None) -> str:
-    """`it must be above 0 m`, for the limit that was missed."""
+    """Limit of a value that is out of range: `it must be above 0 m`."""
     words = {"gt": "above", "ge": "at least", "lt": "below", "le": "at most"}
     kind, limit = next((kind, float(context[kind])) for kind in words if kind in context)
     if kind == "ge" and 0 < limit <= NEGLIGIBLE:
@@ -179,9 +187,9 @@ def _bounds(context: Mapping[str, Any], unit: str | None) -> str:
     return f"it must be {words[kind]} {limit:g} {unit or ''}".rstrip()
 
 
-def _rule(name: str, chosen: frozenset[str]) -> str:
-    """What may be written at the key `name`."""
-    keys: tuple[Key, ...] = tuple(key for key in find(name) if not key.of or not chosen or key.of in chosen)
+def _rule(name: str, choices: frozenset[str]) -> str:
+    """Rule for values of the key `name`, as a remedy."""
+    keys: tuple[Key, ...] = tuple(key for key in find(name) if not key.of or not choices or key.of in choices)
     if keys:
         return keys[0].remedy
     inner = siblings(f"{name}.x")

@@ -10,13 +10,18 @@ from labbook.scene.quantities import parse
 
 @dataclass(frozen=True)
 class Habit:
-    """What to write instead. `key`: the dotted key that was meant, None where there is none."""
+    """Remedy for a word of another code.
+
+    Args:
+        remedy: The remedy in words.
+        key: Dotted key that has the meaning of the word; None if there is none.
+    """
 
     remedy: str
     key: str | None = None
 
 
-_SAME = {
+_SYNONYMS = {
     "contact.restitution": "coefficientofrestitution restitutioncoefficient coefficientrestitution cor en e",
     "contact.friction": "mu mus coefficientoffriction coefficientfriction frictioncoefficient slidingfriction xmu",
     "contact.rolling_friction": "mur rollingfrictioncoefficient coefficientrollingfriction",
@@ -30,9 +35,9 @@ _SAME = {
     "numerics.dt": "timestep dt deltat",
     "container.orifice": "outlet hole aperture opening outletdiameter outletwidth orificewidth orificediameter",
 }
-KEYS_BY_HABIT = {word: key for key, words in _SAME.items() for word in words.split()}
+KEYS_BY_HABIT = {word: key for key, words in _SYNONYMS.items() for word in words.split()}
 _YOUNG = frozenset(("e", "young", "youngs", "youngmodulus", "youngsmodulus", "elasticmodulus", "ymod", "emodulus"))
-_TOLD = {
+_ADVICE = {
     "study": "write name",
     "title": "write name; `about` may hold a sentence",
     "units": "leave it out: every quantity states its own unit, for example 3 mm",
@@ -47,33 +52,39 @@ _TOLD = {
 }
 
 
-def habit(key: str, value: Any, known: Collection[str]) -> Habit | None:
-    """What the unknown `key`, dotted, should be; its `value` may give a number. `known`: keys that its section has.
+def habit(key: str, value: Any, siblings: Collection[str]) -> Habit | None:
+    """Remedy for an unknown key that is a word of another code.
 
-    None if it is no word of another code.
+    Args:
+        key: The dotted key.
+        value: Its value, from which the remedy may compute a number.
+        siblings: Keys of its section.
+
+    Returns:
+        The remedy; None if it is no word of another code.
     """
     section, _, leaf = key.rpartition(".")
     word = re.sub(r"[^a-z]", "", leaf.lower())
     # e is a modulus where it has the unit of one, a restitution else
     if word in _YOUNG and (word != "e" or leaf == "E" or _pascals(value) is not None):
         # what is missing then is the modulus by its other name
-        inside = section == "contact" or "youngs_modulus" in known
-        said = "write youngs_modulus" if inside else "write contact: {youngs_modulus: ...}"
-        return Habit(said, f"{section if inside else 'contact'}.shear_modulus")
+        inside = section == "contact" or "youngs_modulus" in siblings
+        remedy = "write youngs_modulus" if inside else "write contact: {youngs_modulus: ...}"
+        return Habit(remedy, f"{section if inside else 'contact'}.shear_modulus")
     if word in ("radius", "r", "rad"):
-        if section and "diameter" not in known:
+        if section and "diameter" not in siblings:
             return None
         return _diameter(value, f"{section}.diameter" if section else None)
     if word == "frictionangle":
         return Habit("write friction, the tangent of that angle", "contact.friction")
-    meant = KEYS_BY_HABIT.get(word)
-    if meant is not None and meant != key:
-        where, _, name = meant.rpartition(".")
-        if section and name in known:  # walls have a friction of their own, kinds of grains a density
+    target = KEYS_BY_HABIT.get(word)
+    if target is not None and target != key:
+        where, _, name = target.rpartition(".")
+        if section and name in siblings:  # walls have a friction of their own, kinds of grains a density
             return Habit(f"write {name}", f"{section}.{name}")
-        return Habit(f"write {name}" if where == section else f"write {where}: {{{name}: ...}}", meant)
-    if word in _TOLD:
-        return Habit(_TOLD[word])
+        return Habit(f"write {name}" if where == section else f"write {where}: {{{name}: ...}}", target)
+    if word in _ADVICE:
+        return Habit(_ADVICE[word])
     return None
 
 

@@ -7,7 +7,7 @@ from typing import Any
 from labbook.scene import attached
 from labbook.scene.attached import AttachedError
 from labbook.scene.scene import Scene
-from labbook.study.problems import Problem, StudyError, instead, shown
+from labbook.study.problems import Problem, StudyError, instead, quote
 from labbook.study.source import StudyText, parsed
 
 SECTIONS = tuple(Scene.model_fields)
@@ -32,7 +32,7 @@ def _content(source: StudyText, name: Any) -> dict[str, Any]:
     """Keys and values of a file."""
     line = source.line(("include",))
     if not isinstance(name, str):
-        problem = f"{shown(name)} is no name of a file"
+        problem = f"{quote(name)} is no name of a file"
         raise StudyError(
             [Problem(source.path, line, "include", problem, "write the name of a file, glass.material.yaml")]
         )
@@ -46,7 +46,7 @@ def _content(source: StudyText, name: Any) -> dict[str, Any]:
     path = source.path.parent / name
     data, lines = parsed(path, text)
     foreign = [
-        Problem(path, lines.get((key,), 0), shown(key), "a study does not include this key", instead(key, SECTIONS))
+        Problem(path, lines.get((key,), 0), quote(key), "a study does not include this key", instead(key, SECTIONS))
         for key in data
         if key not in SECTIONS
     ]

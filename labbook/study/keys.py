@@ -74,7 +74,7 @@ class Key:
     """Range in words, for example `in (0, 1]` or `above 0`."""
     choices: tuple[str, ...] = ()
     default: str | None = None
-    """As it would be written; None: the key is required."""
+    """Default as a study would state it; None: the key is required."""
     meaning: str = ""
     of: str = ""
     """The choice that the key belongs to, for example `kind: box`; empty: to all."""
@@ -83,14 +83,14 @@ class Key:
 
     @property
     def sweepable(self) -> bool:
-        """Whether a sweep may vary it: a single value of the scene, the filling or the numerics."""
+        """True if a sweep may vary the key: a single value of the scene, the filling or the numerics."""
         top = self.name.split(".")[0]
         single = self.type in ("quantity", "integer", "choice", "true or false") and "[]" not in self.name
         return single and (top in Scene.model_fields or top in ("fill", "numerics"))
 
     @property
     def remedy(self) -> str:
-        """What may be written here."""
+        """Rule for values of the key, with an example."""
         if self.choices:
             return f"use one of: {', '.join(self.choices)}"
         within = f" {self.limits}" if self.limits else ""
@@ -117,8 +117,8 @@ def walk(model: type[Model], prefix: str = "", of: str = "") -> Iterator[Key]:
             continue
         yield from _field(f"{prefix}{name}", field, base, metadata, of)
     if model.spellings is not None:
-        known = {f"{prefix}{name}" for name in model.model_fields}
-        yield from (replace(key, default="none") for key in walk(model.spellings, prefix, of) if key.name not in known)
+        own = {f"{prefix}{name}" for name in model.model_fields}
+        yield from (replace(key, default="none") for key in walk(model.spellings, prefix, of) if key.name not in own)
 
 
 def _field(name: str, field: FieldInfo, base: Any, metadata: list[Any], of: str) -> Iterator[Key]:
@@ -126,8 +126,8 @@ def _field(name: str, field: FieldInfo, base: Any, metadata: list[Any], of: str)
     discriminator = next((mark for mark in marks if mark is not None), None)
     choice = next((mark for mark in metadata if isinstance(mark, TaggedModels)), None)
     if strategies := next((mark for mark in metadata if isinstance(mark, Strategies)), None):
-        for named, strategy in strategies.items():
-            yield from walk(strategy, f"{name}.{named}.", of)
+        for strategy_name, strategy in strategies.items():
+            yield from walk(strategy, f"{name}.{strategy_name}.", of)
     elif choice is not None:
         yield from (replace(key, within=key.within or of) for key in _union(name, choice.tag, list(choice.values())))
     elif discriminator is not None:
@@ -148,16 +148,16 @@ def _union(name: str, discriminator: str, members: list[Any]) -> Iterator[Key]:
     meaning = "; ".join(f"`{t}`: {_first_line(member)}" for t, member in zip(tags, members, strict=True))
     yield Key(f"{name}.{discriminator}", "choice", choices=tuple(tags), meaning=meaning)
     shared = set.intersection(*({*member.model_fields} for member in members))
-    seen = {f"{name}.{discriminator}"}
+    names = {f"{name}.{discriminator}"}
     for tag, member in zip(tags, members, strict=True):
         own = f"{discriminator}: {tag}"
         for key in walk(member, f"{name}.", own):
             field = re.split(r"[.[]", key.name.removeprefix(f"{name}."))[0]
             common = field in shared and _same_everywhere(field, members)
-            if key.name not in seen:
+            if key.name not in names:
                 yield _of_all(key, own) if common else key
             if common or key.name == f"{name}.{discriminator}":
-                seen.add(key.name)
+                names.add(key.name)
 
 
 def _of_all(key: Key, own: str) -> Key:
@@ -312,12 +312,12 @@ def _of_another_section(name: str, names: Sequence[str]) -> str | None:
     """The remedy for the last part of a known name in the wrong section."""
     leaf = name.rpartition(".")[2]
     ending = {known for known in names if known.rpartition(".")[2] == leaf}
-    same = sorted(ending, key=lambda known: (_FIRST.index(known.split(".")[0]), known.count("."), known))
-    if not same:
+    homonyms = sorted(ending, key=lambda known: (_FIRST.index(known.split(".")[0]), known.count("."), known))
+    if not homonyms:
         return None
-    others = " and ".join(known.replace("walls.*", "walls.NAME") for known in same[1:3])
-    also = f" There {'are' if len(same) > 2 else 'is'} also {others}" if others else ""
-    return f"did you mean {same[0]}?{also}"
+    rest = " and ".join(known.replace("walls.*", "walls.NAME") for known in homonyms[1:3])
+    also = f" There {'are' if len(homonyms) > 2 else 'is'} also {rest}" if rest else ""
+    return f"did you mean {homonyms[0]}?{also}"
 
 
 def _resembling(name: str, names: Sequence[str]) -> str:

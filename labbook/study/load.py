@@ -27,7 +27,7 @@ from labbook.study.notebook import study_html
 from labbook.study.paper import fits, words
 from labbook.study.point import Point
 from labbook.study.points import PointReader
-from labbook.study.problems import MOST, Problem, StudyError, instead, meant, shown
+from labbook.study.problems import MAX_PRINTED, Problem, StudyError, closest, instead, quote
 from labbook.study.reference import ReferenceReader
 from labbook.study.schema import (
     AUTO,
@@ -41,7 +41,7 @@ from labbook.study.schema import (
     Stop,
     Window,
 )
-from labbook.study.source import StudyText, changed, dotted, given, given_path, read, written
+from labbook.study.source import StudyText, as_yaml, changed, dotted, given_path, read, text_of_keys
 from labbook.study.stated import KEYS, Changed, StudyKeys
 from labbook.study.sweep import BYTES, MAX_POINTS, Sweep
 from labbook.study.window import resolved
@@ -64,20 +64,35 @@ def _with_keys(function: _F) -> _F:
     own = signature(function)
     *fixed, _ = own.parameters.values()
     fixed = [parameter.replace(annotation=Parameter.empty) for parameter in fixed]
-    named = [Parameter(key, Parameter.KEYWORD_ONLY, default=...) for key in StudyKeys.__annotations__]
-    vars(function)["__signature__"] = own.replace(parameters=[*fixed, *named])
+    keyword_parameters = [Parameter(key, Parameter.KEYWORD_ONLY, default=...) for key in StudyKeys.__annotations__]
+    vars(function)["__signature__"] = own.replace(parameters=[*fixed, *keyword_parameters])
     return function
 
 
 @dataclass(frozen=True)
 class Study:
-    """What is asked, resolved: the points of a sweep, and what is to be measured of each.
+    """A study with all defaults resolved: the points of its sweep, and the measures and fits that it requests.
 
-    `fill` and `numerics` are those of points that do not sweep them: use a point's own.
+    `fill` is that of points that do not sweep it: use a point's own.
+
+    Args:
+        name: Name of the study.
+        about: Its purpose, in a sentence.
+        points: Scenes with their filling and numerics.
+        replicates: Minimum number of beds of each point.
+        accuracy: Requested errors.
+        fill: Filling of the closed container.
+        window: Part of the discharge in which flow rates are measured.
+        stop: Conditions that end a discharge.
+        measure: Names of the measures.
+        fit: Names of the laws to fit.
+        record: Runs that keep frames; None: none.
+        reference: Published numbers to compare with.
+        discharges_per_bed: Number of discharges of each bed; `auto`: the cheapest one.
     """
 
     path: Path
-    """Its file; `study NAME` of one that was made in Python."""
+    """File of the study; `study NAME` if it was made in Python."""
     name: str
     about: str
     points: tuple[Point, ...]
@@ -93,47 +108,65 @@ class Study:
     discharges_per_bed: int | Literal["auto"] = 1
     adapt: Strategy | None = field(default=None, compare=False)
     """Proposes the points that are run, within the range of `points`; None: `points` are run."""
-    stated: Mapping[str, Any] = field(default_factory=dict, repr=False, compare=False)
-    """What its author wrote: keys and values as in YAML."""
+    definition: Mapping[str, Any] = field(default_factory=dict, repr=False, compare=False)
+    """Keys and values as its author wrote them, as in YAML."""
     source: str = field(default="", repr=False, compare=False)
     """The text of its file as it was read, with comments; empty for a study made in Python."""
     calibration: Calibration | None = field(default=None, repr=False, compare=False)
-    """Its own, with the one that ships; None for the latter alone."""
+    """Calibration of the study joined with the shipped one; None: the shipped one alone."""
     calibration_file: Path | None = field(default=None, repr=False, compare=False)
-    """Where its own calibration is: the file that it names, or the one that a pilot has written beside it."""
+    """File of its own calibration: the one that it names, or the one that a pilot has written beside it."""
     beside: StudyFolder = field(default_factory=StudyFolder, repr=False, compare=False)
     """Folder of the files that it names, and those that were read."""
 
     @property
     def fed(self) -> bool:
-        """Whether grains that left are fed again, at all points."""
+        """True if discharged grains are fed again, at all points."""
         return self.points[0].scene.feed is not None
 
     @_with_keys
     def change(self, changes: Changed | Mapping[str, Any] | None = None, /, **keys: Unpack[StudyKeys]) -> "Study":
-        """The study with other values; this one stays as it is.
+        """Copy the study with other values.
 
-        changes: dotted keys (`contact.friction`, `sweep.container.orifice`) and new values, as `define` takes them;
-        None leaves a key out. keys: the same for whole sections and settings. Raises StudyError, also for a key that
-        is swept, and TypeError where `changes` is no dict.
+        Args:
+            changes: New values by dotted key (`contact.friction`, `sweep.container.orifice`), as `define` takes them;
+                None removes a key.
+            keys: New values of whole sections and settings.
+
+        Returns:
+            The changed study; this one stays as it is.
+
+        Raises:
+            StudyError: The new study has problems, or a changed key is swept.
+            TypeError: `changes` is no dict.
         """
         new = {**_keys_and_values(changes, "change({'contact.friction': 0.3}), or change(replicates=4)"), **keys}
         stays = not any(str(key).partition(".")[0] == "accuracy" for key in new)
-        return _resolved(changed(self.stated, new, self.beside), self.calibration_file if stays else None)
+        return _resolved(changed(self.definition, new, self.beside), self.calibration_file if stays else None)
 
     def calibrated(self, file: Path) -> "Study":
-        """The study with numerics chosen by another calibration file. Raises StudyError."""
-        source = StudyText(self.path, dict(self.stated), {}, self.source, self.beside.again())
+        """Choose the numerics of the study by another calibration file.
+
+        Args:
+            file: The calibration file.
+
+        Returns:
+            The study with these numerics.
+
+        Raises:
+            StudyError: The file cannot be read.
+        """
+        source = StudyText(self.path, dict(self.definition), {}, self.source, self.beside.again())
         return _resolved(source, file)
 
     def frame(self) -> "pd.DataFrame":
-        """The points: a row each, with `point` (from 1), what was swept [SI, units in `attrs`], and `label`."""
+        """Points as a data frame: a row each, with `point` (from 1), swept values (SI, units in `attrs`), `label`."""
         import pandas as pd
 
         rows = [{"point": point.index + 1, **point.at, "label": point.label} for point in self.points]
-        made = pd.DataFrame(rows)
-        made.attrs = {"study": self.name, "units": self.units}
-        return made
+        frame = pd.DataFrame(rows)
+        frame.attrs = {"study": self.name, "units": self.units}
+        return frame
 
     @property
     def units(self) -> dict[str, str]:
@@ -149,13 +182,20 @@ class Study:
 
     def yaml(self) -> str:
         """The study as a study file has it, without comments."""
-        return written(self.stated)
+        return as_yaml(self.definition)
 
     def save(self, path: Path | str) -> Path:
-        """Write the study to a file, for the command line, and the files that it names beside it; its path.
+        """Write the study to a file, for the command line, with the files that it names beside it.
 
-        Raises FileExistsError where another file has the name of such a file, and AttachedError (of
-        `labbook.scene.attached`) where its content is gone.
+        Args:
+            path: File to write.
+
+        Returns:
+            Its path.
+
+        Raises:
+            FileExistsError: Another file has the name of a file that the study names.
+            AttachedError: The content of such a file is gone (of `labbook.scene.attached`).
         """
         there = given_path(path, "study.save")
         self.beside.copy(there.parent)
@@ -173,39 +213,56 @@ class Study:
         return f"<Study {self.name}: {points}{over}; replicates: {self.replicates}>"
 
     def _repr_html_(self) -> str:
-        return study_html(self.name, self.about, self.stated, self.points, self.replicates, self.discharges_per_bed)
+        return study_html(self.name, self.about, self.definition, self.points, self.replicates, self.discharges_per_bed)
 
 
 def load(path: Path | str, calibration: Path | None = None) -> Study:
-    """The study in the file `path` (YAML). Raises StudyError with all problems that were found.
+    """Read a study from its file.
 
-    calibration: file to use in place of the one that it names, or that a pilot has written beside it.
+    Args:
+        path: The file (YAML).
+        calibration: Calibration file in place of the one that the study names, or that a pilot has written beside it.
+
+    Returns:
+        The study.
+
+    Raises:
+        StudyError: The file has problems; all are listed.
     """
     return _resolved(read(given_path(path, "labbook.load")), calibration)
 
 
 @_with_keys
-def define(stated: StudyKeys | Mapping[str, Any] | None = None, /, **keys: Unpack[StudyKeys]) -> Study:
-    """A study made in Python, of the keys and values of a study file.
+def define(definition: StudyKeys | Mapping[str, Any] | None = None, /, **keys: Unpack[StudyKeys]) -> Study:
+    """Define a study in Python, with the keys and values of a study file.
 
-    Sections are dicts, quantities text with a unit (`"3 mm"`) or pint quantities, lists any sequence or array. keys and
-    `stated`, a dict of the same, together are the study. Raises StudyError with all problems that were found.
+    Sections are dicts, quantities text with a unit (`"3 mm"`) or pint quantities, lists any sequence or array.
+
+    Args:
+        definition: Keys and values as a dict.
+        keys: Further keys and values; no key may be in both.
+
+    Returns:
+        The study.
+
+    Raises:
+        StudyError: The study has problems; all are listed.
     """
-    return _resolved(given(_keys_and_values(stated, "labbook.load(path) to read a file"), keys))
+    return _resolved(text_of_keys(_keys_and_values(definition, "labbook.load(path) to read a file"), keys))
 
 
-def _keys_and_values(stated: Any, instead: str) -> Mapping[str, Any]:
-    """What was given as a dict of keys, {} for None. Raises TypeError with what to write `instead`."""
-    if stated is not None and not isinstance(stated, Mapping):
-        raise TypeError(f"a dict of keys and values is needed, and not {shown(stated)}; write {instead}")
-    return stated or {}
+def _keys_and_values(definition: Any, instead: str) -> Mapping[str, Any]:
+    """Keys and values of a study made in Python; {} for None. Raises TypeError with the remedy `instead`."""
+    if definition is not None and not isinstance(definition, Mapping):
+        raise TypeError(f"a dict of keys and values is needed, and not {quote(definition)}; write {instead}")
+    return definition or {}
 
 
 def _resolved(source: StudyText, calibration_file: Path | None = None) -> Study:
     source = with_included(source)
     problems = _unknown_keys(source)
-    unknown = [key for key in source.data if key not in TOP_KEYS]
-    misspelled = {meant(key, TOP_KEYS) for key in unknown[:_COMPARED]}
+    unknown_keys = [key for key in source.data if key not in TOP_KEYS]
+    misspelled = {closest(key, TOP_KEYS) for key in unknown_keys[:_COMPARED]}
     settings = _settings(source, misspelled, problems)
     sweep = Sweep(source)
     file = calibration_file or _calibration_file(source, settings)
@@ -231,34 +288,35 @@ def _resolved(source: StudyText, calibration_file: Path | None = None) -> Study:
         problems += unfed(source, settings, points, window)
     if problems or settings is None:
         raise StudyError(problems)
-    stated = {name: getattr(settings, name) for name in SETTING_KEYS} | {"window": window, "stop": stop}
-    stated["adapt"] = strategy or settings.adapt
+    values = {name: getattr(settings, name) for name in SETTING_KEYS} | {"window": window, "stop": stop}
+    values["adapt"] = strategy or settings.adapt
     return Study(
         path=source.path,
         points=points,
         fill=points[0].fill,
         reference=published,
-        stated=source.data,
+        definition=source.data,
         source=source.text,
         calibration=calibration,
         calibration_file=file,
         beside=source.beside,
-        **stated,
+        **values,
     )
 
 
 def known_names() -> set[str]:
-    """What the quantities of a reference begin with: measurements, laws, and words of papers."""
+    """First words of the quantities of a reference: measurements, laws, and words of papers."""
     return {*MEASURES, *LAWS, *words()}
 
 
 def _unknown_keys(source: StudyText) -> list[Problem]:
-    unknown = [key for key in source.data if key not in TOP_KEYS]
+    unknown_keys = [key for key in source.data if key not in TOP_KEYS]
     # of thousands only the first are printed, and likenesses take time
-    told = {
-        key: _at_top(key, source.data) if n < MOST else ("unknown key", "leave it out") for n, key in enumerate(unknown)
+    reasons = {
+        key: _at_top(key, source.data) if n < MAX_PRINTED else ("unknown key", "leave it out")
+        for n, key in enumerate(unknown_keys)
     }
-    return [Problem(source.path, source.line((k,)), shown(k), *told[k]) for k in unknown]
+    return [Problem(source.path, source.line((k,)), quote(k), *reasons[k]) for k in unknown_keys]
 
 
 def _at_top(key: str, data: dict[str, Any]) -> tuple[str, str]:
@@ -268,7 +326,7 @@ def _at_top(key: str, data: dict[str, Any]) -> tuple[str, str]:
     foreign = habit(key, data[key], TOP_KEYS)
     if foreign is not None:
         return "unknown key", foreign.remedy
-    close = meant(key, TOP_KEYS)
+    close = closest(key, TOP_KEYS)
     if close:
         return "unknown key", f"did you mean {close}?"
     elsewhere = any(known.name.rpartition(".")[2] == key for known in all_keys())
@@ -276,28 +334,28 @@ def _at_top(key: str, data: dict[str, Any]) -> tuple[str, str]:
 
 
 def _settings(source: StudyText, misspelled: Set[str | None], problems: list[Problem]) -> Settings | None:
-    stated = {key: source.data[key] for key in SETTING_KEYS if key in source.data}
+    values = {key: source.data[key] for key in SETTING_KEYS if key in source.data}
     try:
-        return Settings.model_validate(stated, context={"units": "required"})
+        return Settings.model_validate(values, context={"units": "required"})
     except ValidationError as error:
-        for found in complaints(error, stated):
-            if dotted(found.location) not in misspelled:
-                line, key = source.line(found.location), shown(dotted(found.location))
-                problems.append(Problem(source.path, line, key, found.message, found.remedy))
+        for complaint in complaints(error, values):
+            if dotted(complaint.location) not in misspelled:
+                line, key = source.line(complaint.location), quote(dotted(complaint.location))
+                problems.append(Problem(source.path, line, key, complaint.message, complaint.remedy))
         return None
 
 
 def _calibration_file(source: StudyText, settings: Settings | None) -> Path | None:
     """The file that the study names, or else the one that its pilot has written beside it; None if there is neither."""
-    named = settings.accuracy.calibration if settings is not None else None
-    if named is not None:
-        return source.path.parent / named
+    file_name = settings.accuracy.calibration if settings is not None else None
+    if file_name is not None:
+        return source.path.parent / file_name
     beside = source.path.with_suffix(BESIDE)
     return beside if source.text and beside.is_file() else None
 
 
 def _calibration(source: StudyText, path: Path | None, problems: list[Problem]) -> Calibration | None:
-    """What is in its file; None if it has none, or one that cannot be read."""
+    """Read the calibration of a study; None if it has no file, or one that cannot be read, which is a problem."""
     if path is None:
         return None
     try:
@@ -325,7 +383,7 @@ def _unknown_names(source: StudyText, settings: Settings) -> Iterator[Problem]:
     """Measurements and fits that do not exist, and fits of what is not measured."""
     for index, name in enumerate(settings.measure):
         if name not in MEASURES:
-            row, message = absent("measure", name), f"no measurement is called {shown(name)}"
+            row, message = absent("measure", name), f"no measurement is called {quote(name)}"
             message, remedy = (f"{message}: {row.says}", row.remedy) if row else (message, instead(name, MEASURES))
             yield Problem(source.path, source.line(("measure", index)), "measure", message, remedy)
     for index, name in enumerate(settings.fit):
@@ -333,7 +391,7 @@ def _unknown_names(source: StudyText, settings: Settings) -> Iterator[Problem]:
             continue
         line, needed = source.line(("fit", index)), fits().get(name)
         if needed is None:
-            row, message = absent("fit", name), f"no law is called {shown(name)}"
+            row, message = absent("fit", name), f"no law is called {quote(name)}"
             if row is None:
                 remedy = instead(name, [*LAWS, *fits()])
             else:

@@ -12,7 +12,7 @@ from typing import Any
 
 from labbook.scene.quantities import leading_number
 from labbook.study.keys import find, nearest
-from labbook.study.problems import shown
+from labbook.study.problems import quote
 
 LARGEST = 2_000_000
 """Size of a file [bytes]."""
@@ -89,13 +89,13 @@ def _columns(line: int, head: list[str]) -> Iterator[tuple[str, str]]:
         match = _HEADING.fullmatch(heading)
         if match is None:
             remedy = "write a name with its unit in brackets, such as container.orifice [mm]"
-            raise NotAMeasurement(line, shown(heading), "this is no heading", remedy)
+            raise NotAMeasurement(line, quote(heading), "this is no heading", remedy)
         name, unit = match[1], match[2] or ""
         if name not in COLUMNS and not any(key.sweepable for key in find(name)):
             remedy = f"{nearest(name)}; other columns are {', '.join(COLUMNS)}"
-            raise NotAMeasurement(line, shown(heading), "this is neither a key of a study nor a column", remedy)
+            raise NotAMeasurement(line, quote(heading), "this is neither a key of a study nor a column", remedy)
         if name in names:
-            raise NotAMeasurement(line, shown(heading), "a second column of this name", "keep one of the two")
+            raise NotAMeasurement(line, quote(heading), "a second column of this name", "keep one of the two")
         names.append(name)
         yield name, unit
     if "value" not in names:

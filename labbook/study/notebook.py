@@ -7,14 +7,14 @@ from typing import Any
 from labbook.study.point import Point
 
 _LEFT_OUT = ("name", "about", "sweep", "points")
-_MOST = 120
+_LONGEST = 120
 """Characters of a value that are shown."""
 
 
 def study_html(
     name: str,
     about: str,
-    stated: Mapping[str, Any],
+    definition: Mapping[str, Any],
     points: Sequence[Point],
     replicates: int,
     discharges: int | str = 1,
@@ -24,25 +24,25 @@ def study_html(
     if isinstance(discharges, int):
         counted += f" × {_count(discharges, 'discharge')}" if discharges > 1 else ""
         counted += f" = {_count(len(points) * replicates * discharges, 'run')}"
-    rows = [("points", counted), *_swept(stated)]
-    rows += [(key, _spelled(value)) for key, value in stated.items() if key not in _LEFT_OUT]
+    rows = [("points", counted), *_swept(definition)]
+    rows += [(key, _spelled(value)) for key, value in definition.items() if key not in _LEFT_OUT]
     lines = "".join(
         f'<tr><th style="text-align:left;vertical-align:top">{escape(key)}</th>'
         f'<td style="text-align:left">{escape(value)}</td></tr>'
         for key, value in rows
     )
     picture = points[0].scene.svg() if points else ""
-    which = f'<div style="text-align:center">{escape(points[0].label)}</div>' if len(points) > 1 else ""
+    caption = f'<div style="text-align:center">{escape(points[0].label)}</div>' if len(points) > 1 else ""
     return (
         f"<div><b>{escape(name)}</b>{f': {escape(about)}' if about else ''}</div>"
         '<div style="display:flex;flex-wrap:wrap;gap:1.5em;align-items:flex-start">'
-        f'<div>{picture}{which}</div><table style="flex:1 1 20em;width:auto">{lines}</table></div>'
+        f'<div>{picture}{caption}</div><table style="flex:1 1 20em;width:auto">{lines}</table></div>'
     )
 
 
-def _swept(stated: Mapping[str, Any]) -> Iterator[tuple[str, str]]:
-    """What varies, as it was written."""
-    sweep, listed = stated.get("sweep"), stated.get("points")
+def _swept(definition: Mapping[str, Any]) -> Iterator[tuple[str, str]]:
+    """Swept keys with their values, as the study states them."""
+    sweep, listed = definition.get("sweep"), definition.get("points")
     if isinstance(listed, Sequence) and not isinstance(listed, str):
         keys = dict.fromkeys(key for point in listed if isinstance(point, Mapping) for key in point)
         for key in keys:
@@ -76,7 +76,7 @@ def _inner(value: Any) -> str:
 
 
 def _cut(text: str) -> str:
-    return text if len(text) <= _MOST else f"{text[: _MOST - 1]}…"
+    return text if len(text) <= _LONGEST else f"{text[: _LONGEST - 1]}…"
 
 
 def _count(n: int, noun: str) -> str:

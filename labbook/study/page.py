@@ -15,7 +15,7 @@ from labbook.study.schema import Fill
 _MARKED = re.compile(r"(<!-- keys ([a-z_ ]+) -->\n).*?(<!-- end -->)", re.DOTALL)
 
 
-def written(text: str) -> str:
+def with_tables(text: str) -> str:
     """`text` with the tables that it asks for."""
     return _MARKED.sub(lambda found: found[1] + "\n" + _table(found[2].split()) + "\n" + found[3], text)
 
@@ -26,7 +26,7 @@ def sections(text: str) -> list[str]:
 
 
 def _table(names: list[str]) -> str:
-    keys = _merged([key for key in told() if key.name.partition(".")[0] in names])
+    keys = _merged([key for key in documented_keys() if key.name.partition(".")[0] in names])
     rows = ["| key | value | default | meaning |", "|---|---|---|---|"]
     return "\n".join(rows + [_row(key) for key in keys]) + "\n"
 
@@ -35,15 +35,15 @@ AGAIN = {"fill.contact.": "contact"}
 """Sections within sections that have all keys of another one."""
 
 
-def told() -> Iterator[Key]:
+def documented_keys() -> Iterator[Key]:
     """All keys; of a section that has the keys of another one only its name."""
-    told = set[str]()
+    listed = set[str]()
     for key in all_keys():
         inner = next((one for one in AGAIN if key.name.startswith(one)), None)
         if inner is None:
             yield key
-        elif inner not in told:
-            told.add(inner)
+        elif inner not in listed:
+            listed.add(inner)
             name = inner.removesuffix(".")
             meaning = Fill.model_fields[name.partition(".")[2]].description or ""
             yield Key(name, f"as `{AGAIN[inner]}`", default="none", meaning=" ".join(meaning.split()))
@@ -78,4 +78,4 @@ def _value(key: Key) -> str:
 
 if __name__ == "__main__":
     page = Path(sys.argv[1])
-    page.write_text(written(page.read_text(encoding="utf-8")), encoding="utf-8")
+    page.write_text(with_tables(page.read_text(encoding="utf-8")), encoding="utf-8")

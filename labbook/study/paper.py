@@ -1,4 +1,4 @@
-"""What a paper's own analysis adds to the words of a study: fits, and quantities that a reference can name."""
+"""Words that a paper's own analysis adds to studies: fits, and quantities that a reference can name."""
 
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
@@ -9,12 +9,12 @@ from labbook.fit import LAWS
 from labbook.measure import Quantity
 from labbook.plugins import Registry
 from labbook.scene.scene import Scene
-from labbook.study.problems import instead, meant, shown
+from labbook.study.problems import closest, instead, quote
 
 
 @dataclass(frozen=True)
 class Wrong:
-    """Why a reference cannot be compared with anything, and what would help."""
+    """Reason that a number of a reference cannot be compared, with a remedy."""
 
     reason: str
     remedy: str
@@ -22,9 +22,13 @@ class Wrong:
 
 @dataclass(frozen=True)
 class Asked:
-    """Where a reference names a quantity: one scene of each kind among the points that it
-    speaks of (`scenes`), the SI `units` of what the
-    study measures there, by name, and whether a range is `stated` rather than a number given."""
+    """Context in which a reference names a quantity.
+
+    Args:
+        scenes: One scene of each kind, among the points that the reference speaks of.
+        units: SI units of the quantities that the study measures there, by name.
+        stated: True for a statement, which gives a range instead of a number.
+    """
 
     scenes: tuple[Scene, ...]
     units: Mapping[str, str]
@@ -40,7 +44,7 @@ class Vocabulary:
 
     name: ClassVar[str]
     fits: ClassVar[Mapping[str, str]] = MappingProxyType({})
-    """What a study can name under `fit`, with the measure that it needs."""
+    """Names that a study may list under `fit`, each with the measure that it needs."""
     declared: ClassVar[tuple[Quantity, ...]] = ()
     """Quantities called `HEAD.NAME`, such as a parameter of a fit: how they are shown, and their units."""
     heads: ClassVar[tuple[str, ...]] = ()
@@ -60,12 +64,20 @@ class Vocabulary:
         return tuple(dict.fromkeys((*self.fits, *self.heads, *(one.name.partition(".")[0] for one in self.declared))))
 
     def unit(self, quantity: str, asked: Asked) -> str | Wrong | None:
-        """SI unit of what a reference calls `quantity`; None of one that is not its own."""
+        """SI unit of a quantity that a reference names.
+
+        Args:
+            quantity: Name in the reference.
+            asked: Scenes and measured quantities.
+
+        Returns:
+            The unit; Wrong if the quantity is not available; None if it is not one of this paper.
+        """
         head, _, tail = quantity.partition(".")
-        known = {one.name: one.unit for one in self.declared if one.name.startswith(f"{head}.")}
-        if not known or tail in asked.units:  # a measure may share its name with a fit
+        units = {one.name: one.unit for one in self.declared if one.name.startswith(f"{head}.")}
+        if not units or tail in asked.units:  # a measure may share its name with a fit
             return None
-        return known[quantity] if quantity in known else none_such(quantity, known)
+        return units[quantity] if quantity in units else none_such(quantity, units)
 
 
 PAPERS: Registry[Vocabulary] = Registry[Vocabulary]("labbook.papers", Vocabulary, ())
@@ -73,27 +85,27 @@ PAPERS: Registry[Vocabulary] = Registry[Vocabulary]("labbook.papers", Vocabulary
 
 
 def words() -> Iterator[str]:
-    """What quantities of all papers begin with."""
+    """First words of the quantities of all papers."""
     return (word for paper in PAPERS.values() for word in paper.words)
 
 
 def fits() -> dict[str, str]:
-    """What papers add to what a study can name under `fit`, with the measure that it needs."""
+    """Names of all papers that a study may list under `fit`, each with the measure that it needs."""
     return {name: needed for paper in PAPERS.values() for name, needed in paper.fits.items()}
 
 
 def of_fit(quantity: str) -> bool:
-    """Whether it is a parameter of a fit, `FIT.NAME`."""
+    """True for a parameter of a fit, `FIT.NAME`."""
     head = quantity.partition(".")[0]
     papers = (paper for paper in PAPERS.values() if head in paper.fits)
     return head in LAWS or any(one.name == quantity for paper in papers for one in paper.declared)
 
 
-def none_such(quantity: str, known: Iterable[str]) -> Wrong:
+def none_such(quantity: str, candidates: Iterable[str]) -> Wrong:
     """A quantity that is not among those known. Of names that begin alike, what follows is compared."""
     head, _, tail = quantity.partition(".")
-    names = list(known)
+    names = list(candidates)
     alike = bool(names) and all(name.startswith(f"{head}.") for name in names)
-    close = meant(tail, [name.partition(".")[2] for name in names]) if alike else meant(quantity, names)
+    close = closest(tail, [name.partition(".")[2] for name in names]) if alike else closest(quantity, names)
     remedy = f"did you mean {head}.{close}?" if alike and close else instead("" if alike else quantity, names)
-    return Wrong(f"{shown(quantity)} is neither measured nor fitted in this study", remedy)
+    return Wrong(f"{quote(quantity)} is neither measured nor fitted in this study", remedy)

@@ -20,8 +20,8 @@ SETTINGS = ((1.0, 0.33, 1.0), (1.0, 0.75, 1.0), (0.3, 0.75, 1.0), (0.1, 0.75, 1.
             (0.03, 0.75, 0.03))  # fmt: skip
 """Stiffness scale, step in parts of the largest stable one, and stiffness scale of the filling."""
 STEPS, STEPS_SEEDS = SETTINGS[:2], 16
-"""What is run before a study whose numerics have to be chosen, where nothing was measured: the step alone, for what
-softness does is rarely small enough to be of use (docs/accuracy.md)."""
+"""Settings and seeds of the pilot that precedes a study whose numerics are to be chosen. It varies the step alone: the
+bias of soft grains is rarely small enough for softness to save time (docs/accuracy.md)."""
 
 
 class Pilot(Strategy):
@@ -38,11 +38,11 @@ class Pilot(Strategy):
         return Proposal(tuple(Assignment(point.at, seeds) for point in points), reason)
 
 
-_KEPT = ("grains", "contact", "container", "walls", "gravity", "window", "stop")
+_SHARED = ("grains", "contact", "container", "walls", "gravity", "window", "stop")
 
 
 def is_pilot(study: Study) -> bool:
-    """Whether a study itself sweeps numerics, so that it needs no pilot."""
+    """True if a study sweeps numerics itself, so that it needs no pilot."""
     return any(key.startswith("numerics.") for point in study.points for key in point.at)
 
 
@@ -76,13 +76,13 @@ def _spread(points: Sequence[Point]) -> list[Point]:
 
 def _pilot(study: Study, places: list[Point], seeds: int, settings: Sequence[tuple[float, float, float]]) -> Study:
     points = [{**_at(point), **numerics} for numerics in _numerics(places, settings) for point in places]
-    stated = {key: study.stated[key] for key in _KEPT if key in study.stated}
+    sections = {key: study.definition[key] for key in _SHARED if key in study.definition}
     if not (study.window.timed or study.fed):  # with its points alone the window could be another one
-        stated["window"] = {"start": study.window.opening, "end": study.window.end}
-    fill = {key: value for key, value in study.stated.get("fill", {}).items() if key != "numerics"}
+        sections["window"] = {"start": study.window.opening, "end": study.window.end}
+    fill = {key: value for key, value in study.definition.get("fill", {}).items() if key != "numerics"}
     defined = define(
         {
-            **stated,
+            **sections,
             "name": f"{study.name[:70]}-pilot",
             "about": f"What time step and stiffness do to the flow rate of {study.name}",
             "fill": fill,
@@ -95,17 +95,17 @@ def _pilot(study: Study, places: list[Point], seeds: int, settings: Sequence[tup
 
 
 def _at(point: Point) -> Mapping[str, Any]:
-    """What is swept at a point beside numerics, as a study file has it."""
+    """Swept values of a point other than numerics, as a study file has them."""
     swept = {key: value for key, value in point.at.items() if not key.startswith(("numerics.", "fill.numerics."))}
     return written_at(swept)
 
 
 def _numerics(points: list[Point], settings: Sequence[tuple[float, float, float]]) -> list[Mapping[str, str]]:
     """The settings, with one step for all points, so that they can share beds."""
-    found = []
+    numerics = []
     for scale, part, filled in settings:
         flow, bed = (min(_stable(point, s) for point in points) for s in (scale, filled))
-        found.append(
+        numerics.append(
             {
                 "numerics.stiffness_scale": f"{scale:g}",
                 "numerics.dt": f"{part * flow * 1e6:.6g} us",
@@ -113,7 +113,7 @@ def _numerics(points: list[Point], settings: Sequence[tuple[float, float, float]
                 "fill.numerics.dt": f"{0.66 * bed * 1e6:.6g} us",
             }
         )
-    return found
+    return numerics
 
 
 def _stable(point: Point, scale: float) -> float:

@@ -14,10 +14,15 @@ from labbook.study.schema import Fill
 
 @dataclass(frozen=True, slots=True)
 class Point:
-    """One point of a study: a scene with its filling and numerics.
+    """Point of a study: a scene with its filling and numerics.
 
-    `at` has what was swept or listed, dotted key -> SI value (the word itself where a key takes words); `label` says
-    the same in the units of the file.
+    Args:
+        index: Index of the point in the study, from 0.
+        scene: Scene of the discharge.
+        fill: Filling of the closed container.
+        numerics: Time step, stiffness and further numerical parameters of the discharge.
+        at: Swept values by dotted key, in SI or as words.
+        label: Swept values in the units of the study file.
     """
 
     index: int
@@ -27,23 +32,30 @@ class Point:
     at: Mapping[str, float | str]
     label: str
     choice: Choice | None = field(default=None, compare=False)
-    """Why its numerics are what they are, where they were chosen for an error."""
+    """Choice of its numerics for a requested error; None if none was made."""
     unchosen: str = field(default="", compare=False)
-    """Why they could not be chosen for a requested error; empty otherwise."""
+    """Reason that numerics could not be chosen for a requested error; empty otherwise."""
     wants_pilot: bool = field(default=False, compare=False)
-    """Whether they could be chosen after a pilot: its time step is left out, and no scene like it was measured."""
+    """True if a pilot would allow the choice: the study states no time step, and no scene like it was measured."""
     replicates: int | None = field(default=None, compare=False)
     """Replicates that a strategy has proposed for it; None: as many as the study asks for everywhere."""
 
     def value(self, key: str) -> float | str | None:
-        """SI value (or word) of the dotted `key` of the scene, `fill` or `numerics`; None where it has none.
+        """Value of a key of the scene, `fill` or `numerics`.
 
-        Raises KeyError for a key that no scene has.
+        Args:
+            key: Dotted key, such as `container.orifice`.
+
+        Returns:
+            Its value in SI, or the word; None if this scene does not have the key.
+
+        Raises:
+            KeyError: No scene has this key.
         """
-        found = value_of(key, self.scene, self.fill, self.numerics)
-        if found is None and not find(key):
+        setting = value_of(key, self.scene, self.fill, self.numerics)
+        if setting is None and not find(key):
             raise KeyError(f"{key}: no such key; {nearest(key)}")
-        return found
+        return setting
 
     def __repr__(self) -> str:
         return f"<Point {self.index + 1}: {self.label}>"
@@ -54,11 +66,11 @@ class Point:
 
 
 def value_of(key: str, scene: Scene, fill: Fill, numerics: Numerics) -> float | str | None:
-    """As `Point.value`."""
+    """SI value (or word) of a dotted key of a scene, its filling or numerics, as `Point.value`."""
     first, *rest = key.split(".")
-    found: Any = {"fill": fill, "numerics": numerics}.get(first) or getattr(scene, first, None)
+    setting: Any = {"fill": fill, "numerics": numerics}.get(first) or getattr(scene, first, None)
     for part in rest:
-        found = found.get(part) if isinstance(found, Mapping) else getattr(found, part, None)
-    if isinstance(found, bool):
-        return str(found).lower()
-    return float(found) if isinstance(found, int | float) else found if isinstance(found, str) else None
+        setting = setting.get(part) if isinstance(setting, Mapping) else getattr(setting, part, None)
+    if isinstance(setting, bool):
+        return str(setting).lower()
+    return float(setting) if isinstance(setting, int | float) else setting if isinstance(setting, str) else None

@@ -11,7 +11,7 @@ from labbook.scene.scene import Scene
 from labbook.study.draft import Draft, guarded
 from labbook.study.explain import Complaint
 from labbook.study.point import Point, value_of
-from labbook.study.problems import Problem, and_others, shown
+from labbook.study.problems import Problem, and_others, quote
 from labbook.study.schema import Fill, Settings
 from labbook.study.source import StudyText, dotted
 from labbook.study.sweep import Assignment
@@ -39,12 +39,12 @@ class PointReader:
         ships."""
         self._source, self._settings, self._calibration = source, settings, calibration
         self._wrong_already = wrong_already
-        self._found: dict[Problem, list[str]] = {}
+        self._problems: dict[Problem, list[str]] = {}
 
     @property
     def problems(self) -> Iterator[Problem]:
-        """What is wrong, each once, with the points that it is wrong at."""
-        for problem, labels in self._found.items():
+        """Problems, each once, with the points at which it occurs."""
+        for problem, labels in self._problems.items():
             where = f" (at {labels[0]}{and_others(len(labels) - 1)})" if labels else ""
             yield replace(problem, message=problem.message + where)
 
@@ -76,35 +76,35 @@ class PointReader:
         if draft.parts is None:
             return None
         scene, fill, numerics = draft.parts
-        choice, unmet = self._chosen(scene, fill, draft.stated, numerics)
+        choice, unmet = self._choose(scene, fill, draft.numerics_keys, numerics)
         if choice is not None:
-            chosen = {key: getattr(choice, key) for key in ("dt", "stiffness_scale", "precision")}
-            numerics = numerics.model_copy(update=chosen)
-        numerics = guarded(numerics, draft.stated, scene)
+            choices = {key: getattr(choice, key) for key in ("dt", "stiffness_scale", "precision")}
+            numerics = numerics.model_copy(update=choices)
+        numerics = guarded(numerics, draft.numerics_keys, scene)
         at = {key: value for key in assignment if (value := value_of(key, scene, fill, numerics)) is not None}
         why = "" if unmet is None else str(unmet)
-        piloted = isinstance(unmet, NotMeasured) and "dt" not in draft.stated and not self._names_calibration
+        piloted = isinstance(unmet, NotMeasured) and "dt" not in draft.numerics_keys and not self._names_calibration
         return Point(index, scene, fill, numerics, at, label or "the only point", choice, why, piloted)
 
     @property
     def _names_calibration(self) -> bool:
         return self._settings is not None and self._settings.accuracy.calibration is not None
 
-    def _chosen(
-        self, scene: Scene, fill: Fill, stated: Mapping[str, Any], numerics: Numerics
+    def _choose(
+        self, scene: Scene, fill: Fill, keys: Mapping[str, Any], numerics: Numerics
     ) -> tuple[Choice | None, OutOfRange | None]:
         """Numerics for the requested error, keeping those that the study states; or why there are none."""
         settings = self._settings
         if settings is None or settings.accuracy.flow_rate is None or fill.numerics is not None:
             return None, None
-        soft = "stiffness_scale" not in stated and set(settings.measure) <= _SOFTENED
-        dt, usual = (numerics.dt, None) if "dt" in stated else (None, numerics.dt)
-        kept: dict[str, Any] = {"dt": dt, "stiffness_scale": None if soft else numerics.stiffness_scale}
-        kept["precision"] = numerics.precision if "precision" in stated else None
+        soft = "stiffness_scale" not in keys and set(settings.measure) <= _SOFTENED
+        dt, usual = (numerics.dt, None) if "dt" in keys else (None, numerics.dt)
+        fixed: dict[str, Any] = {"dt": dt, "stiffness_scale": None if soft else numerics.stiffness_scale}
+        fixed["precision"] = numerics.precision if "precision" in keys else None
         closed = scene.close(fill.friction, fill.contact)
         try:
-            asked, own = settings.accuracy.flow_rate, self._calibration
-            return choose(scene, closed, asked, **kept, usual=usual, calibration=own), None
+            tolerance, own = settings.accuracy.flow_rate, self._calibration
+            return choose(scene, closed, tolerance, **fixed, usual=usual, calibration=own), None
         except OutOfRange as reason:
             return None, reason
 
@@ -115,8 +115,8 @@ class PointReader:
             return
         swept = next((name for name in assignment if name == key or name.startswith(f"{key}.")), None)
         line = assignment[swept].line if swept else self._source.line(complaint.location)
-        problem = Problem(self._source.path, line, shown(key), complaint.message, complaint.remedy)
-        labels = self._found.setdefault(problem, [])
+        problem = Problem(self._source.path, line, quote(key), complaint.message, complaint.remedy)
+        labels = self._problems.setdefault(problem, [])
         if complaint.clash and label:
             labels.append(label)
 
@@ -124,7 +124,7 @@ class PointReader:
         key, value = next(iter(assignment.items()), ("points", None))
         line = value.line if value else self._source.line(("points",))
         message = f"the point {label} repeats the point {earlier}"
-        self._found[Problem(self._source.path, line, key, message, "leave one of them out")] = []
+        self._problems[Problem(self._source.path, line, key, message, "leave one of them out")] = []
 
 
 def _identity(point: Point) -> bytes:
@@ -154,7 +154,7 @@ def _assign(data: Mapping[str, Any], assignment: Assignment) -> dict[str, Any]:
 def _label(assignment: Assignment) -> str:
     """The point in the words of the study; empty for one that sweeps nothing."""
     names = _short_names(assignment)
-    return ", ".join([f"{names[key]} {value.said}" for key, value in assignment.items()])
+    return ", ".join([f"{names[key]} {value.text}" for key, value in assignment.items()])
 
 
 def _short_names(keys: Iterable[str]) -> dict[str, str]:

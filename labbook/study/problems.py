@@ -1,4 +1,4 @@
-"""What is wrong with a study file, told so that it can be put right."""
+"""Problems of a study file: messages with file, line, key and remedy."""
 
 import re
 from collections.abc import Iterable, Sequence
@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from difflib import get_close_matches
 from pathlib import Path
 
-MOST = 20
+MAX_PRINTED = 20
 """Problems that are printed: many more are the same mistake again."""
 _NUMBER = re.compile(r"\b[0-9a-f]{16,}\b|[0-9]+(\.[0-9]+)?(e[-+]?[0-9]+)?")
 """A key or a number within a message."""
@@ -33,27 +33,27 @@ class StudyError(Exception):
 
     def __init__(self, problems: Iterable[Problem]):
         self.problems = tuple(sorted(dict.fromkeys(problems), key=lambda problem: problem.line))
-        lines = [str(problem) for problem in self.problems[:MOST]]
-        if len(self.problems) > MOST:
-            lines.append(f"and {len(self.problems) - MOST} more problems")
+        lines = [str(problem) for problem in self.problems[:MAX_PRINTED]]
+        if len(self.problems) > MAX_PRINTED:
+            lines.append(f"and {len(self.problems) - MAX_PRINTED} more problems")
         super().__init__("\n".join(lines))
 
 
-def instead(word: str, known: Iterable[str]) -> str:
+def instead(word: str, candidates: Iterable[str]) -> str:
     """The remedy for an unknown word: the known one that it resembles, else all that are known."""
-    names = sorted(known)
-    close = meant(word, names)
+    names = sorted(candidates)
+    close = closest(word, names)
     if close:
         return f"did you mean {close}?"
     return f"known here: {', '.join(names)}" if names else "leave it out"
 
 
-def meant(word: str, known: Iterable[str]) -> str | None:
+def closest(word: str, candidates: Iterable[str]) -> str | None:
     """The known word that `word` resembles, if there is one."""
-    return next(iter(get_close_matches(word[:80], sorted(known), n=1, cutoff=0.7)), None)
+    return next(iter(get_close_matches(word[:80], sorted(candidates), n=1, cutoff=0.7)), None)
 
 
-def shown(value: object) -> str:
+def quote(value: object) -> str:
     """A value as it is quoted in a message: on one line and short."""
     text = value if isinstance(value, str) else repr(value)
     text = "".join(c if c.isprintable() else "?" for c in text)

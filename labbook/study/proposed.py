@@ -10,7 +10,7 @@ from labbook.scene.quantities import DIGITS, parse
 from labbook.study.keys import find
 from labbook.study.load import Study
 from labbook.study.point import Point
-from labbook.study.source import written
+from labbook.study.source import as_yaml
 
 
 def with_points(study: Study, assignments: Sequence[Assignment]) -> Study:
@@ -27,11 +27,12 @@ def with_points(study: Study, assignments: Sequence[Assignment]) -> Study:
     Raises:
         StudyError: A point cannot be.
     """
-    stated = {place(point.at): point for point in study.points}
-    new = [one for one in assignments if place(one.at) not in stated]
-    known = stated | {place(one.at): point for one, point in zip(new, _read(study, new), strict=True)}
+    by_place = {place(point.at): point for point in study.points}
+    new = [one for one in assignments if place(one.at) not in by_place]
+    all_points = by_place | {place(one.at): point for one, point in zip(new, _read(study, new), strict=True)}
     points = (
-        replace(known[place(one.at)], index=index, replicates=one.replicates) for index, one in enumerate(assignments)
+        replace(all_points[place(one.at)], index=index, replicates=one.replicates)
+        for index, one in enumerate(assignments)
     )
     return replace(study, points=tuple(points))
 
@@ -45,11 +46,11 @@ def _changes(study: Study, points: Sequence[Mapping[str, float | str]]) -> dict[
     """Changes of a study that give it these points, and leave their keys of runs as they are."""
     changes: dict[str, Any] = {"points": [written_at(at) for at in points], "adapt": None}
     changes |= {
-        key: None for key in ("sweep", "reference", "calibrate") if key in study.stated
+        key: None for key in ("sweep", "reference", "calibrate") if key in study.definition
     }  # they may speak of others
     if not (study.window.timed or study.fed):  # with these points alone the window could be another one
         ends = {"start": study.window.opening, "end": study.window.end}
-        changes["window"] = {**study.stated.get("window", {}), **ends}
+        changes["window"] = {**study.definition.get("window", {}), **ends}
     return changes
 
 
@@ -68,13 +69,13 @@ def study_at(study: Study, points: Sequence[Mapping[str, float | str]], name: st
     Raises:
         StudyError: A point cannot be.
     """
-    dropped = {key: None for key in ("fit", "about", "calibrate") if key in study.stated}  # of the whole sweep
+    dropped = {key: None for key in ("fit", "about", "calibrate") if key in study.definition}  # of the whole sweep
     listed = [{key: _plain(key, value) for key, value in at.items()} for at in points]
     if study.record is not None and study.record.replicates > replicates:
         dropped["record"] = None
     changes = {**_changes(study, points), **dropped, "points": listed, "name": name, "replicates": replicates}
     new = study.change(changes)
-    head = written({key: value for key, value in new.stated.items() if key != "points"})
+    head = as_yaml({key: value for key, value in new.definition.items() if key != "points"})
     lines = ("- {" + ", ".join(f"{key}: {value}" for key, value in at.items()) + "}\n" for at in listed)
     return head, "points:\n" + "".join(lines)
 
@@ -89,11 +90,11 @@ def _plain(key: str, value: float | str) -> str:
 
 def written_at(at: Mapping[str, float | str]) -> dict[str, str]:
     """Write SI values of keys as a study file has them: with units, lengths in mm where these are the same number."""
-    return {key: value if isinstance(value, str) else _written(key, value) for key, value in at.items()}
+    return {key: value if isinstance(value, str) else _with_unit(key, value) for key, value in at.items()}
 
 
-def _written(key: str, value: float) -> str:
+def _with_unit(key: str, value: float) -> str:
     unit = next((known.unit for known in find(key) if known.unit is not None), "")
-    shown = f"{1e3 * value:.12g} mm"
+    in_mm = f"{1e3 * value:.12g} mm"
     as_read = float(f"{value:.{DIGITS}g}")  # values of a sweep are rounded to as many digits
-    return shown if unit == "m" and parse(shown, "m") == as_read else f"{value!r} {unit}".strip()
+    return in_mm if unit == "m" and parse(in_mm, "m") == as_read else f"{value!r} {unit}".strip()

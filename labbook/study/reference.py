@@ -16,7 +16,7 @@ from labbook.study.keys import Key, find, nearest
 from labbook.study.measurements import NotAMeasurement, measured_values
 from labbook.study.paper import Wrong
 from labbook.study.point import Point
-from labbook.study.problems import Problem, instead, shown
+from labbook.study.problems import Problem, instead, quote
 from labbook.study.schema import Reference, ReferenceEntry, Settings, Statement
 from labbook.study.source import Location, StudyText, dotted
 
@@ -39,13 +39,13 @@ class ReferenceReader:
         self,
         source: StudyText,
         points: Sequence[Point],
-        known: Callable[[], set[str]],
+        names: Callable[[], set[str]],
         settings: Settings | None,
         measured: bool = False,
     ):
         """`settings`: what the study measures and fits; None if that is wrong, and units cannot be told. `measured`:
         whether the source is a line of a file of measurements, which may be for a point that is not simulated."""
-        self._source, self._points, self._known, self._settings = source, points, known, settings
+        self._source, self._points, self._names, self._settings = source, points, names, settings
         self._measured = measured
         self.problems: list[Problem] = []
 
@@ -64,13 +64,13 @@ class ReferenceReader:
         entries: list[ReferenceEntry | Statement] = []
         if "file" in raw:
             entries += self._of_file(raw["file"], (*place, "file"))
-        for name, stated in raw.items():
+        for name, content in raw.items():
             if name in _OWN_KEYS or not self._names_a_quantity(name, (*place, name)):
                 continue
-            items = [((*place, name), stated)]
-            if isinstance(stated, list):
-                items = [((*place, name, index), item) for index, item in enumerate(stated)]
-                if not stated:
+            items = [((*place, name), content)]
+            if isinstance(content, list):
+                items = [((*place, name, index), item) for index, item in enumerate(content)]
+                if not content:
                     self._problem((*place, name), "the list is empty", "give at least one value, or leave it out")
             for where, item in items:
                 entry = self._entry(name, item, where)
@@ -82,7 +82,7 @@ class ReferenceReader:
     def _of_file(self, name: Any, place: Location) -> list[ReferenceEntry | Statement]:
         """Entries of a file of measurements."""
         if not isinstance(name, str):
-            self._problem(place, f"{shown(name)} is no name of a file", "write measured.csv")
+            self._problem(place, f"{quote(name)} is no name of a file", "write measured.csv")
             return []
         try:
             content = attached.content(self._source.beside.attach(name))
@@ -93,7 +93,7 @@ class ReferenceReader:
         try:
             for row in measured_values(content):
                 line = StudyText(path, {}, {(): row.line})
-                reader = ReferenceReader(line, self._points, self._known, self._settings, measured=True)
+                reader = ReferenceReader(line, self._points, self._names, self._settings, measured=True)
                 if reader._names_a_quantity(row.quantity, ("quantity",)):
                     entries.append(reader._entry(row.quantity, row.entry, ()))
                 self.problems += reader.problems
@@ -116,9 +116,9 @@ class ReferenceReader:
         head = name.partition(".")[0]
         if head in MEASURES or head in LAWS:
             return True
-        known = self._known()
-        remedy = instead(head, known)
-        if head not in known and remedy.startswith("did"):
+        names = self._names()
+        remedy = instead(head, names)
+        if head not in names and remedy.startswith("did"):
             self._problem(place, f"no law or measurement is called {head}", remedy)
             return False
         return True
@@ -128,16 +128,16 @@ class ReferenceReader:
             self._not_a_mapping(raw, place, "write {at: {...}, value: ...}")
             return None
         before = len(self.problems)
-        stated = not raw.keys().isdisjoint(_ENDS)
-        self._check_keys(raw, place, stated)
+        is_statement = not raw.keys().isdisjoint(_ENDS)
+        self._check_keys(raw, place, is_statement)
         diameter = self._points[0].scene.grains.diameter if self._points else None
         at = self._at(raw.get("at", {}), (*place, "at"), diameter)
-        unit = self._unit(name, at, place, stated)
+        unit = self._unit(name, at, place, is_statement)
         keys = [key for key in ("value", "error", *_ENDS) if key in raw]
         numbers = {key: self._number(raw[key], (*place, key), diameter, unit) for key in keys}
         if len(self.problems) > before or not self._is_possible(raw, numbers, unit, place):
             return None
-        if stated:
+        if is_statement:
             return self._statement(name, at, numbers, unit or "", raw, place)
         says = raw.get("says", "")
         if not isinstance(says, str):
@@ -145,32 +145,32 @@ class ReferenceReader:
             return None
         return ReferenceEntry(name, at, numbers["value"] or 0.0, numbers.get("error"), says.strip(), self._measured)
 
-    def _check_keys(self, raw: Mapping[str, Any], place: Location, stated: bool) -> None:
+    def _check_keys(self, raw: Mapping[str, Any], place: Location, is_statement: bool) -> None:
         """Note keys that are unknown, missing or, in a statement (`stated`), without a meaning."""
         for key in raw:
             if key not in _ENTRY_KEYS:
                 row = absent(dotted(place), key)
                 message = (row.says, row.remedy) if row else ("unknown key", instead(key, _ENTRY_KEYS))
                 self._problem((*place, key), *message)
-        if "value" not in raw and not stated:
+        if "value" not in raw and not is_statement:
             remedy = "add the published number, with its unit, or `from` and `to` of a statement"
             self._problem((*place, "value"), "this key is missing", remedy)
         for key in ("value", "error"):
-            if key in raw and stated:
+            if key in raw and is_statement:
                 remedy = "leave it out, or leave out from and to"
                 self._problem((*place, key), "a statement has no value of its own", remedy)
 
     def _is_possible(
         self, raw: Mapping[str, Any], numbers: Mapping[str, float | None], unit: str | None, place: Location
     ) -> bool:
-        """Whether the error is not negative, and a flow rate above 0; what is not is noted."""
+        """True if the error is not negative and a flow rate is above 0; a violation is noted as a problem."""
         error, value = numbers.get("error"), numbers.get("value")
         if error is not None and error < 0:
             self._problem((*place, "error"), "a standard error cannot be negative", "write the standard error")
             return False
         if unit in _RATES and value is not None and value <= 0:
             remedy = "write a rate above 0; leave out an outlet that clogs"
-            self._problem((*place, "value"), f"{shown(raw['value'])}: a flow rate is above 0", remedy)
+            self._problem((*place, "value"), f"{quote(raw['value'])}: a flow rate is above 0", remedy)
             return False
         return True
 
@@ -193,12 +193,12 @@ class ReferenceReader:
             return Statement(name, at, low, high, says.strip(), unit)
         return None
 
-    def _unit(self, name: str, at: Mapping[str, float | str], place: Location, stated: bool) -> str | None:
+    def _unit(self, name: str, at: Mapping[str, float | str], place: Location, is_statement: bool) -> str | None:
         """SI unit of the quantity; None where it cannot be told, or has one that a study cannot write."""
         if self._settings is None or not self._points:
             return None
         scenes = [point.scene for point in self._points if not at or _is_at(point, at)]
-        unit = unit_of(name, self._settings, scenes or [self._points[0].scene], stated)
+        unit = unit_of(name, self._settings, scenes or [self._points[0].scene], is_statement)
         if isinstance(unit, Wrong):
             self._problem(place, unit.reason, unit.remedy)
             return None
@@ -207,8 +207,8 @@ class ReferenceReader:
     def _number(self, raw: Any, place: Location, diameter: float | None, unit: str | None) -> float | None:
         remedy = "write a number with its unit, if it has one"
         if unit is not None:
-            written = f"{unit.removeprefix('1/')}^-1" if unit.startswith("1/") else unit
-            remedy = f"write a quantity in {unit}, for example 1 {written}" if unit else "write a number without unit"
+            example = f"{unit.removeprefix('1/')}^-1" if unit.startswith("1/") else unit
+            remedy = f"write a quantity in {unit}, for example 1 {example}" if unit else "write a number without unit"
         try:
             if isinstance(raw, str):
                 number = parse(raw, unit, diameter)
@@ -218,10 +218,10 @@ class ReferenceReader:
                 number = float(raw)
         except (ValueError, TypeError, OverflowError) as error:
             reason = "a number is needed" if isinstance(error, TypeError) else str(error)
-            self._problem(place, f"{shown(raw)}: {reason}", remedy)
+            self._problem(place, f"{quote(raw)}: {reason}", remedy)
             return None
         if isinstance(raw, bool) or not math.isfinite(number):
-            self._problem(place, f"{shown(raw)}: a finite number is needed", "write a number")
+            self._problem(place, f"{quote(raw)}: a finite number is needed", "write a number")
             return None
         return number
 
@@ -230,15 +230,15 @@ class ReferenceReader:
             self._problem(place, "a mapping of keys is needed", "write {container.orifice: 30 mm}")
             return {}
         at: dict[str, float | str] = {}
-        for key, stated in raw.items():
-            meant = [known for known in find(key) if known.sweepable]
-            if not meant:
+        for key, content in raw.items():
+            keys = [known for known in find(key) if known.sweepable]
+            if not keys:
                 self._problem((*place, key), "there is no such key", nearest(key))
                 continue
             try:
-                at[key] = condition(stated, meant[0], diameter)
+                at[key] = condition(content, keys[0], diameter)
             except ValueError as error:
-                self._problem((*place, key), f"{shown(stated)}: {error}", meant[0].remedy)
+                self._problem((*place, key), f"{quote(content)}: {error}", keys[0].remedy)
         if at and len(at) == len(raw):
             self._check_point(at, place)
         return at
@@ -254,28 +254,28 @@ class ReferenceReader:
 
     def _problem(self, place: Location, message: str, remedy: str) -> None:
         line = self._source.line(place)
-        self.problems.append(Problem(self._source.path, line, shown(dotted(place)), message, remedy))
+        self.problems.append(Problem(self._source.path, line, quote(dotted(place)), message, remedy))
 
 
-def condition(stated: Any, key: Key, diameter: float | None) -> float | str:
+def condition(content: Any, key: Key, diameter: float | None) -> float | str:
     """A value of `key`, in SI. Raises ValueError."""
     if key.type not in ("quantity", "integer"):
-        return str(stated).lower() if isinstance(stated, bool) else str(stated)
-    if isinstance(stated, str):
-        return parse(stated, key.unit or "", diameter)
-    if isinstance(stated, bool) or not isinstance(stated, int | float):
+        return str(content).lower() if isinstance(content, bool) else str(content)
+    if isinstance(content, str):
+        return parse(content, key.unit or "", diameter)
+    if isinstance(content, bool) or not isinstance(content, int | float):
         raise ValueError("a single value is needed")
     if key.unit:
         raise ValueError("the unit is missing")
-    return float(stated)
+    return float(content)
 
 
 def _is_at(point: Point, at: Mapping[str, float | str]) -> bool:
-    for key, wanted in at.items():
+    for key, target in at.items():
         value = point.value(key)
-        if isinstance(wanted, str) or not isinstance(value, float):
-            if value != wanted:
+        if isinstance(target, str) or not isinstance(value, float):
+            if value != target:
                 return False
-        elif not math.isclose(value, wanted, rel_tol=1e-9, abs_tol=1e-15):
+        elif not math.isclose(value, target, rel_tol=1e-9, abs_tol=1e-15):
             return False
     return True

@@ -42,7 +42,7 @@ _NAME = TypeAdapter(Name)
 
 
 def names_a_study(name: str) -> bool:
-    """Whether a study may be called so. Such names are safe as names of files."""
+    """True for a valid name of a study. Valid names are safe as names of files."""
     try:
         _NAME.validate_python(name)
     except ValidationError:
@@ -69,7 +69,7 @@ _Vector = tuple[Coordinate, Coordinate, Coordinate]
 
 
 class Fill(Model):
-    """How the closed container is filled, once for all runs that share the packing."""
+    """Filling of the closed container, once for all runs that share the packing."""
 
     kind: Annotated[str, Among(STARTS)] = "rain"
     """Start of the grains: `rain`, a loose column of slow grains; `gas`, a denser one of fast grains; `planar`, a rain
@@ -106,7 +106,7 @@ class Fill(Model):
     if `settled_below` is stated or after a `dense` start."""
     # by default it is left out of what is stored
     surface_motion: Annotated[StrictBool, Field(exclude_if=lambda moves: not moves)] = False
-    """Whether surfaces of walls (`container.rotation`, `container.parts[].motion`) move already during filling."""
+    """Move surfaces of walls (`container.rotation`, `container.parts[].motion`) during filling too."""
     mobilise: Annotated[Mobilise | None, Field(exclude_if=lambda mobilise: mobilise is None)] = None
     """Motion of the bottom against the upright walls once the bed is at rest, which mobilises the friction of walls;
     then it comes to rest again. None: no such motion."""
@@ -194,7 +194,7 @@ class Window(Model):
 
     @property
     def timed(self) -> bool:
-        """Whether it is a window by time."""
+        """True for a window by time."""
         return self.until is not None
 
     def endless(self) -> "Window":
@@ -232,7 +232,7 @@ class Window(Model):
 
 
 class Stop(Model):
-    """When a discharge is stopped."""
+    """Conditions that stop a discharge."""
 
     discharged: Annotated[Ratio, Field(gt=0, le=1)] = LATEST + MARGIN
     """Stop at this discharged mass fraction, at least `window.end`; if left out: `window.end` + 0.05."""
@@ -264,11 +264,11 @@ class Accuracy(Model):
     numerics: Annotated[Ratio, Field(gt=0, lt=1)] | None = None
     """Relative margin of the equivalence test between swept numerics; none: no test."""
     count_suspect: StrictBool = False
-    """Whether suspect runs (by their ledger) take part in means and fits."""
+    """Use suspect runs (by their ledger) in means and fits too."""
 
 
 class Record(Model):
-    """Which runs keep their frames for a recording."""
+    """Recording: runs that keep frames, and the times between frames."""
 
     every: Duration | None = None
     """Time between two recorded frames, to the nearest time step. The first frame is at the opening."""
@@ -286,12 +286,12 @@ PerBed = Annotated[int | Literal["auto"], OrWord(Annotated[Whole, Field(ge=1, le
 
 
 class Settings(Model):
-    """What a study states once, for all its points."""
+    """Settings that a study states once, for all its points."""
 
     name: Name
     """Name of the study: letters, digits, - and _."""
     about: Annotated[str, Field(max_length=2000)] = ""
-    """What the study is for, in a sentence."""
+    """Purpose of the study, in a sentence."""
     replicates: Annotated[Whole, Field(ge=1, le=10_000)] = 1
     """Minimum number of beds per point; their seeds are 1, 2, 3 ..."""
     discharges_per_bed: PerBed = 1
@@ -311,7 +311,7 @@ class Settings(Model):
 
     @field_validator("fit")
     @classmethod
-    def _named(cls, laws: tuple[str, ...]) -> tuple[str, ...]:
+    def _law_names(cls, laws: tuple[str, ...]) -> tuple[str, ...]:
         return tuple(map(law_name, laws))
 
     @model_validator(mode="after")
@@ -343,8 +343,8 @@ class Settings(Model):
         if self.window.timed and "discharged" not in self.stop.model_fields_set:
             reason = f"by default a run stops once {self.stop.discharged:g} of the mass has left, whatever the window"
             yield Fault("stop.discharged", reason, "state it beside a window by time, for example 1")
-        stated = "end" in self.window.model_fields_set and "discharged" in self.stop.model_fields_set
-        if not self.window.timed and stated and self.stop.discharged < end:
+        both_ends = "end" in self.window.model_fields_set and "discharged" in self.stop.model_fields_set
+        if not self.window.timed and both_ends and self.stop.discharged < end:
             reason = f"a run that stops at {self.stop.discharged:g} does not reach the end of the window ({end:g})"
             yield Fault("stop.discharged", reason, f"use at least {end:g}, or end the window earlier")
         if self.record is not None and self.record.replicates > self.replicates:
@@ -377,8 +377,16 @@ class ReferenceEntry:
 
 @dataclass(frozen=True)
 class Statement:
-    """What a paper says without a number of its own: that `quantity` lies between `low` and `high` [SI] at the points
-    `at`; either end may be infinite. `says`: in its words; `unit`: SI."""
+    """Statement of a paper without a number of its own: a quantity lies between two bounds.
+
+    Args:
+        quantity: Name of the quantity.
+        at: Values of keys of the points that it speaks of [SI or word].
+        low: Lower bound [SI]; may be -inf.
+        high: Upper bound [SI]; may be inf.
+        says: The statement in the paper's words.
+        unit: SI unit of the quantity.
+    """
 
     quantity: str
     at: dict[str, float | str]

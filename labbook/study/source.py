@@ -1,5 +1,5 @@
-"""What a study says as plain values: read from YAML, with the line of every key, or given in Python; what cannot be
-read is a StudyError."""
+"""Text of a study as plain values: read from YAML, with the line of every key, or given in Python. Reading raises
+StudyError."""
 
 import os
 import re
@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import Any
 
 from labbook.scene.attached import StudyFolder
-from labbook.study.problems import Problem, StudyError, shown
+from labbook.study.problems import Problem, StudyError, quote
 
 MAX_BYTES = 2_000_000
 MAX_NODES = 100_000
@@ -50,19 +50,19 @@ def dotted(location: Location) -> str:
     return text.removeprefix(".")
 
 
-def given_path(path: Path | str, what: str) -> Path:
+def given_path(path: Path | str, name: str) -> Path:
     """A path that was given in Python, with the home folder in place of `~`. what: what it is of, for the error.
 
     Raises TypeError for what is no path, ValueError for an empty text or the home folder of an unknown user.
     """
     if not isinstance(path, str | PathLike):
-        raise TypeError(f"{what}: a path is needed, as text or a pathlib.Path, and not {path!r}")
+        raise TypeError(f"{name}: a path is needed, as text or a pathlib.Path, and not {path!r}")
     if not os.fspath(path):
-        raise ValueError(f"{what}: the path is empty (the current folder is '.')")
+        raise ValueError(f"{name}: the path is empty (the current folder is '.')")
     try:
         return Path(path).expanduser()
     except RuntimeError as error:
-        raise ValueError(f"{what}: {os.fspath(path)}: {error}; give the path from the root folder") from None
+        raise ValueError(f"{name}: {os.fspath(path)}: {error}; give the path from the root folder") from None
 
 
 def read(path: Path) -> StudyText:
@@ -85,19 +85,30 @@ def parsed(path: Path, text: str) -> tuple[dict[str, Any], dict[Location, int]]:
     return data, walker.lines
 
 
-def given(stated: Mapping[str, Any], keys: Mapping[str, Any]) -> StudyText:
+def text_of_keys(definition: Mapping[str, Any], keys: Mapping[str, Any]) -> StudyText:
     """A study given in Python, as a dict and by name. Raises StudyError for what a study cannot hold."""
-    giver = _Giver(_place({**stated, **keys}))
-    for key in sorted({*map(str, stated)} & {*keys}):
+    giver = _Giver(_place({**definition, **keys}))
+    for key in sorted({*map(str, definition)} & {*keys}):
         giver.problem((key,), "given twice", "keep one of the two")
-    return giver.source({**stated, **keys})
+    return giver.source({**definition, **keys})
 
 
-def changed(stated: Mapping[str, Any], changes: Mapping[str, Any], beside: StudyFolder) -> StudyText:
-    """What was `stated` with `changes` by dotted keys; None leaves a key out. `beside`: where its files are. Raises
-    StudyError."""
-    giver = _Giver(_place({**stated, **changes}))
-    data = dict(stated)
+def changed(definition: Mapping[str, Any], changes: Mapping[str, Any], beside: StudyFolder) -> StudyText:
+    """Change a study by dotted keys.
+
+    Args:
+        definition: Keys and values of the study.
+        changes: New values by dotted key; None removes a key.
+        beside: Folder of the files that the study names.
+
+    Returns:
+        The changed study as plain values.
+
+    Raises:
+        StudyError: A change contradicts another one or has no effect.
+    """
+    giver = _Giver(_place({**definition, **changes}))
+    data = dict(definition)
     changes = giver.keyed(changes, ())
     for key in changes:
         inside = next((other for other in changes if other.startswith(f"{key}.")), None)
@@ -110,24 +121,24 @@ def changed(stated: Mapping[str, Any], changes: Mapping[str, Any], beside: Study
     varied = _varied(data)
     for key in changes:
         if key in varied:
-            said = f"it is varied under {varied[key]}, so this changes nothing"
-            giver.problem((key,), said, f"change {varied[key]}, or remove it with None")
+            problem = f"it is varied under {varied[key]}, so this changes nothing"
+            giver.problem((key,), problem, f"change {varied[key]}, or remove it with None")
     return replace(giver.source(data), beside=beside.again())
 
 
-def written(stated: Mapping[str, Any]) -> str:
-    """What was stated as YAML: a section a line, unless it is long."""
+def as_yaml(definition: Mapping[str, Any]) -> str:
+    """Keys and values of a study as YAML: a section a line, unless it is long."""
     from ruamel.yaml import YAML
 
     writer, text = YAML(typ="safe", pure=True), StringIO()
     writer.default_flow_style, writer.width, writer.allow_unicode = None, 120, True
     writer.sort_base_mapping_type_on_output = False  # pyright: ignore[reportAttributeAccessIssue]
-    writer.dump(dict(stated), text)
+    writer.dump(dict(definition), text)
     return text.getvalue()
 
 
 def _place(data: Mapping[str, Any]) -> Path:
-    """What stands for the file of a study that has none, in messages."""
+    """Name in place of the file, for messages on a study made in Python."""
     name = data.get("name")
     return Path(f"study {name}" if isinstance(name, str) and re.fullmatch(r"[\w-]{1,80}", name) else "study")
 
@@ -142,8 +153,8 @@ def _put(data: dict[str, Any], key: str, value: Any, giver: "_Giver") -> None:
     for place, section in enumerate(sections):
         below = data.get(section, {})
         if not isinstance(below, Mapping):
-            known = ".".join(sections[: place + 1])
-            giver.problem((key,), f"{known} is not a section with keys", f"give {known} as a whole")
+            section_name = ".".join(sections[: place + 1])
+            giver.problem((key,), f"{section_name} is not a section with keys", f"give {section_name} as a whole")
             return
         data[section] = dict(below)
         data = data[section]
@@ -155,15 +166,15 @@ def _put(data: dict[str, Any], key: str, value: Any, giver: "_Giver") -> None:
 
 def _varied(data: Mapping[str, Any]) -> dict[str, str]:
     """Keys that a study varies, and under what: a value stated for one elsewhere would be without effect."""
-    found: dict[str, str] = {}
+    varied: dict[str, str] = {}
     sweep, points = data.get("sweep"), data.get("points")
     if isinstance(points, list | tuple):
-        found |= {str(key): "points" for point in points if isinstance(point, Mapping) for key in point}
+        varied |= {str(key): "points" for point in points if isinstance(point, Mapping) for key in point}
     if isinstance(sweep, Mapping):
         together = sweep.get("zip")
-        found |= {str(key): f"sweep.zip.{key}" for key in (together if isinstance(together, Mapping) else {})}
-        found |= {str(key): f"sweep.{key}" for key in sweep if key != "zip"}
-    return found
+        varied |= {str(key): f"sweep.zip.{key}" for key in (together if isinstance(together, Mapping) else {})}
+        varied |= {str(key): f"sweep.{key}" for key in sweep if key != "zip"}
+    return varied
 
 
 class _Giver:
@@ -181,13 +192,13 @@ class _Giver:
 
     def problem(self, location: Location, message: str, remedy: str) -> None:
         """Note something that is wrong at a place."""
-        self.problems.append(Problem(self.path, 0, shown(dotted(location)), message, remedy))
+        self.problems.append(Problem(self.path, 0, quote(dotted(location)), message, remedy))
 
     def _plain(self, value: Any, location: Location) -> Any:
         self._values += 1
         if self._values > MAX_NODES or len(location) > MAX_DEPTH:
             remedy = "write long lists as sweeps, or split the study"
-            raise StudyError([Problem(self.path, 0, shown(dotted(location)), "too many values, or too deep", remedy)])
+            raise StudyError([Problem(self.path, 0, quote(dotted(location)), "too many values, or too deep", remedy)])
         if value is None or type(value) in (str, bool, int, float):
             return value
         if isinstance(value, str):
@@ -201,15 +212,15 @@ class _Giver:
             return self._mapping(value, location)
         if isinstance(value, list | tuple | range):
             return [self._plain(one, (*location, index)) for index, one in enumerate(value)]
-        message = f"a study cannot hold {shown(value)}, of the type {type(value).__name__}"
+        message = f"a study cannot hold {quote(value)}, of the type {type(value).__name__}"
         self.problem(location, message, "give text, a number, true or false, a list or a dict")
         return None
 
     def keyed(self, value: Mapping[Any, Any], location: Location) -> dict[str, Any]:
-        """What has a text as its key; all else is a problem."""
+        """Entries whose key is a text; other keys are noted as problems."""
         for key in value:
             if not isinstance(key, str):
-                self.problem(location, f"{shown(key)} is not a key: keys are text", "write the key in quotes")
+                self.problem(location, f"{quote(key)} is not a key: keys are text", "write the key in quotes")
         return {key: one for key, one in value.items() if isinstance(key, str)}
 
     def _mapping(self, value: Mapping[Any, Any], location: Location) -> dict[str, Any]:
@@ -268,10 +279,10 @@ def _compose(path: Path, text: str):
     reader.Composer = Counting
     try:
         root = reader.compose(text)
-    except _TooMany as many:
+    except _TooMany as excess:
         message = f"more than {MAX_NODES} values"
         raise StudyError(
-            [Problem(path, many.line, "", message, "write long lists as sweeps, or split the study")]
+            [Problem(path, excess.line, "", message, "write long lists as sweeps, or split the study")]
         ) from None
     except RecursionError:
         raise StudyError([Problem(path, _deep(text), "", "nested too deeply", "use fewer levels")]) from None
@@ -279,7 +290,7 @@ def _compose(path: Path, text: str):
         mark = getattr(error, "problem_mark", None) or getattr(error, "context_mark", None)
         line = mark.line + 1 if mark is not None else text.count("\n", 0, getattr(error, "position", 0)) + 1
         reason = error.problem if isinstance(error, MarkedYAMLError) and error.problem else "unreadable"
-        message = f"not valid YAML: {shown(' '.join(str(reason).split()))}"
+        message = f"not valid YAML: {quote(' '.join(str(reason).split()))}"
         raise StudyError([Problem(path, line, "", message, _yaml_remedy(text, line))]) from None
     if root is None:
         raise StudyError([Problem(path, 1, "", "the file is empty", "`labbook new NAME` writes a study to begin with")])
@@ -372,7 +383,7 @@ class _Walker:
         if kind == "null":
             return None
         if kind not in ("bool", "int", "float") or not tag.startswith(_TAG):
-            self.problems.append(self._problem(node, location, f"the tag {shown(tag)} is unknown", "leave the tag out"))
+            self.problems.append(self._problem(node, location, f"the tag {quote(tag)} is unknown", "leave the tag out"))
             return None
         try:
             return getattr(self._constructor, f"construct_yaml_{kind}")(node)
@@ -380,4 +391,4 @@ class _Walker:
             return text
 
     def _problem(self, node: Any, location: Location, message: str, remedy: str) -> Problem:
-        return Problem(self.path, node.start_mark.line + 1, shown(dotted(location)), message, remedy)
+        return Problem(self.path, node.start_mark.line + 1, quote(dotted(location)), message, remedy)

@@ -159,7 +159,7 @@ class AccuracyKeys(TypedDict, total=False):
     numerics: object
     """Relative margin of the equivalence test between swept numerics; none: no test. Range: in (0, 1)."""
     count_suspect: object
-    """Whether suspect runs (by their ledger) take part in means and fits."""
+    """Use suspect runs (by their ledger) in means and fits too."""
 
 
 class WindowKeys(TypedDict, total=False):
@@ -687,7 +687,7 @@ class FillKeys(TypedDict, total=False):
     None: 1 % for rods and for spheres without rolling friction, which may roll for ever; else 0, and 0 if
     `settled_below` is stated or after a `dense` start. Range: in [0, 1]."""
     surface_motion: object
-    """Whether surfaces of walls (`container.rotation`, `container.parts[].motion`) move already during filling."""
+    """Move surfaces of walls (`container.rotation`, `container.parts[].motion`) during filling too."""
     max_time: object
     """Longest filling; a bed that moves after this time is an error [s]. Range: above 0."""
     stream: FillStreamKeys | object
@@ -724,7 +724,7 @@ class StudyKeys(TypedDict, total=False):
     name: object
     """Name of the study: letters, digits, - and _."""
     about: object
-    """What the study is for, in a sentence."""
+    """Purpose of the study, in a sentence."""
     replicates: object
     """Minimum number of beds per point; their seeds are 1, 2, 3 ... Range: of at least 1."""
     discharges_per_bed: object

@@ -13,7 +13,7 @@ from textwrap import fill
 from labbook.fit import LAWS
 from labbook.measure import MEASURES
 from labbook.study.keys import Key, all_keys
-from labbook.study.page import AGAIN, told
+from labbook.study.page import AGAIN, documented_keys
 from labbook.study.schema import TOP_KEYS
 
 _HEAD = '''"""The keys of a study as types. Generated from the models by `labbook.study.static`; do not edit.
@@ -27,7 +27,7 @@ from collections.abc import Mapping, Sequence
 from typing import Literal, TypeAlias, TypedDict
 
 '''
-_OTHER = {
+_TYPES = {
     "sweep": "Swept | object",
     "points": "Sequence[Swept | object] | object",
     "reference": "Mapping[str, object] | object",
@@ -61,10 +61,10 @@ class _Section:
         section.keys.setdefault(parts[-1], []).append(key)
 
 
-def written() -> str:
+def module_text() -> str:
     """The module `labbook.study.stated`."""
     root = _Section("")
-    for key in told():
+    for key in documented_keys():
         root.add(key)
     swept = [key.name.replace("*", "all") for key in all_keys() if key.sweepable]
     changed = [key.name.replace("*", "all") for key in all_keys() if "[]" not in key.name]
@@ -99,7 +99,7 @@ def _classes(section: _Section) -> Iterator[str]:
         elif name in section.keys:
             body.append(f"    {bare}: {_value_type(section.keys[name])}\n{_meaning(section.keys[name])}")
         else:
-            body.append(f"    {name}: {_OTHER[name] if name in _OTHER else _listed(section, name)}")
+            body.append(f"    {name}: {_TYPES[name] if name in _TYPES else _listed(section, name)}")
     yield "\n".join(body) + "\n"
 
 
@@ -155,4 +155,4 @@ def _wrapped(text: str, indent: str, further: str | None = None) -> str:
 
 
 if __name__ == "__main__":
-    Path(sys.argv[1]).write_text(written(), encoding="utf-8")
+    Path(sys.argv[1]).write_text(module_text(), encoding="utf-8")

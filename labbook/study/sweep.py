@@ -13,7 +13,7 @@ from typing import Any
 
 from labbook.scene.quantities import DIGITS, leading_number, whole
 from labbook.study.keys import find, nearest
-from labbook.study.problems import Problem, shown
+from labbook.study.problems import Problem, quote
 from labbook.study.source import Location, StudyText, dotted
 
 MAX_POINTS = 100_000
@@ -31,7 +31,7 @@ class Value:
     """
 
     raw: str | int | float | bool
-    said: str
+    text: str
     line: int
 
 
@@ -57,8 +57,8 @@ class Sweep:
         ]
         if self.size > MAX_POINTS:
             place = ("sweep",) if "sweep" in source.data else ("points",)
-            memory = f"a plan of them takes about {shown(f'{self.size * BYTES / 1e9:.3g}')} GB of memory"
-            message = f"{shown(str(self.size))} points are more than {MAX_POINTS}; {memory}"
+            memory = f"a plan of them takes about {quote(f'{self.size * BYTES / 1e9:.3g}')} GB of memory"
+            message = f"{quote(str(self.size))} points are more than {MAX_POINTS}; {memory}"
             self._problem(place, message, "sweep fewer values, or split the study")
 
     @property
@@ -89,7 +89,7 @@ class Sweep:
         columns = {key: values for key, values in columns.items() if values}
         lengths = {key: len(values) for key, values in columns.items()}
         if len(set(lengths.values())) > 1:
-            counts = ", ".join(f"{shown(key)}: {n}" for key, n in lengths.items())
+            counts = ", ".join(f"{quote(key)}: {n}" for key, n in lengths.items())
             self._problem(place, f"zipped lists differ in length ({counts})", "give each the same number of values")
             self.wrong.update(columns)
             return []
@@ -108,10 +108,10 @@ class Sweep:
             place = ("points", index)
             if not self._filled_mapping(point, place):
                 continue
-            known = [key for key in point if self._may_vary(key, (*place, key))]
-            kept = {key: value for key in known if (value := self._value(point[key], (*place, key))) is not None}
-            if kept:
-                listed.append(kept)
+            keys = [key for key in point if self._may_vary(key, (*place, key))]
+            assignment = {key: value for key in keys if (value := self._value(point[key], (*place, key))) is not None}
+            if assignment:
+                listed.append(assignment)
         return listed
 
     def _values(self, raw: Any, place: Location, distinct: bool = True) -> list[Value]:
@@ -130,16 +130,16 @@ class Sweep:
             return []
         if not values:
             self._problem(place, "the list is empty: nothing is swept", "list at least one value, or leave the key out")
-        found: dict[str, Value] = {}
-        kept: list[Value] = []
+        distinct_values: dict[str, Value] = {}
+        accepted: list[Value] = []
         for value in filter(None, values):
-            if distinct and repr(value.raw) in found:
-                message = f"{value.said} is listed twice"
+            if distinct and repr(value.raw) in distinct_values:
+                message = f"{value.text} is listed twice"
                 self.problems.append(self._at(value.line, place, message, "list each value once"))
                 continue
-            found[repr(value.raw)] = value
-            kept.append(value)
-        return kept
+            distinct_values[repr(value.raw)] = value
+            accepted.append(value)
+        return accepted
 
     def _value(self, raw: Any, place: Location) -> Value | None:
         if isinstance(raw, str | int | float | bool):
@@ -148,15 +148,17 @@ class Sweep:
         return None
 
     def _may_vary(self, key: str, place: Location) -> bool:
-        meant = find(key)
-        if not meant:
+        matches = find(key)
+        if not matches:
             inside: Any = self._source.data
             for part in place:
                 inside = inside[part]
-            named = [f"{key}.{name}" for name in inside if find(f"{key}.{name}")] if isinstance(inside, dict) else []
-            remedy = f"write dotted keys, such as {named[0]}: ..." if named else nearest(key)
+            dotted_keys = (
+                [f"{key}.{name}" for name in inside if find(f"{key}.{name}")] if isinstance(inside, dict) else []
+            )
+            remedy = f"write dotted keys, such as {dotted_keys[0]}: ..." if dotted_keys else nearest(key)
             self._problem(place, "there is no such key", remedy)
-        elif not any(known.sweepable for known in meant):
+        elif not any(known.sweepable for known in matches):
             self._problem(place, "this key cannot vary within a study", "state it once, or write two studies")
         else:
             return True
@@ -183,7 +185,7 @@ class Sweep:
 
     def _at(self, line: int, place: Location, message: str, remedy: str) -> Problem:
         self.wrong.update(part for part in place if isinstance(part, str))
-        return Problem(self._source.path, line, shown(dotted(place)), message, remedy)
+        return Problem(self._source.path, line, quote(dotted(place)), message, remedy)
 
 
 def _value(raw: str | int | float | bool, place: Location, line: int) -> Value:
@@ -193,7 +195,7 @@ def _value(raw: str | int | float | bool, place: Location, line: int) -> Value:
         raw = whole(raw)
     rounded = _rounded(raw)
     ratio = isinstance(raw, str) and "/" in raw
-    return Value(rounded, shown(raw if ratio else rounded), line)
+    return Value(rounded, quote(raw if ratio else rounded), line)
 
 
 def _rounded(raw: str | int | float | bool) -> str | int | float | bool:
@@ -213,7 +215,7 @@ def _mapping(value: Any) -> dict[str, Any]:
 
 
 def _scalar(text: str) -> str | int | float | bool:
-    """What YAML makes of a plain scalar that is a number, else the text."""
+    """Value of a plain YAML scalar: a number, else the text."""
     for kind in (int, float):
         try:
             return kind(text)

@@ -16,7 +16,14 @@ class NotWritten(Exception):
 
 @dataclass(frozen=True)
 class Parts:
-    """What the template of a container has of its own. `wall`: one of its walls; `start`: `fill.kind`."""
+    """Parts of a template that depend on the container.
+
+    Args:
+        about: Purpose of the study, in a sentence.
+        count: Number of grains.
+        wall: Name of one of the container's walls.
+        start: Value of `fill.kind`.
+    """
 
     about: str
     count: int

@@ -22,7 +22,7 @@ class TimeStepError(Exception):
         self.remedy, self.clash = remedy, clash
 
 
-def resolve(stated: object, scene: Scene, stiffness_scale: float, closed: Scene | None = None) -> float:
+def resolve(value: object, scene: Scene, stiffness_scale: float, closed: Scene | None = None) -> float:
     """The step [s] that `stated` (`2.5 us`, `0.1 rayleigh`, `0.02 collision`) means; None: the law's usual
     one, or less where that is near the largest stable step, which is that of `closed`, the scene of the filling, if
     it is less there.
@@ -35,23 +35,23 @@ def resolve(stated: object, scene: Scene, stiffness_scale: float, closed: Scene 
     limit = largest_stable_step(scaled)
     if closed is not None:
         limit = min(limit, largest_stable_step(closed.stiffened(stiffness_scale)))
-    if stated is None:
+    if value is None:
         usual = _part_of_a_scale(scene.contact.usual_step, scaled, remedy)
         assert usual is not None
         return min(usual, float(f"{WITHIN * limit:.6g}"))
-    if isinstance(stated, bool) or not isinstance(stated, str):
-        number = isinstance(stated, int | float) and not isinstance(stated, bool)
+    if isinstance(value, bool) or not isinstance(value, str):
+        number = isinstance(value, int | float) and not isinstance(value, bool)
         raise TimeStepError("the unit is missing" if number else "a time is needed", remedy)
-    step = _part_of_a_scale(stated, scaled, remedy)
+    step = _part_of_a_scale(value, scaled, remedy)
     if step is None:
         try:
-            step = parse(stated, "s", scene.grains.diameter)
+            step = parse(value, "s", scene.grains.diameter)
         except ValueError as error:
             raise TimeStepError(str(error), remedy) from None
     if not 0 < step <= limit:
         part = limit / collision(scaled)
-        shown, most = told_apart(step, limit, of_limit=3)
-        reason = f"a step of {shown} s is not between 0 and {most} s, above which beds do not come to rest"
+        step_text, limit_text = told_apart(step, limit, of_limit=3)
+        reason = f"a step of {step_text} s is not between 0 and {limit_text} s, above which beds do not come to rest"
         remedy = f"use at most {_rounded_down(part):g} collision, or leave numerics.dt out"
         raise TimeStepError(reason, remedy, clash=True)
     return step
@@ -63,9 +63,9 @@ def _rounded_down(part: float) -> float:
     return float(f"{math.floor(part / unit) * unit:.2g}")
 
 
-def _part_of_a_scale(stated: str, scene: Scene, remedy: str) -> float | None:
+def _part_of_a_scale(text: str, scene: Scene, remedy: str) -> float | None:
     """The step, or None if `stated` names no time scale."""
-    match = _FRACTION.fullmatch(stated)
+    match = _FRACTION.fullmatch(text)
     if match is None:
         return None
     number, name = match.groups()

@@ -1,4 +1,4 @@
-"""Where the window and the run end if a study does not say so: while the bed is high enough for a steady flow.
+"""Default ends of the window and of the run: the bed has to be high enough for a steady flow.
 
 Walls carry the weight of a bed that is higher than wide (Janssen 1895), so that its flow does not depend on its height:
 above HIGH widths as `labbook verify flow-height` measures it. Below that the flow of a discharge drifts.
@@ -33,10 +33,10 @@ def resolved(settings: Settings, points: Sequence[Point]) -> tuple[Window, Stop]
 
 def _end(stop: Stop, scenes: Iterable[Scene]) -> float:
     """Discharged fraction at which the lowest of the beds is still high enough, in whole steps."""
-    known = [fraction for scene in scenes if (fraction := high_until(scene)) is not None]
-    end = math.floor(min([LATEST, *known]) / _STEP + 1e-9) * _STEP
-    most = stop.discharged if "discharged" in stop.model_fields_set else 1.0
-    return min(round(max(end, EARLIEST), 9), most)
+    fractions = [fraction for scene in scenes if (fraction := high_until(scene)) is not None]
+    end = math.floor(min([LATEST, *fractions]) / _STEP + 1e-9) * _STEP
+    latest = stop.discharged if "discharged" in stop.model_fields_set else 1.0
+    return min(round(max(end, EARLIEST), 9), latest)
 
 
 def high_until(scene: Scene) -> float | None:

@@ -14,7 +14,7 @@ from labbook.backend.numerics import Numerics
 from labbook.backend.probes import Crossing, Ledger, Probe, Table
 from labbook.checks.verify.stand import rows_of
 from labbook.checks.verify.symmetry import DT, hopper
-from labbook.filling.opening import opened
+from labbook.filling.opening import start_of_discharge
 from labbook.filling.placing import place
 from labbook.scene import Scene
 from labbook.scene.packing import Packing
@@ -92,4 +92,4 @@ def silo(stand) -> Silo:
     ensemble.advance(4)
     fallen = ensemble.packing(member)
     ensemble.close()
-    return Silo(stand, hopper(), opened(fallen, closed, hopper()))
+    return Silo(stand, hopper(), start_of_discharge(fallen, closed, hopper()))

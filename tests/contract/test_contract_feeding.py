@@ -9,7 +9,7 @@ from labbook.backend.probes import Crossing, Ledger
 from labbook.checks.verify.mixture import graded_hopper
 from labbook.checks.verify.stand import rows_of
 from labbook.checks.verify.symmetry import DT
-from labbook.filling import Feeder, Refill, opened, place, refill
+from labbook.filling import Feeder, Refill, place, refill, start_of_discharge
 from labbook.scene import CylinderSilo, Feed, LinearSpringDashpot, Packing, Scene, Spherocylinders
 
 BEATS = 24
@@ -241,7 +241,7 @@ def test_grains_come_back_as_what_they_were(stand, scene, dt):
         pytest.skip("one precision of a backend is enough")
     scene, numerics = scene.model_copy(update={"feed": FED}), stand.numerics(dt, steps_per_beat=500)
     closed = scene.close()
-    start = opened(place(closed, "gas", 1), closed, scene)
+    start = start_of_discharge(place(closed, "gas", 1), closed, scene)
     fed = Feeder(scene, start, "gas", 1)
     ensemble = stand.backend.open(stand.backend.specialise(scene, numerics, PROBES), 1, stand.device)
     try:

@@ -14,7 +14,7 @@ from labbook.backend.probes import Crossing, Ledger
 from labbook.checks.verify.bed import DT
 from labbook.checks.verify.mixture import graded_hopper
 from labbook.checks.verify.stand import rows_of
-from labbook.filling import opened, place
+from labbook.filling import place, start_of_discharge
 from labbook.scene import Bodies
 
 
@@ -29,7 +29,7 @@ def flowing(stand):
     ensemble = stand.backend.open(spec, 1, stand.device)
     member = ensemble.admit(closed, numerics, place(closed, "gas", 1))
     ensemble.advance(30)
-    start = opened(ensemble.packing(member), closed, scene)
+    start = start_of_discharge(ensemble.packing(member), closed, scene)
     ensemble.close()
     probes = [Crossing(), Ledger()]
     ensemble = stand.backend.open(stand.backend.specialise(scene, numerics, probes), 2, stand.device)

@@ -4,7 +4,7 @@ import numpy as np
 
 from labbook.backend.probes import Crossing, Ledger
 from labbook.checks.verify.symmetry import DT, hopper
-from labbook.filling import opened, place
+from labbook.filling import place, start_of_discharge
 
 
 def _across(packing) -> np.ndarray:
@@ -26,7 +26,7 @@ def test_a_planar_bed_never_leaves_its_plane(stand):
     assert not np.any(bed.pair_spring[:, 1])
     assert np.any(bed.omega[:, 1])
     ensemble = stand.backend.open(stand.backend.specialise(scene, numerics, probes), 1, stand.device)
-    flowing = ensemble.admit(scene, numerics, opened(bed, closed, scene))
+    flowing = ensemble.admit(scene, numerics, start_of_discharge(bed, closed, scene))
     ensemble.advance(16)
     rest = ensemble.packing(flowing)
     ensemble.close()

@@ -13,7 +13,7 @@ from labbook.checks.verify.rods import rods as rods_alone
 from labbook.checks.verify.rods import rods_at
 from labbook.checks.verify.stand import rows_of
 from labbook.checks.verify.symmetry import hopper
-from labbook.filling import opened, place
+from labbook.filling import place, start_of_discharge
 from labbook.scene import CylinderSilo, LinearSpringDashpot, Packing, Primitives, Scene, Spherocylinders
 from labbook.scene.orientation import axes
 
@@ -65,7 +65,7 @@ def bed(rods: Bundled) -> Packing:
     """Rods that have fallen into the closed silo and still move."""
     closed = silo(rods).close()
     end, _, _ = run(rods, closed, place(closed, "gas", 1), (round(FALLEN * rods.part),), (LEDGER,))
-    return opened(end, closed, silo(rods))
+    return start_of_discharge(end, closed, silo(rods))
 
 
 @pytest.fixture(scope="module")

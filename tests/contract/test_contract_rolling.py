@@ -12,7 +12,7 @@ from stands import identical
 from labbook.backend import load
 from labbook.checks.verify.materials import D, G, hertz
 from labbook.checks.verify.symmetry import DT, SOFT
-from labbook.filling import opened, place
+from labbook.filling import place, start_of_discharge
 from labbook.scene import Kind, Scene, Spheres, WedgeHopper
 from labbook.scene.packing import Packing
 
@@ -41,7 +41,7 @@ def bed(request, stand):
     ensemble = stand.backend.open(stand.backend.specialise(closed, numerics), 1, stand.device)
     member = ensemble.admit(closed, numerics, place(closed, "gas", 1))
     ensemble.advance(26)
-    start = opened(ensemble.packing(member), closed, scene)
+    start = start_of_discharge(ensemble.packing(member), closed, scene)
     ensemble.close()
     ensemble = stand.backend.open(stand.backend.specialise(scene, numerics), 2, stand.device)
     yield scene, numerics, start, ensemble

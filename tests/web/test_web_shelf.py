@@ -114,8 +114,8 @@ def test_results_are_found_once_while_nothing_changes(copied, monkeypatch):
 
     from labbook_web import shelf as module
 
-    results = module.kept
-    monkeypatch.setattr(module, "kept", counted)
+    results = module.stored_results
+    monkeypatch.setattr(module, "stored_results", counted)
     monkeypatch.setattr(module, "SPARED", 0)
     shelf = Shelf(copied / "lab")
     for _ in range(3):

@@ -25,7 +25,7 @@ from labbook.lab import Catalogue, LabError, LabFolder, notes, studies
 from labbook.lab.catalogue import StudyCount
 from labbook.lab.notes import Note
 from labbook.plan.coverage import RequestedRun, requested_runs
-from labbook.results.find import kept
+from labbook.results.find import stored_results
 from labbook.run.live import Running, running
 from labbook.study import Study, StudyError, load
 
@@ -246,13 +246,15 @@ class Shelf:
 
         def find() -> Found:
             kind = partial(Results, place=self.lab, backend=backend)
-            results = kept(study, self.catalogue, backend, self._demands(path, study, backend), kind)
+            results = stored_results(study, self.catalogue, backend, self._demands(path, study, backend), kind)
             compared, packings_of = self._compared(study), ""
             for first, second in (one.verdict.entrants for one in compared if not results.points):
                 if second.called == backend and first.called == first.name:
                     with suppress(BackendMissing, CannotCompare):
                         packings = Side(load_backend(first.name), first.device).packings(study)
-                        results = kept(study, self.catalogue, backend, requested_runs(study, backend, packings), kind)
+                        results = stored_results(
+                            study, self.catalogue, backend, requested_runs(study, backend, packings), kind
+                        )
                         packings_of = first.name if results.points else ""
             return Found(study, text, backend, results, compared, packings_of)
 

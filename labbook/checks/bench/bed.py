@@ -15,7 +15,7 @@ from labbook.checks.bench.order import Order, fit_order
 from labbook.checks.bench.speed import pongo
 from labbook.checks.verify.materials import EVERY_LAW, G, spheres
 from labbook.checks.verify.stand import MemberStart, Stand, require
-from labbook.filling.opening import opened
+from labbook.filling.opening import start_of_discharge
 from labbook.filling.placing import place
 from labbook.scene import CylinderSilo, Scene, Spherocylinders
 from labbook.scene.packing import Packing
@@ -92,7 +92,7 @@ def settle(backend: Backend, scene: Scene, device: str = "cpu") -> Packing:
 
 def converge(stand: Stand, label: str, scene: Scene, bed: Packing, say: Callable[[str], None]) -> BedConvergence:
     """Measure the error of a bed after its outlet opens; `bed` rests in the closed container."""
-    start, unit = opened(bed, scene.close(), scene), math.sqrt(scene.gravity * scene.grains.diameter)
+    start, unit = start_of_discharge(bed, scene.close(), scene), math.sqrt(scene.gravity * scene.grains.diameter)
     coarsest, d = collision(scene) / COARSEST, scene.grains.diameter
     count = round(FOLLOWED * math.sqrt(d / scene.gravity) / coarsest)
     exact = Stand(stand.backend, "double", stand.device)

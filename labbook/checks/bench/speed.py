@@ -20,7 +20,7 @@ from labbook.backend import Backend, Failed, Settled, load
 from labbook.backend.machine import cores, hardware
 from labbook.backend.numerics import Numerics
 from labbook.backend.probes import Crossing, Probe
-from labbook.filling.opening import opened
+from labbook.filling.opening import start_of_discharge
 from labbook.filling.placing import place
 from labbook.scene import (
     Box,
@@ -157,7 +157,7 @@ def _settled_and_flowing(
 ) -> list[Rate]:
     """Measure the rates of a bed in the closed container, and of its discharge after `outflow` [s]."""
     closed = scene.close()
-    start = opened(bed, closed, scene)
+    start = start_of_discharge(bed, closed, scene)
     rates = []
     for precision in precisions:
         numerics = step.model_copy(update={"precision": precision})

@@ -20,7 +20,7 @@ from labbook.checks.compare.sides import Pair, Side, from_shared
 from labbook.checks.compare.verdict import Divergence
 from labbook.export.frames import FRAMES, at_opening, frames_of, top_speed
 from labbook.export.recording import above_bar, front_view, log_bar, log_grains, need_rerun, written
-from labbook.filling import opened
+from labbook.filling import start_of_discharge
 from labbook.lab.folder import LabFolder
 from labbook.lab.packings import load_packing
 from labbook.plan.demand import Demand
@@ -83,7 +83,7 @@ def side_by_side(
     """
     shared = demand.shared
     packing = load_packing(lab.packing(demand.keys(pair[0].can).packing))
-    start = opened(packing, shared.closed, shared.scene)
+    start = start_of_discharge(packing, shared.closed, shared.scene)
     beat = {"steps_per_beat": max(1, round(every / shared.numerics.dt))}
     numerics = shared.numerics.model_copy(update=beat)
     with (
@@ -204,7 +204,7 @@ def record(study: Study, point: Point, lab: LabFolder, pair: Pair, seconds: floa
     keys = [demand.keys(side.can) for demand, side in zip(demands, pair, strict=True)]
     scene, names = point.scene, [side.entrant.called for side in pair]
     fields = film_probe(seconds / FRAMES, scene.grains).fields
-    start = opened(load_packing(lab.packing(keys[0].packing)), demands[0].shared.closed, scene)
+    start = start_of_discharge(load_packing(lab.packing(keys[0].packing)), demands[0].shared.closed, scene)
     frames = [
         frame for frame in side_by_side(pair, demands[0], lab, seconds / FRAMES, seconds, fields) if not frame.over
     ]

@@ -9,7 +9,7 @@ from labbook.backend.probes import Crossing
 from labbook.checks.verify.case import Case, limited
 from labbook.checks.verify.materials import D, G, hertz, scene
 from labbook.checks.verify.stand import MemberStart, Stand, require
-from labbook.filling.opening import opened
+from labbook.filling.opening import start_of_discharge
 from labbook.filling.placing import place
 from labbook.scene import Scene, WedgeHopper
 
@@ -38,7 +38,9 @@ def passages(stand: Stand, scenes: Sequence[Scene]) -> list[np.ndarray]:
     settled = stand.run_all(starts, 60, until_event=True)
     opens = [s for s in scenes for _ in SEEDS]
     discharges = stand.run_all(
-        [MemberStart(s, DT, opened(m.end, m.scene, s)) for s, m in zip(opens, settled, strict=True)], 40, probes=[OUT]
+        [MemberStart(s, DT, start_of_discharge(m.end, m.scene, s)) for s, m in zip(opens, settled, strict=True)],
+        40,
+        probes=[OUT],
     )
     times = []
     for motion in discharges:

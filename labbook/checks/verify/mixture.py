@@ -14,7 +14,7 @@ from labbook.checks.verify.case import Case, limited
 from labbook.checks.verify.materials import LAWS, D, G, floor, hertz, room
 from labbook.checks.verify.stand import MemberStart, Motion, Stand, require
 from labbook.checks.verify.symmetry import difference
-from labbook.filling import opened, place
+from labbook.filling import place, start_of_discharge
 from labbook.scene import (
     Between,
     Bodies,
@@ -211,7 +211,7 @@ def _flows(stand: Stand, start: Packing, steps: int) -> Motion:
 def _renumbers(stand: Stand) -> Mapping[str, float]:
     closed = graded_hopper().close()
     fallen = stand.run(MemberStart(closed, DT / 2, place(closed, "gas", 1)), 30).end
-    start = opened(fallen, closed, graded_hopper())
+    start = start_of_discharge(fallen, closed, graded_hopper())
     order = np.random.default_rng(4).permutation(len(start))
     ends = [_flows(stand, packing, 1000).end for packing in (start, start.renumbered(order))]
     moved = difference(start, ends[0])

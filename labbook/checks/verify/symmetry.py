@@ -9,7 +9,7 @@ from labbook.backend.probes import Crossing
 from labbook.checks.verify.case import Case, limited
 from labbook.checks.verify.materials import D, G, hertz, scene, spheres
 from labbook.checks.verify.stand import MemberStart, Motion, Stand, require
-from labbook.filling.opening import opened
+from labbook.filling.opening import start_of_discharge
 from labbook.filling.placing import place
 from labbook.scene import Primitives, Scene, SurfaceMotion, Wall, WedgeHopper
 from labbook.scene.packing import Packing
@@ -34,7 +34,7 @@ def fallen(stand: Stand) -> tuple[Scene, Packing]:
     """Let grains fall into the closed hopper, and open it while they still move."""
     closed = hopper().close()
     motion = stand.run(MemberStart(closed, DT, place(closed, "gas", 1)), 4)
-    return hopper(), opened(motion.end, closed, hopper())
+    return hopper(), start_of_discharge(motion.end, closed, hopper())
 
 
 def discharge(stand: Stand, scene: Scene, start: Packing, dt: float = DT, steps: int = 3000) -> Motion:

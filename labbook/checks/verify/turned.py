@@ -10,7 +10,7 @@ from labbook.checks.verify.case import Case, limited
 from labbook.checks.verify.rods import ROD
 from labbook.checks.verify.stand import MemberStart, Stand, require
 from labbook.checks.verify.symmetry import mirrored
-from labbook.filling.opening import opened
+from labbook.filling.opening import start_of_discharge
 from labbook.filling.placing import place
 from labbook.scene import CylinderSilo, LinearSpringDashpot, Scene
 from labbook.scene.packing import Packing
@@ -43,7 +43,7 @@ def _compare(stand: Stand, transform, scene: Scene, inverse) -> Mapping[str, flo
     """Largest differences in position [d] between a discharge and its transformed image, by time."""
     closed = silo().close()
     fallen = stand.run(MemberStart(closed, DT, place(closed, "gas", 1)), 30).end
-    start, errors = opened(fallen, closed, silo()), {}
+    start, errors = start_of_discharge(fallen, closed, silo()), {}
     for name, steps in LATER.items():
         original = stand.run(MemberStart(silo(), DT, start), 1, steps).end
         image = stand.run(MemberStart(scene, DT, transform(start)), 1, steps).end

@@ -39,38 +39,38 @@ def compare(
     as_json: bool,
 ) -> None:
     """Print the verdict on two backends, made now or stored; exit with 1 if they differ."""
-    asked, failed = read_study(study), []
+    definition, failed = read_study(study), []
     try:
-        path = path_of(LabFolder(lab), asked.name, *names_of(backends, precisions))
+        path = path_of(LabFolder(lab), definition.name, *names_of(backends, precisions))
         if show:
             verdict = Verdict.read(path)
         else:
             sides = backends, devices, precisions
-            verdict, failed = _made(asked, LabFolder(lab), sides, margin, replicates, point or [], record, path)
+            verdict, failed = _compare(definition, LabFolder(lab), sides, margin, replicates, point or [], record, path)
     except CannotCompare as problem:
         fail(problem)
     except NoVerdict as problem:
         sides = ["--backends", backends, *(["--precisions", precisions] if precisions else [])]
         fail(f"{problem}; make one: {command('compare', study, *sides, lab=lab)}")
-    _tell(verdict, asked, path.parent, as_json)
+    _tell(verdict, definition, path.parent, as_json)
     for why in failed:
         say(f"Failed: {why}", err=True)
     if failed or verdict.finding == "different":
         raise typer.Exit(1)
 
 
-def _made(asked, lab, sides, margin, replicates, points: list[int], seconds: float | None, path: Path):
+def _compare(definition, lab, sides, margin, replicates, points: list[int], seconds: float | None, path: Path):
     """The verdict and what failed; everything that is missing is made."""
     console = screen(stderr=True, highlight=False, markup=False)
     try:
         pair = parse(*sides)
-        study = select_points(asked, [number - 1 for number in points], replicates)
+        study = select_points(definition, [number - 1 for number in points], replicates)
         with Bar(console) as bar:
             verdict, failed = compared(study, lab, pair, margin, bar, lambda what: console.print(what, style="dim"))
         save(shown.figure(verdict), path.with_suffix(""))
         if seconds is not None:
-            made = record_both(study, study.points[0], lab, pair, seconds, path.with_suffix(".rrd"))
-            console.print(f"Recording: {made}")
+            recording = record_both(study, study.points[0], lab, pair, seconds, path.with_suffix(".rrd"))
+            console.print(f"Recording: {recording}")
     except (BackendMissing, Unsupported, Conflict, MeasureError, ViewerMissing) as problem:
         fail(problem)
     except Stopped as stopped:
@@ -86,9 +86,9 @@ def _made(asked, lab, sides, margin, replicates, points: list[int], seconds: flo
     return verdict, failed
 
 
-def _tell(verdict: Verdict, asked, folder: Path, as_json: bool) -> None:
+def _tell(verdict: Verdict, definition, folder: Path, as_json: bool) -> None:
     """Print a verdict."""
-    reasons = stale(verdict, asked)
+    reasons = stale(verdict, definition)
     if as_json:
         plain = {"finding": verdict.finding, "stale": reasons, **verdict.model_dump(mode="json")}
         typer.echo(json.dumps(plain, indent=2, allow_nan=False))

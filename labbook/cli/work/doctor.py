@@ -1,4 +1,4 @@
-"""What is installed, which backends work here, and whether a folder can hold a lab."""
+"""Installed packages, backends that work here, and tests of a folder that shall hold a lab."""
 
 import json
 from dataclasses import asdict
@@ -28,12 +28,12 @@ def doctor(as_json: bool, kernel: Path | None, point: int, backend: str, lab: Pa
         typer.echo(_kernel(kernel, point, backend), nl=False)
         return
     with saying("looking around") as say:
-        found = examine(say)
+        examination = examine(say)
     if as_json:
-        print(json.dumps(found.as_dict(), indent=2))
+        print(json.dumps(examination.as_dict(), indent=2))
     else:
-        _show(found)
-    if not any(backend.works for backend in found.backends):
+        _show(examination)
+    if not any(backend.works for backend in examination.backends):
         raise typer.Exit(1)
 
 
@@ -53,11 +53,11 @@ def _examine_lab(lab: Path, peer: bool, as_json: bool) -> None:
 
 
 def _show_checks(lab: Path, checks: list[disk.Check]) -> None:
-    shown = Table("test", "works", "note", title=escape(str(lab)), title_justify="left")
+    table = Table("test", "works", "note", title=escape(str(lab)), title_justify="left")
     for check in checks:
         style = None if check.works else "bold red"
-        shown.add_row(check.name, "yes" if check.works else "no", escape(check.note), style=style)
-    screen().print(shown)
+        table.add_row(check.name, "yes" if check.works else "no", escape(check.note), style=style)
+    screen().print(table)
 
 
 def _kernel(study: Path, point: int, backend: str) -> str:
@@ -67,18 +67,20 @@ def _kernel(study: Path, point: int, backend: str) -> str:
         fail(error)
 
 
-def _show(found: Examination) -> None:
+def _show(examination: Examination) -> None:
     console = screen()
-    console.print(f"labbook {found.version}, Python {found.hardware['python']} on {found.hardware['processor']}")
-    console.print(f"GPU and driver: {found.hardware['gpu'] or 'none found'}")
-    for backend, versions in found.versions.items():
+    console.print(
+        f"labbook {examination.version}, Python {examination.hardware['python']} on {examination.hardware['processor']}"
+    )
+    console.print(f"GPU and driver: {examination.hardware['gpu'] or 'none found'}")
+    for backend, versions in examination.versions.items():
         console.print(f"{backend}: " + ", ".join(f"{what} {version}" for what, version in versions.items()))
     packages = Table("package", "version", "needed for")
-    for package in found.packages:
+    for package in examination.packages:
         packages.add_row(package.name, package.version or "not installed", package.purpose)
     console.print(packages)
     backends = Table("backend", "device", "description", "works", "precisions", "laws", "note")
-    for backend in found.backends:
+    for backend in examination.backends:
         backends.add_row(
             backend.name,
             backend.device,

@@ -27,30 +27,30 @@ from labbook.results.reference import at_series
 from labbook.results.surface import NoSurface
 
 
-def show(found: Results, as_json: bool) -> None:
+def show(results: Results, as_json: bool) -> None:
     """Print flow rates, fits, comparisons and statements as tables or as JSON."""
     if as_json:
-        typer.echo(to_json(found))
+        typer.echo(to_json(results))
         return
     console = screen(highlight=False)
-    console.print(found.study.name, style="bold", markup=False)
-    for sentence in summary(found):
+    console.print(results.study.name, style="bold", markup=False)
+    for sentence in summary(results):
         console.print(sentence, markup=False)
-    print_table(console, tables.flow_table(found), "Flow rates")
-    if found.numerical:
-        print_table(console, numerical_table(found.numerical), "Do numerics matter?")
-    further = tables.further_table(found)
+    print_table(console, tables.flow_table(results), "Flow rates")
+    if results.numerical:
+        print_table(console, numerical_table(results.numerical), "Do numerics matter?")
+    further = tables.further_table(results)
     if further is not None:
         print_table(console, further, "Further measurements")
-    for series in found.series:
+    for series in results.series:
         where = f" at {series.label}" if series.label else ""
         for law, fitted in series.fits.items():
             print_table(
                 console,
-                fit_table(law, fitted, at_series(found.comparisons, law, series), found.source),
+                fit_table(law, fitted, at_series(results.comparisons, law, series), results.source),
                 f"{display.law(law)}{where}: {fitted.law.formula}",
             )
-        further_tables, failed = tables_of_all(found, series, where)
+        further_tables, failed = tables_of_all(results, series, where)
         for title, table in further_tables:
             print_table(console, table, title)
         for problem in failed:
@@ -59,7 +59,7 @@ def show(found: Results, as_json: bool) -> None:
             console.print(f"Not fitted{where}: {problem}.", markup=False)
         if series.verdict:
             console.print(series.verdict, markup=False)
-    for series in clogging(found):
+    for series in clogging(results):
         where = f" at {series.series.label}" if series.series.label else ""
         print_table(console, clogging_table(series), f"Clogging{where}")
         for fit, table in zip(series.fits, law_tables(series), strict=True):
@@ -68,14 +68,14 @@ def show(found: Results, as_json: bool) -> None:
             None, (*series.doubts, *(f"Not fitted{where}: {problem}." for problem in series.problems), series.verdict)
         ):
             console.print(line, markup=False)
-    if digest := statement_digest(found.judged):
-        print_table(console, digest, f"Statements of {found.source}")
-        if open_ones := [one for one in found.judged if one.verdict != "holds"]:
+    if digest := statement_digest(results.judged):
+        print_table(console, digest, f"Statements of {results.source}")
+        if open_ones := [one for one in results.judged if one.verdict != "holds"]:
             print_table(console, statement_table(open_ones), "Statements that do not hold or are undecided")
-    elif found.judged:
-        print_table(console, statement_table(found.judged), f"Statements of {found.source}")
-    if found.comparisons:
-        print_table(console, tables.comparison_table(found.comparisons), f"Beside {found.source}")
+    elif results.judged:
+        print_table(console, statement_table(results.judged), f"Statements of {results.source}")
+    if results.comparisons:
+        print_table(console, tables.comparison_table(results.comparisons), f"Beside {results.source}")
 
 
 def answer(results: Results, want: str, over: str | None, at: Sequence[str], as_json: bool) -> None:

@@ -56,12 +56,12 @@ def _sweep(
     )
 
 
-def _say(made: FilmFile, shot: Shot) -> None:
-    width, height = made.pixels
-    size = made.path.stat().st_size / 1e6
-    say(f"Film: {made.path} ({made.frames} frames, {made.seconds:g} s, {width} x {height}, {size:.2g} MB)")
-    if made.frames / made.seconds < _FLUENT:
-        rate, every = made.frames / made.seconds, shot.end / (_FLUENT * made.seconds)
+def _say(film: FilmFile, shot: Shot) -> None:
+    width, height = film.pixels
+    size = film.path.stat().st_size / 1e6
+    say(f"Film: {film.path} ({film.frames} frames, {film.seconds:g} s, {width} x {height}, {size:.2g} MB)")
+    if film.frames / film.seconds < _FLUENT:
+        rate, every = film.frames / film.seconds, shot.end / (_FLUENT * film.seconds)
         say(f"  {rate:.2g} frames a second: record: {{every: {1e3 * every:.2g} ms}} makes it flow, or fewer --seconds")
 
 

@@ -26,7 +26,7 @@ from labbook.scene.quantities import percent, size
 
 _ROWS, _LABELS = 30, 3
 """Rows of the table of steps, and points that are named in each."""
-_MOST = 500
+_RUNS = 500
 """Rows of the table of runs."""
 _LARGE = 1e9
 """Memory of a run [bytes] from which on it is told."""
@@ -34,21 +34,21 @@ _LARGE = 1e9
 
 def plan(study: Path, lab: Path, backend: str, device: str, as_json: bool) -> None:
     """Print the runs that a study still needs, with the forecast and warnings."""
-    asked = read_study(study)
+    definition = read_study(study)
     try:
-        made = Lab(lab, backend, device).plan(asked)
+        result = Lab(lab, backend, device).plan(definition)
     except (BackendMissing, NoCatalogue, Unsupported, Conflict, MeasureError, TooLarge) as problem:
         fail(problem)
     except ImportError as missing:
         fail(f"the backend {backend} cannot be loaded ({missing}); try: pip install 'labbook[{backend}]'")
-    assert made.forecast is not None
+    assert result.forecast is not None
     if as_json:
-        shown = {**plain(made, made.forecast), "warnings": list(made.warnings)}
-        if made.pilot is not None and made.pilot.forecast is not None:
-            shown["pilot"] = plain(made.pilot, made.pilot.forecast)
-        typer.echo(json.dumps(shown, indent=2, allow_nan=False))
+        document = {**plain(result, result.forecast), "warnings": list(result.warnings)}
+        if result.pilot is not None and result.pilot.forecast is not None:
+            document["pilot"] = plain(result.pilot, result.pilot.forecast)
+        typer.echo(json.dumps(document, indent=2, allow_nan=False))
     else:
-        _show(made)
+        _show(result)
 
 
 def plain(plan: Plan, ahead: Forecast) -> dict[str, Any]:
@@ -103,13 +103,13 @@ def plain(plan: Plan, ahead: Forecast) -> dict[str, Any]:
 
 def spans(seeds: Iterable[int]) -> str:
     """Whole numbers in few words: `1-3, 5` for 1, 2, 3 and 5."""
-    found: list[list[int]] = []
+    ranges: list[list[int]] = []
     for seed in sorted(seeds):
-        if found and seed == found[-1][-1] + 1:
-            found[-1][1:] = [seed]
+        if ranges and seed == ranges[-1][-1] + 1:
+            ranges[-1][1:] = [seed]
         else:
-            found.append([seed])
-    return ", ".join("-".join(map(str, span)) for span in found)
+            ranges.append([seed])
+    return ", ".join("-".join(map(str, span)) for span in ranges)
 
 
 def _show(plan: Plan) -> None:
@@ -123,8 +123,8 @@ def _show(plan: Plan) -> None:
         table.add_column(heading, no_wrap=heading == "state", overflow="fold")
     colours = {"done": "green", "partial": "yellow", "stale": "yellow", "missing": "default"}
     for number, ((label, state, reason), seeds) in enumerate(groups.items()):
-        if number == _MOST:
-            table.add_row(f"and {len(groups) - _MOST} more (--json lists all)", "", "", "")
+        if number == _RUNS:
+            table.add_row(f"and {len(groups) - _RUNS} more (--json lists all)", "", "", "")
             break
         several = f" ({len(seeds)} runs)" if len(seeds) > len({*seeds}) else ""
         table.add_row(escape(label), spans({*seeds}) + several, f"[{colours[state]}]{state}[/]", escape(reason))
@@ -157,14 +157,14 @@ def _physics(plan: Plan) -> Table:
         table.add_column(heading, overflow="fold", justify="left" if heading == "point" else "right")
     rows: dict[tuple[str, ...], list[str]] = {}
     for point in plan.points:
-        one = outline(point.shared)
+        numbers = outline(point.shared)
         row = (
-            f"{one.dt * 1e6:.3g} µs",
-            percent(one.dt / one.limit, ".0f"),
-            _count(one.fill_steps),
-            _count(one.steps),
-            "–" if one.ratio is None else f"{one.ratio:.3g}{_size(point, sizes)}",
-            "–" if one.height is None else f"{one.height * 1e3:.3g} mm",
+            f"{numbers.dt * 1e6:.3g} µs",
+            percent(numbers.dt / numbers.limit, ".0f"),
+            _count(numbers.fill_steps),
+            _count(numbers.steps),
+            "–" if numbers.ratio is None else f"{numbers.ratio:.3g}{_size(point, sizes)}",
+            "–" if numbers.height is None else f"{numbers.height * 1e3:.3g} mm",
         )
         rows.setdefault(row, []).append(point.shared.point.label)
     for number, (row, labels) in enumerate(rows.items()):
@@ -173,6 +173,6 @@ def _physics(plan: Plan) -> Table:
             break
         if len(labels) == len(plan.points) > 1:
             labels = [f"all {len(labels)} points"]
-        more = f"; and {len(labels) - _LABELS} more" if len(labels) > _LABELS else ""
-        table.add_row(escape("; ".join(labels[:_LABELS]) + more), *row)
+        rest = f"; and {len(labels) - _LABELS} more" if len(labels) > _LABELS else ""
+        table.add_row(escape("; ".join(labels[:_LABELS]) + rest), *row)
     return table

@@ -49,12 +49,12 @@ def of_recorded(
     if not Path(target).is_file():
         keys = catalogue.matching(target)
         if len(keys) != 1:
-            known = (
+            reason = (
                 f"the keys of {len(keys)} runs begin so"
                 if keys
                 else f"no such file, and no key of a run in {lab} begins so"
             )
-            fail(f"{target}: {known}; `{command('runs', lab=lab)}` lists them")
+            fail(f"{target}: {reason}; `{command('runs', lab=lab)}` lists them")
         return [make(Recorded(catalogue.lab.run(keys[0])))]
     study = read_study(Path(target))
     if point is not None and point > len(study.points):
@@ -71,8 +71,8 @@ def of_recorded(
     for problem in lost:
         say(f"Left out: {problem}", err=True)
     if not runs:
-        what = instead_of_none(study.name, target, lab, backend)
-        fail(f"{lab} has no such finished run of {study.name} on {backend}; {what}")
+        remedy = instead_of_none(study.name, target, lab, backend)
+        fail(f"{lab} has no such finished run of {study.name} on {backend}; {remedy}")
     if not results and not lost:
         raise NotRecorded(
             f"none of these runs kept frames: add `record: {{every: 10 ms}}` to {target} and run it again"

@@ -37,7 +37,7 @@ def run(
     pilot: bool,
 ) -> None:
     """Run what a study still needs, print what came of it, and exit accordingly."""
-    asked = read_study(study)
+    definition = read_study(study)
     if shard is not None:
         try:
             Shard.parse(shard)
@@ -45,12 +45,12 @@ def run(
             fail(f"--shard: {problem}")
     if cluster is not None and (shard is not None or base is not None):
         fail("--cluster: the workers share the whole study; leave out --shard and --base")
-    if expect is not None and (told_apart := unexpected(expect, asked, backend)):
+    if expect is not None and (told_apart := unexpected(expect, definition, backend)):
         fail(f"{told_apart} since the script was written: write the script again with labbook slurm")
     console = screen(highlight=False, markup=False)
-    summary = carry_out(asked, Lab(lab, backend, device), checkpoint_every, shard, base, cluster, pilot)
+    summary = carry_out(definition, Lab(lab, backend, device), checkpoint_every, shard, base, cluster, pilot)
     with suppress(OSError):  # the terminal is gone: all is saved, and nobody reads it
-        for line in told(summary):
+        for line in outcome_lines(summary):
             console.print(line, soft_wrap=not console.is_terminal)
         for line in advice(summary, study, lab, backend):
             console.print(line, soft_wrap=True)  # commands stay in one piece
@@ -102,17 +102,17 @@ def unexpected(expect: str, study: Study, backend: str) -> str | None:
         fail(problem)
 
 
-def told(summary: Summary) -> list[str]:
-    """What came of it, line by line."""
+def outcome_lines(summary: Summary) -> list[str]:
+    """Outcome of a run of a study, in lines for a terminal."""
     return summary.lines() + ([f"Stopped early; everything is saved: {GO_ON}"] if summary.stopped else [])
 
 
 def advice(summary: Summary, study: Path, lab: Path, backend: str) -> list[str]:
-    """What to do next, as commands."""
+    """Commands for the next steps."""
     lines = []
     if summary.diverged:
-        listed, shown = command("runs", "--outcome", "diverged", lab=lab), command("show", "RUN", lab=lab)
-        lines.append(f"Which runs diverged, and how: {listed}; {shown}")
+        listed, details = command("runs", "--outcome", "diverged", lab=lab), command("show", "RUN", lab=lab)
+        lines.append(f"Which runs diverged, and how: {listed}; {details}")
     if summary.suspect:
         lines.append(f"Which runs are suspect, and why: {command('runs', '--outcome', 'suspect', lab=lab)}")
     if summary.done and not summary.stopped:

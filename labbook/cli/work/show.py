@@ -23,21 +23,21 @@ from labbook.scene.quantities import duration, percent
 def show(run: str, lab: Path, as_json: bool) -> None:
     """Print a run and its note as lines or as JSON."""
     catalogue = existing(lab)
-    found = catalogue.matching(run)
-    if not found:
+    keys = catalogue.matching(run)
+    if not keys:
         fail(f"no run in {lab} has a key that begins with {run}; list them: {command('runs', lab=lab)}")
-    if len(found) > 1:
-        fail(f"several runs begin with {run}: {', '.join(key[:12] for key in found)}; give more of the key")
-    folder = catalogue.lab.run(found[0])
+    if len(keys) > 1:
+        fail(f"several runs begin with {run}: {', '.join(key[:12] for key in keys)}; give more of the key")
+    folder = catalogue.lab.run(keys[0])
     record, _ = open_run(folder)
     measured = catalogue.measurements(record.run_key)
     note, problem = _noted(catalogue.lab, record.run_key)
     if as_json:
         rows = json.loads(measured.to_json(orient="records") or "[]")
-        seen = picture(folder)
+        image = picture(folder)
         whole = {
             "folder": str(folder),
-            "picture": seen and str(seen),
+            "picture": image and str(image),
             "run": record.model_dump(mode="json"),
             "measurements": rows,
             "note": {"tags": note.tags, "text": note.text, "problem": problem},

@@ -33,16 +33,16 @@ def _differ(names: tuple[str, str], precisions: Precisions) -> None:
 def _precisions(text: str | None) -> Precisions:
     if text is None:
         return None, None
-    known: dict[str, Precision] = {word: word for word in get_args(Precision)}
+    by_word: dict[str, Precision] = {word: word for word in get_args(Precision)}
     words = _two(text, "--precisions", "double,mixed")
-    if unknown := [word for word in words if word not in known]:
-        raise CannotCompare(f"--precisions: no precision is called {unknown[0]}; use two of {', '.join(known)}")
-    return known[words[0]], known[words[1]]
+    if absent := [word for word in words if word not in by_word]:
+        raise CannotCompare(f"--precisions: no precision is called {absent[0]}; use two of {', '.join(by_word)}")
+    return by_word[words[0]], by_word[words[1]]
 
 
 def _two(text: str, option: str, example: str) -> tuple[str, str]:
     words = [word.strip() for word in text.split(",")]
     if len(words) != 2 or not all(words):
-        wanted = f"two names separated by a comma are needed, such as {example}"
-        raise CannotCompare(f"{option}: {wanted}, not {text!r}")
+        need = f"two names separated by a comma are needed, such as {example}"
+        raise CannotCompare(f"{option}: {need}, not {text!r}")
     return words[0], words[1]

@@ -18,7 +18,7 @@ from labbook.results.statements import Judged
 from labbook.results.study import StudyResults
 from labbook.study import Statement
 from labbook.study.paper import Asked, Wrong, none_such
-from labbook.study.problems import instead, shown
+from labbook.study.problems import instead, quote
 
 
 class Pongo2022(Paper):
@@ -45,7 +45,7 @@ class Pongo2022(Paper):
             names = [f"{TURNING}.{name}.{parameter}" for parameter in LAWS[name].parameters]
             return "" if quantity in names else none_such(quantity, names)
         if feature and feature not in FEATURES:
-            return Wrong(f"a curve has no {shown(feature)}", instead(feature, FEATURES))
+            return Wrong(f"a curve has no {quote(feature)}", instead(feature, FEATURES))
         if all(scene.container.spin_key is None for scene in asked.scenes):
             return Wrong("this container has no rotation", "leave it out, or use a cylinder-silo")
         if name not in asked.units:

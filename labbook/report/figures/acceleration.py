@@ -17,12 +17,14 @@ if TYPE_CHECKING:
 _ACROSS = 3  # panels side by side
 
 
-def acceleration_against_height(found: Sequence[tuple[PointResult, AccelerationProfile]], gravity: float) -> "Figure":
+def acceleration_against_height(
+    profiles: Sequence[tuple[PointResult, AccelerationProfile]], gravity: float
+) -> "Figure":
     """a_eff/g of each point against the height that grains start from, in widths of the outlet; many points are parted
     into panels (`arranged`)."""
     from matplotlib.figure import Figure
 
-    arrangement = arranged([result.at for result, _ in found], [result.label for result, _ in found])
+    arrangement = arranged([result.at for result, _ in profiles], [result.label for result, _ in profiles])
     panels = arrangement.panels
     across = 2 if len(panels) == 4 else min(_ACROSS, len(panels))
     down = math.ceil(len(panels) / across)
@@ -35,7 +37,7 @@ def acceleration_against_height(found: Sequence[tuple[PointResult, AccelerationP
             ax.remove()
         for ax, (title, members) in zip(axes.flat, panels.items(), strict=False):
             for k in members:
-                result, profile = found[k]
+                result, profile = profiles[k]
                 middle = (profile.edges[1:] + profile.edges[:-1]) / 2 / result.orifice
                 value, error = -profile.acceleration / gravity, profile.error / gravity
                 style = {**arrangement.looks[k], "markersize": 3}

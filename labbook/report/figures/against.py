@@ -34,7 +34,7 @@ _WHOLE = 4  # half widths of intervals up to which they are shown whole, in rang
 _CUT = "_cut"  # label of the marks on cut intervals, which no legend lists
 
 
-def against_key(found: Against) -> "Figure":
+def against_key(comparison: Against) -> "Figure":
     """Above the quantity with 95 % intervals, a line for each value of the other keys; below, on the same axis, its
     ratio to that at the first value. Points with a remark are hollow, and so are ratios to one; a cross at the bottom
     is a point without a value.
@@ -43,8 +43,8 @@ def against_key(found: Against) -> "Figure":
     """
     from matplotlib.figure import Figure
 
-    arrangement = arranged([line.at for line in found.lines], [line.label for line in found.lines])
-    panels = {title: [found.lines[k] for k in members] for title, members in arrangement.panels.items()}
+    arrangement = arranged([line.at for line in comparison.lines], [line.label for line in comparison.lines])
+    panels = {title: [comparison.lines[k] for k in members] for title, members in arrangement.panels.items()}
     across = 2 if len(panels) == 4 else min(_ACROSS, len(panels))
     down = math.ceil(len(panels) / across)
     wide = PAGE if len(panels) > 1 else PAGE * 0.7 if arrangement.bar else COLUMN
@@ -68,15 +68,15 @@ def against_key(found: Against) -> "Figure":
             for ax in (main, below):
                 ax.set_axis_on()
             members = arrangement.panels[title]
-            bars += _panel(main, below, found, members, arrangement)
+            bars += _panel(main, below, comparison, members, arrangement)
             main.set_title(mathtext(verbatim(title)))
             if not column:
-                main.set_ylabel(mathtext(display.quantity(found.quantity).heading))
-                below.set_ylabel(mathtext(ratio_heading(found)))
-            below.set_xlabel(mathtext(found.heading))
+                main.set_ylabel(mathtext(display.quantity(comparison.quantity).heading))
+                below.set_ylabel(mathtext(ratio_heading(comparison)))
+            below.set_xlabel(mathtext(comparison.heading))
             below.xaxis.set_tick_params(labelbottom=True)
         arrangement.explain(figure, linewidth=0.8)
-        together = [found.lines] * len(panels) if down == 1 else list(panels.values())
+        together = [comparison.lines] * len(panels) if down == 1 else list(panels.values())
         for number, lines in enumerate(together):  # after all are drawn: panels of one row share their axes
             row, column = divmod(number, across)
             from_zero(axes[2 * row, column])
@@ -88,7 +88,7 @@ def against_key(found: Against) -> "Figure":
 
 
 def has_cuts(figure: "Figure") -> bool:
-    """Whether any interval goes on beyond its panel."""
+    """True if any interval is cut at the edge of its panel."""
     return any(line.get_label() == _CUT for ax in figure.axes for line in ax.lines)
 
 
@@ -112,47 +112,51 @@ def _mark_cuts(bar: _Bar) -> None:
             bar.ax.plot(bar.x, edge, **mark, clip_on=False, scalex=False, scaley=False, label=_CUT)
 
 
-def ratio_heading(found: Against) -> str:
+def ratio_heading(comparison: Against) -> str:
     """`W / W at 0.1`, or `W / W at the first` where lines do not begin with the same value."""
-    name = display.quantity(found.quantity).name
-    firsts = {line.first.value for line in found.lines if line.first is not None}
+    name = display.quantity(comparison.quantity).name
+    firsts = {line.first.value for line in comparison.lines if line.first is not None}
     if len(firsts) != 1:
         return f"{name} / {name} at the first"
     (value,) = firsts
-    return f"{name} / {name} at {display.amount(found.key, value)} {display.key(found.key).unit}".rstrip()
+    return f"{name} / {name} at {display.amount(comparison.key, value)} {display.key(comparison.key).unit}".rstrip()
 
 
 def _panel(
-    main: "Axes", below: "Axes", found: Against, members: Sequence[int], arrangement: Arrangement
+    main: "Axes", below: "Axes", comparison: Against, members: Sequence[int], arrangement: Arrangement
 ) -> "list[_Bar]":
     """Draw the lines of a panel; the intervals."""
     bars: list[_Bar] = []
-    values, scale = found.values, display.quantity(found.quantity).scale
-    x = _abscissa(found)
+    values, scale = comparison.values, display.quantity(comparison.quantity).scale
+    x = _abscissa(comparison)
     span = max(x.values()) - min(x.values())
-    logarithmic = not found.words and min(x.values()) > 0 and max(x.values()) / min(x.values()) > 10**_DECADES
+    logarithmic = not comparison.words and min(x.values()) > 0 and max(x.values()) / min(x.values()) > 10**_DECADES
     together = arrangement.together
     for member in members:
-        line, style, place = found.lines[member], arrangement.looks[member], arrangement.places[member]
-        shift = (0.03 if found.words else min(0.012, 0.04 / together)) * (place - (together - 1) / 2)
+        line, style, place = comparison.lines[member], arrangement.looks[member], arrangement.places[member]
+        shift = (0.03 if comparison.words else min(0.012, 0.04 / together)) * (place - (together - 1) / 2)
         at = {
-            value: x[value] * (1 + 3 * shift) if logarithmic else x[value] + (1 if found.words else span) * shift
+            value: x[value] * (1 + 3 * shift) if logarithmic else x[value] + (1 if comparison.words else span) * shift
             for value in values
         }
-        known = [one for one in line.places if found.quantity in one.result.pooled]
-        if not found.words:
+        measured = [one for one in line.places if comparison.quantity in one.result.pooled]
+        if not comparison.words:
             path = {"color": style["color"], "linestyle": style["linestyle"], "linewidth": 0.6, "alpha": 0.6}
             main.plot(
-                [at[p.value] for p in known], [p.result.pooled[found.quantity].value * scale for p in known], **path
+                [at[p.value] for p in measured],
+                [p.result.pooled[comparison.quantity].value * scale for p in measured],
+                **path,
             )
-            rated = [(at[p.value], p.ratio.value if p.ratio else 1.0) for p in known if p.ratio or p is line.first]
+            rated = [(at[p.value], p.ratio.value if p.ratio else 1.0) for p in measured if p.ratio or p is line.first]
             below.plot(*np.transpose(rated) if rated else ([], []), **path)
-        for one in line.places:
-            bars += _draw(main, below, found, line, one, at[one.value], scale, style, len(members) == 1)
+        for ratio_point in line.places:
+            bars += _draw(
+                main, below, comparison, line, ratio_point, at[ratio_point.value], scale, style, len(members) == 1
+            )
     below.axhline(1, color=FAINT, linewidth=0.6, zorder=0)
     if logarithmic:
         main.set_xscale("log")
-    elif found.words:
+    elif comparison.words:
         main.set_xticks(list(x.values()), [verbatim(str(value)) for value in x])
         main.set_xlim(-0.5, len(x) - 0.5)
     return bars
@@ -161,39 +165,39 @@ def _panel(
 def _draw(
     main: "Axes",
     below: "Axes",
-    found: Against,
+    comparison: Against,
     line: Line,
-    one: RatioPoint,
+    ratio_point: RatioPoint,
     x: float,
     scale: float,
     style: dict,
     words: bool,
 ) -> "list[_Bar]":
-    pooled = one.result.pooled.get(found.quantity)
+    pooled = ratio_point.result.pooled.get(comparison.quantity)
     if pooled is None:
-        crosses(main, [(x, one.result.lacking if words else "")], style["color"])
+        crosses(main, [(x, ratio_point.result.lacking if words else "")], style["color"])
         return []
-    colour, hollow = style["color"], bool(one.result.remark)
-    drawn = [(main, pooled.value * scale, pooled.low * scale, pooled.high * scale)]
-    if one is line.first:
+    colour, hollow = style["color"], bool(ratio_point.result.remark)
+    intervals = [(main, pooled.value * scale, pooled.low * scale, pooled.high * scale)]
+    if ratio_point is line.first:
         below.plot(
             x, 1.0, color=colour, marker=style["marker"], linestyle="none",
             markerfacecolor="white" if hollow or not math.isfinite(pooled.half_width) else colour,
         )  # fmt: skip
-    elif one.ratio is not None:
-        drawn.append((below, one.ratio.value, one.ratio.low, one.ratio.high))
-    for ax, value, *ends in drawn:
+    elif ratio_point.ratio is not None:
+        intervals.append((below, ratio_point.ratio.value, ratio_point.ratio.low, ratio_point.ratio.high))
+    for ax, value, *ends in intervals:
         of_first = ax is below and line.first is not None and bool(line.first.result.remark)
         point(ax, x, value, (ends[0], ends[1]), color=colour, hollow=hollow or of_first, marker=style["marker"])
-    return [_Bar(ax, x, low, high, colour) for ax, _, low, high in drawn if math.isfinite(high - low)]
+    return [_Bar(ax, x, low, high, colour) for ax, _, low, high in intervals if math.isfinite(high - low)]
 
 
-def _abscissa(found: Against) -> dict[float | str, float]:
-    """Where each value stands: as it is shown, words side by side."""
-    if found.words:
-        return {value: float(place) for place, value in enumerate(found.values)}
-    scale = display.key(found.key).scale
-    return {value: float(value) * scale for value in found.values}
+def _abscissa(comparison: Against) -> dict[float | str, float]:
+    """Position of each value on the axis: in the displayed unit; words side by side."""
+    if comparison.words:
+        return {value: float(place) for place, value in enumerate(comparison.values)}
+    scale = display.key(comparison.key).scale
+    return {value: float(value) * scale for value in comparison.values}
 
 
 def _range(lines: Sequence[Line]) -> tuple[float, float]:

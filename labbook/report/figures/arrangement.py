@@ -23,9 +23,15 @@ _DECADES = 30  # ratio of the ends of a colour bar, beyond which it is logarithm
 
 @dataclass(frozen=True)
 class Arrangement:
-    """How a figure shows its curves. `panels`: numbers of the curves by the title of their panel; `looks`: colour,
-    marker and dash of each curve; `places`: rank of each curve among those of a panel; `entries`: the legend, as label
-    and look; `bar`: name and values of the key that a colour bar explains, instead of a long legend."""
+    """Panels, styles and legend of the curves of a figure.
+
+    Args:
+        panels: Numbers of the curves by the title of their panel.
+        looks: Colour, marker and dash of each curve.
+        places: Rank of each curve among those of its panel.
+        entries: Legend: style by label.
+        bar: Name and values of the key of a colour bar, which replaces a long legend.
+    """
 
     panels: Mapping[str, tuple[int, ...]]
     looks: tuple[dict[str, Any], ...]
@@ -53,12 +59,12 @@ class Arrangement:
             figure.legend(handles, names, loc="outside upper center", ncols=columns)
         if self.bar is not None:
             key, values = self.bar
-            shown = display.key(key)
+            notation = display.key(key)
             bar = figure.colorbar(_colours(key, values), ax=figure.axes, shrink=0.8, aspect=30, pad=0.02)
             ticks = values[:: math.ceil(len(values) / _TICKS)]
-            bar.set_ticks([value * shown.scale for value in ticks], labels=[display.amount(key, v) for v in ticks])
+            bar.set_ticks([value * notation.scale for value in ticks], labels=[display.amount(key, v) for v in ticks])
             bar.minorticks_off()
-            bar.set_label(mathtext(shown.heading))
+            bar.set_label(mathtext(notation.heading))
 
 
 def arranged(ats: Sequence[Mapping[str, float | str]], labels: Sequence[str]) -> Arrangement:
@@ -108,8 +114,8 @@ def _colours(key: str, values: Sequence[float]) -> "ScalarMappable":
     from matplotlib.cm import ScalarMappable
     from matplotlib.colors import ListedColormap, LogNorm, Normalize
 
-    shown = [value * display.key(key).scale for value in values]
-    low, high = min(shown), max(shown)
+    scaled = [value * display.key(key).scale for value in values]
+    low, high = min(scaled), max(scaled)
     norm = LogNorm(low, high) if low > 0 and high / low > _DECADES else Normalize(low, high)
     part = [colormaps["viridis"](_LIGHTEST * step / 255) for step in range(256)]
     return ScalarMappable(norm, ListedColormap(part))

@@ -47,8 +47,8 @@ def flow_against_time(series: Series) -> "Figure":
             for ax, result in zip(axes.flat, series.points, strict=False):
                 _draw(ax, result)
                 title = result.label_without({*series.at, *series.along}) or f"D = {result.orifice * 1e3:g} mm"
-                said = verbatim(f"{title}, {result.remark}" if result.remark else title)
-                ax.set_title(_broken(said), fontsize=7.5 if len(said) <= _TITLE else 6.5)
+                heading = verbatim(f"{title}, {result.remark}" if result.remark else title)
+                ax.set_title(_broken(heading), fontsize=7.5 if len(heading) <= _TITLE else 6.5)
             for ax in axes.flat[len(series.points) :]:
                 ax.set_axis_off()
         for ax in axes.flat:
@@ -58,7 +58,7 @@ def flow_against_time(series: Series) -> "Figure":
         figure.supylabel("flow rate, $W$ [g/s]", fontsize=7.5)
         if series.label:
             figure.suptitle(series.label, x=0.01, ha="left", fontsize=7.5)
-        figure.legend(handles=_key(drawn(series)), loc="outside upper right", ncols=3)
+        figure.legend(handles=_key(panel_content(series)), loc="outside upper right", ncols=3)
     return figure
 
 
@@ -120,19 +120,19 @@ def _broken(title: str) -> str:
 
 
 @dataclass(frozen=True)
-class Drawn:
-    """Which parts of the figure any panel has, beside the replicates."""
+class PanelContent:
+    """Parts that any panel of the figure has, beside the replicates."""
 
     window: bool
     mean: bool
     interval: bool
 
 
-def drawn(series: Series) -> Drawn:
-    """What the panels of these points show: a mean stands in its window only."""
+def panel_content(series: Series) -> PanelContent:
+    """Parts that the panels of these points have. A mean is drawn within its window only."""
     with_window = [one for one in series.points if _windows(one)]
     means = [one.flow_rate for one in with_window if one.flow_rate is not None]
-    return Drawn(bool(with_window), bool(means), any(math.isfinite(one.half_width) for one in means))
+    return PanelContent(bool(with_window), bool(means), any(math.isfinite(one.half_width) for one in means))
 
 
 def _windows(result: PointResult) -> list[tuple[float, float]]:
@@ -155,15 +155,15 @@ def _draw(ax: "Axes", result: PointResult) -> None:
             ax.plot([start, end], [mean, mean], color=COLOURS[1], zorder=3)
 
 
-def _key(shown: Drawn) -> list:
+def _key(content: PanelContent) -> list:
     from matplotlib.lines import Line2D
     from matplotlib.patches import Patch
 
     handles: list[Line2D | Patch] = [Line2D([], [], color=COLOURS[0], linewidth=0.7, label="replicates")]
-    if shown.mean:
-        label = "pooled mean, 95 % interval" if shown.interval else "pooled mean"
+    if content.mean:
+        label = "pooled mean, 95 % interval" if content.interval else "pooled mean"
         handles.append(Line2D([], [], color=COLOURS[1], label=label))
-    if shown.window:
+    if content.window:
         handles.append(Patch(facecolor=FAINT, alpha=0.3, label="window"))
     return handles
 

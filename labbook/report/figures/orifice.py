@@ -56,7 +56,7 @@ def flow_against_orifice(series: Series, comparisons: Sequence[Comparison] = (),
     """
     from matplotlib.figure import Figure
 
-    power, written = _POWERS[series.outlet]
+    power, power_text = _POWERS[series.outlet]
     with house():
         heights = (2.6, 1) if series.fits else (2.6,)
         figure = Figure(figsize=(COLUMN, 100 * MILLIMETRE * sum(heights) / 3.6))
@@ -79,7 +79,7 @@ def flow_against_orifice(series: Series, comparisons: Sequence[Comparison] = (),
         if series.fits:
             below.axhline(0, color=FAINT, linewidth=0.6, zorder=0)
             below.set_ylabel("(W − fit) / fit [%]")
-        main.set_ylabel(_heading(written))
+        main.set_ylabel(_heading(power_text))
         from_zero(main)
         _bands(main, series, power)
         for place, (law, fit) in enumerate(series.fits.items()):
@@ -97,7 +97,7 @@ def overview(series: Sequence[Series]) -> "Figure":
     into panels (`arranged`)."""
     from matplotlib.figure import Figure
 
-    power, written = _POWERS[series[0].outlet]
+    power, power_text = _POWERS[series[0].outlet]
     arrangement = arranged([one.at for one in series], [one.label for one in series])
     panels = arrangement.panels
     across = 2 if len(panels) == 4 else min(_ACROSS, len(panels))
@@ -112,26 +112,26 @@ def overview(series: Sequence[Series]) -> "Figure":
         step = _apart(series, arrangement.together)
         for ax, (title, members) in zip(axes.flat, panels.items(), strict=False):
             for index in members:
-                one, style = series[index], arrangement.looks[index]
-                if one.fits:
-                    fit = next(iter(one.fits.values()))
-                    diameters = np.linspace(min(one.diameters), max(one.diameters), 200)
+                member, style = series[index], arrangement.looks[index]
+                if member.fits:
+                    fit = next(iter(member.fits.values()))
+                    diameters = np.linspace(min(member.diameters), max(member.diameters), 200)
                     _law(ax, fit, diameters, power, color=style["color"], linestyle=style["linestyle"])
                 shift = step * (arrangement.places[index] - (arrangement.together - 1) / 2)
-                shape = {"color": style["color"], "marker": style["marker"], "label": one.label}
-                _points(ax, one.points, one.flagged, power, shift=shift, **shape)
+                shape = {"color": style["color"], "marker": style["marker"], "label": member.label}
+                _points(ax, member.points, member.flagged, power, shift=shift, **shape)
             ax.set_title(mathtext(verbatim(title)))
             ax.set_xlabel("orifice, $D$ [mm]")
             ax.xaxis.set_tick_params(labelbottom=True)
             if ax.get_subplotspec().is_first_col():
-                ax.set_ylabel(_heading(written))
+                ax.set_ylabel(_heading(power_text))
         from_zero(axes[0, 0])
         arrangement.explain(figure, linestyle="none")
     return figure
 
 
 def side_by_side(series: Sequence[Series]) -> bool:
-    """Whether two series have a point at the same orifice."""
+    """True if two series have a point at the same orifice."""
     diameters = [D for one in series for D in set(one.diameters)]
     return len(set(diameters)) < len(diameters)
 
@@ -250,11 +250,11 @@ def _their_law(
 ) -> None:
     """Beverloo's law with the reference's C, of the density of the grains, and k, where it has both."""
     for law, fit in series.fits.items():
-        known = of_reference(comparisons, law, series)
-        if isinstance(fit.law, Beverloo) and known.keys() >= {"C_particle", "k"}:
-            free = np.array([math.log(known["C_particle"]), known["k"]])
+        published = of_reference(comparisons, law, series)
+        if isinstance(fit.law, Beverloo) and published.keys() >= {"C_particle", "k"}:
+            free = np.array([math.log(published["C_particle"]), published["k"]])
             W = fit.law.flow(D, free, fit.context)
-            label = f"{verbatim(source)}, C = {known['C_particle']:.4g}, k = {known['k']:.4g}"
+            label = f"{verbatim(source)}, C = {published['C_particle']:.4g}, k = {published['k']:.4g}"
             ax.plot(D * 1e3, _scaled(W, power), color=INK, linestyle=":", zorder=1, label=label)
 
 
@@ -286,13 +286,18 @@ def _points(
 def _residuals(ax: "Axes", series: Series, law: str, color: str, place: int) -> None:
     offset = 0.35 * (place - (len(series.fits) - 1) / 2)  # mm: side by side, not on top of each other
     hollow = {one.orifice for one in series.points if one.hollow or one.point.index in series.flagged}
-    for one in series.residuals(law):
-        x, value, half, error = one.orifice * 1e3 + offset, 100 * one.value, 100 * one.half_width, 100 * one.error
+    for residual in series.residuals(law):
+        x, value, half, error = (
+            residual.orifice * 1e3 + offset,
+            100 * residual.value,
+            100 * residual.half_width,
+            100 * residual.error,
+        )
         look = {
             "color": color,
             "marker": MARKERS[place],
             "markersize": 3,
-            "hollow": one.orifice in hollow,
+            "hollow": residual.orifice in hollow,
             "elinewidth": 0.7,
         }
         ax.plot([x, x], [value - error, value + error], color=color, linewidth=2.6, alpha=0.6, solid_capstyle="butt")

@@ -30,24 +30,24 @@ def parameters_against(key: str, law: str, series: Sequence[Series], comparisons
     rows = math.ceil(len(names) / columns)
     members = {one.label_without(key): one for one in reversed(fitted)}
     groups = list(dict.fromkeys(one.label_without(key) for one in fitted))
-    others = [{name: value for name, value in members[group].at.items() if name != key} for group in groups]
-    arrangement = arranged(others, groups)
+    other_keys = [{name: value for name, value in members[group].at.items() if name != key} for group in groups]
+    arrangement = arranged(other_keys, groups)
     looks = arrangement.looks if len(arrangement.panels) == 1 else tuple(look(k) for k in range(len(groups)))
     with house():
         figure = Figure(figsize=(PAGE, (8 + 44 * rows) * MILLIMETRE))
         axes = figure.subplots(rows, columns, sharex=True, squeeze=False).flatten()
         for ax, parameter in zip(axes, names, strict=False):
             scale = display.key(key).scale
-            for one in fitted:
-                found = one.parameters(law).get(parameter)  # C of the bulk needs a measured packing
-                if found is not None:
-                    shown = display.quantity(f"{law}.{parameter}", found.unit)
-                    ax.set_ylabel(mathtext(shown.heading))
-                    group = groups.index(one.label_without(key))
-                    _draw(ax, float(one.at[key]) * scale, found, shown.scale, looks[group])
+            for fitted_series in fitted:
+                estimate = fitted_series.parameters(law).get(parameter)  # C of the bulk needs a measured packing
+                if estimate is not None:
+                    notation = display.quantity(f"{law}.{parameter}", estimate.unit)
+                    ax.set_ylabel(mathtext(notation.heading))
+                    group = groups.index(fitted_series.label_without(key))
+                    _draw(ax, float(fitted_series.at[key]) * scale, estimate, notation.scale, looks[group])
             for entry in comparisons:
                 if entry.quantity == f"{law}.{parameter}" and key in entry.at:
-                    place, value = float(entry.at[key]) * scale, entry.reference * shown.scale
+                    place, value = float(entry.at[key]) * scale, entry.reference * notation.scale
                     ax.plot(place, value, marker="D", markersize=5, color=INK, markerfacecolor="none", zorder=4)
         for ax in axes:
             ax.ticklabel_format(axis="y", useOffset=False)

@@ -1,4 +1,4 @@
-"""How beds flow: velocities of grains at one moment, and the mean speed with its streamlines."""
+"""Flow patterns of beds: velocities of grains at one moment, and the mean speed with its streamlines."""
 
 import math
 from collections.abc import Sequence
@@ -48,15 +48,15 @@ def flow_patterns(patterns: Sequence[Flowing], titles: Sequence[str] = ()) -> "F
         axes = figure.subplots(2 * rows, columns, squeeze=False)
         for ax in axes.flat:
             ax.set_axis_off()
-        for k, one in enumerate(patterns):
+        for k, flowing in enumerate(patterns):
             above, below = axes[2 * (k // columns), k % columns], axes[2 * (k // columns) + 1, k % columns]
-            _vectors(above, one, norm)
+            _vectors(above, flowing, norm)
             draw_means(below, sections[k], norm)
-            title = titles[k] if titles else one.result.label
+            title = titles[k] if titles else flowing.result.label
             above.set_title(title if len(title) <= _TITLE else title.replace(", ", "\n"))
-            below.set_title(f"{percent(one.pattern.fraction, '.2g')} stagnant", fontsize=6.5)
+            below.set_title(f"{percent(flowing.pattern.fraction, '.2g')} stagnant", fontsize=6.5)
             for ax in (above, below):
-                draw_walls(ax, one, top)
+                draw_walls(ax, flowing, top)
         bar = figure.colorbar(ScalarMappable(norm, "viridis"), ax=axes, shrink=0.5, aspect=40)
         bar.set_label("speed [m/s]")
     return figure
@@ -67,14 +67,14 @@ def speed_of(section: PlaneSection) -> np.ndarray:
     return np.where(section.bed, np.hypot(section.u, section.w), np.nan)
 
 
-def _vectors(ax: "Axes", one: Flowing, norm) -> None:
+def _vectors(ax: "Axes", flowing: Flowing, norm) -> None:
     """Arrows as long as the square root of the speed: the bed is a hundred times slower than the outlet."""
-    x, z, u, w = (one.moment[name] for name in ("x", "z", "vx", "vz"))
+    x, z, u, w = (flowing.moment[name] for name in ("x", "z", "vx", "vz"))
     shrink = 1 / np.sqrt(np.maximum(np.hypot(u, w), 1e-12))
     arrow = {
         "angles": "xy",
         "scale_units": "xy",
-        "scale": np.sqrt(norm.vmax) / (_ARROW * 2e3 * _half_width(one)),
+        "scale": np.sqrt(norm.vmax) / (_ARROW * 2e3 * _half_width(flowing)),
         "width": 0.004,
         "headwidth": 4,
         "headlength": 4,
@@ -124,10 +124,10 @@ def even(points: np.ndarray) -> np.ndarray:
 def top_of(patterns: Sequence[Flowing]) -> float:
     """Height [m] up to which beds are shown: a little above the highest, and no more than 1.6 widths."""
     beds = []
-    for one in patterns:
-        grid = one.fields.grid
+    for flowing in patterns:
+        grid = flowing.fields.grid
         z_axis = grid.axes.index("z")
-        filled = one.pattern.bed.any(axis=tuple(k for k in range(len(grid.axes)) if k != z_axis))
+        filled = flowing.pattern.bed.any(axis=tuple(k for k in range(len(grid.axes)) if k != z_axis))
         beds.append(float(grid.points[z_axis][filled].max()))
     return min(1.08 * max(beds), 2 * _HEIGHT * _half_width(patterns[0]))
 
@@ -141,10 +141,10 @@ def _half_width(one: Flowing) -> float:
     return one.fields.grid.radius if isinstance(one.fields.grid, Ring) else one.container.width / 2
 
 
-def draw_walls(ax: "Axes", one: Flowing, top: float) -> None:
+def draw_walls(ax: "Axes", flowing: Flowing, top: float) -> None:
     """Walls in the plane of the map, up to the height `top` [m], and axes in mm, with numbers at the edges only."""
-    half = _half_width(one)
-    for wall in one.container.walls():
+    half = _half_width(flowing)
+    for wall in flowing.container.walls():
         for (x0, z0), (x1, z1) in wall.shape.section():
             ax.plot([x0 * 1e3, x1 * 1e3], [z0 * 1e3, z1 * 1e3], color=INK, linewidth=1.2, zorder=4)
     half *= 1e3

@@ -223,7 +223,7 @@ def test_the_choice_is_the_cheapest_of_all_settings_that_meet_the_error():
                 best = min(best, 1 / (dt * (0.01 - bias) ** 2))
     assert found.cost() == pytest.approx(best, rel=0.15)  # of the coarser grid
     assert found.cost() >= 0.97 * best
-    assert found.bias.bound + found.left == pytest.approx(0.01, rel=1e-12)
+    assert found.bias.bound + found.remainder == pytest.approx(0.01, rel=1e-12)
 
 
 def test_a_smaller_error_asks_for_a_stiffer_bed():
@@ -418,7 +418,7 @@ def test_a_study_that_asks_for_an_error_has_its_numerics_chosen(calibrated):
     assert (point.numerics.dt, point.numerics.stiffness_scale) == (point.choice.dt, point.choice.stiffness_scale)
     assert point.choice.tolerance == 0.01
     assert point.numerics.stiffness_scale < 1
-    assert stopping_rule(define(STUDY), point).tolerance == point.choice.left
+    assert stopping_rule(define(STUDY), point).tolerance == point.choice.remainder
 
 
 def test_a_study_that_asks_for_none_is_left_as_it_is(calibrated):

@@ -454,7 +454,7 @@ def test_a_stopped_run_goes_on(tmp_path, monkeypatch):
     assert "run the study again" in repr(stopped)
     summary = lab.run(asked, progress=False)
     assert summary.complete
-    assert (summary.done, summary.asked) == (2, 2)
+    assert (summary.done, summary.requested) == (2, 2)
 
 
 def test_a_notebook_sees_how_it_goes():

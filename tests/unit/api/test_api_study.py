@@ -54,7 +54,7 @@ loaded = cache(labbook.load)
 @pytest.mark.parametrize("path", OF_THEMSELVES, ids=lambda path: path.stem)
 def test_a_study_from_python_has_the_runs_of_its_file(path):
     file = loaded(path)
-    made = labbook.define(json.loads(json.dumps(file.stated)))
+    made = labbook.define(json.loads(json.dumps(file.definition)))
     assert keys(made) == keys(file)
     assert (made.replicates, made.measure, made.fit, made.reference) == (
         file.replicates,

@@ -16,7 +16,7 @@ from labbook.checks import doctor
 from labbook.checks.verify.cases import EVERY, select_cases
 from labbook.checks.verify.show import judge_all
 from labbook.checks.verify.stand import Stand
-from labbook.cli.options import told
+from labbook.cli.options import explanation
 from labbook.filling.placing import Start
 from labbook.fit import LAWS, Law
 from labbook.lab import Catalogue
@@ -266,13 +266,13 @@ def test_an_error_that_nothing_catches_is_told_by_the_extension_whose_line_raise
     )
     with pytest.raises(AttributeError) as raised:
         module.start(1)
-    assert told(raised.value) == (
+    assert explanation(raised.value) == (
         "flow law own of bed-extras 0.1: AttributeError: 'int' object has no attribute 'nothing' "
         "(bed_extras/law.py, line 4)"
     )
     with pytest.raises(AttributeError) as raised:
         _ = (1).nothing  # pyright: ignore[reportAttributeAccessIssue]
-    assert told(raised.value) is None, "an error of labbook has its traceback"
+    assert explanation(raised.value) is None, "an error of labbook has its traceback"
 
 
 def test_runs_name_the_extensions_that_they_use_and_no_other(done, monkeypatch):

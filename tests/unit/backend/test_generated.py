@@ -10,7 +10,7 @@ import pytest
 from labbook_dem import generated
 
 from labbook.backend import Unsupported
-from labbook.cli.options import told
+from labbook.cli.options import explanation
 
 pytest.importorskip("numba")
 pytest.importorskip("warp")
@@ -133,6 +133,6 @@ def test_a_cache_that_cannot_be_written_is_named_with_the_way_out(tmp_path):
     (tmp_path / "file").write_text("in the way")
     with pytest.raises(OSError, match="LABBOOK_CACHE") as caught:
         generated.load("labbook_test_nowhere", "x = 1", tmp_path / "file" / "cache")
-    line = told(caught.value)
+    line = explanation(caught.value)
     assert line is not None
     assert line.startswith(str(tmp_path / "file" / "cache"))

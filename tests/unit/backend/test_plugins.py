@@ -14,7 +14,7 @@ from scipy.integrate import quad
 from toy_lab import ROOT, study_file
 
 from labbook import plugins
-from labbook.cli.options import told
+from labbook.cli.options import explanation
 from labbook.fit import LAWS, Law
 from labbook.lab.folder import PICTURE
 from labbook.papers import Paper
@@ -183,7 +183,7 @@ def test_what_is_broken_is_named_with_a_remedy(monkeypatch, value, why):
         dict(registry)
     assert why in str(raised.value)
     assert value in str(raised.value)
-    assert told(raised.value) == str(raised.value), "every verb ends with this line"
+    assert explanation(raised.value) == str(raised.value), "every verb ends with this line"
 
 
 MASS = 2500 * math.pi / 6 * 0.003**3

@@ -71,7 +71,7 @@ def keys_of(**keys: object) -> list[str]:
 def test_every_study_names_labbook_and_its_contact_laws(path):
     found = bibliography(load(path))
     assert found.citations[0].source.key == "labbook"
-    assert not found.unstated
+    assert not found.unsourced
     uses = {use for one in found.citations[1:] for use in one.uses}
     laws = {point.scene.contact.law for point in load(path).points}
     assert {f"contact law {law}" for law in laws} <= uses
@@ -184,7 +184,7 @@ def test_a_fit_of_another_package_shows_its_source(monkeypatch):
     found = bibliography(define(hopper(fit=["power"])))
     assert ("Nobody 2020", ("fit power",)) in [(one.source.title, one.uses) for one in found.citations]
     monkeypatch.setattr(law, "source", "")
-    assert bibliography(define(hopper(fit=["power"]))).unstated == ("fit power",)
+    assert bibliography(define(hopper(fit=["power"]))).unsourced == ("fit power",)
 
 
 @pytest.mark.parametrize("path", STUDIES, ids=lambda path: path.stem)

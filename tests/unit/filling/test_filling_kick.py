@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from labbook.filling import Kick, kicked
+from labbook.filling import Kick, kick_grains
 from labbook.filling.kick import SPEED, VERSION
 from labbook.scene import HertzMindlin, Scene, Spheres, WedgeHopper
 from labbook.scene.packing import Packing
@@ -32,7 +32,7 @@ def bed(plane: bool = False) -> Packing:
 
 
 def test_velocities_have_the_size_that_is_stated():
-    change = kicked(bed(), scene(), Kick(2), 1).v - bed().v
+    change = kick_grains(bed(), scene(), Kick(2), 1).v - bed().v
     scale = 1e-3 * np.sqrt(G * D)
     # of n normal numbers the standard deviation is known to 1/sqrt(2 n), the mean to 1/sqrt(n): four of each
     assert change.std(axis=0) == pytest.approx(scale, rel=4 / np.sqrt(2 * COUNT))
@@ -42,20 +42,20 @@ def test_velocities_have_the_size_that_is_stated():
 
 
 def test_nothing_but_velocities_changes():
-    start, found = bed(), kicked(bed(), scene(), Kick(2), 1)
+    start, found = bed(), kick_grains(bed(), scene(), Kick(2), 1)
     for name in ("x", "omega", "ids", "pairs", "pair_spring"):
         assert np.array_equal(getattr(found, name), getattr(start, name))
 
 
 def test_a_bed_in_a_plane_stays_in_it():
-    found = kicked(bed(plane=True), scene(), Kick(2), 1)
+    found = kick_grains(bed(plane=True), scene(), Kick(2), 1)
     assert not found.v[:, 1].any()
     assert found.v[:, 0].any()
 
 
 def test_seed_and_number_decide_and_nothing_else():
     def drawn(kick: Kick, seed: int) -> bytes:
-        return kicked(bed(), scene(), kick, seed).v.tobytes()
+        return kick_grains(bed(), scene(), kick, seed).v.tobytes()
 
     assert drawn(Kick(2), 1) == drawn(Kick(2), 1)
     others = [

@@ -7,7 +7,7 @@ import pytest
 from scipy.spatial import KDTree
 from scipy.stats import kstest
 
-from labbook.filling import PlacingError, opened, place
+from labbook.filling import PlacingError, place, start_of_discharge
 from labbook.filling.placing import no_room
 from labbook.filling.room import JAMMED, Room
 from labbook.scene import (
@@ -176,7 +176,7 @@ def resting(xs, names, z=D / 2) -> Packing:
 def test_a_flat_bottom_hands_its_springs_to_the_plate_that_is_left_under_the_grain():
     open_ = hopper(orifice=0.03)
     packing = resting([-0.04, -0.0151, -0.0149, 0.0, 0.0149, 0.0151, 0.04], ["bottom"] * 7)
-    start = opened(packing, open_.close(), open_)
+    start = start_of_discharge(packing, open_.close(), open_)
     assert springs(start) == {"bottom-left": [0, 1], "bottom-right": [5, 6]}
     assert np.array_equal(start.wall_spring, packing.wall_spring[[0, 1, 5, 6]])
     assert np.array_equal(start.x, packing.x)
@@ -185,13 +185,17 @@ def test_a_flat_bottom_hands_its_springs_to_the_plate_that_is_left_under_the_gra
 def test_an_outlet_at_the_wall_leaves_no_left_plate():
     open_ = hopper(orifice=0.03, gap=0.0)
     packing = resting([-0.04, 0.0, 0.04], ["bottom", "bottom", "left"])
-    assert springs(opened(packing, open_.close(), open_)) == {"bottom-right": [1], "left": [2]}
+    assert springs(start_of_discharge(packing, open_.close(), open_)) == {"bottom-right": [1], "left": [2]}
 
 
 def test_walls_that_stay_keep_their_springs_and_the_lid_loses_them():
     open_ = hopper(55, orifice=0.03)
     packing = resting([-0.04, 0.0, 0.04, 0.0], ["bottom-left", "lid", "right", "front"])
-    assert springs(opened(packing, open_.close(), open_)) == {"bottom-left": [0], "right": [2], "front": [3]}
+    assert springs(start_of_discharge(packing, open_.close(), open_)) == {
+        "bottom-left": [0],
+        "right": [2],
+        "front": [3],
+    }
 
 
 def funnel(width, count, d=1.0) -> Scene:

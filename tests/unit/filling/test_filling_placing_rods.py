@@ -7,7 +7,7 @@ import pytest
 from scipy.optimize import lsq_linear
 from scipy.spatial import KDTree
 
-from labbook.filling import PlacingError, opened, place
+from labbook.filling import PlacingError, place, start_of_discharge
 from labbook.lab.tables import read_table, write_table
 from labbook.scene import (
     ConicalSilo,
@@ -102,6 +102,6 @@ def test_packings_with_rods_are_stored_mirrored_and_opened(tmp_path):
     mirror = packing.mirrored()
     assert axes(turned(mirror)) == pytest.approx(axes(turned(packing)) * [-1, 1, 1], abs=1e-15)
     assert mirror.wall_part.tolist() == [0, 1, 1]
-    assert opened(packing, closed, silo).wall_part.tolist() == [0, 1, 1]
+    assert start_of_discharge(packing, closed, silo).wall_part.tolist() == [0, 1, 1]
     with pytest.raises(ValueError, match="no unit quaternion in row 0"):
         Packing(x=start.x, v=start.v, omega=start.omega, q=2 * turned(start))

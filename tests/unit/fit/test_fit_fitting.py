@@ -8,7 +8,7 @@ from scipy import stats
 from labbook.fit import LAWS, NOT_DETERMINED, Context, FitError, contenders, fit
 from labbook.fit.weights import pooled_weights
 from labbook.stats.bootstrap import bootstrap_all
-from labbook.stats.choice import unbeaten
+from labbook.stats.choice import best_laws
 
 FAN = Context(d=3e-3, rho_p=2500, rho_b=0.57 * 2500, Z=3.03e-3, g=9.81)
 D = np.array([18, 21, 24, 30, 36, 45, 52.5, 60]) * 1e-3
@@ -244,7 +244,7 @@ def test_data_that_both_laws_fit_are_undecided(name):
     for _ in range(50):
         W = replicates_of(name, rng, 0.02)
         results = [fit_replicates(law, W) for law in OF_A_SLOT]
-        alone.append(unbeaten({result.law.name: (result.aicc,) for result in results}))
+        alone.append(best_laws({result.law.name: (result.aicc,) for result in results}))
         choices.append(contenders(results))
     assert alone.count(("beverloo",)) > 35
     assert choices.count(OF_A_SLOT) > 40

@@ -52,7 +52,7 @@ def cut_short(asked, lab: Path, *, closed: bool, beats: int) -> None:
             return ensemble
 
     with pytest.raises(KeyboardInterrupt):
-        carry_out(asked, lab, backend=CutShort(), checkpoint_every=0, lanes=1)
+        carry_out(asked, lab, backend=CutShort(), checkpoint_every=0, workers=1)
 
 
 @pytest.fixture

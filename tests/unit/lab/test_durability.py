@@ -11,7 +11,7 @@ import pytest
 from fragile_disk import Crash, Disk, Platter, failing
 from toy_lab import carry_out, content, leftovers, study, within
 
-from labbook.cli.options import told
+from labbook.cli.options import explanation
 from labbook.lab import LabFolder
 from labbook.lab.index import Index
 from labbook.lab.merge import merge
@@ -28,12 +28,12 @@ EVERY = 12
 def ran(lab: Path) -> None:
     """A run, saved at every beat, which is then gone on with and replaced."""
     for more in (SHORT, LONG):
-        carry_out(study(lab.parent, *more, **SMALL), lab, lanes=1, checkpoint_every=0)
+        carry_out(study(lab.parent, *more, **SMALL), lab, workers=1, checkpoint_every=0)
 
 
 def imported(lab: Path) -> None:
     """A longer run and its packing, of another lab, that replace those of this one."""
-    carry_out(study(lab.parent, *SHORT, **SMALL), lab, lanes=1)
+    carry_out(study(lab.parent, *SHORT, **SMALL), lab, workers=1)
     index = Index(LabFolder(lab))
     try:
         merge(index, lab.parent / "other")
@@ -96,7 +96,7 @@ def failures(do, other: Path, folder: Path, every: int, errors: Sequence[int], r
         if len(disk.operations) < number:
             return number // every - 1
         at += f": {disk.operations[number - 1]}"
-        assert problem is None or told(problem) is not None, f"{at}: {problem!r}"
+        assert problem is None or explanation(problem) is not None, f"{at}: {problem!r}"
         with within(60):
             do(lab)
         assert content(lab) == right, at

@@ -168,7 +168,7 @@ class LabAndModel(RuleBasedStateMachine):
     def run(self, lab: str, duration: float, replicates: int):
         """A run to its end: the first one, one that goes on, one that mends, or one with nothing to do."""
         with within(120):
-            summary = carry_out(asked(duration, replicates), self.labs[lab].folder, lanes=1, checkpoint_every=0)
+            summary = carry_out(asked(duration, replicates), self.labs[lab].folder, workers=1, checkpoint_every=0)
         assert summary.complete, summary
         self._finished(lab, duration, replicates)
 
@@ -315,7 +315,7 @@ class LabAndModel(RuleBasedStateMachine):
     # what the model learns
 
     def _carried_out(self, lab: str, duration: float, **options) -> None:
-        carry_out(asked(duration, MOST), self.labs[lab].folder, lanes=1, checkpoint_every=0, **options)
+        carry_out(asked(duration, MOST), self.labs[lab].folder, workers=1, checkpoint_every=0, **options)
 
     def _cut_short(self, lab: str, duration: float, operation: int) -> None:
         with Disk(self.labs[lab].folder, ending(operation)):

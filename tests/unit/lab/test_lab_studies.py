@@ -83,7 +83,7 @@ def test_the_text_is_that_of_the_last_run_and_is_written_only_if_it_differs(tmp_
 
 
 def test_a_study_made_in_python_is_kept_as_yaml(tmp_path):
-    asked = define({**load(study_file(tmp_path, **SMALL)).stated, "name": "in-python"})
+    asked = define({**load(study_file(tmp_path, **SMALL)).definition, "name": "in-python"})
     lab = LabFolder(tmp_path / "lab")
     carry_out(asked, lab.folder)
     assert studies.study_files(lab)["in-python"].read_text() == asked.yaml() == asked.text

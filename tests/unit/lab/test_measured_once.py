@@ -19,7 +19,7 @@ from labbook.lab.runs import open_run
 from labbook.measure import MEASURES, Evaluation, MeasureError
 from labbook.measure.packing import PackingStructure
 from labbook.results.find import find
-from labbook.results.find import kept as kept_results
+from labbook.results.find import stored_results as kept_results
 from labbook.stats import Measured
 from labbook.study import load
 from labbook.study.schema import Window

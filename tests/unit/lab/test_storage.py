@@ -10,7 +10,7 @@ import pytest
 from sqlalchemy import event
 from toy_lab import carry_out, labbook, study, study_file
 
-from labbook.cli.options import told
+from labbook.cli.options import explanation
 from labbook.lab import Catalogue
 from labbook.lab.database import connect
 
@@ -131,12 +131,12 @@ def test_a_lab_that_cannot_be_written_is_one_line(place, monkeypatch):
     (errno.EIO, "check the disk"),
 ])  # fmt: skip
 def test_every_error_of_files_has_a_remedy(number, remedy):
-    line = told(OSError(number, os.strerror(number), "/lab/runs"))
+    line = explanation(OSError(number, os.strerror(number), "/lab/runs"))
     assert line is not None
     assert line.startswith(f"/lab/runs: {os.strerror(number)}; ")
     assert remedy in line
 
 
 def test_what_is_no_error_of_files_keeps_its_traceback():
-    assert told(ValueError("a mistake of ours")) is None
-    assert told(BrokenPipeError(errno.EPIPE, "Broken pipe")) is None
+    assert explanation(ValueError("a mistake of ours")) is None
+    assert explanation(BrokenPipeError(errno.EPIPE, "Broken pipe")) is None

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from labbook.checks.verify.materials import D, G, linear, scene
-from labbook.filling.opening import opened
+from labbook.filling.opening import start_of_discharge
 from labbook.lab.tables import write_table
 from labbook.scene import WedgeHopper
 from labbook.scene.packing import Packing
@@ -62,11 +62,11 @@ def test_the_wall_that_is_opened_loses_them():
     silo = WedgeHopper(width=20 * D, height=60 * D, thickness=1.01 * D, orifice=8 * D)
     hopper = scene(2, linear(), silo, G)
     packing = two(x=np.array([[-9.5 * D, 0.0, D / 2], [0.0, 0.0, D / 2]]))
-    start = opened(packing, hopper.close(), hopper)
+    start = start_of_discharge(packing, hopper.close(), hopper)
     assert start.wall_name.tolist() == ["left"]
     assert start.wall_rolling.tolist() == [[7.0, 8.0, 9.0]]
     assert np.array_equal(start.pair_rolling, packing.pair_rolling)
-    assert opened(replace(packing, wall_rolling=None), hopper.close(), hopper).wall_rolling is None
+    assert start_of_discharge(replace(packing, wall_rolling=None), hopper.close(), hopper).wall_rolling is None
 
 
 @pytest.mark.parametrize("name", ROLLING)

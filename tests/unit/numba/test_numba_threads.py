@@ -18,7 +18,7 @@ from labbook.backend import Failed
 from labbook.backend.numerics import Numerics
 from labbook.backend.probes import Contacts, Crossing, Sample
 from labbook.checks.verify.symmetry import DT, hopper
-from labbook.filling.opening import opened
+from labbook.filling.opening import start_of_discharge
 from labbook.filling.placing import place
 from labbook.scene import Packing, Scene
 
@@ -59,7 +59,7 @@ def start():
     ensemble.advance(8)
     fallen = ensemble.packing(member)
     ensemble.close()
-    return opened(fallen, closed, silo())
+    return start_of_discharge(fallen, closed, silo())
 
 
 def discharged(threads: int, precision: str, start, scene: Scene, beats: int = BEATS, dt: float = DT):

@@ -41,7 +41,7 @@ def test_every_step_is_tested_against_the_first_one_listed(synthetic):
     first = [run.measured["flow_rate"].value for run in analysis.points[0].runs]
     for told, point in ((one, analysis.points[1]), (other, analysis.points[2])):
         assert told.first is analysis.points[0]
-        assert told.other is point
+        assert told.second is point
         rates = np.array([run.measured["flow_rate"].value for run in point.runs])
         margin = 0.05 * np.mean(first)
         _, below = stats.ttest_ind(rates - margin, first, equal_var=False, alternative="less")
@@ -79,7 +79,7 @@ def test_points_are_compared_only_with_those_that_are_alike_otherwise(synthetic)
     flat = swept(synthetic, angle=math.pi / 2)
     steep = [replace(p, index=p.index + 3) for p in swept(synthetic, (0.04, 0.0402, 0.045), angle=1.0)]
     analysis = found(synthetic, [*flat, *steep], 0.05, seeds=3)
-    assert [(told.first.point.index, told.other.point.index) for told in analysis.numerical] == [
+    assert [(told.first.point.index, told.second.point.index) for told in analysis.numerical] == [
         (0, 1), (0, 2), (3, 4), (3, 5),
     ]  # fmt: skip
     assert [told.where for told in analysis.numerical] == ["angle = 90 deg"] * 2 + ["angle = 57.2958 deg"] * 2
@@ -88,7 +88,7 @@ def test_points_are_compared_only_with_those_that_are_alike_otherwise(synthetic)
 def test_a_point_without_the_key_is_compared_with_none(synthetic):
     first, *others = swept(synthetic)
     analysis = found(synthetic, [replace(first, at={"container.orifice": 0.03}), *others], 0.05, seeds=3)
-    assert [(told.first.point.index, told.other.point.index) for told in analysis.numerical] == [(1, 2)]
+    assert [(told.first.point.index, told.second.point.index) for told in analysis.numerical] == [(1, 2)]
 
 
 def test_points_that_lack_runs_are_not_tested(synthetic):
@@ -116,7 +116,7 @@ def test_runs_from_the_same_packings_are_compared_seed_by_seed(synthetic):
     analysis = found(synthetic, shared, 0.05)
     told = analysis.numerical[0]
     assert told.paired
-    one, other = ({r.seed: r.measured["flow_rate"].value for r in p.runs} for p in (told.first, told.other))
+    one, other = ({r.seed: r.measured["flow_rate"].value for r in p.runs} for p in (told.first, told.second))
     change = [other[seed] - one[seed] for seed in other]
     assert told.test is not None
     assert told.test.error == pytest.approx(stats.sem(change) / np.mean([one[seed] for seed in other]), rel=1e-9)

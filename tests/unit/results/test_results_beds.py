@@ -61,7 +61,7 @@ def test_the_mean_is_over_beds(asked):
     for name in ("value", "error", "half_width", "n"):
         assert getattr(found.flow_rate, name) == pytest.approx(getattr(expected, name))
     assert found.beds == (1, 2, 3)
-    assert (found.asked, found.partial) == (9, False)
+    assert (found.requested, found.partial) == (9, False)
 
 
 def test_a_bed_of_which_a_discharge_clogged_counts_by_the_others(asked):

@@ -67,7 +67,7 @@ def test_the_windows_part_is_no_noise_and_finds_a_drift(synthetic, replicates):
 def test_what_was_not_measured_is_said(synthetic):
     results = found(synthetic, [synthetic.point(0, 0.03)])
     (budget,) = budgets(results)
-    assert budget.unknown == ("numerics", "filling", "bed")
+    assert budget.unmeasured == ("numerics", "filling", "bed")
     assert "not measured: numerics, filling, bed" in budget.line
     assert budget.line in summed_up([budget])
 
@@ -154,7 +154,7 @@ def test_packing_fractions_have_a_budget_without_a_window(analysis):
         pooled = one.of.pooled["packing_fraction"]
         assert shares(one)["seeds"].part == pytest.approx(pooled.half_width / pooled.value, rel=1e-12)
         assert "window" not in shares(one)
-        assert one.unknown == ("numerics", "filling", "bed")
+        assert one.unmeasured == ("numerics", "filling", "bed")
     assert summed_up(budgets(analysis), "packing_fraction").startswith("Of φ: seeds 0 % everywhere")
 
 
@@ -174,7 +174,7 @@ def test_parameters_move_with_numerics_as_the_flow_rates_do(synthetic):
     assert shares(of_other)["numerics"].part == pytest.approx(abs(first["k"].value / other["k"].value - 1), rel=1e-9)
     half = (first["k"].high - first["k"].low) / 2
     assert shares(of_first)["seeds"].part == pytest.approx(half / first["k"].value, rel=1e-9)
-    assert of_first.unknown == ("filling", "bed")
+    assert of_first.unmeasured == ("filling", "bed")
     assert of_first.name == "k, beverloo"
     named = [row[0] for row in budget_table(results).rows]
     assert named.count("W") == 16
@@ -203,7 +203,7 @@ def test_series_may_differ_in_the_parameters_that_they_have(synthetic, monkeypat
 def test_without_another_setting_numerics_of_a_parameter_are_not_measured(analysis):
     of_fits = [one for one in budgets(analysis) if "." in one.quantity]
     assert of_fits
-    assert all(one.unknown == ("numerics", "filling", "bed") for one in of_fits)
+    assert all(one.unmeasured == ("numerics", "filling", "bed") for one in of_fits)
 
 
 def test_what_is_the_same_at_all_points_has_one_row_and_nothing_known_is_no_error_of_nothing(synthetic, analysis):

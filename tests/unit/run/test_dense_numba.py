@@ -9,7 +9,7 @@ pytest.importorskip("numba")
 
 from labbook_numba import Backend
 
-from labbook.filling import opened, place
+from labbook.filling import place, start_of_discharge
 from labbook.lab import LabFolder
 from labbook.lab.packings import read_packing
 from labbook.plan.demand import demands
@@ -47,7 +47,7 @@ def test_a_dense_start_rests_before_a_rain_has_fallen_and_opens_without_a_jump(t
 
     few = numerics.model_copy(update={"steps_per_beat": 20})
     after = []
-    for here, start in ((closed, bed), (scene, opened(bed, closed, scene))):
+    for here, start in ((closed, bed), (scene, start_of_discharge(bed, closed, scene))):
         ensemble = backend.open(backend.specialise(here, few), 1, "cpu")
         member = ensemble.admit(here, few, start)
         ensemble.advance(1)

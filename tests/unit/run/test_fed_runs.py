@@ -50,8 +50,8 @@ def test_a_run_ends_when_its_own_statistics_are_precise(tmp_path):
     assert record.coverage.discharged == record.coverage.crossed / 100 > 6, "in masses of the bed"
     choice = asked.points[0].choice
     assert choice is not None
-    assert 0.01 < choice.left < 0.02, "the bias of its step takes a part of the error"
-    assert record.coverage.stop.precise == Precise(flow_rate=choice.left, start=0.5)
+    assert 0.01 < choice.remainder < 0.02, "the bias of its step takes a part of the error"
+    assert record.coverage.stop.precise == Precise(flow_rate=choice.remainder, start=0.5)
     assert record.coverage.duration < 30
     (point,) = analyse(asked, finished(Catalogue(tmp_path / "lab"), asked, "toy")).points
     assert point.flow_rate is not None
@@ -128,7 +128,7 @@ def test_replicates_are_as_many_as_stated_and_pooled_between_runs(tmp_path):
 def test_lanes_change_no_bit(tmp_path):
     asked = fed(tmp_path, TO.format("3 %"), LONG, replicates=3)
     for name, lanes in (("one", 1), ("two", 2)):
-        Runner(asked, LabFolder(tmp_path / name), Backend(), lanes=lanes).run()
+        Runner(asked, LabFolder(tmp_path / name), Backend(), workers=lanes).run()
     for folder in (tmp_path / "one" / "runs").iterdir():
         assert arrays(folder) == arrays(tmp_path / "two" / "runs" / folder.name)
 

@@ -31,7 +31,7 @@ def test_beds_are_filled_once_and_their_first_discharge_is_that_of_a_study_witho
     alone, lab = tmp_path / "alone", tmp_path / "lab"
     carry_out(plain, alone)
     done = carry_out(several, lab)
-    assert (done.done, done.asked, done.tally.packings) == (12, 12, len([*(alone / "packings").iterdir()]))
+    assert (done.done, done.requested, done.tally.packings) == (12, 12, len([*(alone / "packings").iterdir()]))
     keys = runs_of(several, lab)
     assert sorted(keys) == [(p, s, k) for p in (0, 1) for s in (1, 2) for k in (1, 2, 3)]
     had, now = content(alone), content(lab)
@@ -63,11 +63,11 @@ def test_a_run_that_was_stopped_goes_on_with_the_same_bits(tmp_path, monkeypatch
         return verdict(self, events)
 
     monkeypatch.setattr(DischargeJob, "verdict", stopped_half_way)
-    carry_out(asked, tmp_path / "lab", request=request, lanes=1)
+    carry_out(asked, tmp_path / "lab", request=request, workers=1)
     monkeypatch.undo()
     again = carry_out(asked, tmp_path / "lab")
     assert again.tally.resumed == 1
-    assert again.done == again.asked == 2
+    assert again.done == again.requested == 2
     assert content(tmp_path / "lab") == content(tmp_path / "whole")
 
 
@@ -119,7 +119,7 @@ def test_the_cheapest_number_is_looked_for_and_found_again(tmp_path, monkeypatch
     assert numbers == [(s, k) for s in range(1, beds + 1) for k in range(1, discharges + 1)], "all have as many"
     assert done.tally.packings == beds
     again = carry_out(asked, tmp_path / "lab")
-    assert (again.done, again.asked, again.tally.ran) == (len(numbers), len(numbers), {})
+    assert (again.done, again.requested, again.tally.ran) == (len(numbers), len(numbers), {})
     (said,) = (line for line in again.lines() if "flow rate to" in line)
     assert f"{beds} replicates of {discharges} discharges" in said
     assert "of the variance of W is made in the flow" in said

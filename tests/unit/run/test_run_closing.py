@@ -35,11 +35,11 @@ def together(monkeypatch):
 
 def test_what_is_written_by_other_threads_is_the_same_in_every_bit(tmp_path, together):
     asked = study(tmp_path, "record: {every: 4 ms, replicates: 1}", replicates=4)
-    carry_out(asked, tmp_path / "many", lanes=1)
+    carry_out(asked, tmp_path / "many", workers=1)
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(runner, "slots", lambda *_: 1)
         patch.setattr(runner.Runner, "_make_finalizers", lambda _: [finalizing.Finalizer(alone=True)])
-        carry_out(asked, tmp_path / "one", lanes=1)
+        carry_out(asked, tmp_path / "one", workers=1)
     for folder in ("runs", "packings"):
         keys = {path.name for path in (tmp_path / "one" / folder).iterdir()}
         assert keys == {path.name for path in (tmp_path / "many" / folder).iterdir()}
@@ -56,7 +56,7 @@ def test_runs_are_written_by_other_processes_but_the_first_of_each_thread(tmp_pa
     put, aside = JobOutput.put, HelperProcess.put
     monkeypatch.setattr(JobOutput, "put", lambda self: here.append(self.key) or put(self))
     monkeypatch.setattr(HelperProcess, "put", lambda self, kept: there.append(kept.key) or aside(self, kept))
-    summary = carry_out(study(tmp_path, replicates=4), tmp_path / "lab", lanes=1)
+    summary = carry_out(study(tmp_path, replicates=4), tmp_path / "lab", workers=1)
     assert summary.complete
     assert len(here) == 3
     assert len(there) > 3
@@ -74,10 +74,10 @@ def test_what_a_process_that_is_killed_was_given_is_written_here(tmp_path, toget
 
     monkeypatch.setattr(HelperProcess, "put", kill)
     asked = study(tmp_path, replicates=4)
-    assert carry_out(asked, tmp_path / "lab", lanes=1).complete
+    assert carry_out(asked, tmp_path / "lab", workers=1).complete
     assert len(killed) == 1
     assert "written by this process, as the process beside it ended" in caplog.text
-    assert carry_out(asked, tmp_path / "lab", lanes=1).tally.ran == {}, "nothing was left to do"
+    assert carry_out(asked, tmp_path / "lab", workers=1).tally.ran == {}, "nothing was left to do"
 
 
 def test_a_process_killed_while_it_measures_loses_no_run(tmp_path, together, monkeypatch, caplog):
@@ -98,10 +98,10 @@ def test_a_process_killed_while_it_measures_loses_no_run(tmp_path, together, mon
     monkeypatch.setattr(HelperProcess, "put", noted)
     monkeypatch.setattr(HelperProcess, "entry", kill)
     asked = study(tmp_path, replicates=4)
-    assert carry_out(asked, tmp_path / "lab", lanes=1, checkpoint_every=0.0).complete
+    assert carry_out(asked, tmp_path / "lab", workers=1, checkpoint_every=0.0).complete
     assert len(killed) == 1
     assert "measured by this process, as the process beside it ended" in caplog.text
-    assert carry_out(asked, tmp_path / "lab", lanes=1).tally.ran == {}, "nothing was left to do"
+    assert carry_out(asked, tmp_path / "lab", workers=1).tally.ran == {}, "nothing was left to do"
 
 
 def test_an_error_of_another_process_comes_back_as_it_was(tmp_path):
@@ -158,7 +158,7 @@ def test_an_ensemble_goes_on_while_a_run_is_written(tmp_path, together, monkeypa
 
     monkeypatch.setattr(Ensemble, "advance", counted)
     monkeypatch.setattr(DischargeJob, "output", slow)
-    summary = carry_out(study(tmp_path, orifices="[18, 36]"), tmp_path / "lab", lanes=1)
+    summary = carry_out(study(tmp_path, orifices="[18, 36]"), tmp_path / "lab", workers=1)
     assert went_on == [True]
     assert outcomes(summary) == ["finished"] * 4
 
@@ -169,9 +169,9 @@ def test_a_disk_that_is_full_ends_all_and_the_next_command_goes_on(tmp_path, tog
         patch.setattr("labbook.run.discharge.PICTURE", "/dev/full")
         patch.setattr(finalizing, "HelperProcess", unable)
         with pytest.raises(DiskFull):
-            carry_out(asked, tmp_path / "lab", lanes=1)
+            carry_out(asked, tmp_path / "lab", workers=1)
     assert not list((tmp_path / "lab").glob("runs/*"))
-    summary = carry_out(asked, tmp_path / "lab", lanes=1)
+    summary = carry_out(asked, tmp_path / "lab", workers=1)
     assert summary.complete
     for thread in threading.enumerate():
         if thread.name == "labbook-closing":
@@ -200,7 +200,7 @@ def test_jobs_that_hold_too_many_grains_are_waited_for(tmp_path, together, monke
         return found
 
     monkeypatch.setattr(finalizing.Finalizer, "finalize", counted)
-    assert carry_out(study(tmp_path, replicates=4), tmp_path / "lab", lanes=1).complete
+    assert carry_out(study(tmp_path, replicates=4), tmp_path / "lab", workers=1).complete
     assert most == [1]
 
 
@@ -215,13 +215,13 @@ def test_a_run_that_is_written_is_told(tmp_path, together, monkeypatch):
         def show(self, view):
             seen.update((one.phase, one.says) for one in view.going)
 
-    carry_out(study(tmp_path), tmp_path / "lab", watcher=Watch(), lanes=1, backend=Backend())
+    carry_out(study(tmp_path), tmp_path / "lab", watcher=Watch(), workers=1, backend=Backend())
     assert ("writing", ("writing and measuring",)) in seen
 
 
 def test_grains_that_other_processes_place_are_those_placed_here(tmp_path, together, monkeypatch):
     asked = study(tmp_path, replicates=4)
-    carry_out(asked, tmp_path / "here", lanes=1)
+    carry_out(asked, tmp_path / "here", workers=1)
     monkeypatch.setattr(job_queue, "PLACE_AHEAD_GRAINS", 1)
     placed, call = [], HelperProcess.call
 
@@ -230,7 +230,7 @@ def test_grains_that_other_processes_place_are_those_placed_here(tmp_path, toget
         return call(self, function, *given)
 
     monkeypatch.setattr(HelperProcess, "call", noted)
-    carry_out(asked, tmp_path / "there", lanes=1)
+    carry_out(asked, tmp_path / "there", workers=1)
     assert len(placed) == len(list((tmp_path / "there/packings").iterdir())) > 1
     for folder in (tmp_path / "here/packings").iterdir():
         assert arrays(folder) == arrays(tmp_path / "there/packings" / folder.name)
@@ -247,7 +247,7 @@ def test_a_process_killed_while_it_places_loses_no_filling(tmp_path, together, m
         return call(self, function, *given)
 
     monkeypatch.setattr(HelperProcess, "call", kill)
-    assert carry_out(study(tmp_path, replicates=4), tmp_path / "lab", lanes=1).complete
+    assert carry_out(study(tmp_path, replicates=4), tmp_path / "lab", workers=1).complete
     assert "placed by this process, as the process beside it ended" in caplog.text
 
 
@@ -259,7 +259,7 @@ def test_looks_at_runs_do_not_grow_with_the_square_of_the_replicates(tmp_path, m
     for replicates in (4, 16):
         looks.clear()
         asked = study(tmp_path, replicates=replicates, orifices="[24]", count=50)
-        carry_out(asked, tmp_path / f"lab-{replicates}", lanes=1)
+        carry_out(asked, tmp_path / f"lab-{replicates}", workers=1)
         cost[replicates] = len(looks)
     assert cost[16] <= 4 * cost[4]
 

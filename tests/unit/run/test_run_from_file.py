@@ -110,7 +110,7 @@ def test_an_imported_study_finds_its_file(tmp_path, elsewhere):
 
 def test_two_processes_place_and_write_beside_each_other(tmp_path, monkeypatch):
     asked = filled(tmp_path / "a", more=("discharges_per_bed: 3",))
-    summary = carry_out(asked, tmp_path / "lab", lanes=2)
+    summary = carry_out(asked, tmp_path / "lab", workers=2)
     assert not summary.tally.failed
     assert len(summary.tally.ran) == 3
 

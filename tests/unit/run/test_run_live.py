@@ -240,7 +240,7 @@ def test_a_run_publishes_for_whoever_watches_and_keeps_nothing(tmp_path):
     lab = LabFolder(tmp_path / "lab")
     seen = Seen(lab)
     backend = Backend(delay=0.01)
-    assert Runner(study(tmp_path, orifices="[24]", replicates=1), lab, backend, watcher=seen, lanes=1).run().complete
+    assert Runner(study(tmp_path, orifices="[24]", replicates=1), lab, backend, watcher=seen, workers=1).run().complete
     assert {one.study for one in seen.running} == {"toy-study"}
     assert {going.phase for one in seen.running for going in one.going} <= {"preparing", "settling", "discharging"}
     assert files(lab) == []

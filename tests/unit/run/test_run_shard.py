@@ -24,7 +24,7 @@ def test_parts_in_labs_of_their_own_are_the_whole(tmp_path):
         lab = tmp_path / str(number)
         summary = carry_out(asked, lab, shard=Shard(number, 3))
         names = [path.name for path in (lab / "runs").iterdir()] if (lab / "runs").exists() else []
-        assert summary.done == summary.asked == len(names)
+        assert summary.done == summary.requested == len(names)
         assert len(names) == 4
         found += names
         for name in names:
@@ -132,6 +132,6 @@ def test_a_run_that_is_done_is_looked_at_alone(tmp_path, monkeypatch):
     monkeypatch.setattr(
         Planner, "_item", lambda self, demand, *more: looked.append(demand.seed) or item(self, demand, *more)
     )
-    summary = carry_out(study(tmp_path, replicates=6), tmp_path / "lab", backend=Backend(), lanes=1)
+    summary = carry_out(study(tmp_path, replicates=6), tmp_path / "lab", backend=Backend(), workers=1)
     assert summary.complete
-    assert len(looked) <= 2 * summary.asked
+    assert len(looked) <= 2 * summary.requested

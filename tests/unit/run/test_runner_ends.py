@@ -203,7 +203,7 @@ def test_what_fails_at_a_beginning_gives_its_claim_back(tmp_path, monkeypatch, s
         with pytest.raises(DiskFull):
             carry_out(asked, tmp_path / "lab")
     assert not list((tmp_path / "lab/work").glob("*.lock"))
-    assert outcomes(carry_out(asked, tmp_path / "lab", lanes=1)) == ["finished"]
+    assert outcomes(carry_out(asked, tmp_path / "lab", workers=1)) == ["finished"]
 
 
 def test_a_full_disk_ends_when_no_kernel_is_at_work_any_more(tmp_path, monkeypatch):
@@ -227,11 +227,11 @@ def test_a_full_disk_ends_when_no_kernel_is_at_work_any_more(tmp_path, monkeypat
             return ensemble
 
     asked = study(tmp_path, orifices="[24]", replicates=2)
-    carry_out(asked, tmp_path / "before", backend=Slow(), lanes=1)  # so that no lane has yet to prepare
+    carry_out(asked, tmp_path / "before", backend=Slow(), workers=1)  # so that no lane has yet to prepare
     quick.clear()
     monkeypatch.setattr("labbook.lab.journal.write_bytes", no_room)
     with pytest.raises(DiskFull):
-        carry_out(asked, tmp_path / "lab", backend=Slow(), lanes=2, checkpoint_every=0)
+        carry_out(asked, tmp_path / "lab", backend=Slow(), workers=2, checkpoint_every=0)
     assert not at_work
 
 

@@ -28,7 +28,7 @@ from labbook.study import load
 def test_lanes_do_not_change_a_bit(tmp_path):
     asked = study(tmp_path, "record: {every: 4 ms, replicates: 1}")
     for lanes in (1, 3):
-        carry_out(asked, tmp_path / str(lanes), lanes=lanes, checkpoint_every=0.03 if lanes == 1 else 1e9)
+        carry_out(asked, tmp_path / str(lanes), workers=lanes, checkpoint_every=0.03 if lanes == 1 else 1e9)
     for folder in ("runs", "packings"):
         keys = sorted(path.name for path in (tmp_path / "1" / folder).iterdir())
         assert keys == sorted(path.name for path in (tmp_path / "3" / folder).iterdir())
@@ -40,12 +40,12 @@ def test_saving_that_takes_long_is_done_seldom(tmp_path, monkeypatch):
     save, saved = Job.save, []
     monkeypatch.setattr(Job, "save", lambda job, *member: saved.append(job) or save(job, *member))
     asked = study(tmp_path, orifices="[24]", replicates=2)
-    carry_out(asked, tmp_path / "short", lanes=1, checkpoint_every=0)
+    carry_out(asked, tmp_path / "short", workers=1, checkpoint_every=0)
     often = len(saved)
     saved.clear()
     monkeypatch.setattr(execution, "_SAVING_ALLOWANCE", 0.0)
     monkeypatch.setattr(execution, "_SAVING_SHARE", 1e-6)  # so that the next save is hours away
-    carry_out(asked, tmp_path / "long", lanes=1, checkpoint_every=0)
+    carry_out(asked, tmp_path / "long", workers=1, checkpoint_every=0)
     assert len(saved) == 1 < often
 
 
@@ -111,7 +111,7 @@ def test_progress_tells_runs_from_packings(tmp_path, monkeypatch):
             made = [len(list((tmp_path / "lab" / name).glob("*"))) for name in ("packings", "runs")]
             seen.append((view.fillings_left, view.runs_done, *made, [one.phase for one in view.going].count("writing")))
 
-    carry_out(study(tmp_path), tmp_path / "lab", watcher=Watch(), lanes=1)
+    carry_out(study(tmp_path), tmp_path / "lab", watcher=Watch(), workers=1)
     assert len({left for left, *_ in seen}) > 1, "it was looked at while packings were being made, and later"
     for left, done, packings, runs, writing in seen:  # what is being written may be in its folder already
         assert 0 <= left - (2 - packings) <= writing
@@ -153,7 +153,7 @@ def test_lanes_leave_compiling_at_the_first_beat_to_one_of_them(tmp_path):
     # a number of steps that no other test has: what was used before in this process is known
     asked = study_file(tmp_path, replicates=4)
     asked.write_text(asked.read_text().replace("steps_per_beat: 200", "steps_per_beat: 187"))
-    summary = carry_out(load(asked), tmp_path / "lab", backend=backend, lanes=4)
+    summary = carry_out(load(asked), tmp_path / "lab", backend=backend, workers=4)
     assert outcomes(summary) == ["finished"] * 8
     assert len(backend.ready) == 2
     assert backend.clashes == 0

@@ -146,7 +146,7 @@ def measured(study: Study) -> dict[str, Numbers]:
     with TemporaryDirectory() as folder:
         lab = LabFolder(Path(folder))
         summary = Runner(study, lab, Backend(wide=True)).run()
-        assert summary.done == summary.asked, summary.failed
+        assert summary.done == summary.requested, summary.failed
         with closing(Catalogue(lab)) as catalogue:
             results = find(study, catalogue, "numba")
     return {point.point.label: _numbers(point.runs) for point in results.points}

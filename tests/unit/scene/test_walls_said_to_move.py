@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from toy_lab import labbook
 
-from labbook.filling import opened
+from labbook.filling import start_of_discharge
 from labbook.lab import Catalogue
 from labbook.lab.identity import scene_key
 from labbook.plan.demand import Conflict, demands
@@ -86,7 +86,7 @@ def test_its_springs_are_gone_with_it(tmp_path):
     zero = np.zeros_like(x)
     bed = Packing(x=x, v=zero, omega=zero, wall_grain=np.arange(2), wall_name=np.array(["lid", "floor-2"], "U40"),
                   wall_spring=np.ones((2, 3)))  # fmt: skip
-    start = opened(bed, scene.close(), scene)
+    start = start_of_discharge(bed, scene.close(), scene)
     assert list(start.wall_name) == ["floor-2"]
 
 

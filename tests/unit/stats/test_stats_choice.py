@@ -2,7 +2,7 @@ import math
 
 import pytest
 
-from labbook.stats.choice import aicc, deviance, unbeaten
+from labbook.stats.choice import aicc, best_laws, deviance
 
 
 def test_aicc_by_hand():
@@ -17,28 +17,28 @@ def test_too_few_points_have_no_aicc(points, parameters):
 
 
 def test_to_beat_a_law_takes_a_difference_of_four():
-    assert unbeaten({"beverloo": (10.0,), "janda": (14.0,)}) == ("beverloo",)
-    assert unbeaten({"beverloo": (14.5,), "janda": (10.0,)}) == ("janda",)
-    assert unbeaten({"beverloo": (10.0,), "janda": (13.9,)}) == ("beverloo", "janda")
+    assert best_laws({"beverloo": (10.0,), "janda": (14.0,)}) == ("beverloo",)
+    assert best_laws({"beverloo": (14.5,), "janda": (10.0,)}) == ("janda",)
+    assert best_laws({"beverloo": (10.0,), "janda": (13.9,)}) == ("beverloo", "janda")
 
 
 def test_a_law_is_beaten_by_every_criterion_or_not_at_all():
-    assert unbeaten({"beverloo": (10.0, 1.0), "janda": (20.0, 2.0)}) == ("beverloo", "janda")
-    assert unbeaten({"beverloo": (10.0, 1.0), "janda": (20.0, 5.0)}) == ("beverloo",)
+    assert best_laws({"beverloo": (10.0, 1.0), "janda": (20.0, 2.0)}) == ("beverloo", "janda")
+    assert best_laws({"beverloo": (10.0, 1.0), "janda": (20.0, 5.0)}) == ("beverloo",)
 
 
 def test_a_law_far_behind_is_out_though_others_are_undecided():
-    assert unbeaten({"power": (26.3,), "exponential": (47.9,), "beverloo": (28.0,)}) == ("power", "beverloo")
+    assert best_laws({"power": (26.3,), "exponential": (47.9,), "beverloo": (28.0,)}) == ("power", "beverloo")
 
 
 def test_a_law_without_aicc_beats_nothing_and_is_not_beaten():
-    assert unbeaten({"beverloo": (1.0, 1.0), "janda": (math.nan, 9.0), "power": (9.0, 9.0)}) == ("beverloo", "janda")
+    assert best_laws({"beverloo": (1.0, 1.0), "janda": (math.nan, 9.0), "power": (9.0, 9.0)}) == ("beverloo", "janda")
 
 
 def test_one_law_is_no_choice_and_none_is_an_error():
-    assert unbeaten({"beverloo": (3.0,)}) == ("beverloo",)
+    assert best_laws({"beverloo": (3.0,)}) == ("beverloo",)
     with pytest.raises(ValueError, match="no law"):
-        unbeaten({})
+        best_laws({})
 
 
 def test_deviance_is_that_of_normal_errors_of_free_size():
@@ -48,7 +48,7 @@ def test_deviance_is_that_of_normal_errors_of_free_size():
 
 
 def test_two_exact_fits_are_undecided():
-    assert unbeaten({"beverloo": (-math.inf,), "janda": (-math.inf,)}) == ("beverloo", "janda")
+    assert best_laws({"beverloo": (-math.inf,), "janda": (-math.inf,)}) == ("beverloo", "janda")
 
 
 def test_negative_sum_of_squares_is_refused():

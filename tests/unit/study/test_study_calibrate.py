@@ -93,7 +93,7 @@ def test_a_study_includes_a_card(tmp_path):
     assert included.points[0].scene.contact.friction == 0.31
     assert included.points[0].scene.contact.restitution == 0.2
     assert included.points == whole.change({"contact.friction": 0.31}).points
-    assert "include" not in included.stated
+    assert "include" not in included.definition
     again = included.change({"contact.friction": 0.4})
     assert again.points[0].scene.contact.friction == 0.4
 

@@ -22,13 +22,13 @@ ROOT = Path(__file__).parents[3]
 
 def test_types_are_those_of_the_models():
     written = Path(stated.__file__).read_text(encoding="utf-8")
-    assert static.written() == written, "run: make docs"
+    assert static.module_text() == written, "run: make docs"
 
 
 @pytest.mark.parametrize("function", [define, Study.change])
 def test_help_lists_every_key_with_its_unit(function):
     shown = " ".join((inspect.getdoc(function) or "").split())
-    for key in page.told():
+    for key in page.documented_keys():
         section, _, leaf = key.name.rpartition(".")
         listed = shown.partition(f"{section}: " if section else "docs/studies.md): ")[2]
         word = f"{leaf} [{key.unit}]" if key.unit else leaf
@@ -43,7 +43,7 @@ def test_a_signature_names_the_keys_as_notebooks_complete_them(function):
 
 def test_names_of_laws_and_figures_are_those_that_there_are():
     assert get_args(stated.LawName) == tuple(LAWS)
-    drawn = re.findall(r'found\["(\w+)"\] =', inspect.getsource(gallery))
+    drawn = re.findall(r'drawings\["(\w+)"\] =', inspect.getsource(gallery))
     assert sorted(get_args(gallery.FigureName)) == sorted({*drawn, *gallery.FILES})
 
 

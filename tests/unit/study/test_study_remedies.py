@@ -9,7 +9,7 @@ from wrong_study import BASE, problems
 
 from labbook.scene.quantities import parse
 from labbook.study import StudyError, load
-from labbook.study.problems import MOST, Problem
+from labbook.study.problems import MAX_PRINTED, Problem
 
 
 def told(tmp_path, text, key):
@@ -165,11 +165,11 @@ def test_swept_values_that_cannot_be_filled_are_told_at_their_line(tmp_path):
 
 
 def test_of_many_problems_the_first_are_printed(tmp_path):
-    found = [Problem(tmp_path, n, f"k{n}", "wrong", "right") for n in range(1, MOST + 6)]
+    found = [Problem(tmp_path, n, f"k{n}", "wrong", "right") for n in range(1, MAX_PRINTED + 6)]
     lines = str(StudyError(found)).splitlines()
-    assert len(lines) == 2 * MOST + 1
+    assert len(lines) == 2 * MAX_PRINTED + 1
     assert lines[-1] == "and 5 more problems"
-    assert len(StudyError(found).problems) == MOST + 5
+    assert len(StudyError(found).problems) == MAX_PRINTED + 5
 
 
 @pytest.mark.slow

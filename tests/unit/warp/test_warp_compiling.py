@@ -128,7 +128,7 @@ def test_what_is_foreseen_is_what_is_needed(tmp_path, monkeypatch):
     monkeypatch.setattr(beat.Beat, "__init__", noted)
     monkeypatch.setattr(compiling, "wait_for", waited.append)
     asked = study(tmp_path, FAST, **SMALL)
-    assert carry_out(asked, tmp_path / "lab", backend=Told(), lanes=1).done == 2
+    assert carry_out(asked, tmp_path / "lab", backend=Told(), workers=1).done == 2
     assert len(told) == 2
     assert {*map(id, used)} == {*map(id, told)}
     assert waited == used

@@ -16,7 +16,7 @@ from rods_on_warp import run
 
 from labbook.backend import Failed
 from labbook.backend.probes import Crossing, Ledger
-from labbook.filling.opening import opened
+from labbook.filling.opening import start_of_discharge
 from labbook.filling.placing import place
 from labbook.scene import (
     Box,
@@ -51,7 +51,7 @@ def planes() -> Scene:
 def on_the_floor(scene: Scene, bed: Packing) -> Packing:
     """The bed in another container, or its own opened; without springs at walls, whose names are others there."""
     if scene == silo(40):
-        return opened(bed, scene.close(), scene)
+        return start_of_discharge(bed, scene.close(), scene)
     none = {"wall_grain": np.zeros(0, np.int64), "wall_name": np.zeros(0, "U40"), "wall_part": np.zeros(0, np.int64)}
     return replace(bed, wall_spring=np.zeros((0, 3)), **none)
 
@@ -99,7 +99,7 @@ def test_energy_balances(precision, bed):
 def test_bits_do_not_depend_on_the_company(precision, bed):
     """Neither on neighbours, nor on the slot, on a checkpoint, or on when lists are built."""
     scene, how, probes = silo(40), numerics(precision), [Crossing(), Ledger()]
-    start = opened(bed, scene.close(), scene)
+    start = start_of_discharge(bed, scene.close(), scene)
     alone, tables = run(scene, how, start, 30, probes)
     assert len(tables[Crossing()]["id"]) > 3
     assert tables[Ledger()]["rebuilds"][-1] > tables[Ledger()]["rebuilds"][0]
@@ -131,7 +131,7 @@ def test_bits_do_not_depend_on_the_company(precision, bed):
 def test_a_kernel_of_their_own_for_walls_decides_no_bit(precision, bed, monkeypatch):
     """Walls are met in the step itself, or before it, in a bed that flows over a turning edge."""
     scene, how = silo(40), numerics(precision)
-    start, kernels, ends = opened(bed, scene.close(), scene), room.kernels, []
+    start, kernels, ends = start_of_discharge(bed, scene.close(), scene), room.kernels, []
     for one in (128, 0):
         monkeypatch.setattr(room, "kernels", lambda *key, apart, one=one, **how: kernels(*key, apart=one, **how))
         ends.append(run(scene, how, start, 20)[0])
@@ -181,8 +181,8 @@ def test_a_number_of_threads_that_masks_cannot_name_is_refused(lanes):
 def test_a_beat_that_is_put_back_leaves_no_trace(precision, bed, monkeypatch):
     """Of some members and not of others, with lists that grow, and beside one that fails within a beat."""
     scene, small, how = silo(40), silo(23), numerics(precision)
-    start = opened(bed, scene.close(), scene)
-    smaller = opened(place(small.close(), "gas", 3), small.close(), small)
+    start = start_of_discharge(bed, scene.close(), scene)
+    smaller = start_of_discharge(place(small.close(), "gas", 3), small.close(), small)
     alone = [run(scene, how, start, 20)[0], run(small, how, smaller, 20)[0]]
     beats, collect = iter(range(10_000)), stage.collect
 

@@ -17,7 +17,7 @@ from rods_on_warp import run
 from labbook.backend import Unsupported
 from labbook.backend.probes import Contacts, Crossing, Ledger, Sample, Slab
 from labbook.checks.bench.speed import FAN_STEP, cylinder, fan
-from labbook.filling.opening import opened
+from labbook.filling.opening import start_of_discharge
 from labbook.filling.placing import place
 from labbook.scene import Spheres
 
@@ -146,7 +146,7 @@ SPHERES = Spheres(diameter=D, density=DENSITY, count=150)
 def test_rows_of_grains_that_have_left_are_closed_up_and_leave_no_trace(precision, scene, monkeypatch):
     how = numerics(precision)
     closed = scene.close()
-    bed = opened(run(closed, how, place(closed, "gas", 1), 100)[0], closed, scene)
+    bed = start_of_discharge(run(closed, how, place(closed, "gas", 1), 100)[0], closed, scene)
     probes = (Crossing(), Ledger(every=3), Sample(fields=("x", "v", "omega"), every=2), Slab(low=-0.01, high=0.02))
     made, resize = [], stage.Stage._resize
 

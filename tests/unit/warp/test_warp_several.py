@@ -21,7 +21,7 @@ from rods_on_warp import run
 from labbook.backend import Failed
 from labbook.backend.numerics import Numerics
 from labbook.backend.probes import Crossing, Film, Ledger, Sample, Slab, Zone
-from labbook.filling.opening import opened
+from labbook.filling.opening import start_of_discharge
 from labbook.filling.placing import place
 from labbook.scene import HertzMindlin, Scene, Spheres
 from labbook.scene.packing import Packing
@@ -43,7 +43,7 @@ def falling(scene: Scene, how: Numerics, device: str) -> Packing:
     """A bed that has not yet come to rest, opened."""
     closed = scene.close()
     bed, _ = run(closed, how, place(closed, "gas", 1), 150, device=device)
-    return opened(bed, closed, scene)
+    return start_of_discharge(bed, closed, scene)
 
 
 class End(NamedTuple):

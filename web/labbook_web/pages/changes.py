@@ -73,6 +73,6 @@ def changes(results: StudyResults, since: str) -> Changes:
     return Changes(since, unit.heading, tuple(rows))
 
 
-def _mean(result: PointResult, quantity: str, unit: display.Shown) -> str:
+def _mean(result: PointResult, quantity: str, unit: display.Notation) -> str:
     pooled = result.pooled.get(quantity)
     return "–" if pooled is None else display.with_interval(pooled, unit.scale)

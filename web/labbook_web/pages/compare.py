@@ -146,7 +146,7 @@ def _differences(items: Sequence[ComparedItem]) -> list[tuple[str, tuple[str, ..
         found = differences([point for point in points if point is not None])
         backends = tuple(one.backend for one in items)
         return found + ([("backend", backends)] if len(set(backends)) > 1 else [])
-    stated = [_flat(one.found.study.stated) if one.found else {} for one in items]
+    stated = [_flat(one.found.study.definition) if one.found else {} for one in items]
     names = dict.fromkeys(name for one in stated for name in one)
     backends = tuple(one.backend for one in items)
     return [("backend", backends)] * (len(set(backends)) > 1) + [

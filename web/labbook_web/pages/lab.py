@@ -85,7 +85,7 @@ def progress(found: Found, running: Sequence[Running]) -> dict[str, Any]:
     """How many runs of a study are there, of how many; and the processes that run it now on this backend."""
     results, study = found.results, found.study
     done = sum(len(one.runs) for one in results.points)
-    asked = sum(max(one.asked, len(one.runs)) for one in results.points) + fewest_runs(study) * len(results.missing)
+    asked = sum(max(one.requested, len(one.runs)) for one in results.points) + fewest_runs(study) * len(results.missing)
     going = [
         {"rate": one.rate, "left": _left(one), "jobs": one.going, "more": one.jobs - len(one.going)}
         for one in running

@@ -64,13 +64,13 @@ def leading(results: StudyResults) -> str:
     return FLOW_RATE if FLOW_RATE in names else next(iter(names), "")
 
 
-def unit_of(results: StudyResults, quantity: str) -> display.Shown:
+def unit_of(results: StudyResults, quantity: str) -> display.Notation:
     """Name, unit and scale of a measured quantity."""
     measured = (run.measured for result in results.points for run in result.runs)
     return display.quantity(quantity, next((one[quantity].unit for one in measured if quantity in one), ""))
 
 
-def with_unit(pooled: Pooled, unit: display.Shown) -> str:
+def with_unit(pooled: Pooled, unit: display.Notation) -> str:
     """`24.3 (23.4 to 25.2, 95 %) g/s, n = 3`: a mean with its interval and unit."""
     interval, _, n = display.with_interval(pooled, unit.scale).rpartition(", n = ")
     return f"{interval} {unit.unit}".rstrip() + f", n = {n}"

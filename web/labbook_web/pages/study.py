@@ -351,7 +351,7 @@ def _point(result: PointResult) -> dict[str, Any]:
         "at": dict(result.at),
         "label": result.label or "the only point",
         "runs": len(result.runs),
-        "asked": result.asked,
+        "asked": result.requested,
         "remark": result.remark,
         "trending": result.trending,
         "clogged": outcomes["clogged"],

@@ -143,7 +143,7 @@ def value_range(results: StudyResults) -> Range | None:
     )
 
 
-def _end(name: str, result: PointResult, quantity: str, unit: display.Shown) -> End:
+def _end(name: str, result: PointResult, quantity: str, unit: display.Notation) -> End:
     text = display.with_interval(result.pooled[quantity], unit.scale)
     return End(name, text, result.label if name != "at all points" else "", result.point.index + 1)
 
