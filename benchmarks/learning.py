@@ -190,12 +190,12 @@ def maps(repeats: int, error: float = 0.02) -> dict[str, float]:
     return {name: float(value) for name, value in figures.items()}
 
 
-TWIN = {
+TWIN: dict[str, Any] = {
     "about": "A twin: runs with a friction drawn from the prior stand for an experiment",
     "grains": {"shape": "sphere", "diameter": "3 mm", "density": "2500 kg/m^3", "count": 400},
     "contact": {"law": "hertz-mindlin", "shear_modulus": "2 MPa", "poisson_ratio": 0.25, "friction": 0.5,
                 "restitution": 0.5, "rolling_friction": 0.02},
-    "container": {"kind": "wedge-hopper", "width": "60 mm", "height": "200 mm", "thickness": "1.01 d",
+    "container": {"kind": "wedge-hopper", "width": "60 mm", "height": "300 mm", "thickness": "1.01 d",
                   "orifice": "24 mm"},
     "fill": {"kind": "dense", "settled_below": 1e-3},
     "window": {"start": 0.15, "end": 0.6},
@@ -206,8 +206,18 @@ TWIN_BEDS = 8
 """Beds of a measured value. Their seeds are not those of the first runs of a calibration, whose beds would be alike."""
 
 
+def _twin(grains: int) -> dict[str, Any]:
+    return {**TWIN, "grains": {**TWIN["grains"], "count": grains}}
+
+
 def twins(
-    repeats: int, lab: str, backend: str = "numba", device: str = "cpu", batch: int = 128, at_once: int = 1
+    repeats: int,
+    lab: str,
+    backend: str = "numba",
+    device: str = "cpu",
+    batch: int = 128,
+    at_once: int = 1,
+    grains: int = 400,
 ) -> dict[str, float]:
     """Calibrate the friction of twins. The outlet in the middle is held out, and is predicted.
 
@@ -217,7 +227,7 @@ def twins(
 
     frictions = [round(float(mu), 3) for mu in np.random.default_rng(21).uniform(0.1, 0.9, repeats)]
     sweep = {FRICTION: frictions, OUTLET: list(TWIN_OUTLETS)}
-    truth = labbook.define(TWIN, name="truth", sweep=sweep, replicates=2 * TWIN_BEDS)
+    truth = labbook.define(_twin(grains), name="truth", sweep=sweep, replicates=2 * TWIN_BEDS)
     place = labbook.Lab(lab, backend, device)
     place.run(truth, progress=False)
     values: dict[float, list[dict[str, Any]]] = {mu: [] for mu in frictions}
@@ -227,7 +237,7 @@ def twins(
         entry = {"at": {OUTLET: f"{1e3 * float(point.point.at[OUTLET]):.12g} mm"}, "value": f"{np.mean(beds)!s} kg/s",
                  "error": f"{np.std(beds, ddof=1) / math.sqrt(len(beds))!s} kg/s"}  # fmt: skip
         values[float(point.point.at[FRICTION])].append(entry)
-    jobs = [(number, mu, values[mu], lab, backend, device, batch) for number, mu in enumerate(frictions)]
+    jobs = [(number, mu, values[mu], lab, backend, device, batch, grains) for number, mu in enumerate(frictions)]
     ends = [_calibrated(*jobs[0])]  # the first one makes the runs that all have in common
     with ProcessPoolExecutor(at_once, mp_context=get_context("spawn")) as pool:
         ends += pool.map(_calibrated, *zip(*jobs[1:], strict=True)) if len(jobs) > 1 else ()
@@ -238,7 +248,14 @@ def twins(
 
 
 def _calibrated(
-    number: int, friction: float, values: list[dict[str, Any]], lab: str, backend: str, device: str, batch: int
+    number: int,
+    friction: float,
+    values: list[dict[str, Any]],
+    lab: str,
+    backend: str,
+    device: str,
+    batch: int,
+    grains: int,
 ) -> tuple[bool, bool, int, bool]:
     """Calibrate one twin: friction inside, held-out value inside, runs, promise kept."""
     import labbook
@@ -246,7 +263,7 @@ def _calibrated(
     place, start = labbook.Lab(lab, backend, device), time.time()
     section = {"parameters": {FRICTION: {"uniform": [0.1, 0.9]}}, "discrepancy": 0, "batch": batch,
                "predict": [{OUTLET: TWIN_OUTLETS[1]}]}  # fmt: skip
-    twin = labbook.define(TWIN, name=f"twin-{number}", sweep={OUTLET: list(TWIN_OUTLETS)},
+    twin = labbook.define(_twin(grains), name=f"twin-{number}", sweep={OUTLET: list(TWIN_OUTLETS)},
                           reference={"source": "twin", "flow_rate": values}, calibrate=section)  # fmt: skip
     summary = place.run(twin, progress=False)
     calibration = place.results(twin, progress=False).calibration()
@@ -268,6 +285,7 @@ def main() -> None:
     parser.add_argument("--backend", default="numba", help="backend of the twins")
     parser.add_argument("--device", default="cpu", help="device of the twins")
     parser.add_argument("--batch", type=int, default=128, help="runs of a round of a twin")
+    parser.add_argument("--grains", type=int, default=400, help="grains of a twin")
     parser.add_argument("--at-once", type=int, default=1, help="twins that are calibrated at once")
     options, start = parser.parse_args(), time.time()
     cases = {
@@ -275,7 +293,13 @@ def main() -> None:
         "stops": lambda: coverage(options.repeats, 0.1),
         "map": lambda: maps(options.repeats),
         "twins": lambda: twins(
-            options.repeats, options.lab, options.backend, options.device, options.batch, options.at_once
+            options.repeats,
+            options.lab,
+            options.backend,
+            options.device,
+            options.batch,
+            options.at_once,
+            options.grains,
         ),
     }
     figures = cases[options.case]()
