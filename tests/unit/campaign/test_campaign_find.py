@@ -1,6 +1,7 @@
 """The goal `find`: simulated campaigns keep the promise; faults of studies, clogged points, budgets, values out of
 reach."""
 
+import json
 import math
 from dataclasses import replace
 from types import SimpleNamespace
@@ -313,6 +314,8 @@ def test_from_yaml_to_the_report(tmp_path):
     planned = labbook("plan", path, "--lab", lab, "--backend", "toy").output
     assert "Goal: container.orifice with flow_rate = 28 g/s within 3 %" in planned
     assert "at most 60 runs and 60 min of device time" in planned
+    plain = json.loads(labbook("plan", path, "--lab", lab, "--backend", "toy", "--json").stdout)
+    assert plain["campaign"][0].startswith("Goal: container.orifice with flow_rate = 28 g/s within 3 %")
     assert not (lab / "campaigns").exists()
     study = load(path)
     carry_out(study, lab, backend=Backend())
