@@ -105,7 +105,8 @@ class Calibrate(Goal):
             f"{', '.join(self.parameters)} from {used} measured values{f', {errors}' if errors else ''}. "
             f"{_BEDS * self._first} runs over the range, then rounds of {self.batch} until the emulator's variance is "
             f"at most a quarter of that of the measurements{reached}, then {_TESTING} held-out runs. "
-            f"About {self._expected()} runs{self.limits(LIMIT)}"
+            f"About {self._expected()} runs{self.limits(LIMIT)} (scatter of a run: "
+            f"{percent(SCATTER)})"
         )
 
     def first(self, study: Any) -> list[dict[str, float]]:

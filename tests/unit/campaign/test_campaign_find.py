@@ -269,6 +269,7 @@ FIND = "{find: {container.orifice: {flow_rate: 28 g/s, within: 3 %}}, budget: 60
 
 def test_a_study_states_it(tmp_path):
     goal = load(asked(tmp_path, FIND)).adapt
+    assert goal is not None
     assert goal == Find(key=KEY, quantity="flow_rate", target=0.028, within=0.03, budget=60)
     for stated, runs, seconds in (
         ("10 min", None, 600.0),
