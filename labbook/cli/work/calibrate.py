@@ -36,8 +36,8 @@ def run(study: Path, lab: Path, backend: str, device: str, runs: bool, card: Pat
     if not calibration.lacking:
         path.write_text(calibration.card(), encoding="utf-8")
     if as_json:
-        shown = {**calibration.plain(), "campaign": list(study_results.campaign)}
-        typer.echo(json.dumps(shown, indent=2, allow_nan=False))
+        plain = {**calibration.plain(), "campaign": list(study_results.campaign)}
+        typer.echo(json.dumps(plain, indent=2, allow_nan=False))
     else:
         _show(calibration, path, study_results.campaign)
     if calibration.lacking:
