@@ -105,7 +105,8 @@ class Calibrate(Goal):
             f"{', '.join(self.parameters)} from {used} measured values{f', {errors}' if errors else ''}. "
             f"{_BEDS * self._first} runs over the range, then rounds of {self.batch} until the emulator's variance is "
             f"at most a quarter of that of the measurements{reached}, then {_TESTING} held-out runs. "
-            f"About {self._expected()} runs, at most {self.budget or LIMIT}"
+            f"About {self._expected()} runs{self.limits(LIMIT)} (scatter of a run: "
+            f"{percent(SCATTER)})"
         )
 
     def first(self, study: Any) -> list[dict[str, float]]:
@@ -126,7 +127,7 @@ class Calibrate(Goal):
         lacking = inference.lacking()
         if not lacking and (self._reached(inference) or not self._reachable(inference)):
             return self._held_out(inference, trials, progress)
-        if len(trials) + self.batch > LIMIT and self.budget is None:
+        if len(trials) + self.batch > LIMIT and not self.is_limited:
             reason = f"{LIMIT} runs are made without a stated budget, and the promise is not reached"
             return Step(Proposal.end(f"{reason}: {lacking or progress}"))
         share = f"emulator's variance {inference.share:.2g} of that of the measurements"

@@ -109,11 +109,11 @@ class Find(Goal):
         scatter = next((point.choice.scatter for point in study.points if getattr(point, "choice", None)), SCATTER)
         start = len(self._start(study)) * self.beds
         expected = start + math.ceil((student(0.95, math.inf) * scatter / self.within) ** 2)
-        limit = f", at most {self.budget} runs" if self.budget is not None else ""
         return (
             f"{self.key} with {self._amount(self.target)} within {percent(self.within)}. {start} beds over the range, "
             f"then beds near the answer until the half width of the 95 % interval is {percent(self.within)}, then "
-            f"{HELD_OUT} held-out beds. About {expected + HELD_OUT} beds{limit} (scatter of a run: {percent(scatter)})"
+            f"{HELD_OUT} held-out beds. About {expected + HELD_OUT} beds{self.limits()} (scatter of a run: "
+            f"{percent(scatter)})"
         )
 
     def first(self, study: Any) -> list[Values]:

@@ -123,11 +123,11 @@ class FitLaw(Goal):
     def plan_rule(self, study: Any) -> str:
         """State the end of the campaign, and the expected number of runs."""
         start = len(self._start(study)) * self.beds
-        limit = f", at most {self.budget} runs" if self.budget is not None else ""
         return (
             f"{self._wishes()} of {self.law} (half widths of the 95 % intervals). {start} beds over the range, then "
             f"beds where they are worth most, a fifth of them inside the range, then {HELD_OUT} held-out beds at each "
-            f"end. About {self._expected(study) + self.testing} beds{limit} (scatter of a run: {percent(SCATTER)})"
+            f"end. About {self._expected(study) + self.testing} beds{self.limits()} (scatter of a run: "
+            f"{percent(SCATTER)})"
         )
 
     def first(self, study: Any) -> list[Values]:

@@ -7,16 +7,16 @@ held out: they take no part in the choice, and the last line of the campaign sta
 import re
 from abc import abstractmethod
 from collections import Counter
-from collections.abc import Iterable, Iterator, Sequence
-from dataclasses import dataclass
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
 from typing import Annotated, Any, ClassVar
 
-from pydantic import BeforeValidator, Field, PrivateAttr
+from pydantic import BeforeValidator, Field, PrivateAttr, model_validator
 
 from labbook.campaign.strategy import Assignment, Generation, History, Proposal, Strategy, Trial, Values, place
 from labbook.fit.interpolation import CLOGGED
-from labbook.scene.model import Fault, Internal, Model
-from labbook.scene.quantities import whole
+from labbook.scene.model import Fault, Internal, Model, refuse
+from labbook.scene.quantities import Duration, duration, whole
 
 HELD_OUT = 8
 """Number of held-out beds."""
@@ -27,18 +27,68 @@ studies)."""
 
 def _runs(number: Any) -> Any:
     """Parse `60 runs` as 60."""
-    match = re.fullmatch(r"\s*(\S+)\s+runs?\s*", number) if isinstance(number, str) else None
+    match = _COUNTED.fullmatch(number) if isinstance(number, str) else None
     return whole(match[1] if match else number)
 
 
-Budget = Annotated[int | None, Field(strict=True, ge=16, le=200_000), BeforeValidator(_runs)]
+_COUNTED = re.compile(r"\s*(\S+)\s+runs?\s*")
+
+
+class Budget(Model):
+    """Largest cost of a campaign: a number of runs, a device time, or both."""
+
+    runs: Annotated[int | None, Field(strict=True, ge=16, le=200_000), BeforeValidator(_runs)] = None
+    """Largest number of runs."""
+    device_time: Duration | None = None
+    """Largest device time [s]."""
+
+    @model_validator(mode="before")
+    @classmethod
+    def _of_text(cls, budget: Any) -> Any:
+        """Convert `60 runs`, 60 and `10 min` to a mapping."""
+        if isinstance(budget, Mapping):
+            if not budget:
+                refuse([Fault("", "runs or device_time is needed", "write {runs: 60, device_time: 10 min}")])
+            return budget
+        counts = not isinstance(budget, str) or _COUNTED.fullmatch(budget) or isinstance(whole(budget), int)
+        return {"runs" if counts else "device_time": budget}
 
 
 class Budgeted(Model):
     """Keys beside the goal of a study."""
 
-    budget: Budget = None
-    """Largest number of runs of the campaign; none: no limit but `accuracy.max_replicates` of a point."""
+    budget: Budget | None = None
+    """Largest cost of the campaign; none: no limit but `accuracy.max_replicates` of a point."""
+
+
+@dataclass(frozen=True)
+class DeviceTime:
+    """Device time of runs and of their fillings.
+
+    Args:
+        total: Sum of the known times [s], of each filling once.
+        beds: Number of beds all of whose times are known.
+        gaps: Number of runs of which a time is not recorded.
+    """
+
+    total: float
+    beds: int
+    gaps: int
+
+    @classmethod
+    def of(cls, trials: Iterable[Trial]) -> "DeviceTime":
+        """Add the times of runs."""
+        runs = list(trials)
+        times = {key: time for trial in runs for key, time in trial.device_time.items() if time is not None}
+        complete = [trial for trial in runs if trial.device_time and None not in trial.device_time.values()]
+        beds = {(place(trial.at), trial.seed) for trial in complete}
+        return cls(sum(times.values()), len(beds), len(runs) - len(complete))
+
+    def in_words(self, budget: float) -> str:
+        """Describe the part of a budget [s] that is used."""
+        words = f"{duration(self.total)} of {duration(budget)} of device time used"
+        number = f"{self.gaps} run{'' if self.gaps == 1 else 's'}"
+        return f"{words}, not counting {number} without a recorded device time" if self.gaps else words
 
 
 @dataclass(frozen=True)
@@ -59,6 +109,7 @@ class Goal(Strategy):
         beds: Beds of each point of the start.
         places: Word for the points of the start.
         budget: Largest number of runs, stated beside the goal; None: no limit.
+        device_time: Largest device time [s], stated in the same way. It ends a campaign and has no influence on points.
     """
 
     ahead: ClassVar[int] = 0
@@ -68,6 +119,8 @@ class Goal(Strategy):
 
     budget: Annotated[int | None, Internal()] = None
     """Largest number of runs, stated beside the goal."""
+    device_time: Annotated[float | None, Internal(), Field(exclude_if=lambda time: time is None)] = None
+    """Largest device time [s], stated beside the goal."""
     _latest: tuple[Any, tuple[str, ...], Step] | None = PrivateAttr(default=None)
     """Study, keys of all runs, and the step after them."""
 
@@ -75,13 +128,17 @@ class Goal(Strategy):
         """Propose the next generation; after the held-out runs, end with the verdict on the promise."""
         if history.pending:
             return Proposal.wait()
-        generations = history.generations
-        if generations and self._next(history.study, generations[:-1]).holds_out:
+        proposal = self._proposal(history.study, history.generations)
+        if self.device_time is None or not history.generations:
+            return proposal
+        used = DeviceTime.of(_trials(history.generations)).in_words(self.device_time)
+        return replace(proposal, reason=f"{proposal.reason}; {used}")
+
+    def _proposal(self, study: Any, generations: Sequence[Generation]) -> Proposal:
+        if generations and self._next(study, generations[:-1]).holds_out:
             trials = _trials(generations[:-1])
-            return Proposal.end(
-                self.verdict(history.study, trials, self.withheld(trials, generations[-1].trials or ()))
-            )
-        return self._next(history.study, generations).proposal
+            return Proposal.end(self.verdict(study, trials, self.withheld(trials, generations[-1].trials or ())))
+        return self._next(study, generations).proposal
 
     @abstractmethod
     def first(self, study: Any) -> Sequence[Values]:
@@ -149,13 +206,35 @@ class Goal(Strategy):
 
     def _within_budget(self, study: Any, trials: Sequence[Trial]) -> Step:
         step = self.step(study, trials) if trials else Step(self.start(study))
-        if self.budget is None or step.proposal.state != "go" or step.holds_out:
+        if step.proposal.state != "go" or step.holds_out:
             return step
-        new = new_beds(step.proposal.assignments, trials) + self.testing
-        if len(trials) + new * study.discharges_per_bed <= self.budget:
+        exceeded = self._exceeded(study, new_beds(step.proposal.assignments, trials) + self.testing, trials)
+        if not exceeded:
             return step
-        reason = f"the budget of {self.budget} runs does not allow more, and the promise is not reached"
+        reason = f"the budget of {exceeded} does not allow more, and the promise is not reached"
         return Step(Proposal.end(f"{reason}: {step.proposal.reason}"))
+
+    def _exceeded(self, study: Any, beds: int, trials: Sequence[Trial]) -> str:
+        """Name the budget that does not allow further beds; empty if all do."""
+        if self.budget is not None and len(trials) + beds * study.discharges_per_bed > self.budget:
+            return f"{self.budget} runs"
+        if self.device_time is not None:
+            used = DeviceTime.of(trials)
+            if used.beds and used.total * (1 + beds / used.beds) > self.device_time:
+                return f"{duration(self.device_time)} of device time"
+        return ""
+
+    @property
+    def is_limited(self) -> bool:
+        """True if a budget is stated."""
+        return self.budget is not None or self.device_time is not None
+
+    def limits(self, limit: int | None = None) -> str:
+        """Describe the budget, as `, at most 60 runs`. `limit`: number of runs without a stated budget."""
+        runs = self.budget if self.is_limited else limit
+        parts = [] if runs is None else [f"{runs} runs"]
+        parts += [] if self.device_time is None else [f"{duration(self.device_time)} of device time"]
+        return f", at most {' and '.join(parts)}" if parts else ""
 
 
 def _trials(generations: Sequence[Generation]) -> list[Trial]:

@@ -110,8 +110,8 @@ class Map(Goal):
         return (
             f"{self.quantity} to {percent(self.error)} (half width of the 95 % interval) on {percent(self.on)} of the "
             f"range of {', '.join(self.over)}. {_BEDS * len(self.first(study))} runs over the range, then {BATCH} at a "
-            f"time where they lower the error most, then {_TESTING} held-out runs. About {expected} runs, at most "
-            f"{self.budget or LIMIT} (scatter of a run: {percent(SCATTER)})"
+            f"time where they lower the error most, then {_TESTING} held-out runs. About {expected} runs"
+            f"{self.limits(LIMIT)} (scatter of a run: {percent(SCATTER)})"
         )
 
     def first(self, study: Any) -> list[dict[str, float]]:
@@ -140,7 +140,7 @@ class Map(Goal):
             new = {place(at): Assignment(at, 1) for at in tested if place(at) not in {place(t.at) for t in trials}}
             reason = f"{progress}; {len(new)} runs are held out to test it"
             return Step(Proposal(tuple(new.values()), reason), holds_out=True)
-        if self.budget is None and len(trials) + BATCH > LIMIT:
+        if not self.is_limited and len(trials) + BATCH > LIMIT:
             reason = f"{LIMIT} runs are made without a stated budget, and the promise is not reached"
             return Step(Proposal.end(f"{reason}: {progress}"))
         if values.of_bed_means > 0.5 * (math.log1p(self.error) / _NORMAL) ** 2:

@@ -56,8 +56,8 @@ def _only(adapt: Budgeted) -> Strategy:
     if adapt.budget is None:
         return strategy
     if not isinstance(strategy, Goal):
-        refuse([Fault("budget", f"the strategy {strategy.name} has no budget of runs", "leave it out")])
-    return strategy.model_copy(update={"budget": adapt.budget})
+        refuse([Fault("budget", f"the strategy {strategy.name} has no budget", "leave it out")])
+    return strategy.model_copy(update={"budget": adapt.budget.runs, "device_time": adapt.budget.device_time})
 
 
 STRATEGIES = Strategies("labbook.strategies", (Find, FitLaw, Transition, Map))

@@ -88,6 +88,9 @@ class Trial:
         numbers: Finite numbers by name of their quantity [SI], with the exposures of rates (EXPOSURE). Empty for a run
             that diverged or is suspect.
         discharge: Number of the discharge of its bed, from 1.
+        device_time: Device time [s] of the run and of its filling, by their keys, as several runs may have one filling.
+            None where a record of an older version has none. It depends on the machine: use it to end a campaign, never
+            to choose a point.
     """
 
     at: Values
@@ -96,6 +99,7 @@ class Trial:
     outcome: str
     numbers: Mapping[str, float] = field(default_factory=dict)
     discharge: int = 1
+    device_time: Mapping[str, float | None] = field(default_factory=dict)
 
 
 @dataclass(frozen=True)

@@ -113,11 +113,10 @@ class Transition(Goal):
 
     def plan_rule(self, study: Any) -> str:
         """State the end of the search."""
-        limit = f", at most {self.budget} runs" if self.budget is not None else ""
         return (
             f"{self.key} at which {percent(self.clogging)} of the flows stop before {self.grains} grains, to "
             f"±{self.within}. {_SETTINGS * self.beds} beds over the range, then {_BATCH} at a time at the quartiles of "
-            f"its position until the 95 % interval is so narrow, then {HELD_OUT} held-out beds{limit}"
+            f"its position until the 95 % interval is so narrow, then {HELD_OUT} held-out beds{self.limits()}"
         )
 
     def first(self, study: Any) -> list[Values]:

@@ -443,6 +443,14 @@ class Catalogue:
         with self._connection() as connection:
             return {key: value for key, value in select_in(connection, query, measurements.c.run_key, run_keys)}
 
+    def device_times(self, run_keys: Iterable[str], packing_keys: Iterable[str]) -> dict[str, float | None]:
+        """Return the device times [s] of runs and packings by key; None where older records have none."""
+        with self._connection() as connection:
+            rows = select_in(connection, select(runs.c.run_key, runs.c.device_time), runs.c.run_key, run_keys)
+            query = select(packings.c.packing_key, packings.c.device_time)
+            rows += select_in(connection, query, packings.c.packing_key, packing_keys)
+            return {key: device_time for key, device_time in rows}
+
     def flow_rates(self, run_keys: Iterable[str]) -> dict[str, tuple[float, ...]]:
         """Flow rates [kg/s] of runs by their key, by the newest version of the measure; one for each window."""
         query = select(measurements.c.run_key, measurements.c.version, measurements.c.value).where(

@@ -47,7 +47,7 @@ from labbook.lab import server
 from labbook.lab.folder import DiskFull, LabError, LabFolder, file_system, is_network, remove
 from labbook.lab.server import BUSY
 
-SCHEMA_VERSION = 7
+SCHEMA_VERSION = 8
 
 metadata = MetaData()
 
@@ -77,6 +77,7 @@ runs = Table(
     Column("discharged", Float),
     Column("duration", Float),
     Column("wall_time", Float),
+    Column("device_time", Float),
     Column("rate", Float),
     Column("finished", _NAME),
     Column("device", _NAME),
@@ -101,8 +102,9 @@ runs = Table(
 """Table with one row for each run folder.
 
 `coverage`: that of `run.json`, as JSON. `stamp`: stamp of the folder (`labbook.lab.folder.stamp`) when it was read,
-which shows later changes. `outcome` is `unreadable` and `problem` gives the reason where a folder cannot be read.
-`suspect`: reason for which the run is suspect (`labbook.lab.suspect`), else empty.
+which shows later changes. `device_time`: absent of runs of older versions. `outcome` is `unreadable` and `problem`
+gives the reason where a folder cannot be read. `suspect`: reason for which the run is suspect
+(`labbook.lab.suspect`), else empty.
 """
 
 packings = Table(
@@ -115,6 +117,7 @@ packings = Table(
     Column("grains", Integer),
     Column("duration", Float),
     Column("wall_time", Float),
+    Column("device_time", Float),
     Column("rate", Float),
     Column("machine", _NAME),
     Column("bytes", BigInteger),

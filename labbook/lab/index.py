@@ -379,7 +379,16 @@ def _delete_runs(connection: Connection, keys: Sequence[str]) -> None:
 
 _LABEL_COLUMNS = ("study", "label", "seed", "discharge", "backend", "cache_version", "packing_key", "lineage_key")
 _KEY_COLUMNS = ("run_key", "experiment_key", "scene_key")
-_RECORD_COLUMNS = (*_LABEL_COLUMNS, *_KEY_COLUMNS, "outcome", "wall_time", "finished", "device", "machine")
+_RECORD_COLUMNS = (
+    *_LABEL_COLUMNS,
+    *_KEY_COLUMNS,
+    "outcome",
+    "wall_time",
+    "device_time",
+    "finished",
+    "device",
+    "machine",
+)
 """Columns that copy attributes of the record; of a damaged run only `_LABEL_COLUMNS` are filled."""
 
 
@@ -463,7 +472,7 @@ def packing_row(folder: Path, record: PackingRecord | None = None) -> dict[str, 
         record = record or read_packing(folder)[0]
     except Unreadable as problem:
         return {**row, "problem": _storable(str(problem))}
-    columns = ("closed_key", "backend", "grains", "duration", "wall_time", "machine")
+    columns = ("closed_key", "backend", "grains", "duration", "wall_time", "device_time", "machine")
     attributes = {name: getattr(record, name) for name in columns}
     return {**row, **attributes, "seed": record.filling.seed, "rate": finite(record.rate), "bytes": _size(folder)}
 

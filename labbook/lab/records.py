@@ -129,6 +129,9 @@ class Session(Part):
     process_time: Measure
     """Share of the process's CPU time while stepping [s]."""
     grain_steps: Measure
+    device_time: OptionalMeasure = None
+    """Time of the device [s]: of each beat the wall time times the share of the ensemble's grain-steps. The first beat
+    of a process does not count, since kernels are compiled in it. A core counts as a device. None in older files."""
     provenance: Annotated[dict[str, Any], AfterValidator(_is_provenance)] = {}
 
 
@@ -156,6 +159,12 @@ class FolderRecord(Part):
     def process_time(self) -> float:
         """CPU time spent stepping [s], in all sessions."""
         return sum(session.process_time for session in self.sessions)
+
+    @property
+    def device_time(self) -> float | None:
+        """Device time [s], in all sessions; None if it is not known of all of them."""
+        times = [session.device_time for session in self.sessions]
+        return None if any(time is None for time in times) else sum(time for time in times if time is not None)
 
     @property
     def rate(self) -> float:

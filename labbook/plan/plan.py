@@ -459,7 +459,9 @@ class Planner:
             runs += [(assignment, item) for item in assigned]
             if any(item.state != "done" for item in assigned):
                 return None
-        numbers = self._numbers([item.keys.run for _, item in runs])
+        keys = [item.keys for _, item in runs]
+        numbers = self._numbers([of.run for of in keys])
+        times = self.catalogue.device_times([of.run for of in keys], {of.packing for of in keys})
         return tuple(
             Trial(
                 assignment.at,
@@ -468,6 +470,7 @@ class Planner:
                 item.outcome or "",
                 numbers[item.keys.run],
                 item.demand.discharge,
+                {key: times.get(key) for key in (item.keys.run, item.keys.packing)},
             )
             for assignment, item in runs
         )

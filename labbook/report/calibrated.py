@@ -25,7 +25,7 @@ def calibrated_sections(results: StudyResults, folder: Path) -> list[Section]:
     blocks: list[Block] = [
         parameter_table(result),
         Prose(". ".join(result.lines()) + "."),
-        picture(figure, folder / "posterior", "the posterior of the parameters", _CAPTION),
+        picture(figure, folder / "posterior", "the posterior of the parameters", _caption(result)),
         agreement_table(result),
     ]
     if not result.lacking:
@@ -84,11 +84,17 @@ def experiment_table(result: CalibrationResults) -> Table:
     return Table(("next experiment", "its standard error", "posterior narrower by"), rows, notes=(_GAIN,))
 
 
+def _caption(result: CalibrationResults) -> str:
+    """Caption of the picture of the posterior."""
+    return _CAPTION if len(result.parameters) > 1 else _CAPTION_OF_ONE
+
+
 _CAPTION = (
     "Posterior of the parameters over the range of their priors. Diagonal: density of each one, with its 95 % "
     "interval. Below: regions with 50 % and 95 % of the posterior. Points: parameter sets of runs; crosses: clogged "
     "runs."
 )
+_CAPTION_OF_ONE = "Posterior density over the range of the prior, with the median and the 95 % interval."
 _LIKELIHOOD = (
     "The likelihood has the errors of the measurements, the stated discrepancy of the model, and the covariance of the "
     "emulator across all measurements."

@@ -159,7 +159,7 @@ class CalibrationResults:
             below = card
             for part in path:
                 below = below.setdefault(part, {})
-            below[leaf] = text
+            below[leaf] = _number(text)
         lines = [f"# Material card of the study {self.study}: medians of a calibration, with 95 % intervals"]
         lines += [f"# {self.interval(key, entry)}" for key, entry in self.parameters.items()]
         lines += [f"# measured: {self.place(entry)}" for entry in self.agreements]
@@ -221,8 +221,9 @@ def calibration(results: StudyResults) -> CalibrationResults:
         entry.name
         for measure in (MEASURES[name] for name in results.study.measure)
         for entry in measure.declared
-        if entry.pooled and entry.estimator == "mean" and all(entry.name in t.numbers for t in trials if t.numbers)
-    )
+        if entry.pooled and entry.estimator == "mean"
+        and all(t.numbers.get(entry.name, 0.0) > 0 for t in trials if t.numbers)  # emulators are of logarithms
+    )  # fmt: skip
     try:
         inference = goal.infer(results.study, trials, tuple(unmeasured))
     except NotInferred as problem:
@@ -245,6 +246,14 @@ def _rounded(entry: Interval) -> float:
     """The median, to a hundredth of the width of its interval."""
     digits = math.ceil(math.log10(abs(entry.median) / (entry.high - entry.low))) + 2
     return float(f"{entry.median:.{max(2, digits)}g}")
+
+
+def _number(text: str) -> float | str:
+    """A number without a unit, which YAML has without quotes; other text as it is."""
+    try:
+        return float(text)
+    except ValueError:
+        return text
 
 
 def _copy(value: Any) -> Any:

@@ -46,7 +46,7 @@ from labbook.picture import bed
 from labbook.plan.coverage import unobserved
 from labbook.plan.demand import Demand
 from labbook.run.frame_rows import BeforeOpening, frame_rows
-from labbook.run.job import Job, JobContext, JobFailed, JobOutput, LabEntry, failure
+from labbook.run.job import BeatCost, Job, JobContext, JobFailed, JobOutput, LabEntry, failure
 from labbook.run.ledger import ledger
 from labbook.scene import Packing
 from labbook.scene.quantities import percent
@@ -271,16 +271,14 @@ class DischargeJob(Job):
             self._picture_failed = True
             _log_missing_picture(self.label, problem)
 
-    def after(
-        self, status: Status, tables: Mapping[Probe, Table], wall: float, process: float, grain_steps: float
-    ) -> None:
+    def after(self, status: Status, tables: Mapping[Probe, Table], cost: BeatCost) -> None:
         """Account for a beat.
 
         After a failed beat the member is in its last good state, into which grains have already been fed: none are fed
         again.
         """
         self._has_advanced = status.step > self.status.step
-        super().after(status, tables, wall, process, grain_steps)
+        super().after(status, tables, cost)
 
     @property
     def lacks_grains(self) -> bool:

@@ -39,6 +39,8 @@ class BeatResult:
     """CPU time of the whole process [s]."""
     admitting: float = 0.0
     """Wall time for admitting new members before the beat, and for opening their ensemble [s]."""
+    compiling: bool = False
+    """True of the first beat of a Spec in this process, in which backends compile."""
 
 
 _LAST_PRIORITY = 1 << 30
@@ -132,8 +134,9 @@ class EnsembleWorker:
             self._admit(started)
         admitting = time.perf_counter() - start
         with nullcontext() if configuration in _prepared else _compile_lock:
+            compiling = configuration not in _prepared
             turn = self._beat()
-        turn.admitting = admitting
+        turn.admitting, turn.compiling = admitting, compiling
         _prepared.add(configuration)
         self.preparing = False
         return turn

@@ -7,13 +7,13 @@ from collections import defaultdict
 from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import ALL_COMPLETED, FIRST_COMPLETED, Future, wait
 
-from labbook.backend import Backend, EndState, Ensemble, Event, Member, Overflow
+from labbook.backend import Backend, EndState, Ensemble, Event, Member, Overflow, Status
 from labbook.filling import refill
 from labbook.run.discharge import DischargeJob
 from labbook.run.ensemble_worker import BeatResult, EnsembleWorker, WorkerThread
 from labbook.run.fill import FillJob
 from labbook.run.finalizing import FinalizerPool
-from labbook.run.job import Job
+from labbook.run.job import BeatCost, Job
 from labbook.run.job_queue import KINDS, JobQueue, StartedJob
 from labbook.run.live import Publisher
 from labbook.run.stopping import StopRequest
@@ -201,11 +201,13 @@ class Execution:
         events: dict[Member, list[Event]] = defaultdict(list)
         for event in result.events:
             events[event.member].append(event)
+        work = {member: _grain_steps(job.status, statuses[member]) for member, job in worker.jobs.items()}
+        together = sum(work.values())
         for member, job in worker.jobs.items():
-            status, before = statuses[member], job.status
-            work = (status.step - before.step) * (status.grains + before.grains) / 2
-            self.meter.add(work)
-            job.after(status, rows[member], result.wall, result.process / active_jobs, work)
+            self.meter.add(work[member])
+            device = 0.0 if result.compiling or not together else result.wall * work[member] / together
+            cost = BeatCost(result.wall, result.process / active_jobs, device, work[member])
+            job.after(statuses[member], rows[member], cost)
         self._intervene(ensemble, worker.jobs)
         observed = {member: job for member, job in worker.jobs.items() if job.looks}
         with ensemble.reading(observed):
@@ -365,3 +367,8 @@ class Execution:
             else:
                 statuses.append(ActiveJob(job.label, "preparing", ("preparing kernels",)))
         return statuses
+
+
+def _grain_steps(before: Status, after: Status) -> float:
+    """Grain-steps of a member between two of its statuses."""
+    return (after.step - before.step) * (after.grains + before.grains) / 2

@@ -26,7 +26,7 @@ from labbook.lab.packings import PackingRecord, write_packing
 from labbook.lab.records import Unreadable
 from labbook.plan.demand import Demand, PackingsOf
 from labbook.plan.forecast import fill_time, settling_time
-from labbook.run.job import Job, JobContext, JobFailed, JobOutput, LabEntry, failure
+from labbook.run.job import BeatCost, Job, JobContext, JobFailed, JobOutput, LabEntry, failure
 from labbook.run.ledger import ledger
 from labbook.scene import Packing, Scene, Spheres
 from labbook.scene.timescales import collision
@@ -188,12 +188,10 @@ class FillJob(Job):
             {"failed": self._failure.message} if self._failure else {}
         )
 
-    def after(
-        self, status: Status, tables: Mapping[Probe, Table], wall: float, process: float, grain_steps: float
-    ) -> None:
+    def after(self, status: Status, tables: Mapping[Probe, Table], cost: BeatCost) -> None:
         """Account for a beat, and note when the kinetic energy last halved."""
         self._has_advanced, self._entered_before = status.step > self.status.step, self._entered
-        super().after(status, tables, wall, process, grain_steps)
+        super().after(status, tables, cost)
         if self._pours:
             self._watch_energy(math.inf)
         elif status.kinetic <= self._lowest_energy / 2:

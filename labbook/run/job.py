@@ -34,6 +34,23 @@ class JobContext:
 
 
 @dataclass(frozen=True)
+class BeatCost:
+    """Cost of one beat of a job.
+
+    Args:
+        wall: Wall time [s].
+        process: Share of the CPU time [s].
+        device: Share of the time of the device [s].
+        grain_steps: Number of grain-steps.
+    """
+
+    wall: float
+    process: float
+    device: float
+    grain_steps: float
+
+
+@dataclass(frozen=True)
 class LabEntry:
     """Index rows of a job whose output is in the lab; for a filling also the packing with its record."""
 
@@ -132,7 +149,7 @@ class Job(ABC):
         """Size of the rows since the last save [bytes]."""
         self._earlier_sessions: tuple[Session, ...] = ()
         self._first_step, self._started = 0, now()
-        self._wall = self._process = self._grain_steps = 0.0
+        self._wall = self._process = self._device = self._grain_steps = 0.0
         self.status = Status(0, 0.0, demand.point.scene.grains.count, float("inf"))
 
     @property
@@ -298,22 +315,19 @@ class Job(ABC):
         """True if the job continues an earlier session."""
         return self._first_step > 0
 
-    def after(
-        self, status: Status, tables: Mapping[Probe, Table], wall: float, process: float, grain_steps: float
-    ) -> None:
+    def after(self, status: Status, tables: Mapping[Probe, Table], cost: BeatCost) -> None:
         """Account for a beat.
 
         Args:
             status: Status of the member after it.
             tables: Rows since the last beat, by probe.
-            wall: Wall time [s].
-            process: Share of the CPU time [s].
-            grain_steps: Number of grain-steps.
+            cost: Cost of the beat.
         """
         self.status = status
-        self._wall += wall
-        self._process += process
-        self._grain_steps += grain_steps
+        self._wall += cost.wall
+        self._process += cost.process
+        self._device += cost.device
+        self._grain_steps += cost.grain_steps
         for probe, table in tables.items():
             self.absorb(probe, table)
 
@@ -347,6 +361,7 @@ class Job(ABC):
             wall_time=self._wall,
             process_time=self._process,
             grain_steps=self._grain_steps,
+            device_time=self._device,
             provenance=provenance(self.context.device, extensions),
         )
         return (*self._earlier_sessions, current)

@@ -58,7 +58,7 @@ class CalibrateReader:
         accuracy = self._accuracy(raw.get("accuracy", {}), parameters)
         predict = tuple(self._predict(raw.get("predict", [])))
         measurements = tuple(self._measurements(parameters, predict))
-        batch, budget = self._whole(raw, "batch", TypeAdapter(int)), self._whole(raw, "budget", TypeAdapter(Budget))
+        batch, budget = self._whole(raw), self._budget(raw)
         if batch is not None and not 8 <= batch <= 1024:
             self._problem(("batch",), f"{batch} runs are no round", "write a number from 8 to 1024")
         if not self.problems and not any(not one.withheld for one in measurements):
@@ -66,14 +66,13 @@ class CalibrateReader:
             self._problem((), "there is no measured value to calibrate with", remedy)
         if self.problems:
             return None
-        entry = {} if batch is None else {"batch": batch}
+        entry = budget if batch is None else {**budget, "batch": batch}
         return Calibrate(
             parameters=parameters,
             measurements=measurements,
             discrepancy=discrepancy,
             accuracy=accuracy,
             predict=predict,
-            budget=budget,
             **entry,
         )
 
@@ -192,14 +191,24 @@ class CalibrateReader:
             self._problem(place_of, f"a part from {least:g} to 1 is needed{meaning}", "write 3 %")
         return part
 
-    def _whole(self, raw: Mapping[str, Any], key: str, adapter: TypeAdapter) -> int | None:
-        if raw.get(key) is None:
-            return None
+    def _whole(self, raw: Mapping[str, Any]) -> int | None:
         try:
-            return adapter.validate_python(raw[key])
+            return TypeAdapter(int | None).validate_python(raw.get("batch"))
         except ValidationError:
-            self._problem((key,), f"{quote(raw[key])} is no number of runs", "write a whole number of at least 16")
+            self._problem(("batch",), f"{quote(raw['batch'])} is no number of runs", "write a number from 8 to 1024")
             return None
+
+    def _budget(self, raw: Mapping[str, Any]) -> dict[str, Any]:
+        """Fields of the strategy with the stated budget; none without one."""
+        if raw.get("budget") is None:
+            return {}
+        try:
+            budget = TypeAdapter(Budget).validate_python(raw["budget"], context={"units": "required"})
+        except ValidationError:
+            remedy = "write 900 runs (at least 16), a device time such as 10 min, or {runs: 900, device_time: 10 min}"
+            self._problem(("budget",), f"{quote(raw['budget'])} is no budget", remedy)
+            return {}
+        return {"budget": budget.runs, "device_time": budget.device_time}
 
     def _problem(self, below: Location, message: str, remedy: str) -> None:
         location = ("calibrate", *below)

@@ -1,6 +1,7 @@
 """A study carried out until its parameters are known, and the parameters."""
 
 import json
+from collections.abc import Sequence
 from pathlib import Path
 
 import typer
@@ -27,25 +28,29 @@ def run(study: Path, lab: Path, backend: str, device: str, runs: bool, card: Pat
             if summary.stopped:
                 say(f"Stopped early; everything is saved: {GO_ON}", err=True)
                 raise typer.Exit(STOPPED)
-        calibration = results(study, lab, backend).calibration()
+        study_results = results(study, lab, backend)
+        calibration = study_results.calibration()
     except NoPosterior as problem:
         fail(problem)
     path = card or study.with_suffix(SUFFIX)
     if not calibration.lacking:
         path.write_text(calibration.card(), encoding="utf-8")
     if as_json:
-        typer.echo(json.dumps(calibration.plain(), indent=2, allow_nan=False))
+        plain = {**calibration.plain(), "campaign": list(study_results.campaign)}
+        typer.echo(json.dumps(plain, indent=2, allow_nan=False))
     else:
-        _show(calibration, path)
+        _show(calibration, path, study_results.campaign)
     if calibration.lacking:
         raise typer.Exit(1)
 
 
-def _show(calibration: CalibrationResults, path: Path) -> None:
+def _show(calibration: CalibrationResults, path: Path, campaign: Sequence[str]) -> None:
     console = screen(highlight=False, markup=False)
     print_table(console, parameter_table(calibration), "Parameters")
     for line in calibration.lines():
         console.print(f"{line}.", soft_wrap=True)
+    if campaign:
+        console.print(f"{campaign[-1]}.", soft_wrap=True)
     if not calibration.lacking:
         print_table(console, sensitivity_table(calibration), "Sobol indices over the priors")
         print_table(console, experiment_table(calibration), "Next experiments")

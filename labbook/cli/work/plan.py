@@ -74,6 +74,7 @@ def plain(plan: Plan, ahead: Forecast) -> dict[str, Any]:
             }
             for item in plan.items
         ],
+        "campaign": list(plan.campaign),
         "packings_missing": len(plan.fillings),
         "recorded": None
         if record is None

@@ -11,6 +11,6 @@ pytest.importorskip("numba")
 @pytest.mark.compiles
 def test_a_twin_finds_its_friction(tmp_path):
     """A5, of one twin: the friction lies in its 95 % interval, and so does W at the outlet that is held out."""
-    figures = twins(1, str(tmp_path / "lab"))
+    figures = twins(1, str(tmp_path / "lab"), batch=32)
     assert figures["inside"] == 1
     assert figures["predicted"] == 1

@@ -1,7 +1,9 @@
 """The goal `find`: simulated campaigns keep the promise; faults of studies, clogged points, budgets, values out of
 reach."""
 
+import json
 import math
+from dataclasses import replace
 from types import SimpleNamespace
 
 import numpy as np
@@ -11,10 +13,11 @@ from toy_lab import carry_out, labbook, study_file
 
 from labbook.campaign import Campaign, Find, Generation, Trial
 from labbook.campaign.campaign import Proposed
-from labbook.campaign.goal import HELD_OUT
+from labbook.campaign.goal import HELD_OUT, DeviceTime
 from labbook.lab import Catalogue, LabFolder
 from labbook.lab.campaigns import CampaignFile
 from labbook.results.find import find
+from labbook.scene.quantities import duration
 from labbook.study import StudyError, load
 
 KEY = "container.orifice"
@@ -60,8 +63,11 @@ class Toy:
     def evaluate(self, generation: Generation) -> tuple[Trial, ...]:
         return tuple(self.run(one.at, seed) for one in generation.assignments for seed in range(1, one.replicates + 1))
 
-    def campaign(self, target: float, within: float = 0.01, budget: int | None = None) -> Campaign:
-        goal = Find(key=self.key, quantity="flow_rate", target=target, within=within, budget=budget)
+    def campaign(
+        self, target: float, within: float = 0.01, budget: int | None = None, device_time: float | None = None
+    ) -> Campaign:
+        limits = {"budget": budget, "device_time": device_time}
+        goal = Find(key=self.key, quantity="flow_rate", target=target, within=within, **limits)
         campaign = Campaign(goal, self.study)
         campaign.advance(self.evaluate)
         return campaign
@@ -183,6 +189,77 @@ def test_a_budget_ends_it():
     assert ", at most 24" in campaign.lines[0]
 
 
+class Timed(Toy):
+    """A toy whose runs take `seconds` of a device each, and as much for the filling of each seed."""
+
+    seconds: float | None = 10.0
+
+    def run(self, at, seed: int) -> Trial:
+        trial = super().run(at, seed)
+        return replace(trial, device_time={trial.key: self.seconds, f"filling {seed}": self.seconds})
+
+
+def test_a_device_time_ends_it_and_chooses_nothing():
+    """What is proposed does not depend on the times; with half the speed there are fewer generations of the same."""
+    free = Timed(hole, (0.018, 0.06)).campaign(hole(0.03))
+    ends = {}
+    for seconds in (10.0, 20.0):
+        toy = Timed(hole, (0.018, 0.06))
+        toy.seconds = seconds
+        campaign = toy.campaign(hole(0.03), device_time=400.0)
+        assert campaign.ended is not None
+        assert "the budget of 7 min of device time does not allow more" in campaign.ended
+        ends[seconds] = len(campaign.generations)
+        for own, other in zip(campaign.generations, free.generations, strict=False):
+            assert own.assignments == other.assignments
+        used = DeviceTime.of(trial for of in campaign.generations for trial in of.trials or ())
+        assert used.total == seconds * (len(toy.runs) + len({seed for _, seed in toy.runs})), "each filling once"
+        assert used.total <= 400
+        assert campaign.ended.endswith(f"{duration(used.total)} of 7 min of device time used")
+    assert 1 <= ends[20.0] < ends[10.0] < len(free.generations)
+
+
+def test_enough_device_time_changes_nothing_but_the_account():
+    free = Timed(hole, (0.018, 0.06)).campaign(hole(0.03))
+    rich = Timed(hole, (0.018, 0.06)).campaign(hole(0.03), device_time=1e5)
+    assert [of.assignments for of in rich.generations] == [of.assignments for of in free.generations]
+    assert rich.ended is not None
+    assert free.ended is not None
+    assert rich.ended.startswith(f"{free.ended}; ")
+    assert all("of device time used" in of.reason for of in rich.generations[1:])
+
+
+def test_runs_without_a_device_time_are_counted_and_said():
+    """Runs of an older lab have none: nothing is assumed for them, and each reason says how many there are."""
+    toy = Timed(hole, (0.018, 0.06))
+    toy.seconds = None
+    campaign = toy.campaign(hole(0.03), device_time=400.0)
+    number = len(toy.runs)
+    assert campaign.ended is not None
+    assert "Promise kept" in campaign.ended
+    assert campaign.ended.endswith(f"0 s of 7 min of device time used, not counting {number} runs without a recorded "
+                                   "device time")  # fmt: skip
+
+
+@pytest.mark.parametrize(("again", "says"), [(1000.0, "does not allow"), (0.1, "Promise kept")])
+def test_a_time_that_changed_does_not_change_what_was_stored(again, says):
+    """A8: runs that were lost and made again take another time. What was stored stays, and what follows is the same or
+    an end; a promise that seems kept is tested in any case."""
+    toy = Timed(hole, (0.018, 0.06))
+    whole = toy.campaign(hole(0.03), device_time=2000.0).generations
+    toy.seconds = again
+    for number in range(1, len(whole) + 1):
+        kept = Proposed(tuple(Generation(of.number, of.assignments, of.reason) for of in whole[:number]))
+        after = Campaign(Find(key=KEY, quantity="flow_rate", target=hole(0.03), within=0.01, device_time=2000.0),
+                         toy.study, kept)  # fmt: skip
+        after.advance(toy.evaluate)
+        assert [of.assignments for of in after.generations] == [
+            of.assignments for of in whole[: len(after.generations)]
+        ]
+        assert after.ended is not None
+        assert ("Promise kept" if number >= len(whole) - 1 else says) in after.ended
+
+
 def asked(folder, adapt: str, orifices: str = "[15, 30]", *more: str):
     return study_file(folder, f"adapt: {adapt}", "window: {start: 0.15, end: 0.6}", *more, orifices=orifices)
 
@@ -192,7 +269,16 @@ FIND = "{find: {container.orifice: {flow_rate: 28 g/s, within: 3 %}}, budget: 60
 
 def test_a_study_states_it(tmp_path):
     goal = load(asked(tmp_path, FIND)).adapt
+    assert goal is not None
     assert goal == Find(key=KEY, quantity="flow_rate", target=0.028, within=0.03, budget=60)
+    for stated, runs, seconds in (
+        ("10 min", None, 600.0),
+        ("{runs: 60, device_time: 2 h}", 60, 7200.0),
+        ("60", 60, None),
+    ):
+        timed = load(asked(tmp_path, FIND.replace("60 runs", stated))).adapt
+        assert timed == goal.model_copy(update={"budget": runs, "device_time": seconds})
+    assert "device_time" not in goal.model_dump(), "keys of campaigns in older labs stay"
     without = load(asked(tmp_path, FIND)).change({"adapt.budget": None}).adapt
     assert without == Find(key=KEY, quantity="flow_rate", target=0.028, within=0.03)
 
@@ -206,6 +292,8 @@ def test_a_study_states_it(tmp_path):
     ("{find: {container.orifice: {packing_fraction: 0.6, within: 1 %}}}", "add packing to measure"),
     ("{find: {container.angle: {flow_rate: 28 g/s, within: 1 %}}}", "the study sweeps container.orifice"),
     ("{find: {container.orifice: {flow_rate: 28 g/s, within: 1 %}}, budget: 3}", "adapt.budget"),
+    ("{find: {container.orifice: {flow_rate: 28 g/s, within: 1 %}}, budget: 10 mm}", "10 mm: a quantity in s is"),
+    ("{find: {container.orifice: {flow_rate: 28 g/s, within: 1 %}}, budget: {}}", "runs or device_time is needed"),
     ("{budget: 30}", "0 strategies are named, and one is needed"),
 ])  # fmt: skip
 def test_what_is_wrong_is_named(tmp_path, adapt, says):
@@ -223,14 +311,18 @@ def test_one_value_is_no_range(tmp_path):
 @pytest.mark.slow
 def test_from_yaml_to_the_report(tmp_path):
     """On the toy backend, where 0.6 rho sqrt(g) (D - 1.4 d)^1.5 over the depth is 28 g/s at 20 mm."""
-    path, lab = asked(tmp_path, FIND), tmp_path / "lab"
+    path, lab = asked(tmp_path, FIND.replace("60 runs", "{runs: 60, device_time: 1 h}")), tmp_path / "lab"
     planned = labbook("plan", path, "--lab", lab, "--backend", "toy").output
     assert "Goal: container.orifice with flow_rate = 28 g/s within 3 %" in planned
+    assert "at most 60 runs and 60 min of device time" in planned
+    plain = json.loads(labbook("plan", path, "--lab", lab, "--backend", "toy", "--json").stdout)
+    assert plain["campaign"][0].startswith("Goal: container.orifice with flow_rate = 28 g/s within 3 %")
     assert not (lab / "campaigns").exists()
     study = load(path)
     carry_out(study, lab, backend=Backend())
     results = find(study, Catalogue(lab), "toy")
     assert "Promise kept (3 %)" in results.campaign[-1]
+    assert results.campaign[-1].endswith("of 60 min of device time used"), "each run has its time"
     assert f"{answer_of(results.campaign[-1]):.3g}" in ("19.8", "19.9", "20", "20.1", "20.2")
     labbook("report", path, "--lab", lab, "--backend", "toy")
     page = (lab / "reports/toy-study/report.html").read_text(encoding="utf-8")

@@ -65,8 +65,13 @@ def test_it_gives_the_parameter_and_a_card(calibrated):
     plain = json.loads(ended.stdout)
     density = plain["parameters"]["grains.density"]
     assert density["low"] < 2200 < density["high"]
+    assert all(entry["quantity"] != "flow_drift" for entry in plain["next"]), (
+        "a drift has either sign, and no logarithm"
+    )
     assert (density["high"] - density["low"]) / 2 == pytest.approx(1.96 * 0.05 / math.sqrt(2) * 2200, rel=0.35)
     assert plain["lacking"] is None
+    assert plain["campaign"][-1].startswith("calibrate has ended: grains.density = ")
+    assert "calibrate has ended: grains.density = " in printed
     (prediction,) = plain["predictions"]
     assert prediction["interval"]["low"] < prediction["measured"] < prediction["interval"]["high"]
     assert "Prediction: W at D = 24 mm" in printed

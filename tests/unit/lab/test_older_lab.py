@@ -13,7 +13,7 @@ from toy_lab import labbook, study_file
 
 from labbook.backend import Checkpoint
 from labbook.checks.compare.verdict import Verdict
-from labbook.lab import identity
+from labbook.lab import Catalogue, LabFolder, identity
 from labbook.lab.packings import PackingRecord
 from labbook.lab.records import RunRecord
 from labbook.lab.runs import open_run
@@ -68,6 +68,8 @@ def test_nothing_is_run_again(tmp_path, monkeypatch):
     assert ended.exit_code == 1, "30 grains give no flow rate"
     assert [folder.name for folder in (lab / "runs").iterdir()] == [RUN.name]
     assert (lab / "runs" / RUN.name / "run.json").stat().st_mtime_ns == before
+    times = Catalogue(LabFolder(lab)).device_times([RUN.name], [PACKING.name])
+    assert times == {RUN.name: None, PACKING.name: None}, "absent, and not 0"
     (row,) = json.loads(labbook("runs", "--lab", lab, "--json").stdout)
     assert (row["run_key"], row["backend"], row["outcome"]) == (RUN.name, "toy", "finished")
     shown = labbook("compare", study, "--backends", "toy,twin", "--show", "--lab", lab, "--json", check=False)

@@ -8,7 +8,10 @@ import labbook_toy
 import pytest
 from toy_lab import arrays, carry_out, study, study_file
 
-from labbook.run import finalizing, job_queue
+from labbook.lab import Catalogue, LabFolder
+from labbook.lab.packings import PackingRecord
+from labbook.lab.records import RunRecord
+from labbook.run import ensemble_worker, finalizing, job_queue
 from labbook.run.ensemble_worker import EnsembleWorker
 from labbook.run.fill import FillJob
 from labbook.run.stopping import StopRequest
@@ -211,3 +214,31 @@ def test_lanes_share_the_memory_of_a_device(tmp_path, turns, monkeypatch, holds)
     assert carry_out(asked, tmp_path / "lab", backend=backend, device="cuda:0").complete
     assert max(most) == holds
     assert {kind for (kind,), *_ in turns} == {"packing", "run"}
+
+
+def test_members_share_the_time_of_a_device(tmp_path, monkeypatch):
+    """The wall time of all beats, but for each first one, in which kernels are compiled, is that of runs and fillings
+    together; it is shared by grain-steps, and the index has it."""
+    beats, beat = [], EnsembleWorker._run_beat
+
+    def run_beat(worker, *words):
+        result = beat(worker, *words)
+        beats.append((len(worker.jobs), result.compiling, result.wall))
+        return result
+
+    monkeypatch.setattr(EnsembleWorker, "_run_beat", run_beat)
+    monkeypatch.setattr(ensemble_worker, "_prepared", set())
+    asked, lab = study(tmp_path), tmp_path / "lab"
+    assert carry_out(asked, lab, backend=Device(None), device="cuda:0").complete
+    assert sum(compiling for _, compiling, _ in beats) in (1, 2), "one for each Spec"
+    assert max(members for members, *_ in beats) > 1
+    records = [kind.read(path) for kind, folder in ((RunRecord, "runs"), (PackingRecord, "packings"))
+               for path in (lab / folder).iterdir()]  # fmt: skip
+    times = [record.device_time or 0.0 for record in records]
+    assert sum(times) == pytest.approx(sum(wall for _, compiling, wall in beats if not compiling), rel=1e-9)
+    for record, time in zip(records, times, strict=True):
+        assert 0 < time < record.wall_time, "others were stepped at the same time"
+    indexed = Catalogue(LabFolder(lab)).device_times(
+        (path.name for path in (lab / "runs").iterdir()), (path.name for path in (lab / "packings").iterdir())
+    )
+    assert sorted(indexed.values(), key=str) == sorted(times, key=str)

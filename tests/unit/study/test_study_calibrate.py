@@ -51,7 +51,8 @@ def test_it_is_a_strategy_in_si(folder):
         (f"calibrate: {{{PARAMETERS}, discrepancy: 0, accuracy: {{gravity: 2 %}}}}", "this is no parameter"),
         (f"calibrate: {{{PARAMETERS}, discrepancy: 0, predict: [24 mm]}}", "a list of conditions is needed"),
         (f"calibrate: {{{PARAMETERS}, discrepancy: 0, batch: 3}}", "3 runs are no round"),
-        (f"calibrate: {{{PARAMETERS}, discrepancy: 0, budget: some}}", "is no number of runs"),
+        (f"calibrate: {{{PARAMETERS}, discrepancy: 0, budget: some}}", "is no budget"),
+        (f"calibrate: {{{PARAMETERS}, discrepancy: 0, batch: some}}", "is no number of runs"),
     ],
 )  # fmt: skip
 def test_mistakes_are_told(folder, section, message):

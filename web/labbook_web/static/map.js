@@ -39,6 +39,13 @@ const maps = (() => {
     return room.filter((one) => one > 0 || !factor.logarithmic);
   }
 
+  // Ticks whose labels have room: those nearer than `room` pixels to the one before are left out.
+  function apart(values, place, room) {
+    const shown = [];
+    for (const one of [...values].sort((a, b) => a - b)) if (!shown.length || Math.abs(place(one) - place(shown.at(-1))) >= room) shown.push(one);
+    return shown;
+  }
+
   function frame(holder, label) {
     holder.replaceChildren();
     const width = Math.max(holder.clientWidth, 260), height = Math.round(Math.min(Math.max(width * 0.72, 300), 540));
@@ -60,14 +67,10 @@ const maps = (() => {
 
   function axes(svg, box, X, Y, x, y) {
     const { left, right, top, bottom } = box;
-    for (const one of x.ticks) {
-      element(svg, "line", { class: "axis", x1: X(one), x2: X(one), y1: bottom, y2: bottom + 4 });
-      element(svg, "text", { x: X(one), y: bottom + 18, "text-anchor": "middle" }, plain(one * x.scale));
-    }
-    for (const one of y.ticks) {
-      element(svg, "line", { class: "axis", x1: left - 4, x2: left, y1: Y(one), y2: Y(one) });
-      element(svg, "text", { x: left - 7, y: Y(one) + 4, "text-anchor": "end" }, plain(one * y.scale));
-    }
+    for (const one of x.ticks) element(svg, "line", { class: "axis", x1: X(one), x2: X(one), y1: bottom, y2: bottom + 4 });
+    for (const one of apart(x.ticks, X, 34)) element(svg, "text", { x: X(one), y: bottom + 18, "text-anchor": "middle" }, plain(one * x.scale));
+    for (const one of y.ticks) element(svg, "line", { class: "axis", x1: left - 4, x2: left, y1: Y(one), y2: Y(one) });
+    for (const one of apart(y.ticks, Y, 14)) element(svg, "text", { x: left - 7, y: Y(one) + 4, "text-anchor": "end" }, plain(one * y.scale));
     element(svg, "path", { class: "axis", d: `M${left},${top}V${bottom}H${right}` });
     element(svg, "text", { x: (left + right) / 2, y: bottom + 37, "text-anchor": "middle" }, heading(x));
     element(svg, "text", { transform: `translate(13 ${(top + bottom) / 2}) rotate(-90)`, "text-anchor": "middle" }, heading(y));
