@@ -482,11 +482,13 @@ class Backend(ABC):
         """
         return None
 
-    def elastic_forces(self, scene: Scene, numerics: Numerics, packing: Packing, time: float = 0.0) -> Table | None:
+    def elastic_forces(
+        self, scene: Scene, numerics: Numerics, packing: Packing, time: float = 0.0, *, walls: bool = True
+    ) -> Table | None:  # fmt: skip
         """Rows of the probe `Contacts` with the elastic normal forces of a packing, as its grains overlap.
 
-        time: since the opening [s], for parts that move. None, the default, where a backend cannot tell. Nothing is
-        compiled for it.
+        time: since the opening [s], for parts that move. walls: with those at walls. None, the default, where a backend
+        cannot tell. Nothing is compiled for it.
         """
         return None
 
