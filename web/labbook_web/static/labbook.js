@@ -174,13 +174,23 @@ document.addEventListener("htmx:afterSettle", () => {
   }
 });
 
-// The viewer is as light or dark as the page.
+// The viewer is as light or dark as the page, and plays from the middle of the window on.
 function viewers() {
   for (const frame of document.querySelectorAll("iframe[data-theme]")) {
     frame.removeAttribute("data-theme");
     const dark = matchMedia("(prefers-color-scheme: dark)").matches;
     frame.src = frame.getAttribute("src") + "&theme=" + (dark ? "dark" : "light");
+    if (frame.dataset.opens) openAt(frame, Uint8Array.from(atob(frame.dataset.opens), (one) => one.charCodeAt(0)));
   }
+}
+
+// Sends a request to the viewer as soon as it has the recording: until then it refuses, and without it it plays from 0.
+function openAt(frame, request, attempts = 300) {
+  if (!attempts || !frame.isConnected) return;
+  const later = () => setTimeout(() => openAt(frame, request, attempts - 1), 200);
+  const handle = frame.contentWindow && frame.contentWindow._handle;
+  if (!handle || !handle.viewer_control) later();
+  else handle.viewer_control(request).catch(later);
 }
 
 labbook.ready((root) => {
