@@ -3,6 +3,7 @@
 Frames are drawn by `labbook.picture` and written by Pillow (WebP, GIF), or by ffmpeg where it is installed (MP4).
 """
 
+import hashlib
 import math
 import shutil
 import subprocess
@@ -32,6 +33,7 @@ from labbook.measure import RunData
 from labbook.measure.series import flow_curve
 from labbook.picture import Raster, Strokes, drawn, front
 from labbook.results import display
+from labbook.results.placement import placement
 from labbook.scene import Packing, Scene
 from labbook.scene.geometry import Segment
 from labbook.study import Point
@@ -152,7 +154,7 @@ def film(
 
 def sweep_film(
     rows: Sequence[str], columns: Sequence[str], shots: Mapping[tuple[int, int], Shot], path: Path, *,
-    seconds: float = SECONDS, size: int = TILE,
+    seconds: float = SECONDS, size: int = TILE, source: str = "",
 ) -> FilmFile:  # fmt: skip
     """Write a film of several runs on one clock, in rows and columns.
 
@@ -163,6 +165,7 @@ def sweep_film(
         path: File to write, with an ending among FORMATS.
         seconds: Duration of the film.
         size: Pixels of the longer side of each picture of a bed.
+        source: As of `film`.
 
     Raises:
         NoFilm: As of `film`.
@@ -170,7 +173,7 @@ def sweep_film(
     check(path)
     times = _times(list(shots.values()), seconds)
     cameras = {place: Camera(shot, size) for place, shot in shots.items()}
-    return _write(_together(rows, columns, cameras, times), path, seconds)
+    return _write(_together(rows, columns, cameras, times), path, seconds, source)
 
 
 def of_run(folder: Path, path: Path, study: str | None = None, point: Point | None = None) -> Path:
@@ -185,6 +188,11 @@ def of_run(folder: Path, path: Path, study: str | None = None, point: Point | No
 def source_of_film(record: RunRecord) -> str:
     """Run of a film and the version of its drawing."""
     return f"{source_of(record)}-film-{VERSION}"
+
+
+def source_of_sweep(records: Sequence[RunRecord]) -> str:
+    """Runs of a film of a sweep and the version of its drawing."""
+    return hashlib.blake2b("+".join(map(source_of_film, records)).encode(), digest_size=16).hexdigest()
 
 
 def shows(path: Path, source: str) -> bool:
@@ -210,21 +218,19 @@ def shot_of_run(folder: Path, by: str, study: str | None = None, point: Point | 
 
 
 def of_sweep(
-    shots: Sequence[tuple[Mapping[str, float | str], Shot]], path: Path, *, seconds: float = SECONDS, size: int = TILE
-) -> FilmFile:
+    shots: Sequence[tuple[Mapping[str, float | str], Shot]], path: Path, *, seconds: float = SECONDS, size: int = TILE,
+    source: str = "",
+) -> FilmFile:  # fmt: skip
     """Write a film of a sweep: runs with the values of their swept keys [SI]. Columns are by the key with most values,
-    rows by all others. Raises NoFilm."""
-    keys = dict.fromkeys(key for at, _ in shots for key in at)
-    values = {key: list(dict.fromkeys(at[key] for at, _ in shots if key in at)) for key in keys}
-    column = max(keys, key=lambda key: len(values[key]), default="")
-    across = sorted(values.get(column, []), key=lambda value: (isinstance(value, str), value))
-    down = list(dict.fromkeys(display.label(at, leave_out=[column]) for at, _ in shots))
-    rows_columns = {
-        (down.index(display.label(at, leave_out=[column])), across.index(at[column]) if column in at else 0): shot
-        for at, shot in shots
-    }
-    return sweep_film(down, [display.setting(column, value) for value in across] or [""], rows_columns, path,
-                      seconds=seconds, size=size)  # fmt: skip
+    rows by all others. source: as of `film`. Raises NoFilm."""
+    places = placement([at for at, _ in shots], row_keys=None)
+    columns = [display.setting(places.column, value) if value is not None else "" for value in places.columns]
+    rows = [
+        display.label({key: value for key, value in zip(places.row, row, strict=True) if value is not None})
+        for row in places.rows
+    ]
+    runs = {place: shots[k][1] for place, k in places.points.items()}
+    return sweep_film(rows, columns, runs, path, seconds=seconds, size=size, source=source)
 
 
 def check(path: Path) -> None:
@@ -436,10 +442,31 @@ def _draw_legend(canvas: "Image", legend: Legend, left: int, top: int, width: in
     bar = Image.fromarray(legend.colours[None].repeat(8, axis=0)).resize((width, 8), Image.Resampling.NEAREST)
     canvas.paste(bar, (left, top))
     write = ImageDraw.Draw(canvas)
-    for place, label in legend.ticks:
+    for place, label in _apart(legend.ticks, width):
         anchor = "la" if place < 0.02 else "ra" if place > 0.98 else "ma"
         write.text((left + place * width, top + 10), label, QUIET, _font(10), anchor)
     write.text((left + width // 2, top + 22), legend.title, QUIET, _font(11), "ma")
+
+
+def _apart(ticks: Sequence[tuple[float, str]], width: int) -> Iterator[tuple[float, str]]:
+    """The last tick, and from the first on those whose labels have room beside one another on a bar of a width in
+    pixels."""
+
+    def ends(tick: tuple[float, str]) -> tuple[float, float]:
+        wide, place = _extent(tick[1], 10)[0], tick[0] * width
+        left = place if tick[0] < 0.02 else place - wide if tick[0] > 0.98 else place - wide / 2
+        return left, left + wide
+
+    free, limit = -math.inf, ends(ticks[-1])[0] - _GAP
+    for tick in ticks[:-1]:
+        left, right = ends(tick)
+        if left >= free and right <= limit:
+            free = right + _GAP
+            yield tick
+    yield ticks[-1]
+
+
+_GAP = 5  # pixels: least distance of two labels
 
 
 def _canvas(width: int, height: int):
