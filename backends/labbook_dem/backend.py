@@ -17,11 +17,13 @@ class DemBackend(backend.Backend):
 
         return at_rest(scene, numerics, packing, probe)
 
-    def elastic_forces(self, scene: Scene, numerics: Numerics, packing: Packing, time: float = 0.0) -> Table:
+    def elastic_forces(
+        self, scene: Scene, numerics: Numerics, packing: Packing, time: float = 0.0, *, walls: bool = True
+    ) -> Table:  # fmt: skip
         """See `labbook.backend.Backend`."""
         from labbook_dem.elastic import elastic_forces
 
-        return elastic_forces(scene, numerics, packing, time)
+        return elastic_forces(scene, numerics, packing, time, walls=walls)
 
     def describe(self, scene: Scene, numerics: Numerics) -> Mapping[str, float]:
         """Requested and realised restitution of two grains (mean over ten phases of the step), and the damping used."""

@@ -19,7 +19,9 @@ from labbook_dem.words import vec3
 _AT_REST = vec3(0.0, 0.0, 0.0)
 
 
-def elastic_forces(scene: Scene, numerics: Numerics, packing: Packing, time: float = 0.0) -> Table:
+def elastic_forces(
+    scene: Scene, numerics: Numerics, packing: Packing, time: float = 0.0, *, walls: bool = True
+) -> Table:  # fmt: skip
     """Elastic normal forces of all contacts of a packing.
 
     Args:
@@ -27,25 +29,28 @@ def elastic_forces(scene: Scene, numerics: Numerics, packing: Packing, time: flo
         numerics: Its numerics, of which the scale of the stiffness counts.
         packing: The bed; velocities and springs do not count.
         time: Time since the opening [s], at which parts that move are where they are then.
+        walls: Contacts with walls too, which take some 75 us each.
 
     Returns:
         Rows of the probe `Contacts`, with step 0.
     """
     assert packing.ids is not None
-    rows = [*_pairs(scene, numerics, packing), *_walls(scene, numerics, packing, time)]
     names = ("i", "j", "wall", "fx", "fy", "fz", "bx", "by", "bz")
-    table = np.array(rows, float).reshape(-1, len(names)).T
+    rows = [_pairs(scene, numerics, packing)]
+    if walls:
+        rows.append(np.array([*_walls(scene, numerics, packing, time)], float).reshape(-1, len(names)))
+    table = np.concatenate(rows).T
     n, kinds = table.shape[1], columns(Contacts())
     frame = {"member": np.zeros(n, np.int64), "step": np.zeros(n, np.int64), "time": np.full(n, time)}
     return {**frame, **{name: column.astype(kinds[name]) for name, column in zip(names, table, strict=True)}}
 
 
-def _pairs(scene: Scene, numerics: Numerics, packing: Packing):
-    """Rows of contacts between grains."""
+def _pairs(scene: Scene, numerics: Numerics, packing: Packing) -> np.ndarray:
+    """Rows of contacts between grains, shape [n, 9]: ids and wall, force [N], branch [m]."""
     bodies, half, ids = Bodies.of(scene.grains, packing), scene.grains.half_length, packing.ids
     assert ids is not None
     if len(packing) < 2:
-        return
+        return np.empty((0, 9))
     close = KDTree(packing.x).query_pairs(2 * (float(bodies.radius.max()) + half), output_type="ndarray")
     i, j = close[np.lexsort((close[:, 1], close[:, 0]))].T
     away = between = packing.x[i] - packing.x[j]
@@ -55,7 +60,8 @@ def _pairs(scene: Scene, numerics: Numerics, packing: Packing):
         away = between + s[:, None] * a[i] - t[:, None] * a[j]
     apart = np.linalg.norm(away, axis=1)
     overlap = bodies.radius[i] + bodies.radius[j] - apart
-    touching = np.flatnonzero((overlap > 0) & (apart > 0))
+    touching = (overlap > 0) & (apart > 0)
+    i, j, away, between, apart, overlap = (of[touching] for of in (i, j, away, between, apart, overlap))
     with choose(scene.contact.law) as law:
         kinds, scale = range(len(scene.grains.species)), numerics.stiffness_scale
         c = {
@@ -63,14 +69,13 @@ def _pairs(scene: Scene, numerics: Numerics, packing: Packing):
             for m in kinds
             for n in kinds
         }
-        for k in touching.tolist():
-            first, second = int(i[k]), int(j[k])
-            radius, mass = (
-                effective(float(of[first]), float(of[second])) for of in (bodies.radius, bodies.mass)
-            )  # fmt: skip
-            pair = int(bodies.kind[first]), int(bodies.kind[second])
-            force = law.normal(c[pair], radius, mass, float(overlap[k]), 0.0) / apart[k] * away[k]
-            yield (ids[first], ids[second], -1, *force, *-between[k])
+        pairs = zip(bodies.kind[i].tolist(), bodies.kind[j].tolist(), strict=True)
+        radius, mass = (effective(of[i], of[j]).tolist() for of in (bodies.radius, bodies.mass))
+        size = [  # laws are written for single contacts; all else is arrays
+            law.normal(c[pair], *rest, 0.0) for pair, *rest in zip(pairs, radius, mass, overlap.tolist(), strict=True)
+        ]
+    force = (np.array(size) / apart)[:, None] * away
+    return np.column_stack([ids[i], ids[j], np.full(len(i), -1), force, -between])
 
 
 def _walls(scene: Scene, numerics: Numerics, packing: Packing, time: float):

@@ -639,7 +639,9 @@ class Backend(ABC):
         """
         return None
 
-    def elastic_forces(self, scene: Scene, numerics: Numerics, packing: Packing, time: float = 0.0) -> Table | None:
+    def elastic_forces(
+        self, scene: Scene, numerics: Numerics, packing: Packing, time: float = 0.0, *, walls: bool = True
+    ) -> Table | None:  # fmt: skip
         """Compute the elastic normal forces of a packing from its overlaps. Nothing is compiled for it.
 
         Args:
@@ -647,6 +649,7 @@ class Backend(ABC):
             numerics: Its numerical parameters.
             packing: The packing.
             time: Time since the opening [s], for parts that move.
+            walls: Also compute forces at walls.
 
         Returns:
             Rows of the probe `Contacts`; None, the default, if a backend cannot compute them.

@@ -13,8 +13,12 @@ def register(app: typer.Typer) -> None:
 
     @app.command()
     def view(
-        target: Annotated[
-            str, typer.Argument(metavar="STUDY|RUN", help="Study file, or the first digits of a run's key.")
+        targets: Annotated[
+            list[str],
+            typer.Argument(
+                metavar="STUDY|RUN...",
+                help="Study file, or the first digits of a run's key; several: side by side on one clock.",
+            ),
         ],
         point: Annotated[
             int | None, typer.Option(min=1, help="Only this point of the study, counted from 1.", show_default=False)
@@ -40,4 +44,4 @@ def register(app: typer.Typer) -> None:
         """Make recordings of runs that kept their frames, and open them in the rerun viewer."""
         from labbook.cli.work import view as work
 
-        work.view(target, point, screenshot, at, size, open_viewer, lab, backend)
+        work.view(targets, point, screenshot, at, size, open_viewer, lab, backend)

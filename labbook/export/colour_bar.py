@@ -1,4 +1,4 @@
-"""What the colours of grains in recordings mean: speed on a square-root scale, kinds by hue, and a bar that says so."""
+"""Colours of grains in recordings: speed on a square-root scale, kinds by hue, and a bar with their meaning."""
 
 import io
 import math

@@ -3,11 +3,12 @@
 Frames are drawn by `labbook.picture` and written by Pillow (WebP, GIF), or by ffmpeg where it is installed (MP4).
 """
 
+import hashlib
 import math
 import shutil
 import subprocess
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from functools import cache, cached_property, partial
+from functools import cache, partial
 from importlib import import_module
 from importlib.util import find_spec
 from io import BytesIO
@@ -20,9 +21,10 @@ import numpy as np
 from labbook.backend import load_to_plan
 from labbook.export.colour_bar import BACKGROUND
 from labbook.export.colouring import Colouring, Legend, force_colours
+from labbook.export.flow_chart import QUIET, FlowChart, FlowCurve
 from labbook.export.forces import PairForces, packing_of, pair_forces, scale_of
 from labbook.export.frames import Frame, frames_of_run
-from labbook.export.recording import source_of, titled
+from labbook.export.recording import source_of, steady_of, titled
 from labbook.export.wall_shapes import DrawnWall, drawn_walls
 from labbook.lab import RunRecord
 from labbook.lab.folder import write_bytes
@@ -31,6 +33,7 @@ from labbook.measure import RunData
 from labbook.measure.series import flow_curve
 from labbook.picture import Raster, Strokes, drawn, front
 from labbook.results import display
+from labbook.results.placement import placement
 from labbook.scene import Packing, Scene
 from labbook.scene.geometry import Segment
 from labbook.study import Point
@@ -38,7 +41,7 @@ from labbook.study import Point
 if TYPE_CHECKING:
     from PIL.Image import Image
 
-VERSION = 1
+VERSION = 2
 """Raised when films made before are no longer what would be drawn now."""
 SECONDS, SIZE, TILE = 6.0, 480, 200
 """Default duration of a film [s], and pixels of the longer side of a bed, alone and in a sweep."""
@@ -46,7 +49,7 @@ FORMATS = (".webp", ".gif", ".mp4")
 """Endings of the names of films."""
 _RATE = 25
 """Most frames a second."""
-_INK, _QUIET, _CURVE, _SHADE = (38, 44, 54), (96, 104, 116), "#0072b2", "#0072b222"
+_INK = (38, 44, 54)
 _SPOKE = np.array((213, 94, 0)) / 255
 _SECTORS = 8
 _MARK = 4.0  # pixels: width of marks of a turning bottom
@@ -58,7 +61,6 @@ _PAD, _LINE, _BAR = 12, 22, 40  # pixels: around everything, of a line of text, 
 _CHART = (340, 230)  # pixels beside an upright bed
 _LOW = 140  # pixels: height of a chart below a wide bed
 _NARROWEST = 200  # pixels: of a film without a chart, for its heading
-_MARGINS = (52, 12, 14, 38)  # pixels around the axes of a chart: left, right, above, below
 _FINE = 2  # points along x and z that a pixel is the mean of: in motion finer ones are not seen
 _QUALITY = 70  # of WebP
 _PALETTE = 128  # colours of a GIF
@@ -77,6 +79,7 @@ class Shot(NamedTuple):
         colouring: Colours of its grains.
         title: Heading of its picture.
         forces: Contact forces in a frame, which are drawn as lines; None: none are.
+        window: Begin and end [s] of the window of W, shaded on W(t); None without.
     """
 
     data: RunData
@@ -84,10 +87,12 @@ class Shot(NamedTuple):
     colouring: Colouring
     title: str
     forces: Callable[[Frame], PairForces] | None = None
+    window: tuple[float, float] | None = None
 
     @classmethod
     def of(
-        cls, data: RunData, sample: Mapping[str, np.ndarray] | None, by: str, title: str, backend: str
+        cls, data: RunData, sample: Mapping[str, np.ndarray] | None, by: str, title: str, backend: str,
+        window: tuple[float, float] | None = None,
     ) -> "Shot":  # fmt: skip
         """The run of a backend with its recorded frames (`read_recording`). Raises NotRecorded, NoColouring, NoForces
         or BackendMissing."""
@@ -96,7 +101,7 @@ class Shot(NamedTuple):
             made_by = load_to_plan(backend)
             forces = partial(pair_forces, made_by, data.scene, data.numerics, data.start)
             top = scale_of([forces(frame) for frame in frames[:: -(-len(frames) // _SCALED)]])
-        return cls(data, frames, Colouring.of(by, data.scene, data.start, frames, top), title, forces)
+        return cls(data, frames, Colouring.of(by, data.scene, data.start, frames, top), title, forces, window)
 
     @property
     def end(self) -> float:
@@ -149,7 +154,7 @@ def film(
 
 def sweep_film(
     rows: Sequence[str], columns: Sequence[str], shots: Mapping[tuple[int, int], Shot], path: Path, *,
-    seconds: float = SECONDS, size: int = TILE,
+    seconds: float = SECONDS, size: int = TILE, source: str = "",
 ) -> FilmFile:  # fmt: skip
     """Write a film of several runs on one clock, in rows and columns.
 
@@ -160,6 +165,7 @@ def sweep_film(
         path: File to write, with an ending among FORMATS.
         seconds: Duration of the film.
         size: Pixels of the longer side of each picture of a bed.
+        source: As of `film`.
 
     Raises:
         NoFilm: As of `film`.
@@ -167,7 +173,7 @@ def sweep_film(
     check(path)
     times = _times(list(shots.values()), seconds)
     cameras = {place: Camera(shot, size) for place, shot in shots.items()}
-    return _write(_together(rows, columns, cameras, times), path, seconds)
+    return _write(_together(rows, columns, cameras, times), path, seconds, source)
 
 
 def of_run(folder: Path, path: Path, study: str | None = None, point: Point | None = None) -> Path:
@@ -182,6 +188,11 @@ def of_run(folder: Path, path: Path, study: str | None = None, point: Point | No
 def source_of_film(record: RunRecord) -> str:
     """Run of a film and the version of its drawing."""
     return f"{source_of(record)}-film-{VERSION}"
+
+
+def source_of_sweep(records: Sequence[RunRecord]) -> str:
+    """Runs of a film of a sweep and the version of its drawing."""
+    return hashlib.blake2b("+".join(map(source_of_film, records)).encode(), digest_size=16).hexdigest()
 
 
 def shows(path: Path, source: str) -> bool:
@@ -199,27 +210,27 @@ def shot_of_run(folder: Path, by: str, study: str | None = None, point: Point | 
     """The recorded run in `folder`, for a film; study, point: for which it is shown (None: for which it was made).
     Raises Unreadable (of labbook.lab) and what `Shot.of` does."""
     record = RunRecord.read(folder)
+    steady = steady_of(folder, record)
     return Shot.of(
-        run_data(folder, record), read_recording(folder, record), by, titled(record, study, point), record.backend
-    )
+        run_data(folder, record), read_recording(folder, record), by, titled(record, study, point), record.backend,
+        None if steady is None else (steady.begin, steady.end),
+    )  # fmt: skip
 
 
 def of_sweep(
-    shots: Sequence[tuple[Mapping[str, float | str], Shot]], path: Path, *, seconds: float = SECONDS, size: int = TILE
-) -> FilmFile:
+    shots: Sequence[tuple[Mapping[str, float | str], Shot]], path: Path, *, seconds: float = SECONDS, size: int = TILE,
+    source: str = "",
+) -> FilmFile:  # fmt: skip
     """Write a film of a sweep: runs with the values of their swept keys [SI]. Columns are by the key with most values,
-    rows by all others. Raises NoFilm."""
-    keys = dict.fromkeys(key for at, _ in shots for key in at)
-    values = {key: list(dict.fromkeys(at[key] for at, _ in shots if key in at)) for key in keys}
-    column = max(keys, key=lambda key: len(values[key]), default="")
-    across = sorted(values.get(column, []), key=lambda value: (isinstance(value, str), value))
-    down = list(dict.fromkeys(display.label(at, leave_out=[column]) for at, _ in shots))
-    rows_columns = {
-        (down.index(display.label(at, leave_out=[column])), across.index(at[column]) if column in at else 0): shot
-        for at, shot in shots
-    }
-    return sweep_film(down, [display.setting(column, value) for value in across] or [""], rows_columns, path,
-                      seconds=seconds, size=size)  # fmt: skip
+    rows by all others. source: as of `film`. Raises NoFilm."""
+    places = placement([at for at, _ in shots], row_keys=None)
+    columns = [display.setting(places.column, value) if value is not None else "" for value in places.columns]
+    rows = [
+        display.label({key: value for key, value in zip(places.row, row, strict=True) if value is not None})
+        for row in places.rows
+    ]
+    runs = {place: shots[k][1] for place, k in places.points.items()}
+    return sweep_film(rows, columns, runs, path, seconds=seconds, size=size, source=source)
 
 
 def check(path: Path) -> None:
@@ -367,7 +378,8 @@ def _alone(camera: Camera, times: np.ndarray) -> Iterator["Image"]:
     bed, legend, chart = camera.at(0), _legend_of(camera), None
     upright = bed.height > bed.width
     if (curve := flow_curve(camera.shot.data)) is not None:
-        chart = Chart(*curve, float(times[-1]), *(_CHART if upright else (max(bed.width, _NARROWEST), _LOW)))
+        size = _CHART if upright else (max(bed.width, _NARROWEST), _LOW)
+        chart = FlowChart([FlowCurve(*curve, window=camera.shot.window)], float(times[-1]), *size)
     width = max(bed.width, _NARROWEST if chart is None else 0)
     beside = chart is not None and upright
     across = width + (_PAD + _CHART[0] if beside else 0)
@@ -377,7 +389,7 @@ def _alone(camera: Camera, times: np.ndarray) -> Iterator["Image"]:
     for time in times:
         canvas, write = _canvas(across + 2 * _PAD, top + high + _PAD)
         write(_PAD, _PAD - 2, _fitting(camera.shot.title, across - 90), _INK)
-        write(across + _PAD, _PAD - 2, f"t = {time:.2f} s", _QUIET, anchor="ra")
+        write(across + _PAD, _PAD - 2, f"t = {time:.2f} s", QUIET, anchor="ra")
         picture = camera.at(time)
         canvas.paste(picture, (_PAD + (width - bed.width) // 2, top))
         if legend is not None:
@@ -403,7 +415,7 @@ def _together(
     across, down = left + len(columns) * step_x, top + len(rows) * step_y + (_BAR if legend is not None else 0) + 4
     for time in times:
         canvas, write = _canvas(across, down)
-        write(across - _PAD, _PAD - 2, f"t = {time:.2f} s", _QUIET, anchor="ra")
+        write(across - _PAD, _PAD - 2, f"t = {time:.2f} s", QUIET, anchor="ra")
         for k, text in enumerate(columns):
             write(left + k * step_x + wide // 2, _PAD + _LINE - 2, text, _INK, anchor="ma")
         for k, text in enumerate(rows):
@@ -413,60 +425,10 @@ def _together(
             canvas.paste(camera.at(time), (x, y + tall - camera.view.down))
             shot = camera.shot
             if time >= shot.stopped * (1 - 1e-9):
-                write(left + column * step_x + wide // 2, y + tall, endings[row, column], _QUIET, "ma", _SMALL)
+                write(left + column * step_x + wide // 2, y + tall, endings[row, column], QUIET, "ma", _SMALL)
         if legend is not None:
             _draw_legend(canvas, legend, left, down - _BAR, min(across - left - _PAD, 420))
         yield canvas
-
-
-class Chart:
-    """W(t) that grows: times [s] and rates [g/s], up to a time `end` [s], in a picture of `width` x `height` pixels."""
-
-    def __init__(self, time: np.ndarray, rate: np.ndarray, end: float, width: int, height: int):
-        self._curve, self._end = (time, rate), end or 1.0
-        self.width, self.height = width, height
-        self._left, self._right = _MARGINS[0], width - _MARGINS[1]
-
-    def at(self, time: float) -> "Image":
-        """The curve up to a time [s]."""
-        x = round(self._left + min(time / self._end, 1.0) * (self._right - self._left))
-        chart = self._axes.copy()
-        chart.paste(self._whole.crop((0, 0, x, self.height)), (0, 0))
-        return chart
-
-    @cached_property
-    def _axes(self) -> "Image":
-        return self._render(curve=False)
-
-    @cached_property
-    def _whole(self) -> "Image":
-        return self._render(curve=True)
-
-    def _render(self, curve: bool) -> "Image":
-        from matplotlib.backends.backend_agg import FigureCanvasAgg
-        from matplotlib.figure import Figure
-        from PIL import Image
-
-        time, rate = self._curve
-        left, right, above, below = _MARGINS
-        width, height = self.width, self.height
-        figure = Figure((width / 100, height / 100), dpi=100, facecolor=_hex(BACKGROUND))
-        canvas = FigureCanvasAgg(figure)
-        box = left / width, below / height, (width - left - right) / width, (height - above - below) / height
-        axes = figure.add_axes(box, facecolor="white")
-        if curve:
-            axes.fill_between(time, rate, color=_SHADE, linewidth=0)
-            axes.plot(time, rate, color=_CURVE, linewidth=1.6)
-        axes.set(xlim=(0, self._end), ylim=(0, 1.08 * float(rate.max()) or 1.0))
-        axes.set_xlabel("t [s]", fontsize=9, color=_hex(_QUIET))
-        axes.set_ylabel("W [g/s]", fontsize=9, color=_hex(_QUIET))
-        axes.tick_params(labelsize=8, colors=_hex(_QUIET), length=3)
-        for side in ("top", "right"):
-            axes.spines[side].set_visible(False)
-        for side in ("left", "bottom"):
-            axes.spines[side].set_color(_hex(_QUIET))
-        canvas.draw()
-        return Image.fromarray(np.asarray(canvas.buffer_rgba())[..., :3].copy())
 
 
 def _legend_of(camera: Camera) -> Legend | None:
@@ -480,10 +442,31 @@ def _draw_legend(canvas: "Image", legend: Legend, left: int, top: int, width: in
     bar = Image.fromarray(legend.colours[None].repeat(8, axis=0)).resize((width, 8), Image.Resampling.NEAREST)
     canvas.paste(bar, (left, top))
     write = ImageDraw.Draw(canvas)
-    for place, label in legend.ticks:
+    for place, label in _apart(legend.ticks, width):
         anchor = "la" if place < 0.02 else "ra" if place > 0.98 else "ma"
-        write.text((left + place * width, top + 10), label, _QUIET, _font(10), anchor)
-    write.text((left + width // 2, top + 22), legend.title, _QUIET, _font(11), "ma")
+        write.text((left + place * width, top + 10), label, QUIET, _font(10), anchor)
+    write.text((left + width // 2, top + 22), legend.title, QUIET, _font(11), "ma")
+
+
+def _apart(ticks: Sequence[tuple[float, str]], width: int) -> Iterator[tuple[float, str]]:
+    """The last tick, and from the first on those whose labels have room beside one another on a bar of a width in
+    pixels."""
+
+    def ends(tick: tuple[float, str]) -> tuple[float, float]:
+        wide, place = _extent(tick[1], 10)[0], tick[0] * width
+        left = place if tick[0] < 0.02 else place - wide if tick[0] > 0.98 else place - wide / 2
+        return left, left + wide
+
+    free, limit = -math.inf, ends(ticks[-1])[0] - _GAP
+    for tick in ticks[:-1]:
+        left, right = ends(tick)
+        if left >= free and right <= limit:
+            free = right + _GAP
+            yield tick
+    yield ticks[-1]
+
+
+_GAP = 5  # pixels: least distance of two labels
 
 
 def _canvas(width: int, height: int):
@@ -520,10 +503,6 @@ def _fitting(text: str, width: float) -> str:
     while text and _extent(f"{text}…")[0] > width:
         text = text[:-1]
     return f"{text.rstrip(' ,')}…"
-
-
-def _hex(colour: tuple[int, int, int]) -> str:
-    return "#{:02x}{:02x}{:02x}".format(*colour)
 
 
 # files

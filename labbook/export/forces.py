@@ -42,7 +42,7 @@ def pair_forces(backend: Backend, scene: Scene, numerics: Numerics, start: Packi
     Raises:
         NoForces: The backend cannot tell.
     """
-    table = backend.elastic_forces(scene, numerics, packing_of(start, frame), frame.time)
+    table = backend.elastic_forces(scene, numerics, packing_of(start, frame), frame.time, walls=False)
     if table is None:
         name = backend.capabilities.name
         raise NoForces(f"the backend {name} does not tell contact forces; use another colour, such as speed")
@@ -71,7 +71,7 @@ def forces_of(backend: str, data: RunData) -> Callable[[Frame], PairForces] | No
         made_by = load_to_plan(backend)
     except BackendMissing:
         return None
-    if made_by.elastic_forces(data.scene, data.numerics, data.start.part(np.arange(0))) is None:
+    if made_by.elastic_forces(data.scene, data.numerics, data.start.part(np.arange(0)), walls=False) is None:
         return None
     return partial(pair_forces, made_by, data.scene, data.numerics, data.start)
 

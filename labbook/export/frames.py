@@ -19,18 +19,24 @@ class NotRecorded(Exception):
 
 
 class Frame(NamedTuple):
-    """Time [s], positions [n, 3] (single precision), speeds [n] and ids [n] of a frame; orientations [n, 4] of rods."""
+    """Time [s], positions [n, 3] and velocities [n, 3] (single precision) and ids [n] of a frame; orientations [n, 4]
+    of rods."""
 
     time: float
     x: np.ndarray
-    speed: np.ndarray
+    v: np.ndarray
     ids: np.ndarray
     q: np.ndarray | None = None
+
+    @property
+    def speed(self) -> np.ndarray:
+        """Speeds [m/s], shape [n]."""
+        return np.linalg.norm(self.v, axis=1)
 
     def empty(self, time: float) -> "Frame":
         """Such a frame at another time, without any grain."""
         q = None if self.q is None else self.q[:0]
-        return Frame(time, self.x[:0], self.speed[:0], self.ids[:0], q)
+        return Frame(time, self.x[:0], self.v[:0], self.ids[:0], q)
 
 
 def frames_of_run(data: RunData, sample: Mapping[str, np.ndarray] | None, limit: int) -> list[Frame]:
@@ -60,7 +66,7 @@ def frames_of(table: Mapping[str, np.ndarray] | None, limit: int = FRAMES) -> li
         x = np.stack([table[c][rows] for c in ("x", "y", "z")], axis=1)
         v = np.stack([table[c][rows] for c in ("vx", "vy", "vz")], axis=1)
         q = np.stack([table[c][rows] for c in Q_COLUMNS], axis=1) if "qw" in table else None
-        frames.append(Frame(float(times[k]), x.astype(np.float32), np.linalg.norm(v, axis=1), table["id"][rows], q))
+        frames.append(Frame(float(times[k]), x.astype(np.float32), v.astype(np.float32), table["id"][rows], q))
     return frames
 
 
@@ -68,7 +74,7 @@ def at_opening(start: Packing, oriented: bool) -> Frame:
     """The frame of the packing that a run started from."""
     assert start.ids is not None
     q = start.q.astype(np.float32) if oriented and start.q is not None else None
-    return Frame(0.0, start.x.astype(np.float32), np.linalg.norm(start.v, axis=1), start.ids, q)
+    return Frame(0.0, start.x.astype(np.float32), start.v.astype(np.float32), start.ids, q)
 
 
 def top_speed(scene: Scene, frames: Sequence[Frame]) -> float:

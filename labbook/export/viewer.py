@@ -10,7 +10,9 @@ from contextlib import suppress
 from pathlib import Path
 
 from labbook.export.colour_bar import BACKGROUND
-from labbook.export.recording import CLOCK, need_rerun
+from labbook.export.entities import CLOCK, need_rerun
+from labbook.export.flow_chart import FlowChart
+from labbook.export.recording import flow_curves
 
 SIZE = 1100, 1200
 """Width and height of the window of a screenshot in pixels."""
@@ -20,6 +22,7 @@ _LATER = 0.5  # s between two looks
 _LOOKS = 2  # in a row that have to show the same as the one before
 _NOTICE = 4.0  # s: for two seconds the viewer says on which port it listens
 _ORDER = {"3D": 0, "2D": 1}  # grains, the bar of their colours, then what else there is
+_CURVES, _LOWEST = "TimeSeries", 130  # class of the view of W(t); pixels: least height of its picture
 _HEAD = 28  # pixels: height of a line above a view
 
 
@@ -27,14 +30,15 @@ class ViewerFailed(Exception):
     """The viewer did not open or drew nothing; the message has its last words and a remedy."""
 
 
-def show(recordings: Sequence[Path]) -> None:
-    """Open recordings (.rrd) in a window and wait until it is closed. Raises ViewerMissing or ViewerFailed."""
+def show(recordings: Sequence[Path], at: float) -> None:
+    """Open recordings (.rrd) in a window, playing from the time `at` [s] on, and wait until it is closed. Raises
+    ViewerMissing or ViewerFailed."""
     port = _free_port()
     command = [*viewer_command(), "--port", str(port), *map(str, recordings)]
     viewer = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True, env=_plain())
     try:
         with suppress(RuntimeError, ConnectionError, TimeoutError):  # it then plays from the start
-            _play_from_the_middle(viewer, port)
+            _play_from(viewer, port, at)
         messages = viewer.communicate()[0]
     finally:
         viewer.terminate()
@@ -45,10 +49,10 @@ def show(recordings: Sequence[Path]) -> None:
         )
 
 
-def _play_from_the_middle(viewer: subprocess.Popen, port: int) -> None:
+def _play_from(viewer: subprocess.Popen, port: int, at: float) -> None:
     client = _connect(viewer, port)
-    start, end = _extent(client, time.monotonic() + _PATIENCE)
-    client.set_time(CLOCK, duration=(start + end) / 2, play_state="playing")
+    _extent(client, time.monotonic() + _PATIENCE)
+    client.set_time(CLOCK, duration=at, play_state="playing")
 
 
 def screenshot(recording: Path, picture: Path, at: float = 0.4, size: tuple[int, int] = SIZE) -> None:
@@ -65,7 +69,7 @@ def screenshot(recording: Path, picture: Path, at: float = 0.4, size: tuple[int,
     viewer = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True, env=_plain())
     try:
         with tempfile.TemporaryDirectory() as folder:
-            shown = _photograph(viewer, port, recording.resolve(), Path(folder), at)
+            shown = _photograph(viewer, port, recording.resolve(), Path(folder), at, size)
             picture.parent.mkdir(parents=True, exist_ok=True)
             _stack(shown, picture)
     except (RuntimeError, ConnectionError, TimeoutError) as error:
@@ -81,9 +85,10 @@ def screenshot(recording: Path, picture: Path, at: float = 0.4, size: tuple[int,
 
 
 def _photograph(
-    viewer: subprocess.Popen, port: int, recording: Path, folder: Path, at: float
-) -> list[tuple[str, Path]]:
-    """Pictures of all views, in `folder`, with what stands above them."""
+    viewer: subprocess.Popen, port: int, recording: Path, folder: Path, at: float, size: tuple[int, int]
+) -> list[list[tuple[str, Path]]]:
+    """Rows of pictures of all views, in `folder`, with what stands above them. W(t) is drawn here, since axes of the
+    viewer are dark without a screen."""
     client = _connect(viewer, port)
     answered = time.monotonic()
     opened = client.open(str(recording))
@@ -99,7 +104,7 @@ def _photograph(
     while looks < _LOOKS or time.monotonic() < answered + _NOTICE:
         _wait_until(deadline, "its picture keeps changing")
         views = sorted(client.get_state().views, key=lambda view: (_ORDER.get(view.view_class, len(_ORDER)), view.name))
-        views = [view for view in views if _saved(client, view, folder)]
+        views = [view for view in views if view.view_class != _CURVES and _saved(client, view, folder)]
         paths = [folder / f"{view.view_id}.png" for view in views]
         drawn = b"".join(path.read_bytes() for path in paths)
         looks = looks + 1 if drawn == before else 0
@@ -108,8 +113,15 @@ def _photograph(
     if complaints:
         raise RuntimeError("; ".join(complaints))
     names = ["" if view.view_class == "2D" else view.name for view in views]  # colour bars speak for themselves
-    first = f"{names[0]}{', ' if names[0] else ''}t = {now:.3f} s"
-    return list(zip([first, *names[1:]], paths, strict=True))
+    names[0] += f"{', ' if names[0] else ''}t = {now:.3f} s"
+    beds = [k for k, view in enumerate(views) if view.view_class == "3D"]
+    rows = [[(names[k], paths[k]) for k in beds]] if beds else []
+    rows += [[(names[k], paths[k])] for k in range(len(views)) if k not in beds]
+    if curves := flow_curves(recording):
+        chart = FlowChart(curves, end, size[0], max(_LOWEST, size[1] // 6)).with_mark(now)
+        chart.save(folder / "flow.png")
+        rows.append([("", folder / "flow.png")])
+    return rows
 
 
 def _saved(client, view, folder: Path) -> bool:
@@ -139,24 +151,28 @@ def _free_port() -> int:
         return free.getsockname()[1]
 
 
-def _stack(shown: Sequence[tuple[str, Path]], picture: Path) -> None:
-    """Put pictures with lines of text above them (empty: none) below one another."""
+def _stack(rows: Sequence[Sequence[tuple[str, Path]]], picture: Path) -> None:
+    """Put rows of pictures with lines of text above them (empty: none) below one another."""
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
     from matplotlib.image import imread
 
-    parts = [(text, imread(path)) for text, path in shown]
-    heads = [_HEAD if text else 0 for text, _ in parts]
-    width = max(part.shape[1] for _, part in parts)
-    height = sum(heads) + sum(part.shape[0] for _, part in parts)
+    parts = [[(text, imread(path)) for text, path in row] for row in rows]
+    heads = [_HEAD if any(text for text, _ in row) else 0 for row in parts]
+    width = max(sum(part.shape[1] for _, part in row) for row in parts)
+    highest = [max(part.shape[0] for _, part in row) for row in parts]
+    height = sum(heads) + sum(highest)
     figure = Figure((width / 100, height / 100), dpi=100, facecolor="#{:02x}{:02x}{:02x}".format(*BACKGROUND))
     FigureCanvasAgg(figure)
     top = height
-    for head, (text, part) in zip(heads, parts, strict=True):
-        if text:
-            figure.text(10 / width, (top - head / 2) / height, text, fontsize=11, va="center")
-        top -= head + part.shape[0]
-        figure.figimage(part, 0, top)
+    for head, high, row in zip(heads, highest, parts, strict=True):
+        left = 0
+        for text, part in row:
+            if text:
+                figure.text((left + 10) / width, (top - head / 2) / height, text, fontsize=11, va="center")
+            figure.figimage(part, left, top - head - part.shape[0])
+            left += part.shape[1]
+        top -= head + high
     figure.savefig(picture, dpi=100, facecolor=figure.get_facecolor())
 
 

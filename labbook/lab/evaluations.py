@@ -97,6 +97,11 @@ def evaluated(folder: Path, measure: Measure, window: Window, data: Callable[[],
     return _load_or_make(path_of(folder, measure, window), lambda: evaluate(measure, window, data()))
 
 
+def stored(folder: Path, measure: Measure, window: Window) -> Evaluated | None:
+    """Return the stored evaluation of the run in `folder`; None without a valid one."""
+    return _read_kept(path_of(folder, measure, window))
+
+
 def evaluated_packing(folder: Path, scene: Scene, packing: Callable[[], Packing]) -> Evaluated:
     """Return the evaluation of the packing in `folder` by `PackingStructure`, as `evaluated` does for a run.
 
@@ -247,7 +252,7 @@ class ReadOnlyRun(FinishedRun):
 
     def evaluated(self, measure: Measure, window: Window) -> Evaluated:
         """Return the stored evaluation of a measure. Raises NotEvaluated."""
-        result = _read_kept(path_of(self.folder, measure, window))
+        result = stored(self.folder, measure, window)
         if result is None:
             raise NotEvaluated(measure.name, self.entry.run_key)
         return result

@@ -23,6 +23,7 @@ from labbook.report.clogging import clogging_sections
 from labbook.report.composition import composition_sections
 from labbook.report.energy import energy_sections
 from labbook.report.explored import map_sections
+from labbook.report.films import film_sections
 from labbook.report.formulas import mathml
 from labbook.report.paper import sections_of_all
 from labbook.report.residence import residence_sections
@@ -174,6 +175,7 @@ PARTS: tuple[Part, ...] = (
     clogging_sections,
     arch_sections,
     _flow_rates,
+    film_sections,
     composition_sections,
     residence_sections,
     energy_sections,

@@ -535,7 +535,7 @@ def settled(page: Page) -> None:
         page.evaluate(f"window.scrollTo(0, {place})")
         page.wait_for_timeout(250)  # htmx looks five times a second at what has come into sight
         place += 500
-    page.wait_for_load_state("networkidle")
+    page.wait_for_load_state("networkidle", timeout=120 * MS)  # figures are drawn on a loaded machine too
     page.evaluate("window.scrollTo(0, 0)")
     expect(page.locator("[aria-busy=true]")).to_have_count(0, timeout=60 * MS)  # figures are drawn one by one
 

@@ -20,9 +20,10 @@ from starlette.responses import FileResponse, HTMLResponse, RedirectResponse, Re
 from starlette.routing import Route
 
 from labbook.backend import BackendMissing
+from labbook.export.entities import ViewerMissing
 from labbook.export.frames import NotRecorded
-from labbook.export.recording import ViewerMissing
-from labbook.lab import LabError, Unreadable, notes
+from labbook.export.recording import SIDE_BY_SIDE, path_of, titled
+from labbook.lab import LabError, RunRecord, Unreadable, notes
 from labbook.lab.evaluations import NotEvaluated
 from labbook.lab.notes import Note
 from labbook.lab.runs import picture_content
@@ -95,6 +96,8 @@ class App:
             Route("/note/{kind}/{name}", self._write_note, methods=["POST"]),
             Route("/run/{key}/picture.png", self._threaded(self._picture)),
             Route("/run/{key}/viewer", self._threaded(self._viewer)),
+            Route("/beside/{key}/viewer", self._threaded(self._viewer)),
+            Route("/beside/{key}/recording.rrd", self._threaded(self._recording)),
             Route("/run/{key}/film.webp", self._threaded(self._film)),
             Route("/run/{key}/recording.rrd", self._threaded(self._recording)),
             Route("/run/{key}/file/{file}", self._threaded(self._file)),
@@ -248,15 +251,32 @@ class App:
         return Response(sketch, media_type="image/svg+xml", headers={"cache-control": "private, max-age=60"})
 
     def _viewer(self, request: Request) -> Response:
-        key = key_of(self.shelf, hex_of(request))
+        """The viewer with the recording of a run, or of several side by side."""
+        keys = self._keys(request)
+        folders = [self.shelf.lab.run(key) for key in keys]
         try:
             viewer.viewer_files()
-            viewer.recording(self.shelf.lab.run(key))
+            viewer.recording(folders)
+            opens = viewer.opening(folders)
         except (viewer.NoViewer, ViewerMissing, NotRecorded, OSError) as error:
             return HTMLResponse(part("problem.html.j2", LINKS, why=str(error)))
-        host = f"{request.url.scheme}://{request.headers['host']}"
-        shown = {"key": key, "version": viewer.version(), "source": f"{host}/run/{key}/recording.rrd"}
+        short = "-".join(key[:16] for key in keys)
+        path = f"beside/{short}/recording.rrd" if len(keys) > 1 else f"run/{short}/recording.rrd"
+        shown = {
+            "name": " beside ".join(titled(RunRecord.read(folder)) for folder in folders),
+            "version": viewer.version(),
+            "source": f"{request.url.scheme}://{request.headers['host']}/{path}",
+            "path": path,
+            "opens": opens,
+        }
         return HTMLResponse(part("viewer.html.j2", LINKS, **shown))
+
+    def _keys(self, request: Request) -> list[str]:
+        """Keys of the runs that an address names, with hyphens between their first digits."""
+        keys = request.path_params["key"].split("-")
+        if len(keys) > SIDE_BY_SIDE:
+            raise Malformed(f"{len(keys)} runs are too many side by side; name at most {SIDE_BY_SIDE}")
+        return list(dict.fromkeys(key_of(self.shelf, hexadecimal(one)) for one in keys))
 
     def _film(self, request: Request) -> Response:
         key = key_of(self.shelf, hex_of(request))
@@ -267,12 +287,14 @@ class App:
         return FileResponse(path, media_type="image/webp", headers={"cache-control": "private, max-age=60"})
 
     def _recording(self, request: Request) -> Response:
-        key = key_of(self.shelf, hex_of(request))
+        folders = [self.shelf.lab.run(key) for key in self._keys(request)]
         try:
-            path = viewer.recording(self.shelf.lab.run(key))
+            path = viewer.recording(folders)
         except (ViewerMissing, NotRecorded) as error:
             raise NotThere(str(error)) from error
-        return FileResponse(path, media_type="application/octet-stream", headers=saved_as(f"{key[:10]}.rrd"))
+        files = (path_of(Path(), RunRecord.read(folder), None, None, "") for folder in folders)
+        name = "_".join("-".join(file.parts) for file in files)
+        return FileResponse(path, media_type="application/octet-stream", headers=saved_as(f"{name}.rrd"))
 
     def _file(self, request: Request) -> Response:
         key = key_of(self.shelf, hex_of(request))
@@ -353,7 +375,11 @@ def asked(request: Request, page: str) -> dict[str, str]:
 
 def hex_of(request: Request, name: str = "key") -> str:
     """The beginning of a run's key. Raises HTTPException for what cannot be one."""
-    key = request.path_params[name]
+    return hexadecimal(request.path_params[name])
+
+
+def hexadecimal(key: str) -> str:
+    """The beginning of a run's key. Raises HTTPException for what cannot be one."""
     if not 4 <= len(key) <= 64 or set(key) - set("0123456789abcdef"):
         raise HTTPException(400, f"{key[:80]} is not a key of a run; give at least four of its digits 0-9 and a-f")
     return key

@@ -12,8 +12,8 @@ from pathlib import Path
 from typing import Any
 
 from labbook.commands import command
+from labbook.export.entities import ViewerMissing
 from labbook.export.frames import NotRecorded
-from labbook.export.recording import ViewerMissing
 from labbook.lab import LabError, LabFolder, Unreadable
 from labbook.lab.runs import picture_content
 from labbook.study import StudyError
@@ -152,7 +152,7 @@ class _Writer:
         self._file(f"{page.path}/picture.png", picture or sketch(self._shelf, key).encode())
         if self._recordings and page.shown.get("recorded"):
             try:
-                made = viewer.recording(self._shelf.lab.run(key))
+                made = viewer.recording([self._shelf.lab.run(key)])
                 recording = f"{page.path}/recording.rrd"
                 self._file(recording, made.read_bytes())
             except (NotRecorded, ViewerMissing) as error:

@@ -12,17 +12,18 @@ import threading
 import time
 import urllib.error
 import urllib.request
+from base64 import b64encode
+from collections.abc import Sequence
 from importlib.metadata import PackageNotFoundError
 from importlib.metadata import version as installed_version
 from pathlib import Path
 
+from labbook.export.entities import CLOCK
 from labbook.export.film import of_run, shows, source_of_film
-from labbook.export.forces import forces_of
 from labbook.export.frames import NotRecorded
-from labbook.export.recording import holds, path_of, recording_id, source_of, titled, write
+from labbook.export.recording import middle_of, of_runs, path_of, recording_id
 from labbook.export.viewer import viewer_command
 from labbook.lab import RunRecord
-from labbook.lab.runs import read_recording, run_data
 
 FILES = {
     "index.html": "text/html; charset=utf-8",
@@ -34,6 +35,8 @@ _PATIENCE = 60.0  # s, for the viewer's own server to answer
 _LATER = 0.1  # s between two attempts
 _MOST_KEPT = 60
 """Recordings that are kept, and films; the ones that were not looked at for longest go first."""
+_NO_FRAMES = "the run kept no frames; to keep some, add `record: {every: 10 ms}` to the study and run it"
+_SHORT = 16  # digits of a key in the name of a file
 _one_at_a_time, _one_film_at_a_time = threading.Lock(), threading.Lock()
 
 
@@ -112,25 +115,47 @@ def _without_fonts(page: bytes) -> bytes:
     return re.sub(rb"<link[^>]+https?://[^>]+>|@import\s+url\([^)]*https?://[^)]*\);?", b"", page)
 
 
-def recording(folder: Path) -> Path:
-    """A recording (.rrd) of the run in `folder` that the installed viewer reads, made if it is not there.
+def recording(folders: Sequence[Path]) -> Path:
+    """A recording (.rrd) of the runs in these folders, side by side on one clock, that the installed viewer reads, made
+    if it is not there.
 
-    Raises NotRecorded, Unreadable (of labbook.lab), ViewerMissing (of
-    labbook.export.recording).
+    Raises NotRecorded, Unreadable (of labbook.lab), ViewerMissing (of labbook.export.entities).
     """
-    record = RunRecord.read(folder)
-    if record.coverage.recording is None:
-        raise NotRecorded("the run kept no frames; to keep some, add `record: {every: 10 ms}` to the study and run it")
-    source = source_of(record)
-    path = cache_folder() / "recordings" / f"{recording_id(source)}.rrd"
+    for folder in folders:
+        if RunRecord.read(folder).coverage.recording is None:
+            raise NotRecorded(_NO_FRAMES)
+    name = "-".join(folder.name[:_SHORT] for folder in folders)
+    path = cache_folder() / "recordings" / f"{name}-{recording_id('')}.rrd"
     with _one_at_a_time:
-        if not path.exists() or not holds(path, source):
-            data, sample = run_data(folder, record), read_recording(folder, record)
-            forces = forces_of(record.backend, data)
-            write(data, sample, path, name=titled(record), source=source, forces=forces)
-            _forget(path.parent)
+        of_runs(folders, path)
+        _forget(path.parent)
         os.utime(path)
     return path
+
+
+def opening(folders: Sequence[Path]) -> str:
+    """The request to the viewer that has it play from the middle of the window on, in base64: a message
+    ViewerControlRequest of rerun's protocol, with a SetTimeCursorRequest."""
+    instant = _field(3, _varint(1 << 3) + _varint(round(middle_of(folders) * 1e9)))
+    cursor = _field(2, _field(1, CLOCK.encode())) + instant + _varint(5 << 3) + _varint(_PLAYING)
+    return b64encode(_field(6, cursor)).decode("ascii")
+
+
+_PLAYING = 2  # of rerun's enumeration PlayState
+
+
+def _field(number: int, content: bytes) -> bytes:
+    """A field of a message of Protocol Buffers that has a length."""
+    return _varint(number << 3 | 2) + _varint(len(content)) + content
+
+
+def _varint(value: int) -> bytes:
+    """A whole number as Protocol Buffers write it."""
+    parts = bytearray()
+    while value > 127:
+        parts.append(value & 127 | 128)
+        value >>= 7
+    return bytes([*parts, value])
 
 
 def film(folder: Path) -> Path:
@@ -142,7 +167,7 @@ def film(folder: Path) -> Path:
         return path
     record = RunRecord.read(folder)
     if record.coverage.recording is None:
-        raise NotRecorded("the run kept no frames; to keep some, add `record: {every: 10 ms}` to the study and run it")
+        raise NotRecorded(_NO_FRAMES)
     path = cache_folder() / "films" / f"{source_of_film(record)}.webp"
     with _one_film_at_a_time:
         of_run(folder, path)

@@ -18,8 +18,10 @@ from labbook.backend.numerics import Numerics
 from labbook.backend.probes import Sample, Table, film_probe
 from labbook.checks.compare.sides import Pair, Side, from_shared
 from labbook.checks.compare.verdict import Divergence
+from labbook.export.entities import log_grains, need_rerun
 from labbook.export.frames import FRAMES, at_opening, frames_of, top_speed
-from labbook.export.recording import above_bar, front_view, log_bar, log_grains, need_rerun, written
+from labbook.export.recording import written
+from labbook.export.views import above_bar, front_view, log_bars
 from labbook.filling import start_of_discharge
 from labbook.lab.folder import LabFolder
 from labbook.lab.packings import load_packing
@@ -222,5 +224,5 @@ def record(study: Study, point: Point, lab: LabFolder, pair: Pair, seconds: floa
     with written(path, title, "-".join(run_keys.run for run_keys in keys), layout, films[0][-1].time) as stream:
         for name, film in zip(names, films, strict=True):
             log_grains(stream, name, scene, start, film, fastest)
-        log_bar(stream, scene, fastest)
+        log_bars(stream, scene, fastest)
     return path

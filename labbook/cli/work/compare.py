@@ -17,7 +17,7 @@ from labbook.cli.options import GO_ON, STOPPED, fail, leave, read_study
 from labbook.cli.screen import print_table, say, screen
 from labbook.cli.work.sides import names_of, parse
 from labbook.commands import command
-from labbook.export.recording import ViewerMissing
+from labbook.export.entities import ViewerMissing
 from labbook.lab.folder import LabFolder
 from labbook.measure import MeasureError
 from labbook.plan.demand import Conflict

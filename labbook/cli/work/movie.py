@@ -7,7 +7,7 @@ from labbook.cli.options import fail
 from labbook.cli.screen import say
 from labbook.cli.work.recorded import Recorded, of_recorded
 from labbook.export.colouring import NoColouring
-from labbook.export.film import SIZE, TILE, FilmFile, NoFilm, Shot, check, film, of_sweep, shot_of_run
+from labbook.export.film import SIZE, TILE, FilmFile, NoFilm, Shot, check, film, of_sweep, shot_of_run, source_of_sweep
 from labbook.export.forces import NoForces
 from labbook.export.frames import NotRecorded
 from labbook.export.recording import path_of
@@ -50,8 +50,9 @@ def _sweep(
     record, name = runs[0][1], str(runs[0][0].study)
     shots = [(point.at, shot_of_run(run.folder, colour, name, point)) for run, point in first.values()]
     path = out or lab / "films" / name / f"sweep-{record.backend}-{colour}.webp"
+    source = source_of_sweep([RunRecord.read(run.folder) for run, _ in first.values()])
     _say(
-        of_sweep(shots, path, seconds=seconds, size=size),
+        of_sweep(shots, path, seconds=seconds, size=size, source=source),
         max((shot for _, shot in shots), key=lambda shot: len(shot.frames)),
     )
 

@@ -12,7 +12,8 @@ from labbook.checks.compare.lockstep import record
 from labbook.checks.compare.shown import contrast_table, cost_table, divergence_table, figure, summary
 from labbook.checks.compare.sides import Side
 from labbook.checks.compare.verdict import Contrast, Cost, Divergence, Entrant, PointVerdict, Verdict
-from labbook.export.recording import CLOCK, FRAMES
+from labbook.export.entities import CLOCK
+from labbook.export.frames import FRAMES
 from labbook.lab import LabFolder
 from labbook.report.style import encode
 

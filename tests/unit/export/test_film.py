@@ -54,7 +54,8 @@ def run_of(
 def frame(time=0.0, x=BED, speed=0.0, ids=None, q=None) -> Frame:
     x = np.array(x, np.float32).reshape(-1, 3)
     turns = None if q is None else np.array(q, np.float32)
-    return Frame(time, x, np.full(len(x), speed, float), np.arange(len(x)) if ids is None else np.array(ids), turns)
+    v = np.full((len(x), 3), (0.0, 0.0, -speed))
+    return Frame(time, x, v, np.arange(len(x)) if ids is None else np.array(ids), turns)
 
 
 def colour_at(camera: Camera, seen: np.ndarray, x: float, z: float) -> np.ndarray:
@@ -71,7 +72,7 @@ def hue(colour) -> np.ndarray:
 def test_grains_have_the_colours_of_their_speeds():
     """The middle of a grain is lit from the front: its hue is that of the colour map, brightness aside."""
     speeds = np.array([0.0, 0.3, 1.0])
-    here = frame()._replace(speed=speeds)
+    here = frame()._replace(v=np.outer(speeds, (0, 0, -1)))
     many = [here, *(here._replace(time=0.1 * k) for k in range(1, 3))]
     camera = Camera(run_of(many, by="speed"), 300)
     seen = camera.pixels(here)
@@ -296,7 +297,7 @@ def test_w_grows_with_the_film(synthetic, tmp_path):
     shot = Shot.of(run, run.tables["sample"], "layers", "a run", "numba")
     curve = films.flow_curve(run)
     assert curve is not None
-    chart = films.Chart(*curve, float(curve[0][-1]), 340, 230)
+    chart = films.FlowChart([films.FlowCurve(*curve)], float(curve[0][-1]), 340, 230)
     blue = [
         int((np.asarray(chart.at(part * curve[0][-1])).astype(int) @ [1, 0, -1] < -15).sum()) for part in (0, 0.5, 1)
     ]
@@ -305,3 +306,14 @@ def test_w_grows_with_the_film(synthetic, tmp_path):
     left = np.trapezoid(np.where(time <= time[-1] / 2, rate, 0), time) / np.trapezoid(rate, time)
     assert half / whole == pytest.approx(left, abs=0.02)  # areas below W(t), to the width of its line
     assert shot.end == pytest.approx(run.duration)
+
+
+def test_labels_of_a_legend_do_not_overlap():
+    """A bar of 200 pixels has no room for all of eight labels of 25 to 40 pixels; the first and the last stay."""
+    ticks = [(place, f"{place:.3f}") for place in np.sqrt(np.linspace(0, 0.8, 7))] + [(1.0, "≥ 0.69")]
+    kept = list(films._apart(ticks, 200))
+    assert kept[0] == ticks[0]
+    assert kept[-1] == ticks[-1]
+    assert 2 < len(kept) < len(ticks)
+    assert (np.diff([place for place, _ in kept[:-1]]) * 200 > films._extent("0.000", 10)[0] / 2).all()
+    assert list(films._apart(ticks, 2000)) == ticks

@@ -11,7 +11,8 @@ from scipy import ndimage
 
 from labbook.backend.numerics import Numerics
 from labbook.export.colour_bar import KIND_COLOURS
-from labbook.export.recording import SPOKE_COLOUR, write
+from labbook.export.entities import SPOKE_COLOUR
+from labbook.export.recording import RecordedRun, write
 from labbook.export.viewer import SIZE, screenshot
 from labbook.measure import RunData
 from labbook.scene import CylinderSilo, LinearSpringDashpot, Packing, Scene, Spherocylinders, WedgeHopper
@@ -43,7 +44,7 @@ def shown(scene, table, path, at=0.0, start=None):
         x = np.zeros((scene.grains.count, 3))
         start = Packing(x=x, v=x, omega=x)
     run = RunData(scene, Numerics(dt=1e-5), 1, start, "finished", float(np.max(table["time"])), {})
-    write(run, table, path / "a.rrd", name="a", source="1" * 16, opens="speed")
+    write([RecordedRun.of(run, table, "a")], path / "a.rrd", "1" * 16, opens="speed")
     screenshot(path / "a.rrd", path / "a.png", at=at, size=(SIZE[0], SIZE[1] + _TABS))
     return np.round(imread(path / "a.png")[28:, :, :3] * 255).astype(int)
 
@@ -173,7 +174,7 @@ def test_a_picture_has_views_and_their_scale_and_nothing_of_the_window(synthetic
 
     scene = synthetic.scene()
     run = synthetic.observe(scene, seed=1, recorded=True)
-    write(run, run.tables["sample"], tmp_path / "a.rrd", name="a", source="1" * 16, opens="speed")
+    write([RecordedRun.of(run, run.tables["sample"], "a")], tmp_path / "a.rrd", "1" * 16, opens="speed")
     screenshot(tmp_path / "a.rrd", tmp_path / "a.png", at=0.0)
     pixels = np.round(imread(tmp_path / "a.png")[..., :3] * 255).astype(int)
     labels = labelled(coloured(pixels))

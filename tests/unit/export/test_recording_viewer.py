@@ -2,7 +2,7 @@
 
 import pytest
 
-from labbook.export.recording import write
+from labbook.export.recording import RecordedRun, write
 from labbook.export.viewer import ViewerFailed, screenshot, show
 
 pytest.importorskip("rerun")
@@ -11,7 +11,7 @@ pytest.importorskip("rerun")
 @pytest.fixture
 def recording(synthetic, tmp_path):
     run = synthetic.observe(synthetic.scene(), seed=1, recorded=True)
-    return write(run, run.tables["sample"], tmp_path / "a.rrd", name="a", source="1" * 16)
+    return write([RecordedRun.of(run, run.tables["sample"], "a")], tmp_path / "a.rrd", "1" * 16)
 
 
 @pytest.mark.render
@@ -33,7 +33,7 @@ def test_without_a_screen_the_error_says_what_to_do(recording, monkeypatch):
     for name in ("DISPLAY", "WAYLAND_DISPLAY", "WAYLAND_SOCKET"):
         monkeypatch.delenv(name, raising=False)
     with pytest.raises(ViewerFailed, match="--screenshot FILE or --no-open"):
-        show([recording])
+        show([recording], 0.1)
 
 
 def test_a_recording_that_is_none_is_an_error(tmp_path):

@@ -8,9 +8,11 @@ import pytest
 
 from labbook.checks.verify.mesh import of_triangles, sheet
 from labbook.export.colour_bar import speed_colours, speed_ticks
+from labbook.export.entities import CLOCK, Steady, ViewerMissing, log_grains, paths_of
 from labbook.export.forces import PairForces
 from labbook.export.frames import FRAMES, Frame, NotRecorded, frames_of, frames_of_run, top_speed
-from labbook.export.recording import CLOCK, ViewerMissing, log_grains, seen_from, write
+from labbook.export.recording import RecordedRun, flow_curves, write
+from labbook.export.views import seen_from
 from labbook.export.wall_shapes import drawn_walls
 from labbook.picture import layer_colours
 from labbook.scene import (
@@ -53,7 +55,7 @@ def column(parts, name):
 
 
 def test_every_frame_has_the_grains_of_that_time(run, tmp_path):
-    found = chunks(write(run, run.tables["sample"], tmp_path / "a.rrd", name="a", source="1" * 16))
+    found = chunks(write([RecordedRun.of(run, run.tables["sample"], "a")], tmp_path / "a.rrd", "1" * 16))
     parts = found["/grains", False]
     assert all(CLOCK in part.timeline_names for part in parts)
     times, starts = np.unique(run.tables["sample"]["time"], return_index=True)
@@ -76,7 +78,7 @@ def rgb(packed) -> np.ndarray:
 def test_grains_carry_their_layers_and_beside_them_their_speeds(run, tmp_path):
     """Tabs of the viewer choose between the two columns of colours."""
     table = run.tables["sample"]
-    parts = chunks(write(run, table, tmp_path / "a.rrd", name="a", source="1" * 16))["/grains", False]
+    parts = chunks(write([RecordedRun.of(run, table, "a")], tmp_path / "a.rrd", "1" * 16))["/grains", False]
     by_layer, by_speed = (max(column(parts, f"{name}:colors"), key=len) for name in ("Points3D", "speed"))
     first = table["time"] == 0
     frame = frames_of(table)[0]
@@ -95,29 +97,81 @@ def test_contact_forces_are_lines_between_centres(run, tmp_path):
         return PairForces(ends[: 2 * there], np.array([0.2, 1.0])[: 2 * there])
 
     table = run.tables["sample"]
-    found = chunks(write(run, table, tmp_path / "a.rrd", name="a", source="1" * 16, forces=forces))
+    found = chunks(write([RecordedRun.of(run, table, "a", forces=forces)], tmp_path / "a.rrd", "1" * 16))
     strips, radii = (column(found["/forces", False], f"LineStrips3D:{name}") for name in ("strips", "radii"))
     assert sorted(map(len, strips)) == [0] * 30 + [2]  # with the empty silo at the end
     assert np.array(max(strips, key=len)) == pytest.approx(ends, abs=1e-8)
     thin, thick = max(radii, key=len)
     assert thick == pytest.approx(0.2 * run.scene.grains.diameter)  # a fifth of a diameter for the largest
     assert thin < 0.3 * thick
-    without = chunks(write(run, table, tmp_path / "b.rrd", name="b", source="1" * 16))
+    without = chunks(write([RecordedRun.of(run, table, "a")], tmp_path / "b.rrd", "1" * 16))
     assert "/forces" not in {path for path, _ in without}
+
+
+def test_velocities_are_arrows_from_centres(run, tmp_path):
+    """The arrow of a grain at the upper end of the speeds is four diameters long, others in proportion."""
+    table = run.tables["sample"]
+    parts = chunks(write([RecordedRun.of(run, table, "a")], tmp_path / "a.rrd", "1" * 16))["/velocities", False]
+    origins, vectors = (max(column(parts, f"Arrows3D:{name}"), key=len) for name in ("origins", "vectors"))
+    frame = frames_of(table)[0]
+    fastest = top_speed(run.scene, frames_of_run(run, table, FRAMES))
+    np.testing.assert_allclose(np.array(origins), frame.x, atol=1e-7)
+    np.testing.assert_allclose(np.array(vectors), frame.v * 4 * run.scene.grains.diameter / fastest, atol=1e-6)
+
+
+def test_a_path_ends_where_a_grain_was_put_back():
+    """It falls with 1 m/s for 0.03 s; 0.3 m higher it begins again. Another grain is there in one frame only."""
+    z = np.array([0.10, 0.09, 0.08, 0.38, 0.37])
+    frames = [
+        Frame(0.01 * k, np.array([[0, 0, z[k]]] + [[1, 0, 0]] * (k == 2), np.float32),
+              np.array([[0, 0, -1]] + [[0, 0, 0]] * (k == 2), float), np.array([7, 8][: 1 + (k == 2)]))
+        for k in range(5)
+    ]  # fmt: skip
+    paths = paths_of(frames, np.array([7, 8]), 0.003)
+    assert [one for one, _ in paths] == [7, 7]
+    np.testing.assert_allclose(paths[0][1][:, 2], z[:3], atol=1e-7)
+    np.testing.assert_allclose(paths[1][1][:, 2], z[3:], atol=1e-7)
+
+
+def test_the_window_is_a_box_as_high_as_the_mean(run, tmp_path):
+    steady = Steady(0.1, 0.3, 50.0, 1.5)
+    path = write([RecordedRun.of(run, run.tables["sample"], "a", steady=steady)], tmp_path / "a.rrd", "1" * 16)
+    found = chunks(path)
+    assert np.concatenate(column(found["/flow_rate/window", False], "Scalars:scalars")).tolist() == [0, 50, 50, 0]
+    (name,) = column(found["/flow_rate/window", True], "SeriesLines:names")
+    assert name.tolist() == ["mean: 50.0 ± 1.5 g/s"]
+    (curve,) = flow_curves(path)
+    assert curve.window == pytest.approx((0.1, 0.3))
+    assert curve.time[-1] == pytest.approx(run.duration, rel=1e-6)
+
+
+def test_two_runs_are_on_one_clock(synthetic, tmp_path):
+    """A view for each, below entities of its own, and both curves in one chart with the names of the runs."""
+    runs = [synthetic.observe(synthetic.scene(orifice=width), seed=1, recorded=True) for width in (0.03, 0.024)]
+    recorded = [
+        RecordedRun.of(one, one.tables["sample"], name) for one, name in zip(runs, ("wide", "narrow"), strict=True)
+    ]
+    path = write(recorded, tmp_path / "a.rrd", "1" * 16)
+    found = chunks(path)
+    for number, one in enumerate(runs, 1):
+        parts = found[f"/run-{number}/grains", False]
+        assert all(CLOCK in part.timeline_names for part in parts)
+        assert max(map(len, column(parts, "Points3D:positions"))) == len(one.start)
+    assert [curve.name for curve in flow_curves(path)] == ["wide", "narrow"]
 
 
 def test_a_recording_whose_frames_begin_late_shows_the_packing_first(run, tmp_path):
     whole = run.tables["sample"]
     later = whole["time"] > 0
     table = {name: values[later] for name, values in whole.items()}
-    parts = chunks(write(run, table, tmp_path / "a.rrd", name="a", source="1" * 16))["/grains", False]
+    parts = chunks(write([RecordedRun.of(run, table, "a")], tmp_path / "a.rrd", "1" * 16))["/grains", False]
     whole_beds = [one for one in column(parts, "Points3D:positions") if len(one) == len(run.start)]
     assert any(np.allclose(one, run.start.x, atol=1e-7) for one in whole_beds)
     assert sum(part.num_rows for part in parts) == len(np.unique(whole["time"])) + 1  # the last one is empty
 
 
 def test_walls_and_flow_rate_are_there(run, tmp_path):
-    found = chunks(write(run, run.tables["sample"], tmp_path / "a.rrd", name="a", source="1" * 16))
+    found = chunks(write([RecordedRun.of(run, run.tables["sample"], "a")], tmp_path / "a.rrd", "1" * 16))
     for wall in run.scene.container.walls():
         assert (f"/walls/{wall.name}", True) in found
     parts = found["/flow_rate", False]
@@ -133,7 +187,7 @@ def test_a_small_bed_has_all_frames_and_a_large_one_evenly_chosen_ones(
     """Every second of them would be one too many, as the empty silo is shown last."""
     monkeypatch.setattr("labbook.export.recording.POSITIONS", positions)
     table = synthetic.sample(run.scene, run.tables["crossing"], frames=2 * FRAMES - 1)
-    parts = chunks(write(run, table, tmp_path / "a.rrd", name="a", source="1" * 16))["/grains", False]
+    parts = chunks(write([RecordedRun.of(run, table, "a")], tmp_path / "a.rrd", "1" * 16))["/grains", False]
     assert sum(part.num_rows for part in parts) == shown + (shown < 2 * FRAMES)
     kept = [frame.time for frame in frames_of(table, shown)]
     assert np.allclose(np.diff(kept), kept[1])
@@ -141,12 +195,12 @@ def test_a_small_bed_has_all_frames_and_a_large_one_evenly_chosen_ones(
 
 def test_it_is_put_in_place_whole(run, tmp_path, monkeypatch):
     path = tmp_path / "deep" / "a.rrd"
-    write(run, run.tables["sample"], path, name="a", source="1" * 16)
+    write([RecordedRun.of(run, run.tables["sample"], "a")], path, "1" * 16)
     assert [p.name for p in path.parent.iterdir()] == ["a.rrd"]
     before = path.read_bytes()
     monkeypatch.setattr("labbook.export.recording.send_flow_rate", lambda *_: 1 / 0)
     with pytest.raises(ZeroDivisionError):
-        write(run, run.tables["sample"], path, name="a", source="1" * 16)
+        write([RecordedRun.of(run, run.tables["sample"], "a")], path, "1" * 16)
     assert [p.name for p in path.parent.iterdir()] == ["a.rrd"]
     assert path.read_bytes() == before
 
@@ -154,13 +208,13 @@ def test_it_is_put_in_place_whole(run, tmp_path, monkeypatch):
 @pytest.mark.parametrize("table", [None, {"time": np.zeros(0)}])
 def test_a_run_without_frames_is_an_error_that_says_what_to_add(run, table, tmp_path):
     with pytest.raises(NotRecorded, match="add `record"):
-        write(run, table, tmp_path / "a.rrd", name="a", source="1" * 16)
+        write([RecordedRun.of(run, table, "a")], tmp_path / "a.rrd", "1" * 16)
 
 
 def test_without_rerun_the_error_names_the_remedy(run, tmp_path, monkeypatch):
     monkeypatch.setitem(sys.modules, "rerun", None)
     with pytest.raises(ViewerMissing, match=r"pip install 'labbook\[viewer\]'"):
-        write(run, run.tables["sample"], tmp_path / "a.rrd", name="a", source="1" * 16)
+        write([RecordedRun.of(run, run.tables["sample"], "a")], tmp_path / "a.rrd", "1" * 16)
     assert not list(tmp_path.iterdir())
 
 
@@ -174,9 +228,9 @@ def test_faster_grains_are_brighter():
 
 def test_a_bed_at_rest_is_not_shown_as_moving(synthetic):
     """Its grains tremble at 1e-8 m/s; a hundredth of sqrt(g d) = 1.7 mm/s is what the brightest colour is at least."""
-    rest = [Frame(0.0, np.zeros((50, 3), np.float32), np.full(50, 1e-8), np.arange(50))]
+    rest = [Frame(0.0, np.zeros((50, 3), np.float32), np.full((50, 3), (1e-8, 0, 0)), np.arange(50))]
     assert top_speed(synthetic.scene(), rest) == pytest.approx(0.01 * np.sqrt(9.81 * 0.003))
-    flowing = [rest[0]._replace(speed=np.full(50, 0.3))]
+    flowing = [rest[0]._replace(v=np.full((50, 3), (0, 0, -0.3)))]
     assert top_speed(synthetic.scene(), flowing) == pytest.approx(0.3)
 
 
@@ -274,7 +328,7 @@ def test_rods_are_capsules_and_the_bottom_turns(synthetic, tmp_path):
     columns = {"id": 0, "x": 0.01, "y": 0.02, "z": 0.03, "vx": 0.1, "vy": 0, "vz": 0}
     columns |= dict(zip(("qw", "qx", "qy", "qz"), (np.sqrt(0.5), 0, np.sqrt(0.5), 0), strict=True))
     table = {"time": np.array([0.0, 1.0]), **{name: np.full(2, value) for name, value in columns.items()}}
-    found = chunks(write(run, table, tmp_path / "a.rrd", name="a", source="1" * 16))
+    found = chunks(write([RecordedRun.of(run, table, "a")], tmp_path / "a.rrd", "1" * 16))
     (first, _) = column(found["/grains", False], "Capsules3D:translations")
     assert np.ravel(column(found["/grains", True], "Capsules3D:fill_mode")) == [3]  # solid
     assert np.array(first[0]) == pytest.approx([0.003, 0.02, 0.03], abs=1e-7)
@@ -293,7 +347,7 @@ def test_every_frame_has_a_length_and_a_radius_for_every_rod(synthetic, tmp_path
     table = dict(zip(("qw", "qx", "qy", "qz"), (q / np.linalg.norm(q, axis=1)[:, None]).T, strict=True))
     table |= {name: rng.uniform(0, 0.05, sum(counts)) for name in ("x", "y", "z", "vx", "vy", "vz")}
     table |= {"time": np.repeat([0.0, 0.4, 0.8], counts), "id": np.concatenate([np.arange(n) for n in counts])}
-    parts = chunks(write(run, table, tmp_path / "a.rrd", name="a", source="1" * 16))["/grains", False]
+    parts = chunks(write([RecordedRun.of(run, table, "a")], tmp_path / "a.rrd", "1" * 16))["/grains", False]
     for name in ("lengths", "radii", "translations", "quaternions", "colors"):
         assert [len(row) for row in column(parts, f"Capsules3D:{name}")] == [*counts, 0], name
     assert np.concatenate(column(parts, "Capsules3D:lengths")) == pytest.approx(np.full(sum(counts), 14e-3))
@@ -315,7 +369,7 @@ def test_lengths_of_rods_cost_next_to_nothing(tmp_path):
     for time in np.linspace(0, 1, 40):
         q = rng.normal(size=(500, 4))
         place = rng.uniform(0, 0.05, (500, 3)).astype(np.float32)
-        frames.append(Frame(time, place, rng.uniform(0, 1, 500), np.arange(500), q))
+        frames.append(Frame(time, place, rng.uniform(0, 1, (500, 3)), np.arange(500), q))
     stream = rerun.RecordingStream("labbook", recording_id="size")
     stream.save(tmp_path / "a.rrd")
     log_grains(stream, "", scene, start, frames, 1.0)
@@ -352,7 +406,7 @@ def test_a_part_that_moves_is_drawn_where_it_is_in_each_frame(synthetic, tmp_pat
     columns = {"id": 0, "x": 0.01, "y": 0.02, "z": 0.03, "vx": 0.1, "vy": 0, "vz": 0}
     times = np.array([0.0, 1.5])
     table = {"time": times, **{name: np.full(2, value) for name, value in columns.items()}}
-    found = chunks(write(run, table, tmp_path / "a.rrd", name="a", source="1" * 16))
+    found = chunks(write([RecordedRun.of(run, table, "a")], tmp_path / "a.rrd", "1" * 16))
     drawn = next(wall for wall in drawn_walls(scene, np.array([[0.01, 0.02, 0.03]])) if wall.name == "blade")
     shifts = column(found["/walls/blade", False], "Transform3D:translation")
     matrices = column(found["/walls/blade", False], "Transform3D:mat3x3")

@@ -7,6 +7,7 @@ from typing import Any
 
 import pandas as pd
 
+from labbook.export.recording import SIDE_BY_SIDE
 from labbook.lab import RunRecord, Unreadable
 from labbook.report.setting import differences
 from labbook.results import display
@@ -62,6 +63,8 @@ def compare_page(shelf: Shelf, items: Sequence[str]) -> Page:
     curves = [{**curve, "title": one.label, "group": place,
                "label": f"{one.label}: {curve['label']}" if len(one.curves) > 1 else one.label}
               for place, one in enumerate(found) for curve in one.curves]  # fmt: skip
+    beds = [one for one in found if one.run]
+    recorded = list(dict.fromkeys(one.run[:16] for one in beds if one.run and one.recorded))[:SIDE_BY_SIDE]
     studies = bool(found) and all(one.point is None and one.found is not None for one in found)
     numbers = _means(found) if studies else _numbers(found)
     return Page(
@@ -75,6 +78,8 @@ def compare_page(shelf: Shelf, items: Sequence[str]) -> Page:
         ),
         {"items": found, "compared": verdicts(_compared(found)),
          "differences": differ, "numbers": numbers, "lacking": lacking, "caption": caption(curves),
+         "beds": beds, "together": len(recorded), "most": SIDE_BY_SIDE,
+         "beside": f"/{'beside' if len(recorded) > 1 else 'run'}/{'-'.join(recorded)}/viewer" if recorded else "",
          "apart": studies and len(found) > 1 and not numbers,
          "studies": [one.name for one in shelf.listed() if one.path is not None]},
         {

@@ -4,12 +4,13 @@ from collections.abc import Collection, Sequence
 from dataclasses import dataclass
 
 from labbook.api import Results
+from labbook.export.recording import file_name
 from labbook.results import display
-from labbook.results.points import FLOW_RATE, PointResult
+from labbook.results.placement import placement
+from labbook.results.points import FLOW_RATE, PointResult, RunResult
 from labbook.results.study import StudyResults
 from labbook.stats import Pooled
 
-Value = float | str
 _DIGITS = 300
 """A tile has room for so many steps of a number: more digits are not shown, however small its error."""
 
@@ -18,7 +19,8 @@ _DIGITS = 300
 class Tile:
     """A point on the sheet, and the run whose picture is shown; None of a point without runs.
 
-    `value`: its mean, or why it has none; `part`: where the mean lies between the smallest, 0, and the largest, 1.
+    `value`: its mean, or why it has none; `part`: where the mean lies between the smallest, 0, and the largest, 1;
+    `film`: the lab has a film of the run.
     """
 
     point: int
@@ -28,6 +30,7 @@ class Tile:
     remark: str = ""
     value: str = ""
     part: float | None = None
+    film: bool = False
 
 
 @dataclass(frozen=True)
@@ -44,6 +47,11 @@ class Sheet:
     shown: int
     points: int
     quantity: str = ""
+
+    @property
+    def filmed(self) -> bool:
+        """True if a tile has a film."""
+        return any(tile is not None and tile.film for line in self.tiles for tile in line)
 
     @property
     def said(self) -> str:
@@ -83,28 +91,17 @@ def sheet(results: Results, going: Collection[str] = ()) -> Sheet:
     """
     points = results.study.points
     done = {result.point.index: result for result in results.points}
-    ats = {point.index: dict(point.at) for point in points}
-    names = dict.fromkeys(name for at in ats.values() for name in at)
-    values = {name: _values([at[name] for at in ats.values() if name in at]) for name in names}
-    ranked = sorted((name for name in values if len(values[name]) > 1), key=lambda name: -len(values[name]))
-    column, row = (*ranked, "", "")[:2]
-    first = points[0].at
-    fixed = {name: first[name] for name in ranked[2:] if name in first}
-    columns, rows = values.get(column, ()), values.get(row, ())
-    places = {
-        (at.get(row), at.get(column)): index
-        for index, at in reversed(ats.items())
-        if all(at.get(name) == value for name, value in fixed.items())
-    }
-    make = _Tiles(results, going)
-    tiles = tuple(tuple(make(done, places.get((r, c))) for c in columns or (None,)) for r in rows or (None,))
+    places = placement([point.at for point in points])
+    make, row = _Tiles(results, going), next(iter(places.row), "")
+    columns, rows = places.columns, places.rows
+    tiles = tuple(tuple(make(done, places.points.get((r, c))) for c in range(len(columns))) for r in range(len(rows)))
     return Sheet(
         display.key(row).heading if row else "",
-        display.key(column).heading if column else "",
-        tuple(display.amount(row, value) for value in rows),
-        tuple(display.amount(column, value) for value in columns),
+        display.key(places.column).heading if places.column else "",
+        tuple("–" if value is None else display.amount(row, value) for (value,) in rows) if row else (),
+        tuple(display.amount(places.column, value) for value in columns if value is not None),
         tiles,
-        display.label(fixed),
+        display.label(places.fixed),
         sum(tile is not None for line in tiles for tile in line),
         len(points),
         make.unit.heading if make.quantity else "",
@@ -123,13 +120,6 @@ def extremes(results: Results, limit: int) -> tuple[Tile, ...]:
     return tuple(tile for index in sorted(indices) if (tile := make(done, index)) is not None)
 
 
-def _values(found: Sequence[Value]) -> tuple[Value, ...]:
-    distinct = tuple(dict.fromkeys(found))
-    if any(isinstance(value, str) for value in distinct):
-        return distinct
-    return tuple(sorted(distinct))
-
-
 def _spread(values: Sequence[int], limit: int) -> tuple[int, ...]:
     if len(values) <= limit:
         return tuple(values)
@@ -145,6 +135,9 @@ class _Tiles:
         self.quantity = leading(results)
         self.unit = unit_of(results, self.quantity)
         means = [one.pooled[self.quantity].value for one in results.points if self.quantity in one.pooled]
+        folder = next((run.run.folder.parent.parent for one in results.points for run in one.runs), None)
+        films = folder / "films" / results.study.name if folder is not None else None
+        self._films = {path.name for path in films.glob("*.webp")} if films is not None else set[str]()
         self._low, self._high = min(means, default=0.0), max(means, default=0.0)
 
     def __call__(self, done: dict[int, PointResult], index: int | None) -> Tile | None:
@@ -160,7 +153,14 @@ class _Tiles:
         if pooled is not None:
             value = display.number(pooled.value, max(pooled.error, abs(pooled.value) / _DIGITS), self.unit.scale)
             part = (pooled.value - self._low) / (self._high - self._low) if self._high > self._low else 0.5
-        return Tile(index + 1, label, result.runs[0].run_key, result.remark, value, part)
+        shown = next((run for run in result.runs if self._filmed(result, run)), None)
+        key = (shown or result.runs[0]).run_key
+        return Tile(index + 1, label, key, result.remark, value, part, shown is not None)
+
+    def _filmed(self, result: PointResult, run: RunResult) -> bool:
+        """True if the lab has a film of the run for this study."""
+        name = f"{file_name(result.point.index, run.seed, run.discharge)}-{run.backend}-layers.webp"
+        return run.recorded and name in self._films
 
     def _without(self, result: PointResult) -> str:
         """Reason why a point has no value, in a word; empty if no point has one."""

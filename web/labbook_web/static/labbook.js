@@ -174,16 +174,53 @@ document.addEventListener("htmx:afterSettle", () => {
   }
 });
 
-// The viewer is as light or dark as the page.
+// The viewer is as light or dark as the page, and plays from the middle of the window on.
 function viewers() {
   for (const frame of document.querySelectorAll("iframe[data-theme]")) {
     frame.removeAttribute("data-theme");
     const dark = matchMedia("(prefers-color-scheme: dark)").matches;
     frame.src = frame.getAttribute("src") + "&theme=" + (dark ? "dark" : "light");
+    if (frame.dataset.opens) openAt(frame, Uint8Array.from(atob(frame.dataset.opens), (one) => one.charCodeAt(0)));
   }
 }
 
+// Sends a request to the viewer as soon as it has the recording: until then it refuses, and without it it plays from 0.
+function openAt(frame, request, attempts = 300) {
+  if (!attempts || !frame.isConnected) return;
+  const later = () => setTimeout(() => openAt(frame, request, attempts - 1), 200);
+  const handle = frame.contentWindow && frame.contentWindow._handle;
+  if (!handle || !handle.viewer_control) later();
+  else handle.viewer_control(request).catch(later);
+}
+
+// A film of the run beside its tile, while the pointer stays on it or it has the focus; Escape takes it away.
+function films(root) {
+  if (matchMedia("(prefers-reduced-motion: reduce)").matches) return;
+  let film = null, waits = 0;
+  const away = () => { clearTimeout(waits); if (film) film.remove(); film = null; };
+  const escape = (event) => { if (event.key === "Escape") away(); };
+  const show = (tile) => {
+    away();
+    film = Object.assign(document.createElement("img"), { src: tile.dataset.film, alt: "", className: "playing" });
+    film.addEventListener("error", away);
+    const { left, right, top } = tile.getBoundingClientRect(), wide = Math.min(480, innerWidth - 32);
+    const beside = right + 8 + wide < innerWidth ? right + 8 : Math.max(8, left - wide - 8);
+    Object.assign(film.style, { left: `${beside}px`, top: `${Math.max(8, Math.min(top, innerHeight - 420))}px`, width: `${wide}px` });
+    document.body.append(film);
+  };
+  for (const tile of root.querySelectorAll("a[data-film]")) {
+    if (!labbook.once(tile, "film")) continue;
+    const soon = () => { away(); waits = setTimeout(() => show(tile), 300); };
+    tile.addEventListener("pointerenter", soon);
+    tile.addEventListener("focus", soon);
+    tile.addEventListener("pointerleave", away);
+    tile.addEventListener("blur", away);
+  }
+  document.addEventListener("keydown", escape);
+}
+
 labbook.ready((root) => {
+  films(root);
   for (const table of root.querySelectorAll("table[data-sortable]")) if (labbook.once(table, "sorting")) sortable(table);
   const field = document.getElementById("points-find");
   if (labbook.once(field, "filtering")) {

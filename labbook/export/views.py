@@ -1,0 +1,135 @@
+"""Views of recordings: grains from the front with one of their properties, the bar of colours, W(t), and playback."""
+
+import math
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+
+from labbook.export.colour_bar import BACKGROUND, colour_bar
+from labbook.export.colouring import PALE
+from labbook.export.entities import CLOCK, below, need_rerun
+from labbook.export.frames import Frame
+from labbook.export.wall_shapes import wall_points
+from labbook.scene import Scene
+
+_BAR, _PLAIN = "colours", "speeds"
+_LASTS = 6.0  # s: duration of playback
+_SMALL = 0.3  # of grains beside lines and arrows: radius in parts of their own
+_FIELD_OF_VIEW = math.radians(55)  # vertical, of rerun's eye: it cannot be set, nor can a parallel projection
+_NARROWEST = 0.9  # width over height of a view that shows all
+_MARGIN = 1.08
+_SEEN_FROM = math.radians(12)
+_OF_GRAINS = ("layers", "speed", "orientation")
+
+
+def front_view(scene: Scene, frames: Sequence[Frame], *, origin: str = "", name: str, by: str = "layers"):
+    """A view from the front of the grains and walls below the entity `origin`, all of them in all `frames`.
+
+    by: what grains are coloured by, `layers`, `speed` or `orientation`; or the entity that is shown with small and pale
+    grains, such as `forces`; `mean_flow` is shown without grains.
+
+    A quasi-2D hopper is seen straight from the front, anything else from a little above.
+    """
+    rr = need_rerun()
+    import rerun.blueprint as rrb
+    from rerun.blueprint.encodings import VisualizerComponentMapping
+
+    shape = rr.Capsules3D if scene.grains.half_length > 0 else rr.Points3D
+    grains, overrides = f"/{below(origin)}grains", dict[Any, Any]()
+    if by not in _OF_GRAINS:
+        small = _SMALL * scene.grains.radius
+        overrides[grains] = shape.from_fields(colors=[PALE], radii=[small])
+    elif by != "layers":
+        source = VisualizerComponentMapping(
+            f"{shape.__name__}:colors", "SourceComponent", source_component=f"{by}:colors"
+        )
+        overrides[grains] = shape.from_fields().visualizer(mappings=[source])
+    eye, middle = seen_from(scene, np.concatenate([frame.x for frame in frames]))
+    contents = ["$origin/walls/**"]
+    contents += [] if by == "mean_flow" else ["$origin/grains"]
+    contents += [] if by in _OF_GRAINS else [f"$origin/{by}"]
+    return rrb.Spatial3DView(
+        origin=f"/{origin}",
+        contents=contents,
+        name=name,
+        overrides=overrides if by != "mean_flow" else dict[Any, Any](),
+        eye_controls=rrb.EyeControls3D(
+            position=eye,
+            look_target=middle,
+            eye_up=(0, 0, 1),
+        ),
+        line_grid=rrb.LineGrid3D(visible=False),
+        background=BACKGROUND,
+    )
+
+
+def seen_from(scene: Scene, positions: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Where the eye is and the point that it looks at [m]: as near as can be with all grains at `positions`, shape
+    [n, 3], and the walls around them in view."""
+    walls = wall_points(scene, positions)
+    reach = scene.grains.radius + scene.grains.half_length
+    low = np.minimum(positions.min(axis=0) - reach, walls.min(axis=0, initial=np.inf))
+    high = np.maximum(positions.max(axis=0) + reach, walls.max(axis=0, initial=-np.inf))
+    middle = (low + high) / 2
+    above = 0.0 if scene.container.symmetry == "planar" else _SEEN_FROM
+    back = np.array([0, -math.cos(above), math.sin(above)])  # from the middle to the eye
+    upward = np.array([0, math.sin(above), math.cos(above)])
+    # A point is seen if it is no farther from the line of sight than `half` times its distance from the eye along it.
+    half, away = math.tan(_FIELD_OF_VIEW / 2) / _MARGIN, 0.0
+    for points, size in ((walls, 0.0), (positions, reach)):
+        from_middle = points - middle
+        aside = np.maximum(np.abs(from_middle[:, 0]) / _NARROWEST, np.abs(from_middle @ upward)) + size
+        away = max(away, float((aside / half + from_middle @ back + size).max(initial=0)))
+    return middle + away * back, middle
+
+
+def log_bars(stream, scene: Scene, fastest: float) -> None:
+    """Send the bars that say what colours up to the speed `fastest` [m/s] mean: of grains, with a row for each kind,
+    and of all else."""
+    rr = need_rerun()
+    for path, kinds in ((_BAR, [kind.name for kind in scene.grains.kinds]), (_PLAIN, [])):
+        bar = colour_bar(kinds, fastest)
+        stream.log(path, rr.EncodedImage(contents=bar, media_type="image/png"), static=True)
+
+
+def above_bar(views, scene: Scene, name: str, *, plain: bool = False):
+    """Views above the bar of their colours; plain: without a row for each kind of grains."""
+    import rerun.blueprint as rrb
+
+    origin = f"/{_PLAIN if plain else _BAR}"
+    bar = rrb.Spatial2DView(origin=origin, name="colours", titlebar=False, background=BACKGROUND)
+    rows = 1 if plain else max(1, len(scene.grains.kinds))
+    return rrb.Vertical(views, bar, row_shares=[10, 1 + 0.25 * (rows - 1)], name=name)
+
+
+def flow_rate_view(roots: Sequence[str], mean: str = ""):
+    """W(t) of the runs below these entities, with a legend where there are several; mean: of a single run."""
+    import rerun.blueprint as rrb
+
+    contents = [f"+ /{below(root)}flow_rate/**" for root in roots]
+    legend = rrb.PlotLegend(visible=len(roots) > 1, corner="RightBottom")
+    plot = rrb.archetypes.PlotBackground(color=BACKGROUND)
+    name = f"W [g/s]{f', mean over the window: {mean}' if mean else ''}"
+    return rrb.TimeSeriesView(origin="/", contents=contents, name=name, plot_legend=legend, background=plot)
+
+
+def playing(views, duration: float, window: tuple[float, float] | None = None):
+    """A blueprint of `views` alone, which plays a run of this duration [s] in _LASTS seconds, again and again; window:
+    times [s] that are marked on the clock."""
+    rr = need_rerun()
+    import rerun.blueprint as rrb
+
+    marked: Mapping[str, Any] = {}
+    if window is not None:
+        ends = (rr.encodings.TimeInt(seconds=end) for end in window)
+        marked = {"time_selection": rrb.components.AbsoluteTimeRange(*ends)}
+    return rrb.Blueprint(
+        views,
+        rrb.TimePanel(
+            timeline=CLOCK, play_state="playing", loop_mode="all", state="collapsed", **marked,
+            playback_speed=duration / _LASTS if duration > 0 else 1.0,
+        ),
+        rrb.BlueprintPanel(state="hidden"),
+        rrb.SelectionPanel(state="hidden"),
+    )  # fmt: skip
