@@ -27,6 +27,10 @@ def ledger(
         crossings: Rows of all crossings of the outlet plane, if there is one. A grain that is back in the container
             counts as inside.
     """
+    source = end if start is None else start
+    assert source.ids is not None
+    waiting = source.ids[:0] if source.waiting is None else source.ids[source.waiting]
+    end = end.entered
     plane = scene.container.outlet_plane
     above = end.x[:, 2] >= (-math.inf if plane is None else plane)
     is_within = scene.container.inside(end.x) & inside_moving(scene, end.x, status.time)
@@ -45,6 +49,7 @@ def ledger(
         inside=len(inside),
         left=len(np.setdiff1d(crossed, np.union1d(inside, outside))),
         outside=len(outside),
+        waiting=len(np.setdiff1d(waiting, np.union1d(end.ids, crossed))),
     )
 
 
