@@ -480,7 +480,10 @@ def _draw_legend(canvas: "Image", legend: Legend, left: int, top: int, width: in
     bar = Image.fromarray(legend.colours[None].repeat(8, axis=0)).resize((width, 8), Image.Resampling.NEAREST)
     canvas.paste(bar, (left, top))
     write = ImageDraw.Draw(canvas)
+    room = left + width - 6 - write.textlength(legend.ticks[-1][1], _font(10))
     for place, label in legend.ticks:
+        if 0.02 <= place <= 0.98 and left + place * width + write.textlength(label, _font(10)) / 2 > room:
+            continue  # it would run into the last one
         anchor = "la" if place < 0.02 else "ra" if place > 0.98 else "ma"
         write.text((left + place * width, top + 10), label, _QUIET, _font(10), anchor)
     write.text((left + width // 2, top + 22), legend.title, _QUIET, _font(11), "ma")

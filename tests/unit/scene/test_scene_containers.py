@@ -158,7 +158,7 @@ def test_primitives_hold_what_is_behind_no_plane():
 
 
 def test_grains_leave_listed_walls_where_their_lids_lay():
-    """Between two outlets there is a hole that no lid covers; a lid above the plane says nothing of where they cross."""
+    """Between two outlets is a hole without a lid; lids above the plane do not tell where grains cross it."""
 
     def strip(name: str, first: float, last: float, z: float = 0.0, opens=None) -> Wall:
         return Wall(name=name, opens=opens, shape=Strip(kind="strip", start=(first, z), end=(last, z)))
