@@ -183,7 +183,7 @@ class TriangleMesh(WallShape):
     @property
     def _picture(self) -> Mesh:
         surface = self.surface
-        return Mesh(surface.vertices, surface.corners)
+        return Mesh(surface.vertices, surface.corners, tuple(surface.vertices[surface.free_edges]))
 
     @property
     def pane(self) -> bool:

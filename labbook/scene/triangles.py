@@ -125,6 +125,12 @@ class Triangles:
         return edges, of.reshape(-1, 3)
 
     @property
+    def free_edges(self) -> np.ndarray:
+        """Edges of one triangle, as pairs of vertices, shape [e, 2]."""
+        edges, of = self.edges
+        return edges[np.bincount(of.ravel(), minlength=len(edges)) == 1]
+
+    @property
     def closed(self) -> bool:
         """True if every edge belongs to two triangles, so that the surface bounds a volume."""
         edges, of = self.edges

@@ -169,3 +169,15 @@ def test_the_mirror_image_is_that():
     mirrored = block(at=1.0).mirrored()
     assert mirrored.bounds.low == (-2.0, 1.0, 1.0)
     assert mirrored.mirrored() == block(at=1.0)
+
+
+def test_the_free_edges_of_a_sheet_are_its_outline():
+    """In pictures a thin sheet is its edge; inner edges, and those of a closed surface, are none."""
+    corners = np.array([[0, 0, 0], [0, 1, 0], [1, 0, 0], [1, 1, 0]]) * 1e-3
+    sheet = TriangleMesh.of_surface(Triangles.welded(corners, np.array([[0, 1, 2], [1, 2, 3]]))[0])
+    lines = np.array(sheet.mesh(sheet.bounds).outlines)
+    assert np.linalg.norm(lines[:, 1] - lines[:, 0], axis=1) == pytest.approx(1e-3)
+    assert len(lines) == 4
+    solid = np.array([[0, 1, 2], [0, 1, 3], [0, 2, 3], [1, 2, 3]])
+    corners = np.vstack([corners[:3], [0, 0, 1e-3]])
+    assert not TriangleMesh.of_surface(Triangles.welded(corners, solid)[0]).mesh(sheet.bounds).outlines
