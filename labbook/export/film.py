@@ -38,7 +38,7 @@ from labbook.study import Point
 if TYPE_CHECKING:
     from PIL.Image import Image
 
-VERSION = 1
+VERSION = 2
 """Raised when films made before are no longer what would be drawn now."""
 SECONDS, SIZE, TILE = 6.0, 480, 200
 """Default duration of a film [s], and pixels of the longer side of a bed, alone and in a sweep."""

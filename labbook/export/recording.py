@@ -29,7 +29,7 @@ from labbook.scene import Bodies, Packing, Scene
 from labbook.scene.orientation import axes
 from labbook.study import Point
 
-VERSION = 4
+VERSION = 5
 """Raised when recordings made before are no longer what would be written now."""
 POSITIONS = 4_000_000
 """Most positions of grains in all frames of a recording, if these are more than FRAMES frames: its size is up to 20
