@@ -141,7 +141,7 @@ class Primitives(ContainerShape):
         return [part for part in self.parts if part.opens and self._in_outlet(part.shape)]
 
     def lets_out(self, x: np.ndarray, slack: float = 0.0) -> np.ndarray:
-        """As of any container: where lids lay, if all lay in the outlet's plane; else inside of the walls."""
+        """Mask as of any container: where lids lay, if all lay in the outlet's plane; else inside of the walls."""
         lids, plane, inside = [part.shape for part in self._lids], self.outlet_plane, super().lets_out(x)
         heights = [z for lid in lids for z in (lid.bounds.low[2], lid.bounds.high[2])]
         if plane is None or not lids or any(abs(z - plane) > _TOUCH for z in heights):

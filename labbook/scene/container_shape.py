@@ -230,7 +230,7 @@ class ContainerShape(Model, ABC):
         return self.outlets[0].form if len(self.outlets) == 1 else None
 
     def lets_out(self, x: np.ndarray, slack: float = 0.0) -> np.ndarray:
-        """Which of the centres x [m], shape [n, 3], of grains that pass the outlet's plane do so in an outlet. slack:
+        """Mask of the centres x [m], shape [n, 3], of grains that pass the outlet's plane within an outlet. slack:
         distance [m] by which a lid may be smaller than its outlet."""
         return self.inside(x) if self.outlets else np.zeros(len(x), bool)
 

@@ -60,7 +60,7 @@ class RoundSilo(ContainerShape, ABC):
         return self.height
 
     def lets_out(self, x: np.ndarray, slack: float = 0.0) -> np.ndarray:
-        """As of any container: in the outlet, whose size is exact."""
+        """Mask as of any container: in the outlet, whose size is exact."""
         return np.hypot(x[:, 0], x[:, 1]) <= self.orifice / 2
 
 

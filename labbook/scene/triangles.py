@@ -136,8 +136,8 @@ class Triangles:
         order = np.argsort(of, axis=None, kind="stable")
         counts = np.bincount(of.ravel(), minlength=len(edges))
         first = (np.cumsum(counts) - counts)[counts == 2]
-        one, other = (self.normals[order[first + k] // 3] for k in range(2))
-        sharp = np.abs(_dot(one, other)) < math.cos(angle)
+        normals = [self.normals[order[first + k] // 3] for k in range(2)]
+        sharp = np.abs(_dot(*normals)) < math.cos(angle)
         return np.concatenate([self.free_edges, edges[counts == 2][sharp]])
 
     @property

@@ -176,7 +176,7 @@ class WedgeHopper(ContainerShape):
         return beside & (x[:, 2] >= bottom) & self._clear_of_parts(x)
 
     def lets_out(self, x: np.ndarray, slack: float = 0.0) -> np.ndarray:
-        """As of any container: in the outlet, whose size is exact."""
+        """Mask as of any container: in the outlet, whose size is exact."""
         left, right = self.outlet
         return (x[:, 0] >= left) & (x[:, 0] <= right) & (np.abs(x[:, 1]) <= self.thickness / 2)
 

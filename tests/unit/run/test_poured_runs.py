@@ -102,6 +102,7 @@ def test_a_run_into_which_a_stream_goes_on_can_be_stopped(tmp_path):
     )
     assert outcomes(carry_out(short, tmp_path / "stopped")) == ["time-limit"]
     (record,) = records(tmp_path / "stopped").values()
+    assert record.ledger is not None
     assert record.ledger.waiting > 0
     assert not record.ledger.lost
     assert carry_out(long, tmp_path / "stopped").tally.resumed == 1
