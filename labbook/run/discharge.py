@@ -121,6 +121,9 @@ class DischargeJob(Job):
         try:
             if self.scene.feed is None:
                 return self._pouring()
+            if self._packing.waiting is not None:
+                late = f"{int(self._packing.waiting.sum())} grains of the stream had not entered by fill.until"
+                raise PlacingError(f"{late}, and the feed would bring them; use a later time or a larger rate")
             if self.scene.feed.stream is not None:
                 return Inflow(self.scene, self._packing, self.demand.seed, self.numerics.beat)
             return Feeder(self.scene, self._packing, self.demand.filling.kind, self.demand.seed)

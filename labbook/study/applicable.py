@@ -245,8 +245,8 @@ def _unrested(point: Point, measures: Sequence[str]) -> Iterator[tuple[str, str,
             yield "fill.until", reason, f"leave it out, or take {name} out of measure"
     if stream is None or stream.time(point.scene.grains) <= until:
         return
-    for name in ("planes", "energy", "composition", "residence"):
-        if name in measures:
+    for name in measures:
+        if name in MEASURES and MEASURES[name].needs_all:
             reason = f"{name} needs all grains in the container at the opening, and the stream brings some later"
             yield "fill.until", reason, f"use a later time or a larger rate, or take {name} out of measure"
     if point.scene.feed is not None:
