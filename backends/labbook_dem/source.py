@@ -99,6 +99,17 @@ def _marked(node: ast.FunctionDef | ast.ClassDef) -> bool:
     return True
 
 
+def without(text: str, switch: str) -> str:
+    """Source without the branches `if SWITCH:`; what follows their `else` takes their place."""
+    branches = [node for node in ast.walk(ast.parse(text)) if isinstance(node, ast.If)]
+    lines = text.split("\n")
+    for node in sorted(branches, key=lambda node: node.lineno, reverse=True):
+        if isinstance(node.test, ast.Name) and node.test.id == switch:
+            left = lines[node.orelse[0].lineno - 1 : node.end_lineno] if node.orelse else []
+            lines[node.lineno - 1 : node.end_lineno] = [line[4:] for line in left]
+    return "\n".join(lines)
+
+
 def generate(
     header: str,
     constants: Mapping[str, object],

@@ -1,7 +1,7 @@
 """From features to compiled kernels: one generated module a specialisation, which Warp compiles and caches."""
 
 import re
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from functools import lru_cache
 from types import ModuleType
 
@@ -55,7 +55,6 @@ def _system_text(meshes: bool) -> str:
 
 _CALLED = r"@(func|kernel)\n(?=def mesh_(away|between|cell|contacts|listed|merged|near|normal|places|within|rod_\w+)\()"
 """Functions of meshes that are called and not inlined, so that they give the same bits in every kernel."""
-_STILL = "if POSES:"
 
 
 def _mesh_texts(rods: bool, poses_too: bool) -> Iterator[str]:
@@ -67,36 +66,6 @@ def _mesh_texts(rods: bool, poses_too: bool) -> Iterator[str]:
     if poses_too:
         text = source.device_source(poses).replace("@func\n", "@subroutine\n").replace("np.ndarray", "Tables")
         yield f"# {poses.__name__}\n{text}"
-
-
-def _without_poses(text: str) -> str:
-    """Source without what is only for parts that move: `if POSES:` with what follows, but for its `else`.
-
-    Kernels of other scenes so have the text that they would have if no part could move.
-    """
-    lines, left = text.split("\n"), list[str]()
-    at = 0
-    while at < len(lines):
-        line = lines[at]
-        if not line.strip().startswith(_STILL):
-            left.append(line)
-            at += 1
-            continue
-        indent = len(line) - len(line.lstrip())
-        end = _block_end(lines, at, indent)
-        if end < len(lines) and lines[end] == " " * indent + "else:":
-            at, end = end, _block_end(lines, end, indent)
-            left += [inner[4:] for inner in lines[at + 1 : end]]
-        at = end
-    return "\n".join(left)
-
-
-def _block_end(lines: Sequence[str], at: int, indent: int) -> int:
-    """Number of the line behind the block that a line with an indent begins."""
-    end = at + 1
-    while end < len(lines) and len(lines[end]) - len(lines[end].lstrip()) > indent:
-        end += 1
-    return end
 
 
 def module_text(spec: Spec, uniform: bool, lanes: int, registers: int, apart: int, prefetch: int) -> str:
@@ -151,7 +120,8 @@ def module_text(spec: Spec, uniform: bool, lanes: int, registers: int, apart: in
             constants.setdefault(name, value)
     header = dialect.header(precision, registers, apart, unroll, several=lanes > 1, meshes=meshes)
     text = source.generate(header, constants, physics, modules)
-    return text if moves else _without_poses(text)
+    # kernels of scenes without parts that move have the text that they would have if no part could
+    return text if moves else source.without(text, "POSES")
 
 
 @lru_cache(maxsize=64)

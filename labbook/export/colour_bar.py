@@ -57,7 +57,7 @@ def colour_bar(kinds: Sequence[str], top_speed: float) -> bytes:
     unit, name = (1.0, "m/s") if top_speed >= 0.1 or top_speed <= 0 else (1e-3, "mm/s")
     speeds = speed_ticks(top_speed)
     labels = [f"{speed / unit:.3g}" for speed in speeds]
-    labels[-1] = f"≥ {top_speed / unit:.2g}" if top_speed > 0 else labels[-1]
+    labels[-1] = f"≥ {two_digits(top_speed / unit)}" if top_speed > 0 else labels[-1]
     bar.set_xticks(_part(np.array(speeds), top_speed), labels, fontsize=9)
     bar.set_yticks(np.arange(len(kinds)) + 0.5, kinds, fontsize=9)
     bar.tick_params(length=3, left=False)
@@ -65,6 +65,11 @@ def colour_bar(kinds: Sequence[str], top_speed: float) -> bytes:
     stored = io.BytesIO()
     figure.savefig(stored, format="png", facecolor=figure.get_facecolor())
     return stored.getvalue()
+
+
+def two_digits(value: float) -> str:
+    """Format a number with two digits and without an exponent where it can: 150, 0.12, 1e-07."""
+    return f"{float(f'{value:.2g}'):g}"
 
 
 def speed_ticks(top_speed: float) -> list[float]:

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from labbook.export.colour_bar import speed_colours, speed_ticks
+from labbook.export.colour_bar import speed_colours, speed_ticks, two_digits
 from labbook.export.frames import Frame, top_speed
 from labbook.picture import KIND_COLOURS, layer_colours
 from labbook.scene import Bodies, Packing, Scene, Spheres
@@ -98,7 +98,7 @@ class Colouring:
                 return Legend("angle to the vertical", colours, tuple((at / 90, f"{at}°") for at in _TICKS))
             case "force":
                 weight = weight_of(self.scene, self.start)
-                ticks = [(part, f"{part * self.top / weight:.2g}") for part in (0.0, 0.5, 1.0)]
+                ticks = [(part, two_digits(part * self.top / weight)) for part in (0.0, 0.5, 1.0)]
                 title = "normal force / weight of a grain" if self.scene.gravity else "normal force [N]"
                 return Legend(title, force_colours(scale), _beyond(ticks, self.top / weight))
         return None
@@ -129,4 +129,4 @@ def weight_of(scene: Scene, start: Packing) -> float:
 
 def _beyond(ticks: Sequence[tuple[float, str]], top: float) -> tuple[tuple[float, str], ...]:
     """Ticks of which the last says that the scale ends there, and values do not."""
-    return (*ticks[:-1], (1.0, f"≥ {top:.2g}"))
+    return (*ticks[:-1], (1.0, f"≥ {two_digits(top)}"))

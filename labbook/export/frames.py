@@ -72,6 +72,7 @@ def frames_of(table: Mapping[str, np.ndarray] | None, limit: int = FRAMES) -> li
 
 def at_opening(start: Packing, oriented: bool) -> Frame:
     """The frame of the packing that a run started from."""
+    start = start.entered
     assert start.ids is not None
     q = start.q.astype(np.float32) if oriented and start.q is not None else None
     return Frame(0.0, start.x.astype(np.float32), start.v.astype(np.float32), start.ids, q)

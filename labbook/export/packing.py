@@ -99,6 +99,7 @@ def write_packings(
                 continue
             say(f"{result.label}, seed {run.seed}")
             record, packing = read_packing(place.packing(run.packing_key))
+            packing = packing.entered
             if not walled:
                 box = around(result.point.scene, packing)
                 for name, text in wall_files(result.point.scene.container, box, facets).items():

@@ -75,11 +75,13 @@ class Feeder:
 
 @dataclass(frozen=True, eq=False)
 class Refill:
-    """A bed that lacks grains after a beat, and its source of grains."""
+    """A bed that lacks grains after a beat, and its source of grains. `left`: mask of the grains that have left and do
+    not come back, by id; None: none has."""
 
     feeder: Feeder | Inflow | Pouring
     there: Packing
     beat: int
+    left: np.ndarray | None = None
 
 
 def refill(beds: Sequence[Refill]) -> list[Packing | None]:
@@ -93,7 +95,9 @@ def refill(beds: Sequence[Refill]) -> list[Packing | None]:
     back: list[Packing | None] = [None] * len(beds)
     by_room = defaultdict[tuple[object, ...], list[tuple[int, Feeder, np.ndarray]]](list)
     for k, bed in enumerate(beds):
-        if not isinstance(bed.feeder, Feeder):
+        if isinstance(bed.feeder, Pouring):
+            back[k] = bed.feeder.returning(bed.there, bed.beat, bed.left)
+        elif isinstance(bed.feeder, Inflow):
             back[k] = bed.feeder.returning(bed.there, bed.beat)
         elif len(rows := bed.feeder.missing(bed.there)):
             by_room[bed.feeder.like].append((k, bed.feeder, rows))

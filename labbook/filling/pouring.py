@@ -1,6 +1,7 @@
 """Stream of grains into a scene, a few after every beat."""
 
 import math
+from dataclasses import replace
 
 import numpy as np
 
@@ -25,7 +26,9 @@ class Pouring:
         order: Ids in the order of entry, shape [n].
     """
 
-    def __init__(self, scene: Scene, stream: Stream, seed: int, beat: float, every: Packing | None = None):
+    def __init__(
+        self, scene: Scene, stream: Stream, seed: int, beat: float, every: Packing | None = None, since: float = 0.0
+    ):
         """Prepare a stream.
 
         Args:
@@ -34,12 +37,14 @@ class Pouring:
             seed: Seed of the bed.
             beat: Duration of a beat [s].
             every: Sizes and kinds of all grains; None: the seed decides.
+            since: Time [s] for which it has flowed before the first beat.
 
         Raises:
             PlacingError: No grain fits into its region, or a kind of its layers is unknown.
         """
         grains = scene.grains
-        self._scene, self._stream, self._key, self._beat = scene, stream, (VERSION, seed), beat
+        self._scene, self._stream, self._beat, self._since = scene, stream, beat, since
+        self._key = (VERSION, seed, 3 if since else 2)
         self._room = Room(scene.container, grains.radius * APART)
         none = np.zeros((grains.count, 3))
         diameter, kind = None, None
@@ -78,7 +83,7 @@ class Pouring:
 
     def _time(self, beat: int) -> float:
         """Time [s] for which the stream has flowed by the end of the next beat; for batches, that of whole batches."""
-        time, every = (beat + 1) * self._beat, self._stream.every
+        time, every = self._since + (beat + 1) * self._beat, self._stream.every
         return time if every is None else (math.floor(time / every * (1 + 1e-12)) + 1) * every
 
     def first(self) -> Packing:
@@ -91,16 +96,44 @@ class Pouring:
             )
         return grains
 
-    def returning(self, there: Packing, beat: int) -> Packing | None:
-        """Return the grains that enter a bed after this beat; None if none does. Grains without a place wait."""
+    def returning(self, there: Packing, beat: int, left: np.ndarray | None = None) -> Packing | None:
+        """Return the grains that enter a bed after this beat; None if none does. Grains without a place wait.
+
+        Args:
+            there: The bed.
+            beat: Number of the beat.
+            left: Mask of the grains that have left, by id; None: none has.
+        """
         assert there.ids is not None
         due = self.order[: self.due(beat)]
         waiting = due[~np.isin(due, there.ids)]
+        waiting = waiting if left is None else waiting[~left[waiting]]
         return self.entering(there, waiting, beat) if len(waiting) else None
+
+    def with_waiting(self, there: Packing) -> Packing:
+        """Return a bed with the grains that have still to enter as `waiting`; itself if all have."""
+        assert self.every.ids is not None
+        assert there.ids is not None
+        rows = np.setdiff1d(self.every.ids, there.ids)
+        if not len(rows):
+            return there
+        rng = np.random.default_rng([*self._key[:2], 5])
+        parts = there.arrays(), self.every.part(rows).arrays()
+        own = {name: np.concatenate([part[name] for part in parts]) for name in ("ids", "q", "diameter", "kind")
+               if name in parts[0]}  # fmt: skip
+        x, v = rng.uniform(self._low, self._high, (len(rows), 3)), np.tile(self._stream.velocity, (len(rows), 1))
+        return replace(
+            there,
+            x=np.concatenate([there.x, x]),
+            v=np.concatenate([there.v, v]),
+            omega=np.concatenate([there.omega, np.zeros((len(rows), 3))]),
+            waiting=np.arange(len(there) + len(rows)) >= len(there),
+            **own,
+        )
 
     def entering(self, there: Packing, rows: np.ndarray, beat: int) -> Packing | None:
         """Place those of the grains `rows` that find a place in a bed; None if none does."""
-        stream, rng = self._stream, np.random.default_rng([*self._key, 2, beat])
+        stream, rng = self._stream, np.random.default_rng([*self._key, beat])
         half = self._scene.grains.half_length
         low, high = self._low + half, self._high - half
 

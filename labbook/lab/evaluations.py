@@ -125,6 +125,9 @@ def evaluate(measure: Measure, window: Window, data: RunData) -> Evaluated:
     """
 
     def evaluation() -> Evaluation:
+        if measure.needs_all and data.start.waiting is not None:
+            late = f"{int(data.start.waiting.sum())} grains entered after the opening"
+            raise MeasureError(f"{measure.name}: {late}", "use a later fill.until, or a larger fill.stream.rate")
         with MEASURES.calling(measure.name, MeasureError):
             return measure.evaluate(data, window)
 

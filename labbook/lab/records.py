@@ -229,25 +229,27 @@ class RunLedger(Part):
     """Speed [m/s] of a grain that falls from the top of the start to the height where it is removed, with the speed of
     moving walls added; None for a filling."""
     started: Whole
-    """Number of grains at the start."""
+    """Number of grains at the start, with those of a stream that were still to enter."""
     inside: Whole
     """Number of grains between the walls at the end."""
     left: Whole
     """Number of grains that have left through the outlet."""
     outside: Whole
     """Number of grains behind a wall at the end, or that passed the plane of the outlet beside it."""
+    waiting: Annotated[Whole, Field(exclude_if=lambda waiting: waiting == 0)] = 0
+    """Number of grains of a stream that had not entered at the end."""
 
     @property
     def lost(self) -> int:
         """Number of grains that are in none of these places; negative if some are counted twice."""
-        return self.started - self.inside - self.left - self.outside
+        return self.started - self.inside - self.left - self.outside - self.waiting
 
     def fault(self, grains: int) -> str:
         """Name the first value that is impossible in a scene of `grains` grains, with the reason; empty if there is
         none."""
         if self.started > grains:
             return f"started: {self.started} grains of {grains}"
-        for name in ("inside", "left", "outside"):
+        for name in ("inside", "left", "outside", "waiting"):
             if (count := getattr(self, name)) > self.started:
                 return f"{name}: {count} of {self.started} grains"
         return ""

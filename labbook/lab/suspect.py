@@ -52,6 +52,7 @@ def suspicion(ledger: RunLedger | None) -> str:
         reasons.append(f"{_grains(ledger.outside)} went through a wall or past the outlet")
     if ledger.lost:
         balance = f"{ledger.started} = {ledger.inside} inside + {ledger.left} left + {ledger.outside} outside"
+        balance += f" + {ledger.waiting} to enter" if ledger.waiting else ""
         reasons.append(f"the number of grains is not conserved: {balance} fails by {ledger.lost}")
     return "; ".join(reasons)
 
@@ -62,7 +63,8 @@ def ledger_summary(ledger: RunLedger | None) -> str:
         return "not kept"
     overlap = "not known" if ledger.overlap is None else f"{ledger.overlap:.3g} d"
     speed = "not known" if ledger.speed is None else f"{ledger.speed:.3g} m/s"
-    lost = f" + {ledger.lost} lost" if ledger.lost else ""
+    lost = f" + {ledger.waiting} to enter" if ledger.waiting else ""
+    lost += f" + {ledger.lost} lost" if ledger.lost else ""
     grains = f"{ledger.started} grains = {ledger.inside} inside + {ledger.left} left + {ledger.outside} outside{lost}"
     return f"largest overlap {overlap}, largest speed {speed}; {grains}"
 

@@ -240,6 +240,7 @@ class Composition(Measure):
 
     name = "composition"
     version = 1
+    needs_all = True
     declared = (
         Quantity(
             "segregation_p", "p", "", "p value of the composition of the outflow in a random bed", pooled=False

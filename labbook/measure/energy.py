@@ -71,6 +71,7 @@ class EnergyBalance(Measure):
 
     name = "energy"
     version = 2
+    needs_all = True
     declared = (*_TERMS, *_SAMPLED, *map(while_flowing, (*_TERMS, *_SAMPLED)))
 
     def check(self, scene: Scene) -> None:

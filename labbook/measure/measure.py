@@ -131,6 +131,8 @@ class Measure(ABC):
     """Rises whenever measured numbers may change; they are then derived again from what runs recorded."""
     declared: ClassVar[tuple[Quantity, ...]]
     """All quantities that it may give, in any scene, but for those whose names are those of parts of the scene."""
+    needs_all: ClassVar[bool] = False
+    """Needs all grains in the container at the opening: no stream may bring some of them later."""
 
     @abstractmethod
     def check(self, scene: Scene) -> None:

@@ -42,6 +42,7 @@ class PlaneRates(Measure):
 
     name = NAME
     version = 1
+    needs_all = True
     declared = ()
 
     def check(self, scene: Scene) -> None:

@@ -157,6 +157,7 @@ class Residence(Measure):
 
     name = "residence"
     version = 1
+    needs_all = True
     declared = (Quantity("holdup_time", "N/Q", "s", "grains in a fed silo over grains per second"), *_OF_TIMES)
 
     def check(self, scene: Scene) -> None:

@@ -209,8 +209,8 @@ class PointDemand:
     @property
     def pouring_time(self) -> float:
         """Time [s] in which a stream brings all grains; 0 without a stream."""
-        stream, grains = self.point.fill.stream, self.scene.grains
-        return 0.0 if stream is None else grains.count * grains.volume * grains.mean_density / stream.rate
+        stream = self.point.fill.stream
+        return 0.0 if stream is None else stream.time(self.scene.grains)
 
     @property
     def stop(self) -> StopRule:

@@ -27,7 +27,17 @@ from labbook.backend.probes import (
 )
 from labbook.campaign import Assignment, Generation, History, PreciseRun, Trial
 from labbook.campaign.precise import HALF_WIDTH
-from labbook.filling import Breaker, Feeder, Inflow, PlacingError, Refill, kick_grains, start_of_discharge, still
+from labbook.filling import (
+    Breaker,
+    Feeder,
+    Inflow,
+    PlacingError,
+    Pouring,
+    Refill,
+    kick_grains,
+    start_of_discharge,
+    still,
+)
 from labbook.filling.bed import bed_height, parts_of_mass
 from labbook.lab import identity
 from labbook.lab.folder import PICTURE, Claim, stamp
@@ -74,6 +84,8 @@ class DischargeJob(Job):
         self._restarts: list[tuple[float, float]] = []
         self._is_at_rest = False
         self._failure: RunFailure | None = None
+        self._stream_is_over = False
+        """True once all grains of the stream of the filling have entered."""
         self._midway: Packing | None = None
         """Bed in the middle of the window, of which a picture is drawn at the end."""
         self._picture_failed = False
@@ -94,7 +106,7 @@ class DischargeJob(Job):
 
     def fresh(self) -> Packing:
         """Open the outlet of the packing, and kick the bed of a further discharge. Raises JobFailed."""
-        packing = self._packing
+        packing = self._packing.entered
         height = self.scene.container.roof
         level = float(packing.x[:, 2].max())
         if level > height:
@@ -113,16 +125,38 @@ class DischargeJob(Job):
         return start if kick is None else kick_grains(start, self.scene, kick, self.demand.seed)
 
     @cached_property
-    def _feeder(self) -> Feeder | Inflow | None:
-        """Source of grains that are fed; None without feed. Raises JobFailed."""
-        if self.scene.feed is None:
-            return None
+    def _feeder(self) -> Feeder | Inflow | Pouring | None:
+        """Source of grains that are fed, or of those of the filling's stream that have still to enter; None without
+        either. Raises JobFailed."""
         try:
+            if self.scene.feed is None:
+                return self._pouring()
+            if self._packing.waiting is not None:
+                late = f"{int(self._packing.waiting.sum())} grains of the stream had not entered by fill.until"
+                raise PlacingError(f"{late}, and the feed would bring them; use a later time or a larger rate")
             if self.scene.feed.stream is not None:
                 return Inflow(self.scene, self._packing, self.demand.seed, self.numerics.beat)
             return Feeder(self.scene, self._packing, self.demand.filling.kind, self.demand.seed)
         except PlacingError as error:
             raise JobFailed(f"{self.label}: {error}") from error
+
+    def _pouring(self) -> Pouring | None:
+        """The stream of the filling, which goes on; None if all grains have entered."""
+        filling, filled_by = self.demand.filling, self.demand.shared.filled_by
+        if filling.stream is None or filling.until is None or self._packing.waiting is None:
+            return None
+        assert self._packing.ids is not None
+        every = self._packing.renumbered(np.argsort(self._packing.ids))
+        since = math.ceil(filling.until / filled_by.beat * (1 - 1e-12)) * filled_by.beat
+        return Pouring(self.demand.shared.closed, filling.stream, filling.seed, self.numerics.beat, every, since)
+
+    @cached_property
+    def _left(self) -> np.ndarray:
+        """Mask of the grains that have crossed the outlet, by id, of a run into which a stream goes on."""
+        left = np.zeros(self.scene.grains.count, bool)
+        if (table := self.tables().get(table_name(Crossing()))) is not None:
+            left[table["id"]] = True
+        return left
 
     @cached_property
     def _breaker(self) -> Breaker | None:
@@ -249,6 +283,8 @@ class DischargeJob(Job):
             else:
                 self._discharged = self._crossed / self.scene.grains.count
             self._last_crossing = max(self._last_crossing, float(np.max(table["time"])))
+            if isinstance(self._feeder, Pouring):
+                self._left[table["id"]] = True
         if probe == self.film:
             self.keep(FILM_TABLE, frame_rows(table))
         if probe in self._measured:
@@ -283,12 +319,19 @@ class DischargeJob(Job):
     @property
     def lacks_grains(self) -> bool:
         """True if grains that have left are to be fed; a saved state includes those fed after its beat."""
-        return self._feeder is not None and self._has_advanced and self.status.grains < self.scene.grains.count
+        if self._feeder is None or not self._has_advanced or self._stream_is_over:
+            return False
+        return self.status.grains < self.scene.grains.count
 
     def refill(self, bed: Packing) -> Refill:
-        """Return the bed with the source of the grains that it has lost."""
+        """Return the bed with the source of the grains that it has lost, or that enter by the stream of the filling."""
         assert self._feeder is not None
-        return Refill(self._feeder, bed, self._beat_number)
+        if not isinstance(self._feeder, Pouring):
+            return Refill(self._feeder, bed, self._beat_number)
+        present = np.zeros(self.scene.grains.count, bool)
+        present[bed.ids] = True
+        self._stream_is_over = bool((present | self._left).all())
+        return Refill(self._feeder, bed, self._beat_number, self._left)
 
     @property
     def pauses(self) -> bool:
@@ -300,7 +343,8 @@ class DischargeJob(Job):
     def intervene(self, ensemble: Ensemble, member: Member, bed: Packing) -> None:
         """Record a stop of the flow if the grains near the outlet are at rest; push them if arches are broken."""
         if not self._is_stuck:
-            self._is_at_rest = still(self.scene, bed)
+            flows = isinstance(self._feeder, Pouring) and not self._stream_is_over
+            self._is_at_rest = not flows and still(self.scene, bed)
         if self._breaker is None or not (self._is_stuck or self._is_at_rest):
             return
         if not self._is_stuck:

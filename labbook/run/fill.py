@@ -154,10 +154,10 @@ class FillJob(Job):
         try:
             filling = self.demand.filling
             if self._pouring is not None:
-                first = self._pouring.first()
-                self._entered = len(first)
-                return first
-            start = placed.result() if placed else place(self.scene, filling.kind, filling.seed, filling.file)
+                start = self._pouring.first()
+                self._entered = len(start)
+            else:
+                start = placed.result() if placed else place(self.scene, filling.kind, filling.seed, filling.file)
             self._start = start if self._end_time == 0 else None
             return start
         except PlacingError as error:
@@ -206,7 +206,7 @@ class FillJob(Job):
     @property
     def lacks_grains(self) -> bool:
         """True while grains of a stream have still to enter, after a good beat."""
-        return self._pours and self._has_advanced and self.status.grains == self._entered_before
+        return self._pours and self._end_time != 0 and self._has_advanced and self.status.grains == self._entered_before
 
     def refill(self, bed: Packing) -> Refill:
         """Return the bed with the stream whose grains enter after this beat."""
@@ -356,11 +356,6 @@ class FillJob(Job):
         if self._losses:
             raise JobFailed(needs_all(self.label, self._losses, self._closing_remedy()))
         if verdict == "settled":
-            if self._pours:
-                raise JobFailed(
-                    f"{self.label}: {self._entered} of {self.scene.grains.count} grains have entered by fill.until "
-                    f"({self._end_time:g} s); use a later time, or a larger fill.stream.rate"
-                )
             if self._start is not None:
                 own = self.context.backend.capabilities
                 end_state = StoredState(Checkpoint(own.name, own.cache_version, {}), self._start)
@@ -373,8 +368,10 @@ class FillJob(Job):
                 record=self._record(),
                 status=self.status,
                 left=end_state,
-                earlier=self._last_look if self.status.grains < self.scene.grains.count else None,
+                earlier=self._last_look if self.status.grains < self._entered else None,
                 remedy=self._closing_remedy(),
+                pouring=self._pouring if self._pours else None,
+                entered=self._entered,
             )
         if self.may_save:
             self._write(end_state.checkpoint)
@@ -466,6 +463,8 @@ class PackingOutput(JobOutput):
         left: Packing and checkpoint at the end.
         earlier: Time [s] and packing of an earlier look, if grains are missing.
         remedy: Suggestion for a filling that has lost grains.
+        pouring: Stream whose last grains enter after the opening; None if all have entered.
+        entered: Number of grains that have entered.
     """
 
     record: PackingRecord
@@ -473,26 +472,34 @@ class PackingOutput(JobOutput):
     left: EndState
     earlier: tuple[float, Packing] | None
     remedy: str
+    pouring: Pouring | None
+    entered: int
 
     def put(self) -> None:
         """Put the packing into the lab. Raises DiskFull, or JobFailed if grains have left."""
-        if lost_grains := losses(self.record.scene, self.status.time, self.left.packing, self.earlier):
+        reached = self.status.time, self.left.packing, self.earlier
+        if lost_grains := losses(self.record.scene, *reached, self.entered):
             raise JobFailed(needs_all(self.label, lost_grains, self.remedy))
         super().put()
 
     def fill_folder(self, folder: Path) -> None:
         """Write arrays and record."""
-        write_packing(folder, self._full_record, self.left.packing)
+        write_packing(folder, self._full_record, self._packing)
+
+    @cached_property
+    def _packing(self) -> Packing:
+        """All grains, also those that enter later."""
+        return self.left.packing if self.pouring is None else self.pouring.with_waiting(self.left.packing)
 
     @cached_property
     def _full_record(self) -> PackingRecord:
         """Record with its ledger."""
-        counts = ledger(self.record.scene, self.status, self.left.packing)
+        counts = ledger(self.record.scene, self.status, self._packing)
         return self.record.model_copy(update={"ledger": counts})
 
     def entry(self) -> LabEntry:
         """Return the index row of the packing, and the packing."""
-        return LabEntry((packing_row(self.place, self._full_record), []), (self._full_record, self.left.packing))
+        return LabEntry((packing_row(self.place, self._full_record), []), (self._full_record, self._packing))
 
     def reread(self) -> LabEntry:
         """Return the index row of the packing from its folder."""

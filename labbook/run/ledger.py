@@ -27,6 +27,10 @@ def ledger(
         crossings: Rows of all crossings of the outlet plane, if there is one. A grain that is back in the container
             counts as inside.
     """
+    source = end if start is None else start
+    assert source.ids is not None
+    waiting = source.ids[:0] if source.waiting is None else source.ids[source.waiting]
+    end = end.entered
     plane = scene.container.outlet_plane
     above = end.x[:, 2] >= (-math.inf if plane is None else plane)
     is_within = scene.container.inside(end.x) & inside_moving(scene, end.x, status.time)
@@ -35,7 +39,8 @@ def ledger(
     crossed = np.zeros(0, np.int64) if crossings is None else np.asarray(crossings["id"])
     beside_outlet = crossed[:0]
     if crossings is not None and len(crossed):
-        beside_outlet = crossed[~scene.container.lets_out(np.column_stack([crossings[axis] for axis in "xyz"]))]
+        places = np.column_stack([crossings[axis] for axis in "xyz"])
+        beside_outlet = crossed[~scene.container.lets_out(places, scene.grains.radius)]
     outside = np.union1d(behind_wall, np.setdiff1d(beside_outlet, inside))
     return RunLedger(
         overlap=status.deepest,
@@ -45,6 +50,7 @@ def ledger(
         inside=len(inside),
         left=len(np.setdiff1d(crossed, np.union1d(inside, outside))),
         outside=len(outside),
+        waiting=len(np.setdiff1d(waiting, np.union1d(end.ids, crossed))),
     )
 
 

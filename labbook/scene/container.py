@@ -129,11 +129,25 @@ class Primitives(ContainerShape):
         above it, one for each, with its name."""
         if self.outlet_plane is None:
             return ()
-        lids = [part for part in self.parts if part.opens and self._in_outlet(part.shape)]
+        lids = self._lids
         apart = [lid for k, lid in enumerate(lids) if not any(_touch(lid.shape, one.shape) for one in lids[:k])]
         if len(apart) < 2:
             return (Outlet("outlet", self.outlet_plane),)
         return tuple(Outlet(lid.name, self.outlet_plane, lid=lid.shape) for lid in apart)
+
+    @property
+    def _lids(self) -> list[Wall]:
+        """Parts that open in the outlet's plane or little above it."""
+        return [part for part in self.parts if part.opens and self._in_outlet(part.shape)]
+
+    def lets_out(self, x: np.ndarray, slack: float = 0.0) -> np.ndarray:
+        """Mask as of any container: where lids lay, if all lay in the outlet's plane; else inside of the walls."""
+        lids, plane, inside = [part.shape for part in self._lids], self.outlet_plane, super().lets_out(x)
+        heights = [z for lid in lids for z in (lid.bounds.low[2], lid.bounds.high[2])]
+        if plane is None or not lids or any(abs(z - plane) > _TOUCH for z in heights):
+            return inside
+        at = np.column_stack([x[:, :2], np.full(len(x), plane)])
+        return inside & np.any([np.abs(lid.distance(at)) <= slack + _TOUCH for lid in lids], axis=0)
 
     def _in_outlet(self, lid: WallShape) -> bool:
         """Whether it ends less than its width above the outlet's plane."""

@@ -229,8 +229,9 @@ class ContainerShape(Model, ABC):
         """The form of its only outlet, if there is one of known width."""
         return self.outlets[0].form if len(self.outlets) == 1 else None
 
-    def lets_out(self, x: np.ndarray) -> np.ndarray:
-        """Which of the centres x [m], shape [n, 3], of grains that pass the outlet's plane do so in an outlet."""
+    def lets_out(self, x: np.ndarray, slack: float = 0.0) -> np.ndarray:
+        """Mask of the centres x [m], shape [n, 3], of grains that pass the outlet's plane within an outlet. slack:
+        distance [m] by which a lid may be smaller than its outlet."""
         return self.inside(x) if self.outlets else np.zeros(len(x), bool)
 
     @property

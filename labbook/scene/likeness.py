@@ -56,10 +56,8 @@ class Likeness:
 def openings(surface: Triangles) -> tuple[Opening, ...]:
     """Holes of a surface, from the lowest: loops of edges of one triangle. Areas are those of the loops as seen along
     their normals."""
-    edges, of = surface.edges
-    free = edges[np.bincount(of.ravel(), minlength=len(edges)) == 1]
     beside: dict[int, list[int]] = {}
-    for a, b in free.tolist():
+    for a, b in surface.free_edges.tolist():
         beside.setdefault(a, []).append(b)
         beside.setdefault(b, []).append(a)
     loops, left = list[list[int]](), {vertex for vertex, others in beside.items() if len(others) == 2}

@@ -28,6 +28,9 @@ _FLAWS = {
     "intersections": "places where triangles cut one another",
 }
 
+_SHARP = math.radians(30)
+"""Angle between two triangles above which pictures show the edge between them."""
+
 LengthUnit = Literal["m", "cm", "mm", "um", "inch"]
 FlawKind = Literal["non-manifold", "t-junctions", "intersections"]
 
@@ -183,7 +186,7 @@ class TriangleMesh(WallShape):
     @property
     def _picture(self) -> Mesh:
         surface = self.surface
-        return Mesh(surface.vertices, surface.corners)
+        return Mesh(surface.vertices, surface.corners, tuple(surface.vertices[surface.creases(_SHARP)]))
 
     @property
     def pane(self) -> bool:

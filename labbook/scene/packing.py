@@ -24,7 +24,8 @@ class Packing:
     `wall_spring` [k, 3] on grain `wall_grain` [k] at the wall named `wall_name` [k], where a rod may touch at several
     points: `wall_part` [k] says which (0 for spheres; see `labbook_dem.walls`; at a mesh its feature). Torques [N m] of
     the rolling springs of the same contacts, acting on i: `pair_rolling` [m, 3] and `wall_rolling` [k, 3], or None
-    where there are none.
+    where there are none. `waiting`: mask, shape [n], of grains of a stream that have not entered, or None where all
+    have; these have no springs, and lie at random in the region of the stream, where they may overlap.
 
     Raises ValueError for shapes that do not fit, for indices of grains that are not there, for numbers that are not
     finite and for quaternions that are not of length one: no backend can start from them.
@@ -45,6 +46,7 @@ class Packing:
     wall_part: np.ndarray = field(default_factory=lambda: np.zeros(0, np.int64))
     pair_rolling: np.ndarray | None = None
     wall_rolling: np.ndarray | None = None
+    waiting: np.ndarray | None = None
 
     def __post_init__(self):
         n = len(self.x)
@@ -62,6 +64,8 @@ class Packing:
                 object.__setattr__(self, name, np.ascontiguousarray(array, dtype))
                 if np.shape(array) != (n,):
                     raise ValueError(f"packing: {name} has shape {np.shape(array)}, not ({n},)")
+        if self.waiting is not None and (np.shape(self.waiting) != (n,) or np.asarray(self.waiting).dtype != bool):
+            raise ValueError(f"packing: waiting is no mask of {n} grains")
         if len(self.wall_part) == 0:
             object.__setattr__(self, "wall_part", np.zeros(len(self.wall_grain), np.int64))
         if self.q is not None:
@@ -121,6 +125,17 @@ class Packing:
         arrays = {name: getattr(self, name) for name in (*_DOUBLE, "ids", "q", *_EACH)}
         return Packing(**{name: array[rows] for name, array in arrays.items() if array is not None})
 
+    @property
+    def entered(self) -> "Packing":
+        """The packing without the grains that have not entered; itself if all have."""
+        if self.waiting is None:
+            return self
+        there = ~self.waiting
+        place = np.cumsum(there) - 1
+        arrays = {name: getattr(self, name) for name in (*_DOUBLE, "ids", "q", *_EACH)}
+        own = {name: array[there] for name, array in arrays.items() if array is not None}
+        return replace(self, **own, pairs=place[self.pairs], wall_grain=place[self.wall_grain], waiting=None)
+
     def mirrored(self) -> "Packing":
         """The mirror image in x = 0: x and v_x change sign, omega (an axial vector) and the rotation q in y and z.
 
@@ -156,13 +171,15 @@ class Packing:
             pair_spring=np.where(turned, -self.pair_spring, self.pair_spring),
             pair_rolling=None if rolling is None else np.where(turned, -rolling, rolling),
             wall_grain=place[self.wall_grain],
+            waiting=None if self.waiting is None else self.waiting[order],
         )
 
     def arrays(self) -> dict[str, np.ndarray]:
         """All arrays by name, for storage."""
         names = (*_DOUBLE, "ids", "pairs", "pair_spring", "wall_grain", "wall_name", "wall_spring", "wall_part")
         arrays = {name: getattr(self, name) for name in names}
-        some = {name: array for name in ("q", *_EACH, *_ROLLING) if (array := getattr(self, name)) is not None}
+        optional = ("q", *_EACH, *_ROLLING, "waiting")
+        some = {name: array for name in optional if (array := getattr(self, name)) is not None}
         return {**arrays, **some}
 
 

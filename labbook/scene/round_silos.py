@@ -59,8 +59,8 @@ class RoundSilo(ContainerShape, ABC):
         """As of any container."""
         return self.height
 
-    def lets_out(self, x: np.ndarray) -> np.ndarray:
-        """Which of the centres x [m], shape [n, 3], of grains that pass the outlet's plane do so in the outlet."""
+    def lets_out(self, x: np.ndarray, slack: float = 0.0) -> np.ndarray:
+        """Mask as of any container: in the outlet, whose size is exact."""
         return np.hypot(x[:, 0], x[:, 1]) <= self.orifice / 2
 
 

@@ -5,6 +5,7 @@ from typing import Annotated
 
 from pydantic import Field, model_validator
 
+from labbook.scene.grains import Grains
 from labbook.scene.model import Fault, Model, refuse
 from labbook.scene.quantities import Coordinate, Duration, MassRate, Speed
 
@@ -28,6 +29,10 @@ class Stream(Model):
     layers: Annotated[tuple[str, ...], Field(exclude_if=lambda layers: not layers)] = ()
     """Kinds of grains in the order in which they enter, such as `[a, b, a, b]`: grains of a kind are shared equally
     among its layers; none: in random order."""
+
+    def time(self, grains: Grains) -> float:
+        """Time [s] in which all grains enter, if sizes are as expected and the region always has room."""
+        return grains.count * grains.volume * grains.mean_density / self.rate
 
     @model_validator(mode="after")
     def _is_possible(self):

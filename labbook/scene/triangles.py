@@ -125,6 +125,22 @@ class Triangles:
         return edges, of.reshape(-1, 3)
 
     @property
+    def free_edges(self) -> np.ndarray:
+        """Edges of one triangle, as pairs of vertices, shape [e, 2]."""
+        edges, of = self.edges
+        return edges[np.bincount(of.ravel(), minlength=len(edges)) == 1]
+
+    def creases(self, angle: float) -> np.ndarray:
+        """Edges of one triangle, and those at which two triangles meet at more than `angle` [rad], shape [e, 2]."""
+        edges, of = self.edges
+        order = np.argsort(of, axis=None, kind="stable")
+        counts = np.bincount(of.ravel(), minlength=len(edges))
+        first = (np.cumsum(counts) - counts)[counts == 2]
+        normals = [self.normals[order[first + k] // 3] for k in range(2)]
+        sharp = np.abs(_dot(*normals)) < math.cos(angle)
+        return np.concatenate([self.free_edges, edges[counts == 2][sharp]])
+
+    @property
     def closed(self) -> bool:
         """True if every edge belongs to two triangles, so that the surface bounds a volume."""
         edges, of = self.edges

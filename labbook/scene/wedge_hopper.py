@@ -175,8 +175,8 @@ class WedgeHopper(ContainerShape):
         beside = (np.abs(x[:, 0]) <= self.width / 2) & (np.abs(x[:, 1]) <= self.thickness / 2)
         return beside & (x[:, 2] >= bottom) & self._clear_of_parts(x)
 
-    def lets_out(self, x: np.ndarray) -> np.ndarray:
-        """Which of the centres x [m], shape [n, 3], of grains that pass the outlet's plane do so in the outlet."""
+    def lets_out(self, x: np.ndarray, slack: float = 0.0) -> np.ndarray:
+        """Mask as of any container: in the outlet, whose size is exact."""
         left, right = self.outlet
         return (x[:, 0] >= left) & (x[:, 0] <= right) & (np.abs(x[:, 1]) <= self.thickness / 2)
 

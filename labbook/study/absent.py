@@ -29,8 +29,8 @@ _SHAPES = (
     "or, for an insert, of any kind"
 )
 _STREAM = "stream: {rate: 50 g/s, low: [-20 mm, -20 mm, 300 mm], high: [20 mm, 20 mm, 320 mm]}}"
-_INFLOW = "an inflow is a feed of grains that have left"
-_FEED = f"use feed: {{kind: rate, {_STREAM}, or kind: reinject, by which the bed keeps its height"
+_INFLOW = "new grains enter by the stream of the filling, and grains that have left by a feed"
+_FEED = f"use fill: {{kind: stream, until: 1 s, {_STREAM}, which goes on after the opening, or feed: {{kind: rate}}"
 _OWN_WALLS = "use container: {kind: primitives, parts: [...]} with planes, strips, frustums and meshes as walls"
 
 TABLE = (

@@ -234,11 +234,23 @@ def _too_high(scene: Scene, stop: float | None) -> Iterator[tuple[str, str, str]
 
 
 def _unrested(point: Point, measures: Sequence[str]) -> Iterator[tuple[str, str, str]]:
-    """Measures of a bed at rest, where the outlet opens at a time that is stated."""
+    """Measures of a bed at rest, where the outlet opens at a time that is stated, and of all grains from the start on,
+    where a stream goes on."""
+    until, stream = point.fill.until, point.fill.stream
+    if until is None:
+        return
     for name in ("packing", "wall_stress"):
-        if point.fill.until is not None and name in measures:
+        if name in measures:
             reason = f"{name} is measured in a bed at rest, and this one may move when the outlet opens"
             yield "fill.until", reason, f"leave it out, or take {name} out of measure"
+    if stream is None or stream.time(point.scene.grains) <= until:
+        return
+    for name in measures:
+        if name in MEASURES and MEASURES[name].needs_all:
+            reason = f"{name} needs all grains in the container at the opening, and the stream brings some later"
+            yield "fill.until", reason, f"use a later time or a larger rate, or take {name} out of measure"
+    if point.scene.feed is not None:
+        yield "fill.until", "grains of the stream and of the feed would enter at once", "leave feed out"
 
 
 def _blocked(point: Point) -> Iterator[tuple[str, str, str]]:

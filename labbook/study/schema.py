@@ -124,8 +124,6 @@ class Fill(Model):
             refuse([Fault("stream", f"a {self.kind} start has no stream", "leave it out, or use kind: stream")])
         if self.until is not None and self.mobilise is not None:
             refuse([Fault("until", "friction is mobilised in a bed at rest", "leave until or mobilise out")])
-        if self.until == 0 and flows:
-            refuse([Fault("until", "a stream takes time", "state a time after which all grains have entered")])
         return self
 
     @model_validator(mode="after")

@@ -18,7 +18,7 @@ from labbook_dem.mesh import (
 from labbook_dem.words import FRICTION, ROLLING_SPRING, func, real, rounded, wide, wide3
 
 from labbook_warp.kernels.bodies import body
-from labbook_warp.kernels.meshes import is_mesh, mesh_parts_near, place_at, scratch, touched
+from labbook_warp.kernels.meshes import at_place, is_mesh, mesh_parts_near, place_at, scratch, touched
 from labbook_warp.kernels.parts import direction_in_space, velocity_before, velocity_of
 from labbook_warp.kernels.spheres import Grain, at_surface, with_wall
 from labbook_warp.kernels.sums import Contact, Sums, plus
@@ -31,7 +31,6 @@ from labbook_warp.kernels.words import (
     MESH_LISTED,
     POSES,
     WALL_PARTS,
-    Table,
     first_bit,
     load_int,
     uint32,
@@ -161,17 +160,6 @@ def at_walls(
                     if keep:
                         a.wall_rolling[at] = c.rolling
     return sums, bits
-
-
-@func
-def at_place(a: System, m: Material, s: int, r: int, k: int, wall: int, old: uint32, g: Grain, contacts: Table):
-    """Number of the contact with a mesh whose spring has entry k, of those in `contacts`; -1 if there is none."""
-    place = k % WALL_PARTS
-    number = int(-1)
-    for n in range(touched(a, m, s, r, k - place, wall, old, g, contacts)):
-        if int(contacts[n, K_PLACE]) == place:
-            number = n
-    return number
 
 
 @func

@@ -8,6 +8,7 @@ lists. The list decides no bit. Places and normals are in the frame of the mesh.
 from __future__ import annotations
 
 from labbook_dem.mesh import (
+    K_PLACE,
     MESH_CONTACTS,
     SPRING_KEY,
     mesh_cell,
@@ -116,6 +117,17 @@ def touched(a: System, m: Material, s: int, r: int, k: int, wall: int, old: uint
 
 
 # lists
+
+
+@func
+def at_place(a: System, m: Material, s: int, r: int, k: int, wall: int, old: uint32, g: Grain, contacts: Table):
+    """Number of the contact with a mesh whose spring has entry k, of those in `contacts`; -1 if there is none."""
+    place = k % WALL_PARTS
+    number = int(-1)
+    for n in range(touched(a, m, s, r, k - place, wall, old, g, contacts)):
+        if int(contacts[n, K_PLACE]) == place:
+            number = n
+    return number
 
 
 @func

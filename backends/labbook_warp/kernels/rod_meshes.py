@@ -8,7 +8,7 @@ from __future__ import annotations
 from labbook_dem.mesh import K_ALONG, K_FEATURE, K_NORMAL, K_OLDER, K_OVERLAP, K_PLACE, OVER, mesh_vector
 from labbook_dem.words import FRICTION, func, real, wide, wide3
 
-from labbook_warp.kernels.meshes import is_mesh, mesh_parts_near, scratch, touched
+from labbook_warp.kernels.meshes import at_place, is_mesh, mesh_parts_near, scratch, touched
 from labbook_warp.kernels.parts import direction_in_space, velocity_before, velocity_of
 from labbook_warp.kernels.rod_contacts import at_plate, one_by_one, plate_normal, plate_parts, with_wall, without_walls
 from labbook_warp.kernels.rods import Grain
@@ -109,17 +109,6 @@ def at_walls(
             sums, bits = one_by_one(a, m, s, r, g, mine, old, sums, keep)
         springs = springs | bits
     return sums, springs
-
-
-@func
-def at_place(a: System, m: Material, s: int, r: int, k: int, wall: int, old: uint32, g: Grain, contacts: Table):
-    """Number of the contact with a mesh whose spring has entry k, of those in `contacts`; -1 if there is none."""
-    place = k % WALL_PARTS
-    number = int(-1)
-    for n in range(touched(a, m, s, r, k - place, wall, old, g, contacts)):
-        if int(contacts[n, K_PLACE]) == place:
-            number = n
-    return number
 
 
 @func

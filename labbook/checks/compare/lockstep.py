@@ -85,7 +85,7 @@ def side_by_side(
     """
     shared = demand.shared
     packing = load_packing(lab.packing(demand.keys(pair[0].can).packing))
-    start = start_of_discharge(packing, shared.closed, shared.scene)
+    start = start_of_discharge(packing.entered, shared.closed, shared.scene)
     beat = {"steps_per_beat": max(1, round(every / shared.numerics.dt))}
     numerics = shared.numerics.model_copy(update=beat)
     with (
@@ -206,7 +206,7 @@ def record(study: Study, point: Point, lab: LabFolder, pair: Pair, seconds: floa
     keys = [demand.keys(side.can) for demand, side in zip(demands, pair, strict=True)]
     scene, names = point.scene, [side.entrant.called for side in pair]
     fields = film_probe(seconds / FRAMES, scene.grains).fields
-    start = start_of_discharge(load_packing(lab.packing(keys[0].packing)), demands[0].shared.closed, scene)
+    start = start_of_discharge(load_packing(lab.packing(keys[0].packing)).entered, demands[0].shared.closed, scene)
     frames = [
         frame for frame in side_by_side(pair, demands[0], lab, seconds / FRAMES, seconds, fields) if not frame.over
     ]

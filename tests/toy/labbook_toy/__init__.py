@@ -357,10 +357,13 @@ class Glass:
         self.x[:, 2] = np.maximum(self.x[:, 2], bottom * (1 + 1e-9))
 
     def exit_point(self, x):
-        """x and y at which a grain leaves: as far across the outlet as it stood across the container."""
+        """x and y at which a grain leaves: as far across the outlet as it stood across the container, or where the
+        nearest lid lay."""
         container = self.scene.container
         if not hasattr(container, "orifice"):
-            return x[0], x[1]
+            lids = [part.shape.bounds for part in container.parts if part.opens]
+            ends = [float(np.clip(x[0], lid.low[0], lid.high[0])) for lid in lids]
+            return min(ends, key=lambda end: abs(end - x[0]), default=x[0]), x[1]
         if hasattr(container, "width"):
             return container.eccentricity + x[0] * container.orifice / container.width, x[1]
         return x[0] * container.orifice / container.diameter, x[1] * container.orifice / container.diameter

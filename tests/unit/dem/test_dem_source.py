@@ -107,3 +107,34 @@ def test_one_name_for_two_numbers_is_refused(law):
     vars(other)["ENERGY"] = 6
     with pytest.raises(BrokenPlugin, match="other: ENERGY is 6, and 0 in another module"):
         source.generate("", {}, [law("adhesive", "ENERGY"), other])
+
+
+SWITCHED = """@func
+def pushed(x: real, by: real):
+    y = x
+    if MOVES:
+        y = x + by
+        if y > by:
+            y = by
+    else:
+        if x > by:
+            y = by
+    if HEAVY:
+        y = y + x
+    if MOVES:
+        y = y - by
+    return y
+"""
+
+
+def test_branches_of_a_switch_are_left_out_of_a_source():
+    """What is left gives what the whole gives with the switch off, and does not read it."""
+    left = source.without(SWITCHED, "MOVES")
+    assert "MOVES" not in left
+    results = []
+    for text in (SWITCHED, left):
+        names = {"func": lambda f: f, "real": float, "MOVES": False, "HEAVY": True}
+        exec(text, names)  # pyright: ignore[reportArgumentType]
+        results.append([names["pushed"](x, 2.0) for x in (1.0, 2.0, 3.0)])  # pyright: ignore[reportCallIssue]
+    assert results[0] == results[1] == [2.0, 4.0, 5.0]
+    assert source.without(left, "MOVES") == left

@@ -142,3 +142,27 @@ def test_grains_that_left_enter_again_at_the_rate():
     brought = sum(len(part) for part in many if part is not None)
     assert brought == pytest.approx(rate * 100 * BEAT / mass, abs=1)
     assert all((part.ids >= 20).all() for part in many if part is not None)
+
+
+@pytest.mark.parametrize("grains", [MIXED, RODS])
+def test_a_bed_is_stored_with_the_grains_that_have_still_to_enter(grains):
+    """These come last, at places of their own; without them it is the same bed, and the stream brings just these."""
+    pouring = Pouring(scene(grains).close(), stream(0.02), 1, BEAT)
+    there = pouring.first()
+    stored = pouring.with_waiting(there)
+    assert stored.waiting is not None
+    assert np.array_equal(np.sort(stored.ids), np.arange(grains.count))
+    assert all(np.array_equal(stored.entered.arrays()[name], array) for name, array in there.arrays().items())
+    assert len(np.unique(stored.x[stored.waiting], axis=0)) == grains.count - len(there)
+    turned = stored.renumbered(np.argsort(stored.ids))
+    assert set(turned.entered.ids) == set(there.ids)
+    later = Pouring(scene(grains).close(), stream(0.02), 1, BEAT, turned, since=10.0)
+    left = np.zeros(grains.count, bool)
+    left[stored.ids[stored.waiting][:5]] = True
+    entering = later.returning(there, 1, left)
+    assert entering is not None
+    assert not np.isin(entering.ids, there.ids).any()
+    assert not left[entering.ids].any()
+    assert np.array_equal(later.order, pouring.order)
+    if stored.kind is not None:
+        assert np.array_equal(entering.kind, turned.kind[entering.ids])

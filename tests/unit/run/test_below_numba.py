@@ -68,3 +68,22 @@ def test_a_silo_that_starves_lets_out_what_enters(tmp_path):
     flow = point.runs[0].measured["flow_rate"]
     assert flow.error < 0.05 * rate, "so that this is a test"
     assert flow.value == pytest.approx(rate, abs=4 * flow.error)
+
+
+@pytest.mark.ring
+def test_an_empty_silo_lets_out_what_a_stream_brings(tmp_path):
+    """The outlet is wide, so that nothing is held back: the flow rate is that of the stream, to its error."""
+    rate = 0.02
+    stream = {"rate": f"{rate} kg/s", "low": ["-12 mm", "-12 mm", "40 mm"], "high": ["12 mm", "12 mm", "70 mm"]}
+    asked = define(
+        name="fed-empty", grains=GRAINS | {"count": 600}, contact=LAW, replicates=1,
+        numerics={"dt": "20 us", "steps_per_beat": 100}, container=SILO | {"orifice": "24 mm"},
+        fill={"kind": "stream", "until": "placed", "stream": stream}, window={"start": 0.2, "end": 0.9},
+        stop={"discharged": 0.95, "max_time": "3 s"},
+    )  # fmt: skip
+    summary = Runner(asked, LabFolder(tmp_path), Backend(wide=True)).run()
+    assert summary.done == 1, summary.tally.failed
+    (point,) = analyse(asked, finished(Catalogue(tmp_path), asked, "numba")).points
+    flow = point.runs[0].measured["flow_rate"]
+    assert flow.error < 0.05 * rate, "so that this is a test"
+    assert flow.value == pytest.approx(rate, abs=4 * flow.error)

@@ -6,12 +6,13 @@
 import numpy as np
 import pytest
 from labbook_toy import Backend
-from toy_lab import carry_out, study, study_file
-from toy_records import records
+from toy_lab import arrays, carry_out, study, study_file
+from toy_records import outcomes, records
 from wrong_study import problems
 
 from labbook.filling import place
 from labbook.lab.packings import PackingRecord, load_packing
+from labbook.lab.runs import open_run
 from labbook.plan.demand import PointDemand
 
 pytestmark = pytest.mark.slow
@@ -72,6 +73,44 @@ def test_a_stream_that_was_stopped_goes_on_to_the_same_bits(tmp_path):
     assert np.array_equal(bed.x, alone.x)
 
 
+@pytest.mark.parametrize("until", ["placed", "20 ms"])
+def test_a_stream_goes_on_after_the_opening(tmp_path, until):
+    """It brings 0.11 of the 0.1 kg/s that the outlet lets out: no more leaves than has entered, and all in the end."""
+    one = asked(tmp_path, f"{{kind: stream, until: {until}, {STREAM}}}").change({"stop.discharged": 1})
+    summary = carry_out(one, tmp_path / "lab")
+    assert outcomes(summary) == ["finished"], summary.tally.failed
+    filled, bed = packing(tmp_path / "lab")
+    assert bed.waiting is not None
+    assert len(bed) == 100
+    assert 0 < (~bed.waiting).sum() < 100
+    assert filled.ledger is not None
+    assert (filled.ledger.waiting, filled.ledger.lost) == (bed.waiting.sum(), 0)
+    (record,) = records(tmp_path / "lab").values()
+    record, data = open_run(tmp_path / "lab" / "runs" / record.run_key)
+    assert record.ledger is not None
+    assert (record.ledger.left, record.ledger.waiting, record.ledger.lost) == (100, 0, 0)
+    times = np.sort(data.tables["crossing"]["time"])
+    brought = 0.04 * (filled.duration + times + record.numerics.beat) / record.scene.grains.mass
+    assert (np.arange(1, 101) <= brought).all()
+    assert np.array_equal(np.sort(data.tables["crossing"]["id"]), np.arange(100))
+
+
+def test_a_run_into_which_a_stream_goes_on_can_be_stopped(tmp_path):
+    fill = f"{{kind: stream, until: 20 ms, {STREAM}}}"
+    short, long = (
+        asked(tmp_path, fill).change({"stop.discharged": 1, "stop.max_time": time}) for time in ("50 ms", "9 s")
+    )
+    assert outcomes(carry_out(short, tmp_path / "stopped")) == ["time-limit"]
+    (record,) = records(tmp_path / "stopped").values()
+    assert record.ledger is not None
+    assert record.ledger.waiting > 0
+    assert not record.ledger.lost
+    assert carry_out(long, tmp_path / "stopped").tally.resumed == 1
+    carry_out(long, tmp_path / "alone")
+    key = record.run_key
+    assert arrays(tmp_path / "stopped" / "runs" / key) == arrays(tmp_path / "alone" / "runs" / key)
+
+
 def test_fillings_that_differ_in_these_keys_have_keys_of_their_own(tmp_path):
     fills = ("", "{until: placed}", "{until: 1 s}", f"{{kind: stream, {STREAM}}}",
              f"{{kind: stream, {STREAM.replace('40 g/s', '50 g/s')}}}")  # fmt: skip
@@ -89,7 +128,8 @@ def test_fillings_that_differ_in_these_keys_have_keys_of_their_own(tmp_path):
         ("fill: {kind: stream}", "fill.stream", "this key is missing"),
         (f"fill: {{kind: rain, {STREAM}}}", "fill.stream", "a rain start has no stream"),
         ("fill: {until: placed}\nmeasure: [flow_rate, packing]", "fill.until", "may move when the outlet opens"),
-        (f"fill: {{until: placed, kind: stream, {STREAM}}}", "fill.until", "a stream takes time"),
+        (f"fill: {{until: 20 ms, kind: stream, {STREAM}}}\nmeasure: [flow_rate, energy]", "fill.until", "some later"),
+        (f"fill: {{until: placed, kind: stream, {STREAM}}}\nfeed: {{kind: reinject}}", "fill.until", "enter at once"),
         (f"fill: {{kind: stream, {STREAM.replace('25 mm, 2', '-24 mm, 2')}}}", "fill.stream", "narrower than a grain"),
         ("feed: {kind: rate}", "feed.stream", "this key is missing"),
         (f"feed: {{kind: rate, {STREAM.replace('150 mm', '179 mm')}}}", "feed.stream", "narrower than a grain along z"),

@@ -169,3 +169,29 @@ def test_the_mirror_image_is_that():
     mirrored = block(at=1.0).mirrored()
     assert mirrored.bounds.low == (-2.0, 1.0, 1.0)
     assert mirrored.mirrored() == block(at=1.0)
+
+
+def test_meshes_are_outlined_by_their_free_and_sharp_edges():
+    """Of a cube open above: 4 free edges and 8 of a right angle; diagonals of its sides are none."""
+    corners = np.array([[x, y, z] for x in (0, 1) for y in (0, 1) for z in (0, 1)]) * 1e-3
+    faces = [
+        (0, 2, 6),
+        (0, 6, 4),
+        (0, 1, 3),
+        (0, 3, 2),
+        (4, 5, 7),
+        (4, 7, 6),
+        (0, 1, 5),
+        (0, 5, 4),
+        (2, 3, 7),
+        (2, 7, 6),
+    ]
+    cube = TriangleMesh.of_surface(Triangles.welded(corners, np.array(faces))[0])
+    lines = np.array(cube.mesh(cube.bounds).outlines)
+    assert np.linalg.norm(lines[:, 1] - lines[:, 0], axis=1) == pytest.approx(1e-3)
+    assert len(lines) == 12
+    assert len(cube.surface.free_edges) == 4
+    bent = np.array([[0, 0, 0], [0, 1, 0], [1, 0, 0], [-1, 0, 0.5]])
+    roof = Triangles.welded(bent, np.array([[0, 1, 2], [0, 1, 3]]))[0]
+    lean = np.arctan(0.5)
+    assert [len(roof.creases(angle)) for angle in (lean - 0.01, lean + 0.01)] == [5, 4]

@@ -155,3 +155,20 @@ def test_primitives_hold_what_is_behind_no_plane():
     plate = Wall(name="plate", shape=Strip(start=(0, 0), end=(1, 1)))
     assert Primitives(parts=(floor, side, plate)).inside(x).tolist() == [True, False, False]
     assert Primitives().inside(x).all()
+
+
+def test_grains_leave_listed_walls_where_their_lids_lay():
+    """Between two outlets is a hole without a lid; lids above the plane do not tell where grains cross it."""
+
+    def strip(name: str, first: float, last: float, z: float = 0.0, opens=None) -> Wall:
+        return Wall(name=name, opens=opens, shape=Strip(kind="strip", start=(first, z), end=(last, z)))
+
+    floor = strip("left", -0.05, -0.03), strip("middle", -0.01, 0.0), strip("right", 0.04, 0.05)
+    front = Wall(name="front", shape=Plane(kind="plane", point=(0, -0.01, 0), normal=(0, 1, 0)))
+    lids = strip("a", -0.03, -0.01, opens="start"), strip("b", 0.01, 0.04, opens="start")
+    two = Primitives(parts=(*floor, front, *lids), outlet_plane=0.0)
+    x = np.array([[at, 0, -1e-5] for at in (-0.0301, -0.0299, -0.02, 0.005, 0.0101, 0.0399)] + [[0.02, -0.02, -1e-5]])
+    assert two.lets_out(x).tolist() == [False, True, True, False, True, True, False]
+    assert two.lets_out(x, 0.001).tolist() == [True, True, True, False, True, True, False]
+    above = strip("a", -0.03, -0.01, 0.01, opens="start"), strip("b", 0.01, 0.04, opens="start")
+    assert Primitives(parts=(*floor, front, *above), outlet_plane=0.0).lets_out(x)[:6].all()
