@@ -15,10 +15,13 @@ keep a radius away, the kernel leaves a sixth to a quarter of the density inside
 
 @dataclass(frozen=True, eq=False)
 class Pattern:
-    """Of a mean flow downwards: `stagnant` and `bed`, points of the grid; `fraction`: stagnant part of the bed's mass.
+    """Stagnant zone of a mean downward flow.
 
-    `sinking`: speed [m/s] at which the section at each height would sink as a whole, downward momentum over mass, of
-    the length of z.
+    Attributes:
+        stagnant: True at points of the grid where grains stand still.
+        bed: True at points of the grid inside the bed.
+        fraction: Stagnant part of the bed's mass.
+        sinking: Speed of plug flow at each height, downward momentum over mass of the section [m/s], shape [nz].
     """
 
     stagnant: np.ndarray
