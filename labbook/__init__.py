@@ -59,8 +59,8 @@ def __getattr__(name: str) -> Any:
     """Import a public name at its first use."""
     if name not in _PLACE:
         raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
-    found = globals()[name] = getattr(import_module(_PLACE[name]), name)
-    return found
+    value = globals()[name] = getattr(import_module(_PLACE[name]), name)
+    return value
 
 
 def __dir__() -> list[str]:

@@ -12,7 +12,7 @@ def command(verb: str, *words: object, lab: object = None, backend: str = DEFAUL
     lab: folder of the lab; None only for verbs that have none, or where the reader's lab is not known. backend: named
     where it is not the default one.
     """
-    stated = ["labbook", verb, *map(str, words)]
-    stated += [] if lab is None else ["--lab", str(lab)]
-    stated += [] if backend == DEFAULT_BACKEND else ["--backend", backend]
-    return shlex.join(stated)
+    words_of_line = ["labbook", verb, *map(str, words)]
+    words_of_line += [] if lab is None else ["--lab", str(lab)]
+    words_of_line += [] if backend == DEFAULT_BACKEND else ["--backend", backend]
+    return shlex.join(words_of_line)

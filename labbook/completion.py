@@ -51,8 +51,8 @@ def offered(text: str, namespace: Mapping[str, Any]) -> tuple[str, list[str]]:
 def _of_study(call: _Bracket, inside: list[_Bracket], dotted: bool) -> Iterable[str]:
     """Words at the cursor within `define(` or `change(`: keys of a section, or the choices of a key."""
     last = inside[-1] if inside else call
-    named = [bracket for bracket in inside if bracket.name]
-    path = [part.name if part is last or part.kind == "{" else f"{part.name}[]" for part in named]
+    brackets = [bracket for bracket in inside if bracket.name]
+    path = [part.name if part is last or part.kind == "{" else f"{part.name}[]" for part in brackets]
     if path and path[0] in ("sweep", "points[]"):
         return _swept() if last.kind == "{" and not last.key else ()
     key = ".".join([*path, last.key] if last.key else path)

@@ -33,7 +33,7 @@ WALL = (125, 132, 145)
 _MOST_LAYERS, _THINNEST = 8, 2.0  # diameters: a thinner layer is not seen as one
 _DEEP = 6.0  # diameters (of rods, lengths): a bed of this depth and more is cut
 _FINE, _COARSE = 3, 2  # pixels that a pixel is the mean of, along x and z
-_MANY = 1_200_000  # fine pixels in boxes around grains, from where on coarser ones must do
+_FINE_LIMIT = 1_200_000  # fine pixels in boxes around grains, from where on coarser ones must do
 _BELOW = 0.14  # of the height above the outlet: what is shown of what falls below it
 _ABOVE = 1.5  # diameters: what is shown above the settled bed
 _CHUNK = 250_000  # samples at a time
@@ -60,7 +60,7 @@ def bed(scene: Scene, start: Packing, now: Packing, size: int = SIZE) -> bytes:
     from PIL import Image
 
     stored = io.BytesIO()
-    image = Image.fromarray(drawn(scene, start, now, size)).quantize(256, Image.Quantize.FASTOCTREE)
+    image = Image.fromarray(render(scene, start, now, size)).quantize(256, Image.Quantize.FASTOCTREE)
     colours = np.array(image.getpalette("RGBA"), np.uint8).reshape(-1, 4)
     # a colour is the mean of some, of which few are those of edges: what is solid stays solid
     colours[colours[:, 3] >= 255 - _NEARLY, 3] = 255
@@ -70,7 +70,7 @@ def bed(scene: Scene, start: Packing, now: Packing, size: int = SIZE) -> bytes:
     return stored.getvalue()
 
 
-def drawn(
+def render(
     scene: Scene,
     start: Packing,
     now: Packing,
@@ -99,8 +99,8 @@ def drawn(
         RGBA bytes, shape [height, width, 4]. Raises ValueError as `bed` does.
     """
     view = Raster.of(scene, start, now, size) if view is None else view
-    grains = _shown(scene, start, now, view, colour)
-    fine = finest if grains.area * (view.scale * finest) ** 2 <= _MANY else _COARSE
+    grains = _visible_grains(scene, start, now, view, colour)
+    fine = finest if grains.area * (view.scale * finest) ** 2 <= _FINE_LIMIT else _COARSE
     picture = view.finer(fine).shaded(grains)
     parts = picture.reshape(view.down, fine, view.across, fine, 4)
     picture = sum(parts[:, i, :, j] for i in range(fine) for j in range(fine)) / np.float32(fine * fine)
@@ -128,7 +128,7 @@ def layers(scene: Scene, start: Packing) -> np.ndarray:
 
 
 def cut(scene: Scene, start: Packing) -> bool:
-    """Whether the bed is seen cut in the plane y = 0: in round silos, and where it is deep."""
+    """True if the bed is shown cut in the plane y = 0: in round silos, and if it is deep."""
     grains = scene.grains
     deep = float(np.ptp(start.x[:, 1])) + grains.diameter > _DEEP * grains.diameter * grains.aspect_ratio
     return scene.container.symmetry == "axial" or deep
@@ -151,8 +151,16 @@ class Strokes:
 
 @dataclass(frozen=True, eq=False)
 class _Grains:
-    """What is drawn: centres [n, 3] and radii [n] in m, the half segment of rods as vectors [n, 3] in m (None of
-    spheres), base colours [n, 3] from 0 to 1. `front`: y [m] from where on it gets darker, by `depth` [m]."""
+    """Grains to draw.
+
+    Args:
+        x: Centres [m], shape [n, 3].
+        radius: Radii [m], shape [n].
+        half: Half segments of rods as vectors [m], shape [n, 3]; None for spheres.
+        colour: Base colours from 0 to 1, shape [n, 3].
+        front: y [m] from which on colours get darker.
+        depth: Depth [m] over which they get darker.
+    """
 
     x: np.ndarray
     radius: np.ndarray
@@ -174,9 +182,9 @@ class _Grains:
         return float((4 * reach[:, 0] * reach[:, 2]).sum())
 
 
-def _shown(scene: Scene, start: Packing, now: Packing, view: "Raster", colour: np.ndarray | None) -> _Grains:
-    """The grains that are in the view, and behind the cut if there is one; colour: as of `drawn`. Raises ValueError for
-    ids that are not those of `start`."""
+def _visible_grains(scene: Scene, start: Packing, now: Packing, view: "Raster", colour: np.ndarray | None) -> _Grains:
+    """The grains that are in the view, and behind the cut if there is one; colour: as for `render`. Raises ValueError
+    for ids that are not those of `start`."""
     assert start.ids is not None
     assert now.ids is not None
     if not np.isin(now.ids, start.ids).all():
@@ -190,19 +198,19 @@ def _shown(scene: Scene, start: Packing, now: Packing, view: "Raster", colour: n
     reach = grains.radius + (0 if half is None else np.abs(half[:, 2]))
     x, z, bottom = now.x[:, 0], now.x[:, 2], view.z - view.down / view.scale / 2
     farthest = view.across / view.scale / 2 + grains.radius + grains.half_length
-    seen = (np.abs(x - view.x) < farthest) & (z - reach < 2 * view.z - bottom) & (z + reach > bottom)
+    in_view = (np.abs(x - view.x) < farthest) & (z - reach < 2 * view.z - bottom) & (z + reach > bottom)
     if plane is not None:  # what falls out of the view is left out as a whole: halves of it would look like a floor
-        seen &= (z > plane) | (z - reach > bottom)
+        in_view &= (z > plane) | (z - reach > bottom)
     if is_cut:
-        seen &= now.x[:, 1] >= 0
-    kept = np.flatnonzero(seen)
-    rows = start.rows(now.ids[kept])
+        in_view &= now.x[:, 1] >= 0
+    indices = np.flatnonzero(in_view)
+    rows = start.rows(now.ids[indices])
     bodies = Bodies.of(grains, start)
     return _Grains(
-        x=now.x[kept].astype(np.float32),
+        x=now.x[indices].astype(np.float32),
         radius=bodies.radius[rows].astype(np.float32),
-        half=None if half is None else half[kept].astype(np.float32),
-        colour=layer_colours(scene, start, rows) if colour is None else colour[kept].astype(np.float32),
+        half=None if half is None else half[indices].astype(np.float32),
+        colour=layer_colours(scene, start, rows) if colour is None else colour[indices].astype(np.float32),
         front=front(scene, start),
         depth=_FADING * grains.diameter,
     )
@@ -242,14 +250,14 @@ class Raster:
         x `size` pixels. Raises ValueError if the settled bed has no grains."""
         if not len(start):
             raise ValueError("picture: the settled bed has no grains")
-        plane, (least, most) = scene.container.outlet_plane, _extent(scene, start)
-        (left, low), (right, high) = least, most
+        plane, (least, greatest) = scene.container.outlet_plane, _extent(scene, start)
+        (left, low), (right, high) = least, greatest
         ends = np.array(list(scene.container.section())).reshape(-1, 2)
         if not len(ends):  # free grains are followed
-            ends = np.array([least, most, *(_extent(scene, now) if len(now) else ())])
+            ends = np.array([least, greatest, *(_extent(scene, now) if len(now) else ())])
         far, high = right - left, high + _ABOVE * scene.grains.diameter  # what is farther than the bed is wide is cut
-        (outer, lowest), (other, _) = ends.min(axis=0), ends.max(axis=0)
-        left, right = max(left - far, min(left, outer)), min(right + far, max(right, other))
+        (outer, lowest), (farthest, _) = ends.min(axis=0), ends.max(axis=0)
+        left, right = max(left - far, min(left, outer)), min(right + far, max(right, farthest))
         low = max(low - far, min(low, lowest))
         if plane is not None:
             low = min(low, max(low - far, plane - _BELOW * (high - plane)))
@@ -304,7 +312,7 @@ class Raster:
         return key, start, step
 
     def _uncovered(self, key, level: int, order, left, top, width, height) -> np.ndarray:
-        """Those of the grains `order`, all of them behind `level`, that are not hidden by what is before it."""
+        """Select the grains of `order`, all of them behind `level`, that no grain before it hides."""
         gaps = (key >> 32 >= level).reshape(self.down, self.across)
         total = np.zeros((self.down + 1, self.across + 1), np.int32)
         np.cumsum(np.cumsum(gaps, axis=0, dtype=np.int32), axis=1, out=total[1:, 1:])
@@ -326,12 +334,12 @@ class Raster:
             y = _capsule(u, w, grains.half[rows].T[..., None, None], grains.radius[rows][:, None, None])
         hit = np.flatnonzero(np.isfinite(y))
         place = (line[:, :, None] * self.across + column[:, None, :]).ravel()[hit]
-        one = hit // (width * height)
-        level = ((y.ravel()[hit] + (centre[:, 1] - start)[one]) / step).astype(np.int64)
-        np.minimum.at(key, place, (level << 32) + rows[one])
+        grain = hit // (width * height)
+        level = ((y.ravel()[hit] + (centre[:, 1] - start)[grain]) / step).astype(np.int64)
+        np.minimum.at(key, place, (level << 32) + rows[grain])
 
     def lines(self, segments: Sequence[Segment]) -> np.ndarray:
-        """How much of each pixel lines (x, z) [m] of walls cover, shape [down, across]."""
+        """Part of each pixel that lines (x, z) [m] of walls cover, shape [down, across]."""
         covered = np.zeros((self.down, self.across), np.float32)
         for segment in segments:
             rows, columns, part = self._stroke(segment, _LINE)
@@ -365,9 +373,9 @@ class Raster:
 def _alike(rows: np.ndarray, width: np.ndarray, height: np.ndarray) -> Iterator[np.ndarray]:
     """Rows of grains whose boxes are nearly of one size."""
     sort = [np.ceil(np.log(size[rows]) / math.log(_STEP)).astype(np.int64) for size in (width, height)]
-    which = sort[0] * 1000 + sort[1]
-    for one in np.unique(which):
-        yield rows[which == one]
+    size_class = sort[0] * 1000 + sort[1]
+    for number in np.unique(size_class):
+        yield rows[size_class == number]
 
 
 def _sphere(dx: np.ndarray, dz: np.ndarray, radius: np.ndarray) -> np.ndarray:
@@ -377,7 +385,7 @@ def _sphere(dx: np.ndarray, dz: np.ndarray, radius: np.ndarray) -> np.ndarray:
 
 
 def _capsule(dx: np.ndarray, dz: np.ndarray, half: np.ndarray, radius: np.ndarray) -> np.ndarray:
-    """As `_sphere`, of a cylinder with round ends; its axis goes from -half to half [3, ...].
+    """Front of a cylinder with round ends, as `_sphere`; its axis goes from -half to half [3, ...].
 
     The line (dx, y, dz) meets the cylinder where y^2 (1 - a_y^2) - 2 y a_y b + dx^2 + dz^2 - b^2 = r^2 with the unit
     vector a of the axis and b = a_x dx + a_z dz; the smaller y is its front.

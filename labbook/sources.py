@@ -47,7 +47,7 @@ class Source:
 
     @property
     def plain(self) -> dict[str, Any]:
-        """Its fields that are known, as plain values."""
+        """Known fields as plain values."""
         return {name: list(value) if name == "authors" else value for name, value in vars(self).items() if value}
 
     @property
@@ -138,13 +138,13 @@ def named_in(text: str) -> tuple[Source, ...]:
     Parts between semicolons are read one by one. A part with a year that names none of `SOURCES` is a source by
     itself, with the part as its title; so is a text that names none at all.
     """
-    found: dict[str, Source] = {}
+    sources: dict[str, Source] = {}
     for part in filter(None, (part.strip() for part in text.split(";"))):
-        known = [one for one in SOURCES.values() if _names(folded(part), one)]
-        if not known and _YEAR.search(part):
-            known = [_unknown(part)]
-        found |= {one.key: one for one in known}
-    return tuple(found.values()) or (_unknown(text),)
+        matches = [one for one in SOURCES.values() if _names(folded(part), one)]
+        if not matches and _YEAR.search(part):
+            matches = [_of_text(part)]
+        sources |= {one.key: one for one in matches}
+    return tuple(sources.values()) or (_of_text(text),)
 
 
 def _names(part: str, source: Source) -> bool:
@@ -152,7 +152,7 @@ def _names(part: str, source: Source) -> bool:
     return re.search(rf"\b{re.escape(surname)}\b.*?\b{source.year}\b", part, re.DOTALL) is not None
 
 
-def _unknown(text: str) -> Source:
+def _of_text(text: str) -> Source:
     """A source of which only a text is known; its key is made of the text."""
     title = " ".join(text.split())
     words = re.findall(r"[a-z0-9]+", folded(title))

@@ -14,7 +14,7 @@ class LabWarning(UserWarning):
 
 
 def caller() -> Place:
-    """Where the user's code called labbook."""
+    """Line of the user's code that called labbook."""
     frame = sys._getframe(1)
     while frame.f_back is not None and frame.f_globals.get("__name__", "").partition(".")[0] in _OWN:
         frame = frame.f_back
@@ -22,7 +22,7 @@ def caller() -> Place:
 
 
 def by_a_verb() -> bool:
-    """Whether a verb of the command line is what called, and options of it are what a message should name."""
+    """True if a verb of the command line has called, so that messages name its options."""
     frame = sys._getframe(1)
     while frame is not None and (name := frame.f_globals.get("__name__", "")).partition(".")[0] in _OWN:
         if name.startswith("labbook.cli"):

@@ -31,7 +31,7 @@ from labbook.lab.folder import write_bytes
 from labbook.lab.runs import read_recording, run_data
 from labbook.measure import RunData
 from labbook.measure.series import flow_curve
-from labbook.picture import Raster, Strokes, drawn, front
+from labbook.picture import Raster, Strokes, front, render
 from labbook.results import display
 from labbook.results.placement import placement
 from labbook.scene import Packing, Scene
@@ -286,7 +286,7 @@ class Camera:
 
     def pixels(self, frame: Frame) -> np.ndarray:
         """RGB bytes of a frame, shape [height, width, 3], on the background of films."""
-        pixels = drawn(
+        pixels = render(
             self.scene,
             self.start,
             packing_of(self.start, frame),

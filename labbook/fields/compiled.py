@@ -144,8 +144,8 @@ def about_axis(rho, z, values, orders, radial, vertical, omega, reach, amplitude
     """
     threads, nr, nz = out.shape[0], out.shape[2], out.shape[3]
     low, step = vertical
-    most = azimuths((nr - 0.5) * radial, omega) // 2 + 1
-    cosines, nodes = np.ones((nr, most)), np.empty(nr, np.int64)
+    highest = azimuths((nr - 0.5) * radial, omega) // 2 + 1
+    cosines, nodes = np.ones((nr, highest)), np.empty(nr, np.int64)
     for p in range(nr):
         n = azimuths((p + 0.5) * radial, omega)
         nodes[p] = n // 2 + 1
@@ -164,13 +164,13 @@ def about_axis(rho, z, values, orders, radial, vertical, omega, reach, amplitude
                 total = 0.0
                 for p in range(r0, r1):
                     r = (p + 0.5) * radial
-                    seen = cosines[p, : nodes[p]]
-                    k0, k1 = _harmonics(r, rho[i], seen, low, step, z[i], omega, reach, ez, k)
+                    cosines_of_ring = cosines[p, : nodes[p]]
+                    k0, k1 = _harmonics(r, rho[i], cosines_of_ring, low, step, z[i], omega, reach, ez, k)
                     total += 2 * math.pi * r * radial * step * k[0, k0:k1].sum()
                 scale = amplitude / total if total > 0 else 0.0
             for p in range(r0, r1):
-                seen = cosines[p, : nodes[p]]
-                k0, k1 = _harmonics((p + 0.5) * radial, rho[i], seen, low, step, z[i], omega, reach, ez, k)
+                cosines_of_ring = cosines[p, : nodes[p]]
+                k0, k1 = _harmonics((p + 0.5) * radial, rho[i], cosines_of_ring, low, step, z[i], omega, reach, ez, k)
                 for f in range(values.shape[1]):
                     q = scale * values[i, f]
                     row, part = out[t, f, p], k[orders[f]]

@@ -45,15 +45,15 @@ class Fields:
     @classmethod
     def of(cls, arrays: Mapping[str, np.ndarray]) -> "Fields":
         """The fields that `arrays` gave. Raises KeyError or ValueError for others."""
-        made = {kind.__name__: kind for kind in (Layer, Space, Ring)}[str(arrays["grid"])]
+        grid = {kind.__name__: kind for kind in (Layer, Space, Ring)}[str(arrays["grid"])]
         numbers, place, values = arrays["grid_numbers"].tolist(), 0, {}
-        for part in fields_of(made):
+        for part in fields_of(grid):
             if part.type is Span or part.type == "Span":
                 values[part.name], place = (numbers[place], numbers[place + 1]), place + 2
             else:
                 whole = part.type in (int, "int")
                 values[part.name], place = int(numbers[place]) if whole else numbers[place], place + 1
-        return cls(made(**values), float(arrays["omega"]), **{name: arrays.get(name) for name in _SUMS})  # pyright: ignore[reportArgumentType]
+        return cls(grid(**values), float(arrays["omega"]), **{name: arrays.get(name) for name in _SUMS})  # pyright: ignore[reportArgumentType]
 
     @property
     def mass(self) -> float:
@@ -95,9 +95,9 @@ class Fields:
 def nematic_order(orientation: np.ndarray) -> np.ndarray:
     """Largest eigenvalue of orientation tensors [3, 3, ...]; NaN where they are."""
     moved = np.moveaxis(orientation, (0, 1), (-2, -1))
-    known = np.isfinite(moved).all(axis=(-2, -1))
-    largest = np.full(known.shape, np.nan)
-    largest[known] = np.linalg.eigvalsh(moved[known])[..., -1]
+    finite = np.isfinite(moved).all(axis=(-2, -1))
+    largest = np.full(finite.shape, np.nan)
+    largest[finite] = np.linalg.eigvalsh(moved[finite])[..., -1]
     return largest
 
 
@@ -138,8 +138,8 @@ def coarse_grain(
 def _of_grains(
     grains: GrainRows, v: np.ndarray, squares: Sequence[np.ndarray], axes: Sequence[np.ndarray]
 ) -> np.ndarray:
-    """What is summed over grains, shape [n, F]: their number, v and its squares, the tensors of rods; of unlike grains
-    v and squares times the mass, and at the end mass and volume."""
+    """Quantities that are summed over grains, shape [n, F]: number, v and its squares, tensors of rods. For grains that
+    differ, v and squares are times the mass, and mass and volume come last."""
     mass = grains.mass if grains.unlike else 1.0
     own = [grains.mass, grains.volume] if grains.unlike else []
     return np.column_stack([np.ones(len(v)), *(v.T * mass), *(one * mass for one in squares), *axes, *own])

@@ -1,4 +1,4 @@
-"""Where fields are evaluated: points in the middle of cells, in a layer, in space, or averaged over the azimuth.
+"""Grids on which fields are evaluated: centres of cells in a layer, in space, or averaged over the azimuth.
 
 Arrays of a grid have its `shape`, with z last but one in a layer (rows of z, columns of x), as `axes` says.
 """

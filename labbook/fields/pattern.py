@@ -1,4 +1,4 @@
-"""Where grains stand still while a bed flows."""
+"""Flow pattern: stagnant zone of a flowing bed."""
 
 from dataclasses import dataclass
 
@@ -15,10 +15,13 @@ keep a radius away, the kernel leaves a sixth to a quarter of the density inside
 
 @dataclass(frozen=True, eq=False)
 class Pattern:
-    """Of a mean flow downwards: `stagnant` and `bed`, points of the grid; `fraction`: stagnant part of the bed's mass.
+    """Stagnant zone of a mean downward flow.
 
-    `sinking`: speed [m/s] at which the section at each height would sink as a whole, downward momentum over mass, of
-    the length of z.
+    Attributes:
+        stagnant: True at points of the grid where grains stand still.
+        bed: True at points of the grid inside the bed.
+        fraction: Stagnant part of the bed's mass.
+        sinking: Speed of plug flow at each height, downward momentum over mass of the section [m/s], shape [nz].
     """
 
     stagnant: np.ndarray
@@ -45,10 +48,10 @@ def pattern_of(fields: Fields, bottom: float = 0.0, top: float = np.inf) -> Patt
     bed = filled & (fields.density > _BED * np.median(fields.density[filled])) & (height >= bottom) & (height <= top)
     if not bed.any():
         raise ValueError(f"there is no bed between z = {bottom:g} and {top:g} m")
-    others = tuple(k for k in range(len(shape)) if k != z_axis)
+    horizontal = tuple(k for k in range(len(shape)) if k != z_axis)
     volumes = fields.grid.volumes
-    mass = np.sum(fields.density * volumes * bed, axis=others)
-    down = -np.sum(fields.momentum[2] * volumes * bed, axis=others)
+    mass = np.sum(fields.density * volumes * bed, axis=horizontal)
+    down = -np.sum(fields.momentum[2] * volumes * bed, axis=horizontal)
     sinking = np.divide(down, mass, out=np.zeros(len(z)), where=mass > 0)
     speed = np.linalg.norm(np.where(bed, fields.velocity, 0.0), axis=0)
     stagnant = bed & (speed < SLOW * np.broadcast_to(sinking.reshape(shape), bed.shape))

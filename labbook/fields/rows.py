@@ -25,7 +25,7 @@ class GrainRows:
 
     @property
     def unlike(self) -> bool:
-        """Whether each has a mass of its own."""
+        """True if each grain has a mass of its own."""
         return isinstance(self.mass, np.ndarray)
 
 
@@ -70,20 +70,20 @@ def contacts_of(contacts: Table, sample: Table, begin: float, end: float) -> Con
     steps = np.unique(rows["step"][inside])
     if not len(steps):
         raise ValueError(f"no contacts were recorded between {begin:g} and {end:g} s")
-    known = {name: np.asarray(column) for name, column in sample.items()}
-    most = int(max(known["id"].max(), rows["i"].max())) + 1
-    key = known["step"].astype(np.int64) * most + known["id"]
+    columns = {name: np.asarray(column) for name, column in sample.items()}
+    stride = int(max(columns["id"].max(), rows["i"].max())) + 1
+    key = columns["step"].astype(np.int64) * stride + columns["id"]
     order = np.argsort(key)
-    wanted = rows["step"][inside].astype(np.int64) * most + rows["i"][inside]
-    at = order[np.minimum(np.searchsorted(key[order], wanted), len(key) - 1)]
-    if not np.array_equal(key[at], wanted):
+    keys_of_contacts = rows["step"][inside].astype(np.int64) * stride + rows["i"][inside]
+    at = order[np.minimum(np.searchsorted(key[order], keys_of_contacts), len(key) - 1)]
+    if not np.array_equal(key[at], keys_of_contacts):
         raise ValueError("contacts were recorded in frames that the sample lacks; record both equally often")
-    x = np.column_stack([known[c][at] for c in "xyz"]).astype(float)
+    x = np.column_stack([columns[c][at] for c in "xyz"]).astype(float)
     return ContactRows(x, _columns(rows, "bx by bz", inside), _columns(rows, "fx fy fz", inside), len(steps))
 
 
 def axes(q: np.ndarray) -> np.ndarray:
-    """Where unit quaternions (w, x, y, z), shape [n, 4], turn the z axis: shape [n, 3]."""
+    """Rotate the z axis by unit quaternions (w, x, y, z), shape [n, 4]: unit vectors, shape [n, 3]."""
     w, x, y, z = np.asarray(q, float).T
     return np.column_stack([2 * (x * z + w * y), 2 * (y * z - w * x), 1 - 2 * (x * x + y * y)])
 

@@ -63,6 +63,7 @@ class CampaignFile:
         """
         sections = {name: section for name, section in study.definition.items() if name not in _BESIDE}
         options = strategy.model_dump(mode="json")
+        # all that proposals follow from: a changed study begins a campaign of its own
         key = digest([sections, strategy.name, strategy.version, options, backend])
         self.path = lab.campaigns / f"{study.name}-{key}.json"
         self._lab = lab

@@ -194,6 +194,7 @@ class Catalogue:
             raise LabError(f"{folder} is a file, not a lab folder; give another one with --lab")
         exists = path.exists() or server.address(self.lab) is not None
         if not exists:
+            # readers write nothing: an index that is missing is made by those who run, and never by a glance
             if self.lab.runs.is_dir() and any(self.lab.runs.iterdir()):
                 raise NoCatalogue(self.lab, "is missing")
             return empty()
@@ -273,6 +274,7 @@ class Catalogue:
         columns = (runs.c[name].label(name) for name in (*RUN_COLUMNS, "packing_key"))
         query = select(*columns, rate.label(FLOW_RATE)).where(*listing.conditions())
         column = rate if listing.sort == FLOW_RATE else runs.c[listing.sort]
+        # by the key at last: among equal values the order would be free, and pages would overlap
         ordered = query.order_by(
             column.desc().nulls_last() if listing.descending else column.asc().nulls_first(), runs.c.run_key
         )
@@ -335,6 +337,7 @@ class Catalogue:
         problems: dict[str, None] = {}
         for row in rows:
             folder = self.lab.run(row.run_key)
+            # a stamp is one look at the folder: with thousands of runs, files are read of the changed ones only
             problem = row.problem if stamp(folder) == row.stamp else _problem_of_run(folder)
             if problem is None and row.packing_key:
                 problem = self.packing_problem(row.packing_key)
@@ -369,6 +372,7 @@ class Catalogue:
             columns = packings.c.packing_key, packings.c.stamp, packings.c.problem
             with self._connection() as connection:
                 self._packings = {(row[0], row[1]): row[2] for row in connection.execute(select(*columns))}
+        # the stamp is part of the key, so that a packing is read again only after its folder has changed
         if (key, current) not in self._packings:
             self._packings[key, current] = _problem_of_packing(folder)
         return self._packings[key, current]

@@ -305,6 +305,7 @@ def rows_of(run_key: str, measure: Measure, window: Window, result: Evaluated) -
     }
     numbers = (vars(number) for number in result.evaluation.numbers)
     rows = [{**shared, **{name: finite(value) for name, value in number.items()}} for number in numbers]
+    # a row even without numbers: without one the measure would be evaluated again at every request
     nothing = dict.fromkeys(NAMES) | {"quantity": measure.name, "window": "", "method": "", "unit": ""}
     return rows or [{**shared, **nothing, "note": result.problem or NO_NUMBER}]
 
@@ -354,7 +355,7 @@ def numbers(
         for done, (key, run) in enumerate(by_key.items(), 1):
             try:
                 known_rows = stored.get(key, {})
-                if key in changed:
+                if key in changed:  # its numbers in the index are of another content
                     open_run(run.folder)
                     known_rows = {}
                 collected.measured[key] = {}
@@ -399,7 +400,7 @@ def _add_numbers(collected: Numbers, run: FinishedRun, measure: Measure, rows: S
     """Add the numbers of one measure, in the order in which the measure declares them."""
     order = {quantity.name: place for place, quantity in enumerate(measure.declared)}
     for row in sorted(rows, key=lambda row: order.get(row["quantity"], len(order))):
-        if not row["method"]:
+        if not row["method"]:  # the row stands for the measure, which gave no number
             if row["note"] != NO_NUMBER:
                 _add_failure(collected, run, measure, row["note"])
             continue

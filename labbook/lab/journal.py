@@ -106,6 +106,7 @@ class FillingFailure(Part):
         """Write the failure to a work folder. If the disk is full only the reason is lost."""
         with suppress(OSError, LabError):
             make_folder(folder)
+            # not durable: without the file the filling is tried again, which costs time and no result
             write_bytes(folder / FAILURE, self.model_dump_json().encode(), durable=False)
 
 
@@ -172,6 +173,7 @@ class Journal:
         """
         with room(self.folder):
             make_folder(self.folder)
+            # New names for every save: the files of the last one stay valid until `progress.json` is replaced.
             number = self._number + 1
             chunks = {name: list(files) for name, files in self._chunks.items()}
             for name, tables in rows.items():
@@ -216,6 +218,7 @@ class Journal:
     def _sweep(self) -> None:
         """Remove files that the last save does not name; folders stay."""
         for entry in os.scandir(self.folder):
+            # folders stay: `done` may hold a result that is being written
             if entry.is_file() and entry.name not in self._saved_files and entry.name != PROGRESS:
                 with suppress(FileNotFoundError):
                     os.unlink(entry.path)

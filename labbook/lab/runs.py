@@ -114,6 +114,7 @@ def read_end(folder: Path, record: RunRecord) -> Checkpoint:
     """Read the exact last state of the run, whose content only its backend can check. Raises Unreadable."""
     path = folder / CHECKPOINT
     try:
+        # a limit by the number of grains: a small damaged file may claim to unpack to any size
         checkpoint = read_checkpoint(path, min(MAX_TABLE_BYTES, 2**20 + _BYTES_PER_GRAIN * record.scene.grains.count))
     except (OSError, ValueError) as error:
         raise _unreadable(path, error) from error

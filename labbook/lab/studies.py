@@ -79,7 +79,7 @@ def add(lab: LabFolder, name: str, text: str, calibration: str | None = None, fi
         OSError: The disk is full, or not writable.
     """
     path, content = place(lab, name), text.encode()
-    with lab.alone(f"study-{name}"):
+    with lab.alone(f"study-{name}"):  # of two imports at once both would find no text
         stored = _content(path)
         if stored is None:
             _write(lab, path, content)

@@ -76,15 +76,37 @@ class Paper(Analysis):
         return ()
 
     def figures(self, results: StudyResults) -> Mapping[str, Draw]:
-        """Figures by name, of several series at once."""
+        """Figures that show several series at once.
+
+        Args:
+            results: Results of the study.
+
+        Returns:
+            Functions that draw them, by name.
+        """
         return {}
 
     def figures_of(self, results: StudyResults, series: Series) -> Mapping[str, Draw]:
-        """Figures of a series, by name."""
+        """Figures of a series.
+
+        Args:
+            results: Results of the study.
+            series: The series.
+
+        Returns:
+            Functions that draw them, by name.
+        """
         return {}
 
     def shows_beds_of(self, results: StudyResults) -> Collection[PointResult]:
-        """Points of which its sections show how the beds flow: they are left out elsewhere."""
+        """Points whose flow patterns its own sections show, so that other sections leave them out.
+
+        Args:
+            results: Results of the study.
+
+        Returns:
+            The points.
+        """
         return ()
 
 

@@ -20,9 +20,15 @@ Value = float | str
 
 @dataclass(frozen=True, eq=False)
 class RatioPoint:
-    """A point at a value of the swept key. `ratio`: its quantity over that of the first point of its line, with a 95 %
-    interval; None of the first itself, and where one of them has none. `pairs`: how many runs of each that share a
-    packing the ratio rests on; 0: the runs are independent."""
+    """A point at a value of the swept key.
+
+    Args:
+        result: The point.
+        value: Value of the key [SI or word].
+        ratio: Ratio of its quantity to that of the first point of its line, with a 95 % interval; None for the first
+            point, and if one of both lacks the quantity.
+        pairs: Number of pairs of runs that share a packing, on which the ratio rests; 0: the runs are independent.
+    """
 
     result: PointResult
     value: Value
@@ -32,8 +38,13 @@ class RatioPoint:
 
 @dataclass(frozen=True, eq=False)
 class Line:
-    """Points that differ in the key only. `at`: what they have in common; `places`: numbers ascending, words as the
-    study lists them; `first`: the place that the others are compared with, None where no point has the quantity."""
+    """Points that differ in the key only.
+
+    Args:
+        at: Swept values that they have in common.
+        places: The points: numbers ascending, words as the study lists them.
+        first: Point that the others are compared with; None if no point has the quantity.
+    """
 
     at: Mapping[str, Value]
     places: tuple[RatioPoint, ...]
@@ -53,9 +64,15 @@ class Line:
 
 @dataclass(frozen=True, eq=False)
 class Against:
-    """A quantity against one swept key. `lines`: one for each combination of the other keys that was run at two values
-    or more; `along`: other keys whose values follow from this one's and change with it; `unset`: points at which the
-    key has no value."""
+    """A quantity against one swept key.
+
+    Args:
+        key: The key.
+        quantity: Name of the quantity.
+        lines: A line for each combination of the other keys that was run at two values of the key or more.
+        along: Other keys whose values follow from the key's and change with it.
+        unset: Points at which the key has no value.
+    """
 
     key: str
     quantity: str

@@ -130,7 +130,7 @@ def setting(name: str, value: float | str) -> str:
 
 
 def label(at: Mapping[str, float | str], leave_out: Collection[str] = ()) -> str:
-    """`width = 100 mm, D = 30 mm`: what was swept, but for keys to leave out."""
+    """Label of swept values without the keys to leave out: `width = 100 mm, D = 30 mm`."""
     return ", ".join(setting(name, value) for name, value in at.items() if name not in leave_out)
 
 

@@ -25,28 +25,62 @@ class Analysis(Vocabulary):
     """Numbers that a paper's analysis adds to results. `labbook.papers.Paper` has everything that a paper adds."""
 
     columns: ClassVar[Mapping[str, Mapping[str, str]]] = MappingProxyType({})
-    """SI units of the columns of its frames that mean the same in every row, by frame."""
+    """SI units of columns that mean the same in every row of a frame, by frame and column."""
 
     if TYPE_CHECKING:  # no class that lists `fits` is without it: `Vocabulary` sees to that
 
         def fit(self, name: str, points: Sequence[PointResult]) -> FurtherFit:
-            """One of its `fits` to the points of a series, which are in the order of their orifice. Raises FitError."""
+            """Fit one of its `fits`.
+
+            Args:
+                name: Name of the fit.
+                points: Points of a series, in the order of their orifice.
+
+            Returns:
+                Fitted parameters.
+
+            Raises:
+                FitError: The points cannot be fitted; with the reason and a remedy.
+            """
             ...
 
     def compared(
         self, results: StudyResults, quantity: str, at: Mapping[str, float | str]
     ) -> Sequence[Comparison] | None:
-        """Ours for a quantity of its own that a reference names, at the points `at`, the reference being left NaN; None
-        of other quantities. Parameters of its fits need nothing here. `results` have no comparisons yet."""
+        """Compare a quantity of its own that a reference names. Parameters of its fits need nothing here.
+
+        Args:
+            results: Results of the study, without comparisons yet.
+            quantity: Name of the quantity.
+            at: Values of keys that the points must have [SI or word].
+
+        Returns:
+            Comparisons with NaN as the reference; None for quantities of others.
+        """
         return None
 
     def judged(self, results: StudyResults, statement: Statement) -> Sequence[Judged] | None:
-        """A statement on a quantity of its own, at all places that it speaks of; None of other quantities, which are
-        judged by what `compared` gives. `results` have no comparisons yet."""
+        """Judge a statement on a quantity of its own.
+
+        Args:
+            results: Results of the study, without comparisons yet.
+            statement: The statement.
+
+        Returns:
+            Judgements at all places that the statement speaks of; None for quantities of others, which are judged by
+            the comparisons.
+        """
         return None
 
     def frames(self, results: StudyResults) -> Mapping[str, Iterable[Row]]:
-        """Rows of data frames, by name; SI."""
+        """Data frames with numbers of its own.
+
+        Args:
+            results: Results of the study.
+
+        Returns:
+            Rows of the frames by name, in SI.
+        """
         return {}
 
 

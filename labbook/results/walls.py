@@ -76,8 +76,12 @@ class PooledWalls:
         return values.mean(axis=0), _error(values)
 
     def opening(self) -> tuple[np.ndarray, np.ndarray]:
-        """Time after the opening [s], and the moving mean of the normal force on upright walls over that at rest, of
-        each bed, shape [beds, n]; as long as the shortest run."""
+        """Normal force on upright walls after the opening, relative to that at rest.
+
+        Returns:
+            Times after the opening [s], shape [n], up to the end of the shortest run, and moving means of the force
+            ratio of each bed, shape [beds, n].
+        """
         rows = []
         for bed in self.beds:
             runs = [run.opening[:, run.on_upright].sum(axis=1) / run.rest[run.on_upright, 0].sum() for run in bed]

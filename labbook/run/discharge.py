@@ -189,6 +189,7 @@ class DischargeJob(Job):
             return None
         state = saved.state
         self._crossed, self._last_crossing = int(state["crossed"]), float(state["last"])
+        # saves from before grains could differ have no mass: it was that of the number
         self._discharged = float(state.get("discharged", self._crossed / self.scene.grains.count))
         self._restarts = _restarts(state)
         self._looks_taken = self._looks_due()
@@ -207,7 +208,7 @@ class DischargeJob(Job):
             crossed, last, discharged = int(state["crossed"]), float(state["last"]), float(state.get("discharged", 0.0))
         except (KeyError, TypeError, ValueError, OverflowError) as error:
             raise Unreadable(f"{folder / PROGRESS}: state: {type(error).__name__}: {error}") from error
-        limit = math.inf if self.scene.feed is not None else 1 + 1e-9  # of the bed
+        limit = math.inf if self.scene.feed is not None else 1 + 1e-9  # of the bed; grains that are fed cross again
         if not (0 <= crossed <= limit * self.scene.grains.count and math.isfinite(last) and 0 <= discharged <= limit):
             raise Unreadable(
                 f"{folder / PROGRESS}: state: {crossed} crossed, the last at {last} s, {discharged} of the mass"
@@ -243,6 +244,7 @@ class DischargeJob(Job):
         except Unreadable as problem:
             self.damaged[self.place] = str(problem)
             return None
+        # from here on a finished run is continued as any saved one
         self.start_over()
         self.journal.save(saved.checkpoint, rows, saved.state, saved.sessions)
         return saved
@@ -303,7 +305,7 @@ class DischargeJob(Job):
         """Store the present bed for the picture."""
         try:
             self._midway = ensemble.packing(member)
-        except Exception as problem:
+        except Exception as problem:  # of whatever kind: no run is lost for a picture
             self._picture_failed = True
             _log_missing_picture(self.label, problem)
 
@@ -395,6 +397,7 @@ class DischargeJob(Job):
             self._failure = RunFailure(guard=failed.guard, step=failed.step, grain=failed.grain, message=failed.message)
             return "diverged"
         stop = self.demand.shared.stop
+        # the target comes first: a bed that empties or stops within the same beat has reached it
         if self._discharged >= self._target_fraction:
             return "finished"
         if stop.precise is not None and self._is_precise(stop.precise):
@@ -413,6 +416,7 @@ class DischargeJob(Job):
         grains, table = self.scene.grains, self.tables()[table_name(Crossing())]
         times, mass = passages(grains, self._packing, table)
         flow = steady_flow(times, grains.count, self.demand.shared.study.window, mass)
+        # the error about a mean says nothing of a flow that still changes: with a trend the run goes on
         self._precision = math.inf if flow is None or flow.trend.trending else flow.precision
         quantities = {HALF_WIDTH: self._precision} if math.isfinite(self._precision) else {}
         at = self.demand.point.at

@@ -130,6 +130,7 @@ class EnsembleWorker:
 
     def _run_beat(self, new: Sequence[StartedJob], configuration: tuple[str, Spec, str]) -> BeatResult:
         start = time.perf_counter()
+        # all in the worker's thread, also the opening of an ensemble: a GPU is never used by two threads
         for started in new:
             self._admit(started)
         admitting = time.perf_counter() - start
@@ -148,6 +149,7 @@ class EnsembleWorker:
         return BeatResult(events, time.perf_counter() - wall, time.process_time() - process)
 
     def _admit(self, started: StartedJob) -> None:
+        # of another Spec only once the former members have ended: `start` takes jobs of one Spec
         if self.spec != started.spec or self.ensemble is None:
             assert not self.jobs
             self.close()
@@ -189,6 +191,7 @@ class EnsembleWorker:
     def change_scene(self, member: Member) -> None:
         """Move a job to the scene of its next stage, from its exact state; step and time continue."""
         assert self.ensemble is not None
+        # from the checkpoint: a run does not continue bit for bit from a packing
         job, state = self.jobs[member], self.ensemble.checkpoint(member)
         self.retire(member)
         self._admit_member(job, state)

@@ -96,6 +96,7 @@ class JobOutput(ABC):
         """
         folder = self.lab.work(self.key) / "done"
         with room(folder):
+            # what a killed process has left there may be incomplete
             shutil.rmtree(folder, ignore_errors=True)
             folder.mkdir(parents=True)  # `put` makes it durable
             try:
@@ -105,7 +106,7 @@ class JobOutput(ABC):
                     f"{self.label}: {problem}; give the same command again, and it starts from step 0"
                 ) from problem
             self.lab.put(folder, self.place)
-        self.lab.clear(self.key)
+        self.lab.clear(self.key)  # after `put`: until then the last save may be needed
 
 
 class JobFailed(Exception):
@@ -280,7 +281,7 @@ class Job(ABC):
 
     def begin(self) -> Packing | Checkpoint:
         """Return the start of the member: its last save, else a fresh start. Raises JobFailed."""
-        self.context.lab.mend(self.key, self.place)
+        self.context.lab.mend(self.key, self.place)  # a `put` that a killed process left half done
         try:
             saved = self.recall(self.journal.restore())
         except Unreadable as problem:
@@ -304,6 +305,7 @@ class Job(ABC):
         backend = self.context.backend
         own = backend.capabilities.name, backend.capabilities.cache_version
         try:
+            # a state of another version could be restored, but would not continue bit for bit
             if (saved.checkpoint.backend, saved.checkpoint.cache_version) != own:
                 raise ValueError(f"made by {saved.checkpoint.backend} version {saved.checkpoint.cache_version}")
             backend.verify(self.scene, self.numerics, saved.checkpoint, saved.step)

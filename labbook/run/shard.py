@@ -91,7 +91,9 @@ class WorkPartition:
             for runs in beds.values()
         ]
         largest = max(work, default=0.0) or 1.0
+        # whole numbers: sums of floats could differ in the last bit between machines, and with them the parts
         self._bed_work = [max(1, round(bed_work / largest * _WORK_UNITS)) for bed_work in work]
+        # largest first (Graham's rule): the small ones then fill the gaps
         self._by_work = sorted(range(len(work)), key=lambda bed: -self._bed_work[bed])
         self._assigned_work = [0] * len(self._speeds)
         self._parts_by_seed: list[dict[int, int]] = []
@@ -103,6 +105,7 @@ class WorkPartition:
         bed = self._bed_by_point.get(demand.point.index)
         if bed is None:
             return None
+        # seed by seed in order, so that further replicates move no run of earlier seeds to another part
         while len(self._parts_by_seed) < demand.seed:
             self._parts_by_seed.append(self._assign(len(self._parts_by_seed) + 1))
         return self._parts_by_seed[demand.seed - 1].get(bed)

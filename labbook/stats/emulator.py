@@ -75,7 +75,7 @@ class Emulator:
         except ImportError as missing:
             raise LearnMissing("scikit-learn") from missing
         d = settings.shape[1]
-        mean, scale = float(np.mean(values)), float(np.std(values)) or 1.0
+        mean, scale = float(np.mean(values)), float(np.std(values)) or 1.0  # values that are all equal are not divided
         lengths, bounds = np.append(np.full(d, 2.0), _FAR), np.array([*[_LENGTHS] * d, (_FAR, _FAR)])
         apart = np.append(np.full(d, _FAR), 1e-3 / _FAR)
         plane = ConstantKernel(_SLOPES**2, "fixed") * DotProduct(1.0, "fixed")

@@ -113,6 +113,7 @@ def _decide(difference: float, error: float, freedom: float, margin: float, alph
     if error == 0:  # identical values: t is undefined, and the decision certain
         p = 0.0 if abs(difference) < margin else 1.0
         return Equivalence(difference, 0.0, freedom, margin, p, 1.0, difference, difference, alpha)
+    # both hypotheses have to be rejected, so that the larger probability decides, without a correction for two tests
     p = max(
         float(stdtr(freedom, (difference - margin) / error)),
         float(stdtr(freedom, -(difference + margin) / error)),
@@ -149,6 +150,7 @@ def tost_power(margin: float, degrees_of_freedom: float, alpha: float = 0.05) ->
         return 0.0
     nodes, weights = _gauss_legendre(200)
     q = low + (nodes + 1) / 2 * (high - low)
+    # in logarithms: the gamma function overflows from nu = 344 on
     log_density = math.log(2) + nu / 2 * math.log(nu / 2) - gammaln(nu / 2) + xlogy(nu - 1, q) - nu * q**2 / 2
     reach = margin - t * q
     accepted = ndtr(reach) - ndtr(-reach)
@@ -169,7 +171,7 @@ def replicates_needed(outcome: Equivalence, replicates: int, power: float = 0.9)
     if outcome.error == 0:
         return replicates
     scatter = outcome.error * math.sqrt(replicates)
-    for n in range(2, _MAX_REPLICATES + 1):
+    for n in range(2, _MAX_REPLICATES + 1):  # no bisection: for few replicates power does not always rise with n
         freedom = outcome.degrees_of_freedom * (n - 1) / (replicates - 1)
         if tost_power(outcome.margin * math.sqrt(n) / scatter, freedom, outcome.alpha) >= power:
             return n

@@ -70,11 +70,12 @@ def setting_for(band: Band, low: float, high: float, target: float) -> Setting:
         return np.minimum(target - lower, upper - target)
 
     off = beyond(places)
+    # a grid, and not a bracketing search: that would return one of several settings without a word
     crossings = np.flatnonzero(np.diff(np.sign(off)) != 0)
     reach = float(off.min() + target), float(off.max() + target), float(places[np.argmin(np.abs(off))])
     if len(crossings) == 0:
         raise NoSetting("the value is not reached within the range", *reach)
-    if len(crossings) > 1 and off[crossings[1]] != 0:
+    if len(crossings) > 1 and off[crossings[1]] != 0:  # a zero at a place of the grid changes the sign twice
         raise NoSetting(f"{len(crossings)} settings give the value", *reach, several=True)
     root = _zero(beyond, *places[crossings[0] :][:2].tolist())
     # Fieller: an end of the interval is the place where the band, and not the mean, crosses the target

@@ -56,7 +56,7 @@ def welch(a: float, n: int, b: float, m: int) -> float:
         m: Its number of values.
     """
     spread = a**2 / (n - 1) + b**2 / (m - 1)
-    return (a + b) ** 2 / spread if spread else float(n + m - 2)
+    return (a + b) ** 2 / spread if spread else float(n + m - 2)  # without scatter: as for equal variances
 
 
 def student(confidence: float, degrees_of_freedom: float) -> float:
@@ -96,7 +96,7 @@ def pool(values: Sequence[float] | np.ndarray, confidence: float = 0.95) -> Pool
     if not np.isfinite(array).all():
         raise ValueError("pooling needs finite values: leave out the replicates that gave none, and say so")
     n, mean = len(array), float(array.mean())
-    if n == 1:
+    if n == 1:  # no error at all, rather than the zero that one value scatters by
         return Pooled(mean, math.nan, math.inf, 1, confidence)
     error = float(array.std(ddof=1)) / math.sqrt(n)
     return Pooled(mean, error, student(confidence, n - 1) * error, n, confidence)

@@ -75,8 +75,10 @@ def rate(events: int, exposure: float, replicates: int = 1, confidence: float = 
     low = float(chdtri(2 * events, 1 - tail)) / (2 * exposure) if events else 0.0
     high = float(chdtri(2 * events + 2, tail)) / (2 * exposure)
     value = events / exposure
+    # the interval is skewed, and its upper side the longer one: a criterion on the half width holds for both sides
+    half_width = high - value
     return PooledRate(
-        value, math.sqrt(events) / exposure, high - value, replicates, confidence, events, float(exposure), low, high
+        value, math.sqrt(events) / exposure, half_width, replicates, confidence, events, float(exposure), low, high
     )
 
 
@@ -109,8 +111,9 @@ def clustered(
     n = len(events)
     if n < 2:
         return math.nan, math.nan
+    # n draws with replacement are multinomial numbers of each cluster, so that all sums are one product
     weights = np.random.default_rng(seed).multinomial(n, np.full(n, 1 / n), size=_DRAWS)
     k, passed = weights @ np.asarray(events, float), weights @ np.asarray(exposures, float)
-    with np.errstate(invalid="ignore", divide="ignore"):
+    with np.errstate(invalid="ignore", divide="ignore"):  # a draw may have no exposure, if that of clusters is zero
         low, high = np.nanquantile(k / passed, [(1 - confidence) / 2, (1 + confidence) / 2])
     return float(low), float(high)

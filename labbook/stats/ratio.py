@@ -32,8 +32,9 @@ def paired_ratio(
     if middle == 0:
         raise ValueError("a ratio needs a denominator that is not zero")
     ratio, n = float(x.mean()) / middle, len(x)
-    if n == 1:
+    if n == 1:  # one pair says nothing about the scatter of its ratio
         return Pooled(ratio, math.nan, math.inf, 1, confidence)
+    # the mean of x - R y is zero by the definition of R, which costs one degree of freedom as a sample mean does
     error = float(np.std(x - ratio * y, ddof=1)) / math.sqrt(n) / abs(middle)
     return Pooled(ratio, error, student(confidence, n - 1) * error, n, confidence)
 
@@ -61,6 +62,7 @@ def independent_ratio(above: Pooled, below: Pooled, confidence: float = 0.95) ->
     ratio, n = above.value / below.value, min(above.n, below.n)
     if n == 1:
         return Pooled(ratio, math.nan, math.inf, 1, confidence)
+    # to first order in both errors: for a denominator near zero the exact (Fieller's) interval would have no end
     a, b = above.error**2, (ratio * below.error) ** 2
     error = math.sqrt(a + b) / abs(below.value)
     return Pooled(ratio, error, student(confidence, welch(a, above.n, b, below.n)) * error, n, confidence)

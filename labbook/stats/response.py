@@ -78,7 +78,9 @@ class Response:
         inverses = np.linalg.inv(covariance)
         _, of_line, _, squares = _least_squares(line, y, inverses)
         determinants = np.linalg.slogdet(covariance)[1] - np.linalg.slogdet(of_line)[1]
+        # restricted: the line is integrated over, which adds the determinant of its information
         likelihood = -0.5 * (determinants + freedom * np.log(squares))
+        # averaged and not maximised: a few settings cannot tell a smooth response from a noisy one
         weights = np.exp(likelihood - likelihood.max()) * bed_prior(share)
         weights /= weights.sum()
         scatter = float(np.sqrt(weights @ squares / freedom))

@@ -107,6 +107,7 @@ class StoppingRule:
         pooled = self.pool(values) if n else None
         if self.tolerance is None:
             return Decision(pooled, max(0, self.first - total), None)
+        # a clogged replicate has no value: it counts for the cap, which limits the cost, and not for the first look
         if n >= self.first and pooled is not None and Tolerance(self.tolerance).met(pooled.relative):
             return Decision(pooled, 0, "tolerance")
         if total >= self.cap:
@@ -114,6 +115,7 @@ class StoppingRule:
         if pooled is None and total >= HOPELESS:
             return Decision(None, 0, "nothing")
         if pooled is None:
+            # without any scatter nothing can be forecast: go on in two steps, then give up
             least = self.first if total < self.first else HOPELESS
             return Decision(None, min(least, self.cap) - total, None)
         if n < self.first:
@@ -124,7 +126,7 @@ class StoppingRule:
         """Replicates that will be needed for a scatter, a standard deviation relative to the mean; at most the cap."""
         if self.tolerance is None:
             return self.first
-        numbers = np.arange(self.first, self.cap)
+        numbers = np.arange(self.first, self.cap)  # without the cap, which is the answer if no smaller number suffices
         enough = Tolerance(self.tolerance).within(self.widths(numbers) * scatter)
         return int(numbers[np.argmax(enough)]) if enough.any() else self.cap
 

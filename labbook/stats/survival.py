@@ -102,7 +102,7 @@ def hazard(values: np.ndarray, ended: np.ndarray, bins: int = 6) -> Hazard:
     if not (len(values) and values.max() > 0):
         raise ValueError("a hazard needs values above 0")
     ends = values[ended]
-    number = max(1, min(bins, len(ends) // 5))
+    number = max(1, min(bins, len(ends) // 5))  # chi-square needs some five expected counts in each bin
     inner = np.quantile(ends, np.arange(1, number) / number) if number > 1 else np.array([])
     edges = np.unique([0.0, *inner, values.max()])
     # exposure of a bin: each value counts by the part of it that lies in the bin
@@ -243,6 +243,7 @@ def power_tail(times: np.ndarray, ended: np.ndarray, t_min: float | None = None,
     if t_min is None:
         t_min = _best_cut(times, ended)
     tail = times >= t_min
+    # censored times add to the sum of logarithms and not to n: leaving them out would make alpha too large
     n, logs = int(ended[tail].sum()), np.log(times[tail] / t_min)
     total = float(logs.sum())
     if n < FEWEST_TIMES or not total > 0:
@@ -322,6 +323,7 @@ def _best_cut(times: np.ndarray, ended: np.ndarray) -> float:
     if not len(enough):
         few = len(observed)
         raise ValueError(f"{few} times were observed, and a power law needs {FEWEST_TIMES}; use longer or more runs")
+    # by rank, not by time: the tail is sparse, and times of a power law span decades
     cuts = enough[np.unique(np.linspace(0, len(enough) - 1, min(_CUTS, len(enough))).round().astype(int))]
     function = _survival_function(times, ended)
 

@@ -95,14 +95,29 @@ def fits() -> dict[str, str]:
 
 
 def of_fit(quantity: str) -> bool:
-    """True for a parameter of a fit, `FIT.NAME`."""
+    """Tell parameters of fits from other quantities.
+
+    Args:
+        quantity: Name of the quantity.
+
+    Returns:
+        True for a parameter of a fit, `FIT.NAME`.
+    """
     head = quantity.partition(".")[0]
     papers = (paper for paper in PAPERS.values() if head in paper.fits)
     return head in LAWS or any(one.name == quantity for paper in papers for one in paper.declared)
 
 
 def none_such(quantity: str, candidates: Iterable[str]) -> Wrong:
-    """A quantity that is not among those known. Of names that begin alike, what follows is compared."""
+    """Report a quantity that is not available.
+
+    Args:
+        quantity: Name in the reference.
+        candidates: Names that are available. If all begin as the quantity does, only the rest of the names is compared.
+
+    Returns:
+        Reason and remedy.
+    """
     head, _, tail = quantity.partition(".")
     names = list(candidates)
     alike = bool(names) and all(name.startswith(f"{head}.") for name in names)

@@ -9,7 +9,7 @@ from labbook_toy import Ensemble, Glass
 
 from labbook.backend import Failed, Overflow
 from labbook.checks.stress.case import StressCase
-from labbook.checks.stress.watch import follow, named, sound
+from labbook.checks.stress.watch import follow, guard_error, sound
 from labbook.checks.verify.materials import G, hertz, room, scene
 from labbook.checks.verify.stand import MemberStart, grains_at
 
@@ -105,12 +105,12 @@ class Raising(Ensemble):
 def runs(stand):
     """A part that has to end right."""
     sound(follow(stand, START, 3, 100))
-    yield named("silence", follow(stand, START, 1, 100))
+    yield guard_error("silence", follow(stand, START, 1, 100))
 
 
 def stops(stand):
     """A part that has to end with a named error."""
-    yield named("", follow(stand, START, 3, 100))
+    yield guard_error("", follow(stand, START, 3, 100))
 
 
 def hangs(stand):

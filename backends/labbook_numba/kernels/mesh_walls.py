@@ -185,6 +185,7 @@ def pack_mesh(st: State, p: Params, w, k, last, b, i, slot):
         begin, end = int64(first[k]), int64(first[k + uint64(1)])
         base = int64(k) * int64(WALL_PARTS)
         before = int64(bits[k])
+        # an entry -1 - f stands for a feature whose conditions hold until the next rebuild (`mesh_listed`)
         alone = int64(-1) - int64(near[begin]) if end - begin == 1 else int64(-1)
         if alone >= 0 and (before == 0 or (before == 1 and spring[base, SPRING_KEY] == alone)):
             # most grains: one feature is near, and only with it was there a contact

@@ -44,8 +44,8 @@ def drop_leavers(st: State, p: Params, place):
     new_row = 0
     for i in range(n):
         place[i] = -1
-        if not st.grains[i, X + 2] < p.drop:
-            place[i] = new_row
+        if not st.grains[i, X + 2] < p.drop:  # so written that a grain at NaN stays, and a guard reports it
+            place[i] = new_row  # rows keep their order, so that lists still ascend
             for c in range(GRAIN):
                 st.grains[new_row, c] = st.grains[i, c]
             for c in range(LOAD):
@@ -74,6 +74,7 @@ def drop_leavers(st: State, p: Params, place):
     walls = 0
     first = 0
     for w in range(len(p.wall_kind)):
+        # wall_first[w + 1] is overwritten below: the old beginning of the next wall is kept in `first`
         last = st.wall_first[w + 1]
         for k in range(first, last):
             a = place[st.wall_grain[k]]
@@ -96,6 +97,7 @@ def copy_springs(
 
     New entries have no spring. per_entry: springs of one entry.
     """
+    # both lists ascend, so that one pass over each finds all common entries
     for k in range(first, last):
         i, j = new_i[k], new_j[k]
         while old < old_last and (old_i[old] < i or (old_i[old] == i and old_j[old] < j)):

@@ -50,11 +50,11 @@ def check_displacements(a: System, p: Words, interval: int):
             so_far, speed = displacement_and_speed(a, m, i, g)
             if interval > 1 and not so_far <= m.half_skin:
                 a.late[s] = 1
-            ahead = wide(1.5) * speed * m.dt * wide(interval)
+            ahead = wide(1.5) * speed * m.dt * wide(interval)  # grains may gain speed before the next check
             if POSES:
                 if lists_are_due(a, s, interval):
                     ahead = ahead + m.half_skin + m.half_skin
-            if not so_far + ahead <= m.half_skin:
+            if not so_far + ahead <= m.half_skin:  # so written that NaN asks for a rebuild too
                 a.flag[s] = 1
                 a.any_flag[0] = 1
 
@@ -63,7 +63,7 @@ def check_displacements(a: System, p: Words, interval: int):
 def cell_number(x: wide, cell: wide, cells: int):
     """Number of the cell of a coordinate, 0 to cells - 1."""
     n = int(wp.floor(x / cell)) % cells
-    if n < 0:
+    if n < 0:  # the remainder has the sign of the dividend, as in C
         n = n + cells
     return n
 
@@ -108,6 +108,7 @@ def fill_cells(a: System, p: Words):
                 cell_number(x[2], b.cell, b.gz),
             )
             c = s * a.cells + index
+            # in any order: lists are sorted by distance later, and bits do not depend on it
             place = wp.atomic_add(a.cell_count, c, 1)
             if place < a.depth:
                 a.cell_rows[c * a.depth + place] = i - s * a.cap
@@ -227,6 +228,7 @@ def assign_wall_entries(a: System, m: Material, s: int, r: int, g: Grain):
         own_entry = int(-1)
         free_entry = int(-1)
         for q in range(a.seats):
+            # an entry without near parts is free, also that of a wall which was near before
             if (near >> wp.uint32(q * WALL_PARTS)) & all_parts == wp.uint32(0):
                 free_entry = q
             elif a.wall_seat[entry(a, s, a.seats, q, r)] == w:
@@ -240,6 +242,7 @@ def assign_wall_entries(a: System, m: Material, s: int, r: int, g: Grain):
                 if free_entry >= 0:
                     a.wall_seat[entry(a, s, a.seats, free_entry, r)] = w
                     near = near | (parts << wp.uint32(free_entry * WALL_PARTS))
+                    # its springs were those of the wall that had the entry before
                     springs = springs & ~(all_parts << wp.uint32(free_entry * WALL_PARTS))
     a.wall_held[i] = springs
     if needed > a.seats:
@@ -271,6 +274,7 @@ def replace_list(a: System, s: int, r: int, i: int, new_count: int):
         for k in range(new_count):
             at = entry(a, s, a.near, k, r)
             neighbour = a.new_nbr[at]
+            # a search, since lists are sorted by distance; only touching neighbours have a spring
             for old_k in range(old_count):
                 if has_bit(old_springs, old_k):
                     old_at = entry(a, s, a.near, old_k, r)

@@ -74,13 +74,16 @@ def pair_of(names: tuple[str, str], devices: tuple[str, str], precisions: Precis
     """Load both sides of a comparison.
 
     Args:
-        names: Of the backends; the first one makes the shared packings.
-        devices: Of each.
-        precisions: Of each; None: that of the study.
+        names: Names of the backends; the first one makes the shared packings.
+        devices: Device of each backend.
+        precisions: Precision of each backend; None: that of the study.
+
+    Returns:
+        Both sides.
 
     Raises:
-        CannotCompare: The two are the same.
-        BackendMissing: One is not installed.
+        CannotCompare: Both sides are the same.
+        BackendMissing: A backend is not installed.
     """
     refuse_same(names, precisions)
     first, second = map(load, names)

@@ -9,7 +9,7 @@ import numpy as np
 from labbook.backend.numerics import Numerics
 from labbook.backend.probes import Ledger
 from labbook.checks.stress.case import Ending, StressCase, within
-from labbook.checks.stress.watch import follow, named, sound
+from labbook.checks.stress.watch import follow, guard_error, sound
 from labbook.checks.verify.case import limited
 from labbook.checks.verify.collision import duration
 from labbook.checks.verify.gas import elastic_energy
@@ -163,7 +163,7 @@ def _fast(stand: Stand) -> Iterator[Ending]:
             course = follow(stand, MemberStart(here, dt, grains_at(x, [speed * HAT, [0, 0, 0]])), beats, 100)
             part = f"{law}, {speed:g} m/s"
             if speed > LIMIT:
-                yield named(part, course, ("speed",))
+                yield guard_error(part, course, ("speed",))
                 continue
             v = sound(course).end.v
             off = max(float(np.abs(v[0]).max()), float(np.abs(v[1] - speed * HAT).max())) / speed
@@ -185,7 +185,7 @@ def _deep(stand: Stand) -> Iterator[Ending]:
             course = follow(stand, MemberStart(here, dt, grains_at([MIDDLE - half, MIDDLE + half])), 4, PER_CONTACT)
             part = f"two spheres, {law}, {depth:.3g} d"
             if depth > DEEPEST:
-                yield named(part, course, ("overlap",))
+                yield guard_error(part, course, ("overlap",))
                 continue
             stored = float(elastic_energy(here, np.array([depth * D]), np.array([False]))[0])
             kinetic = _kinetic(here, sound(course).end)
@@ -196,14 +196,16 @@ def _deep(stand: Stand) -> Iterator[Ending]:
     for height in (0.5 - 1.1 * DEEPEST, 0.0, -0.4):
         start = grains_at([[0.0, 0.0, height * D]])
         course = follow(stand, MemberStart(here, dt, start), 4, PER_CONTACT)
-        yield named(f"a sphere in the floor, centre at {height:g} d", course, ("overlap",))
+        yield guard_error(f"a sphere in the floor, centre at {height:g} d", course, ("overlap",))
     for name, axis in (("parallel rods", [1.0, 0.0, 0.0]), ("crossed rods", [0.0, 1.0, 0.0])):
         here = rods(2, ROOM)
         d = here.grains.diameter
         for depth in (1.1 * DEEPEST, 0.8):
             x = [MIDDLE, MIDDLE + d * (1 - depth) * UP]
             start = rods_at(x, [towards([1.0, 0.0, 0.0]), towards(axis)])
-            yield named(f"{name}, {depth:.3g} d", follow(stand, MemberStart(here, 1e-6, start), 4, 100), ("overlap",))
+            yield guard_error(
+                f"{name}, {depth:.3g} d", follow(stand, MemberStart(here, 1e-6, start), 4, 100), ("overlap",)
+            )
 
 
 def _kinetic(here: Scene, end: Packing) -> float:
@@ -216,18 +218,18 @@ def _coincident(stand: Stand) -> Iterator[Ending]:
         here = scene(2, material(), ROOM)
         for name, gap in (("in one place", 0.0), ("1e-300 m apart", 1e-300), ("1e-12 m apart", 1e-12)):
             start = grains_at([MIDDLE + gap * ALONG, MIDDLE])
-            yield named(f"spheres {name}, {law}", follow(stand, MemberStart(here, 1e-6, start), 4, 100))
+            yield guard_error(f"spheres {name}, {law}", follow(stand, MemberStart(here, 1e-6, start), 4, 100))
         course = follow(stand, MemberStart(here, 1e-6, grains_at([[0.0, 0.0, 0.0], MIDDLE])), 4, 100)
-        yield named(f"a sphere's centre in the floor, {law}", course)
+        yield guard_error(f"a sphere's centre in the floor, {law}", course)
     for name, axis in (("along one axis", [1.0, 0.0, 0.0]), ("crossed", [0.0, 1.0, 0.0]), ("askew", [0.6, 0.8, 0.0])):
         here = rods(2, ROOM)
         start = rods_at([MIDDLE, MIDDLE], [towards([1.0, 0.0, 0.0]), towards(axis)])
-        yield named(f"rods in one place, {name}", follow(stand, MemberStart(here, 1e-6, start), 4, 100))
+        yield guard_error(f"rods in one place, {name}", follow(stand, MemberStart(here, 1e-6, start), 4, 100))
     here = rods(2, ROOM)
     assert isinstance(here.grains, Spherocylinders)
     shifted = MIDDLE + here.grains.half_length / 2 * ALONG
     start = rods_at([MIDDLE, shifted], [towards([1.0, 0.0, 0.0])] * 2)
-    yield named(
+    yield guard_error(
         "rods along one axis, shifted by half their half length", follow(stand, MemberStart(here, 1e-6, start), 4, 100)
     )
 

@@ -8,7 +8,7 @@ import numpy as np
 
 from labbook.checks.stress.case import Ending, StressCase, within
 from labbook.checks.stress.geometry import DT, SOFT, rests
-from labbook.checks.stress.watch import follow, named, sound
+from labbook.checks.stress.watch import follow, guard_error, sound
 from labbook.checks.verify.case import limited
 from labbook.checks.verify.materials import D, G, linear, scene
 from labbook.checks.verify.mesh import of_triangles
@@ -67,7 +67,7 @@ def _fast(stand: Stand) -> Iterator[Ending]:
         course = follow(stand, MemberStart(here, dt, start), math.ceil(20 * D / speed / dt / 10), 10)
         part = f"{speed:g} m/s, k_n = {stiffness:g} N/m"
         if stiffness < 1e4:
-            yield named(part, course, ("overlap",))
+            yield guard_error(part, course, ("overlap",))
             continue
         off = abs(float(sound(course).end.v[0, 2]) / speed - 1)
         yield within(stand, part, "thrown back", off, limited(1e-3, roundings=16, steps=2000))

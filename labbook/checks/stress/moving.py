@@ -7,7 +7,7 @@ from collections.abc import Iterator
 import numpy as np
 
 from labbook.checks.stress.case import Ending, StressCase, within
-from labbook.checks.stress.watch import follow, named, sound
+from labbook.checks.stress.watch import follow, guard_error, sound
 from labbook.checks.verify.case import limited
 from labbook.checks.verify.materials import D, G, linear, scene
 from labbook.checks.verify.mesh import R, of_triangles, sheet
@@ -46,7 +46,7 @@ def _squeezed(stand: Stand) -> Ending:
     floor, lid = plate(half=3 * D), lid.model_copy(update={"name": "lid"})
     here = scene(1, linear(**LOSSLESS, normal_stiffness=SOFT), Primitives(parts=(floor, lid)))
     course = follow(stand, MemberStart(here, 5e-6, grains_at([0.1 * R, 0.0, R])), 200, 20)
-    return named("squeezed between plates", course, ("overlap",))
+    return guard_error("squeezed between plates", course, ("overlap",))
 
 
 def _shaken(stand: Stand) -> Iterator[Ending]:

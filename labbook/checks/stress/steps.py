@@ -7,7 +7,7 @@ import numpy as np
 
 from labbook.backend.probes import Contacts, Ledger
 from labbook.checks.stress.case import Ending, StressCase, within
-from labbook.checks.stress.watch import follow, named, sound
+from labbook.checks.stress.watch import follow, guard_error, sound
 from labbook.checks.verify.bed import pile, slow_energy, wall_force_error
 from labbook.checks.verify.case import limited
 from labbook.checks.verify.materials import LAWS, D, G, scene
@@ -45,7 +45,7 @@ def _time_steps(stand: Stand) -> Iterator[Ending]:
             course = follow(stand, MemberStart(bed, part * limit, _shaken(rests)), 10, steps)
             name = f"{law}, {part:g} of the largest stable step"
             if part > 1:
-                yield named(name, course)
+                yield guard_error(name, course)
                 continue
             # of 0.13 m g d at first
             left = slow_energy(bed, sound(course).end)
@@ -63,7 +63,7 @@ def _stiffnesses(stand: Stand) -> Iterator[Ending]:
             course = follow(stand, MemberStart(bed, dt, start), 40, steps, [Ledger(), contacts])
             part = f"{law}, {key} = {value:g}"
             if value == values[0]:
-                yield named(part, course, ("overlap",))
+                yield guard_error(part, course, ("overlap",))
                 continue
             motion = sound(course)
             # a spring s = F/k_t loses up to a rounding a step, as if it slipped at s 2^-24/dt; its dashpot answers that

@@ -125,7 +125,7 @@ def sound(course: Course) -> Motion:
     return course.motion
 
 
-def named(part: str, course: Course, guards: Sequence[str] = GUARDS) -> Ending:
+def guard_error(part: str, course: Course, guards: Sequence[str] = GUARDS) -> Ending:
     """Expect an error: `named error` if one of `guards` ended the course, `failed` if another did, or none."""
     if not course.guard:
         return Ending(part, "failed", "silence: no guard reported anything")

@@ -22,7 +22,15 @@ LOSSLESS = {"friction": 0.0, "restitution": 1.0}
 
 
 def along(direction: float, tilt: float = 0.0) -> np.ndarray:
-    """Quaternion of a rod at an angle [rad] from the x axis in the plane, tilted up by another."""
+    """Quaternion of a rod.
+
+    Args:
+        direction: Azimuth of its axis from the x axis [rad].
+        tilt: Angle of its axis above the horizontal [rad].
+
+    Returns:
+        Unit quaternion (w, x, y, z).
+    """
     flat = math.cos(tilt)
     return towards(np.array([math.cos(direction) * flat, math.sin(direction) * flat, math.sin(tilt)]))
 

@@ -450,7 +450,8 @@ class _Flight:
         return self.signs[c] * (vt - change)
 
     def above(self, c: int, y: np.ndarray) -> float:
-        """Excess of a sticking contact over its limit, which is raised by 1e-10 so that no rounding counts."""
+        """Excess of a contact's limited variable over its limit, a spring [m] or a force [N]; negative while it sticks.
+        The limit is raised by a part of 1e-10, so that rounding starts no sliding."""
         at = self.meetings(y)[c]
         vn, vt, _ = self.speeds(y, at)
         limit = self.law.limit(at.overlap, vn, self.pushes[c])

@@ -105,9 +105,9 @@ def _rocks(stand: Stand) -> Mapping[str, float]:
     expected = rocking(x, axis, stiffness, motion.times(MOTION))
     require(float(np.ptp(np.sign(expected[:, 5]))) == 2, "the rod has not rocked to the other side")
     q = motion.by_beat(MOTION, ("qw", "qx", "qy", "qz"))[:, 0]
-    found = motion.by_beat(MOTION, ("x", "y", "z"))[:, 0]
+    positions = motion.by_beat(MOTION, ("x", "y", "z"))[:, 0]
     return {
-        "position": float(np.abs(found - expected[:, :3]).max()) / R,
+        "position": float(np.abs(positions - expected[:, :3]).max()) / R,
         "axis": float(np.abs(axes(q) - expected[:, 3:]).max()),
     }
 
@@ -161,9 +161,9 @@ def _strikes(stand: Stand) -> Mapping[str, float]:
             motion = stand.run(MemberStart(scene, 2e-7, start), 1, 5000)
             v = speed * (n + 2 * FRICTION * azimuth)
             spin = np.cross(-(R + reach) * n, 2 * FRICTION * speed * azimuth) * grains.mass / grains.inertia
-            what = f"{name} at {tilt:g} rad"
-            errors[f"velocity, {what}"] = float(np.linalg.norm(motion.end.v[0] - v)) / speed
-            errors[f"spin, {what}"] = float(np.linalg.norm(motion.end.omega[0] - spin) / np.linalg.norm(spin))
+            label = f"{name} at {tilt:g} rad"
+            errors[f"velocity, {label}"] = float(np.linalg.norm(motion.end.v[0] - v)) / speed
+            errors[f"spin, {label}"] = float(np.linalg.norm(motion.end.omega[0] - spin) / np.linalg.norm(spin))
     return errors
 
 
@@ -194,10 +194,10 @@ CASES = [
         statement="grains hitting a rotating plate or its rim get mu times the normal impulse along its motion",
         source="rigid body, Coulomb friction in full slip",
         measures={
-            f"{what}, {name} at {tilt:g} rad": limited(3e-4, roundings=16)
+            f"{quantity}, {name} at {tilt:g} rad": limited(3e-4, roundings=16)
             for tilt in (0.0, 0.3, 0.8)
             for name in ("sphere", "rod")
-            for what in ("velocity", "spin")
+            for quantity in ("velocity", "spin")
         },
         run=_strikes,
     ),

@@ -71,7 +71,7 @@ def put(write, monkeypatch):
         entries = {**registry, entry.name: entry}
         extension = Extension(group, entry.name, "bed-extras", "0.1", f"bed_extras.{kind}")
         monkeypatch.setitem(vars(registry), "_entries", (entries, {**registry.extensions, entry.name: extension}))
-        monkeypatch.setitem(vars(registry), "_found", entries)
+        monkeypatch.setitem(vars(registry), "_objects", entries)
 
     return place
 

@@ -115,7 +115,7 @@ def test_it_is_drawn():
     assert np.ptp(ends[:, 0]) / np.ptp(ends[:, 1]) == pytest.approx(2 * R / (2 * R + LENGTH), rel=0.02)
     start = place(scene(TUBE).close(), "rain", 1)
     start = type(start)(x=start.x, v=start.v, omega=start.omega, ids=np.arange(len(start)))
-    pixels = picture.drawn(scene(TUBE), start, start, 200)
+    pixels = picture.render(scene(TUBE), start, start, 200)
     walls = (pixels[..., :3] == picture.WALL).all(axis=2) & (pixels[..., 3] > 0)
     assert walls[len(pixels) // 2].any(), "both sides are seen"
     assert np.flatnonzero(walls.any(axis=0)).min() < 5

@@ -11,7 +11,7 @@ import pytest
 from PIL import Image
 
 from labbook import picture
-from labbook.picture import Raster, bed, cut, drawn, layers
+from labbook.picture import Raster, bed, cut, layers, render
 from labbook.scene import (
     Box,
     Container,
@@ -75,7 +75,7 @@ def is_warm(colour) -> bool:
 @pytest.mark.parametrize(("x", "z"), [(-0.0113, 0.0107), (0, 0.0171), (0.0082, 0.0049)])
 def test_a_sphere_is_where_it_stands_and_nowhere_else(x, z):
     start = packing(*floor().x, (0.018, 0, 0.03))
-    seen = drawn(scene(), start, packing((x, 0, z), ids=[4]))[..., 3] / 255
+    seen = render(scene(), start, packing((x, 0, z), ids=[4]))[..., 3] / 255
     # by the walls alone: the side walls are 39 mm apart, half of each line is on either side of its wall
     top = seen[: seen.shape[0] // 8].mean(axis=0)
     columns, middle = np.arange(seen.shape[1]) + 0.5, seen.shape[1] / 2
@@ -95,7 +95,7 @@ def test_walls_are_the_section_of_the_container():
     hopper = WedgeHopper(width=0.04, height=0.3, thickness=1.01 * D, angle=math.radians(60), orifice=0.012)
     start = packing(*((x, 0, z) for x in (-0.018, 0, 0.018) for z in (0.02, 0.03, 0.04)))
     nothing = packing()
-    view, seen = Raster.of(scene(hopper), start, nothing), drawn(scene(hopper), start, nothing)
+    view, seen = Raster.of(scene(hopper), start, nothing), render(scene(hopper), start, nothing)
     for x, z in ((-0.02, 0.03), (0.02, 0.03), (0.006, 0), (-0.013, 0.007 / math.tan(math.radians(60)))):
         assert seen[pixel(view, x, z)][3] > 100, (x, z)
         assert tuple(seen[pixel(view, x, z)][:3]) == picture.WALL
@@ -112,7 +112,7 @@ def test_the_nearer_grain_hides_the_farther_one():
             rows = [((0, -0.002, 0.03), near), ((0.0005, 0.002, 0.0305), far)][order]
             now = packing(*(x for x, _ in rows), ids=[grain for _, grain in rows])
             view = Raster.of(scene(), start, now)
-            assert told(drawn(scene(), start, now)[pixel(view, 0, 0.03)])
+            assert told(render(scene(), start, now)[pixel(view, 0, 0.03)])
 
 
 def test_of_crossing_rods_the_nearer_one_hides_the_farther_one():
@@ -126,18 +126,18 @@ def test_of_crossing_rods_the_nearer_one_hides_the_farther_one():
         # at x = 0.005 the leaning rod is at y = 0.004 - 0.005, a diameter and more before the upright one
         now = packing((0, 0.004, 0.05), (0.005, 0.0025, 0.05), ids=front, q=np.array([turned(1, -1, 0), ALONG_Z]))
         view = Raster.of(scene(THIN, rods), start, now)
-        assert told(drawn(scene(THIN, rods), start, now)[pixel(view, 0.005, 0.05)])
+        assert told(render(scene(THIN, rods), start, now)[pixel(view, 0.005, 0.05)])
 
 
 def test_of_a_round_silo_the_half_behind_the_axis_is_seen():
     silo = scene(CylinderSilo(diameter=0.04, height=0.2, orifice=0.012))
     start = packing(*((x, y, z) for x in (-0.01, 0.01) for y in (-0.01, 0.01) for z in (0.002, 0.01)))
     assert cut(silo, start)
-    nothing = drawn(silo, start, packing())
-    before = drawn(silo, start, packing((0.01, -0.001, 0.01), (-0.01, -0.01, 0.01), ids=[0, 1]))
+    nothing = render(silo, start, packing())
+    before = render(silo, start, packing((0.01, -0.001, 0.01), (-0.01, -0.01, 0.01), ids=[0, 1]))
     assert (before == nothing).all()
     now = packing((0.01, 0.001, 0.01), ids=[0])
-    behind = drawn(silo, start, now)
+    behind = render(silo, start, now)
     place = pixel(Raster.of(silo, start, now), 0.01, 0.01)
     assert (behind[place][3], nothing[place][3]) == (255, 0)
 
@@ -153,7 +153,7 @@ def test_what_is_farther_behind_the_cut_is_darker():
     silo = scene(CylinderSilo(diameter=0.04, height=0.2, orifice=0.012))
     start = packing(*((x, y, z) for x in (-0.01, 0.01) for y in (-0.01, 0.01) for z in (0.002, 0.01)))
     now = packing((-0.01, 0.002, 0.01), (0.01, 0.015, 0.01), ids=[0, 2])
-    view, seen = Raster.of(silo, start, now), drawn(silo, start, now)
+    view, seen = Raster.of(silo, start, now), render(silo, start, now)
     near, far = (seen[pixel(view, x, 0.01)][:3].sum() for x in (-0.01, 0.01))
     assert far < 0.8 * near
 
@@ -164,7 +164,7 @@ def test_a_rod_covers_the_area_of_its_capsule(axis):
     rod = Spherocylinders(diameter=D, length=5 * D, density=1000, count=1)
     free = scene(Primitives(), rod)
     now = packing((0.1, 0, 0.3), q=np.array([turned(*axis)]))
-    view, alpha = Raster.of(free, now, now), drawn(free, now, now)[..., 3] / 255
+    view, alpha = Raster.of(free, now, now), render(free, now, now)[..., 3] / 255
     a = np.array(axis) / np.linalg.norm(axis)
     half = rod.half_length * math.hypot(a[0], a[2])
     assert alpha.sum() / view.scale**2 == pytest.approx(4 * half * D / 2 + math.pi / 4 * D**2, rel=0.03)
@@ -182,7 +182,7 @@ def test_layers_are_equally_thick_and_neighbours_differ_in_colour():
     assert list(found) == [k // 4 for k in range(32)], "32 grains high, at most 8 layers"
     assert list(layers(scene(), column(6))) == [0, 0, 1, 1, 2, 2], "and two grains at least"
     assert list(layers(scene(), column(1))) == [0]
-    view, seen = Raster.of(scene(), start, start), drawn(scene(), start, start)
+    view, seen = Raster.of(scene(), start, start), render(scene(), start, start)
     rows = [(pixel(view, 0, (k + 0.9) * D)[0], pixel(view, 0, (k + 0.1) * D)[0] + 1) for k in range(32)]
     middle = pixel(view, 0, 0)[1]
     colours = [seen[top:bottom, middle, :3].mean(axis=0) for top, bottom in rows]
@@ -195,7 +195,7 @@ def test_layers_are_equally_thick_and_neighbours_differ_in_colour():
 def test_grains_keep_the_colour_of_their_layer_wherever_they_go():
     start = column()
     now = packing((0, 0, 0.09), (0, 0, 0.03), ids=[0, 5])
-    view, seen = Raster.of(scene(), start, now), drawn(scene(), start, now)
+    view, seen = Raster.of(scene(), start, now), render(scene(), start, now)
     assert is_blue(seen[pixel(view, 0, 0.09)])
     assert is_warm(seen[pixel(view, 0, 0.03)])
 
@@ -206,7 +206,7 @@ def test_kinds_have_their_own_colours_and_sizes():
     kind = np.array([0, 1] * 6)
     x = [(k * D - 0.0165, 0, (k % 4 + 0.5) * 3 * D) for k in range(12)]
     start = packing(*x, kind=kind, diameter=np.where(kind == 0, D, D / 2))
-    view, seen = Raster.of(mixed, start, start), drawn(mixed, start, start)
+    view, seen = Raster.of(mixed, start, start), render(mixed, start, start)
     for k, (across, _, up) in enumerate(x):
         colour = seen[pixel(view, across, up)]
         assert (is_warm if kind[k] == 0 else is_blue)(colour)
@@ -228,7 +228,7 @@ def test_a_mirrored_bed_gives_the_mirrored_picture(length):
     hopper = scene(WedgeHopper(width=0.04, height=0.3, thickness=2 * D, orifice=0.012), grains)
     x, q = crowd(1, 150)
     start = packing(*x, q=q)
-    one, other = drawn(hopper, start, start), drawn(hopper, start.mirrored(), start.mirrored())
+    one, other = render(hopper, start, start), render(hopper, start.mirrored(), start.mirrored())
     apart = np.abs(one.astype(int) - other[:, ::-1].astype(int)).max(axis=2)
     assert (one[..., 3] > 0).mean() > 0.3
     # rounding may give a fine pixel on the line between two grains to the other one
@@ -243,9 +243,9 @@ def test_grains_are_left_out_only_if_others_hide_them(monkeypatch):
     x, q = crowd(2, 900, deep=10)
     start = packing(*x, q=q)
     monkeypatch.setattr(picture, "_CHUNK", 10**9)
-    whole = drawn(deep, start, start)
+    whole = render(deep, start, start)
     monkeypatch.setattr(picture, "_CHUNK", 5_000)
-    assert (drawn(deep, start, start) == whole).all()
+    assert (render(deep, start, start) == whole).all()
 
 
 def test_below_the_outlet_a_little_is_shown_and_no_grain_in_part():
@@ -253,7 +253,7 @@ def test_below_the_outlet_a_little_is_shown_and_no_grain_in_part():
     start = packing(*((x * D, 0, (z + 0.5) * D) for x in range(-6, 7) for z in range(12)))
     for z in np.linspace(0.002, -0.02, 45):
         now = packing((0, 0, z), ids=[0])
-        view, alpha = Raster.of(hopper, start, now), drawn(hopper, start, now)[..., 3] / 255
+        view, alpha = Raster.of(hopper, start, now), render(hopper, start, now)[..., 3] / 255
         row, col = pixel(view, 0, 0)
         seen = alpha[:, col - 20 : col + 20].sum() / view.scale**2
         whole = math.pi / 4 * D**2
@@ -278,7 +278,7 @@ def test_a_png_is_small_indexed_and_transparent():
     assert len(stored) < 20_000
     image = Image.open(io.BytesIO(stored))
     assert (image.format, image.mode, max(image.size)) == ("PNG", "P", picture.SIZE)
-    reduced, right = np.asarray(image.convert("RGBA")).astype(int), drawn(hopper, start, start).astype(int)
+    reduced, right = np.asarray(image.convert("RGBA")).astype(int), render(hopper, start, start).astype(int)
     assert reduced.shape == right.shape
     solid = right[..., 3] == 255
     # 256 colours stand for all colours and opacities: a few solid pixels share one with those of edges
@@ -290,12 +290,12 @@ def test_a_png_is_small_indexed_and_transparent():
 
 def test_beds_of_other_grains_and_empty_ones_are_refused():
     with pytest.raises(ValueError, match="not those of the settled bed"):
-        drawn(scene(), floor(), packing((0, 0, 0), ids=[77]))
+        render(scene(), floor(), packing((0, 0, 0), ids=[77]))
     with pytest.raises(ValueError, match="has no grains"):
-        drawn(scene(), packing(), packing())
+        render(scene(), packing(), packing())
     rods = scene(THIN, Spherocylinders(diameter=D, length=2 * D, density=1000, count=13))
     with pytest.raises(ValueError, match="no orientations"):
-        drawn(rods, floor(), floor())
+        render(rods, floor(), floor())
 
 
 def test_free_grains_are_followed_within_reason():
