@@ -276,7 +276,8 @@ class Lab:
             if absent := catalogue.absent(study if isinstance(study, str) else None, outcome):
                 raise ValueError(absent)
             made = catalogue.runs(study.name if isinstance(study, Study) else study, outcome, limit)
-        made.attrs = {"lab": str(self.folder), "units": {"duration": "s", "wall_time": "s", "rate": "1/s"}}
+        units = {"duration": "s", "wall_time": "s", "device_time": "s", "rate": "1/s"}
+        made.attrs = {"lab": str(self.folder), "units": units}
         return made
 
     def __repr__(self) -> str:

@@ -228,9 +228,10 @@ class Catalogue:
 
         Returns:
             Columns: run_key, study, label, seed, discharge (number of the discharge of its bed, from 1), backend,
-                cache_version, outcome, grains, discharged, duration [s], wall_time [s], rate [grain-steps/s], finished,
-                device, bytes, problem, suspect (reason; empty if the run is not suspect), scene_key (of readable runs;
-                it tells points of equal label apart if two studies share a name).
+                cache_version, outcome, grains, discharged, duration [s], wall_time [s], device_time (share of the time
+                of the device; absent of runs of older versions) [s], rate [grain-steps/s], finished, device, bytes,
+                problem, suspect (reason; empty if the run is not suspect), scene_key (of readable runs; it tells points
+                of equal label apart if two studies share a name).
         """
         query = select(*(runs.c[name].label(name) for name in (*RUN_COLUMNS, "scene_key"))).order_by(
             runs.c.finished.desc().nulls_last(), runs.c.run_key
@@ -531,6 +532,7 @@ RUN_COLUMNS = (
     "discharged",
     "duration",
     "wall_time",
+    "device_time",
     "rate",
     "finished",
     "device",
