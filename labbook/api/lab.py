@@ -331,7 +331,8 @@ class Lab:
             if absent := catalogue.absent(study if isinstance(study, str) else None, outcome):
                 raise ValueError(absent)
             frame = catalogue.runs(study.name if isinstance(study, Study) else study, outcome, limit)
-        frame.attrs = {"lab": str(self.folder), "units": {"duration": "s", "wall_time": "s", "rate": "1/s"}}
+        units = {"duration": "s", "wall_time": "s", "device_time": "s", "rate": "1/s"}
+        frame.attrs = {"lab": str(self.folder), "units": units}
         return frame
 
     def __repr__(self) -> str:

@@ -34,7 +34,7 @@ def _runs(number: Any) -> Any:
 _COUNTED = re.compile(r"\s*(\S+)\s+runs?\s*")
 
 
-class Budget(Model):
+class CampaignBudget(Model):
     """Largest cost of a campaign: a number of runs, a device time, or both."""
 
     runs: Annotated[int | None, Field(strict=True, ge=16, le=200_000), BeforeValidator(_runs)] = None
@@ -57,7 +57,7 @@ class Budget(Model):
 class Budgeted(Model):
     """Keys beside the goal of a study."""
 
-    budget: Budget | None = None
+    budget: CampaignBudget | None = None
     """Largest cost of the campaign; none: no limit but `accuracy.max_replicates` of a point."""
 
 

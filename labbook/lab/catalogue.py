@@ -66,10 +66,10 @@ class Entry:
     """End of the run (UTC, ISO 8601)."""
     suspect: str = ""
     """Reason for which the run is suspect (`labbook.lab.suspect`); empty if it is not."""
-    wall_time: float = 0.0
-    """Wall time spent stepping [s]."""
+    device_time: float = 0.0
+    """Device time [s]; the wall time spent stepping where a record of an older version has none."""
     filling_time: float = 0.0
-    """Wall time spent stepping for its packing [s]; 0 where the index lacks it."""
+    """The same of its packing [s]; 0 where the index lacks it."""
 
     @classmethod
     def of(cls, record: RunRecord, stamp: int) -> "Entry":
@@ -79,7 +79,7 @@ class Entry:
             coverage=record.coverage,
             stamp=stamp,
             suspect=suspicion(record.ledger),
-            wall_time=record.wall_time,
+            device_time=record.wall_time if record.device_time is None else record.device_time,
             **attributes,
         )
 
@@ -100,9 +100,12 @@ _RECORD_ATTRIBUTES = (
     "finished",
 )
 """Attributes that a record and an index row have under the same name."""
-_FILLING = packings.c.wall_time.label("filling_time")
+_TIMES = {
+    "device_time": func.coalesce(runs.c.device_time, runs.c.wall_time).label("device_time"),
+    "filling_time": func.coalesce(packings.c.device_time, packings.c.wall_time).label("filling_time"),
+}
 _ENTRIES = select(
-    *(_FILLING if name == _FILLING.name else runs.c[name] for name in Entry.__dataclass_fields__)
+    *(_TIMES[name] if name in _TIMES else runs.c[name] for name in Entry.__dataclass_fields__)
 ).select_from(runs.outerjoin(packings, packings.c.packing_key == runs.c.packing_key))
 """Query for the rows from which entries are made."""
 
@@ -229,9 +232,10 @@ class Catalogue:
 
         Returns:
             Columns: run_key, study, label, seed, discharge (number of the discharge of its bed, from 1), backend,
-                cache_version, outcome, grains, discharged, duration [s], wall_time [s], rate [grain-steps/s], finished,
-                device, bytes, problem, suspect (reason; empty if the run is not suspect), scene_key (of readable runs;
-                it tells points of equal label apart if two studies share a name).
+                cache_version, outcome, grains, discharged, duration [s], wall_time [s], device_time (share of the time
+                of the device; absent of runs of older versions) [s], rate [grain-steps/s], finished, device, bytes,
+                problem, suspect (reason; empty if the run is not suspect), scene_key (of readable runs; it tells points
+                of equal label apart if two studies share a name).
         """
         query = select(*(runs.c[name].label(name) for name in (*RUN_COLUMNS, "scene_key"))).order_by(
             runs.c.finished.desc().nulls_last(), runs.c.run_key
@@ -501,7 +505,7 @@ def _entry(row: Row) -> Entry:
         name: getattr(row, name) or ("" if name != "cache_version" else 0) for name in _RECORD_ATTRIBUTES
     }
     coverage = Coverage.model_validate_json(row.coverage) if row.coverage else None
-    times: dict[str, Any] = {name: getattr(row, name) or 0.0 for name in ("wall_time", "filling_time")}
+    times: dict[str, Any] = {name: getattr(row, name) or 0.0 for name in _TIMES}
     return Entry(coverage=coverage, problem=row.problem, stamp=row.stamp, suspect=row.suspect, **attributes, **times)
 
 
@@ -535,6 +539,7 @@ RUN_COLUMNS = (
     "discharged",
     "duration",
     "wall_time",
+    "device_time",
     "rate",
     "finished",
     "device",

@@ -19,7 +19,7 @@ SHARES = (
 )
 GAINS = (
     "Interval: 95 %, of the surface at the design. Gain: part of the surface’s mean variance that the runs remove, "
-    "with the designs above in place. Time: as that of stored runs on one lane, fillings included."
+    "with the designs above in place. Time: that of a device, as stored runs took it, fillings included."
 )
 
 

@@ -408,7 +408,7 @@ class DesignSurface:
         return sum(len(one.runs) for one in self.points) / max(1, sum(len(one.beds) for one in self.points))
 
     def _seconds(self, designs: np.ndarray) -> np.ndarray:
-        """Run time [s] of a bed at each design: of stored runs, log-linear in the scaled keys."""
+        """Device time [s] of a bed at each design: of stored runs, log-linear in the scaled keys."""
         costs = [(self._place(one), run.cost) for one in self.points for run in one.runs if run.cost > 0]
         if not costs:
             return np.full(len(designs), math.nan)

@@ -117,8 +117,9 @@ class RunResult:
 
     @property
     def cost(self) -> float:
-        """Run time [s] of it and of the packing that it started from, as far as the index knows."""
-        return self.run.entry.wall_time + self.run.entry.filling_time
+        """Device time [s] of it and of the packing that it started from, as far as the index knows; of runs of older
+        versions the wall time."""
+        return self.run.entry.device_time + self.run.entry.filling_time
 
     @property
     def provenance(self) -> Mapping[str, Any]:

@@ -8,7 +8,7 @@ from typing import Any
 from pydantic import TypeAdapter, ValidationError
 
 from labbook.campaign import Calibrate, Measurement, Prior, place
-from labbook.campaign.goal import Budget
+from labbook.campaign.goal import CampaignBudget
 from labbook.measure import MEASURES
 from labbook.scene.quantities import parse
 from labbook.study.keys import Key, find, nearest
@@ -203,7 +203,7 @@ class CalibrateReader:
         if raw.get("budget") is None:
             return {}
         try:
-            budget = TypeAdapter(Budget).validate_python(raw["budget"], context={"units": "required"})
+            budget = TypeAdapter(CampaignBudget).validate_python(raw["budget"], context={"units": "required"})
         except ValidationError:
             remedy = "write 900 runs (at least 16), a device time such as 10 min, or {runs: 900, device_time: 10 min}"
             self._problem(("budget",), f"{quote(raw['budget'])} is no budget", remedy)

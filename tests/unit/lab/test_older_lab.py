@@ -70,6 +70,8 @@ def test_nothing_is_run_again(tmp_path, monkeypatch):
     assert (lab / "runs" / RUN.name / "run.json").stat().st_mtime_ns == before
     times = Catalogue(LabFolder(lab)).device_times([RUN.name], [PACKING.name])
     assert times == {RUN.name: None, PACKING.name: None}, "absent, and not 0"
+    (entry,) = Catalogue(LabFolder(lab)).entries([RUN.name])
+    assert entry.device_time == RunRecord.read(lab / "runs" / RUN.name).wall_time
     (row,) = json.loads(labbook("runs", "--lab", lab, "--json").stdout)
     assert (row["run_key"], row["backend"], row["outcome"]) == (RUN.name, "toy", "finished")
     shown = labbook("compare", study, "--backends", "toy,twin", "--show", "--lab", lab, "--json", check=False)

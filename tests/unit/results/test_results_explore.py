@@ -26,7 +26,7 @@ def steeper(synthetic):
     class Steeper(synthetic.FinishedDouble):
         def __init__(self, *given, cost: float = 10.0, **more):
             super().__init__(*given, **more)
-            object.__setattr__(self, "entry", replace(self.entry, wall_time=cost, filling_time=2.0))
+            object.__setattr__(self, "entry", replace(self.entry, device_time=cost, filling_time=2.0))
 
         def data(self):
             data = super().data()

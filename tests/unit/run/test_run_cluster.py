@@ -11,7 +11,7 @@ import pytest
 from labbook_toy import Backend
 from toy_lab import ROOT, arrays, carry_out, labbook, start, study, study_file
 
-from labbook.lab import LabFolder
+from labbook.lab import Catalogue, LabFolder
 from labbook.lab.index import Index
 from labbook.lab.records import Observe
 from labbook.plan.plan import Planner
@@ -170,6 +170,21 @@ def test_workers_that_are_killed_at_random_cost_no_bit(tmp_path, cluster):
     carry_out(asked, tmp_path / "whole")
     assert files(tmp_path / "lab") == files(tmp_path / "whole")
     assert LabFolder(tmp_path / "lab").working() == []
+
+
+@pytest.mark.ring
+def test_workers_share_one_campaign(tmp_path, cluster):
+    """What is proposed, and its reasons, are those of one process; each run and filling has its device time."""
+    goal = "adapt: {find: {container.orifice: {flow_rate: 28 g/s, within: 3 %}}}"
+    asked = load(study_file(tmp_path, goal, "window: {start: 0.15, end: 0.6}", orifices="[15, 30]"))
+    alone = carry_out(asked, tmp_path / "alone")
+    shared = Cluster(asked, LabFolder(tmp_path / "lab"), "toy", cluster.scheduler_address, slice=5.0).run()
+    assert "Promise kept" in alone.campaign[-1]
+    assert shared.campaign == alone.campaign
+    keys = [[sorted(one.name for one in (tmp_path / lab / kind).iterdir()) for kind in ("runs", "packings")]
+            for lab in ("alone", "lab")]  # fmt: skip
+    assert keys[0] == keys[1]
+    assert None not in Catalogue(LabFolder(tmp_path / "lab")).device_times(*keys[1]).values()
 
 
 @pytest.mark.ring

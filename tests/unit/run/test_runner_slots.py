@@ -238,7 +238,11 @@ def test_members_share_the_time_of_a_device(tmp_path, monkeypatch):
     assert sum(times) == pytest.approx(sum(wall for _, compiling, wall in beats if not compiling), rel=1e-9)
     for record, time in zip(records, times, strict=True):
         assert 0 < time < record.wall_time, "others were stepped at the same time"
-    indexed = Catalogue(LabFolder(lab)).device_times(
+    catalogue = Catalogue(LabFolder(lab))
+    indexed = catalogue.device_times(
         (path.name for path in (lab / "runs").iterdir()), (path.name for path in (lab / "packings").iterdir())
     )
     assert sorted(indexed.values(), key=str) == sorted(times, key=str)
+    for entry in catalogue.entries(path.name for path in (lab / "runs").iterdir()):
+        assert entry.device_time == indexed[entry.run_key]
+        assert entry.filling_time == indexed[entry.packing_key]

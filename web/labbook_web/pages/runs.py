@@ -19,7 +19,7 @@ SORTED_BY = (*(name for name in RUN_COLUMNS if name != "problem"), FLOW_RATE)
 KEY = "at:"
 """How the name of a column of a swept key begins."""
 FILTERS = ("study", "backend", "outcome", "packing", "tag", "q", "since")
-_UNITS = {FLOW_RATE: "kg/s", "duration": "s", "wall_time": "s", "rate": "1/s"}
+_UNITS = {FLOW_RATE: "kg/s", "duration": "s", "wall_time": "s", "device_time": "s", "rate": "1/s"}
 _NUMBER = re.compile(r"(?P<name>.+?) (?P<value>-?[\d.]+(?:e[-+]?\d+)?)(?: (?P<unit>\D.*))?")
 _MOST_TAGGED = 500
 
