@@ -520,7 +520,8 @@ def test_figures_and_sketches_of_hostile_labs_are_plain(hostile):
 
 WORDS = (
     "study", "point", "run", "runs", "compare", "beside", "card", "progress", "note", "static", "viewer", "figure",
-    "file", STUDY, "index.json", "runs.csv", "picture.png", "recording.rrd", "1", "0", "-1", "..", ".", "", "%2f", "%00",
+    "file", STUDY, "index.json", "runs.csv", "picture.png", "recording.rrd", "1", "0", "-1", "..", ".", "", "%2f",
+    "%00",
     "a.json", ".yaml", f"{STUDY}.yaml", "vendor", "labbook.css", "0.41.0", "1.json", "%ff", "é", "x" * 400,
 )  # fmt: skip
 NAMES = ("q", "page", "sort", "study", "backend", "outcome", "packing", "tag", "item", "as", "x", "token", "state", "")
