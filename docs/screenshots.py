@@ -30,7 +30,7 @@ ARGUMENTS = (
 DESKTOP, PHONE = ViewportSize(width=1280, height=860), ViewportSize(width=390, height=844)
 LARGEST = 300_000  # bytes of a picture
 _VIEWER = 25_000  # ms until the viewer has drawn by a software rasteriser
-_COLOURS = 128
+_COLOURS = 256
 _SCROLL = "element => window.scrollTo(0, element.getBoundingClientRect().top + scrollY - 80)"
 
 
@@ -92,6 +92,7 @@ def scrolled(page: Page, to: str, path: Path) -> None:
 
 def brushed(page: Page, path: Path) -> None:
     """The parallel coordinates with a range on the second axis."""
+    page.locator("#parallel").evaluate("element => { element.closest('details').open = true; }")
     page.locator("#parallel-title").evaluate(
         "element => window.scrollTo(0, element.getBoundingClientRect().top + scrollY - 80)"
     )

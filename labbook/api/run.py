@@ -11,7 +11,7 @@ from labbook import html
 from labbook.backend.probes import UNITS
 from labbook.export.film import SECONDS, SIZE, film, shot_of_run
 from labbook.export.frames import NotRecorded
-from labbook.export.recording import of_run, path_of
+from labbook.export.recording import middle_of, of_run, path_of
 from labbook.export.viewer import show
 from labbook.lab import LabFolder, RunRecord
 from labbook.lab.runs import picture
@@ -140,7 +140,7 @@ class Run(RunResult):
 
     def view(self) -> None:
         """Open the rerun viewer and wait until it is closed. Raises NotRecorded, ViewerMissing or ViewerFailed."""
-        show([self.recording()])
+        show([self.recording()], middle_of([self.folder]))
 
     def _repr_html_(self) -> str:
         label = self.point.label or "the only point"

@@ -6,6 +6,6 @@ A paper registers as any package from outside does, in its `pyproject.toml`:
     toy2025 = "my_package.toy2025:Toy2025"
 """
 
-from labbook.report.paper import Draw, Paper
+from labbook.report.paper import Draw, Drawing, Paper
 
-__all__ = ["Draw", "Paper"]
+__all__ = ["Draw", "Drawing", "Paper"]

@@ -1,7 +1,5 @@
 """The figures of a report by name, for whoever wants one of them and not the page."""
 
-from collections.abc import Callable
-from dataclasses import dataclass
 from typing import TYPE_CHECKING, Literal, TypeAlias
 
 from labbook.measure.acceleration import AccelerationProfile
@@ -12,7 +10,7 @@ from labbook.report.against import against_caption, found_against
 from labbook.report.blocks import slug
 from labbook.report.composition import CAPTION as COMPOSITION_CAPTION
 from labbook.report.composition import compositions
-from labbook.report.paper import Draw, figures_of_all
+from labbook.report.paper import Draw, Drawing, figures_of_all
 from labbook.report.sections import PATTERNS, acceleration_caption, fit_caption, flow_caption, overview_caption
 from labbook.results.explore import explore
 from labbook.results.points import PointResult
@@ -46,25 +44,6 @@ FigureName: TypeAlias = Literal[
     "flow",
 ]
 """Names that editors complete: figures of any study, and names of their files. Papers and swept keys add others."""
-
-
-@dataclass(frozen=True)
-class Drawing:
-    """A figure, made when it is called.
-
-    Attributes:
-        draw: Draws it.
-        caption: Makes its caption.
-        table: Frame of `labbook.results.frames` that has its numbers; empty without one.
-    """
-
-    draw: Draw
-    caption: Callable[[], str] = str
-    table: str = ""
-
-    def __call__(self) -> "Figure":
-        """Draw it."""
-        return self.draw()
 
 
 class NothingToShow(LookupError):

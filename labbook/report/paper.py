@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from contextlib import suppress
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -19,6 +20,25 @@ if TYPE_CHECKING:
 
 Draw = Callable[[], "Figure"]
 """Draws a figure."""
+
+
+@dataclass(frozen=True)
+class Drawing:
+    """A figure with its caption, made when it is called.
+
+    Attributes:
+        draw: Draws it.
+        caption: Makes its caption.
+        table: Frame of `labbook.results.frames` that has its numbers; empty without one.
+    """
+
+    draw: Draw
+    caption: Callable[[], str] = str
+    table: str = ""
+
+    def __call__(self) -> "Figure":
+        """Draw it."""
+        return self.draw()
 
 
 class Paper(Analysis):
@@ -82,7 +102,7 @@ class Paper(Analysis):
             results: Results of the study.
 
         Returns:
-            Functions that draw them, by name.
+            Functions that draw them, by name; `Drawing` gives one a caption.
         """
         return {}
 
@@ -182,7 +202,7 @@ def _guarded(paper: Paper, draw: Draw) -> Draw:
         with calling(paper):
             return draw()
 
-    return guarded
+    return replace(draw, draw=guarded) if isinstance(draw, Drawing) else guarded
 
 
 def _raising(error: ExtensionError) -> Draw:

@@ -55,7 +55,7 @@ def refused(answer, done: Path) -> None:
 PLACES = (
     "/", "/study/", f"/study/{STUDY}/", f"/study/{STUDY}/point/", f"/study/{STUDY}/figure/", "/run/", "/run/KEY/",
     "/run/KEY/file/", "/card/", "/progress/", "/static/", "/static/vendor/", "/viewer/", "/viewer/0.41.0/",
-    "/note/study/", "/note/run/",
+    "/note/study/", "/note/run/", "/beside/", "/beside/KEY-",
 )  # fmt: skip
 ODD = (
     "../../../../../../etc/passwd", "..%2f..%2f..%2f..%2fetc%2fpasswd", "%2e%2e/%2e%2e/%2e%2e/etc/passwd",
@@ -519,8 +519,9 @@ def test_figures_and_sketches_of_hostile_labs_are_plain(hostile):
 
 
 WORDS = (
-    "study", "point", "run", "runs", "compare", "card", "progress", "note", "static", "viewer", "figure", "file",
-    STUDY, "index.json", "runs.csv", "picture.png", "recording.rrd", "1", "0", "-1", "..", ".", "", "%2f", "%00",
+    "study", "point", "run", "runs", "compare", "beside", "card", "progress", "note", "static", "viewer", "figure",
+    "file", STUDY, "index.json", "runs.csv", "picture.png", "recording.rrd", "1", "0", "-1", "..", ".", "", "%2f",
+    "%00",
     "a.json", ".yaml", f"{STUDY}.yaml", "vendor", "labbook.css", "0.41.0", "1.json", "%ff", "é", "x" * 400,
 )  # fmt: skip
 NAMES = ("q", "page", "sort", "study", "backend", "outcome", "packing", "tag", "item", "as", "x", "token", "state", "")

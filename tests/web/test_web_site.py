@@ -3,6 +3,7 @@
 import json
 import re
 import shutil
+from base64 import b64decode
 from functools import partial
 from pathlib import Path
 from urllib.parse import unquote, urlsplit
@@ -248,3 +249,11 @@ def test_a_lab_that_is_not_there_is_named(done, tmp_path):
     ended = labbook("site", tmp_path / "out", done / "toy.yaml", "--lab", tmp_path / "none", check=False)
     assert ended.exit_code == 1
     assert "there is no lab" in ended.output
+
+
+def test_the_viewer_is_asked_to_play_from_the_middle_of_the_window(monkeypatch):
+    """Bytes of the message by hand, after the rules of Protocol Buffers: set_time_cursor (6) with the timeline (2), the
+    time (3) of 5e8 ns and the state (5) `playing`."""
+    monkeypatch.setattr(viewer, "middle_of", lambda folders: 0.5)
+    timeline, instant = b"\x12\x0a\x0a\x08sim_time", b"\x1a\x06\x08\x80\xca\xb5\xee\x01"
+    assert b64decode(viewer.opening([])) == b"\x32\x16" + timeline + instant + b"\x28\x02"

@@ -11,7 +11,7 @@ from typing import ClassVar
 
 from labbook.measure import Quantity
 from labbook.measure.outlet import COVERAGE, CROSSINGS, DEFINITIONS
-from labbook.papers import Draw, Paper
+from labbook.papers import Draw, Drawing, Paper
 from labbook.papers.fan2023 import figures, pages
 from labbook.papers.fan2023.laws import FEWEST, TERMS
 from labbook.papers.fan2023.profiles import OF_OUTLET, SHAPE, approaches, fit_along, profile_fit
@@ -102,8 +102,9 @@ class Fan2023(Paper):
     def figures_of(self, results: StudyResults, series: Series) -> Mapping[str, Draw]:
         beside, draws = (results.comparisons, results.source), dict[str, Draw]()
         for name in (name for name in series.further if name in DEFINITIONS):
-            draws[name] = partial(figures.outlet_profiles, series, name, *beside)
-            draws[f"{name}_middles"] = partial(figures.outlet_middles, series, name, *beside)
+            draws[name] = Drawing(partial(figures.outlet_profiles, series, name, *beside), lambda: pages.ALONG)
+            middles = partial(figures.outlet_middles, series, name, *beside)
+            draws[f"{name}_middles"] = Drawing(middles, lambda: pages.MIDDLES)
         return draws
 
 

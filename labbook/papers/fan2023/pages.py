@@ -32,9 +32,9 @@ def profile_section(
         f"Profiles along the outlets: {DEFINITIONS[definition]}",
         (
             Formula(ProfileFit.formula, ProfileFit.source),
-            picture(along, folder / f"{name}{suffix}", f"{name} along the outlets{where}", _ALONG),
+            picture(along, folder / f"{name}{suffix}", f"{name} along the outlets{where}", ALONG),
             profile_table(series, definition, results.comparisons, results.source),
-            picture(middles, folder / f"{name}-middles{suffix}", f"middles of the {name}{where}", _MIDDLES),
+            picture(middles, folder / f"{name}-middles{suffix}", f"middles of the {name}{where}", MIDDLES),
             outlet_table(series, definition),
         ),
     )
@@ -254,13 +254,13 @@ def outlet_table(series: Series, definition: str) -> Table:
     return Table(("D [mm]", *columns.values()), rows, frozenset(), notes=notes)
 
 
-_ALONG = (
+ALONG = (
     "Velocity (left) and area fraction (right) along the outlets: as measured, and divided by their values in the "
     "middle. Points are fitted; bins without points are not. Bands about points: one standard error over seeds; about "
     "the law: 95 %, of the law and, fainter, of a bin of one more outlet. Dashed: the tilted curves of eqs 16 and 17, "
     "where the tilt is significant; the bands are then theirs."
 )
-_MIDDLES = (
+MIDDLES = (
     "Velocity and area fraction in the middle of the outlets, and the flow that the profiles come to, over the flow "
     "counted. Bars: one standard error over seeds; bands: 95 %, of the law and, fainter, of one more outlet; dots: the "
     "law with the parameters of the reference, its φ_∞ being ours where it has only τ₁ and τ₂."

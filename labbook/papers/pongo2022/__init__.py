@@ -7,7 +7,7 @@ from typing import ClassVar
 
 from labbook.fit import LAWS
 from labbook.measure import Quantity
-from labbook.papers import Draw, Paper
+from labbook.papers import Draw, Drawing, Paper
 from labbook.papers.pongo2022 import figures, pages
 from labbook.papers.pongo2022.rotation import TRENDS, rotations_of
 from labbook.papers.pongo2022.statements import FEATURES, TURNING, judged
@@ -67,9 +67,11 @@ class Pongo2022(Paper):
     def figures(self, results: StudyResults) -> Mapping[str, Draw]:
         draws: dict[str, Draw] = {}
         if curves := [curve for curve in rotations_of(results) if curve.flows]:
-            draws["rotation"] = partial(figures.flow_against_rotation, curves)
+            draws["rotation"] = Drawing(
+                partial(figures.flow_against_rotation, curves), lambda: pages.flow_caption(curves)
+            )  # fmt: skip
         if scaled := pages.scaled(results):
-            draws["scaling"] = partial(figures.flow_scaling, scaled)
+            draws["scaling"] = Drawing(partial(figures.flow_scaling, scaled), lambda: pages.SCALING, "points")
         return draws
 
     def shows_beds_of(self, results: StudyResults) -> Collection[PointResult]:

@@ -69,7 +69,7 @@ def scaling(results: StudyResults, folder: Path) -> Picture | None:
     fitted = scaled(results)
     if not fitted:
         return None
-    return picture(figures.flow_scaling(fitted), folder / "scaling", "flow rate against orifice, logarithmic", _SCALING)
+    return picture(figures.flow_scaling(fitted), folder / "scaling", "flow rate against orifice, logarithmic", SCALING)
 
 
 def scaled(results: StudyResults) -> list[Series]:
@@ -141,10 +141,14 @@ def _flow(curves: Sequence[Rotation], folder: Path) -> tuple[list[Picture], list
             lacking[f"{_curve_name(curve)}: Q(f)/Q(0) is not drawn: {why}."] = None
     if not flowing:
         return [], list(lacking)
-    below = _BELOW if any(curve.rated for curve in flowing) else ""
-    caption = f"{_FLOW if below else _FLOW_ALONE}{below}{_hollow(flowing)}"
     figure = figures.flow_against_rotation(flowing)
-    return [picture(figure, folder / "rotation-flow", "flow rate against f", caption)], list(lacking)
+    return [picture(figure, folder / "rotation-flow", "flow rate against f", flow_caption(flowing))], list(lacking)
+
+
+def flow_caption(curves: Sequence[Rotation]) -> str:
+    """Caption of Q against f."""
+    below = _BELOW if any(curve.rated for curve in curves) else ""
+    return f"{_FLOW if below else _FLOW_ALONE}{below}{_hollow(curves)}"
 
 
 def _curve_name(curve: Rotation) -> str:
@@ -194,7 +198,7 @@ _SHAPES = (
     "The smallest flow over that at rest, and that with the fastest rotation over the smallest (Pongó et al. 2022, "
     "Fig. 3), with 90 % intervals from pairs of seeds. Dashed: the same D; full: the same D/d*."
 )
-_SCALING = (
+SCALING = (
     "Q against D (Pongó et al. 2022, Figs 4 and 5); bars: one standard error. First: both axes logarithmic, with "
     "fitted powers and, grey, the slope 5/2; second: only Q, with fitted exponentials."
 )

@@ -20,7 +20,7 @@ from labbook.plugins import ExtensionError
 from labbook.report import gallery, style, tables
 from labbook.report.blocks import Facts, slug
 from labbook.report.fitted_tables import fit_table
-from labbook.report.paper import Draw
+from labbook.report.paper import Draw, Drawing
 from labbook.report.result_box import headline, no_number, result_box
 from labbook.report.sections import series_of_points
 from labbook.report.setting import setting
@@ -230,13 +230,13 @@ def picture(shelf: Shelf, contents: Found, address: str, kind: str = "svg") -> b
 def caption(contents: Found, address: str) -> str:
     """The caption of a figure; empty of a figure that has none. Raises NotThere, and what CANNOT_DRAW lists."""
     drawing = draw(contents, address)[1]
-    return drawing.caption() if isinstance(drawing, gallery.Drawing) else ""
+    return drawing.caption() if isinstance(drawing, Drawing) else ""
 
 
 def numbers(contents: Found, address: str) -> "pd.DataFrame | None":
     """The numbers of a figure as a table, units in the headings; None of a figure without. Raises NotThere."""
     drawing = draw(contents, address)[1]
-    if not isinstance(drawing, gallery.Drawing) or not drawing.table:
+    if not isinstance(drawing, Drawing) or not drawing.table:
         return None
     if drawing.table == "points":
         return with_units(contents.results.frame())

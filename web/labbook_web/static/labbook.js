@@ -190,7 +190,7 @@ function openAt(frame, request, attempts = 300) {
   const later = () => setTimeout(() => openAt(frame, request, attempts - 1), 200);
   const handle = frame.contentWindow && frame.contentWindow._handle;
   if (!handle || !handle.viewer_control) later();
-  else handle.viewer_control(request).catch(later);
+  else handle.viewer_control(request).then(() => frame.setAttribute("data-opened", ""), later);
 }
 
 // A film of the run beside its tile, while the pointer stays on it or it has the focus; Escape takes it away.

@@ -246,7 +246,7 @@ document.addEventListener("click", (event) => {
   from.forEach((one, k) => { const style = getComputedStyle(one); for (const name of ["fill", "stroke", "stroke-width", "font-size", "font-family", "text-anchor", "opacity"]) to[k].setAttribute(name, style.getPropertyValue(name)); });
   const node = (name, attributes) => { const made = document.createElementNS("http://www.w3.org/2000/svg", name); for (const [key, value] of Object.entries(attributes)) made.setAttribute(key, value); return made; };
   const part = (name, length) => (parseFloat(canvas.style[name]) / 100) * length;
-  copy.prepend(node("image", { href: canvas.toDataURL(), x: part("left", box.width), y: part("top", box.height), width: part("width", box.width), height: part("height", box.height), preserveAspectRatio: "none", opacity: getComputedStyle(canvas).opacity }));
+  if (canvas) copy.prepend(node("image", { href: canvas.toDataURL(), x: part("left", box.width), y: part("top", box.height), width: part("width", box.width), height: part("height", box.height), preserveAspectRatio: "none", opacity: getComputedStyle(canvas).opacity }));
   copy.prepend(node("rect", { width: box.width, height: box.height, fill: getComputedStyle(document.documentElement).getPropertyValue("--paper").trim() }));
   copy.setAttribute("xmlns", "http://www.w3.org/2000/svg");
   copy.setAttribute("width", box.width);
