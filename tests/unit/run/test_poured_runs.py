@@ -11,8 +11,10 @@ from toy_records import outcomes, records
 from wrong_study import problems
 
 from labbook.filling import place
+from labbook.lab.evaluations import evaluate
 from labbook.lab.packings import PackingRecord, load_packing
 from labbook.lab.runs import open_run
+from labbook.measure import MEASURES
 from labbook.plan.demand import PointDemand
 
 pytestmark = pytest.mark.slow
@@ -93,6 +95,7 @@ def test_a_stream_goes_on_after_the_opening(tmp_path, until):
     brought = 0.04 * (filled.duration + times + record.numerics.beat) / record.scene.grains.mass
     assert (np.arange(1, 101) <= brought).all()
     assert np.array_equal(np.sort(data.tables["crossing"]["id"]), np.arange(100))
+    assert "entered after the opening" in evaluate(MEASURES["residence"], one.window, data).problem
 
 
 def test_a_run_into_which_a_stream_goes_on_can_be_stopped(tmp_path):
