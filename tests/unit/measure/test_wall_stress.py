@@ -197,11 +197,11 @@ def test_known_forces_give_known_numbers():
 def test_the_weight_of_a_fed_bed_is_that_of_the_grains_inside(entering):
     """Two of 100 grains leave in each beat and return at its end, one after a quarter of the beat and one after a half.
 
-    So 98 + 1/4 + 1/2 grains are inside in the mean. Walls carry them, less the momentum of the outflow, and more by that of
-    a stream."""
+    So 98 + 1/4 + 1/2 grains are inside in the mean. Walls carry them, less the momentum of the outflow, and the
+    momentum of a stream beside it."""
     silo = CylinderSilo(diameter=8 * D, height=0.3, orifice=4 * D)
-    corners = {"low": (-D, -D, 0.2), "high": (D, D, 0.25)}
-    stream = Stream(rate=1.0, velocity=(0.0, 0.0, entering), **corners) if entering else None
+    poured = Stream(rate=1.0, velocity=(0.0, 0.0, entering), low=(-D, -D, 0.2), high=(D, D, 0.25))
+    stream = poured if entering else None
     feed = Feed(kind="rate" if entering else "reinject", stream=stream)
     here = scene(100, hertz(), silo, G).model_copy(update={"feed": feed})
     mass, numerics, beats = here.grains.mass, Numerics(dt=1e-4, steps_per_beat=100), 200
