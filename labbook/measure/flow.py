@@ -1,7 +1,8 @@
 """Flow rate from crossing events."""
 
 import math
-from collections.abc import Mapping
+import re
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
@@ -150,16 +151,30 @@ _WIDTH, _HEIGHT = 480, 160  # px of a drawing of W(t)
 
 
 def summed_up(notes: Mapping[str, int]) -> dict[str, int]:
-    """Notes with the number of runs that carry each; those on too few grains are one, with a range and the remedy."""
+    """Notes with the number of runs that carry each; those on too few grains are one, with a range and the remedy, and
+    so are those on gaps."""
     few = [(found, n) for note, n in notes.items() if (found := TOO_FEW.fullmatch(note))]
-    if not few:
-        return dict(notes)
-    left = sorted({int(found[1]) for found, _ in few})
-    some = " to ".join(map(str, dict.fromkeys((left[0], left[-1]))))
-    _, total, fewest = few[0][0].groups()
-    told = f"too few grains: {some} of {total} left, fewer than {fewest} in the window: {WIDER}"
-    others = {note: n for note, n in notes.items() if not TOO_FEW.fullmatch(note)}
-    return {told: sum(n for _, n in few), **others}
+    gaps = [(found, n) for note, n in notes.items() if (found := _GAPS.fullmatch(note))]
+    told: dict[str, int] = {}
+    if few:
+        _, total, fewest = few[0][0].groups()
+        left = _range([int(found[1]) for found, _ in few])
+        told[f"too few grains: {left} of {total} left, fewer than {fewest} in the window: {WIDER}"] = _sum(few)
+    if gaps:
+        count, time = _range([int(found[1]) for found, _ in gaps]), _range([float(found[2]) for found, _ in gaps])
+        told[f"{count} {'gap' if count == '1' else 'gaps'} without flow left out, {time} s together"] = _sum(gaps)
+    return told | {note: n for note, n in notes.items() if not TOO_FEW.fullmatch(note) and not _GAPS.fullmatch(note)}
+
+
+_GAPS = re.compile(r"(\d+) gaps? without flow left out, (\S+) s together")
+
+
+def _range(values: Sequence[float]) -> str:
+    return " to ".join(f"{value:g}" for value in dict.fromkeys((min(values), max(values))))
+
+
+def _sum(counted: Sequence[tuple[object, int]]) -> int:
+    return sum(n for _, n in counted)
 
 
 def _trace(run: RunData, times: np.ndarray, flow: SteadyFlow | None) -> dict[str, np.ndarray]:
