@@ -10,7 +10,7 @@ from labbook.cli.screen import WIDE, say, screen
 from labbook.commands import command
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping, Sequence
+    from collections.abc import Mapping
 
     from labbook.lab import LabFolder
 
@@ -36,7 +36,7 @@ def register(app: typer.Typer) -> None:
     ) -> None:
         """List runs, the latest first, with outcome, flow rate and discharged part of the mass.
 
-        The flow rate is that in the window of the studies that were evaluated; a range if their windows differ.
+        The flow rate is that in the window that opens last, of those of the studies that were evaluated.
         """
         catalogue = existing(lab)
         if absent := catalogue.absent(study, outcome):
@@ -76,9 +76,9 @@ def _with_tag(lab: "LabFolder", tag: str) -> list[str]:
     return [key for key, tags in tagged(lab, "run").items() if label in tags]
 
 
-def _show(listed, rates: "Mapping[str, Sequence[float]]") -> None:
+def _show(listed, rates: "Mapping[str, float]") -> None:
     """Print runs as a table. On a terminal, study and backend are named once where all runs have the same. `rates`:
-    flow rates of runs [kg/s], one for each window."""
+    flow rates of runs [kg/s]."""
     from rich import box
     from rich.markup import escape
     from rich.table import Table
@@ -113,7 +113,6 @@ def _show(listed, rates: "Mapping[str, Sequence[float]]") -> None:
             table.add_row(*(cells.get(heading, "") for heading in headings), style="red")
             problems.append(row.problem)
             continue
-        in_windows = [f"{rate * 1e3:.4g}" for rate in sorted(rates.get(row.run_key, ()))]
         cells = {
             "run": row.run_key[:10],
             "study": escape(row.study),
@@ -122,7 +121,7 @@ def _show(listed, rates: "Mapping[str, Sequence[float]]") -> None:
             "discharge": str(int(row.discharge)),
             "backend": f"{escape(row.backend)} {int(row.cache_version)}",
             "outcome": f"{row.outcome}, suspect" if row.suspect else row.outcome,
-            "W [g/s]": " to ".join(dict.fromkeys((*in_windows[:1], *in_windows[-1:]))) or "–",
+            "W [g/s]": f"{rates[row.run_key] * 1e3:.4g}" if row.run_key in rates else "–",
             "discharged": percent(row.discharged, ".0f"),
             "t [s]": f"{row.duration:.3g}",
         }

@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, get_args
 
 from pydantic import ValidationError
-from sqlalchemy import ColumnElement, Connection, Engine, Row, func, select
+from sqlalchemy import ColumnElement, Connection, Engine, Row, ScalarSelect, func, select
 from sqlalchemy.exc import DatabaseError
 
 from labbook.lab import server
@@ -264,17 +264,9 @@ class Catalogue:
 
         Returns:
             Table with the columns of `runs` (without scene_key), packing_key and flow_rate [kg/s], and the number of
-            runs on all pages. The flow rate is that of the newest version of the measure, and of the window that opens
-            last.
+            runs on all pages.
         """
-        rates = measurements.alias()
-        rate = (
-            select(rates.c.value)
-            .where(rates.c.run_key == runs.c.run_key, rates.c.quantity == FLOW_RATE, rates.c.value.is_not(None))
-            .order_by(rates.c.version.desc(), rates.c.window_start.desc())
-            .limit(1)
-            .scalar_subquery()
-        )
+        rate = _flow_rate()
         columns = (runs.c[name].label(name) for name in (*RUN_COLUMNS, "packing_key"))
         query = select(*columns, rate.label(FLOW_RATE)).where(*listing.conditions())
         column = rate if listing.sort == FLOW_RATE else runs.c[listing.sort]
@@ -459,16 +451,12 @@ class Catalogue:
             rows += select_in(connection, query, packings.c.packing_key, packing_keys)
             return {key: device_time for key, device_time in rows}
 
-    def flow_rates(self, run_keys: Iterable[str]) -> dict[str, tuple[float, ...]]:
-        """Flow rates [kg/s] of runs by their key, by the newest version of the measure; one for each window."""
-        query = select(measurements.c.run_key, measurements.c.version, measurements.c.value).where(
-            measurements.c.quantity == "flow_rate", measurements.c.value.is_not(None)
-        )
-        rates: dict[str, dict[int, list[float]]] = {}
+    def flow_rates(self, run_keys: Iterable[str]) -> dict[str, float]:
+        """Flow rates [kg/s] of runs by their key, as in `listed`."""
+        rate = _flow_rate()
+        query = select(runs.c.run_key, rate).where(rate.is_not(None))
         with self._connection() as connection:
-            for row in select_in(connection, query, measurements.c.run_key, run_keys):
-                rates.setdefault(row.run_key, {}).setdefault(row.version, []).append(row.value)
-        return {key: tuple(dict.fromkeys(of[max(of)])) for key, of in rates.items()}
+            return {key: value for key, value in select_in(connection, query, runs.c.run_key, run_keys)}
 
     def speeds(self, backend: str, machine: str, device: str) -> list[tuple[str, int, float]]:
         """(run key, grains, grain-steps per second) of the latest 50 runs of `backend` on this machine and device."""
@@ -497,6 +485,19 @@ class Catalogue:
         with self._connection() as connection:
             result = connection.execute(query)
             return pd.DataFrame.from_records(result.fetchall(), columns=list(result.keys()))
+
+
+def _flow_rate() -> ScalarSelect[float]:
+    """Flow rate of each run [kg/s]: by the newest version of the measure, in the window that opens last (and closes
+    last)."""
+    rates = measurements.alias()
+    return (
+        select(rates.c.value)
+        .where(rates.c.run_key == runs.c.run_key, rates.c.quantity == FLOW_RATE, rates.c.value.is_not(None))
+        .order_by(rates.c.version.desc(), rates.c.window_start.desc(), rates.c.window_end.desc())
+        .limit(1)
+        .scalar_subquery()
+    )
 
 
 def _entry(row: Row) -> Entry:

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from labbook.backend.numerics import Numerics
-from labbook.backend.probes import TRACTION_SUMS, Crossing, Probe, Traction
+from labbook.backend.probes import TRACTION_SUMS, Above, Crossing, Probe, Traction
 from labbook.measure.data import RunData
 from labbook.measure.expected import beats_of, rounded, window_time
 from labbook.measure.measure import (
@@ -198,7 +198,7 @@ class WallStress(Measure):
     """
 
     name = NAME
-    version = 1
+    version = 2  # 2: grains of a fed bed that have left and are not back yet do not count as its weight
     declared = (*_AT_REST, _OPENING, *_IN_FLOW, *map(while_flowing, _IN_FLOW))
 
     def check(self, scene: Scene) -> None:
@@ -225,7 +225,10 @@ class WallStress(Measure):
         if math.isfinite(expected):
             every = max(every, rounded(expected / _FRAMES, scene, 1))
         traction = Traction(size=bin_width(scene), every=beats_of(every, numerics))
-        return (traction,) if plane is None else (Crossing(plane), traction)
+        if plane is None:
+            return (traction,)
+        inside = () if scene.feed is None else (Above((plane,), every=traction.every),)
+        return Crossing(plane), traction, *inside
 
     def evaluate(self, run: RunData, window: Window) -> Evaluation:
         self.check(run.scene)
@@ -482,9 +485,11 @@ def _in_flow(record: WallStresses, run: RunData, count: int, where: str) -> list
                                      float(record.flow_contacts[upright].sum())),
         "wall_switch": _ratio(float(normal), float(rest)),
     }  # fmt: skip
-    none = "no frame within the window"
+    lacking = "" if count else "no frame within the window"
+    if not lacking and run.scene.feed is not None and "above" not in run.tables:
+        lacking = "the run did not record the mass inside; run it again"
     return [
-        Measured(name + suffix, value, math.nan, count, where, how, "", "" if count else none)
+        Measured(name + suffix, value, math.nan, count, where, how, "", "" if math.isfinite(value) else lacking)
         for name, value in values.items()
     ]
 
@@ -502,7 +507,31 @@ def _balance(record: WallStresses, run: RunData) -> float:
     time, speed = np.asarray(table["time"], float), -np.asarray(table["vz"], float)
     flowing = (time >= begin) & (time <= end)
     momentum = float((mass * speed)[flowing].sum()) / (end - begin)
-    inside = record.weight
-    if run.scene.feed is None:
-        inside -= run.scene.gravity * float((mass * np.clip(end - time, 0, end - begin)).sum()) / (end - begin)
-    return (force + momentum) / inside - 1
+    if run.scene.feed is not None:
+        if (stream := run.scene.feed.stream) is not None:  # as much enters as leaves, at this velocity
+            momentum += float(mass[flowing].sum()) / (end - begin) * stream.velocity[2]
+        return (force + momentum) / _fed_weight(run, begin, end) - 1
+    left = run.scene.gravity * float((mass * np.clip(end - time, 0, end - begin)).sum()) / (end - begin)
+    return (force + momentum) / (record.weight - left) - 1
+
+
+def _fed_weight(run: RunData, begin: float, end: float) -> float:
+    """Mean weight [N] of the grains above the outlet from `begin` to `end` [s]; NaN if the run did not record it.
+
+    Grains that have left and wait for their return do not count. They return between two beats only, so the mass within
+    a beat is that at its end plus that of the grains that leave until then.
+    """
+    if "above" not in run.tables:
+        return math.nan
+    table, crossing, beat = run.tables["above"], run.tables["crossing"], run.numerics.beat
+    time = np.asarray(table["step"]) * run.numerics.dt
+    frames = (time >= begin) & (time <= end)
+    if not frames.any():
+        return math.nan
+    left = np.asarray(crossing["time"], float)
+    masses = Bodies.of(run.scene.grains, run.start).mass[run.start.rows(np.asarray(crossing["id"]))]
+    after = np.searchsorted(time[frames], left)  # the frame at the end of the beat, if that has one
+    ends = np.append(time[frames], math.inf)[after]
+    part = np.clip(1 - (ends - left) / beat, 0, 1)
+    inside = np.asarray(table["mass"], float)[frames].mean() + float((masses * part).sum()) / frames.sum()
+    return float(inside) * run.scene.gravity

@@ -1,15 +1,16 @@
 """Section of the page on residence times."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 
+from labbook.measure.marks import PREFIX, planes_above
 from labbook.measure.residence import LAYERS, Residence
 from labbook.report import figures
 from labbook.report.blocks import Block, Section, picture
 from labbook.report.tables import Table
 from labbook.results import display
 from labbook.results.points import PointResult
-from labbook.results.residence import PooledCurve, PooledMap, regime_of, residence_curve, residence_map
+from labbook.results.residence import PooledCurve, PooledMap, marks_of, regime_of, residence_curve, residence_map
 from labbook.results.study import StudyResults
 from labbook.stats import Pooled
 
@@ -32,6 +33,9 @@ def residence_sections(results: StudyResults, folder: Path) -> list[Section]:
     if regimes:
         names = list(dict.fromkeys(name for _, numbers in regimes for name in numbers))
         blocks.append(_table(regimes, names, (REGIME_NOTE,)))
+    if rows := [row for result in results.points for row in _marks(result)]:
+        headings = ("point", "plane", "z [mm]", "median time to the outlet [s]", "⟨t⟩ [s]", "σ²/⟨t⟩^(2)")
+        blocks.append(Table(headings, tuple(rows), notes=(MARKS_NOTE,)))
     return [Section("Residence times", tuple(blocks))] if blocks else []
 
 
@@ -39,6 +43,16 @@ def residence_of(results: StudyResults) -> tuple[list[PooledMap], list[PooledCur
     """Maps of batch discharges and distributions of fed silos, of the points that have them."""
     maps = [pooled for result in results.points if (pooled := residence_map(result)) is not None]
     return maps, [pooled for result in results.points if (pooled := residence_curve(result)) is not None]
+
+
+def _marks(result: PointResult) -> Iterator[tuple[str, ...]]:
+    numbers = marks_of(result)
+    for plane in planes_above(result.point.scene):
+        names = (f"{PREFIX}{plane.name}{of}" for of in (".median", "", ".variance"))
+        times = [numbers.get(name) for name in names]
+        if any(times):
+            cells = ("–" if time is None else display.with_error(time.value, time.error, 1.0) for time in times)
+            yield (result.label or "the only point", plane.name, f"{plane.z * 1e3:g}", *cells)
 
 
 def _table(
@@ -75,4 +89,9 @@ REGIME_NOTE = (
     "height; 1 is a section that sinks as a whole. Not moved: part of the initial mass that has moved by less than "
     "0.1 d when half has left. Engineers speak of mass flow if all material moves, and of funnel flow if some stands "
     "at the wall. A flat bottom has stagnant corners: it is funnel flow even where MFI is 1."
+)
+MARKS_NOTE = (
+    "Recorded runs. Time from the first passage of a plane above the outlet, after the opening or the last return, "
+    "until the grain leaves; times that the window cuts are censored. There is no mean if more than 1 % take longer "
+    "than the window."
 )

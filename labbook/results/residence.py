@@ -5,6 +5,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from labbook.measure.marks import Marks, planes_above
+from labbook.measure.measure import Measure
 from labbook.measure.regime import FlowRegime
 from labbook.measure.residence import LAYERS, Residence, ResidenceCurve, ResidenceMap, layers_of
 from labbook.results.composition import PooledShares, pooled_shares
@@ -64,10 +66,19 @@ def residence_curve(result: PointResult) -> PooledCurve | None:
 
 def regime_of(result: PointResult) -> dict[str, Pooled]:
     """Mass-flow index and stagnant fraction by name, pooled over the recorded runs that measured residence times."""
+    return {} if result.point.scene.container.symmetry is None else _of_recorded(result, FlowRegime())
+
+
+def marks_of(result: PointResult) -> dict[str, Pooled]:
+    """Times from planes above the outlet to the outlet by name (`Marks`), of the same runs."""
+    return _of_recorded(result, Marks()) if planes_above(result.point.scene) else {}
+
+
+def _of_recorded(result: PointResult, measure: Measure) -> dict[str, Pooled]:
     values: dict[str, list[float]] = {}
     for run in _measured(result):
-        if run.recorded and result.point.scene.container.symmetry is not None:
-            for number in run.evaluation(FlowRegime()).numbers:
+        if run.recorded:
+            for number in run.evaluation(measure).numbers:
                 if np.isfinite(number.value):
                     values.setdefault(number.quantity, []).append(number.value)
     return {name: pool(numbers) for name, numbers in values.items()}

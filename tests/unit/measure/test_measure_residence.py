@@ -8,10 +8,12 @@ import pytest
 
 from labbook.backend.numerics import Numerics
 from labbook.measure import MEASURES, MeasureError, RunData
+from labbook.measure.marks import Marks
 from labbook.measure.regime import FlowRegime
 from labbook.measure.residence import ResidenceCurve, ResidenceMap, durations, layers_of, peclet
 from labbook.measure.steady import TimeWindow
 from labbook.scene import Box, ConicalSilo, HertzMindlin, Packing, Scene, Spheres, WedgeHopper
+from labbook.scene.container_shape import CountingPlane
 from labbook.scene.feed import Feed
 
 MEASURE = MEASURES["residence"]
@@ -216,3 +218,30 @@ def test_material_that_has_not_moved_when_half_has_left():
     (still,) = [one for one in found.numbers if one.quantity == "regime.still"]
     assert still.value == pytest.approx(0.125)
     assert "2 s" in still.window
+
+
+def test_marks_at_a_plane_measure_the_time_to_the_outlet():
+    """Every grain sinks at 20 mm/s from 90 mm, returns at once to the top, and shakes by 1 mm about its way.
+
+    From the plane at 50 mm it takes 2.5 s; the first passage may be earlier by 0.05 s."""
+    planes = (CountingPlane(name="middle", z=0.05), CountingPlane(name="pipe", z=-0.05))
+    speed, period, end = 0.02, 4.5, 40.0
+    phase = RNG.uniform(0, period, N)
+    passages = (np.arange(9)[:, None] + 1) * period - phase
+    frames = np.arange(0, end, 0.05)
+    height = 0.09 - speed * ((frames[:, None] + phase) % period) + 0.001 * RNG.uniform(-1, 1, (len(frames), N))
+    recorded = {"time": np.repeat(frames, N), "id": np.tile(np.arange(N), len(frames)), "z": height.ravel()}
+    seen = passages < end
+    table = {"time": passages[seen], "id": np.broadcast_to(np.arange(N), passages.shape)[seen]}
+    silo = CONE.model_copy(update={"planes": planes})
+    start = Packing(x=RNG.uniform(0, 0.05, (N, 3)), v=np.zeros((N, 3)), omega=np.zeros((N, 3)))
+    run = RunData(scene(silo), Numerics(dt=1e-5), 1, start, "finished", end, {"crossing": table}, lambda: recorded)
+    found = {one.quantity: one for one in Marks().evaluate(run, FED).numbers}
+    names = {"marks.middle", "marks.middle.median", "marks.middle.variance"}
+    assert set(found) == names, "a plane below the outlet marks nothing"
+    assert found["marks.middle.median"].value == pytest.approx(2.525, abs=0.025)
+    assert found["marks.middle"].value == pytest.approx(2.525, abs=0.025)
+    assert found["marks.middle.variance"].value < 1e-3
+    short = Marks().evaluate(run, TimeWindow(4.0, 6.0)).numbers
+    assert all(math.isnan(one.value) and "fewer than 60 grains" in one.note for one in short)
+    assert Marks().evaluate(replace(run, recorded=lambda: None), FED).numbers == ()

@@ -17,7 +17,9 @@ from labbook.fields import Space, coarse_grain, contacts_of, grains_of
 from labbook.filling.placing import place
 from labbook.measure import MEASURES, MeasureError, RunData
 from labbook.measure.wall_stress import WallStress, WallStresses, bin_width
-from labbook.scene import Box, Frustum, Primitives, SurfaceChange, Wall
+from labbook.scene import Box, CylinderSilo, Frustum, Primitives, SurfaceChange, Wall
+from labbook.scene.feed import Feed
+from labbook.scene.stream import Stream
 from labbook.scene.wall_bins import all_walls, bins_of_walls, is_upright
 
 SOFT, DT, COUNT = 1e6, 2e-5, 100
@@ -189,6 +191,45 @@ def test_known_forces_give_known_numbers():
     bins = bins_of_walls(here, every, bin_width(here))[0]
     assert stresses.low[1] == pytest.approx(bins.size)
     assert np.nanmax(stresses.flow_error) == pytest.approx(0, abs=1e-12)
+
+
+@pytest.mark.parametrize("entering", [0.0, -0.2])
+def test_the_weight_of_a_fed_bed_is_that_of_the_grains_inside(entering):
+    """Two of 100 grains leave in each beat and return at its end, one after a quarter of the beat and one after a half.
+
+    So 98 + 1/4 + 1/2 grains are inside in the mean. Walls carry them, less the momentum of the outflow, and the
+    momentum of a stream beside it."""
+    silo = CylinderSilo(diameter=8 * D, height=0.3, orifice=4 * D)
+    poured = Stream(rate=1.0, velocity=(0.0, 0.0, entering), low=(-D, -D, 0.2), high=(D, D, 0.25))
+    stream = poured if entering else None
+    feed = Feed(kind="rate" if entering else "reinject", stream=stream)
+    here = scene(100, hertz(), silo, G).model_copy(update={"feed": feed})
+    mass, numerics, beats = here.grains.mass, Numerics(dt=1e-4, steps_per_beat=100), 200
+    start = grains_at(np.random.default_rng(1).uniform(0, 3 * D, (100, 3)))
+    ends, speed = numerics.beat * np.arange(1, beats + 1), 0.3
+    force = mass * (98.75 * G - 2 * (speed + entering) / numerics.beat)
+    frames = {
+        "step": 100 * np.arange(1, beats + 1),
+        "time": ends,
+        "wall": 0 * ends.astype(int),
+        "bin": 0 * ends.astype(int),
+    }
+    traction = frames | {name: np.zeros(beats) for name in TRACTION_SUMS} | {"fz": np.full(beats, force)}
+    left = np.sort(np.concatenate([ends - 0.75 * numerics.beat, ends - 0.5 * numerics.beat]))
+    crossing = {"time": left, "id": np.arange(len(left)) % 100, "vz": np.full(len(left), -speed)}
+    above = {
+        "step": frames["step"],
+        "plane": frames["wall"],
+        "grains": 0 * frames["step"] + 98,
+        "mass": 98 * mass + 0 * ends,
+    }
+    tables = {"traction": traction, "crossing": crossing, "above": above}
+    run = RunData(here, numerics, 1, start, "time-limit", float(ends[-1]), tables)
+    assert evaluated(run)[0]["weight_balance_flow"] == pytest.approx(0, abs=1e-3)
+    del tables["above"]
+    (lacking,) = (n for n in WallStress().evaluate(run, Whole()).numbers if n.quantity == "weight_balance_flow")
+    assert math.isnan(lacking.value)
+    assert "did not record the mass inside" in lacking.note
 
 
 def test_it_says_what_is_lacking():

@@ -12,6 +12,9 @@ from labbook.lab import Catalogue, LabFolder
 from labbook.measure import MEASURES
 from labbook.measure.steady import TimeWindow
 from labbook.plan.coverage import finished
+from labbook.report.residence import residence_sections
+from labbook.report.tables import Table
+from labbook.results.residence import marks_of
 from labbook.run.runner import Runner
 from labbook.study import define
 
@@ -26,15 +29,17 @@ def test_a_fed_silo_stays_full_and_its_run_ends_when_it_is_precise(tmp_path):
         contact={"law": "hertz-mindlin", "shear_modulus": "1 MPa", "poisson_ratio": 0.25, "friction": 0.5}
         | {"restitution": 0.2, "rolling_friction": 0.01},
         container={"kind": "wedge-hopper", "width": "40 mm", "height": "120 mm", "thickness": "1.01 d"}
-        | {"orifice": "20 mm"},
+        | {"orifice": "20 mm", "planes": [{"name": "low", "z": "10 mm"}, {"name": "high", "z": "20 mm"}]},
         feed={"kind": "reinject"},
         numerics={"dt": "25 us", "steps_per_beat": 500},
         accuracy={"flow_rate": "12 %"},
-        record={"every": "50 ms"},
+        record={"every": "20 ms"},
+        measure=["flow_rate", "residence"],
     )
     summary = Runner(asked, LabFolder(tmp_path), Backend(wide=True)).run()
     assert list(summary.tally.ran.values()) == ["precise"], summary.tally.failed
-    (point,) = analyse(asked, finished(Catalogue(tmp_path), asked, "numba")).points
+    results = analyse(asked, finished(Catalogue(tmp_path), asked, "numba"))
+    (point,) = results.points
     (run,) = point.runs
     data, frames = run.run.data(), run.frames()
     assert frames is not None
@@ -56,6 +61,13 @@ def test_a_fed_silo_stays_full_and_its_run_ends_when_it_is_precise(tmp_path):
     assert abs(np.mean(steady) - np.median(data.start.x[:, 2])) < 2 * D
     assert point.flow_rate is not None
     assert point.flow_rate.relative < 0.12
+    marks = marks_of(point)
+    low, high = (marks[f"marks.{name}.median"].value for name in ("low", "high"))
+    assert 0 < low < high < point.pooled["holdup_time"].value, "the way from a higher plane takes longer"
+    (section,) = residence_sections(results, tmp_path)
+    table = section.blocks[-1]
+    assert isinstance(table, Table)
+    assert [row[1:3] for row in table.rows] == [("low", "10"), ("high", "20")]
 
 
 @pytest.mark.ring
