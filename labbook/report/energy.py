@@ -45,7 +45,7 @@ def energy_table(points: list[PointResult]) -> Table:
 CAPTION = (
     "Energy that the bed gives up within the window of W: part carried out as kinetic energy of the grains that leave, "
     "and parts dissipated along normals, by tangential forces and by torques of rolling friction. Rest: the gain in "
-    "kinetic energy of the bed, and the error of the balance."
+    "kinetic energy of the bed, and the error of the balance; where a bar exceeds 1, it is negative."
 )
 NOTE = (
     "Of the grains that have not left. P_c is added up at every step, net of what moving walls give; P_rest = P_g − "

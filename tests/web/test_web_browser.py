@@ -2,6 +2,7 @@
 
 import io
 import re
+import shutil
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -17,7 +18,9 @@ from toy_web import ORIFICES, client, keys_of, make, serving, twin_table
 
 from labbook import Lab, load
 from labbook.api import Results
-from labbook.lab import LabFolder, notes
+from labbook.export.film import film, shot_of_run, source_of_film
+from labbook.export.recording import path_of
+from labbook.lab import LabFolder, RunRecord, notes
 
 CHROMIUM = Path("/usr/bin/chromium")
 try:
@@ -725,3 +728,22 @@ def test_the_chart_draws_what_its_note_says(chromium, base):
         page.goto(f"/compare?item=study:{PLANE}&item=study:{STUDY}")
         page.locator("select[name=x]").select_option("container.angle")
         expect(page.locator("#chart-note")).to_contain_text(f"Not drawn, without angle: {STUDY}.")
+
+
+def test_a_film_plays_beside_its_tile(chromium, lab, tmp_path):
+    """While the pointer stays on the tile; Escape takes it away. Only the run with a film in the lab has one."""
+    shutil.copytree(lab, tmp_path / "lab")
+    folder = next(path.parent for path in sorted((tmp_path / "lab").glob("runs/*/recording.npz"))
+                  if RunRecord.read(path.parent).study == STUDY)  # fmt: skip
+    record = RunRecord.read(folder)
+    path = path_of(tmp_path / "lab/films", record, None, None, "-layers.webp")
+    film(shot_of_run(folder, "layers"), path, seconds=0.2, size=60, source=source_of_film(record))
+    with serving(tmp_path / "lab") as base, opened(chromium, base) as page:
+        page.goto(f"/study/{STUDY}")
+        (tile,) = page.locator("a[data-film]").all()
+        tile.hover()
+        film_shown = page.locator("img.playing")
+        expect(film_shown).to_be_visible(timeout=60 * MS)
+        expect(film_shown).to_have_attribute("src", f"/run/{record.run_key[:16]}/film.webp")
+        page.keyboard.press("Escape")
+        expect(film_shown).to_have_count(0)

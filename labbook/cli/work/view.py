@@ -29,8 +29,10 @@ def view(
             runs = [_first(target, point, lab, backend) for target in targets]
             recordings = [beside(runs, lab)]
         else:
-            runs = of_recorded(targets[0], point, lab, backend, lambda run: run)
-            recordings = [of_run(run.folder, lab, run.study, run.point) for run in runs]
+            made = of_recorded(
+                targets[0], point, lab, backend, lambda run: (run, of_run(run.folder, lab, run.study, run.point))
+            )
+            runs, recordings = [run for run, _ in made], [path for _, path in made]
         for path in recordings:
             say(f"Recording: {path}")
         if screenshot is not None:

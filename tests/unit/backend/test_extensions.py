@@ -24,7 +24,7 @@ from labbook.lab.provenance import provenance
 from labbook.measure import MEASURES, Measure
 from labbook.papers import Paper
 from labbook.plugins import BrokenPlugin, Extension, ExtensionError, Registry, required
-from labbook.report.paper import figures_of_all
+from labbook.report.paper import Drawing, figures_of_all
 from labbook.results.find import find
 from labbook.results.frames import frames
 from labbook.scene.contact import CONTACT_LAWS, ContactLaw
@@ -315,3 +315,18 @@ def test_a_case_that_fails_to_run_is_a_failed_verdict_with_the_reason(put):
     assert verdict.result == "failed"
     assert verdict.note.startswith("case rebound of bed-extras 0.1: AttributeError: 'Stand' object has no attribute")
     assert verdict.note.endswith("(bed_extras/case.py, line 3)")
+
+
+def test_a_figure_of_a_paper_keeps_its_caption(monkeypatch):
+    class Bed2026(Paper):
+        name = "bed2026"
+
+        def figures(self, results):
+            return {"beds": Drawing(lambda: results, lambda: "Beds.", "points"), "plain": lambda: results}
+
+    monkeypatch.setattr("labbook.report.paper.papers", lambda: [Bed2026()])
+    figures = figures_of_all("results")  # pyright: ignore[reportArgumentType]
+    beds = figures["beds"]
+    assert isinstance(beds, Drawing)
+    assert (beds(), beds.caption(), beds.table) == ("results", "Beds.", "points")
+    assert figures["plain"]() == "results"

@@ -2,6 +2,7 @@
 
 import importlib
 import json
+import re
 import shutil
 from pathlib import Path
 
@@ -201,3 +202,19 @@ def test_long_texts_share_the_room_that_short_ones_leave():
     assert "at 1 of 4" in "".join(shown)
     for word in ("one", "two"):
         assert sum(word in line for line in shown) == 2, "80 characters each, in columns of some 40"
+
+
+@pytest.mark.slow
+def test_runs_are_shown_side_by_side_in_one_recording(toy, done, tmp_path):
+    """Names of files say which runs they are; a fifth is refused."""
+    rrd = pytest.importorskip("rerun.chunk")
+    _, lab, where = done
+    keys = sorted(path.parent.name for path in lab.glob("runs/*/recording.npz"))
+    said = toy.labbook("view", keys[0][:12], keys[1][:12], "--no-open", *where)
+    (path,) = (lab / "recordings/side-by-side").glob("*.rrd")
+    assert str(path) in "".join(said.output.split())
+    assert re.fullmatch(r"toy-study-point-\d-seed-1-toy_toy-study-point-\d-seed-1-toy\.rrd", path.name)
+    entities = {chunk.entity_path for chunk in rrd.RrdReader(path).stream()}
+    assert {"/run-1/grains", "/run-2/grains", "/run-1/flow_rate", "/run-2/flow_rate"} <= entities
+    refused = toy.labbook("view", *[keys[0]] * 5, "--no-open", *where, check=False)
+    assert (refused.exit_code, "at most 4" in refused.output) == (1, True)

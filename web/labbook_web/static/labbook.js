@@ -205,11 +205,12 @@ function films(root) {
     film.addEventListener("error", away);
     const { left, right, top } = tile.getBoundingClientRect(), wide = Math.min(480, innerWidth - 32);
     const beside = right + 8 + wide < innerWidth ? right + 8 : Math.max(8, left - wide - 8);
-    Object.assign(film.style, { left: `${beside}px`, top: `${Math.max(8, Math.min(top, innerHeight - 420))}px`, width: `${wide}px` });
+    const high = Math.min(440, innerHeight - 16);
+    Object.assign(film.style, { left: `${beside}px`, top: `${Math.max(8, Math.min(top, innerHeight - high - 8))}px`, maxWidth: `${wide}px`, maxHeight: `${high}px` });
     document.body.append(film);
   };
   for (const tile of root.querySelectorAll("a[data-film]")) {
-    if (!labbook.once(tile, "film")) continue;
+    if (!labbook.once(tile, "plays")) continue;
     const soon = () => { away(); waits = setTimeout(() => show(tile), 300); };
     tile.addEventListener("pointerenter", soon);
     tile.addEventListener("focus", soon);
