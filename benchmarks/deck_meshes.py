@@ -1,4 +1,4 @@
-"""STL files of studies/decks: a rotor, a gate, and fixed grains on a chute.
+"""OBJ files of studies/decks: a rotor, a gate, and fixed grains on a chute.
 
 python benchmarks/deck_meshes.py studies/decks
 """
@@ -8,7 +8,6 @@ from pathlib import Path
 
 import numpy as np
 import trimesh
-from trimesh.exchange.stl import export_stl
 
 
 def sheets(corners: list[np.ndarray]) -> trimesh.Trimesh:
@@ -44,7 +43,13 @@ def rough(length: float = 40.0, spacing: float = 1.0, rows: int = 3, radius: flo
     return trimesh.Trimesh(vertices, faces, process=False)
 
 
+def obj(mesh: trimesh.Trimesh) -> str:
+    """Text of an OBJ file [mm]."""
+    lines = [f"v {x:.9g} {y:.9g} {z:.9g}" for x, y, z in np.round(mesh.vertices, 9) + 0.0]
+    return "\n".join([*lines, *(f"f {a} {b} {c}" for a, b, c in mesh.faces + 1), ""])
+
+
 if __name__ == "__main__":
     folder = Path(sys.argv[1])
     for make in (rotor, gate, rough):
-        (folder / f"{make.__name__}.stl").write_bytes(export_stl(make()))
+        (folder / f"{make.__name__}.obj").write_text(obj(make()), encoding="utf-8")
