@@ -245,10 +245,10 @@ def test_numbers_are_derived_again_when_a_measure_or_the_window_changes(lab, tmp
     assert summary.work_done == 0, "without simulating"
     after = flow_rates(lab)
     assert sorted(after.window_start) == [0.15] * 4 + [0.3] * 4
-    latest = dict(after[after.window_start == 0.3][["run_key", "value"]].itertuples(index=False))
+    latest = dict(zip(after.run_key[after.window_start == 0.3], after.value[after.window_start == 0.3], strict=True))
     assert Catalogue(lab).flow_rates(list(latest)) == latest, "of the window that opens last"
     listed, _ = Catalogue(lab).listed(Listing())
-    assert dict(listed[["run_key", "flow_rate"]].itertuples(index=False)) == latest
+    assert dict(zip(listed.run_key, listed.flow_rate, strict=True)) == latest
     monkeypatch.setattr(type(MEASURES["flow_rate"]), "version", 99)
     summary = carry_out(other, lab)
     assert summary.work_done == 0

@@ -73,16 +73,19 @@ def test_friction_is_mobilised_where_walls_have_moved(tmp_path):
 
 
 def test_a_study_without_an_outlet_runs_for_its_time(tmp_path):
-    """The surface of its side moves up and so carries weight; at rest it may push down."""
+    """The surface of its side moves up and so carries weight; at rest it may push down.
+
+    Balance later in eight beds: standard deviation 0.0011 within 0.4 s, but 0.008 within 0.1 s, as the bed moves.
+    """
     container = {"kind": "primitives", "parts": [SIDE, BOTTOM]}
     fill = {"settled_below": 1e-7, "moving": 0.0}
-    found, run = walls(tmp_path, container=container, measure=["wall_stress"], stop={"max_time": "0.1 s"}, fill=fill)
+    found, run = walls(tmp_path, container=container, measure=["wall_stress"], stop={"max_time": "0.4 s"}, fill=fill)
     assert run.outcome == "time-limit"
     assert run.measured["weight_balance"].value == pytest.approx(0, abs=1e-3)
     rest, later = (found.by_bed(f"{when}_force")[0, 0, 2] / found.layout.weight for when in ("rest", "flow"))
     assert later > rest + 0.1
     assert run.measured["wall_friction_flow"].value > 0.2
-    assert run.measured["weight_balance_flow"].value == pytest.approx(0, abs=0.02)
+    assert run.measured["weight_balance_flow"].value == pytest.approx(0, abs=0.005)
 
 
 def test_walls_and_outflow_carry_a_fed_bed(tmp_path):
