@@ -3,6 +3,8 @@
 Dashpots and friction need velocities and springs, which a recording does not have.
 """
 
+from typing import Any
+
 import numpy as np
 from scipy.spatial import KDTree
 
@@ -70,7 +72,8 @@ def _pairs(scene: Scene, numerics: Numerics, packing: Packing) -> np.ndarray:
             for n in kinds
         }
         pairs = zip(bodies.kind[i].tolist(), bodies.kind[j].tolist(), strict=True)
-        radius, mass = (effective(of[i], of[j]).tolist() for of in (bodies.radius, bodies.mass))
+        reduced: Any = effective  # of arrays as of single numbers
+        radius, mass = (reduced(of[i], of[j]).tolist() for of in (bodies.radius, bodies.mass))
         size = [  # laws are written for single contacts; all else is arrays
             law.normal(c[pair], *rest, 0.0) for pair, *rest in zip(pairs, radius, mass, overlap.tolist(), strict=True)
         ]
