@@ -2,6 +2,7 @@
 
 from base64 import b64decode
 from types import SimpleNamespace
+from typing import Any
 
 import pytest
 from PIL import Image
@@ -12,14 +13,14 @@ from labbook.report import films
 from labbook.report.blocks import Folded, Picture, Prose
 
 
-def record(point: int, seed: int = 1):
+def record(point: int, seed: int = 1) -> Any:
     coverage = SimpleNamespace(steps=100, frame_interval=0.01)
     return SimpleNamespace(
         run_key=f"{point}{seed}" * 8, coverage=coverage, point=point, seed=seed, discharge=1, backend="numba", study="s"
     )
 
 
-def results(lab, points: int):
+def results(lab, points: int) -> Any:
     def result(point):
         run = SimpleNamespace(folder=lab / "runs" / str(point), record=record(point))
         shown = SimpleNamespace(recorded=True, run=run, repeat="seed 1")
