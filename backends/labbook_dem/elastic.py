@@ -3,8 +3,6 @@
 Dashpots and friction need velocities and springs, which a recording does not have.
 """
 
-from typing import Any
-
 import numpy as np
 from scipy.spatial import KDTree
 
@@ -72,8 +70,9 @@ def _pairs(scene: Scene, numerics: Numerics, packing: Packing) -> np.ndarray:
             for n in kinds
         }
         pairs = zip(bodies.kind[i].tolist(), bodies.kind[j].tolist(), strict=True)
-        reduced: Any = effective  # of arrays as of single numbers
-        radius, mass = (reduced(of[i], of[j]).tolist() for of in (bodies.radius, bodies.mass))
+        radius, mass = (
+            map(effective, of[i].tolist(), of[j].tolist()) for of in (bodies.radius, bodies.mass)
+        )  # fmt: skip
         size = [  # laws are written for single contacts; all else is arrays
             law.normal(c[pair], *rest, 0.0) for pair, *rest in zip(pairs, radius, mass, overlap.tolist(), strict=True)
         ]

@@ -29,10 +29,10 @@ def view(
             runs = [_first(target, point, lab, backend) for target in targets]
             recordings = [beside(runs, lab)]
         else:
-            made = of_recorded(
+            files = of_recorded(
                 targets[0], point, lab, backend, lambda run: (run, of_run(run.folder, lab, run.study, run.point))
             )
-            runs, recordings = [run for run, _ in made], [path for _, path in made]
+            runs, recordings = [run for run, _ in files], [path for _, path in files]
         for path in recordings:
             say(f"Recording: {path}")
         if screenshot is not None:

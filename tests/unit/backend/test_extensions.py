@@ -6,6 +6,7 @@ from importlib import import_module, invalidate_caches
 from importlib.metadata import EntryPoint
 from pathlib import Path
 from types import SimpleNamespace
+from typing import Any
 
 import pytest
 from toy_lab import carry_out, labbook, study_file
@@ -321,8 +322,9 @@ def test_a_figure_of_a_paper_keeps_its_caption(monkeypatch):
     class Bed2026(Paper):
         name = "bed2026"
 
-        def figures(self, results):
-            return {"beds": Drawing(lambda: results, lambda: "Beds.", "points"), "plain": lambda: results}
+        def figures(self, results) -> Any:
+            drawn: Any = results
+            return {"beds": Drawing(lambda: drawn, lambda: "Beds.", "points"), "plain": lambda: drawn}
 
     monkeypatch.setattr("labbook.report.paper.papers", lambda: [Bed2026()])
     figures = figures_of_all("results")  # pyright: ignore[reportArgumentType]
