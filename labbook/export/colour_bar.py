@@ -77,12 +77,12 @@ def speed_ticks(top_speed: float) -> list[float]:
     if top_speed <= 0:
         return [0.0]
     decade = math.floor(math.log10(top_speed))
-    chosen = [0.0]
+    ticks = [0.0]
     for speed in (m * 10.0**k for k in (decade - 2, decade - 1, decade) for m in (1, 2, 5)):
-        before, here = (math.sqrt(v / top_speed) for v in (chosen[-1], speed))
+        before, here = (math.sqrt(v / top_speed) for v in (ticks[-1], speed))
         if here - before >= _APART and 1 - here >= _APART:
-            chosen.append(speed)
-    return [*chosen, top_speed]
+            ticks.append(speed)
+    return [*ticks, top_speed]
 
 
 def _part(speed: np.ndarray, top_speed: float) -> np.ndarray:

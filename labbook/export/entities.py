@@ -75,11 +75,11 @@ def log_grains(stream, root: str, scene: Scene, start: Packing, frames: Sequence
     clock, counts = rr.TimeColumn(CLOCK, duration=times), [len(frame.x) for frame in frames]
     positions = np.concatenate([frame.x for frame in frames])
     speed, ids = np.concatenate([frame.speed for frame in frames]), np.concatenate([frame.ids for frame in frames])
-    bodies, which = Bodies.of(scene.grains, start), start.rows(ids)
+    bodies, rows = Bodies.of(scene.grains, start), start.rows(ids)
     by_speed = speed_colours(speed, fastest)
     if scene.grains.kinds:
-        by_speed = kind_colours(bodies.kind[which], speed, fastest)
-    colours = np.rint(255 * layer_colours(scene, start, which)).astype(np.uint8)
+        by_speed = kind_colours(bodies.kind[rows], speed, fastest)
+    colours = np.rint(255 * layer_colours(scene, start, rows)).astype(np.uint8)
     variants = {"speed": by_speed[:, :3]}
     radius, half = scene.grains.radius, scene.grains.half_length
     if half > 0:
@@ -99,7 +99,7 @@ def log_grains(stream, root: str, scene: Scene, start: Packing, frames: Sequence
         stream.log(f"{at}grains", rr.Points3D.from_fields(radii=radius), static=True)
         columns = rr.Points3D.columns(positions=positions, colors=colours)
     else:
-        sizes = bodies.radius[which].astype(np.float32)
+        sizes = bodies.radius[rows].astype(np.float32)
         columns = rr.Points3D.columns(positions=positions, colors=colours, radii=sizes)
     sent = [*columns.partition(counts)]
     for by, of_grains in variants.items():

@@ -43,12 +43,12 @@ def frames_of_run(data: RunData, sample: Mapping[str, np.ndarray] | None, limit:
     """At most `limit` frames of a run from its opening to its end; sample: its recorded frames, columns id, time, x, y,
     z, vx, vy, vz as the probe `Film` lists them. Raises NotRecorded if there are none."""
     late = sample is not None and float(np.min(sample["time"], initial=math.inf)) > 0
-    shown = frames_of(sample, limit - late - (data.outcome == "emptied"))
+    frames = frames_of(sample, limit - late - (data.outcome == "emptied"))
     if late:
-        shown.insert(0, at_opening(data.start, shown[0].q is not None))  # or nothing would be seen at first
-    if data.outcome == "emptied" and data.duration > shown[-1].time:
-        shown.append(shown[-1].empty(data.duration))  # or the last grains would be seen until the end
-    return shown
+        frames.insert(0, at_opening(data.start, frames[0].q is not None))  # or nothing would be seen at first
+    if data.outcome == "emptied" and data.duration > frames[-1].time:
+        frames.append(frames[-1].empty(data.duration))  # or the last grains would be seen until the end
+    return frames
 
 
 def frames_of(table: Mapping[str, np.ndarray] | None, limit: int = FRAMES) -> list[Frame]:

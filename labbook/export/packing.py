@@ -47,15 +47,15 @@ def data_file(packing: Packing, scene: Scene, title: str) -> str:
     """
     grains = _spheres(scene)
     bodies = Bodies.of(grains, packing)
-    densities = np.array([one.density for one in grains.species])[bodies.kind]
+    densities = np.array([species.density for species in grains.species])[bodies.kind]
     box = around(scene, packing)
     assert packing.ids is not None
     order = np.argsort(packing.ids)
     lines = [title, "", f"{len(packing)} atoms", f"{len(grains.species)} atom types", ""]
     lines += [f"{_numbers((box.low[k], box.high[k]))} {axis}lo {axis}hi" for k, axis in enumerate("xyz")]
     lines += ["", "Atoms", ""]
-    each = np.column_stack([2 * bodies.radius, densities, packing.x])
-    lines += [f"{packing.ids[k] + 1} {bodies.kind[k] + 1} {_numbers(each[k])}" for k in order]
+    columns = np.column_stack([2 * bodies.radius, densities, packing.x])
+    lines += [f"{packing.ids[k] + 1} {bodies.kind[k] + 1} {_numbers(columns[k])}" for k in order]
     lines += ["", "Velocities", ""]
     moving = np.column_stack([packing.v, packing.omega])
     lines += [f"{packing.ids[k] + 1} {_numbers(moving[k])}" for k in order]
@@ -85,7 +85,7 @@ def write_packings(
     """Write every packing that a run of the study started from, once, as `point-P-seed-S.data`, P the first point
     (from 1) that shares it, and the walls of every point as `point-P-NAME.stl`, round ones as polygons of `facets`
     corners; the paths. Raises NotSpheres, and Unreadable for a damaged packing."""
-    paths, seen = [], set[str]()
+    paths, keys = [], set[str]()
 
     def write(name: str, text: str) -> None:
         folder.mkdir(parents=True, exist_ok=True)
@@ -95,7 +95,7 @@ def write_packings(
     for result in results.points:
         number, walled = result.point.index + 1, False
         for run in result.runs:
-            if walled and run.packing_key in seen:
+            if walled and run.packing_key in keys:
                 continue
             say(f"{result.label}, seed {run.seed}")
             record, packing = read_packing(place.packing(run.packing_key))
@@ -105,8 +105,8 @@ def write_packings(
                 for name, text in wall_files(result.point.scene.container, box, facets).items():
                     write(f"point-{number}-{name}.stl", text)
                 walled = True
-            if run.packing_key not in seen:
+            if run.packing_key not in keys:
                 title = f"labbook packing {run.packing_key} of study {results.study.name}, seed {run.seed}"
                 write(f"point-{number}-seed-{run.seed}.data", data_file(packing, record.scene, title))
-                seen.add(run.packing_key)
+                keys.add(run.packing_key)
     return paths

@@ -182,13 +182,13 @@ def recorded_from(folder: Path, record: RunRecord) -> str:
 
 def holds(path: Path, source: str) -> bool:
     """Whether `path` is a recording from `source` as it would be written now. Raises ViewerMissing."""
-    wanted = recording_id(source)
+    identity = recording_id(source)
     if not path.exists():
         return False
     from rerun.chunk import RrdReader
 
     try:
-        return [entry.recording_id for entry in RrdReader(path).recordings()] == [wanted]
+        return [entry.recording_id for entry in RrdReader(path).recordings()] == [identity]
     except (RuntimeError, OSError):  # it is no recording, or not all of one: written anew
         return False
 
@@ -217,7 +217,7 @@ def write(runs: Sequence[RecordedRun], path: Path, source: str, opens: str = "la
     layout = rrb.Vertical(front, *below, row_shares=[10, *(2 + len(runs) for _ in below)])
     marked = None if window is None else (window.begin, window.end)
     lasts = max(run.data.duration for run in runs)
-    with written(path, _title(runs), recording_id(source), layout, lasts, marked) as stream:
+    with rrd_stream(path, _title(runs), recording_id(source), layout, lasts, marked) as stream:
         for number, (root, run) in enumerate(zip(roots, runs, strict=True)):
             _send(stream, root, run, fastest)
             if root in curves:
@@ -302,7 +302,7 @@ _WINDOW = "/window"
 
 
 @contextmanager
-def written(
+def rrd_stream(
     path: Path, name: str, identity: str, layout, duration: float, window: tuple[float, float] | None = None
 ) -> Iterator[Any]:
     """Open a stream of rerun to send to, which then is put in place as `path` (.rrd) by one rename.

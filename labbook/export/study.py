@@ -103,14 +103,14 @@ def _grains(result: PointResult, rows, folder: Path) -> list[Path]:
 
         rods = {"axis": axes(columns("qw qx qy qz")), "length": getattr(grains, "length", None)} if "qw" in rows else {}
         path = folder / f"grains-{number:04d}.vtk"
-        known = [name for name in ("id", "kind") if name in rows]
+        integers = [name for name in ("id", "kind") if name in rows]
         write_grains(
             path,
             f"{result.label or 'the only point'}, t = {time:.6g} s{legend}",
             columns("x y z"),
             np.asarray(rows["radius"], float)[now] if "radius" in rows else grains.diameter / 2,
             {"velocity": columns("vx vy vz")},
-            {name: np.asarray(rows[name], int)[now] for name in known},
+            {name: np.asarray(rows[name], int)[now] for name in integers},
             **rods,
             kinds=kinds.tolist(),
         )

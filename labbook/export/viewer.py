@@ -69,15 +69,15 @@ def screenshot(recording: Path, picture: Path, at: float = 0.4, size: tuple[int,
     viewer = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True, env=_plain())
     try:
         with tempfile.TemporaryDirectory() as folder:
-            shown = _photograph(viewer, port, recording.resolve(), Path(folder), at, size)
+            rows = _photograph(viewer, port, recording.resolve(), Path(folder), at, size)
             picture.parent.mkdir(parents=True, exist_ok=True)
-            _stack(shown, picture)
+            _stack(rows, picture)
     except (RuntimeError, ConnectionError, TimeoutError) as error:
         viewer.terminate()
-        said = _last_words(viewer.communicate(timeout=_PATIENCE)[0])
+        output = _last_words(viewer.communicate(timeout=_PATIENCE)[0])
         raise ViewerFailed(
             f"the viewer drew no picture ({error}); without a GPU it needs a software Vulkan driver, such as "
-            f"Debian's mesa-vulkan-drivers:\n{said}"
+            f"Debian's mesa-vulkan-drivers:\n{output}"
         ) from error
     finally:
         viewer.terminate()
@@ -106,9 +106,9 @@ def _photograph(
         views = sorted(client.get_state().views, key=lambda view: (_ORDER.get(view.view_class, len(_ORDER)), view.name))
         views = [view for view in views if view.view_class != _CURVES and _saved(client, view, folder)]
         paths = [folder / f"{view.view_id}.png" for view in views]
-        drawn = b"".join(path.read_bytes() for path in paths)
-        looks = looks + 1 if drawn == before else 0
-        before = drawn
+        pictures = b"".join(path.read_bytes() for path in paths)
+        looks = looks + 1 if pictures == before else 0
+        before = pictures
     complaints = [f"{view.name}: {report.summary}" for view in views for report in view.reports]
     if complaints:
         raise RuntimeError("; ".join(complaints))

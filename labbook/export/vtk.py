@@ -101,8 +101,8 @@ def write_fields(path: Path, title: str, fields: Fields) -> None:
     n = int(np.prod(counts))
     head = [f"{name} {' '.join(map(str, values))}" for name, values in
             (("DIMENSIONS", counts), ("ORIGIN", origin), ("SPACING", spacing))]  # fmt: skip
-    named = ({name: flat(array) for name, array in group.items()} for group in (numbers, {"velocity": fields.velocity}))
-    scalars, vectors = named
+    parts = ({name: flat(array) for name, array in group.items()} for group in (numbers, {"velocity": fields.velocity}))
+    scalars, vectors = parts
     attributes = _attributes(n, scalars, vectors, {name: flat(array) for name, array in tensors.items()}, "double")
     _write(path, title, "STRUCTURED_POINTS", [*head, f"POINT_DATA {n}", *attributes])
 

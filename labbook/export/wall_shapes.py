@@ -68,14 +68,14 @@ def drawn_walls(scene: Scene, positions: np.ndarray) -> Iterator[DrawnWall]:
     ribs = [wall.shape for wall, box in walls if box.endless == (False, True, False)]
     plates = [_cut(line, top) for shape in ribs for line in shape.section()]
     for wall, box in walls:
-        shown = _pane(plates, panes[wall.name]) if wall.name in panes and len(plates) > 1 else None
-        shown = shown or wall.shape.mesh(bed if sum(box.endless) > 1 else _up_to(top, box, *around))
-        if shown is None:
+        mesh = _pane(plates, panes[wall.name]) if wall.name in panes and len(plates) > 1 else None
+        mesh = mesh or wall.shape.mesh(bed if sum(box.endless) > 1 else _up_to(top, box, *around))
+        if mesh is None:
             continue
         spin = 0.0 if any(box.endless) else wall.motion.spin
         colour = PANE_COLOUR if wall.shape.pane else WALL_COLOUR
         yield DrawnWall(
-            wall.name, shown, colour, spin, _spokes(shown, r) if spin else (), wall if wall.is_posed else None
+            wall.name, mesh, colour, spin, _spokes(mesh, r) if spin else (), wall if wall.is_posed else None
         )
 
 

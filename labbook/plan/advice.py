@@ -519,9 +519,9 @@ def softer(scene: Scene, height: float, youngs: bool = False) -> tuple[str, floa
     ]
     if not candidates:
         return None
-    where, by_e, softer_law = max(candidates, key=lambda entry: entry[2].stated / entry[2].enough)
+    where, by_e, softer_law = max(candidates, key=lambda entry: entry[2].value / entry[2].enough)
     key, enough = _stated_stiffness(softer_law, by_e)
-    times = math.sqrt(softer_law.stated / softer_law.enough)
+    times = math.sqrt(softer_law.value / softer_law.enough)
     return (f"{where}.{key}", enough, softer_law.unit, times) if times > _MIN_STEP_FACTOR else None
 
 
@@ -532,7 +532,7 @@ def _pressure(scene: Scene, height: float) -> float:
 
 def _stated_stiffness(stiffness: Softer, by_e: bool) -> tuple[str, float]:
     """Key in which a study states a stiffness, and the sufficient value. `by_e`: it states Young's modulus."""
-    key, ratio = stiffness.other if by_e and stiffness.other else (stiffness.key, 1.0)
+    key, ratio = stiffness.alternative if by_e and stiffness.alternative else (stiffness.key, 1.0)
     return key, stiffness.enough * ratio
 
 

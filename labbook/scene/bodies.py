@@ -42,7 +42,7 @@ class Bodies:
     @classmethod
     def sized(cls, grains: Grains, diameter: np.ndarray, kind: np.ndarray) -> "Bodies":
         """Spheres of these diameters [m] and kinds."""
-        mass = np.array([one.density for one in grains.species])[kind] * math.pi / 6 * diameter**3
+        mass = np.array([species.density for species in grains.species])[kind] * math.pi / 6 * diameter**3
         return cls(diameter / 2, mass, 0.4 * mass * (diameter / 2) ** 2, kind)
 
     def carried(self, grains: Grains) -> dict[str, np.ndarray | None]:

@@ -18,7 +18,7 @@ from labbook.scene.material import (
     PoissonRatio,
     shear_modulus,
 )
-from labbook.scene.model import Fault, Model, Stated, TaggedModels, refuse
+from labbook.scene.model import Fault, Model, Required, TaggedModels, refuse
 from labbook.scene.quantities import Coefficient, Duration, Length, Pressure, Ratio, Speed, Stiffness
 
 if TYPE_CHECKING:
@@ -54,11 +54,11 @@ class Surface(Model):
 
     def changed(self, change: "ContactChange") -> "Surface":
         """This surface with the values that `change` gives in place of its own."""
-        given = change.friction, change.rolling_friction, change.restitution
-        if given == (None, None, None):
+        values = change.friction, change.rolling_friction, change.restitution
+        if values == (None, None, None):
             return self
-        values = zip(("friction", "rolling_friction", "restitution"), given, strict=True)
-        return self.model_copy(update={key: value for key, value in values if value is not None})
+        changes = zip(("friction", "rolling_friction", "restitution"), values, strict=True)
+        return self.model_copy(update={key: value for key, value in changes if value is not None})
 
 
 class ContactChange(Model):
@@ -107,14 +107,21 @@ class Between(ContactChange):
 
 
 class Softer(NamedTuple):
-    """A stiffness that a bed asks for: its key in `contact`, its unit, its value there, and what would do."""
+    """Stiffness of a law beside the lower one that a bed allows.
+
+    Attributes:
+        key: Key of the stiffness in `contact`.
+        unit: SI unit of `value` and `enough`.
+        value: Stiffness of the law.
+        enough: Stiffness at which grains overlap as far as they may.
+        alternative: Key that a study may state instead, and its value over that of `key`; None without one.
+    """
 
     key: str
     unit: str
-    stated: float
+    value: float
     enough: float
-    other: tuple[str, float] | None = None
-    """Another key that a study may state instead, and its value over that of `key`."""
+    alternative: tuple[str, float] | None = None
 
 
 class ContactLaw(Model, ABC):
@@ -184,10 +191,10 @@ class ContactLaw(Model, ABC):
 
     @model_validator(mode="after")
     def _rolling_fits(self):
-        stated = [key for key in ("rolling_stiffness", "rolling_damping") if getattr(self, key) is not None]
+        keys = [key for key in ("rolling_stiffness", "rolling_damping") if getattr(self, key) is not None]
         if self.rolling_model != "epsd":
             reason = "only the rolling model epsd has a spring and a dashpot for rolling"
-            refuse(Fault(key, reason, f"leave {key} out, or use rolling_model: epsd") for key in stated)
+            refuse(Fault(key, reason, f"leave {key} out, or use rolling_model: epsd") for key in keys)
         return self
 
     @property
@@ -246,15 +253,15 @@ class Dashpot(ContactLaw, ABC):
 
     honours: ClassVar[frozenset[str]] = frozenset(COMMON)
 
-    restitution: Annotated[Restitution, Stated()] = 1.0
+    restitution: Annotated[Restitution, Required()] = 1.0
     """Coefficient of normal restitution e, in (0, 1]; a law by Hertz may state `normal_damping` instead."""
 
     @model_validator(mode="after")
     def _damping_is_stated(self, info: ValidationInfo):
         required = (info.context or {}).get("units") == "required"
         if required and "restitution" not in self.model_fields_set and getattr(self, "normal_damping", None) is None:
-            other = ", or state normal_damping" if "normal_damping" in type(self).model_fields else ""
-            remedy = f"add it: a number in (0, 1], for example 0.5{other}; with 1 impacts lose no energy"
+            alternative = ", or state normal_damping" if "normal_damping" in type(self).model_fields else ""
+            remedy = f"add it: a number in (0, 1], for example 0.5{alternative}; with 1 impacts lose no energy"
             refuse([Fault("restitution", "this key is missing", remedy)])
         return self
 
@@ -301,8 +308,8 @@ class Hertz(Dashpot, ABC):
             return data
         if "shear_modulus" in data:
             refuse([Fault("youngs_modulus", *TWICE)])
-        stated = {key: data[key] for key in YoungsModulus.model_fields if key in data}
-        young = YoungsModulus.model_validate(stated, context=info.context)
+        constants = {key: data[key] for key in YoungsModulus.model_fields if key in data}
+        young = YoungsModulus.model_validate(constants, context=info.context)
         rest = {key: value for key, value in data.items() if key != "youngs_modulus"}
         return rest | {"shear_modulus": f"{shear_modulus(young.youngs_modulus, young.poisson_ratio)!r} Pa"}
 
@@ -362,8 +369,8 @@ class Hertz(Dashpot, ABC):
     def softer(self, pressure: float, overlap: float, diameter: float) -> Softer:
         """From the overlap now, which goes as G^{-2/3}."""
         enough = self.shear_modulus * (self.overlap(pressure, diameter) / overlap) ** 1.5
-        other = "youngs_modulus", 2 * (1 + self.poisson_ratio)
-        return Softer("shear_modulus", "Pa", self.shear_modulus, enough, other)
+        alternative = "youngs_modulus", 2 * (1 + self.poisson_ratio)
+        return Softer("shear_modulus", "Pa", self.shear_modulus, enough, alternative)
 
 
 class HertzMindlin(Hertz):
@@ -476,11 +483,11 @@ class CollisionStiffness(Model):
             refuse([Fault("contact_time", reason, "state normal_stiffness")])
             raise AssertionError
         if self.contact_time is not None:
-            mass = min(one.mass for one in grains.smallest())
+            mass = min(sphere.mass for sphere in grains.smallest())
             return mass * (math.pi**2 + math.log(self.restitution) ** 2) / (2 * self.contact_time**2)
         assert self.largest_overlap is not None
         assert self.impact_speed is not None
-        mass = max(one.mass for one in grains.largest())
+        mass = max(sphere.mass for sphere in grains.largest())
         return mass * (self.impact_speed / self.largest_overlap) ** 2 / 2
 
 

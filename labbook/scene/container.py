@@ -7,7 +7,7 @@ from typing import Annotated, ClassVar, Literal
 import numpy as np
 from pydantic import Field, StrictBool
 
-from labbook.scene.container_shape import KEPT, ContainerShape, Outlet, Parts, plane_wall
+from labbook.scene.container_shape import CACHE_SIZE, ContainerShape, Outlet, Parts, plane_wall
 from labbook.scene.geometry import Bounds, Segment
 from labbook.scene.model import InternalFlag
 from labbook.scene.quantities import Coordinate, Length
@@ -93,7 +93,7 @@ class Box(ContainerShape):
         """The box as a packing is made in it: without a lid, since grains may start above."""
         return self._closed(surface_motion, lid=False)
 
-    @lru_cache(maxsize=KEPT)  # noqa: B019  (at most so many)
+    @lru_cache(maxsize=CACHE_SIZE)  # noqa: B019  (at most so many)
     def walls(self) -> tuple[Wall, ...]:
         """Wall primitives: left, right, front, back, bottom and, if asked for, top."""
         w, d = self.width / 2, self.depth / 2
@@ -130,7 +130,7 @@ class Primitives(ContainerShape):
         if self.outlet_plane is None:
             return ()
         lids = self._lids
-        apart = [lid for k, lid in enumerate(lids) if not any(_touch(lid.shape, one.shape) for one in lids[:k])]
+        apart = [lid for k, lid in enumerate(lids) if not any(_touch(lid.shape, earlier.shape) for earlier in lids[:k])]
         if len(apart) < 2:
             return (Outlet("outlet", self.outlet_plane),)
         return tuple(Outlet(lid.name, self.outlet_plane, lid=lid.shape) for lid in apart)
@@ -182,9 +182,9 @@ class Primitives(ContainerShape):
         return self._with_parts(())
 
 
-def _touch(one: WallShape, other: WallShape) -> bool:
+def _touch(first: WallShape, second: WallShape) -> bool:
     """Whether two plates share an edge or more, as they are cut by the plane y = 0."""
-    pairs = ((one, other), (other, one))
+    pairs = ((first, second), (second, first))
     return any(
         bool((np.abs(b.distance(np.array([(x, 0.0, z) for line in a.section() for x, z in line]))) < _TOUCH).any())
         for a, b in pairs

@@ -67,7 +67,7 @@ class VelocityZone(Model):
 
 VelocityZones = Annotated[tuple[VelocityZone, ...], Field(exclude_if=lambda zones: not zones)]
 CountingPlanes = Annotated[tuple[CountingPlane, ...], Field(exclude_if=lambda planes: not planes)]
-KEPT = 256
+CACHE_SIZE = 256
 """Containers whose walls are kept: each is asked for them again and again, one after another."""
 _TOUCH = 1e-9  # m: by which a part that begins at the outlet may rise above it
 FLAT = 1e-12
@@ -75,7 +75,7 @@ FLAT = 1e-12
 
 
 # what a container of validated sizes is made of needs no validation: 100 000 points have more than a million walls
-@lru_cache(maxsize=KEPT)  # many containers have these in common
+@lru_cache(maxsize=CACHE_SIZE)  # many containers have these in common
 def plane_wall(name: str, point: Vector, normal: Vector) -> Wall:
     return Wall.of(
         name=name, shape=Plane.of(kind="plane", point=point, normal=normal), motion=AT_REST, opens=None, moves=None

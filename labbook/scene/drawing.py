@@ -13,7 +13,7 @@ from labbook.scene.grains import Grains
 
 WIDTH, HEIGHT = 300.0, 300.0
 """Most that the container takes [pixels]."""
-MOST = 4000
+GRAIN_LIMIT = 4000
 """Grains that are drawn: the lowest ones of a larger bed."""
 _LEAST = 0.75  # pixels: width below which a grain is not seen
 
@@ -33,12 +33,12 @@ def svg(grains: Grains, container: Container, sized: bool = True) -> str:
 
     Grains are placed for the eye, not by physics.
     """
-    shown, walls = list[_Grain](), list(container.section())
+    pile, walls = list[_Grain](), list(container.section())
     listed = container.area is None
     if listed:
         frame = _frame(container)
-        shown = [] if frame is None else list(_poured(grains, container, frame))
-        top = max([one[1] for one in shown], default=-math.inf) + 2 * grains.diameter
+        pile = [] if frame is None else list(_poured(grains, container, frame))
+        top = max([grain[1] for grain in pile], default=-math.inf) + 2 * grains.diameter
         walls = [] if frame is None else [*walls, *_endless(container, (*frame[:3], max(frame[3], top)))]
     if not walls:
         return ""
@@ -49,7 +49,7 @@ def svg(grains: Grains, container: Container, sized: bool = True) -> str:
     def at(x: float, z: float) -> tuple[float, float]:
         return _MARGIN + (x - left) * scale, _MARGIN + (high - z) * scale
 
-    bed = _drawn(grains, shown or _placed(grains, container), at, scale)
+    bed = _bed(grains, pile or _placed(grains, container), at, scale)
     lines = "".join(_line(at(*start), at(*end)) for start, end in walls)
     lines += "".join(_line(at(*start), at(*end), _FAINT, 1) for start, end in _opening(container))
     width, height = (right - left) * scale + 2 * _MARGIN, (high - low) * scale
@@ -109,7 +109,7 @@ def _poured(grains: Grains, container: Container, frame: _Frame) -> Iterator[_Gr
     middle = sum(depths) / len(depths) if depths else 0.0
     deep = max(depths) - min(depths) if depths else None
     volume = grains.count * grains.volume / 0.58
-    rng, missing = np.random.default_rng(0), min(MOST, grains.count)
+    rng, missing = np.random.default_rng(0), min(GRAIN_LIMIT, grains.count)
     z = (low if container.outlet_plane is None else max(low, container.outlet_plane)) + 0.55 * d
     row = empty = 0
     while missing > 0 and volume > 0 and empty < _EMPTY:
@@ -124,8 +124,8 @@ def _poured(grains: Grains, container: Container, frame: _Frame) -> Iterator[_Gr
             if x0 != x1:
                 under = z < z0 + (x - x0) * (z1 - z0) / (x1 - x0)
                 free &= ~((x >= min(x0, x1)) & (x <= max(x0, x1)) & under)
-        for one in x[free][:missing]:
-            yield _one(grains, rng, float(one), z)
+        for centre in x[free][:missing]:
+            yield _grain(grains, rng, float(centre), z)
         missing -= int(free.sum())
         wide = 1.04 * grains.extent * int(free.sum())
         volume -= 0.95 * d * (math.pi / 4 * wide**2 if deep is None else wide * deep)  # without a depth it is round
@@ -137,7 +137,7 @@ def _placed(grains: Grains, container: Container) -> Iterator[_Grain]:
     """x, z, radius [m], kind and tilt [rad] of the grains that are drawn: a bed in rows, and a few that fall."""
     d = grains.equivalent_diameter if grains.varied else grains.diameter
     long = d if grains.half_length == 0 else grains.extent
-    rng, left = np.random.default_rng(0), min(MOST, grains.count)
+    rng, left = np.random.default_rng(0), min(GRAIN_LIMIT, grains.count)
     high = float(getattr(container, "height", math.inf))
     level = _level(grains, container)
     row, z = 0, 0.55 * d
@@ -148,16 +148,16 @@ def _placed(grains: Grains, container: Container) -> Iterator[_Grain]:
         several = int((end - start) // pitch) + 1 if end > start else 0
         shift = (row % 2) * (end - start - (several - 1) * pitch)  # rows touch the one wall and the other in turn
         for k in range(min(several, left)):
-            yield _one(grains, rng, start + shift + k * pitch, z)
+            yield _grain(grains, rng, start + shift + k * pitch, z)
         left -= several
         z += (0.9 if long == d else 1.1) * d
         row += 1
-    for outlet in [one for one in container.outlets if one.form]:
+    for outlet in [opening for opening in container.outlets if opening.form]:
         for k in range(3):
-            yield _one(grains, rng, outlet.centre + rng.uniform(-0.3, 0.3) * (outlet.width - d), -(0.9 + 1.5 * k) * d)
+            yield _grain(grains, rng, outlet.centre + rng.uniform(-0.3, 0.3) * (outlet.width - d), -(0.9 + 1.5 * k) * d)
 
 
-def _one(grains: Grains, rng: np.random.Generator, x: float, z: float) -> _Grain:
+def _grain(grains: Grains, rng: np.random.Generator, x: float, z: float) -> _Grain:
     parts = grains.species
     kind = int(rng.choice(len(parts), p=[part.share / sum(p.share for p in parts) for part in parts]))
     radius = float(parts[kind].sizes.draw(rng, 1, grains.diameter)[0]) / 2
@@ -182,10 +182,10 @@ def _level(grains: Grains, container: Container) -> float:
     return grains.count * grains.volume / (packed * container.area) + lost
 
 
-def _drawn(grains: Grains, shown: Iterable[_Grain], at: Pixels, scale: float) -> str:
+def _bed(grains: Grains, pile: Iterable[_Grain], at: Pixels, scale: float) -> str:
     """All grains: those of one colour and size are one path of strokes with round ends, of no length for spheres."""
     half, strokes = grains.half_length * scale, defaultdict[tuple[str, str], list[str]](list)
-    for x, z, r, kind, tilt in shown:
+    for x, z, r, kind, tilt in pile:
         px, pz = at(x, z)
         dx, dz = half * math.cos(tilt), half * math.sin(tilt)
         look = _COLOURS[kind % len(_COLOURS)], f"{max(round(2 * r * scale * 4) / 4, _LEAST):g}"
@@ -217,18 +217,18 @@ def _sizes(
 ) -> str:
     """The sizes in words: of the outlet below it, of the container, and of a grain. wide [m]: of one without a key for
     its width."""
-    c, found = container, []
+    c, elements = container, []
     bottom = _MARGIN + height
-    for outlet in [one for one in c.outlets if one.form]:
+    for outlet in [opening for opening in c.outlets if opening.form]:
         (x1, _), (x2, _) = (at(outlet.centre + side * outlet.width / 2, 0) for side in (-1, 1))
         y = bottom + 22
-        found += [_line((x1, y), (x2, y), _FAINT, 1), _line((x1, y - 3), (x1, y + 3), _FAINT, 1)]
-        found += [_line((x2, y - 3), (x2, y + 3), _FAINT, 1)]
-        found.append(_text(min(max((x1 + x2) / 2, 40), width - 10), y + 16, f"D = {_mm(outlet.width)}"))
+        elements += [_line((x1, y), (x2, y), _FAINT, 1), _line((x1, y - 3), (x1, y + 3), _FAINT, 1)]
+        elements += [_line((x2, y - 3), (x2, y + 3), _FAINT, 1)]
+        elements.append(_text(min(max((x1 + x2) / 2, 40), width - 10), y + 16, f"D = {_mm(outlet.width)}"))
     across = wide if c.across is None else c.across
     tall = getattr(c, "height", None)
     words = [f"{_mm(across)} wide"] if across is not None else []
     words += [f"{_mm(tall)} high"] if tall is not None else []
     words += [f"d = {_mm(grains.diameter)}", f"{grains.count} grains"]
-    found += [_text(width, _MARGIN + 12 + 15 * k, word, "start") for k, word in enumerate(words)]
-    return "".join(found)
+    elements += [_text(width, _MARGIN + 12 + 15 * k, word, "start") for k, word in enumerate(words)]
+    return "".join(elements)

@@ -42,11 +42,11 @@ class Bounds:
         x, y, z = (b - a for a, b in zip(self.low, self.high, strict=True))
         return x, y, z
 
-    def within(self, other: "Bounds | None") -> "Bounds":
+    def within(self, box: "Bounds | None") -> "Bounds":
         """What lies in both; itself of None."""
-        if other is None:
+        if box is None:
             return self
-        return Bounds(_point(map(max, self.low, other.low)), _point(map(min, self.high, other.high)))
+        return Bounds(_point(map(max, self.low, box.low)), _point(map(min, self.high, box.high)))
 
 
 def _point(values) -> Point3:
@@ -100,14 +100,14 @@ class Mesh:
 def extent(distance: Distance) -> Bounds:
     """The box around a surface, from its distance function: to 1e-8 m for a surface of 0.1 m, infinite where it has no
     end."""
-    found = []
+    sides = []
     for sense in (-1.0, 1.0):
         reach = _FAR - np.abs(distance(sense * _FAR * np.eye(3)))
         farther = 10 * _FAR - np.abs(distance(10 * sense * _FAR * np.eye(3)))
         ends = np.abs(farther - reach) <= 1e-5 * (1 + np.abs(reach))
-        found.append(np.where(ends, sense * reach, sense * math.inf))
+        sides.append(np.where(ends, sense * reach, sense * math.inf))
     # of what is flat, an end may lie beyond the other by the error
-    return Bounds(_point(np.minimum(*found)), _point(np.maximum(*found)))
+    return Bounds(_point(np.minimum(*sides)), _point(np.maximum(*sides)))
 
 
 def enclosed(inside: Callable[[np.ndarray], np.ndarray], bounds: Bounds) -> Bounds:
@@ -169,15 +169,15 @@ def _gradient(distance: Distance, x: np.ndarray, step: float) -> np.ndarray:
 def stands_over(distance: Distance, bounds: Bounds, x: np.ndarray) -> np.ndarray:
     """Which of the points x, shape [n, 3], have the surface straight below them, shape [n]: by steps downwards as long
     as the distance is."""
-    size = [one for one in bounds.size if math.isfinite(one)]
+    size = [side for side in bounds.size if math.isfinite(side)]
     near = 1e-6 * max(size, default=1.0)
-    found, left, at = np.zeros(len(x), bool), np.arange(len(x)), np.array(x, float)
+    above, left, at = np.zeros(len(x), bool), np.arange(len(x)), np.array(x, float)
     for _ in range(_STEPS):
         if not len(left):
             break
         away = np.abs(distance(at))
-        found[left[away <= near]] = True
+        above[left[away <= near]] = True
         at[:, 2] -= away
         goes_on = (away > near) & (at[:, 2] >= bounds.low[2] - near)
         left, at = left[goes_on], at[goes_on]
-    return found
+    return above

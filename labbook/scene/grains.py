@@ -110,7 +110,7 @@ class Spheres(Model):
     @property
     def graded(self) -> bool:
         """Whether grains differ in size."""
-        return any(one.sizes.range(self.diameter)[0] < self.diameter for one in self.species)
+        return any(species.sizes.range(self.diameter)[0] < self.diameter for species in self.species)
 
     @property
     def species(self) -> tuple[Species, ...]:
@@ -132,8 +132,8 @@ class Spheres(Model):
         if not self.varied:
             return (self,)
         return tuple(
-            Spheres(diameter=one.sizes.range(self.diameter)[0], density=one.density, count=self.count)
-            for one in self.species
+            Spheres(diameter=species.sizes.range(self.diameter)[0], density=species.density, count=self.count)
+            for species in self.species
         )
 
     def largest(self) -> tuple["Spheres", ...]:
@@ -141,8 +141,8 @@ class Spheres(Model):
         if not self.varied:
             return (self,)
         return tuple(
-            Spheres(diameter=sort.sizes.range(self.diameter)[1], density=sort.density, count=self.count)
-            for sort in self.species
+            Spheres(diameter=species.sizes.range(self.diameter)[1], density=species.density, count=self.count)
+            for species in self.species
         )
 
     @property
@@ -155,24 +155,24 @@ class Spheres(Model):
         """Mean of the diameter cubed [m^3]."""
         if not self.varied:
             return self.diameter**3
-        return math.fsum(one.share * one.sizes.mean_cube(self.diameter) for one in self.species)
+        return math.fsum(species.share * species.sizes.mean_cube(self.diameter) for species in self.species)
 
     @property
     def mean_diameter(self) -> float:
         """Mean of the diameter by number [m]."""
-        return math.fsum(sort.share * sort.sizes.moment(1, self.diameter) for sort in self.species)
+        return math.fsum(species.share * species.sizes.moment(1, self.diameter) for species in self.species)
 
     @property
     def mean_diameter_by_mass(self) -> float:
         """Mean of the diameter weighted by mass [m]."""
-        masses = [(sort.share * sort.density, sort.sizes) for sort in self.species]
+        masses = [(species.share * species.density, species.sizes) for species in self.species]
         fourth = math.fsum(weight * sizes.moment(4, self.diameter) for weight, sizes in masses)
         return fourth / math.fsum(weight * sizes.mean_cube(self.diameter) for weight, sizes in masses)
 
     @property
     def finest(self) -> float:
         """Diameter of the smallest grains [m], by which overlaps are judged."""
-        return min(one.diameter for one in self.smallest())
+        return min(sphere.diameter for sphere in self.smallest())
 
     @property
     def half_length(self) -> float:
@@ -204,7 +204,7 @@ class Spheres(Model):
         """Mean mass of a grain [kg]; of every grain, if they are equal."""
         if not self.varied:
             return self.density * math.pi / 6 * self.diameter**3
-        cubes = (one.share * one.density * one.sizes.mean_cube(self.diameter) for one in self.species)
+        cubes = (species.share * species.density * species.sizes.mean_cube(self.diameter) for species in self.species)
         return math.pi / 6 * math.fsum(cubes)
 
     @property

@@ -11,10 +11,10 @@ from labbook.scene.quantities import Pressure, Ratio, Stiffness
 PoissonRatio = Annotated[Ratio, Field(gt=-1, le=0.5)]
 
 # what is not stated is left out of what is stored and hashed
-_unstated = Field(exclude_if=lambda value: value is None)
-OwnModulus = Annotated[Pressure | None, _unstated]
-OwnRatio = Annotated[PoissonRatio | None, _unstated]
-OwnStiffness = Annotated[Stiffness | None, _unstated]
+_optional = Field(exclude_if=lambda value: value is None)
+OwnModulus = Annotated[Pressure | None, _optional]
+OwnRatio = Annotated[PoissonRatio | None, _optional]
+OwnStiffness = Annotated[Stiffness | None, _optional]
 
 TWICE = "E and G are both given, but one follows from the other", "keep one of youngs_modulus and shear_modulus"
 """What is wrong with a material that states both, and the remedy."""
@@ -26,18 +26,18 @@ class Material(NamedTuple):
     shear_modulus: float
     poisson_ratio: float
 
-    def beside(self, other: "Material") -> "Material":
+    def beside(self, partner: "Material") -> "Material":
         """The material of which two like bodies touch each other as a body of this one touches a body of the other.
 
         Unlike bodies have 1/E* = sum (1 - nu_i^2)/E_i = sum (1 - nu_i)/(2 G_i) and 1/G* = sum (2 - nu_i)/G_i (Johnson,
         Contact Mechanics, 1985, eqs 4.24 and 7.43). Two like ones with G = 2/(1/G_1 + 1/G_2), and with the mean of the
         nu_i weighted by 1/G_i, have the same E* and G*; so (2 - nu)/(2 (1 - nu)) is E*/(4 G*) of the unlike bodies.
         """
-        if self == other:  # to the last bit
+        if self == partner:  # to the last bit
             return self
-        one, two = 1 / self.shear_modulus, 1 / other.shear_modulus
-        nu = (self.poisson_ratio * one + other.poisson_ratio * two) / (one + two)
-        return Material(2 / (one + two), nu)
+        first, second = 1 / self.shear_modulus, 1 / partner.shear_modulus
+        nu = (self.poisson_ratio * first + partner.poisson_ratio * second) / (first + second)
+        return Material(2 / (first + second), nu)
 
 
 def shear_modulus(youngs_modulus: float, poisson_ratio: float) -> float:

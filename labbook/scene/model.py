@@ -44,12 +44,12 @@ class Model(BaseModel):
 
         Nothing is checked, which takes a tenth of the time. For what follows from a model that was validated.
         """
-        one = cls.__new__(cls)
-        _set(one, "__dict__", values)
-        _set(one, "__pydantic_fields_set__", set(values))
-        _set(one, "__pydantic_extra__", None)
-        _set(one, "__pydantic_private__", None)
-        return one
+        model = cls.__new__(cls)
+        _set(model, "__dict__", values)
+        _set(model, "__pydantic_fields_set__", set(values))
+        _set(model, "__pydantic_extra__", None)
+        _set(model, "__pydantic_private__", None)
+        return model
 
 
 _M = TypeVar("_M", bound=Model)
@@ -77,18 +77,18 @@ class TaggedModels(Registry[type[_M]]):
         return loaded if isinstance(loaded, type) and issubclass(loaded, self._kind) else None
 
     def __get_pydantic_core_schema__(self, source: Any, handler: GetCoreSchemaHandler) -> CoreSchema:
-        one = Union[tuple(self.values())]  # noqa: UP007 - they are known only now
-        return handler.generate_schema(Annotated[one, Field(discriminator=self.tag)])
+        union = Union[tuple(self.values())]  # noqa: UP007 - they are known only now
+        return handler.generate_schema(Annotated[union, Field(discriminator=self.tag)])
 
 
 @dataclass(frozen=True)
 class Among:
-    """Marks a field of text that is one of the names in `known`, which may be a registry."""
+    """Marks a field of text that is one of the names in `names`, which may be a registry."""
 
-    known: Mapping[str, Any]
+    names: Mapping[str, Any]
 
     def __get_pydantic_core_schema__(self, source: Any, handler: GetCoreSchemaHandler) -> CoreSchema:
-        return core_schema.literal_schema(list(self.known))
+        return core_schema.literal_schema(list(self.names))
 
 
 @dataclass(frozen=True)
@@ -120,10 +120,10 @@ class Fault:
 
 def refuse(faults: Iterable[Fault]) -> None:
     """If there are faults, raise one validation error `impossible` that carries them as `faults`."""
-    found = tuple(faults)
-    if found:
-        text = "; ".join(f"{fault.key}: {fault.reason} ({fault.remedy})" for fault in found)
-        raise PydanticCustomError("impossible", "{text}", {"text": text, "faults": found})
+    refused = tuple(faults)
+    if refused:
+        text = "; ".join(f"{fault.key}: {fault.reason} ({fault.remedy})" for fault in refused)
+        raise PydanticCustomError("impossible", "{text}", {"text": text, "faults": refused})
 
 
 @dataclass(frozen=True)
@@ -141,25 +141,25 @@ InternalFlag = Annotated[bool, _internal, BeforeValidator(_internal)]
 
 
 @dataclass(frozen=True)
-class Stated:
+class Required:
     """Marks a field that has a default in Python, but that a study has to state."""
 
 
-def once(kept: int) -> Callable[[Callable[_P, _R]], Callable[_P, _R]]:
-    """A decorator: what follows from frozen values is worked out once while `kept` others were asked for; each time for
+def once(size: int) -> Callable[[Callable[_P, _R]], Callable[_P, _R]]:
+    """A decorator: what follows from frozen values is worked out once while `size` others were asked for; each time for
     those of another package that have no hash."""
 
     def decorate(work: Callable[_P, _R]) -> Callable[_P, _R]:
-        remembered = lru_cache(maxsize=kept)(work)
+        remembered = lru_cache(maxsize=size)(work)
 
         @wraps(work)
-        def asked(*args: _P.args, **kwargs: _P.kwargs) -> _R:
+        def cached(*args: _P.args, **kwargs: _P.kwargs) -> _R:
             try:
                 return remembered(*args, **kwargs)  # pyright: ignore[reportArgumentType]
             except TypeError:
                 return work(*args, **kwargs)
 
-        return asked
+        return cached
 
     return decorate
 
@@ -175,10 +175,10 @@ def canonical(value: Any) -> Text:
 
     Raises ValueError for numbers that are not finite, TypeError for what JSON has no form for.
     """
-    return Text(_written(value))
+    return Text(_json_text(value))
 
 
-def _written(value: Any) -> str:
+def _json_text(value: Any) -> str:
     kind = type(value)
     if kind is Text:
         return value
@@ -191,9 +191,9 @@ def _written(value: Any) -> str:
     if kind is int:
         return repr(value)
     if kind is dict or isinstance(value, Mapping):
-        return f"{{{','.join([_name(key) + _written(value[key]) for key in sorted(value, key=str)])}}}"
+        return f"{{{','.join([_name(key) + _json_text(value[key]) for key in sorted(value, key=str)])}}}"
     if kind is tuple or isinstance(value, list | tuple):
-        return f"[{','.join([_written(item) for item in value])}]"
+        return f"[{','.join([_json_text(item) for item in value])}]"
     return json.dumps(value)
 
 

@@ -5,7 +5,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 _DOUBLE = ("x", "v", "omega")
-_EACH = {"diameter": np.float64, "kind": np.int64}
+_PER_GRAIN = {"diameter": np.float64, "kind": np.int64}
 _OF_SPRINGS = {"pairs": "iu", "pair_spring": "f", "wall_grain": "iu", "wall_name": "U", "wall_spring": "f"}
 _OF_SPRINGS |= {"wall_part": "iu"}
 _ROLLING = {"pair_rolling": "pairs", "wall_rolling": "wall_grain"}
@@ -59,7 +59,7 @@ class Packing:
         object.__setattr__(self, "ids", ids)
         if len(ids) != n:
             raise ValueError(f"packing: {len(ids)} ids for {n} grains")
-        for name, dtype in _EACH.items():
+        for name, dtype in _PER_GRAIN.items():
             if (array := getattr(self, name)) is not None:
                 object.__setattr__(self, name, np.ascontiguousarray(array, dtype))
                 if np.shape(array) != (n,):
@@ -97,10 +97,10 @@ class Packing:
         for name, kind in _OF_SPRINGS.items():
             if np.asarray(getattr(self, name)).dtype.kind not in kind:
                 raise ValueError(f"packing: {name} holds {np.asarray(getattr(self, name)).dtype}")
-        for name, most in (("pairs", n), ("wall_grain", n), ("wall_part", _WALL_PARTS)):
+        for name, limit in (("pairs", n), ("wall_grain", n), ("wall_part", _WALL_PARTS)):
             array = getattr(self, name)
-            if len(array) and not (array.min() >= 0 and array.max() < most):
-                raise ValueError(f"packing: {name} are not from 0 to {most - 1}")
+            if len(array) and not (array.min() >= 0 and array.max() < limit):
+                raise ValueError(f"packing: {name} are not from 0 to {limit - 1}")
         if not (self.pairs[:, 0] < self.pairs[:, 1]).all():
             raise ValueError("packing: pairs are not of a grain and a later one")
 
@@ -122,7 +122,7 @@ class Packing:
 
     def part(self, rows: np.ndarray) -> "Packing":
         """Return the grains of these rows, or of a mask, without springs."""
-        arrays = {name: getattr(self, name) for name in (*_DOUBLE, "ids", "q", *_EACH)}
+        arrays = {name: getattr(self, name) for name in (*_DOUBLE, "ids", "q", *_PER_GRAIN)}
         return Packing(**{name: array[rows] for name, array in arrays.items() if array is not None})
 
     @property
@@ -132,7 +132,7 @@ class Packing:
             return self
         there = ~self.waiting
         place = np.cumsum(there) - 1
-        arrays = {name: getattr(self, name) for name in (*_DOUBLE, "ids", "q", *_EACH)}
+        arrays = {name: getattr(self, name) for name in (*_DOUBLE, "ids", "q", *_PER_GRAIN)}
         own = {name: array[there] for name, array in arrays.items() if array is not None}
         return replace(self, **own, pairs=place[self.pairs], wall_grain=place[self.wall_grain], waiting=None)
 
@@ -162,7 +162,7 @@ class Packing:
         place = np.argsort(order)
         pairs = place[self.pairs]
         turned = (pairs[:, 0] > pairs[:, 1])[:, None]
-        rows = {name: getattr(self, name) for name in (*_DOUBLE, "ids", "q", *_EACH)}
+        rows = {name: getattr(self, name) for name in (*_DOUBLE, "ids", "q", *_PER_GRAIN)}
         rolling = self.pair_rolling
         return replace(
             self,
@@ -178,7 +178,7 @@ class Packing:
         """All arrays by name, for storage."""
         names = (*_DOUBLE, "ids", "pairs", "pair_spring", "wall_grain", "wall_name", "wall_spring", "wall_part")
         arrays = {name: getattr(self, name) for name in names}
-        optional = ("q", *_EACH, *_ROLLING, "waiting")
+        optional = ("q", *_PER_GRAIN, *_ROLLING, "waiting")
         some = {name: array for name in optional if (array := getattr(self, name)) is not None}
         return {**arrays, **some}
 

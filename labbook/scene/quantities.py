@@ -73,7 +73,7 @@ def parse(text: str, unit: str | None, diameter: float | None = None) -> float:
         rate = f"{value * error.rate:.12g}"
         raise ValueError(f"{error}: write {rate} rad/s, or {rate} Hz for turns per second") from None
     except ValueError as error:
-        raise ValueError(f"{error}{_meant(units, unit, diameter)}") from None
+        raise ValueError(f"{error}{_spelling_hint(units, unit, diameter)}") from None
     if not math.isfinite(value * factor):
         return value * factor
     # in decimals: 18 mm is 0.018, not 0.018000000000000002; keys hash these digits
@@ -86,11 +86,11 @@ def parse(text: str, unit: str | None, diameter: float | None = None) -> float:
 def told_apart(value: float, limit: float, digits: int = 3, of_limit: int = 6) -> tuple[str, str]:
     """A value beyond a limit, and the limit, for a message: to `digits` and `of_limit` significant digits, or to as
     many more as show which of them is larger. Numbers from 1e-4 to 1e6 are written out."""
-    for more in range(17):
-        shown, bound = f"{value:.{digits + more}g}", f"{limit:.{of_limit + more}g}"
-        if (float(shown) > float(bound), float(shown) < float(bound)) == (value > limit, value < limit):
+    for extra in range(17):
+        number, bound = f"{value:.{digits + extra}g}", f"{limit:.{of_limit + extra}g}"
+        if (float(number) > float(bound), float(number) < float(bound)) == (value > limit, value < limit):
             break
-    return _written_out(shown), _written_out(bound)
+    return _written_out(number), _written_out(bound)
 
 
 def _written_out(number: str) -> str:
@@ -101,11 +101,11 @@ def _written_out(number: str) -> str:
 
 def value_range(values: Iterable[float], unit: str, scale: float = 1.0) -> str:
     """The range of some values, times `scale`, in `unit`: `50 ms`, or `20 to 50 ms`."""
-    shown = [f"{scale * value:.3g}" for value in sorted(values)]
-    return f"{' to '.join(dict.fromkeys((shown[0], shown[-1])))} {unit}"
+    numbers = [f"{scale * value:.3g}" for value in sorted(values)]
+    return f"{' to '.join(dict.fromkeys((numbers[0], numbers[-1])))} {unit}"
 
 
-_MANY = 1e3
+_PERCENT_LIMIT = 1e3
 """Times from where on a ratio is no percentage any more."""
 
 
@@ -113,7 +113,7 @@ def percent(part: float, how: str = ".3g") -> str:
     """`2 %`, `0.25 %`, `110 %` of a part of one. `how`: to format the number of percent; where that gives an exponent
     (1.1e+02), the digits are written out. What is larger than a hundred thousand percent is told as `1e300 times`."""
     plus = "+" if how.startswith("+") else ""
-    if _MANY <= abs(part) < math.inf:
+    if _PERCENT_LIMIT <= abs(part) < math.inf:
         return re.sub(r"e(-?)\+?0*", r"e\1", f"{part:{plus}.3g} times")
     number = _written_out(f"{100 * part:{how}}")
     return f"{plus if number[0] not in '+-' else ''}{number} %"
@@ -130,7 +130,7 @@ def span(seconds: float) -> str:
     return f"{seconds * 1e6:.3g} us"
 
 
-def _meant(units: str, unit: str | None, diameter: float | None) -> str:
+def _spelling_hint(units: str, unit: str | None, diameter: float | None) -> str:
     """What `units` seem to be a misspelling of (`kg/m3`, `kg/m³`, `kg/m^-3`), as a remedy; empty if of nothing."""
     raised = re.sub(r"(?<=[A-Za-z])([⁻⁰¹²³⁴⁵⁶⁷⁸⁹]+)", lambda found: "^" + found[1].translate(_RAISED), units)
     raised = re.sub(r"(?<=[A-Za-z])(-?\d)", r"^\1", raised)
@@ -145,9 +145,9 @@ def _meant(units: str, unit: str | None, diameter: float | None) -> str:
 
 def leading_number(text: str) -> tuple[str, float] | None:
     """The number that a quantity begins with, as text and as value; None if it does not, or divides by zero."""
-    found = _NUMBER.match(text.strip())
+    match = _NUMBER.match(text.strip())
     try:
-        return None if found is None else (found.group(), _number(found.group()))
+        return None if match is None else (match.group(), _number(match.group()))
     except ValueError:
         return None
 
@@ -162,8 +162,8 @@ def without_noise(number: float) -> float:
 
 def whole(value: Any) -> Any:
     """1e4 and 1.0e+3 as the whole numbers that they are, also as text, which YAML takes them for; all else as it is."""
-    if isinstance(value, str) and (found := leading_number(value)) is not None and found[0] == value.strip():
-        number = found[1]
+    if isinstance(value, str) and (leading := leading_number(value)) is not None and leading[0] == value.strip():
+        number = leading[1]
     else:
         number = value
     if isinstance(number, float) and abs(number) < 2**53 and number.is_integer():
@@ -206,9 +206,9 @@ def _factor(units: str, unit: str | None, diameter: float | None) -> float:
             if term is None:
                 raise ValueError("not a quantity: a number and then its unit are needed")
             name, power, link = term.groups()
-            one = _one_of(name, diameter)
-            counts |= one.dimensionality == _RATE
-            product = product * one ** (sign * int(power or "1"))
+            term_unit = _unit_quantity(name, diameter)
+            counts |= term_unit.dimensionality == _RATE
+            product = product * term_unit ** (sign * int(power or "1"))
             position, sign = term.end(), -1 if "/" in link else 1
         if sign < 0 or link.strip() == "*":
             raise ValueError("not a quantity: a unit is missing at its end")
@@ -224,27 +224,27 @@ def _turned(product: Any, unit: str, counts: bool) -> Any:
     """The pint quantity `product` (in base units) in `unit`. An angle is no number, which it is to pint, but a turn of
     2 pi rad is what a frequency counts. `counts`: whether the product is of a unit such as Hz, and not only 1/s."""
     registry = _registry()
-    wanted = registry.Quantity(1.0, unit or "dimensionless")
-    angle, needed = (dict(one.to_base_units().unit_items()).get("radian", 0) for one in (product, wanted))
-    if angle == needed or product.dimensionality != wanted.dimensionality:
-        return product.to(wanted)
+    target = registry.Quantity(1.0, unit or "dimensionless")
+    angle, needed = (dict(amount.to_base_units().unit_items()).get("radian", 0) for amount in (product, target))
+    if angle == needed or product.dimensionality != target.dimensionality:
+        return product.to(target)
     rate = product.dimensionality == _RATE
     if rate and unit == "Hz" and angle == 1:
-        return (product / registry.Quantity(1.0, "turn")).to(wanted)
+        return (product / registry.Quantity(1.0, "turn")).to(target)
     if rate and (angle, needed) == (0, 1):
         if not counts:
             raise _TurnsOrAngles(product.to("1/s").magnitude)
-        return (product * registry.Quantity(1.0, "turn")).to(wanted)
+        return (product * registry.Quantity(1.0, "turn")).to(target)
     raise ValueError(_unlike(product.units, unit))
 
 
-def _unlike(given: Any, unit: str | None) -> str:
+def _unlike(units: Any, unit: str | None) -> str:
     """What is needed instead of the pint unit `given`."""
-    wanted, stated = f"a quantity in {unit}" if unit else "a number without unit", f"{given:~}"
-    return f"{wanted} is needed, not {f'one in {stated}' if stated else 'a number without unit'}"
+    requirement, symbol = f"a quantity in {unit}" if unit else "a number without unit", f"{units:~}"
+    return f"{requirement} is needed, not {f'one in {symbol}' if symbol else 'a number without unit'}"
 
 
-def _one_of(name: str, diameter: float | None):
+def _unit_quantity(name: str, diameter: float | None):
     """One of the unit `name`, as a pint quantity in base units."""
     import pint
 
@@ -255,12 +255,12 @@ def _one_of(name: str, diameter: float | None):
         return registry.Quantity(diameter, "meter")
     name = {"%": "percent", "°": "degree"}.get(name, name)
     try:
-        zero, one = (registry.Quantity(number, name).to_base_units() for number in (0.0, 1.0))
+        zero, single = (registry.Quantity(number, name).to_base_units() for number in (0.0, 1.0))
     except (pint.PintError, ArithmeticError, AttributeError, TypeError, ValueError):
         raise ValueError(f"unknown unit {name}") from None
     if zero.magnitude != 0:
         raise ValueError(f"{name} is a scale with an offset: use an absolute unit")
-    return one
+    return single
 
 
 @dataclass(frozen=True)
@@ -277,7 +277,7 @@ class Unit:
             except ValueError as error:
                 raise self._error("bad_quantity", str(error)) from None
         elif isinstance(value, bool) or not isinstance(value, int | float):
-            raise self._error("not_a_quantity", self._wanted)
+            raise self._error("not_a_quantity", self._requirement)
         elif self.symbol and context.get("units") == "required":
             raise self._error("missing_unit", f"the unit is missing: a quantity in {self.symbol} is needed")
         else:
@@ -291,7 +291,7 @@ class Unit:
         return (info.context or {}).get("d")
 
     @property
-    def _wanted(self) -> str:
+    def _requirement(self) -> str:
         return f"a quantity in {self.symbol} is needed" if self.symbol else "a number without unit is needed"
 
     def _error(self, kind: str, reason: str) -> PydanticCustomError:
@@ -317,7 +317,7 @@ _own = OfGrain("m")
 _rad, _rad_ = quantity("rad")
 _rho, _rho_ = quantity("kg/m^3")
 _pa, _pa_ = quantity("Pa")
-_one, _one_ = quantity("")
+_plain, _plain_ = quantity("")
 _g, _g_ = quantity("m/s^2")
 _s, _s_ = quantity("s")
 _npm, _npm_ = quantity("N/m")
@@ -359,8 +359,8 @@ Frequency = Annotated[float, _hz, _hz_, Field(ge=-1e9, le=1e9)]
 Speed = Annotated[float, _v, _v_, Field(ge=-1e8, le=1e8)]
 AngularSpeed = Annotated[float, _w, _w_, Field(ge=-1e9, le=1e9)]
 MassRate = Annotated[float, _flow, _flow_, Field(ge=1e-18, le=1e12)]
-Ratio = Annotated[float, _one, _one_, Field(ge=-1e6, le=1e6)]
-Coefficient = Annotated[float, _one, _one_, Field(ge=0, le=1e6)]
+Ratio = Annotated[float, _plain, _plain_, Field(ge=-1e6, le=1e6)]
+Coefficient = Annotated[float, _plain, _plain_, Field(ge=0, le=1e6)]
 Whole = Annotated[int, Field(strict=True), _whole_]
 
 

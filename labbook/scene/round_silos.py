@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, ClassVar, Literal
 import numpy as np
 from pydantic import model_validator
 
-from labbook.scene.container_shape import FLAT, KEPT, ContainerShape, Outlet, Parts, frustum_wall
+from labbook.scene.container_shape import CACHE_SIZE, FLAT, ContainerShape, Outlet, Parts, frustum_wall
 from labbook.scene.geometry import Bounds
 from labbook.scene.model import Fault, InternalFlag, refuse
 from labbook.scene.quantities import Angle, Frequency, Length
@@ -107,7 +107,7 @@ class CylinderSilo(RoundSilo):
         rotation = self.rotation if surface_motion else 0.0
         return self._closed(surface_motion, orifice=self.diameter / 2, rotation=rotation)
 
-    @lru_cache(maxsize=KEPT)  # noqa: B019  (at most so many)
+    @lru_cache(maxsize=CACHE_SIZE)  # noqa: B019  (at most so many)
     def walls(self) -> tuple[Wall, ...]:
         """Wall primitives: side, and the bottom round the outlet (closed: all of it)."""
         radius, hole = self.diameter / 2, 0.0 if self.closed else self.orifice / 2
@@ -178,7 +178,7 @@ class ConicalSilo(RoundSilo):
         """The closed container in which a packing is made, with a lid over its outlet."""
         return self._closed(surface_motion)
 
-    @lru_cache(maxsize=KEPT)  # noqa: B019  (at most so many)
+    @lru_cache(maxsize=CACHE_SIZE)  # noqa: B019  (at most so many)
     def walls(self) -> tuple[Wall, ...]:
         """Wall primitives: side, the cone, called bottom, and closed a lid."""
         radius, hole, rise = self.diameter / 2, self.orifice / 2, self.rise

@@ -57,7 +57,7 @@ class Scene(Model):
         if self.restart is not None and (self.feed is None or self.feed.kind != "reinject"):
             reason = "arches are broken in a bed of constant height only"
             yield Fault("restart", reason, "state feed: {kind: reinject}, or leave restart out")
-        elif self.restart is not None and [math.isfinite(one.width) for one in self.container.outlets] != [True]:
+        elif self.restart is not None and [math.isfinite(outlet.width) for outlet in self.container.outlets] != [True]:
             reason = "grains are pushed above one outlet of a known width, which this container has not"
             yield Fault("restart", reason, "leave restart out, or use a wedge-hopper, cylinder-silo or conical-silo")
         c, d = self.container, self.grains.diameter
@@ -97,23 +97,23 @@ class Scene(Model):
 
     def _faults_between_kinds(self, contact: ContactLaw) -> Iterator[Fault]:
         """What is wrong with the pairs of kinds that a law for these grains states."""
-        names, seen = [kind.name for kind in self.grains.kinds], set()
+        names, earlier = [kind.name for kind in self.grains.kinds], set()
         for pair in contact.between:
-            unknown = sorted({name for name in pair.kinds if name not in names})
-            if unknown:
+            absent = sorted({name for name in pair.kinds if name not in names})
+            if absent:
                 remedy = f"use two of: {', '.join(names)}" if names else "name the kinds in grains.kinds"
-                yield Fault("contact.between", f"no kind of grains is called {' or '.join(unknown)}", remedy)
-            if frozenset(pair.kinds) in seen:
+                yield Fault("contact.between", f"no kind of grains is called {' or '.join(absent)}", remedy)
+            if frozenset(pair.kinds) in earlier:
                 reason = f"{' and '.join(pair.kinds)} are listed twice"
                 yield Fault("contact.between", reason, "state each pair once")
-            seen.add(frozenset(pair.kinds))
+            earlier.add(frozenset(pair.kinds))
 
     def _faults_of_stiffness(self, law: ContactLaw) -> Iterator[Fault]:
         if law.material is None:
             reason = f"the law {law.law} has no elastic moduli"
-            stated = [(f"walls.{name}", wall) for name, wall in self.walls.items()]
-            stated += [("grains.kinds", kind) for kind in self.grains.kinds]
-            for key, body in stated:
+            bodies = [(f"walls.{name}", wall) for name, wall in self.walls.items()]
+            bodies += [("grains.kinds", kind) for kind in self.grains.kinds]
+            for key, body in bodies:
                 if body.has_own:
                     yield self._of(law, key, reason, "leave moduli and Poisson's ratio out, or use a law by Hertz")
         springs = [f"walls.{name}.normal_stiffness" for name, w in self.walls.items() if w.normal_stiffness is not None]
@@ -176,18 +176,18 @@ class Scene(Model):
             return tuple(between)
         return (*between, *(self.surface(wall, kind) for wall in self.container.walls() for kind in kinds))
 
-    def surface_between(self, one: int, other: int) -> Surface:
+    def surface_between(self, kind: int, second_kind: int) -> Surface:
         """The complete surface that grains of two kinds, by their places in `grains.kinds`, turn to one another."""
         surface = self.surface_of_grains
-        for stated in self._between(one, other):
-            surface = surface.changed(stated)
+        for change in self._between(kind, second_kind):
+            surface = surface.changed(change)
         return surface
 
-    def _between(self, one: int, other: int) -> tuple[Between, ...]:
+    def _between(self, kind: int, second_kind: int) -> tuple[Between, ...]:
         """Where contacts of two kinds differ, if that is stated."""
         if not self.contact.between:
             return ()
-        names = {self.grains.kinds[one].name, self.grains.kinds[other].name}
+        names = {self.grains.kinds[kind].name, self.grains.kinds[second_kind].name}
         return tuple(pair for pair in self.contact.between if set(pair.kinds) == names)
 
     def surface(self, wall: Wall, kind: int = 0) -> Surface:
@@ -198,18 +198,18 @@ class Scene(Model):
         surface = self.surface_between(kind, kind)
         if not self.walls:
             return surface
-        everywhere, here = self._stated(wall)
+        everywhere, here = self._wall_changes(wall)
         return surface.changed(everywhere).changed(here)
 
-    def _stated(self, wall: Wall) -> tuple[SurfaceChange, SurfaceChange]:
+    def _wall_changes(self, wall: Wall) -> tuple[SurfaceChange, SurfaceChange]:
         """What is stated of all walls, and of this one."""
         everywhere, here = (self.walls.get(name) or _unchanged() for name in ("all", wall.name))
         return everywhere, here
 
-    def law_between(self, one: int, other: int) -> ContactLaw:
+    def law_between(self, kind: int, second_kind: int) -> ContactLaw:
         """The law with the stiffness of contacts between two kinds, by their places in `grains.kinds`: `contact` itself
         where neither states any."""
-        return self._law(self._material(one), self._material(other), self._between(one, other))
+        return self._law(self._material(kind), self._material(second_kind), self._between(kind, second_kind))
 
     def law(self, wall: Wall, kind: int = 0) -> ContactLaw:
         """The law with the stiffness of contacts of grains of `kind` with `wall`.
@@ -217,32 +217,32 @@ class Scene(Model):
         A wall is of its own material, else of that of `all`, else of that of `contact`. A stiffness k_n is its own,
         else that of `all`, else that of grains of `kind` with each other.
         """
-        material, stated = self.contact.material, self._stated(wall)
+        material, changes = self.contact.material, self._wall_changes(wall)
         if material is not None:
-            for one in stated:
-                material = one.material(material)
-        return self._law(self._material(kind), material, (*self._between(kind, kind), *stated))
+            for change in changes:
+                material = change.material(material)
+        return self._law(self._material(kind), material, (*self._between(kind, kind), *changes))
 
     @property
     def has_own_stiffness(self) -> bool:
         """Whether kinds of grains or walls state a stiffness beside that of `contact`."""
-        stated = (*self.grains.kinds, *self.walls.values(), *self.contact.between)
-        return any(getattr(one, name, None) is not None for one in stated for name in _STIFFNESS)
+        owners = (*self.grains.kinds, *self.walls.values(), *self.contact.between)
+        return any(getattr(owner, name, None) is not None for owner in owners for name in _STIFFNESS)
 
     def _material(self, kind: int) -> Material | None:
         material = self.contact.material
         return self.grains.kinds[kind].material(material) if material is not None and self.grains.kinds else material
 
     def _law(
-        self, one: Material | None, other: Material | None, springs: Iterable[Between | SurfaceChange]
+        self, material: Material | None, second_material: Material | None, springs: Iterable[Between | SurfaceChange]
     ) -> ContactLaw:
         """The law for bodies of two materials; of a law that knows none, with the last k_n that `springs` state."""
         law = self.contact
-        if one is not None and other is not None:
-            material = one.beside(other)
-            return law if material == law.material else law.model_copy(update=material._asdict())
-        stated = [spring.normal_stiffness for spring in springs if spring.normal_stiffness is not None]
-        return law.model_copy(update={"normal_stiffness": stated[-1]}) if stated else law
+        if material is not None and second_material is not None:
+            pair_material = material.beside(second_material)
+            return law if pair_material == law.material else law.model_copy(update=pair_material._asdict())
+        stiffnesses = [spring.normal_stiffness for spring in springs if spring.normal_stiffness is not None]
+        return law.model_copy(update={"normal_stiffness": stiffnesses[-1]}) if stiffnesses else law
 
     def stiffened(self, factor: float) -> "Scene":
         """The scene with the stiffness of its contacts times `factor`."""
@@ -280,11 +280,11 @@ class Scene(Model):
 _M = TypeVar("_M", bound=Model)
 
 
-def _stiffer(stated: _M, factor: float) -> _M:
+def _stiffer(model: _M, factor: float) -> _M:
     """`stated` with `factor` times each stiffness that it has."""
-    found = {name: getattr(stated, name, None) for name in _STIFFNESS}
-    update = {name: factor * value for name, value in found.items() if value is not None}
-    return stated.model_copy(update=update) if update else stated
+    values = {name: getattr(model, name, None) for name in _STIFFNESS}
+    update = {name: factor * value for name, value in values.items() if value is not None}
+    return model.model_copy(update=update) if update else model
 
 
 @lru_cache(maxsize=1)

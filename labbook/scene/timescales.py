@@ -26,11 +26,11 @@ def _anywhere(time: Callable[[Scene], float]) -> Callable[[Scene], float]:
         return time(Scene.of(grains=grains, contact=contact, gravity=gravity, **nowhere))
 
     @wraps(time)
-    def asked(scene: Scene) -> float:
+    def cached(scene: Scene) -> float:
         own = scene.walls or scene.has_own_stiffness
         return time(scene) if own else of(scene.grains, scene.contact, scene.gravity)
 
-    return asked
+    return cached
 
 
 def gravity_time(scene: Scene) -> float:
@@ -50,8 +50,8 @@ def rayleigh(scene: Scene) -> float:
 
     Raises ValueError for a law that has none.
     """
-    each = enumerate(scene.grains.smallest())
-    return min(scene.law_between(kind, kind).rayleigh_time(one.radius, one.density) for kind, one in each)
+    spheres = enumerate(scene.grains.smallest())
+    return min(scene.law_between(kind, kind).rayleigh_time(sphere.radius, sphere.density) for kind, sphere in spheres)
 
 
 @_anywhere
@@ -70,20 +70,20 @@ def _contacts(scene: Scene) -> Iterator[tuple[ContactLaw, float, float]]:
     stiffness is not theirs."""
     lightest = scene.grains.smallest()
     likes = [scene.law_between(kind, kind) for kind in range(len(lightest))]
-    for one, (grains, like) in enumerate(zip(lightest, likes, strict=True)):
+    for kind, (grains, like) in enumerate(zip(lightest, likes, strict=True)):
         yield like, grains.mass / 2, grains.radius / 2
-        for other in range(one):
-            law, second = scene.law_between(one, other), lightest[other]
-            if law not in (like, likes[other]):
-                yield law, _reduced(grains.mass, second.mass), _reduced(grains.radius, second.radius)
+        for second_kind in range(kind):
+            law, partner = scene.law_between(kind, second_kind), lightest[second_kind]
+            if law not in (like, likes[second_kind]):
+                yield law, _reduced(grains.mass, partner.mass), _reduced(grains.radius, partner.radius)
         for wall in scene.container.walls() if scene.has_own_stiffness else ():
-            law = scene.law(wall, one)
+            law = scene.law(wall, kind)
             if law != like:
                 yield law, grains.mass, grains.radius
 
 
-def _reduced(one: float, other: float) -> float:
-    return one * other / (one + other)
+def _reduced(first: float, second: float) -> float:
+    return first * second / (first + second)
 
 
 @_anywhere

@@ -148,7 +148,7 @@ class WallShape(Model, ABC):
         """Whether pictures show it as a pane, through which the grains behind it are seen."""
         return False
 
-    def continued(self, other: "WallShape", x: np.ndarray) -> np.ndarray:
+    def continued(self, successor: "WallShape", x: np.ndarray) -> np.ndarray:
         """Which of the grains at x [m], shape [n, 3], that touch it touch `other` too, as the same surface, shape [n]:
         they take their springs along where `other` replaces it."""
         return np.zeros(len(x), bool)

@@ -212,13 +212,13 @@ class Strip(WallShape):
         corners = np.array([(x0, front, z0), (x1, front, z1), (x1, back, z1), (x0, back, z0)])
         return Mesh.polygon(corners, outlined=True)
 
-    def continued(self, other: WallShape, x: np.ndarray) -> np.ndarray:
+    def continued(self, successor: WallShape, x: np.ndarray) -> np.ndarray:
         """As of any wall: in a strip on the same line, those whose foot lies on it."""
-        if not isinstance(other, Strip):
+        if not isinstance(successor, Strip):
             return np.zeros(len(x), bool)
         start, along = np.array(self.start), np.array(self.end) - self.start
         foot = start + ((x[:, [0, 2]] - start) @ along / (along @ along))[:, None] * along
-        begin, run = np.array(other.start), np.array(other.end) - other.start
+        begin, run = np.array(successor.start), np.array(successor.end) - successor.start
         length = run @ run
         if abs(along[0] * run[1] - along[1] * run[0]) >= _STRAIGHT * np.sqrt(length * (along @ along)):
             return np.zeros(len(x), bool)

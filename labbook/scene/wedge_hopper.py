@@ -8,7 +8,7 @@ from typing import ClassVar, Literal
 import numpy as np
 from pydantic import model_validator
 
-from labbook.scene.container_shape import FLAT, KEPT, ContainerShape, Outlet, Parts, plane_wall, strip_wall
+from labbook.scene.container_shape import CACHE_SIZE, FLAT, ContainerShape, Outlet, Parts, plane_wall, strip_wall
 from labbook.scene.geometry import Bounds
 from labbook.scene.model import Fault, InternalFlag, refuse
 from labbook.scene.quantities import Angle, Distance, Length, told_apart
@@ -70,8 +70,8 @@ class WedgeHopper(ContainerShape):
             yield Fault("orifice", reason, "make the orifice smaller or the hopper wider")
             return
         if self.gap is not None and self.gap > limit * (1 + 1e-12):
-            gap, most = told_apart(self.gap * 1e3, limit * 1e3, digits=6)
-            reason = f"a gap of {gap} mm is beyond (L - D)/2 = {most} mm"
+            gap, bound = told_apart(self.gap * 1e3, limit * 1e3, digits=6)
+            reason = f"a gap of {gap} mm is beyond (L - D)/2 = {bound} mm"
             mirrored = 2 * limit - self.gap
             mirror = f", or {mirrored * 1e3:g} mm, of which it is the mirror image" if mirrored >= 0 else ""
             yield Fault("gap", reason, f"use at most {limit * 1e3:g} mm{mirror}")
@@ -186,7 +186,7 @@ class WedgeHopper(ContainerShape):
             return self._closed(surface_motion, orifice=self.width / 2, gap=None, angle=math.pi / 2)
         return self._closed(surface_motion)
 
-    @lru_cache(maxsize=KEPT)  # noqa: B019  (at most so many)
+    @lru_cache(maxsize=CACHE_SIZE)  # noqa: B019  (at most so many)
     def walls(self) -> tuple[Wall, ...]:
         """Wall primitives: front, back, left, right, and the bottom plates (closed: with the lid)."""
         half, depth = self.width / 2, self.thickness / 2

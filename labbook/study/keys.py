@@ -16,7 +16,7 @@ from labbook.backend.numerics import Numerics
 from labbook.campaign import Strategies
 from labbook.measure import scales
 from labbook.scene.contact import CONTACT_LAWS
-from labbook.scene.model import Among, Internal, Model, OrWord, Stated, TaggedModels
+from labbook.scene.model import Among, Internal, Model, OrWord, Required, TaggedModels
 from labbook.scene.quantities import Unit
 from labbook.scene.scene import Scene
 from labbook.scene.timescales import WAIT
@@ -187,7 +187,7 @@ def _leaf(name: str, field: FieldInfo, base: Any, metadata: list[Any], of: str) 
         length = f"list of {items}" if parts[-1] is Ellipsis else f"list of {len(parts)} {items}"
         base = inner
     choices = tuple(map(str, get_args(base))) if get_origin(base) is Literal else ()
-    choices = next((tuple(mark.known) for mark in metadata if isinstance(mark, Among)), choices)
+    choices = next((tuple(mark.names) for mark in metadata if isinstance(mark, Among)), choices)
     kinds = {int: "integer", str: "text", bool: "true or false", float: "quantity"}
     return Key(
         name,
@@ -195,7 +195,7 @@ def _leaf(name: str, field: FieldInfo, base: Any, metadata: list[Any], of: str) 
         None if length and unit is None else unit,
         (_limits(metadata) + (f" or {word.word}" if word is not None else "")).strip(),
         choices,
-        None if any(isinstance(mark, Stated) for mark in metadata) else _default(field, unit),
+        None if any(isinstance(mark, Required) for mark in metadata) else _default(field, unit),
         " ".join((field.description or ("Time integrator; the only choice." if len(choices) == 1 else "")).split()),
         of,
     )

@@ -20,7 +20,7 @@ from labbook.checks.compare.sides import Pair, Side, from_shared
 from labbook.checks.compare.verdict import Divergence
 from labbook.export.entities import log_grains, need_rerun
 from labbook.export.frames import FRAMES, at_opening, frames_of, top_speed
-from labbook.export.recording import written
+from labbook.export.recording import rrd_stream
 from labbook.export.views import above_bar, front_view, log_bars
 from labbook.filling import start_of_discharge
 from labbook.lab.folder import LabFolder
@@ -221,7 +221,7 @@ def record(study: Study, point: Point, lab: LabFolder, pair: Pair, seconds: floa
     for film in films:
         film.insert(0, at_opening(start, film[0].q is not None))
     layout = above_bar(views, scene, title)
-    with written(path, title, "-".join(run_keys.run for run_keys in keys), layout, films[0][-1].time) as stream:
+    with rrd_stream(path, title, "-".join(run_keys.run for run_keys in keys), layout, films[0][-1].time) as stream:
         for name, film in zip(names, films, strict=True):
             log_grains(stream, name, scene, start, film, fastest)
         log_bars(stream, scene, fastest)
