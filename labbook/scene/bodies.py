@@ -23,8 +23,18 @@ class Bodies:
 
     @classmethod
     def of(cls, grains: Grains, packing: Packing) -> "Bodies":
-        """The grains of `packing`. Raises ValueError if it does not say which of them are what, or the scene has no
-        such kind."""
+        """Take radius, mass and kind of each grain from a packing.
+
+        Args:
+            grains: Grains of the scene.
+            packing: Packing of n of them.
+
+        Returns:
+            Bodies in the order of the packing.
+
+        Raises:
+            ValueError: The packing has no kinds although the scene does, or kinds or diameters beyond the scene's.
+        """
         n, kinds = len(packing), len(grains.species)
         if not grains.varied:
             radius, mass, inertia = (np.full(n, a) for a in (grains.radius, grains.mass, grains.inertia))
@@ -41,12 +51,28 @@ class Bodies:
 
     @classmethod
     def sized(cls, grains: Grains, diameter: np.ndarray, kind: np.ndarray) -> "Bodies":
-        """Spheres of these diameters [m] and kinds."""
+        """Make spheres of given sizes.
+
+        Args:
+            grains: Grains of the scene, for the densities of their kinds.
+            diameter: Diameters [m], shape [n].
+            kind: Places in `grains.kinds`, shape [n].
+
+        Returns:
+            The spheres, with the moment of inertia (2/5) m r^2.
+        """
         mass = np.array([species.density for species in grains.species])[kind] * math.pi / 6 * diameter**3
         return cls(diameter / 2, mass, 0.4 * mass * (diameter / 2) ** 2, kind)
 
     def carried(self, grains: Grains) -> dict[str, np.ndarray | None]:
-        """What a packing of these grains holds of them: `diameter` and `kind`."""
+        """Select the arrays that a packing of these grains stores.
+
+        Args:
+            grains: Grains of the scene.
+
+        Returns:
+            `diameter` [m] and `kind`, each of shape [n], or None where all grains are equal in it.
+        """
         return {
             "diameter": 2 * self.radius if isinstance(grains, Spheres) and grains.graded else None,
             "kind": self.kind if grains.kinds else None,
@@ -54,7 +80,7 @@ class Bodies:
 
 
 def masses(grains: Grains, packing: Packing) -> float | np.ndarray:
-    """Mass [kg] of every grain where they are equal, else of each, shape [n]."""
+    """Compute the mass [kg] of every grain where they are equal, else of each, shape [n]."""
     return Bodies.of(grains, packing).mass if grains.varied else grains.mass
 
 

@@ -43,7 +43,7 @@ _HERTZ_DURATION = 0.8 * math.gamma(0.4) * math.gamma(0.5) / math.gamma(0.9) * (1
 
 
 class Surface(Model):
-    """What decides a contact besides the law, of grains with one another or with a wall; nothing is left open."""
+    """Friction, rolling friction and restitution of the contacts of two surfaces, all stated."""
 
     friction: Coefficient
     """Coulomb coefficient μ."""
@@ -53,7 +53,14 @@ class Surface(Model):
     """Coefficient of normal restitution, in (0, 1]."""
 
     def changed(self, change: "ContactChange") -> "Surface":
-        """This surface with the values that `change` gives in place of its own."""
+        """Replace values of the surface.
+
+        Args:
+            change: Values of its own, None where it has none.
+
+        Returns:
+            The surface with the values of `change` in place of its own.
+        """
         values = change.friction, change.rolling_friction, change.restitution
         if values == (None, None, None):
             return self
@@ -62,7 +69,7 @@ class Surface(Model):
 
 
 class ContactChange(Model):
-    """Where some contacts differ from all others; what is not given is as stated for the law."""
+    """Contact parameters of some contacts; a parameter that is None is that of the law."""
 
     friction: Coefficient | None = None
     """Coulomb coefficient."""
@@ -73,7 +80,7 @@ class ContactChange(Model):
 
 
 class SurfaceChange(ContactChange, OwnMaterial):
-    """Where a wall differs from the grains; what is not given is as between grains, its material as in `contact`."""
+    """Contact parameters and material of a wall; None: as between grains, and as in `contact`."""
 
     friction: Coefficient | None = None
     """Friction coefficient at this wall."""
@@ -92,7 +99,7 @@ class SurfaceChange(ContactChange, OwnMaterial):
 
 
 class Between(ContactChange):
-    """Where contacts of two kinds of grains differ from all others; one kind twice: of its grains with each other."""
+    """Contact parameters between two kinds of grains; the same kind twice: of its grains with each other."""
 
     kinds: tuple[str, str]
     """Names of the two kinds, from `grains.kinds`."""
@@ -125,22 +132,25 @@ class Softer(NamedTuple):
 
 
 class ContactLaw(Model, ABC):
-    """What every contact law has: parameters, and what follows from them before anything moves."""
+    """Base of all contact laws: their parameters, and the time scales and stiffness that follow from them.
+
+    A law of another package derives from it; the formulas of its forces are in the module `physics`.
+    """
 
     physics: ClassVar[str]
-    """The module of its formulas, which a law of another package states; see `labbook_dem.laws`."""
+    """Module of its formulas, which a law of another package states; see `labbook_dem.laws`."""
     usual_step: ClassVar[str]
     """The time step where a study states none: a part of a time scale."""
     honours: ClassVar[frozenset[str]]
     """Keys among COMMON that its formulas use; a study that states another one is refused."""
     version: ClassVar[int] = 1
-    """Raised whenever its formulas change what a run gives: runs and packings made by an older one are then stale."""
+    """Version of its formulas, raised with each change of results: older runs and packings are then stale."""
     changes: ClassVar[Mapping[int, str]] = {}
-    """What a version changed, in a few words, which `plan` shows."""
+    """Change by each version, in a few words; `plan` shows it."""
 
     if TYPE_CHECKING:  # a field of each law, which stands in stored records where it always stood
         law: str
-        """Its name."""
+        """Name of the law."""
     friction: Coefficient = 0.0
     """Friction coefficient μ between grains, and at walls without their own."""
     rolling_friction: Coefficient = 0.0
@@ -168,15 +178,22 @@ class ContactLaw(Model, ABC):
 
     @property
     def material(self) -> Material | None:
-        """The elastic material of grains and walls that state none; None for a law whose stiffness is of no material.
+        """Elastic material of the grains, and of walls that state none.
 
         A law that has one takes `shear_modulus` and `poisson_ratio` of the `Material` that a contact comes to.
+
+        Returns:
+            The material; None for a law whose stiffness is of no material.
         """
         return None
 
     @classmethod
     def ignored(cls) -> tuple[str, ...]:
-        """The keys of all laws that this law has no use for."""
+        """List the keys of all laws that this law has no use for.
+
+        Returns:
+            Names of fields; rolling keys are among them if the law has no rolling friction.
+        """
         keys = tuple(key for key in COMMON if key not in cls.honours)
         return (*keys, *_OF_ROLLING) if "rolling_friction" in keys else keys
 
@@ -199,57 +216,123 @@ class ContactLaw(Model, ABC):
 
     @property
     def rolling_spring(self) -> tuple[float, float]:
-        """k_r/(k_n mu_r^2 R_r^2) and the damping ratio of rolling springs; see `labbook_dem.contact.rolling_spring`."""
+        """Stiffness k_r/(k_n mu_r^2 R_r^2) and damping ratio of rolling springs (Ai et al. 2011).
+
+        `labbook_dem.contact.rolling_spring` has the formulas.
+        """
         stiffness = ROLLING_STIFFNESS if self.rolling_stiffness is None else self.rolling_stiffness
         return stiffness, ROLLING_DAMPING if self.rolling_damping is None else self.rolling_damping
 
     @abstractmethod
     def stiffened(self, factor: float) -> Self:
-        """The law with `factor` times the stiffness."""
+        """Scale the stiffness.
+
+        Args:
+            factor: Factor on the stiffness, above 0.
+
+        Returns:
+            The law with `factor` times the stiffness, all else as it is.
+        """
 
     @abstractmethod
     def damping_ratio(self, restitution: float) -> float:
-        """Normal dashpot of a contact over the critical one, for a coefficient of restitution in (0, 1]."""
+        """Compute the normal dashpot of a contact over the critical one.
+
+        Args:
+            restitution: Coefficient of normal restitution, in (0, 1].
+
+        Returns:
+            Damping ratio, 0 without damping.
+        """
 
     def damps(self, restitution: float) -> bool:
-        """Whether impacts of this coefficient of restitution may lose energy; False of a law that knows they do not."""
+        """Decide if impacts may lose energy.
+
+        Args:
+            restitution: Coefficient of normal restitution, in (0, 1].
+
+        Returns:
+            True by default; False only if the law knows that no impact loses energy.
+        """
         return True
 
     @abstractmethod
     def collision_time(self, mass: float, radius: float, speed: float) -> float:
-        """Duration [s] of an undamped head-on collision.
+        """Compute the duration of an undamped head-on collision.
 
-        mass: effective mass [kg]; radius: effective radius [m]; speed: relative velocity before it [m/s].
+        Args:
+            mass: Effective mass m_1 m_2/(m_1 + m_2) [kg].
+            radius: Effective radius r_1 r_2/(r_1 + r_2) [m].
+            speed: Relative velocity before the collision [m/s].
+
+        Returns:
+            Duration [s].
         """
 
     @abstractmethod
     def stability(self, rods: bool) -> tuple[float, float]:
-        """A and B of `labbook.scene.timescales.largest_stable_step`, measured in beds of spheres or of rods."""
+        """Give the coefficients of the stability limit A w^2 + 2 B z w > 1 of deep beds.
+
+        `labbook.scene.timescales.largest_stable_step` has the formula. Values are measured in beds.
+
+        Args:
+            rods: The grains are rods, not spheres.
+
+        Returns:
+            A and B.
+        """
 
     def rayleigh_time(self, radius: float, density: float) -> float:
-        """Rayleigh time [s] of a grain of this radius [m] and density [kg/m^3]. Raises ValueError for a law without a
-        shear modulus; laws by Hertz have one."""
+        """Compute the Rayleigh time of a grain, in which a Rayleigh wave runs half round it.
+
+        Args:
+            radius: Radius of the grain [m].
+            density: Density of its material [kg/m^3].
+
+        Returns:
+            Rayleigh time [s].
+
+        Raises:
+            ValueError: The law has no shear modulus; laws by Hertz have one.
+        """
         raise ValueError("the Rayleigh time needs a shear modulus: it belongs to laws by Hertz")
 
     def overlap(self, pressure: float, diameter: float) -> float | None:
-        """Overlap, in parts of the diameter d [m], of two equal grains that p d^2 presses together, p the pressure
-        [Pa]; None where a law cannot tell."""
+        """Compute the overlap of two equal grains at a pressure.
+
+        Args:
+            pressure: Pressure p [Pa]; the grains are pressed together by p d^2.
+            diameter: Diameter d [m].
+
+        Returns:
+            Overlap over d; None if the law cannot tell.
+        """
         return None
 
     def softer(self, pressure: float, overlap: float, diameter: float) -> Softer | None:
-        """The stiffness at which grains of the diameter d [m] overlap by `overlap` d where p d^2, p the pressure [Pa],
-        presses them together; None where a law cannot tell."""
+        """Compute the stiffness at which equal grains overlap by a part of their diameter.
+
+        Args:
+            pressure: Pressure p [Pa]; the grains are pressed together by p d^2.
+            overlap: Overlap over d.
+            diameter: Diameter d [m].
+
+        Returns:
+            That stiffness beside the law's own; None if the law cannot tell.
+        """
         return None
 
 
 def useless(law: str, key: str) -> str:
-    """The reason against a key that the law ignores."""
+    """Word the reason against a key that the law ignores."""
     return f"the law {law} has no use for {key}"
 
 
 class Dashpot(ContactLaw, ABC):
-    """Laws with a normal dashpot that follows from the coefficient of restitution, which a study therefore states: with
-    the default of 1 no bed would come to rest."""
+    """Base of laws with a normal dashpot that follows from the coefficient of restitution.
+
+    A study states the coefficient: with the default of 1 no bed would come to rest.
+    """
 
     honours: ClassVar[frozenset[str]] = frozenset(COMMON)
 
@@ -266,7 +349,7 @@ class Dashpot(ContactLaw, ABC):
         return self
 
     def damps(self, restitution: float) -> bool:
-        """With any restitution below 1."""
+        """True with any restitution below 1."""
         return restitution < 1
 
 
@@ -288,7 +371,7 @@ class Hertz(Dashpot, ABC):
     usual_step: ClassVar[str] = "0.1 rayleigh"  # of Fan et al. 2023: at most so much
 
     law: str
-    """Its name; here, since it stands before the other keys in records."""
+    """Name of the law; it stands before the other keys in records."""
     shear_modulus: Pressure
     """Shear modulus G of the grains' material; or state `youngs_modulus`."""
     poisson_ratio: PoissonRatio
@@ -315,30 +398,33 @@ class Hertz(Dashpot, ABC):
 
     @property
     def youngs_modulus(self) -> float:
-        """E = 2 G (1 + nu) [Pa] of the grains' material."""
+        """Young's modulus E = 2 G (1 + nu) [Pa] of the grains' material."""
         return 2 * self.shear_modulus * (1 + self.poisson_ratio)
 
     @property
     def material(self) -> Material:
-        """G and nu."""
+        """Material of the grains: G and nu."""
         return Material(self.shear_modulus, self.poisson_ratio)
 
     @property
     def pulls(self) -> bool:
-        """Whether the normal force may be attractive, as a dashpot is when grains part."""
+        """True if the normal force may be attractive, as a dashpot is when grains part."""
         return False
 
     @property
     def effective_modulus(self) -> float:
-        """E* [Pa] of two equal bodies: 1/E* = 2 (1 - nu^2)/E with E = 2 G (1 + nu)."""
+        """Effective modulus E* [Pa] of two equal bodies: 1/E* = 2 (1 - nu^2)/E with E = 2 G (1 + nu)."""
         return self.shear_modulus / (1 - self.poisson_ratio)
 
     def stiffened(self, factor: float) -> Self:
-        """The law with `factor` times the shear modulus."""
+        """Multiply the shear modulus by `factor`."""
         return self.model_copy(update={"shear_modulus": self.shear_modulus * factor})
 
     def damping_ratio(self, restitution: float) -> float:
-        """C_n sqrt(6 m* K)/(2 sqrt(m* dF/d delta)) = C_n, as dF/d delta = 3/2 K."""
+        """Damping ratio of the dashpot C_n sqrt(6 m* K) v: C_n itself.
+
+        C_n sqrt(6 m* K)/(2 sqrt(m* dF/d delta)) = C_n, as dF/d delta = 3/2 K.
+        """
         if self.normal_damping is not None:
             return self.normal_damping
         if self.damping == "clamped":
@@ -346,28 +432,37 @@ class Hertz(Dashpot, ABC):
         return damping.hertz_textbook(restitution)
 
     def damps(self, restitution: float) -> bool:
-        """By `normal_damping` where it is stated, else by the coefficient of restitution."""
+        """True if `normal_damping` is above 0; where it is not stated, if the restitution is below 1."""
         return restitution < 1 if self.normal_damping is None else self.normal_damping > 0
 
     def collision_time(self, mass: float, radius: float, speed: float) -> float:
-        """2.868 (m_eff^2 / (R_eff E*^2 v))^{1/5} [s]; 2.868 is 4/5 B(2/5, 1/2) (15/16)^{2/5} (Hertz 1882)."""
+        """Duration 2.868 (m_eff^2 / (R_eff E*^2 v))^{1/5} [s] (Hertz 1882).
+
+        2.868 is 4/5 B(2/5, 1/2) (15/16)^{2/5}, with the beta function B.
+        """
         return _HERTZ_DURATION * (mass**2 / (radius * self.effective_modulus**2 * speed)) ** 0.2
 
     def stability(self, rods: bool) -> tuple[float, float]:
-        """Measured by benchmarks/step_limit.py; stronger tangential dashpots are taken to count in proportion."""
+        """Coefficients measured by benchmarks/step_limit.py.
+
+        Stronger tangential dashpots are taken to count in proportion.
+        """
         return 2.5, 3.5 * max(1.0, self.tangential_damping)
 
     def rayleigh_time(self, radius: float, density: float) -> float:
-        """pi r sqrt(rho/G) / (0.163 nu + 0.8766) [s] (Fan et al. 2023, eq 9)."""
+        """Rayleigh time pi r sqrt(rho/G) / (0.163 nu + 0.8766) [s] (Fan et al. 2023, eq 9)."""
         speed = math.sqrt(self.shear_modulus / density)
         return math.pi * radius / speed / (0.163 * self.poisson_ratio + 0.8766)
 
     def overlap(self, pressure: float, diameter: float) -> float:
-        """(delta/d)^{3/2} = 3 p/(2 E*), as F = (4/3) E* sqrt(d/4) delta^{3/2} = (2/3) E* d^2 (delta/d)^{3/2}."""
+        """Overlap over d: (delta/d)^{3/2} = 3 p/(2 E*).
+
+        It follows from F = (4/3) E* sqrt(d/4) delta^{3/2} = (2/3) E* d^2 (delta/d)^{3/2} = p d^2.
+        """
         return (1.5 * pressure / self.effective_modulus) ** (2 / 3)
 
     def softer(self, pressure: float, overlap: float, diameter: float) -> Softer:
-        """From the overlap now, which goes as G^{-2/3}."""
+        """Shear modulus from the overlap now, which is proportional to G^{-2/3}."""
         enough = self.shear_modulus * (self.overlap(pressure, diameter) / overlap) ** 1.5
         alternative = "youngs_modulus", 2 * (1 + self.poisson_ratio)
         return Softer("shear_modulus", "Pa", self.shear_modulus, enough, alternative)
@@ -387,17 +482,17 @@ class HertzMindlin(Hertz):
 
 
 class Tensile(Hertz, ABC):
-    """Hertz's law in which the normal force may pull, unless a study forbids it."""
+    """Base of laws by Hertz whose normal force may pull, unless a study forbids it."""
 
     damping: Damping = "textbook"
     """`textbook`: C_n = sqrt(5/6) ln(1/e)/sqrt(pi^2 + ln^2 e), which gives e if the normal force may pull;
     `clamped`: damping that gives e if it may not."""
     tension: bool = True
-    """Whether the normal force may pull as grains separate, as in the paper or code of the law."""
+    """The normal force may pull as grains separate, as in the paper or code of the law."""
 
     @property
     def pulls(self) -> bool:
-        """Whether the normal force may be attractive."""
+        """True if the normal force may be attractive: as `tension` says."""
         return self.tension
 
     @model_validator(mode="after")
@@ -472,11 +567,19 @@ class CollisionStiffness(Model):
             yield Fault(lacking, reason, "state largest_overlap and impact_speed, such as 0.01 d and 1 m/s")
 
     def stiffness(self, grains: "Spheres | Spherocylinders | None") -> float:
-        """k_n [N/m] for these grains.
+        """Compute k_n from a collision of two equal grains of the mass m, whose effective mass is m/2.
 
-        With the effective mass m/2 of two equal grains of the mass m: of the contact time t_c = pi sqrt(m/(2 k_n))/
-        sqrt(1 - z^2) with z = |ln e|/sqrt(pi^2 + ln^2 e), k_n = m (pi^2 + ln^2 e)/(2 t_c^2); of the overlap, from
-        m v^2/4 = k_n delta^2/2. Raises a validation error without grains.
+        Of the contact time t_c = pi sqrt(m/(2 k_n))/sqrt(1 - z^2) with z = |ln e|/sqrt(pi^2 + ln^2 e),
+        k_n = m (pi^2 + ln^2 e)/(2 t_c^2). Of the overlap, from the energy m v^2/4 = k_n delta^2/2.
+
+        Args:
+            grains: Grains of the study; a contact time is that of the lightest ones, an overlap that of the heaviest.
+
+        Returns:
+            k_n [N/m].
+
+        Raises:
+            PydanticCustomError: There are no grains.
         """
         if grains is None:
             reason = "a stiffness by a collision needs the grains, which are known in a study"
@@ -526,31 +629,33 @@ class LinearSpringDashpot(Dashpot):
         return {**data, "normal_stiffness": f"{collision.stiffness((info.context or {}).get('grains')):.12g} N/m"}
 
     def stiffened(self, factor: float) -> Self:
-        """The law with `factor` times the normal stiffness."""
+        """Multiply the normal stiffness by `factor`."""
         return self.model_copy(update={"normal_stiffness": self.normal_stiffness * factor})
 
     def damping_ratio(self, restitution: float) -> float:
-        """gamma_n/(2 sqrt(k_n m*))."""
+        """Damping ratio gamma_n/(2 sqrt(k_n m*))."""
         if self.damping == "clamped":
             return damping.linear_ratio(restitution)
         return damping.linear_textbook(restitution)
 
     def collision_time(self, mass: float, radius: float, speed: float) -> float:
-        """pi sqrt(m_eff/k_n) [s], at any speed."""
+        """Duration pi sqrt(m_eff/k_n) [s], at any speed."""
         return math.pi * math.sqrt(mass / self.normal_stiffness)
 
     def stability(self, rods: bool) -> tuple[float, float]:
-        """Measured by benchmarks/step_limit.py with friction springs of 2/7 k_n; stiffer ones, and stronger tangential
-        dashpots, are taken to count in proportion."""
+        """Coefficients measured by benchmarks/step_limit.py with friction springs of 2/7 k_n.
+
+        Stiffer ones, and stronger tangential dashpots, are taken to count in proportion.
+        """
         a, b = 1.8 * max(1.0, 3.5 * self.tangential_stiffness), 6.5 if rods else 5.7
         return a, b * max(1.0, self.tangential_damping)
 
     def overlap(self, pressure: float, diameter: float) -> float:
-        """delta/d = p d/k_n."""
+        """Overlap over d: p d/k_n."""
         return pressure * diameter / self.normal_stiffness
 
     def softer(self, pressure: float, overlap: float, diameter: float) -> Softer:
-        """From the overlap now, which goes as 1/k_n."""
+        """Normal stiffness from the overlap now, which is proportional to 1/k_n."""
         enough = self.normal_stiffness * self.overlap(pressure, diameter) / overlap
         return Softer("normal_stiffness", "N/m", self.normal_stiffness, enough)
 

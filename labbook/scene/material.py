@@ -17,7 +17,7 @@ OwnRatio = Annotated[PoissonRatio | None, _optional]
 OwnStiffness = Annotated[Stiffness | None, _optional]
 
 TWICE = "E and G are both given, but one follows from the other", "keep one of youngs_modulus and shear_modulus"
-"""What is wrong with a material that states both, and the remedy."""
+"""Reason against a material that states both, and the remedy."""
 
 
 class Material(NamedTuple):
@@ -27,11 +27,17 @@ class Material(NamedTuple):
     poisson_ratio: float
 
     def beside(self, partner: "Material") -> "Material":
-        """The material of which two like bodies touch each other as a body of this one touches a body of the other.
+        """Compute the material that stands for a contact of unlike bodies.
 
         Unlike bodies have 1/E* = sum (1 - nu_i^2)/E_i = sum (1 - nu_i)/(2 G_i) and 1/G* = sum (2 - nu_i)/G_i (Johnson,
         Contact Mechanics, 1985, eqs 4.24 and 7.43). Two like ones with G = 2/(1/G_1 + 1/G_2), and with the mean of the
         nu_i weighted by 1/G_i, have the same E* and G*; so (2 - nu)/(2 (1 - nu)) is E*/(4 G*) of the unlike bodies.
+
+        Args:
+            partner: Material of the other body.
+
+        Returns:
+            Material of two like bodies with the same contact stiffness.
         """
         if self == partner:  # to the last bit
             return self
@@ -41,22 +47,29 @@ class Material(NamedTuple):
 
 
 def shear_modulus(youngs_modulus: float, poisson_ratio: float) -> float:
-    """G = E/(2 (1 + nu)) [Pa]."""
+    """Compute the shear modulus G = E/(2 (1 + nu)) [Pa]."""
     return youngs_modulus / (2 * (1 + poisson_ratio))
 
 
 class OwnMaterial(Model):
-    """A body that may be of a material of its own."""
+    """Base of bodies that may be of a material of their own."""
 
     KEYS: ClassVar[tuple[str, ...]] = ("youngs_modulus", "shear_modulus", "poisson_ratio")
-    """What it may state of it."""
+    """Keys of its material."""
     if TYPE_CHECKING:  # fields of each, in its own words
         youngs_modulus: float | None
         shear_modulus: float | None
         poisson_ratio: float | None
 
     def material(self, rest: Material) -> Material:
-        """Its material; what it does not state is that of `rest`."""
+        """Complete the material.
+
+        Args:
+            rest: Material of the other bodies.
+
+        Returns:
+            Material of the body: constants that it does not state are those of `rest`.
+        """
         nu = rest.poisson_ratio if self.poisson_ratio is None else self.poisson_ratio
         if self.youngs_modulus is not None:
             return Material(shear_modulus(self.youngs_modulus, nu), nu)
@@ -64,7 +77,7 @@ class OwnMaterial(Model):
 
     @property
     def has_own(self) -> bool:
-        """Whether it states anything of a material."""
+        """True if the body states a constant of its material."""
         return any(getattr(self, key) is not None for key in self.KEYS)
 
     @model_validator(mode="after")

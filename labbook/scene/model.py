@@ -30,19 +30,23 @@ class Model(BaseModel):
         frozen=True, extra="forbid", allow_inf_nan=False, use_attribute_docstrings=True, defer_build=True
     )
     spellings: ClassVar["type[Model] | None"] = None
-    """The keys that it takes beside its fields: other ways to write them."""
+    """Keys that it takes beside its fields: other ways to write them."""
 
     if TYPE_CHECKING:
 
         def __hash__(self) -> int:
-            """Of its values: what is frozen has one."""
+            """Hash of the values, as the model is frozen."""
             ...
 
     @classmethod
     def of(cls, **values: Any) -> Self:
-        """One of values that are known to be right: all fields, in SI, and of the types that validation gives.
+        """Make a model of validated values without a check, in a tenth of the time.
 
-        Nothing is checked, which takes a tenth of the time. For what follows from a model that was validated.
+        Args:
+            values: All fields, in SI units and of the types that validation gives.
+
+        Returns:
+            The model.
         """
         model = cls.__new__(cls)
         _set(model, "__dict__", values)
@@ -58,7 +62,7 @@ _R = TypeVar("_R")
 
 
 class TaggedModels(Registry[type[_M]]):
-    """Models of which a field takes one, by what its key `tag` says: those built in, and those of other packages.
+    """Registry of models of which a field takes one, by the value of its key `tag`.
 
     It marks the field: `Annotated[Base, choice]`. A model's name is the default of its field `tag`.
     """
@@ -83,7 +87,7 @@ class TaggedModels(Registry[type[_M]]):
 
 @dataclass(frozen=True)
 class Among:
-    """Marks a field of text that is one of the names in `names`, which may be a registry."""
+    """Mark of a text field that takes one of `names`, which may be a registry."""
 
     names: Mapping[str, Any]
 
@@ -93,7 +97,7 @@ class Among:
 
 @dataclass(frozen=True)
 class OrWord:
-    """Marks a field of a type `number` in whose place a `word` may stand."""
+    """Mark of a field of a type `number` in whose place a `word` may stand."""
 
     number: Any
     word: str
@@ -111,7 +115,13 @@ class OrWord:
 
 @dataclass(frozen=True)
 class Fault:
-    """Something that cannot be: the dotted key at fault (from the model that says so), why, the remedy."""
+    """Contradiction in a study.
+
+    Attributes:
+        key: Dotted key at fault, from the model that reports it.
+        reason: Reason, as part of a sentence.
+        remedy: Remedy, as an imperative.
+    """
 
     key: str
     reason: str
@@ -119,7 +129,14 @@ class Fault:
 
 
 def refuse(faults: Iterable[Fault]) -> None:
-    """If there are faults, raise one validation error `impossible` that carries them as `faults`."""
+    """Refuse a model that has faults.
+
+    Args:
+        faults: Faults; none if the model is possible.
+
+    Raises:
+        PydanticCustomError: There are faults; its type is `impossible`, and its context has them as `faults`.
+    """
     refused = tuple(faults)
     if refused:
         text = "; ".join(f"{fault.key}: {fault.reason} ({fault.remedy})" for fault in refused)
@@ -128,7 +145,7 @@ def refuse(faults: Iterable[Fault]) -> None:
 
 @dataclass(frozen=True)
 class Internal:
-    """Marks a field that programs set and a study file may not name."""
+    """Mark of a field that programs set and a study file may not name."""
 
     def __call__(self, value: Any, info: ValidationInfo) -> Any:
         if (info.context or {}).get("units") == "required":
@@ -142,12 +159,20 @@ InternalFlag = Annotated[bool, _internal, BeforeValidator(_internal)]
 
 @dataclass(frozen=True)
 class Required:
-    """Marks a field that has a default in Python, but that a study has to state."""
+    """Mark of a field with a default in Python that a study has to state."""
 
 
 def once(size: int) -> Callable[[Callable[_P, _R]], Callable[_P, _R]]:
-    """A decorator: what follows from frozen values is worked out once while `size` others were asked for; each time for
-    those of another package that have no hash."""
+    """Decorate a function of frozen values to compute each result once.
+
+    Values of another package may have no hash; their results are computed at each call.
+
+    Args:
+        size: Number of results that are kept, the latest.
+
+    Returns:
+        The decorator.
+    """
 
     def decorate(work: Callable[_P, _R]) -> Callable[_P, _R]:
         remembered = lru_cache(maxsize=size)(work)
@@ -171,9 +196,17 @@ class Text(str):
 
 
 def canonical(value: Any) -> Text:
-    """JSON with sorted keys, no spaces and the shortest digits that give each number back; -0.0 is 0.0.
+    """Write canonical JSON: sorted keys, no spaces and the shortest digits that give each number back; -0.0 is 0.0.
 
-    Raises ValueError for numbers that are not finite, TypeError for what JSON has no form for.
+    Args:
+        value: Numbers, texts, booleans, None, and mappings, lists and tuples of these.
+
+    Returns:
+        The JSON, the same for equal values.
+
+    Raises:
+        ValueError: A number is not finite.
+        TypeError: JSON has no form for a value.
     """
     return Text(_json_text(value))
 
@@ -206,5 +239,12 @@ def _name(key: Any) -> str:
 
 
 def digest(value: Any) -> str:
-    """Key of anything that has a canonical JSON form."""
+    """Compute the key of a value.
+
+    Args:
+        value: Value with a canonical JSON form.
+
+    Returns:
+        First hexadecimal digits of the SHA-256 of that form.
+    """
     return hashlib.sha256(canonical(value).encode()).hexdigest()[:LENGTH]
