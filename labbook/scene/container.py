@@ -34,28 +34,28 @@ class Box(ContainerShape):
     height: Length
     """Inner size along z."""
     lid: StrictBool = False
-    """Whether a plane closes the top."""
+    """A plane closes the top."""
     closed: InternalFlag = False
     parts: Parts = ()
     """Walls that are listed one by one, beside those that the kind has of itself."""
 
     @property
     def outlet_plane(self) -> None:
-        """As of any container: it has no outlet."""
+        """None: a box has no outlet."""
 
     @property
     def outlets(self) -> tuple[Outlet, ...]:
-        """None."""
+        """Empty: a box has no outlet."""
         return ()
 
     @property
     def bounds(self) -> Bounds:
-        """As of any container."""
+        """Box between the walls, up to its height [m]."""
         w, d = self.width / 2, self.depth / 2
         return Bounds((-w, -d, 0.0), (w, d, self.height))
 
     def section(self) -> tuple[Segment, ...]:
-        """As of any container: its planes, cut at its height."""
+        """Lines (x, z) [m] of the bottom, both sides and a lid, cut at the height."""
         half, high = self.width / 2, self.height
         lines = (((-half, high), (-half, 0.0)), ((-half, 0.0), (half, 0.0)), ((half, 0.0), (half, high)))
         lines = (*lines, ((-half, high), (half, high))) if self.lid else lines
@@ -63,39 +63,39 @@ class Box(ContainerShape):
 
     @property
     def across(self) -> float:
-        """As of any container."""
+        """Width [m]."""
         return self.width
 
     @property
     def front_to_back(self) -> float:
-        """As of any container."""
+        """Depth [m]."""
         return self.depth
 
     @property
     def area(self) -> float:
-        """As of any container."""
+        """Width times depth [m^2]."""
         return self.width * self.depth
 
     def volume_below(self, z: float) -> float:
-        """As of any container."""
+        """Volume width times depth times z [m^3]."""
         return self.width * self.depth * z
 
     def span(self, z: float) -> tuple[float, float]:
-        """As of any container."""
+        """Ends -width/2 and width/2 [m]."""
         return -self.width / 2, self.width / 2
 
     def inside(self, x: np.ndarray) -> np.ndarray:
-        """Which of the centres x [m], shape [n, 3], lie between the walls, shape [n]; without a lid above them too."""
+        """Mask of the centres x [m], shape [n, 3], between the walls, shape [n]; without a lid above them too."""
         beside = (np.abs(x[:, 0]) <= self.width / 2) & (np.abs(x[:, 1]) <= self.depth / 2)
         return beside & (x[:, 2] >= 0) & ((x[:, 2] <= self.height) | (not self.lid)) & self._clear_of_parts(x)
 
     def close(self, surface_motion: bool = False) -> "Box":
-        """The box as a packing is made in it: without a lid, since grains may start above."""
+        """Box as a packing is made in it: without a lid, since grains may start above."""
         return self._closed(surface_motion, lid=False)
 
     @lru_cache(maxsize=CACHE_SIZE)  # noqa: B019  (at most so many)
     def walls(self) -> tuple[Wall, ...]:
-        """Wall primitives: left, right, front, back, bottom and, if asked for, top."""
+        """Planes left, right, front, back, bottom and, with a lid, top."""
         w, d = self.width / 2, self.depth / 2
         sides = {
             "left": ((-w, 0.0, 0.0), (1.0, 0.0, 0.0)),
@@ -125,8 +125,10 @@ class Primitives(ContainerShape):
 
     @property
     def outlets(self) -> tuple[Outlet, ...]:
-        """One, at `outlet_plane`; or, where several parts that open lie apart from one another in that plane or little
-        above it, one for each, with its name."""
+        """One outlet at `outlet_plane`, or one for each of several lids, with its name.
+
+        Lids are parts that open in that plane or little above it. They count as several if they lie apart.
+        """
         if self.outlet_plane is None:
             return ()
         lids = self._lids
@@ -141,7 +143,7 @@ class Primitives(ContainerShape):
         return [part for part in self.parts if part.opens and self._in_outlet(part.shape)]
 
     def lets_out(self, x: np.ndarray, slack: float = 0.0) -> np.ndarray:
-        """Mask as of any container: where lids lay, if all lay in the outlet's plane; else inside of the walls."""
+        """Mask of centres where lids lay, if all lay in the outlet's plane; else inside of the walls."""
         lids, plane, inside = [part.shape for part in self._lids], self.outlet_plane, super().lets_out(x)
         heights = [z for lid in lids for z in (lid.bounds.low[2], lid.bounds.high[2])]
         if plane is None or not lids or any(abs(z - plane) > _TOUCH for z in heights):
@@ -150,18 +152,18 @@ class Primitives(ContainerShape):
         return inside & np.any([np.abs(lid.distance(at)) <= slack + _TOUCH for lid in lids], axis=0)
 
     def _in_outlet(self, lid: WallShape) -> bool:
-        """Whether it ends less than its width above the outlet's plane."""
+        """True of a part that ends less than its width above the outlet's plane."""
         bounds = lid.bounds
         above = bounds.low[2] - (self.outlet_plane or 0.0)
         return -_TOUCH <= above <= bounds.size[0] and not any(bounds.endless[::2])
 
     def inside(self, x: np.ndarray) -> np.ndarray:
-        """Which of the centres x [m], shape [n, 3], lie inside of all walls, shape [n]; plates have no inner side."""
+        """Mask of the centres x [m], shape [n, 3], inside of all walls, shape [n]; plates have no inner side."""
         return self._clear_of_parts(x)
 
     @property
     def bounds(self) -> Bounds:
-        """As of any container, as far as its parts tell, those that open included; plates bound it too."""
+        """Box around the parts, those that open included [m]; plates bound it too."""
         boxes = [part.shape.bounds for part in self.parts]
         ends = [[end for box in boxes for end in (box.low[k], box.high[k]) if math.isfinite(end)] for k in range(3)]
         low, high = ([(end(some) if some else default) for some in ends]
@@ -169,21 +171,24 @@ class Primitives(ContainerShape):
         return Bounds((low[0], low[1], low[2]), (high[0], high[1], high[2]))
 
     def close(self, surface_motion: bool = False) -> "Primitives":
-        """The container in which a packing is made: with the parts that open, whose outlet plane then does not act.
+        """Close the container with the parts that open; its outlet plane then does not act.
 
-        Without such parts, itself: nothing is known that could be closed. Surfaces move only if `surface_motion` says
-        so.
+        Args:
+            surface_motion: Surfaces of parts move during the filling too.
+
+        Returns:
+            Closed container; itself without parts that open, since nothing is known that could be closed.
         """
         closed = self._closed(surface_motion, closed=any(part.opens for part in self.parts))
         return self if closed == self else closed
 
     def walls(self) -> tuple[Wall, ...]:
-        """The walls as given; opened, without those that open."""
+        """Parts as listed; opened, without those that open."""
         return self._with_parts(())
 
 
 def _touch(first: WallShape, second: WallShape) -> bool:
-    """Whether two plates share an edge or more, as they are cut by the plane y = 0."""
+    """True if two plates share an edge or more, as they are cut by the plane y = 0."""
     pairs = ((first, second), (second, first))
     return any(
         bool((np.abs(b.distance(np.array([(x, 0.0, z) for line in a.section() for x, z in line]))) < _TOUCH).any())
@@ -196,4 +201,4 @@ Container = Annotated[
     WedgeHopper | CylinderSilo | ConicalSilo | Box | Primitives,
     Field(discriminator="kind"),
 ]
-"""The containers that a study can name."""
+"""Containers that a study can name."""

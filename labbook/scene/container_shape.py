@@ -1,4 +1,4 @@
-"""The base of all containers: the geometry of which filling, pictures, recordings and measures ask.
+"""Base of all containers: the geometry that filling, pictures, recordings and measures use.
 
 Each container knows its walls when open and when closed. A closed container's outlet carries a lid and its
 side walls reach up as far as a filling needs, so that flat-bottomed silos that differ only in their outlets
@@ -68,7 +68,7 @@ class VelocityZone(Model):
 VelocityZones = Annotated[tuple[VelocityZone, ...], Field(exclude_if=lambda zones: not zones)]
 CountingPlanes = Annotated[tuple[CountingPlane, ...], Field(exclude_if=lambda planes: not planes)]
 CACHE_SIZE = 256
-"""Containers whose walls are kept: each is asked for them again and again, one after another."""
+"""Containers whose walls are kept: each is asked for them many times, one after another."""
 _TOUCH = 1e-9  # m: by which a part that begins at the outlet may rise above it
 FLAT = 1e-12
 """Angle [rad] from 90 deg below which a bottom is flat."""
@@ -95,10 +95,15 @@ def frustum_wall(name: str, lower: Pair, upper: Pair, motion: SurfaceMotion = AT
 
 @dataclass(frozen=True)
 class Outlet:
-    """An opening that grains leave through, at the height `plane` [m].
+    """Opening that grains leave through.
 
-    `form`, `width` [m] (of a slot its width, of a hole its diameter) and `centre` (its x [m]) are None, NaN and 0 where
-    a container does not say. `lid`: the wall that would close it, if that is known.
+    Attributes:
+        name: Name in results.
+        plane: Height z [m].
+        form: A slot or a hole; None if the container does not say.
+        width: Width of a slot, diameter of a hole [m]; NaN if the container does not say.
+        centre: x of its centre [m].
+        lid: Wall that would close it; None if that is unknown.
     """
 
     name: str
@@ -110,10 +115,10 @@ class Outlet:
 
 
 class ContainerShape(Model, ABC):
-    """The base of all containers: the geometry of which filling, pictures, recordings and measures ask.
+    """Base of all containers: the geometry that filling, pictures, recordings and measures use.
 
-    Each answers `walls`, `close`, `inside`, `outlets` and `outlet_plane`, the height z [m] at which grains count as
-    discharged, or None; what else is asked has a default that says that nothing is known.
+    Each defines `walls`, `close`, `inside`, `outlets` and `outlet_plane`, the height z [m] at which grains count as
+    discharged, or None. All else has a default for an unknown geometry.
     """
 
     symmetry: ClassVar[Symmetry | None] = None
@@ -123,16 +128,16 @@ class ContainerShape(Model, ABC):
     at_least_a_grain: ClassVar[tuple[str, ...]] = ()
     """Keys of sizes that are not less than a grain's diameter."""
     closes: ClassVar[bool] = True
-    """Whether no grain leaves it closed, wherever its walls are."""
+    """No grain leaves it while it is closed, wherever its walls are."""
     spin_key: ClassVar[str | None] = None
-    """The key that turns one of its surfaces, if there is one."""
+    """Key that turns one of its surfaces, if there is one."""
     own_walls: ClassVar[tuple[str, ...]] = ()
     """Names of walls that it may have of itself, open or closed."""
     if TYPE_CHECKING:  # fields of each
         kind: str
-        """Its name."""
+        """Name of the kind of container."""
         closed: bool
-        """Whether it is the one in which a packing is made."""
+        """True of the container in which a packing is made."""
         parts: tuple[Wall, ...]
         """Walls that a study lists."""
     sink: Sink = None
@@ -187,9 +192,11 @@ class ContainerShape(Model, ABC):
         return (*own, *(part for part in self.parts if self.closed or part.opens != START))
 
     def _closed(self, surface_motion: bool, **update: Any) -> Any:
-        """A copy that is closed, with other values of some fields, without what lies below the outlet, which so does
-        not count in the key of its packing; surfaces of parts move only if `surface_motion` says so, and parts stand
-        still."""
+        """Copy the container as closed, without all that lies below the outlet.
+
+        So what lies there does not count in the key of the packing. Parts stand still, and their surfaces too unless
+        `surface_motion` is set. `update`: further values of fields.
+        """
         parts = _at_rest(self._above_outlet(), surface_motion)
         return self.model_copy(
             update={"closed": True, "parts": parts, "sink": None, "planes": (), "zones": (), **update}
@@ -209,34 +216,59 @@ class ContainerShape(Model, ABC):
 
     @abstractmethod
     def walls(self) -> tuple[Wall, ...]:
-        """Its walls, as it stands: open or closed."""
+        """List the walls, open or closed as the container is.
+
+        Returns:
+            Walls, those that a study lists after the container's own.
+        """
 
     @abstractmethod
     def close(self, surface_motion: bool = False) -> "ContainerShape":
-        """The container in which a packing is made; its surfaces move only if `surface_motion` says so."""
+        """Close the container for the filling.
+
+        Args:
+            surface_motion: Surfaces of walls move during the filling too.
+
+        Returns:
+            Container in which a packing is made.
+        """
 
     @abstractmethod
     def inside(self, x: np.ndarray) -> np.ndarray:
-        """Which of the centres x [m], shape [n, 3], lie between the walls, shape [n]; above them too."""
+        """Select the points between the walls, or above them.
+
+        Args:
+            x: Centres of grains [m], shape [n, 3].
+
+        Returns:
+            Mask, shape [n].
+        """
 
     @property
     @abstractmethod
     def outlets(self) -> tuple[Outlet, ...]:
-        """The openings that grains leave through, also of the closed one."""
+        """Openings that grains leave through, also of the closed container."""
 
     @property
     def outlet_form(self) -> Literal["slot", "hole"] | None:
-        """The form of its only outlet, if there is one of known width."""
+        """Form of the only outlet; None with several, or of an unknown width."""
         return self.outlets[0].form if len(self.outlets) == 1 else None
 
     def lets_out(self, x: np.ndarray, slack: float = 0.0) -> np.ndarray:
-        """Mask of the centres x [m], shape [n, 3], of grains that pass the outlet's plane within an outlet. slack:
-        distance [m] by which a lid may be smaller than its outlet."""
+        """Select grains that pass the outlet's plane within an outlet.
+
+        Args:
+            x: Centres of grains in that plane [m], shape [n, 3].
+            slack: Distance [m] by which a lid may be smaller than its outlet.
+
+        Returns:
+            Mask, shape [n].
+        """
         return self.inside(x) if self.outlets else np.zeros(len(x), bool)
 
     @property
     def bounds(self) -> Bounds:
-        """The box around its inside, up to the upper end of its walls; infinite where they leave it open."""
+        """Box around the inside, up to the upper end of the walls [m]; infinite where they leave it open."""
         boxes = [wall.shape.enclosed for wall in self.walls()]
         low, high = np.full(3, -np.inf), np.full(3, np.inf)
         for box in boxes:
@@ -244,46 +276,70 @@ class ContainerShape(Model, ABC):
         return Bounds((low[0], low[1], low[2]), (high[0], high[1], high[2]))
 
     def section(self) -> tuple[Segment, ...]:
-        """Lines (x, z) [m] in which the plane y = 0 cuts its walls, those without end left out."""
+        """Cut the walls with the plane y = 0.
+
+        Returns:
+            Lines (x, z) [m]; walls without end are left out.
+        """
         return tuple(line for wall in self.walls() for line in wall.shape.section())
 
     def mesh(self, within: Bounds) -> dict[str, Mesh]:
-        """Its walls as triangles, by name, at least as far as they lie in the box `within`."""
+        """Mesh the walls.
+
+        Args:
+            within: Box that the meshes cover at least.
+
+        Returns:
+            Meshes by name of the wall.
+        """
         meshes = ((wall.name, wall.shape.mesh(within)) for wall in self.walls())
         return {name: mesh for name, mesh in meshes if mesh is not None}
 
     @property
     def across(self) -> float | None:
-        """Inner width [m] along x of its widest part; None where that is unknown."""
+        """Inner width along x of the widest part [m]; None if that is unknown."""
         return None
 
     @property
     def front_to_back(self) -> float:
-        """Distance [m] between a front and a back wall; infinite without these."""
+        """Distance between a front and a back wall [m]; infinite without these."""
         return math.inf
 
     @property
     def area(self) -> float | None:
-        """Area [m^2] of its widest horizontal section; None where that is unknown."""
+        """Area of the widest horizontal section [m^2]; None if that is unknown."""
         return None
 
     @property
     def rise(self) -> float:
-        """Height [m] of the highest point of its bottom above the outlet's plane, or above z = 0."""
+        """Height of the highest point of the bottom above the outlet's plane, or above z = 0 [m]."""
         return 0.0
 
     @property
     def roof(self) -> float:
-        """z [m] up to which its side walls reach: infinite without an end."""
+        """Height z of the upper end of the side walls [m]; infinite without an end."""
         return math.inf
 
     def volume_below(self, z: float) -> float | None:
-        """Volume [m^3] between its walls, which go on upwards, from the outlet (or the bottom) up to a height z [m], at
-        least 0; None where that is unknown."""
+        """Compute the volume between the walls, as if they went on upwards.
+
+        Args:
+            z: Height [m], at least 0.
+
+        Returns:
+            Volume from the outlet, or the bottom, up to z [m^3]; None if that is unknown.
+        """
         return None
 
     def span(self, z: float) -> tuple[float, float] | None:
-        """x [m] of its walls on both sides at the height z [m] in the plane y = 0; None where that is unknown."""
+        """Find the walls on both sides in the plane y = 0.
+
+        Args:
+            z: Height [m].
+
+        Returns:
+            x of the left and of the right wall [m]; None if that is unknown.
+        """
         return None
 
 
@@ -293,8 +349,15 @@ def _lowest(part: Wall) -> float:
 
 
 def _at_rest(parts: tuple[Wall, ...], surface_motion: bool) -> tuple[Wall, ...]:
-    """The parts without motion, but for that of their surfaces if `surface_motion` says so, and without a time at
-    which they vanish; themselves if they have none."""
+    """Stop the parts.
+
+    Args:
+        parts: Parts of a container.
+        surface_motion: Keep the motion of their surfaces.
+
+    Returns:
+        Parts without motion and without a time at which they vanish; `parts` itself if they have none.
+    """
     if not any(part.is_posed or (part.motion != AT_REST and not surface_motion) for part in parts):
         return parts
     rest = {"moves": None} if surface_motion else {"moves": None, "motion": AT_REST}

@@ -17,7 +17,7 @@ from labbook.scene.walls import Frustum, SurfaceMotion, Symmetry, Wall
 
 
 class RoundSilo(ContainerShape, ABC):
-    """Upright cylinder with a round outlet on its axis, whatever its bottom."""
+    """Base of upright cylinders with a round outlet on the axis, whatever their bottom."""
 
     symmetry: ClassVar[Symmetry | None] = "axial"
     widths: ClassVar[tuple[str, ...]] = ("diameter",)
@@ -29,38 +29,38 @@ class RoundSilo(ContainerShape, ABC):
 
     @property
     def outlet_plane(self) -> float:
-        """As of any container."""
+        """Height z of the outlet [m]: 0."""
         return 0.0
 
     @property
     def outlets(self) -> tuple[Outlet, ...]:
-        """The hole."""
+        """Hole on the axis."""
         lid = Frustum.of(kind="frustum", lower=(0.0, 0.0), upper=(self.orifice / 2, 0.0))
         return (Outlet("outlet", 0.0, "hole", self.orifice, 0.0, lid),)
 
     @property
     def bounds(self) -> Bounds:
-        """As of any container."""
+        """Box around the cylinder, from the outlet to its height [m]."""
         r = self.diameter / 2
         return Bounds((-r, -r, 0.0), (r, r, self.height))
 
     @property
     def across(self) -> float:
-        """As of any container."""
+        """Inner diameter [m]."""
         return self.diameter
 
     @property
     def area(self) -> float:
-        """As of any container."""
+        """Area pi D_c^2/4 [m^2]."""
         return math.pi / 4 * self.diameter**2
 
     @property
     def roof(self) -> float:
-        """As of any container."""
+        """Height z of the upper end of the cylinder [m]."""
         return self.height
 
     def lets_out(self, x: np.ndarray, slack: float = 0.0) -> np.ndarray:
-        """Mask as of any container: in the outlet, whose size is exact."""
+        """Mask of centres within the outlet, whose size is exact."""
         return np.hypot(x[:, 0], x[:, 1]) <= self.orifice / 2
 
 
@@ -90,26 +90,25 @@ class CylinderSilo(RoundSilo):
         return self
 
     def volume_below(self, z: float) -> float:
-        """As of any container."""
+        """Volume pi D_c^2 z/4 [m^3]."""
         return self.area * z
 
     def span(self, z: float) -> tuple[float, float]:
-        """As of any container."""
+        """Ends -D_c/2 and D_c/2 [m]."""
         return -self.diameter / 2, self.diameter / 2
 
     def inside(self, x: np.ndarray) -> np.ndarray:
-        """Which of the centres x [m], shape [n, 3], lie between the walls, shape [n]; above them too."""
+        """Mask of the centres x [m], shape [n, 3], between the walls, shape [n]; above them too."""
         return (np.hypot(x[:, 0], x[:, 1]) <= self.diameter / 2) & (x[:, 2] >= 0) & self._clear_of_parts(x)
 
     def close(self, surface_motion: bool = False) -> "CylinderSilo":
-        """The closed container in which a packing is made; it has no outlet, and its bottom turns only if
-        `surface_motion` says so."""
+        """Close the silo: it has no outlet, and its bottom turns only with `surface_motion`."""
         rotation = self.rotation if surface_motion else 0.0
         return self._closed(surface_motion, orifice=self.diameter / 2, rotation=rotation)
 
     @lru_cache(maxsize=CACHE_SIZE)  # noqa: B019  (at most so many)
     def walls(self) -> tuple[Wall, ...]:
-        """Wall primitives: side, and the bottom round the outlet (closed: all of it)."""
+        """Frustums side, and bottom round the outlet (closed: all of it)."""
         radius, hole = self.diameter / 2, 0.0 if self.closed else self.orifice / 2
         top = 2000 * self.diameter if self.closed else self.height
         turning = SurfaceMotion(spin=2 * math.pi * self.rotation)
@@ -159,28 +158,28 @@ class ConicalSilo(RoundSilo):
         return (self.diameter - self.orifice) / 2 / math.tan(self.angle)
 
     def volume_below(self, z: float) -> float:
-        """As of any container."""
+        """Volume of a truncated cone and, above it, of the cylinder [m^3]."""
         slope, r, R, cone = math.tan(self.angle), self.orifice / 2, self.diameter / 2, min(z, self.rise)
         return math.pi * ((r + slope * cone) ** 3 - r**3) / (3 * slope) + math.pi * R**2 * (z - cone)
 
     def span(self, z: float) -> tuple[float, float]:
-        """As of any container."""
+        """Ends -r and r of the cone or the cylinder at the height z [m]."""
         reach = min(self.diameter / 2, self.orifice / 2 + math.tan(self.angle) * z)
         return -reach, reach
 
     def inside(self, x: np.ndarray) -> np.ndarray:
-        """Which of the centres x [m], shape [n, 3], lie between the walls, shape [n]; above them too."""
+        """Mask of the centres x [m], shape [n, 3], between the walls, shape [n]; above them too."""
         off = np.hypot(x[:, 0], x[:, 1])
         bottom = np.maximum(off - self.orifice / 2, 0) / math.tan(self.angle)
         return (off <= self.diameter / 2) & (x[:, 2] >= bottom) & self._clear_of_parts(x)
 
     def close(self, surface_motion: bool = False) -> "ConicalSilo":
-        """The closed container in which a packing is made, with a lid over its outlet."""
+        """Close the silo with a lid over its outlet."""
         return self._closed(surface_motion)
 
     @lru_cache(maxsize=CACHE_SIZE)  # noqa: B019  (at most so many)
     def walls(self) -> tuple[Wall, ...]:
-        """Wall primitives: side, the cone, called bottom, and closed a lid."""
+        """Frustums side, bottom, which is the cone, and closed a lid."""
         radius, hole, rise = self.diameter / 2, self.orifice / 2, self.rise
         top = 2000 * self.diameter if self.closed else self.height
         walls = (

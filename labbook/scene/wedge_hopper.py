@@ -83,64 +83,64 @@ class WedgeHopper(ContainerShape):
 
     @property
     def flat(self) -> bool:
-        """Whether the bottom is flat."""
+        """True if the bottom is flat."""
         return abs(self.angle - math.pi / 2) <= FLAT
 
     @property
     def eccentricity(self) -> float:
-        """e [m]: from the hopper's axis to the centre of the outlet; negative is to the left."""
+        """Eccentricity e from the hopper's axis to the centre of the outlet [m]; negative is to the left."""
         return 0.0 if self.gap is None else self.gap + self.orifice / 2 - self.width / 2
 
     @property
     def outlet(self) -> tuple[float, float]:
-        """x [m] of the left and right edge of the outlet."""
+        """Left and right edge x of the outlet [m]."""
         e = self.eccentricity
         return e - self.orifice / 2, e + self.orifice / 2
 
     @property
     def outlet_plane(self) -> float:
-        """As of any container."""
+        """Height z of the outlet [m]: 0."""
         return 0.0
 
     @property
     def outlets(self) -> tuple[Outlet, ...]:
-        """The slot."""
+        """Slot between the bottom plates."""
         lid = Strip.of(kind="strip", start=(self.outlet[0], 0.0), end=(self.outlet[1], 0.0))
         return (Outlet("outlet", 0.0, "slot", self.orifice, self.eccentricity, lid),)
 
     @property
     def bounds(self) -> Bounds:
-        """As of any container."""
+        """Box between the walls, from the outlet to the upper end of the side walls [m]."""
         half, depth = self.width / 2, self.thickness / 2
         return Bounds((-half, -depth, 0.0), (half, depth, self.top))
 
     @property
     def across(self) -> float:
-        """As of any container."""
+        """Inner width L [m]."""
         return self.width
 
     @property
     def front_to_back(self) -> float:
-        """As of any container."""
+        """Thickness Z [m]."""
         return self.thickness
 
     @property
     def area(self) -> float:
-        """As of any container."""
+        """Width times thickness [m^2]."""
         return self.width * self.thickness
 
     @property
     def rise(self) -> float:
-        """As of any container."""
+        """Height of the higher bottom plate [m]."""
         return max(self._rises)
 
     @property
     def roof(self) -> float:
-        """As of any container."""
+        """Height H of the side walls above the outlet [m]."""
         return self.height
 
     def volume_below(self, z: float) -> float:
-        """As of any container."""
+        """Volume of the wedge and, above its plates, of the straight part [m^3]."""
         if self.flat:
             return self.width * self.thickness * z
         slope, (left, right) = math.tan(self.angle), self.outlet
@@ -151,7 +151,7 @@ class WedgeHopper(ContainerShape):
         return area * self.thickness
 
     def span(self, z: float) -> tuple[float, float]:
-        """As of any container."""
+        """Ends x of the bottom plates or the side walls at the height z [m]."""
         half, (left, right) = self.width / 2, self.outlet
         slope = math.inf if self.flat else math.tan(self.angle)
         return max(-half, left - slope * z), min(half, right + slope * z)
@@ -165,30 +165,30 @@ class WedgeHopper(ContainerShape):
 
     @property
     def top(self) -> float:
-        """z [m] up to which the side walls reach: `height`; closed, as high as any filling (2000 widths)."""
+        """Upper end z of the side walls [m]: `height`; closed, as high as any filling (2000 widths)."""
         return 2000 * self.width if self.closed else self.height
 
     def inside(self, x: np.ndarray) -> np.ndarray:
-        """Which of the centres x [m], shape [n, 3], lie between the walls, shape [n]; above them too."""
+        """Mask of the centres x [m], shape [n, 3], between the walls, shape [n]; above them too."""
         (left, right), cot = self.outlet, 0.0 if self.flat else 1 / math.tan(self.angle)
         bottom = np.maximum(np.maximum(left - x[:, 0], x[:, 0] - right), 0) * cot
         beside = (np.abs(x[:, 0]) <= self.width / 2) & (np.abs(x[:, 1]) <= self.thickness / 2)
         return beside & (x[:, 2] >= bottom) & self._clear_of_parts(x)
 
     def lets_out(self, x: np.ndarray, slack: float = 0.0) -> np.ndarray:
-        """Mask as of any container: in the outlet, whose size is exact."""
+        """Mask of centres within the outlet, whose size is exact."""
         left, right = self.outlet
         return (x[:, 0] >= left) & (x[:, 0] <= right) & (np.abs(x[:, 1]) <= self.thickness / 2)
 
     def close(self, surface_motion: bool = False) -> "WedgeHopper":
-        """The closed container in which a packing is made; flat bottoms lose their outlet altogether."""
+        """Close the hopper with a lid; a flat bottom becomes one plate, without an outlet."""
         if self.flat:
             return self._closed(surface_motion, orifice=self.width / 2, gap=None, angle=math.pi / 2)
         return self._closed(surface_motion)
 
     @lru_cache(maxsize=CACHE_SIZE)  # noqa: B019  (at most so many)
     def walls(self) -> tuple[Wall, ...]:
-        """Wall primitives: front, back, left, right, and the bottom plates (closed: with the lid)."""
+        """Planes front and back, strips left, right and of the bottom (closed: with the lid)."""
         half, depth = self.width / 2, self.thickness / 2
         (left, right), (rise_left, rise_right), top = self.outlet, self._rises, self.top
         walls = [
