@@ -1,4 +1,4 @@
-"""Boxes and meshes of triangles, and what follows of a surface from its distance function alone.
+"""Boxes and meshes of triangles, and all that follows of a surface from its distance function alone.
 
 The distance function of a surface gives the distance [m] of points, shape [n, 3], from it, shape [n]; it may be
 negative on one side. Extent, mesh and section of a wall that states no more are found from it by numbers.
@@ -25,14 +25,14 @@ _EDGES = {1: ((0, 1), (0, 2), (0, 3)), 2: ((0, 2), (0, 3), (1, 3), (1, 2)), 3: (
 
 @dataclass(frozen=True)
 class Bounds:
-    """A box from `low` to `high` [m] along the axes; infinite where it has no end."""
+    """Box from `low` to `high` [m] along the axes; infinite where it has no end."""
 
     low: Point3
     high: Point3
 
     @property
     def endless(self) -> tuple[bool, bool, bool]:
-        """Along which axes it has no end, on either side."""
+        """Mask of the axes along which the box has no end, on either side."""
         x, y, z = (math.isinf(a) or math.isinf(b) for a, b in zip(self.low, self.high, strict=True))
         return x, y, z
 
@@ -43,7 +43,14 @@ class Bounds:
         return x, y, z
 
     def within(self, box: "Bounds | None") -> "Bounds":
-        """What lies in both; itself of None."""
+        """Intersect two boxes.
+
+        Args:
+            box: Other box; None: all space.
+
+        Returns:
+            Intersection; where the boxes do not meet, its lower ends are above its upper ones.
+        """
         if box is None:
             return self
         return Bounds(_point(map(max, self.low, box.low)), _point(map(min, self.high, box.high)))
@@ -56,7 +63,13 @@ def _point(values) -> Point3:
 
 @dataclass(frozen=True, eq=False)
 class Mesh:
-    """Vertices [n, 3] in m and triangles [m, 3] of a surface; `outlines` [p, 3] in m: lines along its edges."""
+    """Surface of triangles.
+
+    Attributes:
+        vertices: Places [m], shape [n, 3].
+        triangles: Corners as rows of `vertices`, shape [m, 3].
+        outlines: Lines along edges of the surface [m], each of shape [p, 3].
+    """
 
     vertices: np.ndarray
     triangles: np.ndarray
@@ -64,14 +77,29 @@ class Mesh:
 
     @classmethod
     def polygon(cls, corners: np.ndarray, outlined: bool) -> "Mesh":
-        """A convex polygon with the corners [n, 3] in m; `outlined`: with a line along its edge."""
+        """Mesh a convex polygon.
+
+        Args:
+            corners: Corners in order [m], shape [n, 3].
+            outlined: Add a line along its edge.
+
+        Returns:
+            Fan of triangles.
+        """
         fan = np.array([[0, k, k + 1] for k in range(1, len(corners) - 1)])
         return cls(corners, fan, (np.array([*corners, corners[0]]),) if outlined else ())
 
     @classmethod
     def turned(cls, line: Segment, corners: int) -> "Mesh":
-        """A line (r, z) [m] turned about the z axis: a frustum of a polygon with its corners on the circle, outlined
-        by its two edges."""
+        """Turn a line about the z axis.
+
+        Args:
+            line: Line (r, z) [m].
+            corners: Corners of the polygon in place of a circle; they lie on the circle.
+
+        Returns:
+            Frustum of a polygon, outlined by its two edges.
+        """
         angle = 2 * np.pi * np.arange(corners) / corners
         rings = [np.column_stack([r * np.cos(angle), r * np.sin(angle), np.full(corners, z)]) for r, z in line]
         k = np.arange(corners)
@@ -81,7 +109,11 @@ class Mesh:
         return cls(np.concatenate(rings), np.concatenate(triangles.transpose(0, 2, 1)), outlines)
 
     def section(self) -> tuple[Segment, ...]:
-        """The lines (x, z) [m] in which the plane y = 0 cuts it; of triangles that lie in that plane, nothing."""
+        """Cut the surface with the plane y = 0.
+
+        Returns:
+            Lines (x, z) [m]; none of triangles that lie in that plane.
+        """
         corners = self.vertices[self.triangles]
         y = corners[:, :, 1]
         cut = corners[(y.min(axis=1) < 0) & (y.max(axis=1) >= 0)]
@@ -98,8 +130,14 @@ class Mesh:
 
 
 def extent(distance: Distance) -> Bounds:
-    """The box around a surface, from its distance function: to 1e-8 m for a surface of 0.1 m, infinite where it has no
-    end."""
+    """Find the box around a surface.
+
+    Args:
+        distance: Distance function.
+
+    Returns:
+        Box, to 1e-8 m for a surface of 0.1 m; infinite where the surface has no end.
+    """
     sides = []
     for sense in (-1.0, 1.0):
         reach = _FAR - np.abs(distance(sense * _FAR * np.eye(3)))
@@ -111,8 +149,15 @@ def extent(distance: Distance) -> Bounds:
 
 
 def enclosed(inside: Callable[[np.ndarray], np.ndarray], bounds: Bounds) -> Bounds:
-    """The box that holds all points of a wall's inner side, as far as the wall's own `bounds` tell: infinite on sides
-    on which points far out are inside too."""
+    """Find the box around all points of a wall's inner side.
+
+    Args:
+        inside: Mask of points [m], shape [n, 3], on that side.
+        bounds: Box around the wall.
+
+    Returns:
+        `bounds`, infinite on sides on which points far out are inside too.
+    """
     low, high = (
         np.where(inside(sense * _FAR * np.eye(3)), sense * math.inf, ends)
         for sense, ends in ((-1.0, bounds.low), (1.0, bounds.high))
@@ -121,10 +166,17 @@ def enclosed(inside: Callable[[np.ndarray], np.ndarray], bounds: Bounds) -> Boun
 
 
 def contour(distance: Distance, bounds: Bounds) -> Mesh | None:
-    """The surface within `bounds`, found on a grid of CELLS cells along its longest side; None where there is none.
+    """Mesh a surface by marching tetrahedra, with vertices moved onto the surface.
 
-    Where the distance has a negative side it is the border of that; else the surface is thin, and the mesh has two
-    layers that coincide. By marching tetrahedra, with vertices moved onto the surface.
+    Where the distance has a negative side, the mesh is its border; else the surface is thin, and the mesh has two
+    layers that coincide.
+
+    Args:
+        distance: Distance function.
+        bounds: Box with a grid of CELLS cells along its longest side.
+
+    Returns:
+        Mesh; None if there is no surface in the box, or the box has no end.
     """
     if any(bounds.endless) or min(bounds.size) < 0:
         return None
@@ -161,14 +213,22 @@ def contour(distance: Distance, bounds: Bounds) -> Mesh | None:
 
 
 def _gradient(distance: Distance, x: np.ndarray, step: float) -> np.ndarray:
-    """Direction in which the distance of points x, shape [n, 3], grows, shape [n, 3]."""
+    """Unit vectors along which the distance of points x, shape [n, 3], grows, shape [n, 3]."""
     slope = np.stack([distance(x + shift) - distance(x - shift) for shift in step * np.eye(3)], axis=1)
     return slope / np.maximum(np.linalg.norm(slope, axis=1), 1e-9 * step)[:, None]
 
 
 def stands_over(distance: Distance, bounds: Bounds, x: np.ndarray) -> np.ndarray:
-    """Which of the points x, shape [n, 3], have the surface straight below them, shape [n]: by steps downwards as long
-    as the distance is."""
+    """Select points with a surface straight below them, by steps downwards as long as the distance is.
+
+    Args:
+        distance: Distance function.
+        bounds: Box around the surface.
+        x: Points [m], shape [n, 3].
+
+    Returns:
+        Mask, shape [n].
+    """
     size = [side for side in bounds.size if math.isfinite(side)]
     near = 1e-6 * max(size, default=1.0)
     above, left, at = np.zeros(len(x), bool), np.arange(len(x)), np.array(x, float)

@@ -1,4 +1,4 @@
-"""The base of all walls: the geometry of which filling, pictures, recordings and measures ask."""
+"""Base of all walls: the geometry that filling, pictures, recordings and measures use."""
 
 import math
 from abc import ABC, abstractmethod
@@ -24,108 +24,165 @@ class SurfaceMotion(Model):
     """Angular velocity of the surface about the vertical axis x = y = 0."""
 
     def speed(self, reach: float) -> float:
-        """Largest speed [m/s] of the surface out to the distance `reach` [m] from the axis x = y = 0."""
+        """Bound the speed of the surface.
+
+        Args:
+            reach: Distance from the axis x = y = 0 [m].
+
+        Returns:
+            Largest speed out to that distance [m/s].
+        """
         return math.hypot(*self.velocity) + (abs(self.spin) * reach if self.spin else 0.0)
 
 
 AT_REST = SurfaceMotion()
-"""Of walls that do not move."""
+"""Motion of walls that do not move."""
 
 
 class WallShape(Model, ABC):
-    """The base of all walls: the geometry of which filling, pictures, recordings and measures ask.
+    """Base of all walls: the geometry that filling, pictures, recordings and measures use.
 
-    Only `distance` is abstract. What else they ask has a default that follows from it by numbers; a shape overrides
-    those that it knows exactly.
+    Only `distance` is abstract. All else follows from it by numbers; a shape overrides what it knows exactly.
     """
 
     physics: ClassVar[str]
-    """The module of its formulas, which a wall of another package states; see `labbook_dem.walls`."""
+    """Module of its formulas, which a wall of another package states; see `labbook_dem.walls`."""
     version: ClassVar[int] = 1
-    """Raised whenever its formulas change what a run gives: runs and packings made by an older one are then stale."""
+    """Version of its formulas, raised with each change of results: older runs and packings are then stale."""
     changes: ClassVar[Mapping[int, str]] = {}
-    """What a version changed, in a few words, which `plan` shows."""
+    """Change by each version, in a few words; `plan` shows it."""
     half_space: ClassVar[bool] = False
-    """Whether it bounds a half-space: of two points that keep a distance, all between them keep it too."""
+    """True if it bounds a half-space: of two points that keep a distance, all between them keep it too."""
     if TYPE_CHECKING:  # a field of each shape
         kind: str
-        """Its name."""
+        """Name of the shape."""
 
     @abstractmethod
     def distance(self, x: np.ndarray) -> np.ndarray:
-        """Distance [m] of points x, shape [n, 3], from the wall, shape [n]; behind a plane it is negative."""
+        """Compute the distance from the wall.
+
+        Args:
+            x: Points [m], shape [n, 3].
+
+        Returns:
+            Distances [m], shape [n]; negative behind a wall that has a side without grains, such as a plane.
+        """
 
     def clearance(self, x: np.ndarray, reach: float) -> np.ndarray:
-        """Distance [m] as `distance` gives it, where it is at most `reach` [m]; further away any number beyond it."""
+        """Compute the distance from the wall near it.
+
+        Args:
+            x: Points [m], shape [n, 3].
+            reach: Distance up to which results are exact [m].
+
+        Returns:
+            Distances as of `distance` up to `reach` [m], and any number beyond it further away, shape [n].
+        """
         return self.distance(x)
 
     def inside(self, x: np.ndarray) -> np.ndarray:
-        """Which of the points x [m], shape [n, 3], lie on the side of the grains, shape [n]: by default those whose
-        distance is not negative. Both sides of a thin plate are; a wall that surrounds the grains says so here."""
+        """Select the points on the side of the grains.
+
+        Both sides of a thin plate are. A wall that surrounds the grains overrides this.
+
+        Args:
+            x: Points [m], shape [n, 3].
+
+        Returns:
+            Mask, shape [n]; by default of distances that are not negative.
+        """
         return self.distance(x) >= 0
 
     @property
     def bounds(self) -> Bounds:
-        """The box around it."""
+        """Box around the wall [m]; infinite where the wall has no end."""
         return extent(self.distance)
 
     @property
     def effort(self) -> float:
-        """Time that its `distance` takes, over that of a plane."""
+        """Time that `distance` takes, over that of a plane."""
         return 1.0
 
     @property
     def enclosed(self) -> Bounds:
-        """The box that holds all points inside: of a plane across an axis a half-space, of a vessel its own bounds."""
+        """Box around all points inside [m]: a half-space of a plane across an axis, `bounds` of a vessel."""
         return enclosed(self.inside, self.bounds)
 
     @property
     def symmetries(self) -> frozenset[Symmetry]:
-        """What it is the same along or about; by default nothing is known."""
+        """Symmetries of the wall; by default none is known."""
         return frozenset()
 
     @property
     def holds(self) -> bool:
-        """True if grains may lie within its box, as in a hopper, though nothing else tells where they are."""
+        """True if grains may lie within the box of the wall, as in a hopper, though nothing else tells where."""
         return False
 
     @property
     def ground(self) -> float:
-        """z [m] of the lowest place at which it can hold a grain up: infinite of walls that hold none, such as vertical
-        planes, -infinite where that is unknown or unbounded, as of an obstacle that grains flow round."""
+        """Height z [m] of the lowest place at which the wall can hold a grain up.
+
+        Infinite of walls that hold none, such as vertical planes. -infinite where it is unknown or unbounded, as of an
+        obstacle that grains flow round.
+        """
         return self.enclosed.low[2]
 
     @property
     def prismatic_above(self) -> float:
-        """z [m] above which all its horizontal sections are the same; infinite where that is unknown."""
+        """Height z [m] above which all horizontal sections are the same; infinite if that is unknown."""
         return math.inf
 
     @property
     def reach(self) -> float:
-        """Distance [m] from the axis x = y = 0 out to which it extends, at most."""
+        """Largest distance of the wall from the axis x = y = 0 [m]."""
         bounds = self.bounds
         return math.hypot(*(max(map(abs, ends)) for ends in zip(bounds.low[:2], bounds.high[:2], strict=True)))
 
     def carries(self, x: np.ndarray) -> np.ndarray:
-        """Which of the points x [m], shape [n, 3], have it straight below them, so that what falls there stays on it,
-        shape [n]; by default none, unless it encloses the grains."""
+        """Select the points with the wall straight below them: what falls there stays on it.
+
+        Args:
+            x: Points [m], shape [n, 3].
+
+        Returns:
+            Mask, shape [n]; by default empty, unless the wall encloses the grains.
+        """
         if all(self.enclosed.endless):
             return np.zeros(len(x), bool)
         return stands_over(self.distance, self.bounds, x)
 
     def covers(self, x: np.ndarray) -> np.ndarray:
-        """Which of the points x [m], shape [n, 3], it shields from above, so that nothing reaches them that comes from
-        there, shape [n]; by default none."""
+        """Select the points that the wall shields from above: nothing reaches them that falls from there.
+
+        Args:
+            x: Points [m], shape [n, 3].
+
+        Returns:
+            Mask, shape [n]; by default empty.
+        """
         return np.zeros(len(x), bool)
 
     def normal_speed(self, motion: SurfaceMotion) -> float | None:
-        """Largest speed [m/s] along its normal that `motion` would give a point of the wall: 0 if the motion is along
-        the surface everywhere, infinite if it grows with the distance from the axis. None: the shape does not say."""
+        """Compute the largest speed along the normal that a motion of the surface would give a point of the wall.
+
+        Args:
+            motion: Motion of the surface.
+
+        Returns:
+            Speed [m/s]: 0 if the motion is along the surface everywhere, infinite if it grows with the distance from
+            the axis. None if the shape does not say.
+        """
         return None
 
     def section(self, within: Bounds | None = None) -> tuple[Segment, ...]:
-        """The lines (x, z) [m] in which the plane y = 0 cuts it, of a wall without end as far as `within` reaches:
-        without that, nothing of it."""
+        """Cut the wall with the plane y = 0.
+
+        Args:
+            within: Box at which a wall without end is cut; None: such a wall has no lines.
+
+        Returns:
+            Lines (x, z) [m].
+        """
         box = self.bounds.within(within)
         if any(box.endless[::2]):
             return ()
@@ -135,24 +192,47 @@ class WallShape(Model, ABC):
         return mesh.section() if mesh is not None else ()
 
     def mesh(self, within: Bounds) -> Mesh | None:
-        """Its surface, at least as far as it lies in the box `within`, which has ends; None if nothing does."""
+        """Mesh the surface.
+
+        Args:
+            within: Box with ends that the mesh covers at least.
+
+        Returns:
+            Mesh; None if nothing of the surface lies in the box.
+        """
         return contour(self.distance, self.bounds.within(within))
 
     @property
     def summary(self) -> str:
-        """Size in words, where a study does not state it; else empty."""
+        """Size in words where a study does not state it; else empty."""
         return ""
 
     @property
     def pane(self) -> bool:
-        """Whether pictures show it as a pane, through which the grains behind it are seen."""
+        """True if pictures show the wall as a pane, through which the grains behind it are seen."""
         return False
 
     def continued(self, successor: "WallShape", x: np.ndarray) -> np.ndarray:
-        """Which of the grains at x [m], shape [n, 3], that touch it touch `other` too, as the same surface, shape [n]:
-        they take their springs along where `other` replaces it."""
+        """Select grains that touch both this wall and one that replaces it, as the same surface.
+
+        They keep their friction springs when the wall is replaced.
+
+        Args:
+            successor: Wall that replaces this one.
+            x: Centres of grains that touch this wall [m], shape [n, 3].
+
+        Returns:
+            Mask, shape [n]; by default empty.
+        """
         return np.zeros(len(x), bool)
 
     def mirrored(self) -> "WallShape":
-        """Its mirror image in x = 0. Raises NotImplementedError of a shape that does not say."""
+        """Mirror the wall in x = 0.
+
+        Returns:
+            Mirror image.
+
+        Raises:
+            NotImplementedError: The shape does not say.
+        """
         raise NotImplementedError(f"a {self.kind} does not say what its mirror image is")

@@ -1,4 +1,4 @@
-"""Wall primitives: what containers are made of and all that a backend has to know of them.
+"""Wall primitives: parts of containers, with all that a backend has to know of them.
 
 Axes: z up, gravity along -z; the outlet plane of a silo is z = 0, its vertical mid-plane x = 0, and the
 middle between its front and back walls y = 0.
@@ -33,8 +33,10 @@ def _from_segment(section: np.ndarray, start: Point2, end: Point2) -> np.ndarray
 
 
 def _above(start: Point2, end: Point2, u: np.ndarray, z: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Which of the points (u, z) [m] lie straight above the line from `start` to `end`, and which straight below it,
-    each of shape [n]; none of an upright line."""
+    """Masks of the points (u, z) [m] straight above the line from `start` to `end`, and straight below it, shape [n].
+
+    No point is above or below an upright line.
+    """
     run, rise = end[0] - start[0], end[1] - start[1]
     if run == 0:
         return np.zeros(len(u), bool), np.zeros(len(u), bool)
@@ -64,50 +66,50 @@ class Plane(WallShape):
         return self
 
     def distance(self, x: np.ndarray) -> np.ndarray:
-        """Signed distance [m] of points x, shape [n, 3]."""
+        """Signed distance n (x - p) [m] of points x, shape [n, 3], from the point p of the plane, n its unit normal."""
         return (x - self.point) @ (np.array(self.normal) / np.linalg.norm(self.normal))
 
     def normal_speed(self, motion: SurfaceMotion) -> float:
-        """As of any wall: a plane can spin in itself only if it is horizontal."""
+        """Speed along the normal [m/s]: infinite with a spin, unless the plane is horizontal."""
         return _normal_speed(motion, self.normal)
 
     @property
     def _across(self) -> int | None:
-        """The axis that it is perpendicular to, if there is one."""
+        """Axis that the plane is perpendicular to; None if it is inclined."""
         along = [axis for axis, part in enumerate(self.normal) if part != 0]
         return along[0] if len(along) == 1 else None
 
     @property
     def bounds(self) -> Bounds:
-        """As of any wall: infinite but along a normal that is parallel to an axis."""
+        """Box without end [m], but along a normal that is parallel to an axis."""
         here = {self._across: self.point[self._across]} if self._across is not None else {}
         low, high = ([here.get(axis, end) for axis in range(3)] for end in (-math.inf, math.inf))
         return Bounds((low[0], low[1], low[2]), (high[0], high[1], high[2]))
 
     @property
     def symmetries(self) -> frozenset[Symmetry]:
-        """As of any wall: planar unless it is inclined along y, axial if it is horizontal."""
+        """Symmetries: planar unless the plane is inclined along y, axial if it is horizontal."""
         x, y, z = (part != 0 for part in self.normal)
         return frozenset([*(["planar"] if not (y and (x or z)) else []), *(["axial"] if not (x or y) else [])])
 
     @property
     def ground(self) -> float:
-        """As of any wall: an inclined plane has no end."""
+        """Height z [m] of a horizontal plane below grains; -infinite of an inclined one, infinite of others."""
         if self.normal[2] <= 0:
             return math.inf
         return self.point[2] if self._across == 2 else -math.inf
 
     @property
     def prismatic_above(self) -> float:
-        """As of any wall: everywhere, unless it is inclined."""
+        """Height -infinite, or infinite of an inclined plane."""
         return -math.inf if self.normal[2] == 0 or self._across == 2 else math.inf
 
     def carries(self, x: np.ndarray) -> np.ndarray:
-        """As of any wall, but of horizontal planes only: where an inclined one ends is unknown."""
+        """Mask of points above a horizontal plane, shape [n]; no points of others, whose end is unknown."""
         return np.full(len(x), self._across == 2 and self.normal[2] > 0) & (x[:, 2] >= self.point[2])
 
     def section(self, within: Bounds | None = None) -> tuple[Segment, ...]:
-        """As of any wall: one line, or none of planes that the plane y = 0 is parallel to."""
+        """Line (x, z) [m] through the box; none of a plane that y = 0 is parallel to."""
         (x, y, z), (nx, ny, nz) = self.point, self.normal
         if within is None or math.hypot(nx, nz) <= 1e-9 * math.hypot(*self.normal):
             return ()
@@ -118,7 +120,7 @@ class Plane(WallShape):
         return ((min(ends), max(ends)),) if ends and min(ends) != max(ends) else ()
 
     def mesh(self, within: Bounds) -> Mesh:
-        """As of any wall: a square about the middle of the box, as large as that."""
+        """Square about the middle of the box, as large as the box."""
         low, high = np.array(within.low), np.array(within.high)
         normal = np.array(self.normal) / np.linalg.norm(self.normal)
         middle = (low + high) / 2
@@ -132,11 +134,11 @@ class Plane(WallShape):
 
     @property
     def pane(self) -> bool:
-        """As of any wall."""
+        """True: grains are seen through it."""
         return True
 
     def mirrored(self) -> "Plane":
-        """As of any wall."""
+        """Mirror image in x = 0."""
         (x, y, z), (nx, ny, nz) = self.point, self.normal
         return Plane(point=(-x, y, z), normal=(-nx, ny, nz))
 
@@ -160,49 +162,49 @@ class Strip(WallShape):
         return self
 
     def distance(self, x: np.ndarray) -> np.ndarray:
-        """Distance [m] of points x, shape [n, 3]."""
+        """Distance [m] of points x, shape [n, 3], from the nearest point of the plate."""
         return _from_segment(x[:, [0, 2]], self.start, self.end)
 
     def normal_speed(self, motion: SurfaceMotion) -> float:
-        """As of any wall: a strip can spin in itself only if it is horizontal."""
+        """Speed along the normal [m/s]: infinite with a spin, unless the strip is horizontal."""
         (x0, z0), (x1, z1) = self.start, self.end
         return _normal_speed(motion, (z0 - z1, 0.0, x1 - x0))
 
     @property
     def bounds(self) -> Bounds:
-        """As of any wall: infinite along y."""
+        """Box around both edges [m], without end along y."""
         (x0, z0), (x1, z1) = self.start, self.end
         return Bounds((min(x0, x1), -math.inf, min(z0, z1)), (max(x0, x1), math.inf, max(z0, z1)))
 
     @property
     def symmetries(self) -> frozenset[Symmetry]:
-        """As of any wall."""
+        """Symmetry: planar."""
         return frozenset(["planar"])
 
     @property
     def ground(self) -> float:
-        """As of any wall: its lower edge."""
+        """Height z [m] of the lower edge."""
         return self.bounds.low[2]
 
     @property
     def prismatic_above(self) -> float:
-        """As of any wall: above its lower edge if it is upright."""
+        """Height z [m] of the lower edge of an upright strip, else of the upper one."""
         return (min if self.start[0] == self.end[0] else max)(self.start[1], self.end[1])
 
     def carries(self, x: np.ndarray) -> np.ndarray:
-        """As of any wall."""
+        """Mask of points straight above the strip, shape [n]."""
         return _above(self.start, self.end, x[:, 0], x[:, 2])[0]
 
     def covers(self, x: np.ndarray) -> np.ndarray:
-        """As of any wall: those beneath it."""
+        """Mask of points straight below the strip, shape [n]."""
         return _above(self.start, self.end, x[:, 0], x[:, 2])[1]
 
     def section(self, within: Bounds | None = None) -> tuple[Segment, ...]:
-        """Itself, as a whole."""
+        """Line from edge to edge (x, z) [m], as a whole."""
         return ((self.start, self.end),)
 
     def mesh(self, within: Bounds) -> Mesh:
-        """As of any wall: a rectangle, cut only along y and at the top of the box."""
+        """Rectangle, cut only along y and at the top of the box."""
         lower, upper = sorted((self.start, self.end), key=lambda edge: edge[1])
         (_, front, _), (_, back, top) = within.low, within.high
         if upper[1] > top > lower[1]:
@@ -213,7 +215,7 @@ class Strip(WallShape):
         return Mesh.polygon(corners, outlined=True)
 
     def continued(self, successor: WallShape, x: np.ndarray) -> np.ndarray:
-        """As of any wall: in a strip on the same line, those whose foot lies on it."""
+        """Mask of grains whose foot on this strip lies on `successor`, a strip on the same line, shape [n]."""
         if not isinstance(successor, Strip):
             return np.zeros(len(x), bool)
         start, along = np.array(self.start), np.array(self.end) - self.start
@@ -227,7 +229,7 @@ class Strip(WallShape):
         return (at >= 0) & (at <= 1) & (aside < _STRAIGHT * np.sqrt(length))
 
     def mirrored(self) -> "Strip":
-        """As of any wall."""
+        """Mirror image in x = 0."""
         start, end = ((-x, z) for x, z in (self.start, self.end))
         return Strip(start=start, end=end)
 
@@ -262,56 +264,56 @@ class Frustum(WallShape):
             yield Fault("upper", reason, remedy)
 
     def distance(self, x: np.ndarray) -> np.ndarray:
-        """Distance [m] of points x, shape [n, 3]."""
+        """Distance [m] of points x, shape [n, 3], from the nearest point of the plate."""
         return _from_segment(np.stack([np.hypot(x[:, 0], x[:, 1]), x[:, 2]], axis=1), self.lower, self.upper)
 
     def normal_speed(self, motion: SurfaceMotion) -> float:
-        """As of any wall: it can always spin; upright it can also move along z, flat along x and y."""
+        """Speed along the normal [m/s]: 0 of a spin; upright also of a velocity along z, flat along x and y."""
         rise, run = self.upper[1] - self.lower[1], self.upper[0] - self.lower[0]
         x, y, z = motion.velocity
         return _negligible((abs(rise) * math.hypot(x, y) + abs(run * z)) / math.hypot(rise, run), motion)
 
     @property
     def bounds(self) -> Bounds:
-        """As of any wall."""
+        """Box around both circles [m]."""
         (_, z), (upper, top) = self.lower, self.upper
         return Bounds((-upper, -upper, min(z, top)), (upper, upper, max(z, top)))
 
     @property
     def symmetries(self) -> frozenset[Symmetry]:
-        """As of any wall."""
+        """Symmetry: axial."""
         return frozenset(["axial"])
 
     @property
     def ground(self) -> float:
-        """As of any wall: its lower edge."""
+        """Height z [m] of the lower edge."""
         return self.bounds.low[2]
 
     @property
     def prismatic_above(self) -> float:
-        """As of any wall: above its lower edge if it is upright."""
+        """Height z [m] of the lower edge of a cylinder, else of the upper one."""
         return (min if self.lower[0] == self.upper[0] else max)(self.lower[1], self.upper[1])
 
     @property
     def reach(self) -> float:
-        """As of any wall."""
+        """Larger radius [m]."""
         return self.upper[0]
 
     def carries(self, x: np.ndarray) -> np.ndarray:
-        """As of any wall."""
+        """Mask of points straight above the frustum, shape [n]."""
         return _above(self.lower, self.upper, np.hypot(x[:, 0], x[:, 1]), x[:, 2])[0]
 
     def covers(self, x: np.ndarray) -> np.ndarray:
-        """As of any wall: those beneath it."""
+        """Mask of points straight below the frustum, shape [n]."""
         return _above(self.lower, self.upper, np.hypot(x[:, 0], x[:, 1]), x[:, 2])[1]
 
     def section(self, within: Bounds | None = None) -> tuple[Segment, ...]:
-        """A line on either side of the axis, each as a whole."""
+        """Line (x, z) [m] on either side of the axis, each as a whole."""
         (r, z), (upper, top) = self.lower, self.upper
         return ((r, z), (upper, top)), ((-r, z), (-upper, top))
 
     def mesh(self, within: Bounds) -> Mesh | None:
-        """As of any wall: cut only at the top of the box, and outlined by its two edges."""
+        """Frustum of a polygon, cut only at the top of the box, and outlined by its two edges."""
         (r0, z0), (r1, z1), top = self.lower, self.upper, within.high[2]
         if z0 >= top:
             return None
@@ -321,23 +323,23 @@ class Frustum(WallShape):
 
     @property
     def pane(self) -> bool:
-        """As of any wall: sides and cones are, level plates are not."""
+        """True of sides and cones, false of level plates."""
         return self.lower[1] != self.upper[1]
 
     def mirrored(self) -> "Frustum":
-        """Itself."""
+        """Mirror image in x = 0: the frustum itself."""
         return self
 
 
 WALL_SHAPES = TaggedModels("kind", "labbook.walls", WallShape, (Plane, Strip, Frustum, TriangleMesh))
-"""The walls that containers are made of, and that a study can name in `container.parts`."""
+"""Walls that containers are made of, and that a study can name in `container.parts`."""
 
 AnyShape = Annotated[WallShape, WALL_SHAPES]
 """One of them, as a field of a wall."""
 
 
 def _normal_speed(motion: SurfaceMotion, normal: tuple[float, float, float]) -> float:
-    """Of a flat wall, from its normal, of any length."""
+    """Largest speed [m/s] along the normal of a flat wall; `normal`: of any length."""
     if motion.spin and math.hypot(normal[0], normal[1]) > _ALONG * abs(normal[2]):
         return math.inf
     along = sum(v * n for v, n in zip(motion.velocity, normal, strict=True)) / math.hypot(*normal)
@@ -345,7 +347,7 @@ def _normal_speed(motion: SurfaceMotion, normal: tuple[float, float, float]) -> 
 
 
 def _negligible(speed: float, motion: SurfaceMotion) -> float:
-    """`speed`, or 0 where it is round-off of the velocity."""
+    """Round a `speed` [m/s] to 0 where it is round-off of the velocity."""
     return speed if speed > _ALONG * math.hypot(*motion.velocity) else 0.0
 
 
@@ -359,8 +361,7 @@ OUT_OF_REACH = 1e6
 
 
 class Wall(Model):
-    """One wall: a name that springs and observations are keyed by, a shape, its surface's motion, and when it
-    vanishes."""
+    """Wall of a container: a name that springs and observations are keyed by, a shape, and its motion."""
 
     name: Annotated[str, Field(pattern=r"^[a-z][a-z0-9-]*$", max_length=40)]
     """Name that `walls` and friction springs refer to: lower-case letters, digits and hyphens."""
@@ -389,16 +390,23 @@ class Wall(Model):
 
     @property
     def removal(self) -> float | None:
-        """Time [s] after the start of the discharge at which it vanishes; None: at the start, or never."""
+        """Time [s] after the start of the discharge at which the wall vanishes; None: at the start, or never."""
         return self.opens if isinstance(self.opens, float) else None
 
     @property
     def is_posed(self) -> bool:
-        """True if it moves as a whole, or vanishes at a time of the discharge."""
+        """True if the wall moves as a whole, or vanishes at a time of the discharge."""
         return self.moves is not None or self.removal is not None
 
     def poses(self, times: np.ndarray) -> Poses:
-        """Poses at times [s] since the opening, shape [n]; once it has vanished, out of reach."""
+        """Compute the poses of the wall.
+
+        Args:
+            times: Times since the opening [s], shape [n].
+
+        Returns:
+            Poses; out of reach once the wall has vanished.
+        """
         times = np.asarray(times, float)
         poses = Poses.at_rest(len(times)) if self.moves is None else self.moves.poses(times)
         if self.removal is None:
@@ -411,7 +419,14 @@ class Wall(Model):
         return self.moves is None and self.motion == AT_REST
 
     def speed(self, reach: float) -> float:
-        """Largest speed [m/s] of the wall at grains that reach no farther than `reach` [m] from the axis x = y = 0."""
+        """Bound the speed of the wall at grains.
+
+        Args:
+            reach: Distance of the farthest grain from the axis x = y = 0 [m].
+
+        Returns:
+            Largest speed [m/s].
+        """
         if self.moves is None or not isinstance(self.shape, TriangleMesh):
             return self.motion.speed(reach)
         return self.motion.speed(reach) + self.moves.speed(self.shape.surface.vertices, 0.0)
