@@ -1,4 +1,4 @@
-"""A scene as a picture: a section through the container in the x-z plane, its outlet, and some grains, to scale."""
+"""Picture of a scene: a section through the container in the x-z plane, its outlet, and some grains, to scale."""
 
 import math
 from collections import defaultdict
@@ -12,9 +12,9 @@ from labbook.scene.geometry import Bounds, Segment
 from labbook.scene.grains import Grains
 
 WIDTH, HEIGHT = 300.0, 300.0
-"""Most that the container takes [pixels]."""
+"""Largest size of the container [pixels]."""
 GRAIN_LIMIT = 4000
-"""Grains that are drawn: the lowest ones of a larger bed."""
+"""Largest number of grains in a picture: the lowest ones of a larger bed."""
 _LEAST = 0.75  # pixels: width below which a grain is not seen
 
 _INK, _FAINT = "#3c4250", "#8a8a8a"
@@ -29,9 +29,15 @@ Pixels = Callable[[float, float], tuple[float, float]]
 
 
 def svg(grains: Grains, container: Container, sized: bool = True) -> str:
-    """The scene as an SVG element: walls, grains and, if `sized`, main sizes; empty where the section shows no wall.
+    """Draw a scene as an SVG element. Grains are placed for the eye, not by physics.
 
-    Grains are placed for the eye, not by physics.
+    Args:
+        grains: Grains; the lowest GRAIN_LIMIT are drawn.
+        container: Container.
+        sized: Write the main sizes beside it.
+
+    Returns:
+        SVG element; empty if the section shows no wall.
     """
     pile, walls = list[_Grain](), list(container.section())
     listed = container.area is None
@@ -65,7 +71,7 @@ def svg(grains: Grains, container: Container, sized: bool = True) -> str:
 
 
 def describe(grains: Grains, container: Container) -> str:
-    """The scene in a line: how many grains of what size in what."""
+    """Describe a scene in a line: number, shape and size of grains, container and outlet."""
     shape = "rods" if grains.half_length > 0 else "spheres"
     size = f"d = {_mm(grains.diameter)}"
     if grains.half_length > 0:
@@ -80,12 +86,12 @@ def _mm(length: float) -> str:
 
 
 def _opening(container: Container) -> list[Segment]:
-    """Lines of walls that stand only while the container is filled."""
+    """Lines (x, z) [m] of walls that stand only while the container is filled."""
     return [line for wall in container.close().walls() if wall.opens for line in wall.shape.section()]
 
 
 def _frame(container: Container) -> _Frame | None:
-    """Left, right, low and high end [m] of what walls listed one by one enclose; None where that is open sideways."""
+    """Left, right, low and high end [m] inside of walls listed one by one; None where these are open sideways."""
     (left, _, low), (right, _, high) = container.bounds.low, container.bounds.high
     return (left, right, low, high) if math.isfinite(low) and left < right < math.inf else None
 
@@ -99,7 +105,7 @@ def _endless(container: Container, frame: _Frame) -> Iterator[Segment]:
 
 
 def _poured(grains: Grains, container: Container, frame: _Frame) -> Iterator[_Grain]:
-    """Grains in rows between walls listed one by one, wherever nothing covers them."""
+    """Grains in rows between walls listed one by one, where nothing covers them."""
     left, right, low, _ = frame
     closed, d = container.close().walls(), grains.diameter
     # the upper side of a vessel covers nothing within it
@@ -134,7 +140,7 @@ def _poured(grains: Grains, container: Container, frame: _Frame) -> Iterator[_Gr
 
 
 def _placed(grains: Grains, container: Container) -> Iterator[_Grain]:
-    """x, z, radius [m], kind and tilt [rad] of the grains that are drawn: a bed in rows, and a few that fall."""
+    """Grains of a bed in rows, and a few that fall from each outlet."""
     d = grains.equivalent_diameter if grains.varied else grains.diameter
     long = d if grains.half_length == 0 else grains.extent
     rng, left = np.random.default_rng(0), min(GRAIN_LIMIT, grains.count)
@@ -183,7 +189,10 @@ def _level(grains: Grains, container: Container) -> float:
 
 
 def _bed(grains: Grains, pile: Iterable[_Grain], at: Pixels, scale: float) -> str:
-    """All grains: those of one colour and size are one path of strokes with round ends, of no length for spheres."""
+    """SVG paths of the grains, one for each colour and size.
+
+    A path has strokes with round ends, of no length for spheres.
+    """
     half, strokes = grains.half_length * scale, defaultdict[tuple[str, str], list[str]](list)
     for x, z, r, kind, tilt in pile:
         px, pz = at(x, z)
@@ -215,8 +224,10 @@ def _text(x: float, y: float, text: str, anchor: str = "middle") -> str:
 def _sizes(
     grains: Grains, container: Container, at: Pixels, width: float, height: float, wide: float | None = None
 ) -> str:
-    """The sizes in words: of the outlet below it, of the container, and of a grain. wide [m]: of one without a key for
-    its width."""
+    """SVG texts of the sizes: of the outlet below it, of the container, and of a grain.
+
+    wide: width [m] of a container without a key for it.
+    """
     c, elements = container, []
     bottom = _MARGIN + height
     for outlet in [opening for opening in c.outlets if opening.form]:

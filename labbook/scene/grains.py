@@ -43,7 +43,13 @@ class Kind(OwnMaterial):
 
 @dataclass(frozen=True)
 class Species:
-    """Grains of one kind: their share by number, density [kg/m^3] and the distribution of their diameters."""
+    """Grains of one kind.
+
+    Attributes:
+        share: Share of all grains, by number.
+        density: Density of the material [kg/m^3].
+        sizes: Distribution of diameters.
+    """
 
     share: float
     density: float
@@ -104,17 +110,17 @@ class Spheres(Model):
 
     @property
     def varied(self) -> bool:
-        """Whether grains differ from one another."""
+        """True if grains differ from one another."""
         return self.sizes is not None or bool(self.kinds)
 
     @property
     def graded(self) -> bool:
-        """Whether grains differ in size."""
+        """True if grains differ in size."""
         return any(species.sizes.range(self.diameter)[0] < self.diameter for species in self.species)
 
     @property
     def species(self) -> tuple[Species, ...]:
-        """What the grains are made up of: their kinds; equal grains are of one."""
+        """Kinds of the grains with shares by number; equal grains are of one kind."""
         rest = self.sizes or Equal(self.diameter)
         if not self.kinds:
             return (Species(1.0, self.density, rest),)
@@ -128,7 +134,11 @@ class Spheres(Model):
         return tuple(map(Species, shares, densities, sizes))
 
     def smallest(self) -> tuple["Spheres", ...]:
-        """Equal spheres like the smallest of each kind: the lightest grains, which decide a time step."""
+        """Make equal spheres like the smallest of each kind: the lightest grains, which limit a time step.
+
+        Returns:
+            Spheres of one diameter and density for each kind.
+        """
         if not self.varied:
             return (self,)
         return tuple(
@@ -137,7 +147,11 @@ class Spheres(Model):
         )
 
     def largest(self) -> tuple["Spheres", ...]:
-        """Equal spheres like the largest of each kind."""
+        """Make equal spheres like the largest of each kind.
+
+        Returns:
+            Spheres of one diameter and density for each kind.
+        """
         if not self.varied:
             return (self,)
         return tuple(
@@ -176,7 +190,7 @@ class Spheres(Model):
 
     @property
     def half_length(self) -> float:
-        """Half the length of the segment at the heart of the grain [m]: a point, 0."""
+        """Half the length of the segment at the heart of the grain [m]: 0, since it is a point."""
         return 0.0
 
     @property
@@ -186,7 +200,7 @@ class Spheres(Model):
 
     @property
     def aspect_ratio(self) -> float:
-        """L/d: 1."""
+        """Aspect ratio L/d: 1."""
         return 1.0
 
     @property
@@ -251,15 +265,15 @@ class Spherocylinders(Model):
 
     @property
     def species(self) -> tuple[Species, ...]:
-        """What the grains are made up of: rods are all alike."""
+        """Kind of the rods, which are all equal."""
         return (Species(1.0, self.density, Equal(self.diameter)),)
 
     def smallest(self) -> tuple["Spherocylinders", ...]:
-        """Rods are all alike."""
+        """Rods themselves, which are all equal."""
         return (self,)
 
     def largest(self) -> tuple["Spherocylinders", ...]:
-        """Rods are all alike."""
+        """Rods themselves, which are all equal."""
         return (self,)
 
     @property
@@ -289,7 +303,7 @@ class Spherocylinders(Model):
 
     @property
     def aspect_ratio(self) -> float:
-        """L/d."""
+        """Aspect ratio L/d."""
         return self.length / self.diameter
 
     @property
@@ -304,7 +318,7 @@ class Spherocylinders(Model):
 
     @property
     def _masses(self) -> tuple[float, float]:
-        """Of the cylinder and of both ends together [kg]."""
+        """Mass of the cylinder and of both ends together [kg]."""
         ends = self.density * math.pi / 6 * self.diameter**3
         return self.density * math.pi * self.radius**2 * (2 * self.half_length), ends
 

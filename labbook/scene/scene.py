@@ -31,7 +31,7 @@ class Scene(Model):
     contact: AnyLaw
     container: Container
     walls: dict[str, SurfaceChange] = Field(default_factory=dict)
-    """Where surfaces differ from the grains': by wall name, or `all`."""
+    """Surfaces that differ from the grains': by wall name, or `all`."""
     gravity: Acceleration = STANDARD_GRAVITY
     """Acceleration of gravity g, along -z."""
     # where there is none it is left out of what is stored
@@ -79,7 +79,14 @@ class Scene(Model):
             yield Fault("container.parts", reason, "check its unit and scale")
 
     def faults_of_law(self, law: ContactLaw) -> Iterator[Fault]:
-        """Why grains and walls cannot have this law."""
+        """Check a law against grains and walls.
+
+        Args:
+            law: Contact law, the scene's own or that of the filling.
+
+        Yields:
+            Reasons against it.
+        """
         if law.rolling_model == "epsd" and isinstance(self.grains, Spherocylinders):
             yield Fault("contact.rolling_model", "rods have no rolling springs", "use cdt, or spheres")
         yield from self._faults_between_kinds(law)
@@ -96,7 +103,7 @@ class Scene(Model):
                     yield Fault(f"{where}{own}", useless(law.law, key), "leave it out")
 
     def _faults_between_kinds(self, contact: ContactLaw) -> Iterator[Fault]:
-        """What is wrong with the pairs of kinds that a law for these grains states."""
+        """Faults of the pairs of kinds that a law for these grains states."""
         names, earlier = [kind.name for kind in self.grains.kinds], set()
         for pair in contact.between:
             absent = sorted({name for name in pair.kinds if name not in names})
@@ -134,9 +141,11 @@ class Scene(Model):
         return Fault("contact", f"{reason}, which {key} states", "use a law of the same family as in contact")
 
     def svg(self) -> str:
-        """A picture as SVG: a section through the container with its outlet and some grains, to scale.
+        """Draw the scene: a section through the container with its outlet and some grains, to scale.
 
-        Empty where no wall is seen in it."""
+        Returns:
+            SVG element; empty if the section shows no wall.
+        """
         return svg(self.grains, self.container)
 
     def __repr__(self) -> str:
@@ -147,12 +156,12 @@ class Scene(Model):
 
     @property
     def outlet(self) -> float | None:
-        """z [m] of the plane that grains leave through, or None if the container is closed or has none."""
+        """Height z [m] of the plane that grains leave through; None if the container is closed or has no outlet."""
         return None if self.container.closed else self.container.outlet_plane
 
     @property
     def sink(self) -> float | None:
-        """z [m] below which grains leave the scene where it goes on below its outlet; else None."""
+        """Height z [m] below which grains leave a scene that goes on below its outlet; else None."""
         return None if self.container.closed else self.container.sink
 
     @property
@@ -163,13 +172,13 @@ class Scene(Model):
 
     @property
     def surface_of_grains(self) -> Surface:
-        """The surface that grains turn to one another."""
+        """Surface of the contacts between grains, where no pair of kinds states its own."""
         c = self.contact
         return _surface(c.friction, c.rolling_friction, c.restitution)
 
     @property
     def surfaces(self) -> tuple[Surface, ...]:
-        """Surfaces of all contacts that there may be: between kinds, and, where walls differ, of each kind at each."""
+        """Surfaces of all possible contacts: between kinds, and, where walls differ, of each kind at each wall."""
         kinds = range(len(self.grains.species))
         between = [self.surface_between(a, b) for a in kinds for b in kinds]
         if not self.walls:
@@ -177,23 +186,36 @@ class Scene(Model):
         return (*between, *(self.surface(wall, kind) for wall in self.container.walls() for kind in kinds))
 
     def surface_between(self, kind: int, second_kind: int) -> Surface:
-        """The complete surface that grains of two kinds, by their places in `grains.kinds`, turn to one another."""
+        """Find the surface of contacts between grains of two kinds.
+
+        Args:
+            kind: Place of one kind in `grains.kinds`; 0 without kinds.
+            second_kind: Place of the other.
+
+        Returns:
+            Surface, all values stated.
+        """
         surface = self.surface_of_grains
         for change in self._between(kind, second_kind):
             surface = surface.changed(change)
         return surface
 
     def _between(self, kind: int, second_kind: int) -> tuple[Between, ...]:
-        """Where contacts of two kinds differ, if that is stated."""
+        """Contact parameters that the law states for two kinds."""
         if not self.contact.between:
             return ()
         names = {self.grains.kinds[kind].name, self.grains.kinds[second_kind].name}
         return tuple(pair for pair in self.contact.between if set(pair.kinds) == names)
 
     def surface(self, wall: Wall, kind: int = 0) -> Surface:
-        """The complete surface of `wall`: its own, else that of `all`, else what grains of `kind` turn to each other.
+        """Find the surface of contacts with a wall: its own, else that of `all`, else that of the grains.
 
-        kind: a place in `grains.kinds`; 0 where there are none.
+        Args:
+            wall: Wall of the container.
+            kind: Place of the grains' kind in `grains.kinds`; 0 without kinds.
+
+        Returns:
+            Surface, all values stated.
         """
         surface = self.surface_between(kind, kind)
         if not self.walls:
@@ -202,20 +224,34 @@ class Scene(Model):
         return surface.changed(everywhere).changed(here)
 
     def _wall_changes(self, wall: Wall) -> tuple[SurfaceChange, SurfaceChange]:
-        """What is stated of all walls, and of this one."""
+        """Values that the scene states for all walls, and for this one."""
         everywhere, here = (self.walls.get(name) or _unchanged() for name in ("all", wall.name))
         return everywhere, here
 
     def law_between(self, kind: int, second_kind: int) -> ContactLaw:
-        """The law with the stiffness of contacts between two kinds, by their places in `grains.kinds`: `contact` itself
-        where neither states any."""
+        """Find the law with the stiffness of contacts between two kinds.
+
+        Args:
+            kind: Place of one kind in `grains.kinds`; 0 without kinds.
+            second_kind: Place of the other.
+
+        Returns:
+            Law; `contact` itself where neither kind states a stiffness.
+        """
         return self._law(self._material(kind), self._material(second_kind), self._between(kind, second_kind))
 
     def law(self, wall: Wall, kind: int = 0) -> ContactLaw:
-        """The law with the stiffness of contacts of grains of `kind` with `wall`.
+        """Find the law with the stiffness of contacts with a wall.
 
         A wall is of its own material, else of that of `all`, else of that of `contact`. A stiffness k_n is its own,
         else that of `all`, else that of grains of `kind` with each other.
+
+        Args:
+            wall: Wall of the container.
+            kind: Place of the grains' kind in `grains.kinds`; 0 without kinds.
+
+        Returns:
+            Law; `contact` itself where nothing differs.
         """
         material, changes = self.contact.material, self._wall_changes(wall)
         if material is not None:
@@ -225,7 +261,7 @@ class Scene(Model):
 
     @property
     def has_own_stiffness(self) -> bool:
-        """Whether kinds of grains or walls state a stiffness beside that of `contact`."""
+        """True if kinds of grains or walls state a stiffness beside that of `contact`."""
         owners = (*self.grains.kinds, *self.walls.values(), *self.contact.between)
         return any(getattr(owner, name, None) is not None for owner in owners for name in _STIFFNESS)
 
@@ -236,7 +272,7 @@ class Scene(Model):
     def _law(
         self, material: Material | None, second_material: Material | None, springs: Iterable[Between | SurfaceChange]
     ) -> ContactLaw:
-        """The law for bodies of two materials; of a law that knows none, with the last k_n that `springs` state."""
+        """Law for bodies of two materials; without a material, with the last k_n that `springs` state."""
         law = self.contact
         if material is not None and second_material is not None:
             pair_material = material.beside(second_material)
@@ -245,7 +281,14 @@ class Scene(Model):
         return law.model_copy(update={"normal_stiffness": stiffnesses[-1]}) if stiffnesses else law
 
     def stiffened(self, factor: float) -> "Scene":
-        """The scene with the stiffness of its contacts times `factor`."""
+        """Scale the stiffness of all contacts.
+
+        Args:
+            factor: Factor on the stiffness, above 0.
+
+        Returns:
+            Scene with that stiffness, all else as it is.
+        """
         if factor == 1.0:
             return self
         pairs = tuple(_stiffer(pair, factor) for pair in self.contact.between)
@@ -260,8 +303,16 @@ class Scene(Model):
     def close(
         self, friction: float | None = None, contact: ContactLaw | None = None, surface_motion: bool = False
     ) -> "Scene":
-        """The scene in which its packing is made, by the law `contact` if that is given; `friction` replaces that of
-        grains and of walls. `surface_motion`: whether the surfaces of its walls already move."""
+        """Close the scene for the filling.
+
+        Args:
+            friction: Friction coefficient of grains and walls instead of their own.
+            contact: Law of the filling; None: that of the scene.
+            surface_motion: Surfaces of walls move during the filling too.
+
+        Returns:
+            Scene in which the packing is made, without feed and restart.
+        """
         container, walls = self.container.close(surface_motion), self.walls
         if walls:
             names = {"all", *(wall.name for wall in container.walls())}
@@ -281,7 +332,7 @@ _M = TypeVar("_M", bound=Model)
 
 
 def _stiffer(model: _M, factor: float) -> _M:
-    """`stated` with `factor` times each stiffness that it has."""
+    """Multiply each stiffness that a model states by `factor`."""
     values = {name: getattr(model, name, None) for name in _STIFFNESS}
     update = {name: factor * value for name, value in values.items() if value is not None}
     return model.model_copy(update=update) if update else model
@@ -289,7 +340,7 @@ def _stiffer(model: _M, factor: float) -> _M:
 
 @lru_cache(maxsize=1)
 def _unchanged() -> SurfaceChange:
-    """Of a wall that is as the grains."""
+    """Surface of a wall like the grains."""
     return SurfaceChange()
 
 

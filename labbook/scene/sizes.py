@@ -21,7 +21,7 @@ _Fractions = Annotated[tuple[Annotated[Ratio, Field(gt=0, le=1)], ...], listed]
 
 @dataclass(frozen=True)
 class Equal:
-    """All are of this diameter [m]."""
+    """Distribution of grains that all have one diameter [m]."""
 
     diameter: float
 
@@ -38,32 +38,73 @@ class Equal:
         return self.diameter**power
 
     def draw(self, rng: np.random.Generator, n: int, largest: float) -> np.ndarray:
-        """n diameters [m]."""
+        """Array of n times the diameter [m]."""
         return np.full(n, self.diameter)
 
 
 class Distribution(Model, ABC):
-    """Distribution of diameters by number, up to the largest."""
+    """Base of distributions of diameters by number, up to the largest.
+
+    The largest diameter d is that of the grains; a distribution does not store it.
+    """
 
     @abstractmethod
     def faults(self, largest: float) -> Iterator[Fault]:
-        """Reasons against it where the largest diameter is `largest` [m]."""
+        """Check the distribution.
+
+        Args:
+            largest: Largest diameter d [m].
+
+        Yields:
+            Reasons against it.
+        """
 
     @abstractmethod
     def range(self, largest: float) -> tuple[float, float]:
-        """Smallest and largest diameter [m]."""
+        """Give the range of diameters.
+
+        Args:
+            largest: Largest diameter d [m].
+
+        Returns:
+            Smallest and largest diameter [m].
+        """
 
     @abstractmethod
     def moment(self, power: int, largest: float) -> float:
-        """Mean by number of a power, 1 to 4, of the diameter [m^power]."""
+        """Compute the mean by number of a power of the diameter.
+
+        Args:
+            power: Power, 1 to 4.
+            largest: Largest diameter d [m].
+
+        Returns:
+            Mean [m^power].
+        """
 
     def mean_cube(self, largest: float) -> float:
-        """Mean of the diameter cubed [m^3]."""
+        """Compute the mean of the diameter cubed, on which mean volume and mass depend.
+
+        Args:
+            largest: Largest diameter d [m].
+
+        Returns:
+            Mean [m^3].
+        """
         return self.moment(3, largest)
 
     @abstractmethod
     def draw(self, rng: np.random.Generator, n: int, largest: float) -> np.ndarray:
-        """n diameters [m]."""
+        """Draw diameters.
+
+        Args:
+            rng: Random numbers.
+            n: Number of grains.
+            largest: Largest diameter d [m].
+
+        Returns:
+            Diameters in random order [m], shape [n].
+        """
 
 
 class Uniform(Distribution):
@@ -74,7 +115,7 @@ class Uniform(Distribution):
     """Smallest diameter, from d/10 to below d."""
 
     def faults(self, largest: float) -> Iterator[Fault]:
-        """What is wrong with it where the largest diameter is `largest` [m]."""
+        """Faults: a smallest diameter that is not from d/10 to below d."""
         yield from _too_small(self.smallest, largest, "sizes.smallest")
 
     def range(self, largest: float) -> tuple[float, float]:
@@ -87,13 +128,12 @@ class Uniform(Distribution):
         return (a + b) * (a**2 + b**2) / 4
 
     def moment(self, power: int, largest: float) -> float:
-        """Mean of a power of the diameter [m^power]: (b^(n+1) - a^(n+1))/((n + 1) (b - a)), without its
-        cancellation."""
+        """Mean of a power n of the diameter [m^n]: (b^(n+1) - a^(n+1))/((n + 1) (b - a)), without its cancellation."""
         a, b = self.smallest, largest
         return math.fsum(a**k * b ** (power - k) for k in range(power + 1)) / (power + 1)
 
     def draw(self, rng: np.random.Generator, n: int, largest: float) -> np.ndarray:
-        """n diameters [m]."""
+        """Diameters from a uniform distribution [m], shape [n]."""
         return rng.uniform(self.smallest, largest, n)
 
 
@@ -107,7 +147,7 @@ class Normal(Distribution):
     """Standard deviation of the diameters before the cut."""
 
     def faults(self, largest: float) -> Iterator[Fault]:
-        """What is wrong with it where the largest diameter is `largest` [m]."""
+        """Faults: a mean that leaves no diameters from d/10 to d, or a deviation above d."""
         low = (1 + SMALLEST_PART) / 2 * largest
         if not low <= self.mean < largest:
             reason = f"a mean of {self.mean * 1e3:g} mm, cut symmetrically at d, leaves no diameters from d/10 to d"
@@ -121,8 +161,11 @@ class Normal(Distribution):
         return 2 * self.mean - largest, largest
 
     def mean_cube(self, largest: float) -> float:
-        """Mean of the diameter cubed [m^3]: m^3 + 3 m s^2, where s^2 = sigma^2 (1 - 2 k phi(k)/erf(k/sqrt 2)) is the
-        variance of a normal distribution cut at k = (d - m)/sigma on both sides."""
+        """Mean of the diameter cubed [m^3]: m^3 + 3 m s^2.
+
+        s^2 = sigma^2 (1 - 2 k phi(k)/erf(k/sqrt 2)) is the variance of a normal distribution cut at k = (d - m)/sigma
+        on both sides.
+        """
         return self.mean**3 + 3 * self.mean * self._variance(largest)
 
     def _variance(self, largest: float) -> float:
@@ -131,8 +174,11 @@ class Normal(Distribution):
         return self.deviation**2 * (1 - 2 * k * density / math.erf(k / math.sqrt(2)))
 
     def moment(self, power: int, largest: float) -> float:
-        """Mean of a power of the diameter [m^power], from central moments: s^2 as in `mean_cube`, and
-        3 sigma^2 s^2 - 2 k^3 phi(k)/erf(k/sqrt 2) sigma^4 of the fourth order, by parts."""
+        """Mean of a power of the diameter [m^power], from central moments.
+
+        These are s^2 as in `mean_cube`, and 3 sigma^2 s^2 - 2 k^3 phi(k)/erf(k/sqrt 2) sigma^4 of the fourth order, by
+        parts.
+        """
         m, second, k = self.mean, self._variance(largest), (largest - self.mean) / self.deviation
         density = math.exp(-(k**2) / 2) / math.sqrt(2 * math.pi) / math.erf(k / math.sqrt(2))
         fourth = 3 * self.deviation**2 * second - 2 * k**3 * density * self.deviation**4
@@ -140,7 +186,7 @@ class Normal(Distribution):
         return math.fsum(math.comb(power, j) * m ** (power - j) * central[j] for j in range(power + 1))
 
     def draw(self, rng: np.random.Generator, n: int, largest: float) -> np.ndarray:
-        """n diameters [m]."""
+        """Diameters by the inverse of the cut distribution [m], shape [n]."""
         from scipy.special import erf, erfinv
 
         half = largest - self.mean
@@ -163,7 +209,7 @@ class LogNormal(Distribution):
     """Weight of the distribution: `number` of grains, or `mass`, as sieves measure it."""
 
     def faults(self, largest: float) -> Iterator[Fault]:
-        """Reasons against it where the largest diameter is `largest` [m]."""
+        """Faults: a smallest diameter that is not from d/10 to below d, or a median that is not between."""
         yield from _too_small(self.smallest, largest, "sizes.smallest")
         if not self.smallest < self.median < largest:
             reason = f"a median of {self.median * 1e3:g} mm is not between the smallest diameter and d"
@@ -176,8 +222,10 @@ class LogNormal(Distribution):
 
     @property
     def _mean_log(self) -> float:
-        """Mean of ln(D/m) by number: that by mass less three variances (Hatch & Choate, J. Franklin Inst. 207 (1929)
-        369)."""
+        """Mean of ln(D/m) by number: that by mass less three variances.
+
+        Source: Hatch & Choate, J. Franklin Inst. 207 (1929) 369.
+        """
         return math.log(self.median) - (3 * self.spread**2 if self.by == "mass" else 0.0)
 
     def _cuts(self, largest: float, power: int = 0) -> tuple[float, float]:
@@ -186,13 +234,16 @@ class LogNormal(Distribution):
         return (math.log(self.smallest) - middle) / self.spread, (math.log(largest) - middle) / self.spread
 
     def moment(self, power: int, largest: float) -> float:
-        """Mean of a power n of the diameter [m^n]: exp(n mu + n^2 s^2/2) times the ratio of the parts within the cuts
-        of the normal distributions of ln D around mu + n s^2 and mu, s the spread."""
+        """Mean of a power n of the diameter [m^n].
+
+        It is exp(n mu + n^2 s^2/2) times the ratio of the parts within the cuts of the normal distributions of ln D
+        around mu + n s^2 and mu, with the spread s.
+        """
         whole = math.exp(power * self._mean_log + (power * self.spread) ** 2 / 2)
         return whole * _normal_part(*self._cuts(largest, power)) / _normal_part(*self._cuts(largest))
 
     def draw(self, rng: np.random.Generator, n: int, largest: float) -> np.ndarray:
-        """n diameters [m], by the inverse of the cut distribution."""
+        """Diameters by the inverse of the cut distribution [m], shape [n]."""
         from scipy.special import ndtr, ndtri
 
         low, high = self._cuts(largest)
@@ -215,7 +266,7 @@ class SizeTable(Distribution):
     """Mass fraction of each class, instead of `number_fractions`; all add up to 1."""
 
     def faults(self, largest: float) -> Iterator[Fault]:
-        """Reasons against it where the largest diameter is `largest` [m]."""
+        """Faults: diameters out of d/10 to d, a largest one other than d, or fractions that do not add up to 1."""
         yield from _not_up_to(self.diameters, largest)
         fields = {"number_fractions": self.number_fractions, "mass_fractions": self.mass_fractions}
         ways = {key: fractions for key, fractions in fields.items() if fractions is not None}
@@ -250,7 +301,7 @@ class SizeTable(Distribution):
         return float(self.shares @ np.array(self.diameters) ** power)
 
     def draw(self, rng: np.random.Generator, n: int, largest: float) -> np.ndarray:
-        """n diameters [m]: of each class as many as its share says, within one grain."""
+        """Diameters [m], shape [n]: of each class n times its number fraction, within one grain."""
         return np.minimum(_systematic(rng, n, self.diameters, self.shares), largest)
 
 
@@ -262,7 +313,7 @@ class SizeList(Distribution):
     """Diameters, from d/10 to d; the largest is d."""
 
     def faults(self, largest: float) -> Iterator[Fault]:
-        """Reasons against it where the largest diameter is `largest` [m]."""
+        """Faults: diameters out of d/10 to d, or a largest one other than d."""
         yield from _not_up_to(self.diameters, largest)
 
     def range(self, largest: float) -> tuple[float, float]:
@@ -274,7 +325,7 @@ class SizeList(Distribution):
         return float(np.mean(np.array(self.diameters) ** power))
 
     def draw(self, rng: np.random.Generator, n: int, largest: float) -> np.ndarray:
-        """n diameters [m]: each of the list as often as any other, within one grain."""
+        """Diameters [m], shape [n]: each of the list as often as any other, within one grain."""
         several = len(self.diameters)
         return np.minimum(_systematic(rng, n, self.diameters, np.full(several, 1 / several)), largest)
 
@@ -304,8 +355,10 @@ def _normal_part(low: float, high: float) -> float:
 
 
 def _systematic(rng: np.random.Generator, n: int, diameters: tuple[float, ...], shares: np.ndarray) -> np.ndarray:
-    """n diameters [m] in random order: systematic sampling, by which each class has n times its share to within one
-    grain (Madow & Madow, Ann. Math. Stat. 15 (1944) 1)."""
+    """Draw n diameters [m] in random order by systematic sampling.
+
+    Each class has n times its share to within one grain (Madow & Madow, Ann. Math. Stat. 15 (1944) 1).
+    """
     places = np.searchsorted(np.cumsum(shares)[:-1], (rng.uniform() + np.arange(n)) / max(n, 1), side="right")
     return rng.permutation(np.array(diameters)[places])
 

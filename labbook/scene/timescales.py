@@ -1,5 +1,4 @@
-"""Time scales of a scene: that of gravity, those that a time step can be stated as a fraction of, and the largest step
-with which a bed comes to rest."""
+"""Time scales of a scene: of gravity, of contacts as units of a time step, and the largest stable step."""
 
 import math
 from collections.abc import Callable, Iterator
@@ -17,8 +16,10 @@ stated."""
 
 
 def _anywhere(time: Callable[[Scene], float]) -> Callable[[Scene], float]:
-    """A decorator of times that do not hang on the container where walls are like the grains: they are worked out once
-    for all containers."""
+    """Decorate a time so that it is computed once for all containers.
+
+    It depends on the container only where walls differ from the grains.
+    """
 
     @once(256)
     def of(grains: Grains, contact: ContactLaw, gravity: float) -> float:
@@ -34,21 +35,42 @@ def _anywhere(time: Callable[[Scene], float]) -> Callable[[Scene], float]:
 
 
 def gravity_time(scene: Scene) -> float:
-    """sqrt(d*/g) [s], in which a grain falls half of its equivalent diameter d* from rest; infinite without gravity."""
+    """Compute sqrt(d*/g), in which a grain falls half of its equivalent diameter d* from rest.
+
+    Args:
+        scene: Scene.
+
+    Returns:
+        Time [s]; infinite without gravity.
+    """
     return math.sqrt(scene.grains.equivalent_diameter / scene.gravity) if scene.gravity > 0 else math.inf
 
 
 def stop_time(scene: Scene) -> float:
-    """Time without a leaving grain [s] after which a flow may count as stopped, if grains at the outlet are still."""
+    """Give the time without a leaving grain after which a flow may count as stopped, if grains at the outlet are still.
+
+    Args:
+        scene: Scene.
+
+    Returns:
+        Time [s]: `restart.wait`, else WAIT times the gravity time.
+    """
     own = None if scene.restart is None else scene.restart.wait
     return own or WAIT * gravity_time(scene)
 
 
 @_anywhere
 def rayleigh(scene: Scene) -> float:
-    """Rayleigh time [s], the shortest of any grain of its own material (`ContactLaw.rayleigh_time`).
+    """Compute the Rayleigh time, the shortest of any grain of its own material (`ContactLaw.rayleigh_time`).
 
-    Raises ValueError for a law that has none.
+    Args:
+        scene: Scene.
+
+    Returns:
+        Time [s].
+
+    Raises:
+        ValueError: The law has no shear modulus.
     """
     spheres = enumerate(scene.grains.smallest())
     return min(scene.law_between(kind, kind).rayleigh_time(sphere.radius, sphere.density) for kind, sphere in spheres)
@@ -56,18 +78,26 @@ def rayleigh(scene: Scene) -> float:
 
 @_anywhere
 def collision(scene: Scene) -> float:
-    """Duration [s] of an undamped head-on collision of two grains.
+    """Compute the duration of an undamped head-on collision of two grains.
 
     They meet at v = sqrt(g d), a fall of half a diameter (v = 1 m/s without gravity). Where grains differ: the shortest
     collision, of two of the lightest. Where stiffness does: the shortest of all contacts, those with walls among them.
+
+    Args:
+        scene: Scene.
+
+    Returns:
+        Time [s].
     """
     speed = math.sqrt(scene.gravity * scene.grains.diameter) or 1.0
     return min(law.collision_time(mass, radius, speed) for law, mass, radius in _contacts(scene))
 
 
 def _contacts(scene: Scene) -> Iterator[tuple[ContactLaw, float, float]]:
-    """Law, effective mass [kg] and radius [m] of contacts of the lightest grains: of like ones, and of others whose
-    stiffness is not theirs."""
+    """Law, effective mass [kg] and effective radius [m] of contacts of the lightest grains.
+
+    Those of like grains come first, then others with a stiffness of their own, at walls too.
+    """
     lightest = scene.grains.smallest()
     likes = [scene.law_between(kind, kind) for kind in range(len(lightest))]
     for kind, (grains, like) in enumerate(zip(lightest, likes, strict=True)):
