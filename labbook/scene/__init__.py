@@ -1,4 +1,4 @@
-"""What is simulated: grains, contact law, container, walls and gravity, as frozen types in SI units."""
+"""Scene of a simulation: grains, contact law, container, walls and gravity, as frozen types in SI units."""
 
 from labbook.scene.bodies import Bodies
 from labbook.scene.contact import (

@@ -12,7 +12,14 @@ LARGEST_RATIO = 1e3
 
 
 def linear_restitution(ratio: float) -> float:
-    """e of the clamped linear law for a damping ratio gamma_n/(2 sqrt(k_n m*)) (Schwager & Poschel 2007, eqs 21-23)."""
+    """Compute the coefficient of restitution of the clamped linear law (Schwager & Poschel 2007, eqs 21-23).
+
+    Args:
+        ratio: Damping ratio gamma_n/(2 sqrt(k_n m*)).
+
+    Returns:
+        Coefficient of restitution e.
+    """
     if ratio < 1:
         omega = math.sqrt(1 - ratio**2)
         until = (math.pi - math.atan2(2 * ratio * omega, omega**2 - ratio**2)) / omega
@@ -38,9 +45,15 @@ def linear_ratio(e: float) -> float:
 
 
 def hertz_restitution(c_n: float) -> float:
-    """e of the clamped Hertz law with damping C_n; it depends on neither speed nor stiffness.
+    """Compute the coefficient of restitution of the clamped Hertz law; it depends on neither speed nor stiffness.
 
     In units in which m* = K = v = 1: x'' = -x^{3/2} - sqrt(6) C_n x^{1/4} x', until the right side vanishes.
+
+    Args:
+        c_n: Damping C_n.
+
+    Returns:
+        Coefficient of restitution e.
     """
     from scipy.integrate import solve_ivp
 

@@ -1,4 +1,4 @@
-"""A packing: positions, velocities and springs of grains, free of any backend."""
+"""Packing of grains: positions, velocities and springs, free of any backend."""
 
 from dataclasses import dataclass, field, replace
 
@@ -16,19 +16,29 @@ _WALL_PARTS = 1 << 31  # rods touch a wall at 4 points, spheres a mesh at as man
 class Packing:
     """State of n grains, in double precision and SI, portable between backends.
 
-    `x`, `v`, `omega`: position [m], velocity [m/s] and angular velocity [rad/s], shape [n, 3]. `q`: unit
-    quaternions (w, x, y, z), shape [n, 4], whose rotation takes the z axis to the rod's, or None for spheres. `ids`:
-    shape [n], what grains are called in every table; 0..n-1 unless grains have left. `diameter` [m] and `kind` (place
-    in the scene's `grains.kinds`), shape [n], or None where all grains are of one diameter d, or of one kind. Friction
-    springs [m]: `pair_spring` [m, 3] on the grains (i, j) of `pairs` [m, 2], indices with i < j, acting on i;
-    `wall_spring` [k, 3] on grain `wall_grain` [k] at the wall named `wall_name` [k], where a rod may touch at several
-    points: `wall_part` [k] says which (0 for spheres; see `labbook_dem.walls`; at a mesh its feature). Torques [N m] of
-    the rolling springs of the same contacts, acting on i: `pair_rolling` [m, 3] and `wall_rolling` [k, 3], or None
-    where there are none. `waiting`: mask, shape [n], of grains of a stream that have not entered, or None where all
-    have; these have no springs, and lie at random in the region of the stream, where they may overlap.
+    It has p contacts between grains, and k at walls. No backend can start from shapes that do not fit, indices of
+    grains that are not there, numbers that are not finite or quaternions that are not of length one: these raise
+    ValueError.
 
-    Raises ValueError for shapes that do not fit, for indices of grains that are not there, for numbers that are not
-    finite and for quaternions that are not of length one: no backend can start from them.
+    Attributes:
+        x: Positions [m], shape [n, 3].
+        v: Velocities [m/s], shape [n, 3].
+        omega: Angular velocities [rad/s], shape [n, 3].
+        q: Unit quaternions (w, x, y, z), shape [n, 4], whose rotation takes the z axis to the rod's; None for spheres.
+        ids: Names of the grains in every table, shape [n]; 0..n-1 unless grains have left.
+        diameter: Diameters [m], shape [n]; None where all grains are of one diameter d.
+        kind: Places in the scene's `grains.kinds`, shape [n]; None where all grains are of one kind.
+        pairs: Grains (i, j) of contacts, rows of `x` with i < j, shape [p, 2].
+        pair_spring: Friction springs of `pairs` [m], acting on i, shape [p, 3].
+        wall_grain: Grains of contacts at walls, rows of `x`, shape [k].
+        wall_name: Names of these walls, shape [k].
+        wall_spring: Friction springs at walls [m], acting on the grain, shape [k, 3].
+        wall_part: Points of a rod at the wall, or features of a mesh; 0 for spheres at other walls, shape [k]. See
+            `labbook_dem.walls`.
+        pair_rolling: Torques of rolling springs of `pairs` [N m], acting on i, shape [p, 3]; None where there are none.
+        wall_rolling: Torques of rolling springs at walls [N m], shape [k, 3]; None where there are none.
+        waiting: Mask of grains of a stream that have not entered, shape [n]; None where all have. These have no
+            springs, and lie at random in the region of the stream, where they may overlap.
     """
 
     x: np.ndarray
@@ -109,25 +119,39 @@ class Packing:
 
     @property
     def rolling(self) -> tuple[np.ndarray, np.ndarray]:
-        """Torques [N m] of rolling springs of pairs [m, 3] and at walls [k, 3]: zero where there are none."""
+        """Torques [N m] of rolling springs of pairs, shape [p, 3], and at walls, shape [k, 3]; zero without any."""
         pairs, walls = self.pair_rolling, self.wall_rolling
         of_pairs = np.zeros((len(self.pairs), 3)) if pairs is None else pairs
         return of_pairs, np.zeros((len(self.wall_grain), 3)) if walls is None else walls
 
     def rows(self, ids: np.ndarray) -> np.ndarray:
-        """Rows of the grains called `ids`, which must all be there; shape as ids."""
+        """Find grains by their names.
+
+        Args:
+            ids: Names of grains, all in the packing.
+
+        Returns:
+            Rows of these grains, of the shape of `ids`.
+        """
         assert self.ids is not None
         order = np.argsort(self.ids)
         return order[np.searchsorted(self.ids, ids, sorter=order)]
 
     def part(self, rows: np.ndarray) -> "Packing":
-        """Return the grains of these rows, or of a mask, without springs."""
+        """Select grains.
+
+        Args:
+            rows: Rows, or a mask of shape [n].
+
+        Returns:
+            Packing of these grains, without springs.
+        """
         arrays = {name: getattr(self, name) for name in (*_DOUBLE, "ids", "q", *_PER_GRAIN)}
         return Packing(**{name: array[rows] for name, array in arrays.items() if array is not None})
 
     @property
     def entered(self) -> "Packing":
-        """The packing without the grains that have not entered; itself if all have."""
+        """Packing without the grains that have not entered; itself if all have."""
         if self.waiting is None:
             return self
         there = ~self.waiting
@@ -137,9 +161,13 @@ class Packing:
         return replace(self, **own, pairs=place[self.pairs], wall_grain=place[self.wall_grain], waiting=None)
 
     def mirrored(self) -> "Packing":
-        """The mirror image in x = 0: x and v_x change sign, omega (an axial vector) and the rotation q in y and z.
+        """Mirror the packing in x = 0.
 
-        Walls called left and right (`left`, `bottom-left` ...) swap names.
+        x and v_x change sign; omega, an axial vector, and the rotation q change sign in y and z. Walls called left and
+        right (`left`, `bottom-left` ...) swap names.
+
+        Returns:
+            Mirror image.
         """
         mirror, axial = np.array([-1.0, 1, 1]), np.array([1.0, -1, -1])
         swapped = [_swap_sides(str(name)) for name in self.wall_name]
@@ -158,7 +186,14 @@ class Packing:
         )
 
     def renumbered(self, order: np.ndarray) -> "Packing":
-        """The same packing with grain `order[k]` in row k; ids go with the grains, springs with their contacts."""
+        """Reorder the grains.
+
+        Args:
+            order: Row k of the result is row `order[k]` of the packing, shape [n].
+
+        Returns:
+            Packing in that order; ids go with the grains, springs with their contacts.
+        """
         place = np.argsort(order)
         pairs = place[self.pairs]
         turned = (pairs[:, 0] > pairs[:, 1])[:, None]
@@ -175,7 +210,11 @@ class Packing:
         )
 
     def arrays(self) -> dict[str, np.ndarray]:
-        """All arrays by name, for storage."""
+        """List the arrays for storage.
+
+        Returns:
+            Arrays by name; those that are None are left out.
+        """
         names = (*_DOUBLE, "ids", "pairs", "pair_spring", "wall_grain", "wall_name", "wall_spring", "wall_part")
         arrays = {name: getattr(self, name) for name in names}
         optional = ("q", *_PER_GRAIN, *_ROLLING, "waiting")

@@ -44,7 +44,7 @@ _PER = re.compile(r"1?\s*/\s*")
 
 
 class _TurnsOrAngles(ValueError):
-    """A rate that may be meant as turns or as radians per second; `rate`: of one of it [1/s]."""
+    """Error of a rate that may be meant as turns or as radians per second; `rate`: of one of its unit [1/s]."""
 
     def __init__(self, rate: float):
         super().__init__("1/s may mean turns or radians per second")
@@ -53,11 +53,21 @@ class _TurnsOrAngles(ValueError):
 
 @lru_cache(maxsize=8192)  # of a study's many points most quantities are the same
 def parse(text: str, unit: str | None, diameter: float | None = None) -> float:
-    """Value of `text` (`3 mm`, `2500 kg/m^3`, `2/7`, `1 %`, `1.01 d`) in `unit` (SI); `d` is `diameter` [m].
+    """Read a quantity: a number, or a ratio of two, and then units joined by blanks, * and /.
 
-    `unit` "" is a number without unit, None takes any unit and gives SI. A number, or a ratio of two, and then
-    units joined by blanks, * and /, with powers of one digit: no other arithmetic. A rate of turning is read as a
-    frequency or as an angular velocity: 60 rpm is 1 Hz and 2 pi rad/s. Raises ValueError saying what is wrong.
+    Powers of units have one digit; there is no other arithmetic. A rate of turning is read as a frequency or as an
+    angular velocity: 60 rpm is 1 Hz and 2 pi rad/s.
+
+    Args:
+        text: Quantity, such as `3 mm`, `2500 kg/m^3`, `2/7`, `1 %` or `1.01 d`.
+        unit: SI unit of the result; "": a number without unit, None: the SI unit of the quantity.
+        diameter: Length of the unit `d` [m]; None: `d` is unknown.
+
+    Returns:
+        Value in `unit`; it may be infinite.
+
+    Raises:
+        ValueError: The text is no quantity in `unit`; the message says why, with a remedy.
     """
     expression = text.strip()
     if len(expression) > 100:
@@ -84,8 +94,19 @@ def parse(text: str, unit: str | None, diameter: float | None = None) -> float:
 
 
 def told_apart(value: float, limit: float, digits: int = 3, of_limit: int = 6) -> tuple[str, str]:
-    """A value beyond a limit, and the limit, for a message: to `digits` and `of_limit` significant digits, or to as
-    many more as show which of them is larger. Numbers from 1e-4 to 1e6 are written out."""
+    """Write a value beyond a limit and the limit so that a reader sees which is larger.
+
+    Numbers from 1e-4 to 1e6 are written out.
+
+    Args:
+        value: Value.
+        limit: Limit.
+        digits: Significant digits of the value at least.
+        of_limit: Significant digits of the limit at least.
+
+    Returns:
+        Both numbers as text, with as many more digits as tell them apart.
+    """
     for extra in range(17):
         number, bound = f"{value:.{digits + extra}g}", f"{limit:.{of_limit + extra}g}"
         if (float(number) > float(bound), float(number) < float(bound)) == (value > limit, value < limit):
@@ -94,24 +115,40 @@ def told_apart(value: float, limit: float, digits: int = 3, of_limit: int = 6) -
 
 
 def _written_out(number: str) -> str:
-    """Without an exponent (4.15e+03), unless it is large or small, or has many digits."""
+    """Write a number without an exponent (4.15e+03), unless it is large or small, or has many digits."""
     plain = f"{float(number):.6g}"
     return plain if "e" in number and float(plain) == float(number) else number
 
 
 def value_range(values: Iterable[float], unit: str, scale: float = 1.0) -> str:
-    """The range of some values, times `scale`, in `unit`: `50 ms`, or `20 to 50 ms`."""
+    """Write the range of values.
+
+    Args:
+        values: Values, at least one.
+        unit: Unit, as text.
+        scale: Factor on the values.
+
+    Returns:
+        `50 ms`, or `20 to 50 ms`.
+    """
     numbers = [f"{scale * value:.3g}" for value in sorted(values)]
     return f"{' to '.join(dict.fromkeys((numbers[0], numbers[-1])))} {unit}"
 
 
 _PERCENT_LIMIT = 1e3
-"""Times from where on a ratio is no percentage any more."""
+"""Ratio from which on it is written as a multiple, not in percent."""
 
 
 def percent(part: float, how: str = ".3g") -> str:
-    """`2 %`, `0.25 %`, `110 %` of a part of one. `how`: to format the number of percent; where that gives an exponent
-    (1.1e+02), the digits are written out. What is larger than a hundred thousand percent is told as `1e300 times`."""
+    """Write a fraction in percent.
+
+    Args:
+        part: Fraction.
+        how: Format of the number of percent; an exponent that it gives (1.1e+02) is written out.
+
+    Returns:
+        `2 %`, `0.25 %` or `110 %`; above a hundred thousand percent `1e300 times`.
+    """
     plus = "+" if how.startswith("+") else ""
     if _PERCENT_LIMIT <= abs(part) < math.inf:
         return re.sub(r"e(-?)\+?0*", r"e\1", f"{part:{plus}.3g} times")
@@ -123,7 +160,7 @@ _RAISED = str.maketrans("⁻⁰¹²³⁴⁵⁶⁷⁸⁹", "-0123456789")
 
 
 def span(seconds: float) -> str:
-    """A simulated time for people: 0.25 s, 12 ms, 2.5 us."""
+    """Write a simulated time [s] for people: 0.25 s, 12 ms, 2.5 us."""
     for unit, scale in (("s", 1.0), ("ms", 1e-3)):
         if abs(seconds) >= 0.1 * scale:
             return f"{seconds / scale:.3g} {unit}"
@@ -131,7 +168,7 @@ def span(seconds: float) -> str:
 
 
 def _spelling_hint(units: str, unit: str | None, diameter: float | None) -> str:
-    """What `units` seem to be a misspelling of (`kg/m3`, `kg/m³`, `kg/m^-3`), as a remedy; empty if of nothing."""
+    """Remedy for misspelt `units` (`kg/m3`, `kg/m³`, `kg/m^-3`); empty without one."""
     raised = re.sub(r"(?<=[A-Za-z])([⁻⁰¹²³⁴⁵⁶⁷⁸⁹]+)", lambda found: "^" + found[1].translate(_RAISED), units)
     raised = re.sub(r"(?<=[A-Za-z])(-?\d)", r"^\1", raised)
     for candidate in (raised, re.sub(r"(/\s*[A-Za-z]+\^)-(\d)", r"\1\2", raised)):
@@ -144,7 +181,14 @@ def _spelling_hint(units: str, unit: str | None, diameter: float | None) -> str:
 
 
 def leading_number(text: str) -> tuple[str, float] | None:
-    """The number that a quantity begins with, as text and as value; None if it does not, or divides by zero."""
+    """Read the number that a quantity begins with.
+
+    Args:
+        text: Quantity.
+
+    Returns:
+        Number as text and as value; None if the text begins with none, or it divides by zero.
+    """
     match = _NUMBER.match(text.strip())
     try:
         return None if match is None else (match.group(), _number(match.group()))
@@ -153,15 +197,28 @@ def leading_number(text: str) -> tuple[str, float] | None:
 
 
 def without_noise(number: float) -> float:
-    """A number of few digits without the noise that arithmetic has put behind them: 0.30000000000000004 is 0.3, and a
-    third is what it was."""
+    """Round off the noise of arithmetic behind a number of few digits.
+
+    Args:
+        number: Number, such as 0.30000000000000004.
+
+    Returns:
+        Number of few digits, such as 0.3; `number` itself if it has many, as a third has.
+    """
     short = f"{number:.{DIGITS}g}"
     digits = short.partition("e")[0].lstrip("-0.").replace(".", "")
     return float(short) if len(digits) <= _FEW else number
 
 
 def whole(value: Any) -> Any:
-    """1e4 and 1.0e+3 as the whole numbers that they are, also as text, which YAML takes them for; all else as it is."""
+    """Make whole numbers of 1e4 and 1.0e+3, also of text, which YAML takes them for.
+
+    Args:
+        value: Value of a key.
+
+    Returns:
+        Whole number; `value` itself if it is none.
+    """
     if isinstance(value, str) and (leading := leading_number(value)) is not None and leading[0] == value.strip():
         number = leading[1]
     else:
@@ -189,7 +246,7 @@ _RATE = {"[time]": -1}
 
 @lru_cache(maxsize=4096)
 def _factor(units: str, unit: str | None, diameter: float | None) -> float:
-    """How many `unit` (SI; None: whatever it is in SI) one of `units` is. Raises ValueError."""
+    """Value of one of `units` in `unit`, or in SI without it; ValueError if they do not fit."""
     if units == "":
         if unit:
             raise ValueError(f"the unit is missing: write it as a quantity in {unit}")
@@ -221,8 +278,11 @@ def _factor(units: str, unit: str | None, diameter: float | None) -> float:
 
 
 def _turned(product: Any, unit: str, counts: bool) -> Any:
-    """The pint quantity `product` (in base units) in `unit`. An angle is no number, which it is to pint, but a turn of
-    2 pi rad is what a frequency counts. `counts`: whether the product is of a unit such as Hz, and not only 1/s."""
+    """Convert the pint quantity `product` (in base units) to `unit`.
+
+    An angle is no number, which it is to pint, but a turn of 2 pi rad is what a frequency counts. `counts`: the product
+    is of a unit such as Hz, and not only 1/s.
+    """
     registry = _registry()
     target = registry.Quantity(1.0, unit or "dimensionless")
     angle, needed = (dict(amount.to_base_units().unit_items()).get("radian", 0) for amount in (product, target))
@@ -239,13 +299,13 @@ def _turned(product: Any, unit: str, counts: bool) -> Any:
 
 
 def _unlike(units: Any, unit: str | None) -> str:
-    """What is needed instead of the pint unit `given`."""
+    """Reason against the pint unit `units` in place of `unit`."""
     requirement, symbol = f"a quantity in {unit}" if unit else "a number without unit", f"{units:~}"
     return f"{requirement} is needed, not {f'one in {symbol}' if symbol else 'a number without unit'}"
 
 
 def _unit_quantity(name: str, diameter: float | None):
-    """One of the unit `name`, as a pint quantity in base units."""
+    """Quantity of pint in base units: one of the unit `name`."""
     import pint
 
     registry = _registry()
@@ -265,7 +325,7 @@ def _unit_quantity(name: str, diameter: float | None):
 
 @dataclass(frozen=True)
 class Unit:
-    """Marks a field as a quantity in `symbol` (SI); found by tools that read or write studies."""
+    """Mark of a field as a quantity in `symbol` (SI), for tools that read or write studies."""
 
     symbol: str
 
@@ -287,7 +347,7 @@ class Unit:
         return without_noise(number) if context.get("units") == "required" else number
 
     def _diameter(self, info: ValidationInfo) -> float | None:
-        """What the unit `d` comes to [m]."""
+        """Length of the unit `d` [m]."""
         return (info.context or {}).get("d")
 
     @property
@@ -300,14 +360,14 @@ class Unit:
 
 
 class OfGrain(Unit):
-    """Marks a quantity of the grains themselves: its `d` is the `diameter` that stands before it."""
+    """Mark of a quantity of the grains themselves: its `d` is the `diameter` that stands before it."""
 
     def _diameter(self, info: ValidationInfo) -> float | None:
         return info.data.get("diameter")
 
 
 def quantity(symbol: str) -> tuple[Unit, BeforeValidator]:
-    """The pair of annotations that makes a float field a quantity in `symbol`."""
+    """Make the pair of annotations of a float field that is a quantity in `symbol`."""
     unit = Unit(symbol)
     return unit, BeforeValidator(unit)
 
@@ -332,7 +392,7 @@ _LISTED = re.compile(r"\s*\[(.*)\]\s*(.*?)\s*", re.DOTALL)
 
 
 def _listed(value: Any) -> Any:
-    """The items of a list in quotes, each with the unit that follows the list."""
+    """Items of a list in quotes, each with the unit that follows the list."""
     match = _LISTED.fullmatch(value) if isinstance(value, str) else None
     if match is None:
         return value
@@ -341,7 +401,7 @@ def _listed(value: Any) -> Any:
 
 
 listed = BeforeValidator(_listed)
-"""Marks a field of several quantities that a study may write as `[1, 2, 3] mm` in quotes."""
+"""Mark of a field of several quantities that a study may write as `[1, 2, 3] mm` in quotes."""
 
 # Limits keep every product of these finite; no granular matter lies near them.
 Length = Annotated[float, _m, _m_, Field(ge=1e-9, le=1e6)]
@@ -365,7 +425,7 @@ Whole = Annotated[int, Field(strict=True), _whole_]
 
 
 def duration(seconds: float) -> str:
-    """A time span for people, to two figures or so: 40 s, 12 min, 3.5 h, 2.1 d."""
+    """Write a time span [s] for people, to two figures or so: 40 s, 12 min, 3.5 h, 2.1 d."""
     if seconds < 90:
         return f"{seconds:.0f} s"
     if seconds < 90 * 60:
@@ -376,7 +436,7 @@ def duration(seconds: float) -> str:
 
 
 def size(count: float) -> str:
-    """Bytes for people: 40 kB, 1.2 MB, 3.5 GB."""
+    """Write a number of bytes for people: 40 kB, 1.2 MB, 3.5 GB."""
     for unit, scale in (("GB", 1e9), ("MB", 1e6), ("kB", 1e3)):
         if count >= scale:
             return f"{count / scale:.1f} {unit}"

@@ -118,7 +118,7 @@ def _reduced(first: float, second: float) -> float:
 
 @_anywhere
 def largest_stable_step(scene: Scene) -> float:
-    """The step [s] beyond which deep beds never come to rest, or explode.
+    """Compute the step beyond which deep beds never come to rest, or explode.
 
     A grain in a bed has several contacts at once. With w = pi dt/t_c (for a linear spring: its frequency times dt) and
     z the damping ratio, the explicit step is unstable where A w^2 + 2 B z w > 1. A and B are the law's, fitted to some
@@ -132,6 +132,12 @@ def largest_stable_step(scene: Scene) -> float:
     2 eta_r sqrt(I_r k_r) likewise is one of the damping ratio eta_r mu_r sqrt(0.35 c) at the distance R. Beds of 300
     spheres with mu_r from 0.3 to 2 and eta_r from 0 to 1 came to rest at 0.9 of this limit. Those with a dashpot did
     not at 1.3 of it.
+
+    Args:
+        scene: Scene.
+
+    Returns:
+        Time step [s].
     """
     law = scene.contact
     a, b = law.stability(isinstance(scene.grains, Spherocylinders))
