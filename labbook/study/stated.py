@@ -360,7 +360,7 @@ class ContactKeys(TypedDict, total=False):
     youngs_modulus: object
     """Young's modulus E of the grains' material, instead of `shear_modulus` = E/(2 (1 + ν)) [Pa]. Range: above 0."""
     tension: object
-    """Whether the normal force may pull as grains separate, as in the paper or code of the law."""
+    """The normal force may pull as grains separate, as in the paper or code of the law."""
     normal_stiffness: object
     """Normal stiffness k_n; or state `contact_time`, or `largest_overlap` with `impact_speed` [N/m]. Range: above
     0."""
@@ -541,7 +541,7 @@ class ContainerKeys(TypedDict, total=False):
     depth: object
     """Inner size along y [m]. Range: above 0."""
     lid: object
-    """Whether a plane closes the top."""
+    """A plane closes the top."""
     outlet_plane: object
     """Height z at which grains count as discharged; none: there is no outlet [m]."""
     planes: Sequence[ContainerPlanesKeys | object] | object
