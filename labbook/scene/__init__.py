@@ -3,15 +3,12 @@
 from labbook.scene.bodies import Bodies
 from labbook.scene.contact import (
     CONTACT_LAWS,
-    Between,
     ContactLaw,
     HertzLammps,
     HertzLiggghts,
     HertzMindlin,
     HertzPrinted,
     LinearSpringDashpot,
-    Surface,
-    SurfaceChange,
 )
 from labbook.scene.container import Box, Container, Primitives
 from labbook.scene.container_shape import ContainerShape, Outlet
@@ -24,6 +21,7 @@ from labbook.scene.restart import Restart
 from labbook.scene.round_silos import ConicalSilo, CylinderSilo
 from labbook.scene.scene import Scene
 from labbook.scene.sizes import LogNormal, Normal, SizeList, SizeTable, Uniform
+from labbook.scene.surface import Between, Surface, SurfaceChange
 from labbook.scene.walls import Frustum, Plane, Strip, SurfaceMotion, Wall
 from labbook.scene.wedge_hopper import WedgeHopper
 

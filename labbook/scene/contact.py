@@ -1,4 +1,4 @@
-"""Contact laws and the surfaces that they act between."""
+"""Contact laws: parameters, stiffness and time scales."""
 
 import math
 from abc import ABC, abstractmethod
@@ -8,23 +8,14 @@ from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal, NamedTuple,
 from pydantic import Field, ValidationInfo, model_validator
 
 from labbook.scene import damping
-from labbook.scene.material import (
-    TWICE,
-    Material,
-    OwnMaterial,
-    OwnModulus,
-    OwnRatio,
-    OwnStiffness,
-    PoissonRatio,
-    shear_modulus,
-)
+from labbook.scene.material import TWICE, Material, PoissonRatio, shear_modulus
 from labbook.scene.model import Fault, Model, Required, TaggedModels, refuse
 from labbook.scene.quantities import Coefficient, Duration, Length, Pressure, Ratio, Speed, Stiffness
+from labbook.scene.surface import Between, Restitution
 
 if TYPE_CHECKING:
     from labbook.scene.grains import Spheres, Spherocylinders
 
-Restitution = Annotated[Ratio, Field(gt=0, le=1)]
 Damping = Literal["clamped", "textbook", "printed"]
 Rolling = Literal["full", "rolling"]
 RollingModel = Literal["cdt", "epsd"]
@@ -40,77 +31,6 @@ critical one."""
 # The duration of an undamped collision by Hertz's law in units of (m_eff^2 / (R_eff E*^2 v))^{1/5}: twice the integral
 # of dx / sqrt(1 - x^{5/2}) from 0 to 1, times (15/16)^{2/5}.
 _HERTZ_DURATION = 0.8 * math.gamma(0.4) * math.gamma(0.5) / math.gamma(0.9) * (15 / 16) ** 0.4
-
-
-class Surface(Model):
-    """Friction, rolling friction and restitution of the contacts of two surfaces, all stated."""
-
-    friction: Coefficient
-    """Coulomb coefficient μ."""
-    rolling_friction: Coefficient
-    """Rolling friction coefficient μ_r."""
-    restitution: Restitution
-    """Coefficient of normal restitution, in (0, 1]."""
-
-    def changed(self, change: "ContactChange") -> "Surface":
-        """Replace values of the surface.
-
-        Args:
-            change: Values of its own, None where it has none.
-
-        Returns:
-            The surface with the values of `change` in place of its own.
-        """
-        values = change.friction, change.rolling_friction, change.restitution
-        if values == (None, None, None):
-            return self
-        changes = zip(("friction", "rolling_friction", "restitution"), values, strict=True)
-        return self.model_copy(update={key: value for key, value in changes if value is not None})
-
-
-class ContactChange(Model):
-    """Contact parameters of some contacts; a parameter that is None is that of the law."""
-
-    friction: Coefficient | None = None
-    """Coulomb coefficient."""
-    rolling_friction: Coefficient | None = None
-    """μ_r."""
-    restitution: Restitution | None = None
-    """Coefficient of normal restitution, in (0, 1]."""
-
-
-class SurfaceChange(ContactChange, OwnMaterial):
-    """Contact parameters and material of a wall; None: as between grains, and as in `contact`."""
-
-    friction: Coefficient | None = None
-    """Friction coefficient at this wall."""
-    rolling_friction: Coefficient | None = None
-    """Rolling friction coefficient μ_r at this wall."""
-    restitution: Restitution | None = None
-    """Coefficient of normal restitution at this wall, in (0, 1]."""
-    youngs_modulus: OwnModulus = None
-    """Young's modulus E of this wall's material, instead of `shear_modulus`."""
-    shear_modulus: OwnModulus = None
-    """Shear modulus G of this wall's material (laws by Hertz); none: as in `contact`."""
-    poisson_ratio: OwnRatio = None
-    """Poisson's ratio ν of this wall's material, only with a modulus; none: as in `contact`."""
-    normal_stiffness: OwnStiffness = None
-    """Normal stiffness k_n at this wall (law linear)."""
-
-
-class Between(ContactChange):
-    """Contact parameters between two kinds of grains; the same kind twice: of its grains with each other."""
-
-    kinds: tuple[str, str]
-    """Names of the two kinds, from `grains.kinds`."""
-    friction: Coefficient | None = None
-    """Friction coefficient between these kinds; for one kind named twice also at walls without their own."""
-    rolling_friction: Coefficient | None = None
-    """Rolling friction coefficient μ_r between these kinds; at walls as for `friction`."""
-    restitution: Restitution | None = None
-    """Coefficient of normal restitution between these kinds, in (0, 1]; at walls as for `friction`."""
-    normal_stiffness: OwnStiffness = None
-    """Normal stiffness k_n between these kinds (law linear); at walls as for `friction`."""
 
 
 class Softer(NamedTuple):

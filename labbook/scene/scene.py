@@ -7,7 +7,7 @@ from typing import Annotated, TypeVar
 
 from pydantic import Field, model_validator
 
-from labbook.scene.contact import AnyLaw, Between, ContactLaw, Surface, SurfaceChange, useless
+from labbook.scene.contact import AnyLaw, ContactLaw, useless
 from labbook.scene.container import Container
 from labbook.scene.drawing import describe, svg
 from labbook.scene.feed import Feed
@@ -17,6 +17,7 @@ from labbook.scene.mesh import TriangleMesh
 from labbook.scene.model import Fault, Model, refuse
 from labbook.scene.quantities import Acceleration
 from labbook.scene.restart import Restart
+from labbook.scene.surface import Between, Surface, SurfaceChange
 from labbook.scene.walls import Wall
 
 STANDARD_GRAVITY = 9.81

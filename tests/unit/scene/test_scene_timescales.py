@@ -7,8 +7,8 @@ import pytest
 from pydantic import ValidationError
 from scipy.integrate import solve_ivp
 
-from labbook.scene import HertzMindlin, LinearSpringDashpot, Scene, Spheres, WedgeHopper
-from labbook.scene.contact import ContactLaw, SurfaceChange
+from labbook.scene import HertzMindlin, LinearSpringDashpot, Scene, Spheres, SurfaceChange, WedgeHopper
+from labbook.scene.contact import ContactLaw
 from labbook.scene.timescales import collision, largest_stable_step, rayleigh
 
 GRAINS = Spheres(diameter=0.003, density=2500.0, count=3000)
