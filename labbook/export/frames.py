@@ -19,8 +19,15 @@ class NotRecorded(Exception):
 
 
 class Frame(NamedTuple):
-    """Time [s], positions [n, 3] and velocities [n, 3] (single precision) and ids [n] of a frame; orientations [n, 4]
-    of rods."""
+    """Grains at a time of a run.
+
+    Attributes:
+        time: Time since the opening [s].
+        x: Centres [m], shape [n, 3], in single precision.
+        v: Velocities [m/s], shape [n, 3], in single precision.
+        ids: Names of the grains, shape [n].
+        q: Orientations of rods as quaternions, shape [n, 4]; None for spheres.
+    """
 
     time: float
     x: np.ndarray
@@ -34,14 +41,32 @@ class Frame(NamedTuple):
         return np.linalg.norm(self.v, axis=1)
 
     def empty(self, time: float) -> "Frame":
-        """Such a frame at another time, without any grain."""
+        """Make a frame without grains.
+
+        Args:
+            time: Time since the opening [s].
+
+        Returns:
+            Empty frame.
+        """
         q = None if self.q is None else self.q[:0]
         return Frame(time, self.x[:0], self.v[:0], self.ids[:0], q)
 
 
 def frames_of_run(data: RunData, sample: Mapping[str, np.ndarray] | None, limit: int) -> list[Frame]:
-    """At most `limit` frames of a run from its opening to its end; sample: its recorded frames, columns id, time, x, y,
-    z, vx, vy, vz as the probe `Film` lists them. Raises NotRecorded if there are none."""
+    """Select frames of a run from its opening to its end.
+
+    Args:
+        data: Run.
+        sample: Its recorded frames, columns id, time, x, y, z, vx, vy, vz as the probe `Film` lists them.
+        limit: Largest number of frames.
+
+    Returns:
+        Frames by time.
+
+    Raises:
+        NotRecorded: The run kept no frames.
+    """
     late = sample is not None and float(np.min(sample["time"], initial=math.inf)) > 0
     frames = frames_of(sample, limit - late - (data.outcome == "emptied"))
     if late:
@@ -52,8 +77,18 @@ def frames_of_run(data: RunData, sample: Mapping[str, np.ndarray] | None, limit:
 
 
 def frames_of(table: Mapping[str, np.ndarray] | None, limit: int = FRAMES) -> list[Frame]:
-    """At most `limit` frames of a sample: all, every second, every third ... from the first on. Raises NotRecorded if
-    there are none."""
+    """Select frames of a sample: all, every second, every third ... from the first on.
+
+    Args:
+        table: Recorded frames, as of `frames_of_run`.
+        limit: Largest number of frames.
+
+    Returns:
+        Frames by time.
+
+    Raises:
+        NotRecorded: There are none.
+    """
     if table is None or not len(table["time"]):
         raise NotRecorded(
             "this run kept no frames: add `record: {every: 10 ms, replicates: 1}` to its study and run it"
@@ -71,7 +106,15 @@ def frames_of(table: Mapping[str, np.ndarray] | None, limit: int = FRAMES) -> li
 
 
 def at_opening(start: Packing, oriented: bool) -> Frame:
-    """The frame of the packing that a run started from."""
+    """Make the frame of the packing that a run started from.
+
+    Args:
+        start: Packing.
+        oriented: Give orientations of rods.
+
+    Returns:
+        Frame at time 0.
+    """
     start = start.entered
     assert start.ids is not None
     q = start.q.astype(np.float32) if oriented and start.q is not None else None
@@ -79,9 +122,16 @@ def at_opening(start: Packing, oriented: bool) -> Frame:
 
 
 def top_speed(scene: Scene, frames: Sequence[Frame]) -> float:
-    """Speed [m/s] at the upper end of the colours: only one grain in 200 exceeds it.
+    """Find the speed at the upper end of the colours: only one grain in 200 exceeds it.
 
     It is at least a hundredth of sqrt(g d), so that the last trembling of a bed at rest is not seen as motion.
+
+    Args:
+        scene: Scene of the run.
+        frames: Frames of the run.
+
+    Returns:
+        Speed [m/s].
     """
     rest = 0.01 * math.sqrt(scene.gravity * scene.grains.diameter)
     return max(rest, float(np.quantile(np.concatenate([frame.speed for frame in frames]), 0.995)))

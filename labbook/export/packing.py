@@ -22,11 +22,18 @@ MARGIN, BELOW = 2.0, 20.0
 
 
 class NotSpheres(Exception):
-    """A packing that these codes have no grains for; the message says which."""
+    """Packing of grains that these codes do not have; the message says which."""
 
 
 def check_spheres(study: Study) -> None:
-    """Raises NotSpheres for a study of rods."""
+    """Refuse rods.
+
+    Args:
+        study: Study.
+
+    Raises:
+        NotSpheres: A point of the study has rods.
+    """
     for point in study.points:
         _spheres(point.scene)
 
@@ -38,12 +45,22 @@ def _spheres(scene: Scene) -> Spheres:
 
 
 def data_file(packing: Packing, scene: Scene, title: str) -> str:
-    """The packing as text: of each grain its number and kind (both from 1), diameter, density, centre [m], velocity
-    [m/s] and angular velocity [rad/s], in digits that read back as the same numbers.
+    """Write a packing as text: number and kind (both from 1), diameter, density, centre and velocities of each grain.
 
-    Friction springs are not in it, since neither code reads any: contacts start without. The box is that of the grains
-    with a margin, and reaches below z = 0, where grains fall to; walls are no part of such a file. title: its first
-    line. Raises NotSpheres for rods.
+    Numbers are in SI units, in digits that read back as the same numbers. Friction springs are left out, since neither
+    code reads any: contacts start without. The box is that of the grains with a margin, and reaches below z = 0, where
+    grains fall to; walls are no part of such a file.
+
+    Args:
+        packing: Packing.
+        scene: Scene that it belongs to.
+        title: First line of the file.
+
+    Returns:
+        Text of the file.
+
+    Raises:
+        NotSpheres: The grains are rods.
     """
     grains = _spheres(scene)
     bodies = Bodies.of(grains, packing)
@@ -63,8 +80,15 @@ def data_file(packing: Packing, scene: Scene, title: str) -> str:
 
 
 def around(scene: Scene, packing: Packing) -> Bounds:
-    """Box of a data file [m], in which walls are meshed: two diameters wider than the grains, and down to where grains
-    fall."""
+    """Find the box of a data file, in which walls are meshed.
+
+    Args:
+        scene: Scene.
+        packing: Packing.
+
+    Returns:
+        Box two diameters wider than the grains, down to where grains fall [m].
+    """
     margin = MARGIN * scene.grains.diameter
     (left, front, low), (right, back, top) = (packing.x.min(axis=0) - margin).tolist(), packing.x.max(axis=0) + margin
     low = min(low, -BELOW * scene.grains.diameter)
@@ -82,9 +106,24 @@ def write_packings(
     say: Callable[[str], None] = lambda text: None,
     facets: int = AROUND,
 ) -> list[Path]:
-    """Write every packing that a run of the study started from, once, as `point-P-seed-S.data`, P the first point
-    (from 1) that shares it, and the walls of every point as `point-P-NAME.stl`, round ones as polygons of `facets`
-    corners; the paths. Raises NotSpheres, and Unreadable for a damaged packing."""
+    """Write every packing of a study's runs once, and the walls of every point.
+
+    Packings are `point-P-seed-S.data`, with the first point P (from 1) that shares it; walls are `point-P-NAME.stl`.
+
+    Args:
+        results: Results of the study.
+        place: Lab.
+        folder: Folder to write to, made if it is missing.
+        say: Function to call with the name of each run.
+        facets: Corners of the polygons in place of circles.
+
+    Returns:
+        Paths of the files.
+
+    Raises:
+        NotSpheres: The grains are rods.
+        Unreadable: A packing is damaged.
+    """
     paths, keys = [], set[str]()
 
     def write(name: str, text: str) -> None:

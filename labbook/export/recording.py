@@ -74,10 +74,21 @@ class RecordedRun:
 
     @classmethod
     def of(cls, data: RunData, sample: Mapping[str, np.ndarray] | None, name: str, **attributes: Any) -> "RecordedRun":
-        """The run with its recorded frames, columns id, time, x, y, z, vx, vy, vz as the probe `Film` lists them.
+        """Make a run ready for a recording.
 
-        attributes: the others. Contact forces are left out where there are more than FORCES places of grains. Raises
-        NotRecorded.
+        Contact forces are left out where there are more than FORCES places of grains.
+
+        Args:
+            data: Run.
+            sample: Its recorded frames, columns id, time, x, y, z, vx, vy, vz as the probe `Film` lists them.
+            name: Name of the run in the viewer.
+            attributes: All other attributes.
+
+        Returns:
+            Run with its frames.
+
+        Raises:
+            NotRecorded: The run kept no frames.
         """
         frames = frames_of_run(data, sample, max(FRAMES, POSITIONS // data.scene.grains.count))
         if sum(len(frame.ids) for frame in frames) > FORCES:
@@ -86,7 +97,20 @@ class RecordedRun:
 
     @classmethod
     def read(cls, folder: Path, record: RunRecord, name: str) -> "RecordedRun":
-        """The finished run in `folder`. Raises Unreadable (of labbook.lab) or NotRecorded."""
+        """Read a finished run.
+
+        Args:
+            folder: Folder of the run.
+            record: Its record.
+            name: Name of the run in the viewer.
+
+        Returns:
+            Run with its frames.
+
+        Raises:
+            Unreadable: Files of the run are damaged.
+            NotRecorded: The run kept no frames.
+        """
         data = run_data(folder, record)
         return cls.of(
             data, read_recording(folder, record), name, steady=steady_of(folder, record),
@@ -95,8 +119,15 @@ class RecordedRun:
 
 
 def steady_of(folder: Path, record: RunRecord) -> Steady | None:
-    """Window and mean of the flow rate of the run in `folder`, as evaluated when it ended; None without a window or a
-    mean."""
+    """Read window and mean of the flow rate, as evaluated when the run ended.
+
+    Args:
+        folder: Folder of the run.
+        record: Its record.
+
+    Returns:
+        Window and mean; None without either.
+    """
     result = stored(folder, MEASURES["flow_rate"], record.observe)
     trace = None if result is None else Trace.of(result.evaluation)
     if result is None or trace is None or trace.window is None:
@@ -108,8 +139,17 @@ def steady_of(folder: Path, record: RunRecord) -> Steady | None:
 
 
 def middle_of(folders: Sequence[Path]) -> float:
-    """Time [s] at which a viewer begins to play: the middle of the window of the first run with one, or of the first
-    run. Raises Unreadable."""
+    """Find the time at which a viewer begins to play.
+
+    Args:
+        folders: Folders of finished runs.
+
+    Returns:
+        Middle of the window of the first run that has one, else of the first run [s].
+
+    Raises:
+        Unreadable: Files of a run are damaged.
+    """
     records = [(folder, RunRecord.read(folder)) for folder in folders]
     windows = [steady for folder, record in records if (steady := steady_of(folder, record)) is not None]
     return (windows[0].begin + windows[0].end) / 2 if windows else records[0][1].coverage.duration / 2
@@ -124,16 +164,37 @@ def _mean_flow(record: RunRecord, data: RunData) -> Bed | None:
 
 
 def file_name(point: int, seed: int, discharge: int = 1) -> str:
-    """Name of a run's files, without their ending: `point-1-seed-1`; `point`: its index, from 0."""
+    """Name the files of a run.
+
+    Args:
+        point: Index of the point, from 0.
+        seed: Seed.
+        discharge: Number of the discharge, from 1.
+
+    Returns:
+        Name without an ending, such as `point-1-seed-1`.
+    """
     return f"point-{point + 1}-seed-{seed}" + (f"-discharge-{discharge}" if discharge > 1 else "")
 
 
 def of_run(folder: Path, lab: Path, study: str | None = None, point: Point | None = None) -> Path:
-    """The recording of the finished run in `folder`: lab/recordings/STUDY/point-1-seed-1-BACKEND.rrd.
+    """Make the recording of a finished run, lab/recordings/STUDY/point-1-seed-1-BACKEND.rrd, unless it is there.
 
-    It is made if it is not there yet, or if another run's or an older recording has that name. `study`, `point`: as
-    which the run is shown; None: as which it was made.
-    Raises Unreadable (of labbook.lab), NotRecorded or ViewerMissing.
+    It is made anew if a recording of another run or of an older version has that name.
+
+    Args:
+        folder: Folder of the run.
+        lab: Folder of the lab.
+        study: Study for which the run is shown; None: for which it was made.
+        point: Point of that study.
+
+    Returns:
+        Path of the recording.
+
+    Raises:
+        Unreadable: Files of the run are damaged.
+        NotRecorded: The run kept no frames.
+        ViewerMissing: rerun is not installed.
     """
     record = RunRecord.read(folder)
     path = path_of(lab / "recordings", record, study, point, ".rrd")
@@ -144,8 +205,20 @@ def of_run(folder: Path, lab: Path, study: str | None = None, point: Point | Non
 
 
 def of_runs(folders: Sequence[Path], path: Path) -> Path:
-    """The recording of several finished runs side by side on one clock, written to `path` (.rrd) unless that is it
-    already. Raises as `of_run` does."""
+    """Make the recording of several finished runs side by side on one clock, unless it is there.
+
+    Args:
+        folders: Folders of the runs.
+        path: File to write (.rrd).
+
+    Returns:
+        `path`.
+
+    Raises:
+        Unreadable: Files of a run are damaged.
+        NotRecorded: A run kept no frames.
+        ViewerMissing: rerun is not installed.
+    """
     records = [RunRecord.read(folder) for folder in folders]
     source = "+".join(recorded_from(folder, record) for folder, record in zip(folders, records, strict=True))
     if holds(path, source):
@@ -155,8 +228,18 @@ def of_runs(folders: Sequence[Path], path: Path) -> Path:
 
 
 def path_of(folder: Path, record: RunRecord, study: str | None, point: Point | None, ending: str) -> Path:
-    """File for a recording or a film of a run: FOLDER/STUDY/point-1-seed-1-BACKEND and an ending. study, point: for
-    which the run is shown; None: for which it was made."""
+    """Name the file of a recording or a film of a run, FOLDER/STUDY/point-1-seed-1-BACKEND and an ending.
+
+    Args:
+        folder: Folder of all recordings or films.
+        record: Record of the run.
+        study: Study for which the run is shown; None: for which it was made.
+        point: Point of that study.
+        ending: Ending of the name, with its dot.
+
+    Returns:
+        Path of the file.
+    """
     index = record.point if point is None else point.index
     name = f"{file_name(index, record.seed, record.discharge)}-{record.backend}{ending}"
     return folder / (study or record.study) / name
@@ -181,7 +264,18 @@ def recorded_from(folder: Path, record: RunRecord) -> str:
 
 
 def holds(path: Path, source: str) -> bool:
-    """Whether `path` is a recording from `source` as it would be written now. Raises ViewerMissing."""
+    """Compare a file with the recording that would be written now.
+
+    Args:
+        path: File, which need not exist.
+        source: Source of the recording (`recorded_from`).
+
+    Returns:
+        True if the file is a whole recording from that source by this version.
+
+    Raises:
+        ViewerMissing: rerun is not installed.
+    """
     identity = recording_id(source)
     if not path.exists():
         return False
@@ -194,16 +288,37 @@ def holds(path: Path, source: str) -> bool:
 
 
 def recording_id(source: str) -> str:
-    """What a recording from this source calls itself. Only the viewer's own and the next minor version are promised to
-    read it, so that the version is a part of it. Raises ViewerMissing."""
+    """Name the source of a recording inside its file.
+
+    Only the viewer's own and the next minor version are promised to read it, so the version is a part of the name.
+
+    Args:
+        source: Source of the recording (`recorded_from`).
+
+    Returns:
+        Identity of the recording.
+
+    Raises:
+        ViewerMissing: rerun is not installed.
+    """
     minor = ".".join(need_rerun().__version__.split(".")[:2])
     return f"{source}-{VERSION}-rerun-{minor}"
 
 
 def write(runs: Sequence[RecordedRun], path: Path, source: str, opens: str = "layers") -> Path:
-    """Write the recording of runs, side by side where there are several, to `path` (.rrd), in place by one rename.
+    """Write the recording of runs, side by side where there are several, in place by one rename.
 
-    source: of what it is (`recorded_from`); opens: name of the tab in front. Raises ViewerMissing.
+    Args:
+        runs: Runs with their frames.
+        path: File to write (.rrd).
+        source: Source of the recording (`recorded_from`).
+        opens: Name of the tab in front.
+
+    Returns:
+        `path`.
+
+    Raises:
+        ViewerMissing: rerun is not installed.
     """
     need_rerun()
     import rerun.blueprint as rrb
@@ -273,7 +388,14 @@ def _tabs(runs: Sequence[RecordedRun], roots: Sequence[str]) -> dict[str, Any]:
 
 
 def flow_curves(path: Path) -> list[FlowCurve]:
-    """Curves W(t) of a recording, with their names and windows."""
+    """Read the curves W(t) of a recording.
+
+    Args:
+        path: Recording (.rrd).
+
+    Returns:
+        Curves with their names and windows.
+    """
     need_rerun()
     from rerun.chunk import RrdReader
 
@@ -305,10 +427,21 @@ _WINDOW = "/window"
 def rrd_stream(
     path: Path, name: str, identity: str, layout, duration: float, window: tuple[float, float] | None = None
 ) -> Iterator[Any]:
-    """Open a stream of rerun to send to, which then is put in place as `path` (.rrd) by one rename.
+    """Open a stream of rerun; at its end the file is put in place by one rename.
 
-    `name` is shown in the viewer, with the views of `layout`; `identity`: what the recording calls itself; duration: of
-    the run [s]; window: times [s] that are marked. Raises ViewerMissing.
+    Args:
+        path: File to write (.rrd).
+        name: Name in the viewer.
+        identity: Identity of the recording (`recording_id`).
+        layout: Layout of the views.
+        duration: Duration of the run [s].
+        window: Times [s] that are marked on the clock.
+
+    Yields:
+        Stream of rerun.
+
+    Raises:
+        ViewerMissing: rerun is not installed.
     """
     rr = need_rerun()
     partial = path.with_name(f".{path.name}.{os.getpid()}")

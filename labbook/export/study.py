@@ -29,13 +29,23 @@ class NoParquet(Exception):
 def write_numbers(
     results: StudyResults, folder: Path, kind: Format, every: float | None = None, headings: bool = False
 ) -> list[Path]:
-    """Write every number of the analysis into `folder` (made if missing); the paths, one a table. Raises NoParquet, and
-    ValueError for another kind.
+    """Write every number of the analysis, one file a table.
 
     `units.json` beside the tables has the SI units of their columns; Parquet files have them as `attrs` too.
 
-    every: also the table `inside`, how many grains are inside at times so far apart [s]. headings: write units into
-    the headings of CSV files, as in `container.orifice [m]`, for spreadsheets.
+    Args:
+        results: Results of the study.
+        folder: Folder to write to, made if it is missing.
+        kind: Format of the tables.
+        every: Time between the rows of the table `inside`, the grains inside at times [s]; None: without it.
+        headings: Write units into the headings of CSV files, as in `container.orifice [m]`, for spreadsheets.
+
+    Returns:
+        Paths of the files.
+
+    Raises:
+        NoParquet: pandas has nothing to write Parquet with.
+        ValueError: There is no such format.
     """
     if kind not in get_args(Format):
         raise ValueError(f"kind: {kind!r} is none of {', '.join(get_args(Format))}")
@@ -64,11 +74,18 @@ def write_numbers(
 
 
 def write_recordings(results: StudyResults, folder: Path, say: Callable[[str], None] = lambda text: None) -> list[Path]:
-    """Write recorded runs as VTK, a file a frame and the walls in a folder a run, and the mean fields of each; the
-    paths.
+    """Write recorded runs as VTK, a file a frame and the walls in a folder a run, and the mean fields of each.
 
     ParaView opens `grains.vtk.series` of a run as one time series, with the times since the opening [s], and beside it
     `walls.vtk`.
+
+    Args:
+        results: Results of the study.
+        folder: Folder to write to.
+        say: Function to call with the name of each run.
+
+    Returns:
+        Paths of the files.
     """
     paths = []
     for result in results.points:
@@ -128,7 +145,17 @@ def _grains(result: PointResult, rows, folder: Path) -> list[Path]:
 
 
 def moving_walls(folder: Path, surfaces: list[DrawnWall], times: np.ndarray, label: str) -> list[Path]:
-    """Files of all walls at each time [s] and their series, where a part moves."""
+    """Write all walls at each time and their series, if a part moves.
+
+    Args:
+        folder: Folder to write to.
+        surfaces: Walls of the run.
+        times: Times since the opening [s].
+        label: Name of the run for the titles.
+
+    Returns:
+        Paths of the files; empty if no part moves.
+    """
     if all(wall.part is None for wall in surfaces):
         return []
     paths = [folder / f"walls-{number:04d}.vtk" for number in range(len(times))]

@@ -31,8 +31,16 @@ class ViewerFailed(Exception):
 
 
 def show(recordings: Sequence[Path], at: float) -> None:
-    """Open recordings (.rrd) in a window, playing from the time `at` [s] on, and wait until it is closed. Raises
-    ViewerMissing or ViewerFailed."""
+    """Open recordings in a window and wait until it is closed.
+
+    Args:
+        recordings: Recordings (.rrd).
+        at: Time from which they play [s].
+
+    Raises:
+        ViewerMissing: rerun is not installed.
+        ViewerFailed: The viewer did not open.
+    """
     port = _free_port()
     command = [*viewer_command(), "--port", str(port), *map(str, recordings)]
     viewer = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True, env=_plain())
@@ -56,11 +64,20 @@ def _play_from(viewer: subprocess.Popen, port: int, at: float) -> None:
 
 
 def screenshot(recording: Path, picture: Path, at: float = 0.4, size: tuple[int, int] = SIZE) -> None:
-    """Write a picture (.png) of the views that a recording opens with; needs no screen.
+    """Write a picture of the views that a recording opens with; needs no screen.
 
-    at: part of the run, from 0 to 1. size: width and height of the window in pixels. The views stand below one another,
-    without the viewer's own bars and panels; each is headed by its name, the first by the time too. Raises
-    ViewerMissing or ViewerFailed.
+    The views stand below one another, without the viewer's own bars and panels. Each is headed by its name, the first
+    by the time too.
+
+    Args:
+        recording: Recording (.rrd).
+        picture: File to write (.png).
+        at: Part of the run, from 0 to 1.
+        size: Width and height of the window in pixels.
+
+    Raises:
+        ViewerMissing: rerun is not installed.
+        ViewerFailed: The viewer drew nothing.
     """
     command, port = viewer_command(), _free_port()
     window = "x".join(map(str, size))
@@ -197,7 +214,7 @@ def _wait_until(deadline: float, complaint: str) -> None:
 
 
 def viewer_command() -> list[str]:
-    """The viewer's binary, listening to this machine only; the `rerun` script on the PATH is a wrapper."""
+    """Command of the viewer, listening to this machine only; the `rerun` script on the PATH is a wrapper."""
     need_rerun()
     import rerun_cli
 
@@ -205,7 +222,7 @@ def viewer_command() -> list[str]:
 
 
 def _plain() -> dict[str, str]:
-    """The environment, asking for messages without colours and without what does not matter."""
+    """Environment that asks for messages without colours, and for errors only."""
     return {**os.environ, "NO_COLOR": "1", "RUST_LOG": "error"}
 
 

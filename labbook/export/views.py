@@ -24,12 +24,20 @@ _OF_GRAINS = ("layers", "speed", "orientation")
 
 
 def front_view(scene: Scene, frames: Sequence[Frame], *, origin: str = "", name: str, by: str = "layers"):
-    """A view from the front of the grains and walls below the entity `origin`, all of them in all `frames`.
-
-    by: what grains are coloured by, `layers`, `speed` or `orientation`; or the entity that is shown with small and pale
-    grains, such as `forces`; `mean_flow` is shown without grains.
+    """Make a view from the front of grains and walls, all of them in all frames.
 
     A quasi-2D hopper is seen straight from the front, anything else from a little above.
+
+    Args:
+        scene: Scene of the run.
+        frames: Frames of the run.
+        origin: Entity above grains and walls.
+        name: Name of the view.
+        by: Property that grains are coloured by, `layers`, `speed` or `orientation`; or an entity beside small and pale
+            grains, such as `forces`. `mean_flow` is shown without grains.
+
+    Returns:
+        View of rerun.
     """
     rr = need_rerun()
     import rerun.blueprint as rrb
@@ -65,8 +73,15 @@ def front_view(scene: Scene, frames: Sequence[Frame], *, origin: str = "", name:
 
 
 def seen_from(scene: Scene, positions: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Where the eye is and the point that it looks at [m]: as near as can be with all grains at `positions`, shape
-    [n, 3], and the walls around them in view."""
+    """Place the eye as near as it can be with all grains and the walls around them in view.
+
+    Args:
+        scene: Scene.
+        positions: Centres of grains [m], shape [n, 3].
+
+    Returns:
+        Places [m] of the eye and of the point that it looks at, each of shape [3].
+    """
     walls = wall_points(scene, positions)
     reach = scene.grains.radius + scene.grains.half_length
     low = np.minimum(positions.min(axis=0) - reach, walls.min(axis=0, initial=np.inf))
@@ -85,8 +100,13 @@ def seen_from(scene: Scene, positions: np.ndarray) -> tuple[np.ndarray, np.ndarr
 
 
 def log_bars(stream, scene: Scene, fastest: float) -> None:
-    """Send the bars that say what colours up to the speed `fastest` [m/s] mean: of grains, with a row for each kind,
-    and of all else."""
+    """Send the bars of colours of speeds: of grains, with a row for each kind, and of all else.
+
+    Args:
+        stream: Stream of rerun.
+        scene: Scene of the run.
+        fastest: Speed at the upper end of the colours [m/s].
+    """
     rr = need_rerun()
     for path, kinds in ((_BAR, [kind.name for kind in scene.grains.kinds]), (_PLAIN, [])):
         bar = colour_bar(kinds, fastest)
@@ -94,7 +114,17 @@ def log_bars(stream, scene: Scene, fastest: float) -> None:
 
 
 def above_bar(views, scene: Scene, name: str, *, plain: bool = False):
-    """Views above the bar of their colours; plain: without a row for each kind of grains."""
+    """Put views above the bar of their colours.
+
+    Args:
+        views: Views of rerun.
+        scene: Scene of the run.
+        name: Name of the whole.
+        plain: Leave out the rows of the kinds of grains.
+
+    Returns:
+        Layout of rerun.
+    """
     import rerun.blueprint as rrb
 
     origin = f"/{_PLAIN if plain else _BAR}"
@@ -104,7 +134,15 @@ def above_bar(views, scene: Scene, name: str, *, plain: bool = False):
 
 
 def flow_rate_view(roots: Sequence[str], mean: str = ""):
-    """W(t) of the runs below these entities, with a legend where there are several; mean: of a single run."""
+    """Make a view of W(t), with a legend for several runs.
+
+    Args:
+        roots: Entities above the curves.
+        mean: Mean of a single run, as text.
+
+    Returns:
+        View of rerun.
+    """
     import rerun.blueprint as rrb
 
     contents = [f"+ /{below(root)}flow_rate/**" for root in roots]
@@ -115,8 +153,16 @@ def flow_rate_view(roots: Sequence[str], mean: str = ""):
 
 
 def playing(views, duration: float, window: tuple[float, float] | None = None):
-    """A blueprint of `views` alone, which plays a run of this duration [s] in _LASTS seconds, again and again; window:
-    times [s] that are marked on the clock."""
+    """Make a blueprint that plays a run in _LASTS seconds, again and again.
+
+    Args:
+        views: Layout of rerun; there is nothing else in the window.
+        duration: Duration of the run [s].
+        window: Times [s] that are marked on the clock.
+
+    Returns:
+        Blueprint of rerun.
+    """
     rr = need_rerun()
     import rerun.blueprint as rrb
 

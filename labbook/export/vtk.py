@@ -31,12 +31,24 @@ def write_grains(
     length: float | None = None,
     kinds: Sequence[str] = (),
 ) -> None:
-    """Grains as points at x [m], shape [n, 3], with their `radius` [m] and further `vectors` [n, 3] and `scalars` [n],
-    whole numbers among them. `kinds`: names of the values of the scalar `kind`, as the field array `kind_names`.
+    """Write grains as points.
 
-    Rods have their `axis`, shape [n, 3], and end-to-end `length` [m] besides: in ParaView a Glyph of type Cylinder,
-    scaled by both. Spheres: a Glyph of type Sphere, or Point Gaussian, scaled by radius. Raises ValueError for columns
-    of other lengths.
+    In ParaView, spheres are a Glyph of type Sphere, or Point Gaussian, scaled by radius. Rods are a Glyph of type
+    Cylinder, scaled by axis and length.
+
+    Args:
+        path: File to write.
+        title: First line of the file.
+        x: Centres [m], shape [n, 3].
+        radius: Radii [m], shape [n], or one of all grains.
+        vectors: Further vectors by name, each of shape [n, 3].
+        scalars: Further numbers by name, each of shape [n]; whole numbers stay whole.
+        axis: Unit vectors along rods, shape [n, 3].
+        length: End-to-end length of rods [m].
+        kinds: Names of the values of the scalar `kind`, for the field array `kind_names`.
+
+    Raises:
+        ValueError: A column has another length.
     """
     n = len(x)
     numbers = {"radius": np.broadcast_to(np.asarray(radius, float), (n,)), **(scalars or {})}
@@ -51,8 +63,15 @@ def write_grains(
 
 
 def write_walls(path: Path, title: str, meshes: Mapping[str, Mesh]) -> None:
-    """Walls as triangles [m], each with the number of its wall in the scalar `wall`; the field array `wall_names` has
-    their names."""
+    """Write walls as triangles, with the number of its wall for each of them.
+
+    The scalar is `wall`; the field array `wall_names` has the names.
+
+    Args:
+        path: File to write.
+        title: First line of the file.
+        meshes: Meshes by name of the wall.
+    """
     vertices = np.concatenate([np.empty((0, 3)), *(mesh.vertices for mesh in meshes.values())])
     firsts = np.cumsum([0, *(len(mesh.vertices) for mesh in meshes.values())])[:-1]
     corners = [mesh.triangles + first for mesh, first in zip(meshes.values(), firsts, strict=True)]
@@ -66,17 +85,29 @@ def write_walls(path: Path, title: str, meshes: Mapping[str, Mesh]) -> None:
 
 
 def write_series(path: Path, files: Sequence[Path], times: Sequence[float] | np.ndarray) -> None:
-    """A series for ParaView: `files` beside `path`, whose name ends in .vtk.series, with their times [s]."""
+    """Write a series for ParaView.
+
+    Args:
+        path: File to write; its name ends in .vtk.series.
+        files: VTK files in the same folder.
+        times: Their times [s].
+    """
     entries = [{"name": file.name, "time": float(time)} for file, time in zip(files, times, strict=True)]
     text = json.dumps({"file-series-version": "1.0", "files": entries}, indent=1)
     write_bytes(path, (text + "\n").encode("ascii"), durable=False)
 
 
 def write_fields(path: Path, title: str, fields: Fields) -> None:
-    """Fields as points of a regular grid: of a layer at y = 0, of rings with x for r (and no y).
+    """Write fields as points of a regular grid: of a layer at y = 0, of rings with x for r (and no y).
 
-    Density, packing fraction, velocity, kinetic pressure and stress, contact stress where there is one, and of rods the
-    nematic order and the orientation. Tensors have the axes of the grid: on rings r, t, z. Unknown values are NaN.
+    They are density, packing fraction, velocity, kinetic pressure and stress, contact stress where there is one, and of
+    rods the nematic order and the orientation. Tensors have the axes of the grid: on rings r, t, z. Unknown values are
+    NaN.
+
+    Args:
+        path: File to write.
+        title: First line of the file.
+        fields: Fields.
     """
     grid = fields.grid
     origin, spacing, counts = _lattice(grid)
@@ -132,7 +163,7 @@ def _attributes(n: int, scalars: Mapping, vectors: Mapping, tensors: Mapping, re
 
 
 def _names(array: str, names: Sequence[str]) -> Iterable[str | bytes]:
-    """A field array of texts, each after a byte with its length; nothing without names."""
+    """Field array of texts, each after a byte with its length; empty without names."""
     if not names:
         return
     encoded = [name.encode("ascii", errors="replace")[:_SHORT] for name in names]

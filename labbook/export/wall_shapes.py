@@ -1,4 +1,4 @@
-"""What walls look like in recordings: their meshes around the bed, plates and panes as polygons."""
+"""Walls in recordings: their meshes around the bed, plates and panes as polygons."""
 
 import math
 from collections.abc import Iterator, Sequence
@@ -20,10 +20,15 @@ Colour = tuple[int, int, int, int]
 
 @dataclass(frozen=True)
 class DrawnWall:
-    """A wall as it is drawn: its mesh with lines along its edges, colour, and how fast it turns [rad/s].
+    """Wall in a picture or a recording.
 
-    spokes: of one that turns, lines [2, 3] by which that is seen; they reach beyond its edge, where no grain hides
-    them. part: the wall, if it moves as a whole or vanishes at a time; the mesh is that of the opening.
+    Attributes:
+        name: Name of the wall.
+        mesh: Mesh with lines along its edges; of a part, at the opening.
+        colour: RGBA.
+        spin: Angular velocity about the axis x = y = 0 [rad/s].
+        spokes: Lines, each of shape [2, 3], that show the rotation; they end beyond the edge, where no grain is.
+        part: Wall itself if it moves as a whole or vanishes at a time; else None.
     """
 
     name: str
@@ -34,7 +39,14 @@ class DrawnWall:
     part: Wall | None = None
 
     def at(self, times: Sequence[float] | np.ndarray) -> Iterator[Mesh]:
-        """Mesh of the wall at times [s]."""
+        """Mesh the wall at times of the discharge.
+
+        Args:
+            times: Times since the opening [s].
+
+        Yields:
+            Mesh at each time.
+        """
         if self.part is None:
             yield from (self.mesh for _ in times)
             return
@@ -43,7 +55,14 @@ class DrawnWall:
             yield replace(self.mesh, vertices=poses.places(k, self.mesh.vertices))
 
     def poses(self, times: Sequence[float] | np.ndarray) -> Poses:
-        """Poses of a part at times [s]; one that has vanished is a point."""
+        """Compute the poses of a part.
+
+        Args:
+            times: Times since the opening [s], shape [n].
+
+        Returns:
+            Poses; a part that has vanished is a point.
+        """
         assert self.part is not None
         poses = self.part.poses(np.asarray(times, float))
         removed = np.asarray(times, float) >= (math.inf if self.part.removal is None else self.part.removal)
@@ -53,9 +72,16 @@ class DrawnWall:
 
 
 def drawn_walls(scene: Scene, positions: np.ndarray) -> Iterator[DrawnWall]:
-    """Every wall of the scene around the grains' `positions` [n, 3] in m, cut a little above them.
+    """Mesh all walls of a scene around its grains, cut a little above them.
 
     A pane in front of plates or behind them, as of a quasi-2D hopper, ends where they do, and they at it.
+
+    Args:
+        scene: Scene.
+        positions: Centres of grains [m], shape [n, 3].
+
+    Yields:
+        Walls that lie around the grains.
     """
     r = scene.grains.radius
     low, high = positions.min(axis=0) - r, positions.max(axis=0) + r
@@ -80,14 +106,14 @@ def drawn_walls(scene: Scene, positions: np.ndarray) -> Iterator[DrawnWall]:
 
 
 def _up_to(top: float, wall: Bounds, low: Point3, high: Point3) -> Bounds:
-    """A box that cuts a wall at z = `top` [m], and along axes without an end from `low` to `high` [m]."""
+    """Box that cuts a wall at z = `top` [m], and along axes without an end from `low` to `high` [m]."""
     inf = np.inf
     x, y, z = zip(np.where(wall.endless, low, -inf).tolist(), np.where(wall.endless, high, inf).tolist(), strict=True)
     return Bounds((x[0], y[0], z[0]), (x[1], y[1], top))
 
 
 def _cut(line: Segment, top: float) -> Segment:
-    """The part of a line (x, z) [m] below z = `top`; all of one that begins above."""
+    """Part of a line (x, z) [m] below z = `top`; all of a line that begins above."""
     lower, upper = sorted(line, key=lambda end: end[1])
     if upper[1] > top > lower[1]:
         part = (top - lower[1]) / (upper[1] - lower[1])
@@ -96,7 +122,7 @@ def _cut(line: Segment, top: float) -> Segment:
 
 
 def _pane(plates: list[Segment], y: float) -> Mesh | None:
-    """The smallest convex pane at `y` [m] that all plates fit in; None if they lie on one line."""
+    """Smallest convex pane at `y` [m] that all plates fit in; None if they lie on one line."""
     from scipy.spatial import ConvexHull, QhullError
 
     edges = np.array(plates).reshape(-1, 2)
@@ -118,6 +144,14 @@ def _spokes(mesh: Mesh, radius: float) -> tuple[np.ndarray, ...]:
 
 
 def wall_points(scene: Scene, positions: np.ndarray) -> np.ndarray:
-    """Points [n, 3] in m with all between them that is drawn of walls around the grains' `positions` [n, 3]."""
+    """Find the extent of the walls around grains in a picture.
+
+    Args:
+        scene: Scene.
+        positions: Centres of grains [m], shape [n, 3].
+
+    Returns:
+        Vertices of the walls and ends of their spokes [m], shape [m, 3].
+    """
     points = [np.concatenate([wall.mesh.vertices, *wall.spokes]) for wall in drawn_walls(scene, positions)]
     return np.concatenate([np.empty((0, 3)), *points])
