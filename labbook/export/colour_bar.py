@@ -9,7 +9,7 @@ import numpy as np
 from labbook.picture import KIND_COLOURS
 
 BACKGROUND = (244, 245, 247)
-"""Behind grains and bars."""
+"""Colour behind grains and bars."""
 
 _WIDTH, _ROW, _TEXT = 900, 16, 54  # pixels: of a bar, height of a row of it, room for ticks and title below
 _LABEL = 130  # pixels left and right of a bar
@@ -18,9 +18,16 @@ _APART = 0.06  # of a bar's width: least distance of two numbers
 
 
 def speed_colours(speed: np.ndarray, top_speed: float) -> np.ndarray:
-    """RGBA bytes, shape [n, 4], of `speed` [m/s] on a square-root scale from 0 (dark) to `top_speed` (yellow).
+    """Colour speeds on a square-root scale from 0 (dark) to the top speed (yellow).
 
     The square root keeps slow zones, at a few per cent of the outlet's speed, apart from those at rest.
+
+    Args:
+        speed: Speeds [m/s], shape [n].
+        top_speed: Speed at the upper end of the scale [m/s].
+
+    Returns:
+        RGBA bytes, shape [n, 4].
     """
     from matplotlib import colormaps
 
@@ -28,9 +35,17 @@ def speed_colours(speed: np.ndarray, top_speed: float) -> np.ndarray:
 
 
 def kind_colours(kind: np.ndarray, speed: np.ndarray, top_speed: float) -> np.ndarray:
-    """RGBA bytes, shape [n, 4]: a colour a kind (places, shape [n]), two thirds white at `top_speed` [m/s] and beyond.
+    """Colour grains by kind, two thirds white at the top speed and beyond.
 
     Speeds count by their square roots, as in `speed_colours`.
+
+    Args:
+        kind: Places in `grains.kinds`, shape [n].
+        speed: Speeds [m/s], shape [n].
+        top_speed: Speed at the upper end of the scale [m/s].
+
+    Returns:
+        RGBA bytes, shape [n, 4].
     """
     plain = KIND_COLOURS[kind % len(KIND_COLOURS)]
     mixed = plain + (255 - plain) * (_part(speed, top_speed) * 2 / 3)[:, None]
@@ -38,7 +53,15 @@ def kind_colours(kind: np.ndarray, speed: np.ndarray, top_speed: float) -> np.nd
 
 
 def colour_bar(kinds: Sequence[str], top_speed: float) -> bytes:
-    """A picture (PNG) of the colours from 0 to `top_speed` [m/s]: one row, or one for each of these kinds."""
+    """Draw the bar of colours from 0 to the top speed.
+
+    Args:
+        kinds: Names of the kinds, a row for each; one row without kinds.
+        top_speed: Speed at the upper end of the scale [m/s].
+
+    Returns:
+        Picture (PNG).
+    """
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
 
@@ -73,7 +96,14 @@ def two_digits(value: float) -> str:
 
 
 def speed_ticks(top_speed: float) -> list[float]:
-    """0, round speeds between, and `top_speed` [m/s]: far enough apart on the square-root scale to be read."""
+    """Choose ticks that are far enough apart on the square-root scale to be read.
+
+    Args:
+        top_speed: Speed at the upper end of the scale [m/s].
+
+    Returns:
+        0, round speeds, and `top_speed` [m/s].
+    """
     if top_speed <= 0:
         return [0.0]
     decade = math.floor(math.log10(top_speed))

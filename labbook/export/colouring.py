@@ -21,7 +21,7 @@ _TICKS = (0, 30, 60, 90)  # degrees
 
 
 class NoColouring(Exception):
-    """Grains of a scene cannot be coloured so; the message says why and what to do."""
+    """Grains of a scene do not have the property to colour them by; the message says why and what to do."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -57,7 +57,21 @@ class Colouring:
 
     @classmethod
     def of(cls, by: str, scene: Scene, start: Packing, frames: Sequence[Frame], top: float = 0.0) -> "Colouring":
-        """Colouring for these frames; top: upper end of the scale of forces [N]. Raises NoColouring."""
+        """Choose colours for frames of a run.
+
+        Args:
+            by: Property, among COLOURS.
+            scene: Scene of the run.
+            start: Packing that the run started from.
+            frames: Frames of the run, for the scale of speeds.
+            top: Upper end of the scale of forces [N].
+
+        Returns:
+            Colouring.
+
+        Raises:
+            NoColouring: The grains do not have that property.
+        """
         if by not in COLOURS:
             raise NoColouring(f"no colouring is called {by}; use one of {', '.join(COLOURS)}")
         if by == "orientation" and isinstance(scene.grains, Spheres):
@@ -128,5 +142,5 @@ def weight_of(scene: Scene, start: Packing) -> float:
 
 
 def _beyond(ticks: Sequence[tuple[float, str]], top: float) -> tuple[tuple[float, str], ...]:
-    """Ticks of which the last says that the scale ends there, and values do not."""
+    """Mark the last tick as the end of the scale, which values exceed."""
     return (*ticks[:-1], (1.0, f"≥ {two_digits(top)}"))

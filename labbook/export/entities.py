@@ -40,7 +40,14 @@ class ViewerMissing(Exception):
 
 
 class Steady(NamedTuple):
-    """Window of a run and its mean: begin and end [s], W and its standard error [g/s]."""
+    """Window of a run and the mean over it.
+
+    Attributes:
+        begin: Begin of the window [s].
+        end: End of the window [s].
+        rate: Mean flow rate W [g/s].
+        error: Its standard error [g/s].
+    """
 
     begin: float
     end: float
@@ -49,12 +56,19 @@ class Steady(NamedTuple):
 
     @property
     def mean(self) -> str:
-        """The mean with its error."""
+        """Mean with its error, as text."""
         return f"{with_error(self.rate, self.error)} g/s"
 
 
 def need_rerun():
-    """The rerun package. Raises ViewerMissing."""
+    """Import rerun.
+
+    Returns:
+        The package.
+
+    Raises:
+        ViewerMissing: It is not installed.
+    """
     try:
         import rerun
     except ImportError as error:
@@ -63,11 +77,18 @@ def need_rerun():
 
 
 def log_grains(stream, root: str, scene: Scene, start: Packing, frames: Sequence[Frame], fastest: float) -> None:
-    """Send grains and the walls around them, below the entity `root`.
+    """Send grains and the walls around them.
 
-    Grains have the colours of their layers, and beside them those of speeds up to `fastest` [m/s] and of orientations,
-    which views choose (`labbook.export.views.front_view`). `start`: the packing that they began from, which says what
-    each is.
+    Grains have the colours of their layers, and beside them those of speeds and of orientations, which views choose
+    (`labbook.export.views.front_view`).
+
+    Args:
+        stream: Stream of rerun.
+        root: Entity above grains and walls.
+        scene: Scene of the run.
+        start: Packing that the run started from, with sizes and kinds of the grains.
+        frames: Frames of the run.
+        fastest: Speed at the upper end of the colours [m/s].
     """
     rr = need_rerun()
     at = below(root)
@@ -110,7 +131,15 @@ def log_grains(stream, root: str, scene: Scene, start: Packing, frames: Sequence
 
 
 def log_walls(stream, root: str, scene: Scene, positions: np.ndarray, times: Sequence[float]) -> None:
-    """Send the walls around the grains' `positions` [n, 3] in m, at times [s] if they move."""
+    """Send the walls around grains.
+
+    Args:
+        stream: Stream of rerun.
+        root: Entity above the walls.
+        scene: Scene of the run.
+        positions: Centres of grains [m], shape [n, 3].
+        times: Times of the poses of walls that move [s].
+    """
     rr = need_rerun()
     clock, edge = rr.TimeColumn(CLOCK, duration=times), rr.components.Radius.ui_points(_EDGE)
     for wall in drawn_walls(scene, positions):
@@ -167,9 +196,17 @@ def send_velocities(stream, root: str, scene: Scene, frames: Sequence[Frame], fa
 
 
 def paths_of(frames: Sequence[Frame], ids: np.ndarray, diameter: float) -> list[tuple[int, np.ndarray]]:
-    """Paths of grains: the id of each, and its places [m], shape [k, 3], from frame to frame.
+    """Trace the paths of grains from frame to frame.
 
     A path ends where a grain that had left was put back: there it is farther away than its speeds allow.
+
+    Args:
+        frames: Frames of the run.
+        ids: Names of the grains.
+        diameter: Diameter of a grain [m], the slack of a step.
+
+    Returns:
+        Name of the grain and places [m], shape [k, 3], of each path.
     """
     rows = {
         int(grain): [(frame, int(at[0])) for frame in frames if len(at := np.flatnonzero(frame.ids == grain))]
@@ -231,8 +268,16 @@ def log_mean_flow(stream, root: str, bed: Bed, fastest: float) -> None:
 def send_flow_rate(
     stream, root: str, curve: tuple[np.ndarray, np.ndarray], steady: Steady | None, name: str, number: int = 0
 ) -> None:
-    """Send W(t), times [s] and rates [g/s], as scalars on the clock of the grains, with a box from the beginning of the
-    window to its end, as high as the mean; name: of the curve; number: place among runs side by side, from 0."""
+    """Send W(t) as scalars on the clock of the grains, with a box over the window, as high as the mean.
+
+    Args:
+        stream: Stream of rerun.
+        root: Entity above the curve.
+        curve: Times [s] and rates [g/s], each of shape [n].
+        steady: Window and mean; None: no box.
+        name: Name of the curve.
+        number: Place among runs side by side, from 0.
+    """
     rr = need_rerun()
     path, colour = f"{below(root)}flow_rate", COLOURS[number % len(COLOURS)]
     stream.log(path, rr.SeriesLines(colors=colour, widths=2 * _BOX, names=name), static=True)
@@ -247,5 +292,5 @@ def send_flow_rate(
 
 
 def below(root: str) -> str:
-    """Beginning of the paths of entities below `root`."""
+    """Prefix of the paths of entities below `root`."""
     return f"{root}/" if root else ""

@@ -94,8 +94,25 @@ class Shot(NamedTuple):
         cls, data: RunData, sample: Mapping[str, np.ndarray] | None, by: str, title: str, backend: str,
         window: tuple[float, float] | None = None,
     ) -> "Shot":  # fmt: skip
-        """The run of a backend with its recorded frames (`read_recording`). Raises NotRecorded, NoColouring, NoForces
-        or BackendMissing."""
+        """Make a run ready for a film.
+
+        Args:
+            data: Run.
+            sample: Its recorded frames (`read_recording`).
+            by: Property that grains are coloured by.
+            title: Heading of the picture.
+            backend: Name of the backend that made the run.
+            window: Begin and end of the window of W [s].
+
+        Returns:
+            Run with its frames and colours.
+
+        Raises:
+            NotRecorded: The run kept no frames.
+            NoColouring: The grains do not have that property.
+            NoForces: The backend does not tell contact forces.
+            BackendMissing: The backend is not installed.
+        """
         frames, forces, top = frames_of_run(data, sample, _LIMIT), None, 0.0
         if by == "force":
             made_by = load_to_plan(backend)
@@ -124,7 +141,14 @@ _LIMIT = 2000  # frames of a run among which a film chooses
 
 
 class FilmFile(NamedTuple):
-    """A film that was written: its file, number of frames, pixels (width, height), and duration [s]."""
+    """File of a film.
+
+    Attributes:
+        path: File.
+        frames: Number of frames.
+        pixels: Width and height.
+        seconds: Duration [s].
+    """
 
     path: Path
     frames: int
@@ -177,8 +201,21 @@ def sweep_film(
 
 
 def of_run(folder: Path, path: Path, study: str | None = None, point: Point | None = None) -> Path:
-    """The film of a recorded run with its layers, written to `path` (.webp) unless that is it already. study, point: as
-    of `shot_of_run`, which says what is raised."""
+    """Make the film of a recorded run with its layers, unless it is there.
+
+    Args:
+        folder: Folder of the run.
+        path: File to write (.webp).
+        study: Study for which the run is shown; None: for which it was made.
+        point: Point of that study.
+
+    Returns:
+        `path`.
+
+    Raises:
+        Unreadable: Files of the run are damaged.
+        NotRecorded: The run kept no frames.
+    """
     source = source_of_film(RunRecord.read(folder))
     if not shows(path, source):
         film(shot_of_run(folder, "layers", study, point), path, source=source)
@@ -186,12 +223,12 @@ def of_run(folder: Path, path: Path, study: str | None = None, point: Point | No
 
 
 def source_of_film(record: RunRecord) -> str:
-    """Run of a film and the version of its drawing."""
+    """Source of a film: the run and the version of the drawing."""
     return f"{source_of(record)}-film-{VERSION}"
 
 
 def source_of_sweep(records: Sequence[RunRecord]) -> str:
-    """Runs of a film of a sweep and the version of its drawing."""
+    """Source of a film of a sweep: the runs and the version of the drawing."""
     return hashlib.blake2b("+".join(map(source_of_film, records)).encode(), digest_size=16).hexdigest()
 
 
@@ -207,8 +244,24 @@ def shows(path: Path, source: str) -> bool:
 
 
 def shot_of_run(folder: Path, by: str, study: str | None = None, point: Point | None = None) -> Shot:
-    """The recorded run in `folder`, for a film; study, point: for which it is shown (None: for which it was made).
-    Raises Unreadable (of labbook.lab) and what `Shot.of` does."""
+    """Read a recorded run for a film.
+
+    Args:
+        folder: Folder of the run.
+        by: Property that grains are coloured by.
+        study: Study for which the run is shown; None: for which it was made.
+        point: Point of that study.
+
+    Returns:
+        Run with its frames and colours.
+
+    Raises:
+        Unreadable: Files of the run are damaged.
+        NotRecorded: The run kept no frames.
+        NoColouring: The grains do not have that property.
+        NoForces: The backend does not tell contact forces.
+        BackendMissing: The backend is not installed.
+    """
     record = RunRecord.read(folder)
     steady = steady_of(folder, record)
     return Shot.of(
@@ -221,8 +274,21 @@ def of_sweep(
     shots: Sequence[tuple[Mapping[str, float | str], Shot]], path: Path, *, seconds: float = SECONDS, size: int = TILE,
     source: str = "",
 ) -> FilmFile:  # fmt: skip
-    """Write a film of a sweep: runs with the values of their swept keys [SI]. Columns are by the key with most values,
-    rows by all others. source: as of `film`. Raises NoFilm."""
+    """Write a film of a sweep: columns by the key with most values, rows by all others.
+
+    Args:
+        shots: Runs with the values of their swept keys [SI].
+        path: File to write, with an ending among FORMATS.
+        seconds: Duration of the film [s].
+        size: Pixels of the longer side of each picture of a bed.
+        source: As of `film`.
+
+    Returns:
+        File of the film.
+
+    Raises:
+        NoFilm: As of `film`.
+    """
     places = placement([at for at, _ in shots], row_keys=None)
     columns = [display.setting(places.column, value) if value is not None else "" for value in places.columns]
     rows = [
@@ -234,7 +300,14 @@ def of_sweep(
 
 
 def check(path: Path) -> None:
-    """Raises NoFilm for a file whose format cannot be written here."""
+    """Refuse a file whose format cannot be written here.
+
+    Args:
+        path: File to write.
+
+    Raises:
+        NoFilm: The format is unknown or needs an encoder that is not installed.
+    """
     if path.suffix.lower() not in FORMATS:
         raise NoFilm(f"{path.name}: no film has the ending {path.suffix or 'of nothing'}; use {', '.join(FORMATS)}")
     if path.suffix.lower() == ".mp4" and encoder() is None:
@@ -276,7 +349,7 @@ class Camera:
         self._last: tuple[int, Image] | None = None
 
     def at(self, time: float) -> "Image":
-        """The bed in the last frame before a time [s]."""
+        """Draw the bed in the last frame before a time [s]."""
         from PIL import Image
 
         k = max(0, int(np.searchsorted(self._clock, time * (1 + 1e-9), side="right")) - 1)

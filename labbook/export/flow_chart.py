@@ -14,14 +14,21 @@ if TYPE_CHECKING:
 QUIET = (96, 104, 116)
 """Colour of axes and of text beside pictures."""
 COLOURS = ((0, 114, 178), (213, 94, 0), (0, 158, 115), (204, 121, 167))
-"""Of the curves of runs side by side."""
+"""Colours of the curves of runs side by side."""
 _MARGINS = (52, 12, 14, 38)  # pixels around the axes: left, right, above, below
 _LEGEND = 14  # pixels more above the axes of several curves
 _OPAQUE, _PALE = "22", "30"  # of 255, in hexadecimal: of the area below a curve, and of a window
 
 
 class FlowCurve(NamedTuple):
-    """W(t) of a run: times [s] and rates [g/s], shape [n]; its name; begin and end [s] of the window of its mean."""
+    """Flow rate W(t) of a run.
+
+    Attributes:
+        time: Times [s], shape [n].
+        rate: Rates [g/s], shape [n].
+        name: Name of the run.
+        window: Begin and end of the window of the mean [s].
+    """
 
     time: np.ndarray
     rate: np.ndarray
@@ -30,7 +37,7 @@ class FlowCurve(NamedTuple):
 
 
 class FlowChart:
-    """W(t) of runs that grows up to a time `end` [s], in a picture of `width` x `height` pixels."""
+    """Chart of W(t) of runs that grows up to a time `end` [s], in a picture of `width` x `height` pixels."""
 
     def __init__(self, curves: Sequence[FlowCurve], end: float, width: int, height: int):
         self._curves, self._end = curves, end or 1.0
@@ -38,14 +45,14 @@ class FlowChart:
         self._left, self._right = _MARGINS[0], width - _MARGINS[1]
 
     def at(self, time: float) -> "Image":
-        """The curves up to a time [s]."""
+        """Draw the curves up to a time [s]."""
         x = round(self._left + min(time / self._end, 1.0) * (self._right - self._left))
         chart = self._axes.copy()
         chart.paste(self._whole.crop((0, 0, x, self.height)), (0, 0))
         return chart
 
     def with_mark(self, time: float) -> "Image":
-        """The whole curves with a line at a time [s]."""
+        """Draw the whole curves with a line at a time [s]."""
         from PIL import ImageDraw
 
         x = round(self._left + min(time / self._end, 1.0) * (self._right - self._left))
@@ -101,5 +108,5 @@ class FlowChart:
 
 
 def hexadecimal(colour: tuple[int, int, int]) -> str:
-    """An RGB colour as `#rrggbb`."""
+    """Write an RGB colour as `#rrggbb`."""
     return "#{:02x}{:02x}{:02x}".format(*colour)

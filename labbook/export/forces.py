@@ -54,7 +54,15 @@ def pair_forces(backend: Backend, scene: Scene, numerics: Numerics, start: Packi
 
 
 def packing_of(start: Packing, frame: Frame) -> Packing:
-    """The grains of a frame as a packing at rest, with the sizes and kinds that they have in `start`."""
+    """Make a packing at rest of a frame.
+
+    Args:
+        start: Packing that the run started from, with sizes and kinds of the grains.
+        frame: Frame.
+
+    Returns:
+        Packing of the grains of the frame.
+    """
     rows = start.rows(frame.ids)
     q = None
     if frame.q is not None:
@@ -66,7 +74,15 @@ def packing_of(start: Packing, frame: Frame) -> Packing:
 
 
 def forces_of(backend: str, data: RunData) -> Callable[[Frame], PairForces] | None:
-    """Contact forces in the frames of a run; None where its backend is not there or cannot tell."""
+    """Make the function that computes contact forces in frames of a run.
+
+    Args:
+        backend: Name of the backend that made the run.
+        data: Run.
+
+    Returns:
+        Function of a frame; None if the backend is not installed or does not tell contact forces.
+    """
     try:
         made_by = load_to_plan(backend)
     except BackendMissing:
@@ -77,6 +93,12 @@ def forces_of(backend: str, data: RunData) -> Callable[[Frame], PairForces] | No
 
 
 def scale_of(forces: Sequence[PairForces]) -> float:
-    """Upper end of a scale of forces [N]: one contact in a hundred of a frame exceeds it, in the frame where it is
-    largest."""
+    """Find the upper end of a scale of forces.
+
+    Args:
+        forces: Contacts of frames.
+
+    Returns:
+        Force [N] that one contact in a hundred exceeds, in the frame where it is largest; 1 without contacts.
+    """
     return max((float(np.quantile(frame.size, 0.99)) for frame in forces if len(frame.size)), default=0.0) or 1.0

@@ -126,7 +126,7 @@ def steady_of(folder: Path, record: RunRecord) -> Steady | None:
         record: Its record.
 
     Returns:
-        Window and mean; None without either.
+        Window and mean; None if either is missing.
     """
     result = stored(folder, MEASURES["flow_rate"], record.observe)
     trace = None if result is None else Trace.of(result.evaluation)

@@ -19,7 +19,14 @@ _LOOSE = 0.5
 
 
 def check_facets(facets: int) -> None:
-    """Raises ValueError for a number of corners that no circle can have in a file."""
+    """Check the number of corners of a circle.
+
+    Args:
+        facets: Number of corners.
+
+    Raises:
+        ValueError: It is not from FEWEST to LARGEST.
+    """
     if not FEWEST <= facets <= LARGEST:
         raise ValueError(f"facets: {facets} is not from {FEWEST} to {LARGEST}; use 96, or 1000 for a fine circle")
 
@@ -52,7 +59,15 @@ def wall_files(container: Container, within: Bounds, facets: int = AROUND) -> di
 
 
 def sagitta(radius: float, facets: int) -> float:
-    """Distance [m] of the middle of a side of a polygon from the circle through its corners: r (1 - cos(pi/n))."""
+    """Compute the sagitta r (1 - cos(pi/n)) of a polygon in a circle.
+
+    Args:
+        radius: Radius r of the circle through the corners [m].
+        facets: Number n of corners.
+
+    Returns:
+        Distance of the middle of a side from the circle [m].
+    """
     return 2 * radius * math.sin(math.pi / (2 * facets)) ** 2
 
 
@@ -71,7 +86,15 @@ def _profile(lines: Iterable[Segment], top: float) -> list[Segment]:
 
 
 def stl(mesh: Mesh, name: str) -> str:
-    """Text of an ASCII STL file [m]; `name`: of the solid. Triangles without an area are left out."""
+    """Write a mesh as ASCII STL, without triangles that have no area.
+
+    Args:
+        mesh: Mesh.
+        name: Name of the solid.
+
+    Returns:
+        Text of the file.
+    """
     lines = [f"solid {name}"]
     for corners in mesh.vertices[mesh.triangles]:
         normal = np.cross(corners[1] - corners[0], corners[2] - corners[0])
@@ -122,7 +145,14 @@ def write_walls(study: Study, folder: Path, facets: int = AROUND) -> list[Path]:
 
 
 def extent_of(scene: Scene) -> Bounds:
-    """Box of a container [m]; where it has no end, twice as far from the origin as the side of a cube with the bed."""
+    """Find the box in which walls without end are cut.
+
+    Args:
+        scene: Scene.
+
+    Returns:
+        Box of the container [m]; where it has no end, twice as far from the origin as the side of a cube with the bed.
+    """
     far = 2 * (scene.grains.count * scene.grains.volume / _LOOSE) ** (1 / 3)
     box = scene.container.bounds
     low = [end if math.isfinite(end) else -far for end in box.low]

@@ -45,7 +45,7 @@ class AttachedError(ValueError):
 
 @dataclass
 class StudyFolder:
-    """The folder of a study, below which its files are, and the files that were attached so far."""
+    """Folder of a study, below which its files are, and the files that were attached so far."""
 
     folder: Path = Path()
     listed: Mapping[str, str] = field(default_factory=dict)
@@ -55,7 +55,14 @@ class StudyFolder:
 
     @classmethod
     def of(cls, study: Path) -> "StudyFolder":
-        """The surroundings of a study file, which may be the copy in a lab."""
+        """Find the folder of a study file, which may be the copy in a lab.
+
+        Args:
+            study: Study file.
+
+        Returns:
+            Folder, with the hashes of the study's files if it lies in a lab.
+        """
         try:
             content = _read(study.with_suffix(LIST), _MOST_LISTED)
             listed = json.loads(content)
@@ -76,7 +83,7 @@ class StudyFolder:
             _paths.setdefault(key, (self.folder / file).absolute())
 
     def again(self) -> "StudyFolder":
-        """The same surroundings, to attach files as they are now."""
+        """Make the same folder anew, to attach files as they are now."""
         return StudyFolder(self.folder, self.listed)
 
     def attach(self, name: str) -> str:
@@ -100,7 +107,12 @@ class StudyFolder:
     def copy(self, folder: Path) -> None:
         """Write the attached files below another folder.
 
-        Raises FileExistsError where another file has the name of one, and AttachedError where a content is gone.
+        Args:
+            folder: That folder.
+
+        Raises:
+            FileExistsError: Another file has the name of one of them.
+            AttachedError: The content of a file is gone.
         """
         for file, key in self.files.items():
             path, copied = folder / file, content(key)
@@ -175,7 +187,7 @@ def use(remote: tuple[dict[str, Path], tuple[Path, ...]]) -> None:
 
 
 def add(content: bytes) -> str:
-    """Hold a content in memory, as of a file that lies on another machine; its hash."""
+    """Hold a content in memory, as of a file that lies on another machine, and return its hash."""
     key = key_of(content)
     _contents[key] = content
     return key
@@ -187,9 +199,16 @@ def name(key: str) -> str:
 
 
 def content(key: str) -> bytes:
-    """Content of an attached file by its hash, as it was when it was attached.
+    """Read the content of an attached file as it was when it was attached.
 
-    Raises AttachedError if no file with this content is left beside the study or in a lab in use.
+    Args:
+        key: SHA-256 of the content.
+
+    Returns:
+        Content.
+
+    Raises:
+        AttachedError: No file with this content is left beside the study or in a lab in use.
     """
     if key in _contents:
         return _contents[key]
@@ -205,7 +224,17 @@ def content(key: str) -> bytes:
 
 
 def contents(keys: Iterable[str]) -> dict[str, bytes]:
-    """Contents by hash, for another machine. Raises AttachedError."""
+    """Read contents for another machine.
+
+    Args:
+        keys: SHA-256 of each content.
+
+    Returns:
+        Contents by hash.
+
+    Raises:
+        AttachedError: A content is gone.
+    """
     return {key: content(key) for key in keys}
 
 

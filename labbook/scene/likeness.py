@@ -24,7 +24,13 @@ _POINTS = 20_000  # points of the surface that are compared, at most
 
 @dataclass(frozen=True)
 class Opening:
-    """A hole of an open surface: its area [m^2], the height z [m] of its middle, and vertices along it [m]."""
+    """Hole of an open surface.
+
+    Attributes:
+        area: Area [m^2].
+        z: Height of its middle [m].
+        rim: Vertices along it [m], shape [k, 3].
+    """
 
     area: float
     z: float
@@ -54,8 +60,14 @@ class Likeness:
 
 
 def openings(surface: Triangles) -> tuple[Opening, ...]:
-    """Holes of a surface, from the lowest: loops of edges of one triangle. Areas are those of the loops as seen along
-    their normals."""
+    """Find the holes of a surface: loops of edges of one triangle.
+
+    Args:
+        surface: Surface.
+
+    Returns:
+        Holes from the lowest; areas are those of the loops as seen along their normals.
+    """
     beside: dict[int, list[int]] = {}
     for a, b in surface.free_edges.tolist():
         beside.setdefault(a, []).append(b)
@@ -82,7 +94,14 @@ def outlets(surface: Triangles) -> tuple[Opening, ...]:
 
 @once(16)
 def likeness(mesh: TriangleMesh) -> Likeness | None:
-    """Return the built-in container that a mesh with one outlet is nearest to; None if it is near none."""
+    """Find the built-in container that a mesh with one outlet is nearest to.
+
+    Args:
+        mesh: Wall of triangles.
+
+    Returns:
+        Container and its difference; None if no container is near.
+    """
     surface = mesh.surface
     holes = outlets(surface)
     if len(holes) != 1:

@@ -108,7 +108,19 @@ class TriangleMesh(WallShape):
 
     @classmethod
     def of_surface(cls, surface: Triangles, smooth: float = 0.0, encloses: bool = False) -> "TriangleMesh":
-        """The wall of a surface made in Python. Raises pydantic's ValidationError."""
+        """Make the wall of a surface.
+
+        Args:
+            surface: Surface.
+            smooth: Largest angle between triangles of one curved surface [rad].
+            encloses: Grains are within the closed surface.
+
+        Returns:
+            Wall.
+
+        Raises:
+            ValidationError: Grains cannot be within a surface that is not closed.
+        """
         vertices, triangles = _encoded(surface)
         return cls(vertices=vertices, triangles=triangles, smooth=smooth, encloses=encloses)
 
@@ -136,7 +148,7 @@ class TriangleMesh(WallShape):
 
     @property
     def enclosed(self) -> Bounds:
-        """Bounds of a surface that encloses the grains; else without end."""
+        """Box around a surface that encloses the grains [m]; without end for others."""
         far = math.inf
         return self.bounds if self.encloses else Bounds((-far, -far, -far), (far, far, far))
 
@@ -210,7 +222,7 @@ def _encoded(surface: Triangles) -> tuple[_OfFile, _OfFile]:
 
 @lru_cache(maxsize=16)
 def _decoded(vertices: str, triangles: str) -> Triangles:
-    """The surface of two texts. Raises ValueError for texts that are none."""
+    """Surface of two texts; ValueError for texts without a surface."""
     places = np.frombuffer(base64.b64decode(vertices, validate=True), "<f8").reshape(-1, 3).astype(np.float64)
     corners = np.frombuffer(base64.b64decode(triangles, validate=True), "<i4").reshape(-1, 3).astype(np.int64)
     if not len(corners) or not np.isfinite(places).all() or corners.min() < 0 or corners.max() >= len(places):

@@ -6,29 +6,41 @@ import numpy as np
 
 
 def random_turns(rng: np.random.Generator, n: int) -> np.ndarray:
-    """Unit quaternions of n random orientations, shape [n, 4]: none is likelier than another."""
+    """Draw unit quaternions of n uniformly distributed random orientations, shape [n, 4]."""
     q = rng.normal(size=(n, 4))
     return q / np.linalg.norm(q, axis=1)[:, None]
 
 
 def axes(q: np.ndarray) -> np.ndarray:
-    """Unit vectors [n, 3] to which the rotations q [n, 4] (w, x, y, z) take the z axis."""
+    """Compute the unit vectors [n, 3] to which the rotations q [n, 4] (w, x, y, z) take the z axis."""
     w, x, y, z = q.T
     return np.stack([2 * (x * z + w * y), 2 * (y * z - w * x), 1 - 2 * (x * x + y * y)], axis=1)
 
 
 def distances(c: np.ndarray, a: np.ndarray, b: np.ndarray, half: float) -> np.ndarray:
-    """Shortest distances [m] between segments of half length `half` [m] along unit vectors a and b, shape [n, 3].
+    """Compute the shortest distances between segments of equal length.
 
-    c: branch from the centre of the second to that of the first [m]. A pair of points in the inside of both, or one of
-    the four ends and the point nearest to it: the smallest of these is exact, parallel or not.
+    The nearest points are a pair in the inside of both, or one of the four ends and the point nearest to it: the
+    smallest of these distances is exact, parallel or not.
+
+    Args:
+        c: Branches from the centre of the second to that of the first [m], shape [n, 3].
+        a: Unit vectors along the first, shape [n, 3].
+        b: Unit vectors along the second, shape [n, 3].
+        half: Half length of all segments [m].
+
+    Returns:
+        Distances [m], shape [n].
     """
     return np.min([_apart(c, a, b, s, t) for s, t in _candidates(c, a, b, half)], axis=0)
 
 
 def nearest(c: np.ndarray, a: np.ndarray, b: np.ndarray, half: float) -> tuple[np.ndarray, np.ndarray]:
-    """Places [m] of the nearest points of segments, from their centres along a and b, each of shape [n]; arguments as
-    of `distances`."""
+    """Find the nearest points of segments; arguments as of `distances`.
+
+    Returns:
+        Places [m] of the points from the centres along a and b, each of shape [n].
+    """
     tries = np.array(list(_candidates(c, a, b, half)))
     least = np.argmin([_apart(c, a, b, s, t) for s, t in tries], axis=0)
     s, t = tries[least, :, np.arange(len(c))].T
@@ -52,8 +64,14 @@ def _apart(c: np.ndarray, a: np.ndarray, b: np.ndarray, s: np.ndarray, t: np.nda
 
 
 def turned_to(a: np.ndarray) -> np.ndarray:
-    """Unit quaternions [n, 4] of the shortest rotations that take the z axis to the lines along unit vectors a [n, 3],
-    in either sense."""
+    """Compute the shortest rotations that take the z axis to lines, in either sense.
+
+    Args:
+        a: Unit vectors along the lines, shape [n, 3].
+
+    Returns:
+        Unit quaternions, shape [n, 4].
+    """
     a = np.where(a[:, 2:] < 0, -a, a)
     q = np.stack([1 + a[:, 2], -a[:, 1], a[:, 0], np.zeros(len(a))], axis=1)
     return q / np.linalg.norm(q, axis=1)[:, None]

@@ -44,7 +44,7 @@ class Vibration(Model):
         return 2 * math.pi * self.frequency * self.amplitude
 
     def strength(self, gravity: float) -> float:
-        """Γ = A (2 π f)²/g."""
+        """Compute the dimensionless acceleration Γ = A (2 π f)²/g for `gravity` g [m/s^2]; infinite without gravity."""
         return self.amplitude * (2 * math.pi * self.frequency) ** 2 / gravity if gravity else math.inf
 
 
@@ -68,7 +68,14 @@ class Poses(NamedTuple):
 
     @classmethod
     def at_rest(cls, times: int) -> "Poses":
-        """Poses of a part that stands where it was placed, at so many times."""
+        """Make the poses of a part that stands where it was placed.
+
+        Args:
+            times: Number n of times.
+
+        Returns:
+            Poses without rotation and displacement.
+        """
         zero = np.zeros((times, 3))
         return cls(np.tile(np.eye(3), (times, 1, 1)), zero, zero, zero, zero)
 
@@ -112,9 +119,15 @@ class PartMotion(Model):
                 yield Fault(key, "a direction has length zero", "for example [0, 0, 1]")
 
     def poses(self, times: np.ndarray) -> Poses:
-        """Poses at times [s] since the opening, shape [n].
+        """Compute the poses of the part.
 
         Sines are those of the C library, one by one: the same to the bit wherever a time stands in an array.
+
+        Args:
+            times: Times since the opening [s], shape [n].
+
+        Returns:
+            Poses at these times.
         """
         times, n = np.asarray(times, float), len(times)
         turn, spin = np.tile(np.eye(3), (n, 1, 1)), np.zeros((n, 3))
@@ -141,8 +154,15 @@ class PartMotion(Model):
         return Poses(turn, shift, velocity - np.cross(spin, origin), spin, origin)
 
     def speed(self, places: np.ndarray, reach: float) -> float:
-        """Bound of the speed [m/s] of points within a reach [m] of the part, whose vertices are `places` [m], shape
-        [n, 3]."""
+        """Bound the speed of points near the part.
+
+        Args:
+            places: Vertices of the part [m], shape [n, 3].
+            reach: Distance of the points from the part at most [m].
+
+        Returns:
+            Bound [m/s].
+        """
         bound = math.hypot(*(self.velocity or (0.0,)))
         bound += self.vibration.speed if self.vibration is not None else 0.0
         if self.rotation is not None:
@@ -152,7 +172,14 @@ class PartMotion(Model):
         return bound
 
     def sampled(self, end: float) -> np.ndarray:
-        """Times [s] from 0 to `end` between which the part moves little, of its first period and of the last one."""
+        """Choose times between which the part moves little, of its first period and of the last one.
+
+        Args:
+            end: Latest time [s].
+
+        Returns:
+            Times from 0 to `end` [s], ascending.
+        """
         periods = [2 * math.pi / abs(self.rotation.rate)] if self.rotation is not None and self.rotation.rate else []
         periods += [1 / self.vibration.frequency] if self.vibration is not None else []
         if not periods:

@@ -28,8 +28,15 @@ _HEADROOM = 8.0
 
 @dataclass(frozen=True)
 class WallBins:
-    """The bins of one wall: `count` of the width `size` [m] along a coordinate, from `low` [m] on. The last one also
-    takes what lies beyond it."""
+    """Bins of one wall along a coordinate.
+
+    Attributes:
+        name: Name of the wall.
+        along: Coordinate.
+        low: Lower end of the first bin [m].
+        size: Width of a bin [m].
+        count: Number of bins; the last one also takes everything beyond it.
+    """
 
     name: str
     along: Along
@@ -51,16 +58,31 @@ def all_walls(container: ContainerShape) -> tuple[Wall, ...]:
 
 
 def bins_of_walls(scene: Scene, walls: tuple[Wall, ...], size: float) -> tuple[WallBins, ...]:
-    """Bins of `walls`, which belong to the container of `scene`, open or closed, of the width `size` [m].
+    """Divide walls into bins. Walls of one name have the same bins in the open container and in the closed one.
 
-    Walls of one name have the same bins in the open container and in the closed one.
+    Args:
+        scene: Scene.
+        walls: Walls of its container, open or closed.
+        size: Width of a bin [m].
+
+    Returns:
+        Bins of each wall.
     """
     top = _highest(scene)
     return tuple(_bins(scene.container, wall, size, top) for wall in walls)
 
 
 def areas(container: ContainerShape, wall: Wall, bins: WallBins) -> np.ndarray:
-    """Area [m^2] of a wall within each of its bins, shape [count]; NaN where the shape does not tell."""
+    """Compute the area of a wall within each of its bins.
+
+    Args:
+        container: Container of the wall.
+        wall: Wall.
+        bins: Its bins.
+
+    Returns:
+        Areas [m^2], shape [count]; NaN if the shape does not tell.
+    """
     area = _area_up_to(container, wall.shape, bins.along)
     if area is None:
         return np.full(bins.count, math.nan)
@@ -106,7 +128,7 @@ def _bins(container: ContainerShape, wall: Wall, size: float, top: float) -> Wal
 
 
 def _highest(scene: Scene) -> float:
-    """z [m] below which all contacts of a settled bed with walls are; infinite where that is unknown."""
+    """Height z [m] below which all contacts of a settled bed with walls are; infinite if that is unknown."""
     container, grains = scene.container, scene.grains
     volume = grains.count * grains.volume / _LOOSE
     if container.volume_below(0.0) is None:
@@ -118,7 +140,7 @@ def _highest(scene: Scene) -> float:
 
 
 def _floor(container: ContainerShape) -> float:
-    """z [m] from which a container counts its volume."""
+    """Height z [m] from which a container counts its volume."""
     return container.outlets[0].plane if container.outlets else 0.0
 
 
