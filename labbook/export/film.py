@@ -42,13 +42,13 @@ if TYPE_CHECKING:
     from PIL.Image import Image
 
 VERSION = 2
-"""Raised when films made before are no longer what would be drawn now."""
+"""Version of films, raised when older ones are stale."""
 SECONDS, SIZE, TILE = 6.0, 480, 200
 """Default duration of a film [s], and pixels of the longer side of a bed, alone and in a sweep."""
 FORMATS = (".webp", ".gif", ".mp4")
 """Endings of the names of films."""
 _RATE = 25
-"""Most frames a second."""
+"""Largest number of frames a second."""
 _INK = (38, 44, 54)
 _SPOKE = np.array((213, 94, 0)) / 255
 _SECTORS = 8
@@ -257,10 +257,7 @@ def shot_of_run(folder: Path, by: str, study: str | None = None, point: Point | 
 
     Raises:
         Unreadable: Files of the run are damaged.
-        NotRecorded: The run kept no frames.
-        NoColouring: The grains do not have that property.
-        NoForces: The backend does not tell contact forces.
-        BackendMissing: The backend is not installed.
+        NotRecorded, NoColouring, NoForces, BackendMissing: As of `Shot.of`.
     """
     record = RunRecord.read(folder)
     steady = steady_of(folder, record)
@@ -399,7 +396,7 @@ class Camera:
 
 
 def _view(scene: Scene, start: Packing, frames: Sequence[Frame], size: int) -> Raster:
-    """The part of the plane that holds the bed in all frames."""
+    """Part of the plane that holds the bed in all frames."""
     if scene.container.outlet_plane is not None:
         return Raster.of(scene, start, start, size)
     beds = [packing_of(start, frame) for frame in frames]
@@ -427,7 +424,7 @@ def _marks(wall: DrawnWall, time: float) -> Iterator[Segment]:
 
 
 def _beside_hole(left: float, right: float, r: float, z: float) -> Iterator[Segment]:
-    """The parts of a level line from `left` to `right` [m] that are not within r [m] of the axis."""
+    """Parts of a level line from `left` to `right` [m] that are not within r [m] of the axis."""
     for low, high in ((left, min(right, -r)), (max(left, r), right)):
         if high > low:
             yield (low, z), (high, z)
@@ -543,7 +540,7 @@ _GAP = 5  # pixels: least distance of two labels
 
 
 def _canvas(width: int, height: int):
-    """A page with even sides, as MP4 needs them, and a function that writes text on it."""
+    """Page with even sides, as MP4 needs them, and a function that writes text on it."""
     from PIL import Image, ImageDraw
 
     canvas = Image.new("RGB", (width + width % 2, height + height % 2), BACKGROUND)
@@ -570,7 +567,7 @@ def _extent(text: str, size: int = 13) -> tuple[int, int]:
 
 
 def _fitting(text: str, width: float) -> str:
-    """The text, shortened to a width in pixels."""
+    """Shorten a text to a width in pixels."""
     if _extent(text)[0] <= width:
         return text
     while text and _extent(f"{text}…")[0] > width:
@@ -592,7 +589,7 @@ def _write(frames: Iterator["Image"], path: Path, seconds: float, source: str = 
 
 
 def _encoded(images: Sequence["Image"], form: str, seconds: float, source: str) -> bytes:
-    """A film as WebP, with its source, or as GIF that repeats itself."""
+    """Film as WebP, with its source, or as GIF that repeats itself."""
     from PIL.Image import Dither
 
     stored = BytesIO()
@@ -611,7 +608,7 @@ def _encoded(images: Sequence["Image"], form: str, seconds: float, source: str) 
 
 
 def _write_mp4(images: Sequence["Image"], path: Path, seconds: float) -> None:
-    """A film as MP4, in place by one rename. Raises NoFilm."""
+    """Write a film as MP4, in place by one rename; NoFilm if ffmpeg fails."""
     program = encoder()
     assert program is not None
     (width, height), unfinished = images[0].size, path.with_name(f".{path.name}.partial.mp4")

@@ -10,7 +10,7 @@ from labbook.measure import RunData
 from labbook.scene import Packing, Scene
 
 FRAMES = 200
-"""Most frames that are shown of a run, unless it has few grains."""
+"""Largest number of frames of a run in a recording, unless it has few grains."""
 Q_COLUMNS = ("qw", "qx", "qy", "qz")
 
 

@@ -41,20 +41,21 @@ from labbook.measure.series import flow_curve
 from labbook.study import Point
 
 VERSION = 5
-"""Raised when recordings made before are no longer what would be written now."""
+"""Version of recordings, raised when older ones are stale."""
 POSITIONS = 4_000_000
-"""Most positions of grains in all frames of a recording, if these are more than FRAMES frames: its size is up to 20
-bytes a position, of rods 40, without forces. Of more frames every second, third ... is shown."""
+"""Largest number of positions in all frames of a recording, if these are more than FRAMES frames.
+
+A position takes up to 20 bytes, of rods 40, without forces. Of more frames every second, third ... is shown."""
 FORCES = 400_000
-"""Most places of grains in all frames of a recording with contact forces: computing them takes some seconds."""
+"""Largest number of positions in a recording with contact forces: computing them takes some seconds."""
 
 SIDE_BY_SIDE = 4
-"""Most runs side by side."""
+"""Largest number of runs side by side."""
 
 
 @dataclass(frozen=True, eq=False)
 class RecordedRun:
-    """A run to show in a recording.
+    """Run of a recording.
 
     Attributes:
         data: The run.

@@ -1,4 +1,4 @@
-"""The rerun viewer: recordings in a window, or as a picture where there is no screen."""
+"""Viewer of rerun: recordings in a window, or as a picture where there is no screen."""
 
 import os
 import socket

@@ -25,8 +25,7 @@ COMMON = ("friction", "rolling_friction", "restitution", "damping")
 _OF_ROLLING = ("rolling", "rolling_model", "rolling_stiffness", "rolling_damping")
 
 ROLLING_STIFFNESS, ROLLING_DAMPING = 2.25, 0.3
-"""Of rolling springs where a study states none: k_r/(k_n mu_r^2 R_r^2) of Ai et al. 2011, and the dashpot over the
-critical one."""
+"""Defaults of rolling springs: k_r/(k_n mu_r^2 R_r^2) of Ai et al. 2011, and the dashpot over the critical one."""
 
 # The duration of an undamped collision by Hertz's law in units of (m_eff^2 / (R_eff E*^2 v))^{1/5}: twice the integral
 # of dx / sqrt(1 - x^{5/2}) from 0 to 1, times (15/16)^{2/5}.
@@ -60,7 +59,7 @@ class ContactLaw(Model, ABC):
     physics: ClassVar[str]
     """Module of its formulas, which a law of another package states; see `labbook_dem.laws`."""
     usual_step: ClassVar[str]
-    """The time step where a study states none: a part of a time scale."""
+    """Default time step: a part of a time scale."""
     honours: ClassVar[frozenset[str]]
     """Keys among COMMON that its formulas use; a study that states another one is refused."""
     version: ClassVar[int] = 1
@@ -274,7 +273,7 @@ class Dashpot(ContactLaw, ABC):
 
 
 class YoungsModulus(Model):
-    """A material by E, as a study may state it in `contact`; what is stored is its G."""
+    """Material by E, as a study may state it in `contact`; it is stored as its G."""
 
     youngs_modulus: Pressure
     """Young's modulus E of the grains' material, instead of `shear_modulus` = E/(2 (1 + ν))."""
@@ -457,7 +456,7 @@ class HertzLammps(Tensile):
 
 
 class CollisionStiffness(Model):
-    """A stiffness k_n by a collision of two equal grains, as a study may state it in `contact`."""
+    """Stiffness k_n by a collision of two equal grains, as a study may state it in `contact`."""
 
     KEYS: ClassVar[tuple[str, ...]] = ("contact_time", "largest_overlap", "impact_speed")
 
@@ -586,7 +585,7 @@ CONTACT_LAWS = TaggedModels(
     ContactLaw,
     (HertzMindlin, HertzPrinted, HertzLiggghts, HertzLammps, LinearSpringDashpot),
 )
-"""The laws that a study can name under `contact.law`."""
+"""Laws that a study can name under `contact.law`."""
 
 AnyLaw = Annotated[ContactLaw, CONTACT_LAWS]
-"""One of them, as a field of a scene."""
+"""Field of a scene for one of these laws."""

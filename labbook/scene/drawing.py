@@ -25,7 +25,7 @@ _Grain = tuple[float, float, float, int, float]  # x, z, radius [m], kind and ti
 _Frame = tuple[float, float, float, float]
 _EMPTY = 1000  # rows without a place for a grain after which there is none above
 Pixels = Callable[[float, float], tuple[float, float]]
-"""From x and z [m] to a place in the picture."""
+"""Map from x and z [m] to a place in the picture [pixels]."""
 
 
 def svg(grains: Grains, container: Container, sized: bool = True) -> str:

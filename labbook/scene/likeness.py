@@ -44,12 +44,12 @@ class Opening:
 
 @dataclass(frozen=True)
 class Likeness:
-    """A built-in container that a surface is near to.
+    """Built-in container that a surface is near to.
 
     Attributes:
-        container: The container, in its own frame: the middle of its outlet is the origin.
-        origin: Place [m] of that origin.
-        difference: Largest distance [m] of a point of one from the other.
+        container: Container in its own frame: the middle of its outlet is the origin.
+        origin: Place of that origin [m].
+        difference: Largest distance of a point of container or surface from the other [m].
         turned: True if the container is turned by 90 degrees about z.
     """
 

@@ -21,7 +21,7 @@ TWICE = "E and G are both given, but one follows from the other", "keep one of y
 
 
 class Material(NamedTuple):
-    """An elastic material: shear modulus G [Pa] and Poisson's ratio."""
+    """Elastic material: shear modulus G [Pa] and Poisson's ratio."""
 
     shear_modulus: float
     poisson_ratio: float

@@ -1,5 +1,7 @@
-"""The base of all scene types: frozen, strict about keys, equal when their numbers are equal; and one text for values
-that are the same, with its hash, of which keys of scenes, packings and runs are made."""
+"""Base of all scene types: frozen, strict about keys, equal when their numbers are equal.
+
+Canonical JSON is the same text for equal values; keys of scenes, packings and runs are its hash.
+"""
 
 import hashlib
 import json
@@ -23,7 +25,7 @@ _set = object.__setattr__  # of what is frozen
 
 
 class Model(BaseModel):
-    """A frozen description in SI units; an unknown key is an error."""
+    """Frozen description in SI units; an unknown key is an error."""
 
     # built when first used: only then are the models known that a `TaggedModels` is among
     model_config = ConfigDict(

@@ -1,4 +1,4 @@
-"""A scene: all that decides how grains move, and nothing else."""
+"""Scene: everything that decides how grains move, and nothing else."""
 
 import math
 from collections.abc import Iterable, Iterator
@@ -136,7 +136,7 @@ class Scene(Model):
             yield from (self._of(law, key, reason, remedy) for key in springs)
 
     def _of(self, law: ContactLaw, key: str, reason: str, remedy: str) -> Fault:
-        """A fault at `key`, or of another law than the scene's at that law."""
+        """Fault at `key`; of another law than the scene's, at that law."""
         if law is self.contact or key.startswith("contact"):
             return Fault(key, reason, remedy)
         return Fault("contact", f"{reason}, which {key} states", "use a law of the same family as in contact")

@@ -24,7 +24,7 @@ _PIECES = 32
 
 @dataclass(frozen=True)
 class Flaw:
-    """A place at which a surface is not clean.
+    """Defect of a surface that is not clean.
 
     Attributes:
         kind: `non-manifold`, `t-junctions` or `intersections`.
@@ -112,7 +112,7 @@ class Triangles:
 
     @property
     def bounds(self) -> Bounds:
-        """The box around it."""
+        """Box around the surface [m]."""
         low, high = self.vertices.min(axis=0).tolist(), self.vertices.max(axis=0).tolist()
         return Bounds((low[0], low[1], low[2]), (high[0], high[1], high[2]))
 
@@ -131,7 +131,14 @@ class Triangles:
         return edges[np.bincount(of.ravel(), minlength=len(edges)) == 1]
 
     def creases(self, angle: float) -> np.ndarray:
-        """Edges of one triangle, and those at which two triangles meet at more than `angle` [rad], shape [e, 2]."""
+        """Find the edges at which the surface ends or bends.
+
+        Args:
+            angle: Angle between two triangles [rad] from which on their edge counts.
+
+        Returns:
+            Edges as pairs of vertices, shape [e, 2].
+        """
         edges, of = self.edges
         order = np.argsort(of, axis=None, kind="stable")
         counts = np.bincount(of.ravel(), minlength=len(edges))
@@ -226,8 +233,15 @@ class Triangles:
     # where points lie
 
     def distance(self, x: np.ndarray, reach: float = math.inf) -> np.ndarray:
-        """Distance [m] of points x, shape [n, 3], from the nearest triangle, shape [n]; of those further away than
-        `reach` [m] a smaller one that is beyond it, which takes less time."""
+        """Compute the distance from the nearest triangle.
+
+        Args:
+            x: Points [m], shape [n, 3].
+            reach: Distance up to which results are exact [m]; a smaller reach takes less time.
+
+        Returns:
+            Distances [m], shape [n]; beyond `reach` a lower bound that exceeds it.
+        """
         distances = np.empty(len(x))
         self._nearest(x, np.arange(len(x)), np.arange(len(self._balls[1])), distances, reach)
         return distances
@@ -298,10 +312,16 @@ class Triangles:
         return np.where(inside, np.abs(_dot(x - places[:, 0], normal)), np.sqrt(best))
 
     def crossings(self, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Number of triangles straight above and straight below points x, shape [n, 3]; each of shape [n].
+        """Count the triangles straight above and straight below points.
 
         A vertical line through an edge or a vertex counts as passing on one side of it: which, follows from the same
         numbers for all triangles there, so that a line meets a closed surface an even number of times.
+
+        Args:
+            x: Points [m], shape [n, 3].
+
+        Returns:
+            Numbers of triangles above and below, each of shape [n].
         """
         columns, of = np.unique(x[:, :2], axis=0, return_inverse=True)
         of = of.reshape(-1)
@@ -316,7 +336,7 @@ class Triangles:
         return above, below
 
     def _pierced(self, columns: np.ndarray) -> Iterator[tuple[int, np.ndarray]]:
-        """The heights z [m] at which vertical lines at `columns`, shape [k, 2], meet triangles, line by line."""
+        """Heights z [m] at which vertical lines at `columns`, shape [k, 2], meet triangles, line by line."""
         low, high = self.places[:, :, :2].min(axis=1), self.places[:, :, :2].max(axis=1)
         size = max(1, 10 * _AT_ONCE // len(self.corners))
         for begin in range(0, len(columns), size):
@@ -338,12 +358,25 @@ class Triangles:
                 yield begin + int(k), z[first[k] : first[k + 1]]
 
     def inside(self, x: np.ndarray) -> np.ndarray:
-        """Points of x, shape [n, 3], within the closed surface, shape [n]: those with an odd number of triangles
-        straight above."""
+        """Select points within the closed surface: those with an odd number of triangles straight above.
+
+        Args:
+            x: Points [m], shape [n, 3].
+
+        Returns:
+            Mask, shape [n].
+        """
         return self.crossings(x)[0] % 2 == 1
 
     def moved(self, by: Callable[[np.ndarray], np.ndarray]) -> "Triangles":
-        """The surface with its vertices, shape [n, 3], taken elsewhere by a map that is one to one."""
+        """Map the vertices.
+
+        Args:
+            by: Map of places [m], shape [n, 3], that is one to one.
+
+        Returns:
+            Surface with the same triangles.
+        """
         places = by(self.vertices) + 0.0
         order = np.lexsort(places.T[::-1])
         place = np.empty(len(order), np.int64)
@@ -371,7 +404,7 @@ def _left(a: np.ndarray, b: np.ndarray, p: np.ndarray) -> np.ndarray:
 
 
 def turn(angles: tuple[float, float, float]) -> np.ndarray:
-    """Matrix [3, 3] of rotations about x, then y, then z, by `angles` [rad]; exact for quarter turns."""
+    """Compute the matrix [3, 3] of rotations about x, then y, then z, by `angles` [rad]; exact for quarter turns."""
     matrix = np.eye(3)
     for axis, angle in enumerate(angles):
         quarters = angle / (math.pi / 2)

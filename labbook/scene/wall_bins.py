@@ -15,11 +15,11 @@ from labbook.scene.scene import Scene
 from labbook.scene.walls import Frustum, Plane, Strip, Wall, WallShape
 
 Along = Literal["height", "radius", "x"]
-"""The coordinate of a wall's bins: z, the distance from the axis x = y = 0, or x."""
+"""Coordinate of a wall's bins: z, the distance from the axis x = y = 0, or x."""
 _LARGEST_COUNT = 256
-"""Bins of a wall, at most."""
+"""Largest number of bins of a wall."""
 _DEFAULT_COUNT = 64
-"""Bins of a wall that has no end, under a bed of unknown height."""
+"""Number of bins of a wall without an end, under a bed of unknown height."""
 _LOOSE = 0.4
 """Packing fraction by which a bed of known volume is taken to be no higher than it can be."""
 _HEADROOM = 8.0

@@ -335,7 +335,7 @@ WALL_SHAPES = TaggedModels("kind", "labbook.walls", WallShape, (Plane, Strip, Fr
 """Walls that containers are made of, and that a study can name in `container.parts`."""
 
 AnyShape = Annotated[WallShape, WALL_SHAPES]
-"""One of them, as a field of a wall."""
+"""Field of a wall for one of these shapes."""
 
 
 def _normal_speed(motion: SurfaceMotion, normal: tuple[float, float, float]) -> float:
