@@ -102,7 +102,7 @@ class Colouring:
             case "speed":
                 unit, name = (1.0, "m/s") if self.top >= 0.1 else (1e-3, "mm/s")
                 ticks = [(math.sqrt(v / self.top), f"{v / unit:.3g}") for v in speed_ticks(self.top)]
-                return Legend(f"speed [{name}]", speed_colours(scale**2, 1.0)[:, :3], _beyond(ticks, self.top / unit))
+                return Legend(f"speed [{name}]", speed_colours(scale**2, 1.0)[:, :3], _open_end(ticks, self.top / unit))
             case "species":
                 names = [kind.name for kind in self.scene.grains.kinds]
                 colours = KIND_COLOURS[np.arange(len(names)) % len(KIND_COLOURS)]
@@ -114,7 +114,7 @@ class Colouring:
                 weight = weight_of(self.scene, self.start)
                 ticks = [(part, two_digits(part * self.top / weight)) for part in (0.0, 0.5, 1.0)]
                 title = "normal force / weight of a grain" if self.scene.gravity else "normal force [N]"
-                return Legend(title, force_colours(scale), _beyond(ticks, self.top / weight))
+                return Legend(title, force_colours(scale), _open_end(ticks, self.top / weight))
         return None
 
 
@@ -141,6 +141,6 @@ def weight_of(scene: Scene, start: Packing) -> float:
     return float(Bodies.of(scene.grains, start).mass.mean() * scene.gravity) or 1.0
 
 
-def _beyond(ticks: Sequence[tuple[float, str]], top: float) -> tuple[tuple[float, str], ...]:
+def _open_end(ticks: Sequence[tuple[float, str]], top: float) -> tuple[tuple[float, str], ...]:
     """Mark the last tick as the end of the scale, which values exceed."""
     return (*ticks[:-1], (1.0, f"≥ {two_digits(top)}"))

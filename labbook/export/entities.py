@@ -246,11 +246,11 @@ def log_mean_flow(stream, root: str, bed: Bed, fastest: float) -> None:
     rr = need_rerun()
     grid, field = bed.fields.grid, bed.fields
     across, z = grid.points if isinstance(grid, Ring) else grid.points[::-1]
-    speed, there = np.linalg.norm(field.velocity, axis=0), bed.pattern.bed
+    speed, inside = np.linalg.norm(field.velocity, axis=0), bed.pattern.bed
     if not isinstance(grid, Ring):
-        speed, there = speed.T, there.T
+        speed, inside = speed.T, inside.T
     wide, high = (float(line[1] - line[0]) / 2 if len(line) > 1 else 1e-3 for line in (across, z))
-    i, k = np.nonzero(there)
+    i, k = np.nonzero(inside)
     colours = np.repeat(speed_colours(speed[i, k], fastest)[:, :3], 4, axis=0)
     sides = (1, -1) if isinstance(grid, Ring) else (1,)
     x = np.concatenate([side * across[i] for side in sides])

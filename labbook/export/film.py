@@ -54,7 +54,7 @@ _SPOKE = np.array((213, 94, 0)) / 255
 _SECTORS = 8
 _MARK = 4.0  # pixels: width of marks of a turning bottom
 _FAINT, _THINNEST, _WIDEST = 0.02, 0.7, 0.4  # of forces: least part of the scale; width in pixels, and in diameters
-_OF_STROKES = ("ends", "width", "colour")
+_STROKE_FIELDS = ("ends", "width", "colour")
 _SCALED = 12  # frames by which a scale of forces is chosen
 _SMALL = 11  # pixels: size of the type below a bed of a sweep
 _PAD, _LINE, _BAR = 12, 22, 40  # pixels: around everything, of a line of text, of a legend
@@ -173,7 +173,7 @@ def film(
     """
     check(path)
     times = _times([shot], seconds)
-    return _write(_alone(Camera(shot, size), times), path, seconds, source)
+    return _write(_run_frames(Camera(shot, size), times), path, seconds, source)
 
 
 def sweep_film(
@@ -197,7 +197,7 @@ def sweep_film(
     check(path)
     times = _times(list(shots.values()), seconds)
     cameras = {place: Camera(shot, size) for place, shot in shots.items()}
-    return _write(_together(rows, columns, cameras, times), path, seconds, source)
+    return _write(_sweep_frames(rows, columns, cameras, times), path, seconds, source)
 
 
 def of_run(folder: Path, path: Path, study: str | None = None, point: Point | None = None) -> Path:
@@ -379,7 +379,7 @@ class Camera:
         strokes = [Strokes(marks, np.full(len(marks), _MARK), np.tile(_SPOKE, (len(marks), 1)))]
         if self.shot.forces is not None:
             strokes.insert(0, self._chains(self.shot.forces(frame)))
-        ends, width, colour = (np.concatenate([getattr(one, name) for one in strokes]) for name in _OF_STROKES)
+        ends, width, colour = (np.concatenate([getattr(one, name) for one in strokes]) for name in _STROKE_FIELDS)
         return Strokes(ends, width, colour) if len(ends) else None
 
     def _chains(self, forces: PairForces) -> Strokes:
@@ -443,7 +443,7 @@ def _times(shots: Sequence[Shot], seconds: float) -> np.ndarray:
     return np.linspace(0, end, max(1, min(recorded, round(_RATE * seconds))))
 
 
-def _alone(camera: Camera, times: np.ndarray) -> Iterator["Image"]:
+def _run_frames(camera: Camera, times: np.ndarray) -> Iterator["Image"]:
     """Frames of a film of one run: heading, bed, legend, and W(t) beside or below them."""
     bed, legend, chart = camera.at(0), _legend_of(camera), None
     upright = bed.height > bed.width
@@ -471,7 +471,7 @@ def _alone(camera: Camera, times: np.ndarray) -> Iterator["Image"]:
         yield canvas
 
 
-def _together(
+def _sweep_frames(
     rows: Sequence[str], columns: Sequence[str], cameras: Mapping[tuple[int, int], Camera], times: np.ndarray
 ) -> Iterator["Image"]:
     """Frames of a film of several runs: headings of rows and columns, and the time."""
@@ -512,13 +512,13 @@ def _draw_legend(canvas: "Image", legend: Legend, left: int, top: int, width: in
     bar = Image.fromarray(legend.colours[None].repeat(8, axis=0)).resize((width, 8), Image.Resampling.NEAREST)
     canvas.paste(bar, (left, top))
     write = ImageDraw.Draw(canvas)
-    for place, label in _apart(legend.ticks, width):
+    for place, label in _spaced_ticks(legend.ticks, width):
         anchor = "la" if place < 0.02 else "ra" if place > 0.98 else "ma"
         write.text((left + place * width, top + 10), label, QUIET, _font(10), anchor)
     write.text((left + width // 2, top + 22), legend.title, QUIET, _font(11), "ma")
 
 
-def _apart(ticks: Sequence[tuple[float, str]], width: int) -> Iterator[tuple[float, str]]:
+def _spaced_ticks(ticks: Sequence[tuple[float, str]], width: int) -> Iterator[tuple[float, str]]:
     """The last tick, and from the first on those whose labels have room beside one another on a bar of a width in
     pixels."""
 

@@ -132,18 +132,18 @@ def write_packings(
         paths.append(folder / name)
 
     for result in results.points:
-        number, walled = result.point.index + 1, False
+        number, walls_written = result.point.index + 1, False
         for run in result.runs:
-            if walled and run.packing_key in keys:
+            if walls_written and run.packing_key in keys:
                 continue
             say(f"{result.label}, seed {run.seed}")
             record, packing = read_packing(place.packing(run.packing_key))
             packing = packing.entered
-            if not walled:
+            if not walls_written:
                 box = around(result.point.scene, packing)
                 for name, text in wall_files(result.point.scene.container, box, facets).items():
                     write(f"point-{number}-{name}.stl", text)
-                walled = True
+                walls_written = True
             if run.packing_key not in keys:
                 title = f"labbook packing {run.packing_key} of study {results.study.name}, seed {run.seed}"
                 write(f"point-{number}-seed-{run.seed}.data", data_file(packing, record.scene, title))

@@ -254,8 +254,8 @@ def titled(record: RunRecord, study: str | None = None, point: Point | None = No
 
 def source_of(record: RunRecord) -> str:
     """Source of a film or a recording of a run: the run, how far it went, and the time between its frames."""
-    had = record.coverage
-    return f"{record.run_key}-{had.steps}-{had.frame_interval or 0:g}"
+    coverage = record.coverage
+    return f"{record.run_key}-{coverage.steps}-{coverage.frame_interval or 0:g}"
 
 
 def recorded_from(folder: Path, record: RunRecord) -> str:

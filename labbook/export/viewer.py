@@ -107,18 +107,18 @@ def _photograph(
     """Rows of pictures of all views, in `folder`, with what stands above them. W(t) is drawn here, since axes of the
     viewer are dark without a screen."""
     client = _connect(viewer, port)
-    answered = time.monotonic()
+    connected = time.monotonic()
     opened = client.open(str(recording))
     if not opened.store_ids and not opened.loading:
         raise RuntimeError(f"{recording} is not a recording that the viewer can read")
-    deadline = answered + _PATIENCE
+    deadline = connected + _PATIENCE
     start, end = _extent(client, deadline)
     now = start + at * (end - start)
     client.set_time(CLOCK, duration=now, play_state="paused")
     # What is drawn arrives bit by bit: pictures are complete when they no longer change. The first seconds show a
     # notice of the viewer's own besides.
     before, looks = b"", 0
-    while looks < _LOOKS or time.monotonic() < answered + _NOTICE:
+    while looks < _LOOKS or time.monotonic() < connected + _NOTICE:
         _wait_until(deadline, "its picture keeps changing")
         views = sorted(client.get_state().views, key=lambda view: (_ORDER.get(view.view_class, len(_ORDER)), view.name))
         views = [view for view in views if view.view_class != _CURVES and _saved(client, view, folder)]

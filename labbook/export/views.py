@@ -20,7 +20,7 @@ _FIELD_OF_VIEW = math.radians(55)  # vertical, of rerun's eye: it cannot be set,
 _NARROWEST = 0.9  # width over height of a view that shows all
 _MARGIN = 1.08
 _SEEN_FROM = math.radians(12)
-_OF_GRAINS = ("layers", "speed", "orientation")
+_GRAIN_COLOURS = ("layers", "speed", "orientation")
 
 
 def front_view(scene: Scene, frames: Sequence[Frame], *, origin: str = "", name: str, by: str = "layers"):
@@ -45,7 +45,7 @@ def front_view(scene: Scene, frames: Sequence[Frame], *, origin: str = "", name:
 
     shape = rr.Capsules3D if scene.grains.half_length > 0 else rr.Points3D
     grains, overrides = f"/{below(origin)}grains", dict[Any, Any]()
-    if by not in _OF_GRAINS:
+    if by not in _GRAIN_COLOURS:
         small = _SMALL * scene.grains.radius
         overrides[grains] = shape.from_fields(colors=[PALE], radii=[small])
     elif by != "layers":
@@ -56,7 +56,7 @@ def front_view(scene: Scene, frames: Sequence[Frame], *, origin: str = "", name:
     eye, middle = seen_from(scene, np.concatenate([frame.x for frame in frames]))
     contents = ["$origin/walls/**"]
     contents += [] if by == "mean_flow" else ["$origin/grains"]
-    contents += [] if by in _OF_GRAINS else [f"$origin/{by}"]
+    contents += [] if by in _GRAIN_COLOURS else [f"$origin/{by}"]
     return rrb.Spatial3DView(
         origin=f"/{origin}",
         contents=contents,
@@ -91,12 +91,12 @@ def seen_from(scene: Scene, positions: np.ndarray) -> tuple[np.ndarray, np.ndarr
     back = np.array([0, -math.cos(above), math.sin(above)])  # from the middle to the eye
     upward = np.array([0, math.sin(above), math.cos(above)])
     # A point is seen if it is no farther from the line of sight than `half` times its distance from the eye along it.
-    half, away = math.tan(_FIELD_OF_VIEW / 2) / _MARGIN, 0.0
+    half, distance = math.tan(_FIELD_OF_VIEW / 2) / _MARGIN, 0.0
     for points, size in ((walls, 0.0), (positions, reach)):
         from_middle = points - middle
         aside = np.maximum(np.abs(from_middle[:, 0]) / _NARROWEST, np.abs(from_middle @ upward)) + size
-        away = max(away, float((aside / half + from_middle @ back + size).max(initial=0)))
-    return middle + away * back, middle
+        distance = max(distance, float((aside / half + from_middle @ back + size).max(initial=0)))
+    return middle + distance * back, middle
 
 
 def log_bars(stream, scene: Scene, fastest: float) -> None:

@@ -155,10 +155,10 @@ def _attributes(n: int, scalars: Mapping, vectors: Mapping, tensors: Mapping, re
         for name, array in group.items():
             if np.size(array) != n * size:
                 raise ValueError(f"{name} has {np.size(array)} numbers and not {size} for each of {n} points")
-            of = "int" if np.issubdtype(np.asarray(array).dtype, np.integer) else real
-            parts.append(f"{kind} {name} {of}{' 1' if kind == 'SCALARS' else ''}")
+            dtype = "int" if np.issubdtype(np.asarray(array).dtype, np.integer) else real
+            parts.append(f"{kind} {name} {dtype}{' 1' if kind == 'SCALARS' else ''}")
             parts += ["LOOKUP_TABLE default"] if kind == "SCALARS" else []
-            parts.append(_block(array, of))
+            parts.append(_block(array, dtype))
     return parts
 
 
@@ -172,8 +172,8 @@ def _names(array: str, names: Sequence[str]) -> Iterable[str | bytes]:
     yield b"".join(bytes([0xC0 | len(name)]) + name for name in encoded)
 
 
-def _block(array: np.ndarray, of: str) -> bytes:
-    return np.ascontiguousarray(array, _TYPES[of]).tobytes()
+def _block(array: np.ndarray, dtype: str) -> bytes:
+    return np.ascontiguousarray(array, _TYPES[dtype]).tobytes()
 
 
 def _write(path: Path, title: str, kind: str, parts: Sequence[str | bytes]) -> None:

@@ -139,8 +139,8 @@ def _spokes(mesh: Mesh, radius: float) -> tuple[np.ndarray, ...]:
         return ()
     inner, outer = mesh.outlines[0], mesh.outlines[-1]
     beyond = 1 + _BEYOND * radius / outer[0, 0]
-    several = len(outer) - 1
-    return tuple(np.stack([inner[k], outer[k] * (beyond, beyond, 1.0)]) for k in range(0, several, several // _SPOKES))
+    corners = len(outer) - 1
+    return tuple(np.stack([inner[k], outer[k] * (beyond, beyond, 1.0)]) for k in range(0, corners, corners // _SPOKES))
 
 
 def wall_points(scene: Scene, positions: np.ndarray) -> np.ndarray:

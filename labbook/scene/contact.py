@@ -22,7 +22,7 @@ RollingModel = Literal["cdt", "epsd"]
 
 COMMON = ("friction", "rolling_friction", "restitution", "damping")
 """Keys of all laws that a law may have no use for."""
-_OF_ROLLING = ("rolling", "rolling_model", "rolling_stiffness", "rolling_damping")
+_ROLLING_KEYS = ("rolling", "rolling_model", "rolling_stiffness", "rolling_damping")
 
 ROLLING_STIFFNESS, ROLLING_DAMPING = 2.25, 0.3
 """Defaults of rolling springs: k_r/(k_n mu_r^2 R_r^2) of Ai et al. 2011, and the dashpot over the critical one."""
@@ -114,7 +114,7 @@ class ContactLaw(Model, ABC):
             Names of fields; rolling keys are among them if the law has no rolling friction.
         """
         keys = tuple(key for key in COMMON if key not in cls.honours)
-        return (*keys, *_OF_ROLLING) if "rolling_friction" in keys else keys
+        return (*keys, *_ROLLING_KEYS) if "rolling_friction" in keys else keys
 
     @model_validator(mode="after")
     def _ignores_nothing_stated(self, info: ValidationInfo):
@@ -481,9 +481,9 @@ class CollisionStiffness(Model):
         elif self.contact_time is not None and self.impact_speed is not None:
             yield Fault("impact_speed", "a contact time does not depend on the speed", "leave it out")
         elif self.contact_time is None and (self.largest_overlap is None) != (self.impact_speed is None):
-            lacking = "largest_overlap" if self.largest_overlap is None else "impact_speed"
+            missing_key = "largest_overlap" if self.largest_overlap is None else "impact_speed"
             reason = "an overlap follows from the speed of the grains"
-            yield Fault(lacking, reason, "state largest_overlap and impact_speed, such as 0.01 d and 1 m/s")
+            yield Fault(missing_key, reason, "state largest_overlap and impact_speed, such as 0.01 d and 1 m/s")
 
     def stiffness(self, grains: "Spheres | Spherocylinders | None") -> float:
         """Compute k_n from a collision of two equal grains of the mass m, whose effective mass is m/2.

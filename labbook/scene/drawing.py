@@ -43,7 +43,7 @@ def svg(grains: Grains, container: Container, sized: bool = True) -> str:
     listed = container.area is None
     if listed:
         frame = _frame(container)
-        pile = [] if frame is None else list(_poured(grains, container, frame))
+        pile = [] if frame is None else list(_pile(grains, container, frame))
         top = max([grain[1] for grain in pile], default=-math.inf) + 2 * grains.diameter
         walls = [] if frame is None else [*walls, *_endless(container, (*frame[:3], max(frame[3], top)))]
     if not walls:
@@ -55,7 +55,7 @@ def svg(grains: Grains, container: Container, sized: bool = True) -> str:
     def at(x: float, z: float) -> tuple[float, float]:
         return _MARGIN + (x - left) * scale, _MARGIN + (high - z) * scale
 
-    bed = _bed(grains, pile or _placed(grains, container), at, scale)
+    bed = _bed(grains, pile or _rows(grains, container), at, scale)
     lines = "".join(_line(at(*start), at(*end)) for start, end in walls)
     lines += "".join(_line(at(*start), at(*end), _FAINT, 1) for start, end in _opening(container))
     width, height = (right - left) * scale + 2 * _MARGIN, (high - low) * scale
@@ -104,7 +104,7 @@ def _endless(container: Container, frame: _Frame) -> Iterator[Segment]:
             yield from wall.shape.section(Bounds((left, -math.inf, low), (right, math.inf, high)))
 
 
-def _poured(grains: Grains, container: Container, frame: _Frame) -> Iterator[_Grain]:
+def _pile(grains: Grains, container: Container, frame: _Frame) -> Iterator[_Grain]:
     """Grains in rows between walls listed one by one, where nothing covers them."""
     left, right, low, _ = frame
     closed, d = container.close().walls(), grains.diameter
@@ -139,7 +139,7 @@ def _poured(grains: Grains, container: Container, frame: _Frame) -> Iterator[_Gr
         z += 0.95 * d
 
 
-def _placed(grains: Grains, container: Container) -> Iterator[_Grain]:
+def _rows(grains: Grains, container: Container) -> Iterator[_Grain]:
     """Grains of a bed in rows, and a few that fall from each outlet."""
     d = grains.equivalent_diameter if grains.varied else grains.diameter
     long = d if grains.half_length == 0 else grains.extent
@@ -151,11 +151,11 @@ def _placed(grains: Grains, container: Container) -> Iterator[_Grain]:
         lean = _lean(container, z)
         start, end = ends[0] + lean * d + long / 2, ends[1] - lean * d - long / 2
         pitch = 1.04 * long
-        several = int((end - start) // pitch) + 1 if end > start else 0
-        shift = (row % 2) * (end - start - (several - 1) * pitch)  # rows touch the one wall and the other in turn
-        for k in range(min(several, left)):
+        count = int((end - start) // pitch) + 1 if end > start else 0
+        shift = (row % 2) * (end - start - (count - 1) * pitch)  # rows touch the one wall and the other in turn
+        for k in range(min(count, left)):
             yield _grain(grains, rng, start + shift + k * pitch, z)
-        left -= several
+        left -= count
         z += (0.9 if long == d else 1.1) * d
         row += 1
     for outlet in [opening for opening in container.outlets if opening.form]:

@@ -197,9 +197,9 @@ def contour(distance: Distance, bounds: Bounds) -> Mesh | None:
         four = corners[:, tetrahedron]
         negative = value[four] < 0
         order = np.argsort(~negative, axis=1, kind="stable")
-        four, several = np.take_along_axis(four, order, axis=1), negative.sum(axis=1)
+        four, count = np.take_along_axis(four, order, axis=1), negative.sum(axis=1)
         for number, edges in _EDGES.items():
-            edge = four[several == number][:, np.array(edges)]
+            edge = four[count == number][:, np.array(edges)]
             pairs += [edge[:, :3]] if len(edges) == 3 else [edge[:, :3], edge[:, [0, 2, 3]]]
     ends = np.sort(np.concatenate(pairs), axis=2)
     if not len(ends):
@@ -235,9 +235,9 @@ def stands_over(distance: Distance, bounds: Bounds, x: np.ndarray) -> np.ndarray
     for _ in range(_STEPS):
         if not len(left):
             break
-        away = np.abs(distance(at))
-        above[left[away <= near]] = True
-        at[:, 2] -= away
-        goes_on = (away > near) & (at[:, 2] >= bounds.low[2] - near)
+        gaps = np.abs(distance(at))
+        above[left[gaps <= near]] = True
+        at[:, 2] -= gaps
+        goes_on = (gaps > near) & (at[:, 2] >= bounds.low[2] - near)
         left, at = left[goes_on], at[goes_on]
     return above

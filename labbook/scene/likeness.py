@@ -152,11 +152,11 @@ def _difference(container: ContainerShape, surface: Triangles) -> float:
     points = np.concatenate([surface.vertices, surface.places.mean(axis=1)])
     points = points[:: max(1, len(points) // _POINTS)]
     walls = container.walls()
-    away = np.min([np.abs(wall.shape.distance(points)) for wall in walls], axis=0).max()
+    largest = np.min([np.abs(wall.shape.distance(points)) for wall in walls], axis=0).max()
     within = Bounds(surface.bounds.low, surface.bounds.high)
     for wall in walls:
         wall_mesh = None if wall.shape.half_space else wall.shape.mesh(within)
         if wall_mesh is not None:
             corners = wall_mesh.vertices[wall_mesh.triangles]
-            away = max(away, surface.distance(np.concatenate([wall_mesh.vertices, corners.mean(axis=1)])).max())
-    return float(away)
+            largest = max(largest, surface.distance(np.concatenate([wall_mesh.vertices, corners.mean(axis=1)])).max())
+    return float(largest)

@@ -136,10 +136,10 @@ class TriangleMesh(WallShape):
     def clearance(self, x: np.ndarray, reach: float) -> np.ndarray:
         """Distance [m] as `distance` gives it, where its size is at most `reach` [m]; further away any number of its
         sign whose size exceeds `reach`."""
-        away = self.surface.distance(x, reach)
+        distances = self.surface.distance(x, reach)
         if not self.surface.closed:
-            return away
-        return np.where(self.surface.inside(x) == self.encloses, away, -away)
+            return distances
+        return np.where(self.surface.inside(x) == self.encloses, distances, -distances)
 
     @property
     def bounds(self) -> Bounds:

@@ -177,12 +177,12 @@ def once(size: int) -> Callable[[Callable[_P, _R]], Callable[_P, _R]]:
     """
 
     def decorate(work: Callable[_P, _R]) -> Callable[_P, _R]:
-        remembered = lru_cache(maxsize=size)(work)
+        memo = lru_cache(maxsize=size)(work)
 
         @wraps(work)
         def cached(*args: _P.args, **kwargs: _P.kwargs) -> _R:
             try:
-                return remembered(*args, **kwargs)  # pyright: ignore[reportArgumentType]
+                return memo(*args, **kwargs)  # pyright: ignore[reportArgumentType]
             except TypeError:
                 return work(*args, **kwargs)
 

@@ -32,7 +32,7 @@ def distances(c: np.ndarray, a: np.ndarray, b: np.ndarray, half: float) -> np.nd
     Returns:
         Distances [m], shape [n].
     """
-    return np.min([_apart(c, a, b, s, t) for s, t in _candidates(c, a, b, half)], axis=0)
+    return np.min([_separation(c, a, b, s, t) for s, t in _candidates(c, a, b, half)], axis=0)
 
 
 def nearest(c: np.ndarray, a: np.ndarray, b: np.ndarray, half: float) -> tuple[np.ndarray, np.ndarray]:
@@ -41,9 +41,9 @@ def nearest(c: np.ndarray, a: np.ndarray, b: np.ndarray, half: float) -> tuple[n
     Returns:
         Places [m] of the points from the centres along a and b, each of shape [n].
     """
-    tries = np.array(list(_candidates(c, a, b, half)))
-    least = np.argmin([_apart(c, a, b, s, t) for s, t in tries], axis=0)
-    s, t = tries[least, :, np.arange(len(c))].T
+    candidates = np.array(list(_candidates(c, a, b, half)))
+    index = np.argmin([_separation(c, a, b, s, t) for s, t in candidates], axis=0)
+    s, t = candidates[index, :, np.arange(len(c))].T
     return s, t
 
 
@@ -59,7 +59,7 @@ def _candidates(c: np.ndarray, a: np.ndarray, b: np.ndarray, half: float) -> Ite
     yield np.where(inside, s, -half), np.where(inside, t, np.clip(cb - half * ab, -half, half))
 
 
-def _apart(c: np.ndarray, a: np.ndarray, b: np.ndarray, s: np.ndarray, t: np.ndarray) -> np.ndarray:
+def _separation(c: np.ndarray, a: np.ndarray, b: np.ndarray, s: np.ndarray, t: np.ndarray) -> np.ndarray:
     return np.linalg.norm(c + s[:, None] * a - t[:, None] * b, axis=1)
 
 

@@ -6,8 +6,8 @@ import numpy as np
 
 _DOUBLE = ("x", "v", "omega")
 _PER_GRAIN = {"diameter": np.float64, "kind": np.int64}
-_OF_SPRINGS = {"pairs": "iu", "pair_spring": "f", "wall_grain": "iu", "wall_name": "U", "wall_spring": "f"}
-_OF_SPRINGS |= {"wall_part": "iu"}
+_SPRING_TYPES = {"pairs": "iu", "pair_spring": "f", "wall_grain": "iu", "wall_name": "U", "wall_spring": "f"}
+_SPRING_TYPES |= {"wall_part": "iu"}
 _ROLLING = {"pair_rolling": "pairs", "wall_rolling": "wall_grain"}
 _WALL_PARTS = 1 << 31  # rods touch a wall at 4 points, spheres a mesh at as many features as it has
 
@@ -104,7 +104,7 @@ class Packing:
                 raise ValueError(f"packing: {name} has shape {np.shape(array)}, not {shape}")
             if np.asarray(array).dtype.kind != "f":
                 raise ValueError(f"packing: {name} holds {np.asarray(array).dtype}")
-        for name, kind in _OF_SPRINGS.items():
+        for name, kind in _SPRING_TYPES.items():
             if np.asarray(getattr(self, name)).dtype.kind not in kind:
                 raise ValueError(f"packing: {name} holds {np.asarray(getattr(self, name)).dtype}")
         for name, limit in (("pairs", n), ("wall_grain", n), ("wall_part", _WALL_PARTS)):
@@ -154,10 +154,10 @@ class Packing:
         """Packing without the grains that have not entered; itself if all have."""
         if self.waiting is None:
             return self
-        there = ~self.waiting
-        place = np.cumsum(there) - 1
+        present = ~self.waiting
+        place = np.cumsum(present) - 1
         arrays = {name: getattr(self, name) for name in (*_DOUBLE, "ids", "q", *_PER_GRAIN)}
-        own = {name: array[there] for name, array in arrays.items() if array is not None}
+        own = {name: array[present] for name, array in arrays.items() if array is not None}
         return replace(self, **own, pairs=place[self.pairs], wall_grain=place[self.wall_grain], waiting=None)
 
     def mirrored(self) -> "Packing":
@@ -218,8 +218,8 @@ class Packing:
         names = (*_DOUBLE, "ids", "pairs", "pair_spring", "wall_grain", "wall_name", "wall_spring", "wall_part")
         arrays = {name: getattr(self, name) for name in names}
         optional = ("q", *_PER_GRAIN, *_ROLLING, "waiting")
-        some = {name: array for name in optional if (array := getattr(self, name)) is not None}
-        return {**arrays, **some}
+        extras = {name: array for name in optional if (array := getattr(self, name)) is not None}
+        return {**arrays, **extras}
 
 
 def _quaternions(q: np.ndarray, n: int) -> np.ndarray:

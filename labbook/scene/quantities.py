@@ -111,10 +111,10 @@ def told_apart(value: float, limit: float, digits: int = 3, of_limit: int = 6) -
         number, bound = f"{value:.{digits + extra}g}", f"{limit:.{of_limit + extra}g}"
         if (float(number) > float(bound), float(number) < float(bound)) == (value > limit, value < limit):
             break
-    return _written_out(number), _written_out(bound)
+    return _decimal(number), _decimal(bound)
 
 
-def _written_out(number: str) -> str:
+def _decimal(number: str) -> str:
     """Write a number without an exponent (4.15e+03), unless it is large or small, or has many digits."""
     plain = f"{float(number):.6g}"
     return plain if "e" in number and float(plain) == float(number) else number
@@ -152,7 +152,7 @@ def percent(part: float, how: str = ".3g") -> str:
     plus = "+" if how.startswith("+") else ""
     if _PERCENT_LIMIT <= abs(part) < math.inf:
         return re.sub(r"e(-?)\+?0*", r"e\1", f"{part:{plus}.3g} times")
-    number = _written_out(f"{100 * part:{how}}")
+    number = _decimal(f"{100 * part:{how}}")
     return f"{plus if number[0] not in '+-' else ''}{number} %"
 
 
@@ -269,15 +269,15 @@ def _factor(units: str, unit: str | None, diameter: float | None) -> float:
             position, sign = term.end(), -1 if "/" in link else 1
         if sign < 0 or link.strip() == "*":
             raise ValueError("not a quantity: a unit is missing at its end")
-        magnitude: Any = (product.to_base_units() if unit is None else _turned(product, unit, counts)).magnitude
+        magnitude: Any = (product.to_base_units() if unit is None else _converted(product, unit, counts)).magnitude
         return float(magnitude)
     except pint.DimensionalityError as error:
-        raise ValueError(_unlike(registry.Unit(error.units1), unit)) from None
+        raise ValueError(_mismatch(registry.Unit(error.units1), unit)) from None
     except ArithmeticError:
         raise ValueError("not a quantity: out of range") from None
 
 
-def _turned(product: Any, unit: str, counts: bool) -> Any:
+def _converted(product: Any, unit: str, counts: bool) -> Any:
     """Convert the pint quantity `product` (in base units) to `unit`.
 
     An angle is no number, which it is to pint, but a turn of 2 pi rad is what a frequency counts. `counts`: the product
@@ -295,10 +295,10 @@ def _turned(product: Any, unit: str, counts: bool) -> Any:
         if not counts:
             raise _TurnsOrAngles(product.to("1/s").magnitude)
         return (product * registry.Quantity(1.0, "turn")).to(target)
-    raise ValueError(_unlike(product.units, unit))
+    raise ValueError(_mismatch(product.units, unit))
 
 
-def _unlike(units: Any, unit: str | None) -> str:
+def _mismatch(units: Any, unit: str | None) -> str:
     """Reason against the pint unit `units` in place of `unit`."""
     requirement, symbol = f"a quantity in {unit}" if unit else "a number without unit", f"{units:~}"
     return f"{requirement} is needed, not {f'one in {symbol}' if symbol else 'a number without unit'}"

@@ -169,9 +169,9 @@ class ConicalSilo(RoundSilo):
 
     def inside(self, x: np.ndarray) -> np.ndarray:
         """Mask of the centres x [m], shape [n, 3], between the walls, shape [n]; above them too."""
-        off = np.hypot(x[:, 0], x[:, 1])
-        bottom = np.maximum(off - self.orifice / 2, 0) / math.tan(self.angle)
-        return (off <= self.diameter / 2) & (x[:, 2] >= bottom) & self._clear_of_parts(x)
+        r = np.hypot(x[:, 0], x[:, 1])
+        bottom = np.maximum(r - self.orifice / 2, 0) / math.tan(self.angle)
+        return (r <= self.diameter / 2) & (x[:, 2] >= bottom) & self._clear_of_parts(x)
 
     def close(self, surface_motion: bool = False) -> "ConicalSilo":
         """Close the silo with a lid over its outlet."""

@@ -326,8 +326,8 @@ class SizeList(Distribution):
 
     def draw(self, rng: np.random.Generator, n: int, largest: float) -> np.ndarray:
         """Diameters [m], shape [n]: each of the list as often as any other, within one grain."""
-        several = len(self.diameters)
-        return np.minimum(_systematic(rng, n, self.diameters, np.full(several, 1 / several)), largest)
+        count = len(self.diameters)
+        return np.minimum(_systematic(rng, n, self.diameters, np.full(count, 1 / count)), largest)
 
 
 def _too_small(smallest: float, largest: float, key: str) -> Iterator[Fault]:

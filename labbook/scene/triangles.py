@@ -121,14 +121,14 @@ class Triangles:
         """Edges as pairs of vertices, shape [e, 2], ascending; and the edges of each triangle, shape [m, 3], of which
         edge k lies opposite to corner k."""
         pairs = self.corners[:, [[1, 2], [0, 2], [0, 1]]].reshape(-1, 2)
-        edges, of = np.unique(pairs, axis=0, return_inverse=True)
-        return edges, of.reshape(-1, 3)
+        edges, numbers = np.unique(pairs, axis=0, return_inverse=True)
+        return edges, numbers.reshape(-1, 3)
 
     @property
     def free_edges(self) -> np.ndarray:
         """Edges of one triangle, as pairs of vertices, shape [e, 2]."""
-        edges, of = self.edges
-        return edges[np.bincount(of.ravel(), minlength=len(edges)) == 1]
+        edges, numbers = self.edges
+        return edges[np.bincount(numbers.ravel(), minlength=len(edges)) == 1]
 
     def creases(self, angle: float) -> np.ndarray:
         """Find the edges at which the surface ends or bends.
@@ -139,9 +139,9 @@ class Triangles:
         Returns:
             Edges as pairs of vertices, shape [e, 2].
         """
-        edges, of = self.edges
-        order = np.argsort(of, axis=None, kind="stable")
-        counts = np.bincount(of.ravel(), minlength=len(edges))
+        edges, numbers = self.edges
+        order = np.argsort(numbers, axis=None, kind="stable")
+        counts = np.bincount(numbers.ravel(), minlength=len(edges))
         first = (np.cumsum(counts) - counts)[counts == 2]
         normals = [self.normals[order[first + k] // 3] for k in range(2)]
         sharp = np.abs(_dot(*normals)) < math.cos(angle)
@@ -150,8 +150,8 @@ class Triangles:
     @property
     def closed(self) -> bool:
         """True if every edge belongs to two triangles, so that the surface bounds a volume."""
-        edges, of = self.edges
-        return bool((np.bincount(of.ravel(), minlength=len(edges)) == 2).all())
+        edges, numbers = self.edges
+        return bool((np.bincount(numbers.ravel(), minlength=len(edges)) == 2).all())
 
     # whether it is clean
 
@@ -167,8 +167,8 @@ class Triangles:
                 yield Flaw(kind, len(places), (x, y, z))
 
     def _crowded(self) -> np.ndarray:
-        edges, of = self.edges
-        crowded = np.bincount(of.ravel(), minlength=len(edges)) > 2
+        edges, numbers = self.edges
+        crowded = np.bincount(numbers.ravel(), minlength=len(edges)) > 2
         return self.vertices[edges[crowded]].mean(axis=1)
 
     def _junctions(self) -> np.ndarray:
@@ -252,17 +252,17 @@ class Triangles:
 
         Long triangles are cut into pieces, as the ball around a whole one would have most points near it.
         """
-        pieces, of = self.places, np.arange(len(self.places))
+        pieces, owners = self.places, np.arange(len(self.places))
         largest = float(np.linalg.norm(self.bounds.size)) / _PIECES
         small: list[tuple[np.ndarray, np.ndarray, np.ndarray]] = []
         while len(pieces):
             middle = pieces.mean(axis=1)
             radii = np.linalg.norm(pieces - middle[:, None], axis=2).max(axis=1)
             done = radii <= largest
-            small.append((middle[done], radii[done], of[done]))
-            pieces, of = _halves(pieces[~done]), np.tile(of[~done], 2)
-        middle, radii, of = (np.concatenate(column) for column in zip(*small, strict=True))
-        return middle, radii, of
+            small.append((middle[done], radii[done], owners[done]))
+            pieces, owners = _halves(pieces[~done]), np.tile(owners[~done], 2)
+        middle, radii, owners = (np.concatenate(column) for column in zip(*small, strict=True))
+        return middle, radii, owners
 
     def _nearest(
         self, x: np.ndarray, rows: np.ndarray, candidates: np.ndarray, distances: np.ndarray, reach: float
@@ -274,27 +274,27 @@ class Triangles:
             return
         low, high = x[rows].min(axis=0), x[rows].max(axis=0)
         middle, half = (low + high) / 2, float(np.linalg.norm(high - low)) / 2
-        centres, radii, of = self._balls
-        away = np.linalg.norm(centres[candidates] - middle, axis=1)
-        if (least := float((away - radii[candidates]).min()) - half) > reach:
+        centres, radii, owners = self._balls
+        gaps = np.linalg.norm(centres[candidates] - middle, axis=1)
+        if (least := float((gaps - radii[candidates]).min()) - half) > reach:
             distances[rows] = least
             return
         # a centroid lies on its triangle, so that its distance is a bound from above
-        candidates = candidates[away - radii[candidates] <= (away.min() + 2 * half) * _SLACK]
+        candidates = candidates[gaps - radii[candidates] <= (gaps.min() + 2 * half) * _SLACK]
         if len(rows) * len(candidates) > _AT_ONCE and len(rows) > 1 and half > 0:
             octant = (x[rows] > middle) @ np.array([1, 2, 4])
             for k in range(8):
                 self._nearest(x, rows[octant == k], candidates, distances, reach)
             return
-        away = cdist(x[rows], centres[candidates])
-        bounds = (away - radii[candidates]).min(axis=1)
+        gaps = cdist(x[rows], centres[candidates])
+        bounds = (gaps - radii[candidates]).min(axis=1)
         distances[rows] = bounds
-        rows, away = rows[bounds <= reach], away[bounds <= reach]
+        rows, gaps = rows[bounds <= reach], gaps[bounds <= reach]
         if not len(rows):
             return
-        close = away - radii[candidates] <= away.min(axis=1)[:, None] * _SLACK
+        close = gaps - radii[candidates] <= gaps.min(axis=1)[:, None] * _SLACK
         point, piece = np.nonzero(close)
-        point, triangle = np.divmod(np.unique(point * len(self.corners) + of[candidates[piece]]), len(self.corners))
+        point, triangle = np.divmod(np.unique(point * len(self.corners) + owners[candidates[piece]]), len(self.corners))
         first = np.searchsorted(point, np.arange(len(rows)))
         distances[rows] = np.minimum.reduceat(self.apart(x[rows[point]], triangle), first)
 

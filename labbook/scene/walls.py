@@ -434,14 +434,14 @@ class Wall(Model):
     def _faults(self) -> Iterator[Fault]:
         if self.motion == AT_REST:
             return
-        off = self.shape.normal_speed(self.motion)
-        if off is None:
+        normal_speed = self.shape.normal_speed(self.motion)
+        if normal_speed is None:
             reason = f"a surface motion of a {self.shape.kind} cannot be checked: the shape has no normal_speed"
             yield Fault("motion", reason, "leave motion out, or add normal_speed to the shape")
-        elif off > 0:
+        elif normal_speed > 0:
             key, remedy = "velocity", "keep the components along the wall"
-            part = f"has a component of {off:g} m/s along the wall's normal"
-            if math.isinf(off):
+            part = f"has a component of {normal_speed:g} m/s along the wall's normal"
+            if math.isinf(normal_speed):
                 key, part = "spin", "turns the surface out of itself"
                 remedy = "spin only horizontal planes and strips, or frustums"
             reason = f"the motion is that of the surface only, the wall itself stays, and this {key} {part}"
