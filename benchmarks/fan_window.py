@@ -167,7 +167,7 @@ def of_series(study: str, one: Any, numbers: Mapping[Any, Any], args: argparse.N
     for (place, _), definition in itertools.product(enumerate(windows), DEFINITIONS):
         seeds = [[starts[place].profile.outlets(radius)[definition] for _, starts, _ in each if starts[place].profile]
                  for each in runs.values()]  # fmt: skip
-        seeds = [[outlet for outlet in outlets if outlet.seen] for outlets in seeds]
+        seeds = [[outlet for outlet in outlets if outlet.has_flow] for outlets in seeds]
         tasks.append(([outlets for outlets in seeds if outlets], context(one.points)))
     fits = iter(mapped(of_profiles, tasks, args.processes))
     starts = ["auto" if window.auto else window.start for window in windows]

@@ -35,25 +35,25 @@ class AccelerationProfile:
         With a short interval it is the height from which free fall would give the square of the velocity that grains
         gain on their way. With a longer one it is more, since what a grain gains is booked where it started.
         """
-        seen = self.count > 0
-        gained = -(self.acceleration * np.diff(self.edges))[seen].sum() / gravity
-        return float(gained) if seen.any() else np.nan
+        occupied = self.count > 0
+        gained = -(self.acceleration * np.diff(self.edges))[occupied].sum() / gravity
+        return float(gained) if occupied.any() else np.nan
 
 
 def pooled_profile(profiles: Sequence[AccelerationProfile]) -> AccelerationProfile:
     """Mean over replicates that have the same bins, each counting alike; of two and more, the error is that between
     replicates, of one its own. Raises ValueError for none or for other bins."""
-    if not profiles or any(not np.array_equal(one.edges, profiles[0].edges) for one in profiles):
+    if not profiles or any(not np.array_equal(profile.edges, profiles[0].edges) for profile in profiles):
         raise ValueError("profiles of the same bins are needed, and at least one")
     if len(profiles) == 1:
         return profiles[0]
-    each = np.array([one.acceleration for one in profiles])
-    n = np.isfinite(each).sum(axis=0)
-    seen = np.where(np.isfinite(each), each, 0.0)
-    mean = np.divide(seen.sum(axis=0), n, out=np.full(len(n), np.nan), where=n > 0)
-    square = np.where(np.isfinite(each), (each - mean) ** 2, 0.0).sum(axis=0)
+    values = np.array([profile.acceleration for profile in profiles])
+    n = np.isfinite(values).sum(axis=0)
+    filled = np.where(np.isfinite(values), values, 0.0)
+    mean = np.divide(filled.sum(axis=0), n, out=np.full(len(n), np.nan), where=n > 0)
+    square = np.where(np.isfinite(values), (values - mean) ** 2, 0.0).sum(axis=0)
     error = np.sqrt(np.divide(square, n * (n - 1), out=np.full(len(n), np.nan), where=n > 1))
-    count, left = sum(one.count for one in profiles), float(np.mean([one.left for one in profiles]))
+    count, left = sum(profile.count for profile in profiles), float(np.mean([profile.left for profile in profiles]))
     return AccelerationProfile(profiles[0].edges, mean, error, np.asarray(count), profiles[0].interval, left)
 
 
@@ -81,17 +81,17 @@ def acceleration_profile(
     if not len(starts):
         raise ValueError(f"no two of {len(time)} frames are about {interval:g} s apart")
     after = time[ends] - time[starts]
-    most = int(np.max(sample["id"])) + 1
-    v = np.full((len(time), most), np.nan)
-    height = np.full((len(time), most), np.nan)
+    columns = int(np.max(sample["id"])) + 1
+    v = np.full((len(time), columns), np.nan)
+    height = np.full((len(time), columns), np.nan)
     ids = np.asarray(sample["id"], int)
     v[first, ids], height[first, ids] = sample["vz"], sample["z"]
     off = np.asarray(sample["x"], float) - centre
-    near = np.zeros((len(time), most), bool)
+    near = np.zeros((len(time), columns), bool)
     near[first, ids] = (abs(off) if planar else np.hypot(off, sample["y"])) <= radius
     start = near[starts] & ((time >= begin) & (time <= end))[starts, None]
     later = np.where(height[ends] > height[starts] + radius, np.nan, v[ends])
-    gone = np.isnan(later) & start
+    absent = np.isnan(later) & start
     for back in range(1, int((ends - starts).max()) + 1):  # the latest row that there is
         row = np.maximum(ends - back, starts)
         earlier = v[row] - gravity * (time[ends] - time[row])[:, None]
@@ -106,7 +106,7 @@ def acceleration_profile(
     mean = np.divide(total, count, out=np.full(len(count), np.nan), where=count > 0)
     spread = np.maximum(np.divide(square, count, out=np.full(len(count), np.nan), where=count > 0) - mean**2, 0)
     error = np.sqrt(np.divide(spread, count - 1, out=np.full(len(count), np.nan), where=count > 1))
-    left = float(gone.sum() / start.sum()) if start.any() else np.nan
+    left = float(absent.sum() / start.sum()) if start.any() else np.nan
     return AccelerationProfile(np.asarray(edges, float), mean, error, count, float(np.median(after)), left)
 
 

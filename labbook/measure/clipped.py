@@ -182,16 +182,16 @@ def _lines(axis: np.ndarray, radius: float, half_length: float):
     2 (half_length + r cos(a)), is smooth: the lines of a whole rod add up to its volume.
     """
     helper = np.where(np.abs(axis[:, :1]) < 0.6, np.array([1.0, 0, 0]), np.array([0, 1.0, 0]))
-    one = np.cross(axis, helper)
-    one /= np.linalg.norm(one, axis=1)[:, None]
-    other = np.cross(axis, one)
+    normal = np.cross(axis, helper)
+    normal /= np.linalg.norm(normal, axis=1)[:, None]
+    binormal = np.cross(axis, normal)
     nodes, weights = np.polynomial.legendre.leggauss(_RADII)
     polar = np.pi / 4 * (1 + nodes)
     weights = np.pi / 4 * weights * np.sin(polar) * np.cos(polar) * radius**2 * 2 * np.pi / _ANGLES
     for ring, (angle, weight) in enumerate(zip(polar, weights, strict=True)):
         off, reach = radius * np.sin(angle), half_length + radius * np.cos(angle)
         for turn in 2 * np.pi * (np.arange(_ANGLES) + (ring % 2) / 2) / _ANGLES:
-            yield off * (np.cos(turn) * one + np.sin(turn) * other), reach, weight
+            yield off * (np.cos(turn) * normal + np.sin(turn) * binormal), reach, weight
 
 
 def _between(at: np.ndarray, along: np.ndarray, low: float, high: float) -> tuple[np.ndarray, np.ndarray]:

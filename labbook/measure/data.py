@@ -52,5 +52,5 @@ class RunData:
         if not self.scene.grains.varied:
             return table
         bodies = Bodies.of(self.scene.grains, self.start)
-        which = self.start.rows(np.asarray(table["id"]))
-        return {**table, "radius": bodies.radius[which], "kind": bodies.kind[which]}
+        rows = self.start.rows(np.asarray(table["id"]))
+        return {**table, "radius": bodies.radius[rows], "kind": bodies.kind[rows]}

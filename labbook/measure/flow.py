@@ -141,12 +141,12 @@ class Trace:
         if self.window is not None:
             left, right = (at / end * _WIDTH for at in self.window)
             shade = f'<rect x="{left:.1f}" y="0" width="{right - left:.1f}" height="{_HEIGHT}" fill="#8884"/>'
-        drawn = (
+        figure = (
             f'<svg width="{_WIDTH}" height="{_HEIGHT}" viewBox="0 0 {_WIDTH} {_HEIGHT}" style="border:1px solid #888">'
             f'{shade}<polyline points="{points}" fill="none" stroke="#1f77b4" stroke-width="1.5"/></svg>'
         )
         axes = f"across: 0 to {end:.3g} s; upwards: 0 to {top * 1e3:.4g} g/s; shaded: the window of the mean"
-        return html.titled("Flow rate W(t)", drawn, html.lines([axes]))
+        return html.titled("Flow rate W(t)", figure, html.lines([axes]))
 
 
 _WIDTH, _HEIGHT = 480, 160  # px of a drawing of W(t)
@@ -154,19 +154,19 @@ _WIDTH, _HEIGHT = 480, 160  # px of a drawing of W(t)
 
 def summed_up(notes: Mapping[str, int]) -> dict[str, int]:
     """Notes with the number of runs that carry each; those that differ in their numbers only are one, with a range."""
-    few = {note: found for note in notes if (found := TOO_FEW.fullmatch(note))}
-    gaps = {note: found for note in notes if (found := GAPS.fullmatch(note))}
+    few = {note: match for note in notes if (match := TOO_FEW.fullmatch(note))}
+    gaps = {note: match for note in notes if (match := GAPS.fullmatch(note))}
     merged = {}
     if few:
         _, total, fewest = next(iter(few.values())).groups()
-        left = _spread(int(found[1]) for found in few.values())
+        left = _spread(int(match[1]) for match in few.values())
         merged[f"too few grains: {left} of {total} left, fewer than {fewest} in the window: {WIDER}"] = few
     if gaps:
-        number = _spread(int(found[1]) for found in gaps.values())
-        time = _spread(float(found[2]) for found in gaps.values())
+        number = _spread(int(match[1]) for match in gaps.values())
+        time = _spread(float(match[2]) for match in gaps.values())
         merged[f"{number} {'gap' if number == '1' else 'gaps'} without flow left out, {time} s together"] = gaps
-    others = {note: n for note, n in notes.items() if note not in few and note not in gaps}
-    return {note: sum(notes[one] for one in group) for note, group in merged.items()} | others
+    rest = {note: n for note, n in notes.items() if note not in few and note not in gaps}
+    return {note: sum(notes[text] for text in group) for note, group in merged.items()} | rest
 
 
 def _spread(numbers: Iterable[float]) -> str:
@@ -186,15 +186,15 @@ def _trace(run: RunData, times: np.ndarray, flow: SteadyFlow | None) -> dict[str
 def _rates(
     flow: SteadyFlow | None, suffix: str, run: RunData, times: np.ndarray, window: Window
 ) -> tuple[Measured, ...]:
-    mass, what = mean_mass(run), "mass" if run.scene.grains.varied else "grains"
-    asked = window_in_words(window, what)
+    mass, basis = mean_mass(run), "mass" if run.scene.grains.varied else "grains"
+    requested = window_in_words(window, basis)
     if flow is None:
         note = too_few(len(times), len(run.start))
         return tuple(
-            Measured(quantity + suffix, math.nan, math.nan, 0, asked, "crossings", unit, note)
+            Measured(quantity + suffix, math.nan, math.nan, 0, requested, "crossings", unit, note)
             for quantity, unit in (("flow_rate", "kg/s"), ("grain_rate", "1/s"))
         )
-    covered = f"{flow.fraction[0]:.3g} to {flow.fraction[1]:.3g} of the {what} discharged"
+    covered = f"{flow.fraction[0]:.3g} to {flow.fraction[1]:.3g} of the {basis} discharged"
     where = f"{covered} ({flow.begin:.4g} s to {flow.end:.4g} s)"
     how, wider = f"crossings; error from {BLOCKS} blocks of equally many grains", 1.0
     if run.scene.feed is not None and flow.error > 0:

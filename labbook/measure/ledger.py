@@ -92,8 +92,8 @@ class EnergyLedger(Measure):
 
 def ledger_interval(scene: Scene, numerics: Numerics) -> int:
     """Beats between two rows: a power of two, so that points of a sweep have few different ones and share ensembles."""
-    foreseen, scale = window_time(scene), gravity_time(scene)
-    interval = min(foreseen / _ROWS, _LONGEST * scale) if math.isfinite(foreseen) else _CLOSED * scale
+    expected, scale = window_time(scene), gravity_time(scene)
+    interval = min(expected / _ROWS, _LONGEST * scale) if math.isfinite(expected) else _CLOSED * scale
     return 2 ** max(0, round(math.log2(interval / numerics.beat)))
 
 
@@ -107,7 +107,7 @@ def _largest(run: RunData, time: np.ndarray, overlap: np.ndarray) -> Measured:
 
 
 def _of_window(run: RunData, window: Window, arrays: dict[str, np.ndarray]) -> tuple[Measured, ...]:
-    kept = apart(run)
+    suffix = apart(run)
     flow, _ = outflow(run, window)
     time = arrays["time"]
     inside = np.zeros(len(time), bool) if flow is None else (time >= flow.begin) & (time <= flow.end)
@@ -117,7 +117,7 @@ def _of_window(run: RunData, window: Window, arrays: dict[str, np.ndarray]) -> t
         fewer = f"only {rows} sampled steps within the window, fewer than {_FEWEST}"
         note = "too few grains left for a window" if flow is None else f"{fewer}; lower numerics.steps_per_beat"
         none = (math.nan, math.nan, 0, where, "sampled steps")
-        return tuple(Measured(one.name + kept, *none, one.unit, note) for one in _OF_WINDOW)
+        return tuple(Measured(quantity.name + suffix, *none, quantity.unit, note) for quantity in _OF_WINDOW)
     within, work = time[inside], arrays["contact_work"][inside]
     where = (
         f"{flow.fraction[0]:.3g} to {flow.fraction[1]:.3g} of the mass discharged "
@@ -127,6 +127,6 @@ def _of_window(run: RunData, window: Window, arrays: dict[str, np.ndarray]) -> t
     mean, loss = float(arrays["max_overlap"][inside].mean()), float((work[0] - work[-1]) / (within[-1] - within[0]))
     by = "work of contacts between the first and the last sample in the window; error from seeds only"
     return (
-        Measured(f"mean_max_overlap{kept}", mean, math.nan, rows, where, how, ""),
-        Measured(f"contact_loss{kept}", loss, math.nan, rows, where, by, "W"),
+        Measured(f"mean_max_overlap{suffix}", mean, math.nan, rows, where, how, ""),
+        Measured(f"contact_loss{suffix}", loss, math.nan, rows, where, by, "W"),
     )

@@ -49,16 +49,16 @@ def after_start_up(window: Window) -> bool:
     return bool(getattr(window, "auto", False))
 
 
-def window_in_words(window: Window, what: str = "mass") -> str:
+def window_in_words(window: Window, amount: str = "mass") -> str:
     """`0.15 to 0.6 of the mass discharged`, `the end of the start-up to 0.6 of the mass discharged`, or `0.5 s to
     3.5 s`; `what` is discharged."""
     if after_start_up(window):
-        return f"the end of the start-up to {window.end:.3g} of the {what} discharged"
+        return f"the end of the start-up to {window.end:.3g} of the {amount} discharged"
     if window.timed:
         return f"{window.start:.4g} s to {window.end:.4g} s"
     if math.isinf(window.end):
-        return f"{window.start:.3g} of the {what} discharged to the end of the run"
-    return f"{window.start:.3g} to {window.end:.3g} of the {what} discharged"
+        return f"{window.start:.3g} of the {amount} discharged to the end of the run"
+    return f"{window.start:.3g} to {window.end:.3g} of the {amount} discharged"
 
 
 @dataclass(frozen=True)

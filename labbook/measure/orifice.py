@@ -57,7 +57,7 @@ _MEANS = (
     ),
 )
 _OF_RODS = {f"orifice_{name}" for name in ("O_zz", "O_rr", "O_tt", "S", "S_of_mean")}
-_UNITS = {one.name.removeprefix("orifice_"): one.unit for one in _MEANS}
+_UNITS = {quantity.name.removeprefix("orifice_"): quantity.unit for quantity in _MEANS}
 
 
 class OrificeMeans(Measure):
@@ -88,7 +88,9 @@ class OrificeMeans(Measure):
 
     def quantities(self, scene: Scene) -> tuple[Quantity, ...]:
         rods = scene.grains.half_length > 0
-        return tuple(one for one in self.declared if rods or one.name.removesuffix(FLOWING) not in _OF_RODS)
+        return tuple(
+            quantity for quantity in self.declared if rods or quantity.name.removesuffix(FLOWING) not in _OF_RODS
+        )
 
     def probes(self, scene: Scene, numerics: Numerics) -> tuple[Probe, ...]:
         return self.observed(scene, numerics)
@@ -138,21 +140,21 @@ def frames_of(run: RunData, flow: SteadyFlow, times: np.ndarray) -> dict[str, np
         raise MeasureError("orifice: the run recorded no grains around the outlet; run it again with this measure")
     rows = run.tables["zone"]
     time = np.asarray(rows["time"], float)
-    seen = (time >= flow.begin) & (time <= flow.end) & ~in_gap(time, times, flow)
-    return {name: np.asarray(column)[seen] for name, column in rows.items()}
+    flowing = (time >= flow.begin) & (time <= flow.end) & ~in_gap(time, times, flow)
+    return {name: np.asarray(column)[flowing] for name, column in rows.items()}
 
 
 def _means(scene: Scene, frames: dict[str, np.ndarray], height: float) -> dict[str, float]:
     omega = omega_of(scene)
-    means = _seen(scene, frames, height, omega)
-    means["kinetic_pressure_fine"] = _seen(scene, frames, height, omega / 2)["kinetic_pressure"]
+    means = _layer_means(scene, frames, height, omega)
+    means["kinetic_pressure_fine"] = _layer_means(scene, frames, height, omega / 2)["kinetic_pressure"]
     if "S" in means:
         means["S_of_mean"] = means.pop("S")
         means["S"] = _mean_order(scene, frames, height, omega)
     return means
 
 
-def _seen(scene: Scene, frames: Mapping[str, np.ndarray], height: float, omega: float) -> dict[str, float]:
+def _layer_means(scene: Scene, frames: Mapping[str, np.ndarray], height: float, omega: float) -> dict[str, float]:
     """Means over a layer of this height [m], through a kernel of the width omega [m]."""
     outlet = round_outlet(scene, NAME)
     R, bottom = outlet.width / 2, outlet.plane
@@ -163,14 +165,16 @@ def _seen(scene: Scene, frames: Mapping[str, np.ndarray], height: float, omega: 
 
 def _mean_order(scene: Scene, frames: Mapping[str, np.ndarray], height: float, omega: float) -> float:
     """Mean over frames of the nematic order of each; frames without a grain there have none."""
-    found = []
+    orders = []
     for step in np.unique(frames["step"]):
         rows = frames["step"] == step
         try:
-            found.append(_seen(scene, {name: column[rows] for name, column in frames.items()}, height, omega)["S"])
+            orders.append(
+                _layer_means(scene, {name: column[rows] for name, column in frames.items()}, height, omega)["S"]
+            )
         except ValueError:  # no grain is above the orifice
             continue
-    return float(np.mean(found)) if found else math.nan
+    return float(np.mean(orders)) if orders else math.nan
 
 
 def _profile(scene: Scene, frames: dict[str, np.ndarray], after: float) -> AccelerationProfile | None:

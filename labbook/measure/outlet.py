@@ -91,8 +91,8 @@ class OutletProfile:
     @property
     def crossing_fraction(self) -> np.ndarray:
         """What makes up the flux of the grains that cross at their mean speed, shape [m]; 0 where none did."""
-        seen = self.crossing_velocity > 0
-        return np.divide(self.crossing_flux, self.crossing_velocity, out=np.zeros_like(self.flux), where=seen)
+        crossed = self.crossing_velocity > 0
+        return np.divide(self.crossing_flux, self.crossing_velocity, out=np.zeros_like(self.flux), where=crossed)
 
     def outlets(self, radius: float) -> Mapping[str, "ProfileAcross"]:
         """The profiles by each of DEFINITIONS, of grains of that radius [m]."""
@@ -136,10 +136,10 @@ class ProfileAcross:
         return np.maximum(abs(self.edges[1:]), abs(self.edges[:-1])) <= self.reach * (1 + 1e-9)
 
     @property
-    def seen(self) -> bool:
+    def has_flow(self) -> bool:
         """Whether there is a shape to fit: grains that move, in bins within `reach` on both sides of the middle."""
-        known = np.isfinite(self.velocity)
-        pairs = self.inside & known & known[::-1]
+        finite = np.isfinite(self.velocity)
+        pairs = self.inside & finite & finite[::-1]
         return bool((np.abs(self.flux[pairs]) > 0).any())
 
 
@@ -149,10 +149,10 @@ def mean_of(outlets: Sequence[ProfileAcross]) -> ProfileAcross:
     return ProfileAcross(
         first.R,
         first.edges,
-        np.mean([one.area_fraction for one in outlets], axis=0),
-        np.mean([one.flux for one in outlets], axis=0),
+        np.mean([outlet.area_fraction for outlet in outlets], axis=0),
+        np.mean([outlet.flux for outlet in outlets], axis=0),
         first.reach,
-        float(np.mean([one.counted for one in outlets])),
+        float(np.mean([outlet.counted for outlet in outlets])),
     )
 
 
@@ -172,12 +172,12 @@ def outlet_profile(run: RunData, window: Window, bins: int = BINS) -> OutletProf
         return None
     number = np.asarray(slab["step"]) // run.numerics.steps_per_beat
     frame = np.minimum(np.searchsorted(frames, number), len(frames) - 1)
-    seen = frames[frame] == number
+    in_frame = frames[frame] == number
     edges, R = np.linspace(-1, 1, bins + 1), slot.width / 2
-    x, z, v = (np.asarray(slab[name], float)[seen] for name in ("x", "z", "vz"))
-    ids = np.asarray(slab["id"])[seen]
+    x, z, v = (np.asarray(slab[name], float)[in_frame] for name in ("x", "z", "vz"))
+    ids = np.asarray(slab["id"])[in_frame]
     grain = run.start.rows(ids)
-    passage = ids if run.scene.feed is None else _passages(ids, frame[seen])
+    passage = ids if run.scene.feed is None else _passages(ids, frame[in_frame])
     covered = _covered(x - slot.centre, z, bodies.radius[grain], R * edges)
     width = 2 * R / bins
     phi, flux = covered.sum(axis=0), covered.T @ -v
@@ -185,7 +185,7 @@ def outlet_profile(run: RunData, window: Window, bins: int = BINS) -> OutletProf
     swept = covered.sum(axis=1) * -v * behind[grain]
     flow_rate = float(swept.sum()) / len(frames)
     counted = mean_mass(run) * steady.rate
-    error = _sweep_error(swept / bodies.mass[grain], passage, frame[seen], len(frames) - 1)
+    error = _sweep_error(swept / bodies.mass[grain], passage, frame[in_frame], len(frames) - 1)
     crossing_flux, crossing_velocity = _at_crossings(run, steady, slot.centre, R * edges, bodies.radius)
     return OutletProfile(
         edges=edges,
@@ -229,20 +229,20 @@ class OutletProfiles(Measure):
 
     def evaluate(self, run: RunData, window: Window) -> Evaluation:
         profile = outlet_profile(run, window)
-        where, kept = window_in_words(window, "grains"), apart(run)
+        where, suffix = window_in_words(window, "grains"), apart(run)
         if profile is None:
             note = "too few grains at the outlet within the window"
             none = (math.nan, math.nan, 0, where, "chords of grains on the outlet line", "", note)
-            return Evaluation((Measured(f"outlet_closure{kept}", *none),))
+            return Evaluation((Measured(f"outlet_closure{suffix}", *none),))
         how = f"chords of grains on the outlet line in {profile.frames} frames"
         of_grains = f"{how}; error from the scatter between grains"
         mean_phi = float(profile.area_fraction.mean())
         mean_v = float(profile.flux.sum() / profile.area_fraction.sum()) if mean_phi > 0 else math.nan
         error, n = profile.closure_error, profile.frames
         numbers = (
-            Measured(f"outlet_closure{kept}", profile.closure, error, n, where, of_grains, ""),
-            Measured(f"outlet_area_fraction{kept}", mean_phi, math.nan, n, where, how, ""),
-            Measured(f"outlet_velocity{kept}", mean_v, math.nan, n, where, how, "m/s"),
+            Measured(f"outlet_closure{suffix}", profile.closure, error, n, where, of_grains, ""),
+            Measured(f"outlet_area_fraction{suffix}", mean_phi, math.nan, n, where, how, ""),
+            Measured(f"outlet_velocity{suffix}", mean_v, math.nan, n, where, how, "m/s"),
         )
         return Evaluation(numbers, packed(profile))
 

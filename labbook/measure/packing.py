@@ -124,15 +124,15 @@ class PackingStructure(Measure):
         high = f"a bed {1e3 * level:.3g} mm high at a packing fraction of {PACKED:g}"
         enough = scene.grains.count * (1 - (discharged_at(scene, level) or 0.0))
         step = 10 ** max(0, math.floor(math.log10(enough)) - 1)
-        more = f"{math.ceil(enough / step) * step:.0f} grains or more ({high})"
+        number = f"{math.ceil(enough / step) * step:.0f} grains or more ({high})"
         wider = " and ".join(f"container.{key} of {size}" for key, size in _wider(scene))
-        return reason, f"use {f'a {wider}, with {high}' if wider else more}, or take packing out of measure"
+        return reason, f"use {f'a {wider}, with {high}' if wider else number}, or take packing out of measure"
 
     def _too_small(self, scene: Scene, where: str) -> tuple[Measured, ...]:
         least = _extent(scene.grains)
         note = f"the bulk is smaller than {least}: use more grains or a wider container"
         none = (math.nan, math.nan, 0, where, "none", "", note)
-        return tuple(Measured(one.name, *none) for one in self.quantities(scene))
+        return tuple(Measured(quantity.name, *none) for quantity in self.quantities(scene))
 
 
 def _wider(scene: Scene) -> Iterator[tuple[str, str]]:
@@ -159,8 +159,8 @@ def _distance(grains: Grains) -> str:
 
 
 def _extent(grains: Grains) -> str:
-    d, most = grains.diameter, grains.extent
-    return f"{SMALLEST:g} d" if most <= SMALLEST * d else f"a rod ({most * 1e3:.4g} mm)"
+    d, length = grains.diameter, grains.extent
+    return f"{SMALLEST:g} d" if length <= SMALLEST * d else f"a rod ({length * 1e3:.4g} mm)"
 
 
 def _of_cells(quantity: str, values: np.ndarray, where: str, how: str) -> Measured:
@@ -178,7 +178,7 @@ def _order(packing: Packing, region: Region, cells: list[Region], where: str) ->
             Measured(name, math.nan, math.nan, 0, where, "Delaunay neighbours", "", note)
             for name in ("hexatic_local", "hexatic_global")
         ]
-    means = [abs(psi[held]).mean() for cell in cells if (held := cell.holds(packing.x) & inside).any()]
+    means = [abs(psi[inner]).mean() for cell in cells if (inner := cell.holds(packing.x) & inside).any()]
     error = float(np.std(means, ddof=1)) / math.sqrt(len(means)) if len(means) > 1 else math.nan
     how = "Delaunay neighbours in the x-z plane"
     return [

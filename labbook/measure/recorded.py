@@ -56,18 +56,18 @@ class Bed:
     def of(cls, evaluation: Evaluation, name: str = "") -> "Bed | None":
         """The bed that a measure of this module has given; one of its several beds by `name`. None without it."""
         start = f"{name}." if name else ""
-        kept = {key.removeprefix(start): a for key, a in evaluation.arrays.items() if key.startswith(start)}
-        if "frames" not in kept:
+        arrays = {key.removeprefix(start): a for key, a in evaluation.arrays.items() if key.startswith(start)}
+        if "frames" not in arrays:
             return None
-        begin, end = kept["window"].tolist()
-        moment = {column: kept[f"moment_{column}"] for column in _OF_FRAMES}
-        return cls(Fields.of(kept), moment, int(kept["frames"]), (begin, end))
+        begin, end = arrays["window"].tolist()
+        moment = {column: arrays[f"moment_{column}"] for column in _OF_FRAMES}
+        return cls(Fields.of(arrays), moment, int(arrays["frames"]), (begin, end))
 
     def arrays(self, name: str = "") -> dict[str, np.ndarray]:
         """The bed as arrays, by names that begin with `name`."""
         moment = {f"moment_{column}": values for column, values in self.moment.items()}
-        kept = {**self.fields.arrays(), **moment, "frames": np.array(self.frames), "window": np.array(self.window)}
-        return {f"{name}.{key}" if name else key: array for key, array in kept.items()}
+        arrays = {**self.fields.arrays(), **moment, "frames": np.array(self.frames), "window": np.array(self.window)}
+        return {f"{name}.{key}" if name else key: array for key, array in arrays.items()}
 
 
 class OfRecording(Measure):
@@ -129,7 +129,7 @@ class FlowPattern(OfRecording):
         if bed is None:
             return Evaluation()
         where, how = f"{bed.window[0]:.4g} s to {bed.window[1]:.4g} s", "recorded frames, coarse-grained"
-        units = {one.name: one.unit for one in self.declared}
+        units = {quantity.name: quantity.unit for quantity in self.declared}
 
         def measured(name: str, value: float, frames: int = bed.frames, note: str = "") -> Measured:
             quantity = f"orifice.{name}"
@@ -187,8 +187,8 @@ class FlowMoments(OfRecording):
     @staticmethod
     def beds(evaluation: Evaluation) -> list[Bed]:
         """The beds at the instants that have frames enough."""
-        found = (Bed.of(evaluation, f"moment-{number + 1}") for number in range(_MOMENTS))
-        return [bed for bed in found if bed is not None]
+        beds = (Bed.of(evaluation, f"moment-{number + 1}") for number in range(_MOMENTS))
+        return [bed for bed in beds if bed is not None]
 
 
 class FreeFall(OfRecording):

@@ -50,10 +50,10 @@ class Outlines:
         r = np.broadcast_to(np.asarray(self.radius, float), len(self.x))
         return math.pi * r**2 * 2 * self.half_length + 4 / 3 * math.pi * r**3
 
-    def only(self, chosen: np.ndarray) -> "Outlines":
+    def only(self, mask: np.ndarray) -> "Outlines":
         """Those that a mask, shape [n], chooses."""
-        radius = self.radius[chosen] if isinstance(self.radius, np.ndarray) else self.radius
-        return Outlines(self.x[chosen], radius, None if self.axis is None else self.axis[chosen], self.half_length)
+        radius = self.radius[mask] if isinstance(self.radius, np.ndarray) else self.radius
+        return Outlines(self.x[mask], radius, None if self.axis is None else self.axis[mask], self.half_length)
 
 
 @dataclass(frozen=True)
@@ -249,7 +249,7 @@ def _lowest(
 ) -> float:
     """Height [m] of the lowest column's highest grain; `floor` if a column is empty. Columns whose corners lie beyond
     the radius `around` [m] do not count: the wall leaves little room there."""
-    across, along = (max(1, round(size / each)) for size, each in zip((width, depth), column, strict=True))
+    across, along = (max(1, round(size / wide)) for size, wide in zip((width, depth), column, strict=True))
     i = np.clip(((x[:, 0] / width + 0.5) * across).astype(int), 0, across - 1)
     j = np.clip(((x[:, 1] / depth + 0.5) * along).astype(int), 0, along - 1)
     height = np.full(across * along, floor)

@@ -121,15 +121,15 @@ def steady_flow(
         first = max(first, math.ceil(LONGEST * last) if opening is None else opening)
     waits = np.diff(times[first : last + 1])
     flowing = waits <= gap
-    kept, carried = waits[flowing], mass[first + 1 : last + 1][flowing]
-    if len(kept) < FEWEST:
+    intervals, carried = waits[flowing], mass[first + 1 : last + 1][flowing]
+    if len(intervals) < FEWEST:
         return None
-    n, mean = len(kept), float(kept.mean())
-    of_grains, waited = block_mean(kept, BLOCKS).error, kept
+    n, mean = len(intervals), float(intervals.mean())
+    of_grains, waited = block_mean(intervals, BLOCKS).error, intervals
     load = float(carried.mean())
-    kept = kept - (carried / load - 1) * mean
-    blocks = block_mean(kept, BLOCKS)
-    correlated = correlated_mean(block_mean(kept, math.isqrt(n)).means)
+    intervals = intervals - (carried / load - 1) * mean
+    blocks = block_mean(intervals, BLOCKS)
+    correlated = correlated_mean(block_mean(intervals, math.isqrt(n)).means)
     rate = load / mean
     return SteadyFlow(
         rate=rate,
@@ -138,7 +138,7 @@ def steady_flow(
         grain_error=of_grains / mean**2,
         heaviest=float(mass.max()) / total,
         correlated_error=rate * correlated.error / mean,
-        n_effective=_independent(kept, blocks.error),
+        n_effective=_independent(intervals, blocks.error),
         grain_n_effective=_independent(waited, of_grains),
         trend=trend(load / blocks.means),
         begin=float(times[first]),

@@ -75,7 +75,7 @@ class ContactStress(Measure):
         if mean is None:
             note = "no frame within the window"
             none = (math.nan, math.nan, 0, where, how, "Pa", note)
-            return Evaluation(tuple(Measured(f"{one.name}{suffix}", *none) for one in _PRESSURES))
+            return Evaluation(tuple(Measured(f"{quantity.name}{suffix}", *none) for quantity in _PRESSURES))
         fields, frames = mean
         pressure = contact_pressure(fields)
         weight = fields.density * fields.grid.volumes

@@ -254,11 +254,11 @@ class _Frames:
         table = run.tables["traction"]
         self.walls: tuple[Wall, ...] = all_walls(run.scene.container)
         self.bins: tuple[WallBins, ...] = bins_of_walls(run.scene, self.walls, bin_width(run.scene))
-        first = np.cumsum([0, *(one.count for one in self.bins)])
+        first = np.cumsum([0, *(bins.count for bins in self.bins)])
         steps, frame = np.unique(table["step"], return_inverse=True)
         self.time = steps * run.numerics.dt
         self.sums = np.zeros((len(steps), int(first[-1]), len(TRACTION_SUMS)))
-        counts = np.array([one.count for one in self.bins])
+        counts = np.array([bins.count for bins in self.bins])
         place = first[table["wall"]] + np.minimum(table["bin"], counts[table["wall"]] - 1)
         for name, column in _SUM.items():
             np.add.at(self.sums[:, :, column], (frame, place), np.asarray(table[name], float))
@@ -305,7 +305,7 @@ def _stresses(run: RunData, frames: _Frames, within: np.ndarray, window: tuple[f
     peaks = [_peak(times, moving, upright[frames.wall], tau * gravity_time(scene)) / normal for tau in FILTERS]
     return WallStresses(
         names=np.array([wall.name for wall in frames.walls], "U40"),
-        coordinates=np.array([one.along for one in frames.bins], "U8"),
+        coordinates=np.array([b.along for b in frames.bins], "U8"),
         upright=upright,
         friction=friction,
         wall=frames.wall,
