@@ -10,11 +10,16 @@ from labbook.measure.measure import Evaluation, unpacked
 
 @dataclass(frozen=True, eq=False)
 class AccelerationProfile:
-    """Mean of (v_z(t + dt) - v_z(t)) / dt [m/s^2] of grains that start within a bin of height.
+    """Mean acceleration (v_z(t + dt) - v_z(t)) / dt of the grains that start within a bin of height.
 
-    `edges` [m] of the bins, shape [m + 1]; `acceleration`, its standard `error` over grains (those of one grain in
-    several frames hang together: a lower bound) and the `count` of pairs, shape [m]; NaN without any. `left`: part of
-    the pairs whose end was not seen, because the grain had left, and was continued by free fall.
+    Attributes:
+        edges: Edges of the bins of height [m], shape [m + 1].
+        acceleration: Mean acceleration [m/s^2], shape [m]; NaN for an empty bin.
+        error: Its standard error over pairs [m/s^2], shape [m]. It is a lower bound, since pairs of one grain in
+            several frames are correlated.
+        count: Number of pairs, shape [m].
+        interval: Median time dt between both velocities [s].
+        left: Fraction of the pairs whose grain had left before the second frame, and was continued by free fall.
     """
 
     edges: np.ndarray
@@ -26,14 +31,20 @@ class AccelerationProfile:
 
     @classmethod
     def of(cls, evaluation: Evaluation) -> "AccelerationProfile | None":
-        """The profile as a measure has given it; None without any."""
+        """Read the profile from an evaluation; None without one."""
         return unpacked(cls, evaluation.arrays)
 
     def free_fall_height(self, gravity: float) -> float:
-        """Area under a_eff/g [m] over the bins that saw a grain; NaN if no bin did.
+        """Integrate a_eff/g over height.
 
-        With a short interval it is the height from which free fall would give the square of the velocity that grains
-        gain on their way. With a longer one it is more, since what a grain gains is booked where it started.
+        With a short interval the area is the height from which free fall would give the square of the velocity that
+        grains gain on their way. A longer interval gives more, since the gain counts where the grain started.
+
+        Args:
+            gravity: Acceleration of gravity g [m/s^2].
+
+        Returns:
+            The area [m] over the bins with grains; NaN if all are empty.
         """
         occupied = self.count > 0
         gained = -(self.acceleration * np.diff(self.edges))[occupied].sum() / gravity
@@ -41,8 +52,14 @@ class AccelerationProfile:
 
 
 def pooled_profile(profiles: Sequence[AccelerationProfile]) -> AccelerationProfile:
-    """Mean over replicates that have the same bins, each counting alike; of two and more, the error is that between
-    replicates, of one its own. Raises ValueError for none or for other bins."""
+    """Average profiles of replicates with equal weights.
+
+    Returns:
+        The mean profile. From two replicates on its error is that between replicates.
+
+    Raises:
+        ValueError: There are no profiles, or their bins differ.
+    """
     if not profiles or any(not np.array_equal(profile.edges, profiles[0].edges) for profile in profiles):
         raise ValueError("profiles of the same bins are needed, and at least one")
     if len(profiles) == 1:
@@ -69,12 +86,25 @@ def acceleration_profile(
     centre: float = 0.0,
     planar: bool = False,
 ) -> AccelerationProfile:
-    """Effective acceleration of the grains within `radius` [m] of the axis (of x = `centre` if `planar`).
+    """Compute the effective acceleration of grains near the axis, by height (Pongo et al. 2022, Fig. 10).
 
-    `sample`: rows with step, time, id, x, y, z, vz; to each frame belongs the later one that is nearest to `interval`
-    [s] after it, and none if that is half as long or half as long again. A grain is binned by the height it starts
-    from: in 50 ms a falling one passes 30 mm. Of a grain that has left by then, or is a `radius` higher since it was
-    put back, the last row before is continued by free fall. Raises ValueError if no two frames are `interval` apart.
+    A grain is binned by the height at which it starts: in 50 ms a falling grain passes 30 mm. If it has left by the
+    second frame, or is a `radius` higher since it was fed back, its last earlier row is continued by free fall.
+
+    Args:
+        sample: Rows with the columns step, time [s], id, x, y, z [m] and vz [m/s].
+        interval: Time between the velocities of a pair [s]. Each frame is paired with the frame nearest to it; pairs
+            shorter than half or longer than one and a half intervals are left out.
+        radius: Largest distance of grains from the axis [m].
+        edges: Edges of the bins of height [m], shape [m + 1].
+        gravity: Acceleration of gravity [m/s^2].
+        begin: First instant at which pairs may start [s].
+        end: Last such instant [s].
+        centre: x of the axis [m].
+        planar: Distances are from the plane x = `centre`, not from the axis.
+
+    Raises:
+        ValueError: No two frames are an `interval` apart.
     """
     time, first = np.unique(np.asarray(sample["time"], float), return_inverse=True)
     starts, ends = _pairs(time, interval)
@@ -111,7 +141,7 @@ def acceleration_profile(
 
 
 def _pairs(time: np.ndarray, interval: float) -> tuple[np.ndarray, np.ndarray]:
-    """Frames, and those about `interval` later."""
+    """Pair frames: rows of the first ones, and of the frames about an `interval` [s] later."""
     above = np.minimum(np.searchsorted(time, time + interval), len(time) - 1)
     below = np.maximum(above - 1, 0)
     nearest = np.where(abs(time[below] - time - interval) < abs(time[above] - time - interval), below, above)

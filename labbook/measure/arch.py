@@ -39,7 +39,7 @@ _PREFIX = "bed_"
 
 
 class Arch(Measure):
-    """Arch or dome that holds each stop of spheres over one outlet.
+    """Measure the arch or dome that holds each stop of spheres over one outlet.
 
     The arch of a layer over a slot is the strongest short chain of contacts between grains that rest on the bottom at
     either side of the outlet. The chain minimises the sum of 1 + 2 / (F / mg + 0.3) over its contacts, F being the
@@ -47,9 +47,19 @@ class Arch(Measure):
     planes: through the axis of the hole, a diameter apart at its rim, or across the slot, a diameter apart. Grains of a
     chain lie within a diameter of its plane.
 
-    Quantities: `arch_grains`, the mean number of grains of an arch or dome; `arch_force`, the mean force along it in
-    weights of a grain. Contacts of the whole bed are recorded: use it for small beds. Arrays: `size` and `force` of
-    each arch, shape [n]; of the last arch the bed near it, as `StoppedBed` takes it up.
+    Contacts of the whole bed are recorded: use it for small beds.
+
+    Quantities:
+        arch_grains: Mean number of grains of an arch or dome.
+        arch_force: Mean contact force along it, in weights of a grain.
+
+    Arrays:
+        size: Number of grains of each arch, shape [n].
+        force: Mean contact force along each arch, in weights of a grain, shape [n].
+        bed_*: The bed near the last arch, as `StoppedBed` reads it.
+
+    Raises:
+        MeasureError: Grains are rods, there is no gravity, or the container does not have one slot or one hole.
     """
 
     name = NAME
@@ -97,8 +107,10 @@ def _error(values: np.ndarray) -> float:
 
 
 def stops(run: RunData) -> list[tuple[float, float]]:
-    """Times between which the bed was at rest in each stop of a run: after its last grain, to the restart or the end of
-    a run that clogged [s]."""
+    """List begin and end [s] of the rest of the bed in each stop of a run.
+
+    A rest begins `REST` after the last grain, and ends with the restart, or with the end of a run that clogged.
+    """
     rest = REST * gravity_time(run.scene)
     table = run.tables.get("restart", {"stopped": np.array([]), "time": np.array([])})
     pauses = [

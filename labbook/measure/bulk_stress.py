@@ -37,8 +37,11 @@ _LOAD = Quantity("section_load", "F_zz/(M g)_above", "", "vertical contact force
 class SectionForces:
     """Mean vertical force through horizontal sections of the bed, over the frames of the steady part.
 
-    At heights `z` [m], shape [k]: `force` [N], the field of the contact stress sigma_zz integrated over the section,
-    positive in compression; `weight_above` [N], by the field of the density. `frames`: their number.
+    Attributes:
+        z: Heights of the sections [m], shape [k].
+        force: Contact stress sigma_zz integrated over each section [N], positive in compression, shape [k].
+        weight_above: Weight above each section [N], from the field of the density, shape [k].
+        frames: Number of frames.
     """
 
     z: np.ndarray
@@ -48,20 +51,30 @@ class SectionForces:
 
     @classmethod
     def of(cls, evaluation: Evaluation) -> "SectionForces | None":
-        """The forces that the measure has given; None without any."""
+        """Read the forces from an evaluation; None without any."""
         return unpacked(cls, evaluation.arrays)
 
     def at(self, heights: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Force and weight above [N] at heights [m], linear between those of `z`."""
+        """Interpolate force and weight above [N] at heights [m] linearly between those of `z`."""
         return np.interp(heights, self.z, self.force), np.interp(heights, self.z, self.weight_above)
 
 
 class BulkStress(Measure):
-    """Vertical contact force through horizontal sections of the bed, a source of sigma_zz that no wall enters.
+    """Measure the vertical contact force through horizontal sections of the bed.
 
-    In the window of the flow rate, in closed containers in the second half of the run. Quantity: `section_load`.
-    Positions and all contacts of the bed are recorded: use it for short runs of small beds. With `wall_stress` reports
-    compare both sources of the vertical stress. Arrays: those of `SectionForces`.
+    This is a source of sigma_zz that does not use forces at walls; with `wall_stress` reports compare both. The stress
+    is coarse-grained (Goldhirsch, Granul. Matter 12 (2010) 239) in the window of the flow rate, or in the second half
+    of the run of a closed container. Positions and all contacts of the bed are recorded: use it for short runs of small
+    beds.
+
+    Quantities:
+        section_load: Vertical force through the section with half of the weight above it, over that weight.
+
+    Arrays:
+        z, force, weight_above, frames: Those of `SectionForces`.
+
+    Raises:
+        MeasureError: There is no gravity.
     """
 
     name = NAME
@@ -97,7 +110,7 @@ class BulkStress(Measure):
 
 
 def section_forces(run: RunData, begin: float, end: float) -> SectionForces | None:
-    """Forces through sections of the bed in the frames between two times [s]; None without any.
+    """Compute forces through sections of the bed from the frames between two times [s]; None without a frame.
 
     Grains and contacts are projected on a vertical plane, so that the kernels are discs. Integrated along it, sections
     lose nothing to walls.

@@ -75,7 +75,7 @@ class OutflowShares:
 
     @classmethod
     def of(cls, evaluation: Evaluation) -> "OutflowShares | None":
-        """The composition that a measure has given; None if no bin is complete."""
+        """Read the composition from an evaluation; None if no bin is complete."""
         return unpacked(cls, evaluation.arrays)
 
 
@@ -95,7 +95,7 @@ def bin_edges(total: int, left: int, least: int = BIN) -> np.ndarray:
 def outflow_shares(
     mass: np.ndarray, group: np.ndarray, rows: np.ndarray, classes: int, least: int = BIN
 ) -> OutflowShares:
-    """Composition of an outflow.
+    """Compute the composition of an outflow.
 
     Args:
         mass: of each grain of the bed [kg], shape [n].
@@ -226,16 +226,23 @@ def _residuals(mass: np.ndarray, labelled: np.ndarray, share: np.ndarray, mean: 
 
 
 class Composition(Measure):
-    """Flow rate of each kind of grains, and composition of the outflow against the discharged fraction of the mass.
+    """Measure the flow rate of each kind of grains, and the composition of the outflow.
 
     Kinds are those of `grains.kinds`. Grains of one kind with several sizes have the classes `fine` and `coarse`, below
-    and above the middle of the range of diameters.
+    and above the middle of the range of diameters. Fewer than two complete bins of 400 grains give NaN and a note.
 
-    Quantities: `flow_rate_of_KIND` [kg/s], over the window of the flow rate, which is their sum; those of a run that
-    clogged end in `_flowing`. `segregation_KIND` is the square of the segregation index (`segregation`) over the
-    complete bins of the outflow, `segregation_p` the p value of the permutation test (`permutation_p`), `lacey_index`
-    that of the bed before the opening. Fewer than two complete bins of 400 grains give NaN and a note. Arrays: those of
-    `OutflowShares`.
+    Quantities:
+        flow_rate_of_KIND: Mass flow rate [kg/s] of a kind over the window of the flow rate, which is their sum; of a
+            run that clogged it ends in `_flowing`.
+        segregation_KIND: Square of the segregation index over the complete bins of the outflow (`segregation`).
+        segregation_p: p value of the permutation test (`permutation_p`).
+        lacey_index: Lacey index of the bed before the opening (Lacey, J. Appl. Chem. 4 (1954) 257).
+
+    Arrays:
+        fraction, share, error, mass, initial: Those of `OutflowShares`.
+
+    Raises:
+        MeasureError: All grains are equal, or a kind has the name of an outlet.
     """
 
     name = "composition"
@@ -327,8 +334,11 @@ class Composition(Measure):
 
 
 def leaving(run: RunData) -> np.ndarray:
-    """Grains, as rows of the start, in the order in which they left, shape [left]. Raises MeasureError without
-    crossings."""
+    """List grains as rows of the start, in the order in which they left, shape [left].
+
+    Raises:
+        MeasureError: The run recorded no crossings.
+    """
     times, _ = crossings(run)
     table = run.tables["crossing"]
     order = np.argsort(table["time"], kind="stable")

@@ -1,4 +1,4 @@
-"""How far grains overlap, and what contacts do to their energy, from the ledger of a run."""
+"""Overlaps of grains, and the work of contacts, from the ledger of a run."""
 
 import math
 
@@ -38,23 +38,34 @@ _OF_WINDOW = (
 
 
 class EnergyLedger(Measure):
-    """Largest overlap and energies of a run, sampled at 100 to 200 steps of a discharge.
+    """Measure the largest overlap and the energies of a run, sampled at 100 to 200 steps of a discharge.
 
-    Quantities: `max_overlap`, the largest overlap of any contact over the diameter d of the smallest grains, as the
-    guard `numerics.overlap_limit` counts it; `mean_max_overlap`, the mean over the window of the flow rate of the
-    largest overlap of each sampled step; `contact_loss` [W], the work that contacts took from the grains within the
-    window over its time: friction and damping, less the work of moving walls. Elastic energy counts as taken until it
-    is given back. The latter two need an outlet; those of a run that clogged end in `_flowing`.
+    Between two samples a contact may overlap more: `max_overlap` is a lower bound of the maximum over all steps, and
+    grows with the number of samples. `mean_max_overlap` does not.
 
-    Overlaps are those of the sampled steps. Between two samples a contact may overlap more: `max_overlap` is a lower
-    bound of the maximum over all steps, and grows with the number of samples. `mean_max_overlap` does not.
+    kinetic + potential - contact_work is constant until the backend drops the first grain, and no balance is given
+    after it. Before, it is constant by the definition of `contact_work`, at any time step: it is no test of the time
+    step.
 
-    Arrays, each of shape [n]: `time` [s]; `kinetic`, `potential` and `contact_work` [J]; `max_overlap`, over d as the
-    number is (the table of the probe has metres); `grains`. Kinetic and potential energy are of `grains`, those that
-    the backend still follows: all in the container, and those that left until they are some lengths below the outlet.
-    `contact_work` also keeps what contacts did to grains that are no longer followed. kinetic + potential -
-    contact_work is therefore constant until the first grain is dropped, and no balance is given of the time after it.
-    Before, it is constant by the definition of `contact_work`, at any time step: it is no test of the time step.
+    Quantities:
+        max_overlap: Largest overlap of any contact over the diameter d of the smallest grains, as the guard
+            `numerics.overlap_limit` counts it.
+        mean_max_overlap: Mean, over the window of the flow rate, of the largest overlap of each sampled step.
+        contact_loss: Work that contacts took from the grains within the window, over its duration [W]: friction and
+            damping, less the work of moving walls. Elastic energy counts as taken until it is given back.
+
+    The latter two need an outlet; those of a run that clogged end in `_flowing`.
+
+    Arrays:
+        time: Sampled times [s], shape [n].
+        kinetic, potential: Energies [J] of the grains that the backend follows, shape [n]: all in the container, and
+            those that left until they are some lengths below the outlet.
+        contact_work: Work of contacts on all grains [J], also on those that are no longer followed, shape [n].
+        max_overlap: Largest overlap over d, shape [n]; the table of the probe has metres.
+        grains: Number of grains that the backend follows, shape [n].
+
+    Raises:
+        MeasureError: There is no gravity.
     """
 
     name = NAME
@@ -91,7 +102,10 @@ class EnergyLedger(Measure):
 
 
 def ledger_interval(scene: Scene, numerics: Numerics) -> int:
-    """Beats between two rows: a power of two, so that points of a sweep have few different ones and share ensembles."""
+    """Number of beats between two rows of the ledger.
+
+    It is a power of two, so that points of a sweep have few different intervals and share ensembles.
+    """
     expected, scale = window_time(scene), gravity_time(scene)
     interval = min(expected / _ROWS, _LONGEST * scale) if math.isfinite(expected) else _CLOSED * scale
     return 2 ** max(0, round(math.log2(interval / numerics.beat)))

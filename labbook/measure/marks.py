@@ -23,13 +23,20 @@ PREFIX = "marks."
 
 
 class Marks(Measure):
-    """Times between a plane of `container.planes` above the outlet and the outlet, of a recorded run.
+    """Measure times from a plane of `container.planes` above the outlet to the outlet, of a recorded run.
 
     A grain is marked when it first passes the plane downwards, after the opening or after its last return. The passage
     is interpolated between two frames. Marks are those of the window of the flow rate; times that have not ended with
-    it are censored. Quantities: `marks.NAME.median` [s], `marks.NAME` [s], the mean time, and `marks.NAME.variance`,
-    over the square of the mean. If more than 1 % of the times are longer than the window shows, as where grains are
-    caught in a corner, mean and variance are NaN with a note.
+    it are censored (Kaplan-Meier). If more than 1 % of the times are longer than the window, as where grains are caught
+    in a corner, mean and variance are NaN with a note.
+
+    Quantities:
+        marks.NAME.median: Median time from the plane NAME [s].
+        marks.NAME: Mean time [s].
+        marks.NAME.variance: Variance of the time over the square of its mean.
+
+    Raises:
+        MeasureError: The container has no outlet.
     """
 
     name = "marks"

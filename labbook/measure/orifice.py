@@ -1,4 +1,4 @@
-"""Means over a layer above a round outlet, and how far up grains fall freely (Pongo et al. 2022)."""
+"""Means over a layer above a round outlet, and the height of the free fall (Pongo et al. 2022)."""
 
 import math
 from collections.abc import Mapping
@@ -61,20 +61,31 @@ _UNITS = {quantity.name.removeprefix("orifice_"): quantity.unit for quantity in 
 
 
 class OrificeMeans(Measure):
-    """Means above the orifice, <X> = int X phi dV / int phi dV over a cylinder above it, and the free fall.
+    """Measure means above the orifice and the height of the free fall (Pongo et al. 2022).
 
-    Quantities: `orifice_packing_fraction`, `orifice_v_z` [m/s], `orifice_kinetic_pressure` [Pa] (and with
-    `omega` halved, `_fine`: fluctuations of one place count less as motion of another) and, of rods, `orifice_O_zz`,
-    `orifice_O_rr`, `orifice_O_tt` (see `labbook.fields.orifice_means`), `orifice_S` (the largest eigenvalue of each
-    frame's tensor, averaged over frames, as the paper has it: some 30 rods never lie quite evenly, so it is larger the
-    fewer there are) and `orifice_S_of_mean` (of the tensor averaged over frames), from frames within the window of the
-    flow rate, gaps without flow left out; `free_fall_height` [m], the area under a_eff/g up to
-    two widths of the outlet, in the middle of it. Those of a run that clogged end in `_flowing` and are kept apart, as
-    its flow rate is. Arrays: those of `AccelerationProfile`, of a run that did not clog.
+    Means are <X> = int X phi dV / int phi dV over a cylinder above the orifice, `window.layer` high, from frames within
+    the window of the flow rate without its gaps. Frames, in single precision, have the grains that reach into the
+    cylinder and those of a column above the middle: some hundred grains instead of the whole bed. They come in pairs,
+    `window.interval` apart, or evenly where pairs would be too close. Quantities of a run that clogged end in
+    `_flowing`.
 
-    The frames, in single precision, are of the grains that reach into that cylinder and of a column above the middle:
-    some hundred grains instead of the whole bed. Frames come in pairs, `window.interval` apart, or evenly where pairs
-    would be too close. The cylinder is `window.layer` high.
+    Quantities:
+        orifice_packing_fraction: Packing fraction.
+        orifice_v_z: Vertical velocity [m/s].
+        orifice_kinetic_pressure: Trace of the kinetic stress [Pa].
+        orifice_kinetic_pressure_fine: The same with a kernel half as wide, which counts less of the spatial variation
+            of the velocity as fluctuation.
+        orifice_O_zz, orifice_O_rr, orifice_O_tt: Orientation tensor of rods (`labbook.fields.orifice_means`).
+        orifice_S: Largest eigenvalue of each frame's tensor, averaged over frames, as in the paper. It is larger for
+            fewer rods, since some 30 rods are never quite isotropic.
+        orifice_S_of_mean: Largest eigenvalue of the tensor averaged over frames.
+        free_fall_height: Area under a_eff/g up to two widths of the outlet, in its middle [m].
+
+    Arrays:
+        edges, acceleration, error, count, interval, left: Those of `AccelerationProfile`, for runs that did not clog.
+
+    Raises:
+        MeasureError: The outlet is not round, grains differ, or there is no gravity.
     """
 
     name = NAME
@@ -135,7 +146,16 @@ class OrificeMeans(Measure):
 
 
 def frames_of(run: RunData, flow: SteadyFlow, times: np.ndarray) -> dict[str, np.ndarray]:
-    """Rows of the grains at the outlet while grains flowed within the window. Raises MeasureError without any."""
+    """Select the rows of grains at the outlet within the window, without its gaps.
+
+    Args:
+        run: The run.
+        flow: Its outflow within the window.
+        times: Ascending times of all crossings [s], shape [n].
+
+    Raises:
+        MeasureError: The run recorded no grains at the outlet.
+    """
     if "zone" not in run.tables:
         raise MeasureError("orifice: the run recorded no grains around the outlet; run it again with this measure")
     rows = run.tables["zone"]
@@ -155,7 +175,7 @@ def _means(scene: Scene, frames: dict[str, np.ndarray], height: float) -> dict[s
 
 
 def _layer_means(scene: Scene, frames: Mapping[str, np.ndarray], height: float, omega: float) -> dict[str, float]:
-    """Means over a layer of this height [m], through a kernel of the width omega [m]."""
+    """Compute means over a layer of a `height` [m], through a kernel of the width omega [m]."""
     outlet = round_outlet(scene, NAME)
     R, bottom = outlet.width / 2, outlet.plane
     grid = Ring(R, (bottom, bottom + height), cells(R, omega / 2), max(4, cells(height, omega / 2)))
@@ -164,7 +184,7 @@ def _layer_means(scene: Scene, frames: Mapping[str, np.ndarray], height: float, 
 
 
 def _mean_order(scene: Scene, frames: Mapping[str, np.ndarray], height: float, omega: float) -> float:
-    """Mean over frames of the nematic order of each; frames without a grain there have none."""
+    """Mean over frames of the nematic order of each; frames without a grain in the layer do not count."""
     orders = []
     for step in np.unique(frames["step"]):
         rows = frames["step"] == step
@@ -178,7 +198,7 @@ def _mean_order(scene: Scene, frames: Mapping[str, np.ndarray], height: float, o
 
 
 def _profile(scene: Scene, frames: dict[str, np.ndarray], after: float) -> AccelerationProfile | None:
-    """Accelerations from velocities about `after` [s] apart; None if no two frames are."""
+    """Profile of accelerations from velocities about `after` [s] apart; None if no two frames are."""
     D, plane = round_outlet(scene, NAME).width, round_outlet(scene, NAME).plane
     edges = plane + np.linspace(0.0, UP_TO * D, BINS + 1)
     try:
@@ -188,8 +208,10 @@ def _profile(scene: Scene, frames: dict[str, np.ndarray], after: float) -> Accel
 
 
 def _beats(scene: Scene, numerics: Numerics, after: float) -> tuple[int, int]:
-    """Beats between pairs of frames and within a pair, whose frames are `after` [s] apart; within is 0 where frames
-    follow each other evenly."""
+    """Number of beats between pairs of frames, and within a pair whose frames are `after` [s] apart.
+
+    The latter is 0 where frames follow each other evenly.
+    """
     between = min(rounded(window_time(scene) / _PAIRS, scene, 2), 10 * after)
     if between < 2 * after:
         return beats_of(min(between / 2, after), numerics), 0

@@ -1,4 +1,4 @@
-"""Flow rates of several outlets of one container, told apart by where grains cross the outlet's plane."""
+"""Flow rates of several outlets of one container, by the points at which grains cross the plane of the outlets."""
 
 import math
 
@@ -25,12 +25,19 @@ from labbook.stats import Measured
 
 
 class OutletRates(Measure):
-    """Mass flow rate W of each outlet of a container that has several, over the time in which that of all is taken.
+    """Measure the mass flow rate W of each outlet of a container with several, in the window of the total flow.
 
-    Quantities: `flow_rate_NAME` [kg/s] of each outlet; of a run that clogged, `flow_rate_NAME_flowing`. A grain leaves
-    through the outlet whose lid is nearest to the point at which it crosses the plane. Too few grains of an outlet give
-    a rate of NaN, and a note. Arrays: `outlet`, the place of its outlet among them all for each grain that left, by
-    time, shape [n].
+    A grain leaves through the outlet whose lid is nearest to the point at which it crosses the plane. Too few grains of
+    an outlet give a rate of NaN with a note.
+
+    Quantities:
+        flow_rate_NAME: Mass flow rate [kg/s] of the outlet NAME; of a run that clogged it ends in `_flowing`.
+
+    Arrays:
+        outlet: Index of its outlet for each grain that left, in the order of time, shape [n].
+
+    Raises:
+        MeasureError: The container has fewer than two outlets.
     """
 
     name = "outlets"
@@ -76,8 +83,11 @@ class OutletRates(Measure):
 
 
 def passed(run: RunData) -> np.ndarray:
-    """The place among the container's outlets of the one that each grain left through, in the order of the times at
-    which they left, shape [n]: that whose lid is nearest."""
+    """Find the outlet of each grain that left: the one whose lid is nearest.
+
+    Returns:
+        Its index among the container's outlets, in the order of the times of crossings, shape [n].
+    """
     table = run.tables["crossing"]
     x = np.column_stack([np.asarray(table[axis], float) for axis in "xyz"])
     x = x[np.argsort(table["time"], kind="stable")]
