@@ -32,12 +32,19 @@ _FEWEST = 4
 
 
 class PlaneRates(Measure):
-    """Mass flow rate W through each plane of `container.planes`, in the window of the outlet.
+    """Measure the mass flow rate W through each plane of `container.planes`, in the window of the outlet.
 
-    Quantities: `flow_rate_NAME` [kg/s], the change of the mass above the plane over the window, with an error from
-    twelve parts of it, or as many as it was sampled in; of a run that clogged `flow_rate_NAME_flowing`.
-    `mass_below_NAME` [kg]: the mass that is below the plane at the last sample or has left, also what stays in a bin.
-    Arrays: `time` [s], shape [n], and `above`, the mass [kg] above each plane, shape [n, p].
+    Quantities:
+        flow_rate_NAME: Change of the mass above the plane NAME over the window [kg/s], with an error from twelve parts
+            of it, or from as many as were sampled; of a run that clogged it ends in `_flowing`.
+        mass_below_NAME: Mass that is below the plane at the last sample or has left, also that in a bin [kg].
+
+    Arrays:
+        time: Sampled times [s], shape [n].
+        above: Mass above each plane [kg], shape [n, p].
+
+    Raises:
+        MeasureError: There are no planes or no outlet, or the silo is fed.
     """
 
     name = NAME

@@ -25,7 +25,15 @@ STARTS = (0.0, 0.02, 0.05, 0.1, 0.15, 0.2)
 
 @dataclass(frozen=True)
 class Opened:
-    """A window of a study with another start: `start` is a discharged fraction; `auto`: the end of the start-up."""
+    """A window of a study with another start.
+
+    Attributes:
+        start: Discharged fraction at its begin.
+        end: Discharged fraction at its end.
+        gap: Longest time without a grain that counts as flow [s]; None: the default of `scales.gap`.
+        auto: True if it opens at the end of the start-up.
+        timed: False: `start` and `end` are fractions.
+    """
 
     start: float
     end: float
@@ -35,7 +43,7 @@ class Opened:
 
 
 def opened(window: Window) -> tuple[Opened, ...]:
-    """The windows to evaluate beside `window`: of STARTS, of its own start, and from the end of the start-up."""
+    """List the windows to evaluate: those of STARTS, that of the study, and one from the end of the start-up."""
     own = () if after_start_up(window) else (window.start,)
     gap = getattr(window, "gap", None)
     starts = sorted({start for start in (*STARTS, *own) if start < window.end})
@@ -44,9 +52,15 @@ def opened(window: Window) -> tuple[Opened, ...]:
 
 @dataclass(frozen=True, eq=False)
 class FromStart:
-    """One run with another start of the window. `flow_rate` [kg/s], NaN for too few grains; `fraction`: part of the
-    mass discharged when the window opens; `plateau`: False if a start-up takes too long to be left out; `profile`:
-    profiles along the outlet, where they were recorded."""
+    """Results of one run with another start of the window.
+
+    Attributes:
+        window: The window.
+        flow_rate: W [kg/s]; NaN for too few grains.
+        fraction: Fraction of the mass discharged as the window opens.
+        plateau: False if the start-up takes too long to be left out.
+        profile: Profiles along the outlet; None if they were not recorded.
+    """
 
     window: Opened
     flow_rate: float
@@ -56,8 +70,17 @@ class FromStart:
 
 
 class WindowStarts(Measure):
-    """W, and profiles along the outlet where they were recorded, for the windows of `opened`. Arrays: those that `of`
-    reads."""
+    """Measure W, and profiles along the outlet where they were recorded, for the windows of `opened`.
+
+    Arrays:
+        flow_rate: W for each of w windows [kg/s], shape [w]; NaN for too few grains.
+        fraction: Discharged fraction at the begin of each, shape [w].
+        plateau: False where the start-up takes too long to be left out, shape [w].
+        NUMBER.*: Those of `OutletProfile` for the window of this number.
+
+    Raises:
+        MeasureError: The container has no outlet.
+    """
 
     name = "window_starts"
     version = FlowRate.version + OutletProfiles.version  # it rises with either
@@ -84,7 +107,7 @@ class WindowStarts(Measure):
 
     @staticmethod
     def of(evaluation: Evaluation, window: Window) -> Iterator[FromStart]:
-        """Read what `evaluate` gave within `window`."""
+        """Read the results of `evaluate` for a window of the study."""
         arrays = evaluation.arrays
         for place, opening in enumerate(opened(window)):
             profile = unpacked(OutletProfile, _starting(f"{place}.", arrays))

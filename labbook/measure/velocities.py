@@ -44,11 +44,14 @@ _AXES = "xyz"
 
 @dataclass(frozen=True, eq=False)
 class OutletVelocities:
-    """Profile over the outlet, of all grains and, of mixtures, of each class; shape [1 + classes, bins].
+    """Profiles over the outlet of all grains and, for mixtures, of each of k classes, in b bins.
 
-    `edges`: of the bins [m], shape [bins + 1]: distance from the axis of a round outlet, with rings of equal area, or x
-    from the middle of a slot. `velocity`: mean downward velocity [m/s] of the grains in the plane, NaN without any;
-    `flux`: mass that crossed per time and area [kg/m^2/s]; `grains`: that crossed.
+    Attributes:
+        edges: Edges of the bins [m], shape [b + 1]: distance from the axis of a round outlet, with rings of equal area,
+            or x from the middle of a slot.
+        velocity: Mean downward velocity of the grains in the plane [m/s], shape [1 + k, b]; NaN without any.
+        flux: Mass that crossed per time and area [kg/m^2/s], shape [1 + k, b].
+        grains: Number of grains that crossed, shape [1 + k, b].
     """
 
     edges: np.ndarray
@@ -58,17 +61,27 @@ class OutletVelocities:
 
     @classmethod
     def of(cls, evaluation: Evaluation) -> "OutletVelocities | None":
-        """The profile that the measure has given; None without any."""
+        """Read the profiles from an evaluation; None without any."""
         return unpacked(cls, evaluation.arrays)
 
 
 class Velocities(Measure):
-    """Mean velocities within the window of the flow rate.
+    """Measure mean velocities over the outlet and in zones, within the window of the flow rate.
 
-    Over the outlet: the mean of the grains in its plane is N / sum(1/v) over the N grains that cross it, since each is
-    there for a time proportional to 1/v. In each of `container.zones`: the mean over grains and frames. Quantities
-    [m/s]: `velocity_outlet`, downwards; `velocity_x_ZONE`, `velocity_y_ZONE` and `velocity_z_ZONE` and, of mixtures,
-    `velocity_z_ZONE_of_CLASS`. Errors of zones are from 8 blocks of frames. Arrays: those of `OutletVelocities`.
+    The mean velocity of the grains in the plane of the outlet is N / sum(1/v) over the N grains that cross it, since
+    each is in the plane for a time proportional to 1/v. That in each of `container.zones` is the mean over grains and
+    frames, with an error from 8 blocks of frames.
+
+    Quantities:
+        velocity_outlet: Mean downward velocity in the plane of the outlet [m/s].
+        velocity_x_ZONE, velocity_y_ZONE, velocity_z_ZONE: Mean velocity in a zone [m/s].
+        velocity_z_ZONE_of_CLASS: Mean vertical velocity of a class of a mixture in a zone [m/s].
+
+    Arrays:
+        edges, velocity, flux, grains: Those of `OutletVelocities`.
+
+    Raises:
+        MeasureError: There is not exactly one slot or hole, or no gravity.
     """
 
     name = NAME
