@@ -114,7 +114,7 @@ def survival(duration: np.ndarray, ended: np.ndarray) -> tuple[np.ndarray, np.nd
 
 
 def moments(age: np.ndarray, longer: np.ndarray) -> tuple[float, float]:
-    """Integrate mean [s] and variance [s^2] of residence times from the fraction longer than each age, a step function."""
+    """Integrate mean [s] and variance [s^2] of residence times; `longer`: fraction above each age, a step function."""
     mean = float(longer[:-1] @ np.diff(age))
     return mean, float(longer[:-1] @ np.diff(age**2)) - mean**2
 

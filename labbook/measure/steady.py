@@ -37,7 +37,7 @@ class SteadyFlow:
         heaviest: Mass of the heaviest grain that left, over the initial mass.
         correlated_error: Standard error of `rate` from the autocorrelation of averages over sqrt(n) grains [1/s].
         n_effective: Number of independent times between grains that would give `error`; above the number of grains if
-            the outflow is more regular than a Poisson process.
+            the outflow is more regular than independent times would make it.
         grain_n_effective: The same number for `grain_error`.
         trend: Trend of the rate across the window.
         begin: Time of the first crossing [s].
@@ -94,14 +94,14 @@ class TimeWindow:
 
 
 def gaps(times: np.ndarray, flow: SteadyFlow) -> tuple[np.ndarray, np.ndarray]:
-    """List begins and ends [s] of the gaps within the window, each at a crossing; `times` are those of `steady_flow`."""
+    """List begins and ends [s] of the gaps within the window, each at a crossing; `times` as in `steady_flow`."""
     inside = times[(times >= flow.begin) & (times <= flow.end)]
     longer = np.diff(inside) > flow.longest
     return inside[:-1][longer], inside[1:][longer]
 
 
 def in_gap(at: np.ndarray, times: np.ndarray, flow: SteadyFlow) -> np.ndarray:
-    """Mask of the instants `at` [s] in gaps within the window; `times` are those of `steady_flow`."""
+    """Mask of the instants `at` [s] in gaps within the window; `times` as in `steady_flow`."""
     between = zip(*gaps(times, flow), strict=True)
     return np.any([np.zeros(np.shape(at), bool), *((at > before) & (at < after) for before, after in between)], axis=0)
 

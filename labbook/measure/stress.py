@@ -101,7 +101,7 @@ class ContactStress(Measure):
 
 
 def contact_frames(scene: Scene, numerics: Numerics, window: Window | None) -> tuple[Sample, Contacts]:
-    """List the probes of grains and contacts of the whole bed, equal for all measures of its stress, which share them."""
+    """List the probes of grains and contacts of the whole bed; measures of its stress share them, as they are equal."""
     time = min(rounded(window_time(scene) / _FRAMES, scene, 1), moment(scene, window))
     if scene.container.outlet_plane is None:
         time = _EVERY * gravity_time(scene)
