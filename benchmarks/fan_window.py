@@ -40,7 +40,7 @@ from labbook.lab.evaluations import evaluated
 from labbook.lab.runs import open_run
 from labbook.measure.outlet import DEFINITIONS
 from labbook.measure.series import crossings
-from labbook.measure.starts import FromStart, WindowStarts
+from labbook.measure.starts import StartResult, WindowStarts
 from labbook.papers.fan2023 import profiles
 from labbook.papers.fan2023.laws import Saturation, centred_flow, eccentric_flow
 from labbook.results.series import PACKING_FRACTION, context
@@ -86,7 +86,7 @@ def studies(law: str, rolling: str, args: argparse.Namespace) -> Iterator[labboo
         yield study.change({**own, **scaled, **({"points": points} if points else {})})
 
 
-def of_run(task: tuple[Path, Any]) -> tuple[list[FromStart], list[float]]:
+def of_run(task: tuple[Path, Any]) -> tuple[list[StartResult], list[float]]:
     """Evaluate a stored run for all starts; the times [s] at STEPS."""
     folder, window = task
     _, data = open_run(folder)

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from labbook.measure.measure import Evaluation, unpacked
+from labbook.measure.measure import Evaluation, from_arrays
 
 
 @dataclass(frozen=True, eq=False)
@@ -32,7 +32,7 @@ class AccelerationProfile:
     @classmethod
     def of(cls, evaluation: Evaluation) -> "AccelerationProfile | None":
         """Read the profile from an evaluation; None without one."""
-        return unpacked(cls, evaluation.arrays)
+        return from_arrays(cls, evaluation.arrays)
 
     def free_fall_height(self, gravity: float) -> float:
         """Integrate a_eff/g over height.

@@ -16,9 +16,9 @@ from labbook.measure.measure import (
     MeasureError,
     Quantity,
     Window,
-    apart,
-    packed,
-    unpacked,
+    as_arrays,
+    flow_suffix,
+    from_arrays,
     while_flowing,
 )
 from labbook.measure.stress import bed_rows, contact_frames
@@ -52,7 +52,7 @@ class SectionForces:
     @classmethod
     def of(cls, evaluation: Evaluation) -> "SectionForces | None":
         """Read the forces from an evaluation; None without any."""
-        return unpacked(cls, evaluation.arrays)
+        return from_arrays(cls, evaluation.arrays)
 
     def at(self, heights: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Interpolate force and weight above [N] at heights [m] linearly between those of `z`."""
@@ -100,13 +100,13 @@ class BulkStress(Measure):
             raise MeasureError(f"{NAME}: the run recorded no contacts; run it again with this measure")
         begin, end, where = steady_part(run, window)
         forces = section_forces(run, begin, end)
-        name, how = f"{_LOAD.name}{apart(run)}", "contacts, coarse-grained; error from seeds only"
+        name, how = f"{_LOAD.name}{flow_suffix(run)}", "contacts, coarse-grained; error from seeds only"
         if forces is None:
             return Evaluation((Measured(name, math.nan, math.nan, 0, where, how, "", "no frame within the window"),))
         above = float(forces.weight_above[0]) / 2
         middle = np.interp([-above], -forces.weight_above, forces.z)
         load = float(forces.at(middle)[0][0]) / above
-        return Evaluation((Measured(name, load, math.nan, forces.frames, where, how, ""),), packed(forces))
+        return Evaluation((Measured(name, load, math.nan, forces.frames, where, how, ""),), as_arrays(forces))
 
 
 def section_forces(run: RunData, begin: float, end: float) -> SectionForces | None:

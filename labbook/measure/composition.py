@@ -17,9 +17,9 @@ from labbook.measure.measure import (
     MeasureError,
     Quantity,
     Window,
-    apart,
-    packed,
-    unpacked,
+    as_arrays,
+    flow_suffix,
+    from_arrays,
     while_flowing,
     window_in_words,
 )
@@ -76,7 +76,7 @@ class OutflowShares:
     @classmethod
     def of(cls, evaluation: Evaluation) -> "OutflowShares | None":
         """Read the composition from an evaluation; None if no bin is complete."""
-        return unpacked(cls, evaluation.arrays)
+        return from_arrays(cls, evaluation.arrays)
 
 
 def bin_edges(total: int, left: int, least: int = BIN) -> np.ndarray:
@@ -293,7 +293,7 @@ class Composition(Measure):
             *self._segregation(run, bodies.mass, group, rows, shares),
             _lacey(run, bodies.mass, group),
         )
-        return Evaluation(numbers, packed(shares) if shares.share.size else {})
+        return Evaluation(numbers, as_arrays(shares) if shares.share.size else {})
 
     def _rates(self, run: RunData, window: Window, group: np.ndarray) -> Iterator[Measured]:
         flow, _ = outflow(run, window)
@@ -301,7 +301,7 @@ class Composition(Measure):
         within = None if flow is None else TimeWindow(flow.begin, flow.end)
         how = f"crossings; error from {BLOCKS} blocks of equally many grains of all kinds"
         for place, name in enumerate(class_names(run.scene.grains)):
-            quantity, mine = _rate(name).name + apart(run), group == place
+            quantity, mine = _rate(name).name + flow_suffix(run), group == place
             own = None
             if within is not None and (mine & (times > within.start) & (times <= within.end)).sum() >= FEWEST:
                 own = steady_flow(times, len(run.start), within, weights * mine, gap(run.scene, window))

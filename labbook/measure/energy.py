@@ -17,7 +17,7 @@ from labbook.measure.measure import (
     MeasureError,
     Quantity,
     Window,
-    apart,
+    flow_suffix,
     while_flowing,
     window_in_words,
 )
@@ -137,7 +137,7 @@ def _terms(run: RunData, window: Window, arrays: Mapping[str, np.ndarray]) -> It
         note = "too few grains left for a window" if flow is None else f"{fewer}; lower numerics.steps_per_beat"
         for term in terms:
             none = (math.nan, math.nan, 0, window_in_words(window), "sampled steps", term.unit, note)
-            yield Measured(term.name + apart(run), *none)
+            yield Measured(term.name + flow_suffix(run), *none)
         return
     first, last = (_inside(run, int(row)) for row in ends[[0, -1]])
     begin, end = float(ledger[ends[0]]), float(ledger[ends[-1]])
@@ -168,7 +168,7 @@ def _terms(run: RunData, window: Window, arrays: Mapping[str, np.ndarray]) -> It
         ]
     for term, (value, deviation, how) in zip(terms, values, strict=True):
         yield Measured(
-            term.name + apart(run), float(value), float(deviation), int(inside.sum()), where, how, term.unit, ""
+            term.name + flow_suffix(run), float(value), float(deviation), int(inside.sum()), where, how, term.unit, ""
         )
 
 

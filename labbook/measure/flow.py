@@ -19,7 +19,7 @@ from labbook.measure.measure import (
     Quantity,
     Window,
     after_start_up,
-    apart,
+    flow_suffix,
     while_flowing,
     window_in_words,
 )
@@ -97,7 +97,7 @@ class FlowRate(Measure):
     def evaluate(self, run: RunData, window: Window) -> Evaluation:
         flow, times = outflow(run, window)
         clogged = run.outcome == "clogged"
-        suffix = apart(run)
+        suffix = flow_suffix(run)
         numbers = _rates(flow, suffix, run, times, window)
         if clogged:
             since = float(times[-1]) if len(times) else 0.0
@@ -170,7 +170,7 @@ class Trace:
 _WIDTH, _HEIGHT = 480, 160  # px of a drawing of W(t)
 
 
-def summed_up(notes: Mapping[str, int]) -> dict[str, int]:
+def merge_notes(notes: Mapping[str, int]) -> dict[str, int]:
     """Merge notes that differ in their numbers only into one with a range.
 
     Args:

@@ -14,7 +14,7 @@ from labbook.measure.measure import (
     MeasureError,
     Quantity,
     Window,
-    apart,
+    flow_suffix,
     while_flowing,
     window_in_words,
 )
@@ -121,7 +121,7 @@ def _largest(run: RunData, time: np.ndarray, overlap: np.ndarray) -> Measured:
 
 
 def _of_window(run: RunData, window: Window, arrays: dict[str, np.ndarray]) -> tuple[Measured, ...]:
-    suffix = apart(run)
+    suffix = flow_suffix(run)
     flow, _ = outflow(run, window)
     time = arrays["time"]
     inside = np.zeros(len(time), bool) if flow is None else (time >= flow.begin) & (time <= flow.end)

@@ -111,7 +111,7 @@ FLOWING = "_flowing"
 """Suffix of quantities of a run that clogged, taken while it flowed."""
 
 
-def apart(run: "RunData") -> str:
+def flow_suffix(run: "RunData") -> str:
     """Return the suffix of a run's quantities: FLOWING for a run that clogged, else empty.
 
     It keeps them apart from those of runs that flowed throughout.
@@ -120,7 +120,7 @@ def apart(run: "RunData") -> str:
 
 
 def while_flowing(quantity: Quantity) -> Quantity:
-    """Declare the same quantity of runs that clogged, taken while they flowed (see `apart`)."""
+    """Declare the same quantity of runs that clogged, taken while they flowed (see `flow_suffix`)."""
     return replace(
         quantity,
         name=f"{quantity.name}{FLOWING}",
@@ -142,13 +142,13 @@ class Evaluation:
     arrays: Mapping[str, np.ndarray] = field(default_factory=dict)
 
 
-def packed(record: Any) -> dict[str, np.ndarray]:
+def as_arrays(record: Any) -> dict[str, np.ndarray]:
     """Convert a record of numbers and arrays to arrays by the names of its attributes."""
     return {name: np.asarray(value) for name, value in vars(record).items()}
 
 
-def unpacked(kind: type[_Kind], arrays: Mapping[str, np.ndarray]) -> _Kind | None:
-    """Convert arrays of `packed` back to the record.
+def from_arrays(kind: type[_Kind], arrays: Mapping[str, np.ndarray]) -> _Kind | None:
+    """Convert arrays of `as_arrays` back to the record.
 
     Args:
         kind: Class of the record.

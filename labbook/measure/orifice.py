@@ -20,8 +20,8 @@ from labbook.measure.measure import (
     MeasureError,
     Quantity,
     Window,
-    apart,
-    packed,
+    as_arrays,
+    flow_suffix,
     while_flowing,
     window_in_words,
 )
@@ -124,9 +124,9 @@ class OrificeMeans(Measure):
         frames = {} if flow is None else frames_of(run, flow, times)
         count = len(np.unique(frames["step"])) if frames else 0
         clogged = run.outcome == "clogged"
-        suffix = apart(run)
+        suffix = flow_suffix(run)
         profile = _profile(run.scene, frames, interval(run.scene, window)) if count else None
-        arrays = {} if profile is None or clogged else packed(profile)
+        arrays = {} if profile is None or clogged else as_arrays(profile)
         if flow is None or count < _FEWEST:
             fewer = f"only {count} frames while grains flowed within the window, fewer than {_FEWEST}"
             note = too_few(len(times), len(run.start)) if flow is None else fewer

@@ -27,9 +27,9 @@ from labbook.measure.measure import (
     MeasureError,
     Quantity,
     Window,
-    apart,
-    packed,
-    unpacked,
+    as_arrays,
+    flow_suffix,
+    from_arrays,
     while_flowing,
     window_in_words,
 )
@@ -86,7 +86,7 @@ class OutletProfile:
     @classmethod
     def of(cls, evaluation: Evaluation) -> "OutletProfile | None":
         """Read the profiles from an evaluation of `OutletProfiles`; None for too few grains."""
-        return unpacked(cls, evaluation.arrays)
+        return from_arrays(cls, evaluation.arrays)
 
     @property
     def velocity(self) -> np.ndarray:
@@ -256,7 +256,7 @@ class OutletProfiles(Measure):
 
     def evaluate(self, run: RunData, window: Window) -> Evaluation:
         profile = outlet_profile(run, window)
-        where, suffix = window_in_words(window, "grains"), apart(run)
+        where, suffix = window_in_words(window, "grains"), flow_suffix(run)
         if profile is None:
             note = "too few grains at the outlet within the window"
             none = (math.nan, math.nan, 0, where, "chords of grains on the outlet line", "", note)
@@ -271,7 +271,7 @@ class OutletProfiles(Measure):
             Measured(f"outlet_area_fraction{suffix}", mean_phi, math.nan, n, where, how, ""),
             Measured(f"outlet_velocity{suffix}", mean_v, math.nan, n, where, how, "m/s"),
         )
-        return Evaluation(numbers, packed(profile))
+        return Evaluation(numbers, as_arrays(profile))
 
 
 def _slot(scene: Scene) -> container.Outlet:

@@ -13,7 +13,7 @@ from labbook.measure.measure import (
     MeasureError,
     Quantity,
     Window,
-    apart,
+    flow_suffix,
     while_flowing,
     window_in_words,
 )
@@ -62,11 +62,11 @@ class OutletRates(Measure):
         self.check(run.scene)
         flow, _ = outflow(run, window)
         times, weights = crossings(run)
-        outlets, through = run.scene.container.outlets, passed(run)
+        outlets, through = run.scene.container.outlets, crossed_outlets(run)
         within = None if flow is None else TimeWindow(flow.begin, flow.end)
         numbers = []
         for place, outlet in enumerate(outlets):
-            mine, name = through == place, _rate(outlet).name + apart(run)
+            mine, name = through == place, _rate(outlet).name + flow_suffix(run)
             own = None
             if within is not None:
                 own = steady_flow(times[mine], len(run.start), within, weights[mine], gap(run.scene, window))
@@ -82,7 +82,7 @@ class OutletRates(Measure):
         return Evaluation(tuple(numbers), {"outlet": through})
 
 
-def passed(run: RunData) -> np.ndarray:
+def crossed_outlets(run: RunData) -> np.ndarray:
     """Find the outlet of each grain that left: the one whose lid is nearest.
 
     Returns:

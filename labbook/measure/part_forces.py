@@ -9,7 +9,7 @@ import numpy as np
 from labbook.backend.numerics import Numerics
 from labbook.backend.probes import Probe
 from labbook.measure.data import RunData
-from labbook.measure.measure import Evaluation, Measure, MeasureError, Quantity, Window, packed
+from labbook.measure.measure import Evaluation, Measure, MeasureError, Quantity, Window, as_arrays
 from labbook.measure.wall_stress import WallStress, steady_part
 from labbook.scene import Scene, Wall
 from labbook.stats import Measured
@@ -81,7 +81,7 @@ class MovingPartForces(Measure):
         if "traction" not in run.tables:
             raise MeasureError(f"{NAME}: the run recorded no forces of walls; run it again with this measure")
         record = _forces(run)
-        return Evaluation(tuple(_numbers(run, record, window)), packed(record))
+        return Evaluation(tuple(_numbers(run, record, window)), as_arrays(record))
 
 
 def _moving(scene: Scene) -> list[Wall]:

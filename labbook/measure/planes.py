@@ -16,7 +16,7 @@ from labbook.measure.measure import (
     MeasureError,
     Quantity,
     Window,
-    apart,
+    flow_suffix,
     while_flowing,
     window_in_words,
 )
@@ -84,7 +84,7 @@ class PlaneRates(Measure):
 
 def _numbers(run: RunData, window: Window, time: np.ndarray, above: np.ndarray) -> Iterator[Measured]:
     flow, _ = outflow(run, window)
-    total, suffix = mean_mass(run) * len(run.start), apart(run)
+    total, suffix = mean_mass(run) * len(run.start), flow_suffix(run)
     inside = np.flatnonzero((time >= flow.begin) & (time <= flow.end)) if flow is not None else np.zeros(0, np.int64)
     for place, plane in enumerate(run.scene.container.planes):
         name = _rate(plane).name + suffix

@@ -17,7 +17,7 @@ from labbook.measure.acceleration import acceleration_profile
 from labbook.measure.bed import bed_grid, grains_between, omega_of
 from labbook.measure.data import RunData
 from labbook.measure.flow import FlowRate
-from labbook.measure.measure import Evaluation, Measure, MeasureError, Quantity, Window, packed
+from labbook.measure.measure import Evaluation, Measure, MeasureError, Quantity, Window, as_arrays
 from labbook.measure.orifice import BINS, UP_TO
 from labbook.measure.scales import interval, layer, moment
 from labbook.measure.steady import in_gap, outflow
@@ -263,7 +263,7 @@ class FreeFall(OfRecording):
             )
         except ValueError:  # no two frames are far enough apart
             return Evaluation()
-        return Evaluation(arrays=packed(profile))
+        return Evaluation(arrays=as_arrays(profile))
 
 
 def bed_between(

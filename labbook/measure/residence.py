@@ -11,7 +11,7 @@ from labbook.backend.probes import Probe
 from labbook.measure.composition import OutflowShares, outflow_shares
 from labbook.measure.data import RunData
 from labbook.measure.flow import FlowRate
-from labbook.measure.measure import Evaluation, Measure, Quantity, Window, packed, unpacked, window_in_words
+from labbook.measure.measure import Evaluation, Measure, Quantity, Window, as_arrays, from_arrays, window_in_words
 from labbook.measure.series import crossing_times
 from labbook.measure.steady import SteadyFlow, outflow
 from labbook.scene import Bodies, Scene
@@ -49,7 +49,7 @@ class ResidenceCurve:
     def of(cls, evaluation: Evaluation) -> "ResidenceCurve | None":
         """Read the distribution from an evaluation; None of a batch discharge."""
         names = ("age", "part", "mean")
-        return unpacked(cls, {name: evaluation.arrays[name] for name in names if name in evaluation.arrays})
+        return from_arrays(cls, {name: evaluation.arrays[name] for name in names if name in evaluation.arrays})
 
 
 @dataclass(frozen=True, eq=False)
@@ -74,13 +74,13 @@ class ResidenceMap:
     def of(cls, evaluation: Evaluation) -> "ResidenceMap | None":
         """Read the map from an evaluation; None of a fed silo."""
         names = ("across", "z", "median", "grains")
-        return unpacked(cls, {name: evaluation.arrays[name] for name in names if name in evaluation.arrays})
+        return from_arrays(cls, {name: evaluation.arrays[name] for name in names if name in evaluation.arrays})
 
 
 def layers_of(evaluation: Evaluation) -> OutflowShares | None:
     """Read the composition of the outflow by initial layers, from the lowest; None without one."""
     layers = {name: array for name, array in evaluation.arrays.items() if name.startswith(_LAYER)}
-    return unpacked(OutflowShares, {name.removeprefix(_LAYER): array for name, array in layers.items()})
+    return from_arrays(OutflowShares, {name.removeprefix(_LAYER): array for name, array in layers.items()})
 
 
 def durations(grain: np.ndarray, time: np.ndarray, begin: float, end: float) -> tuple[np.ndarray, np.ndarray]:
@@ -227,7 +227,7 @@ def _curve(age: np.ndarray, longer: np.ndarray) -> dict[str, np.ndarray]:
     mean, _ = moments(age, longer)
     grid = np.linspace(0.0, age[-1], _AGES + 1)
     part = 1 - longer[np.searchsorted(age, grid, side="right") - 1]
-    return packed(ResidenceCurve(grid, part, mean))
+    return as_arrays(ResidenceCurve(grid, part, mean))
 
 
 def _batch(run: RunData) -> dict[str, np.ndarray]:
@@ -244,8 +244,8 @@ def _batch(run: RunData) -> dict[str, np.ndarray]:
     middle = np.cumsum(mass[below]) - mass[below] / 2
     layer[below] = np.minimum(middle / mass.sum() * LAYERS, LAYERS - 1).astype(np.int64)
     shares = outflow_shares(mass, layer, rows, LAYERS, BIN_OF_LAYERS)
-    layers = {f"{_LAYER}{name}": array for name, array in packed(shares).items()} if shares.share.size else {}
-    return packed(_map(run.scene, x, left)) | layers
+    layers = {f"{_LAYER}{name}": array for name, array in as_arrays(shares).items()} if shares.share.size else {}
+    return as_arrays(_map(run.scene, x, left)) | layers
 
 
 def _map(scene: Scene, x: np.ndarray, left: np.ndarray) -> ResidenceMap:

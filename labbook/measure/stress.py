@@ -17,7 +17,7 @@ from labbook.measure.measure import (
     MeasureError,
     Quantity,
     Window,
-    apart,
+    flow_suffix,
     while_flowing,
     window_in_words,
 )
@@ -80,7 +80,7 @@ class ContactStress(Measure):
         where = window_in_words(window, "grains")
         how = "contacts, coarse-grained; error from seeds only"
         mean = stress_fields(run, window)
-        suffix = apart(run)
+        suffix = flow_suffix(run)
         if mean is None:
             note = "no frame within the window"
             none = (math.nan, math.nan, 0, where, how, "Pa", note)

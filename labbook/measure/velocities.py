@@ -18,9 +18,9 @@ from labbook.measure.measure import (
     MeasureError,
     Quantity,
     Window,
-    apart,
-    packed,
-    unpacked,
+    as_arrays,
+    flow_suffix,
+    from_arrays,
     while_flowing,
     window_in_words,
 )
@@ -62,7 +62,7 @@ class OutletVelocities:
     @classmethod
     def of(cls, evaluation: Evaluation) -> "OutletVelocities | None":
         """Read the profiles from an evaluation; None without any."""
-        return unpacked(cls, evaluation.arrays)
+        return from_arrays(cls, evaluation.arrays)
 
 
 class Velocities(Measure):
@@ -130,10 +130,10 @@ class Velocities(Measure):
                 "too few grains left for a window",
             )
             every = (_OUTLET, *(quantity for zone in zones for quantity in of_zone(zone, run.scene)))
-            return Evaluation(tuple(Measured(quantity.name + apart(run), *none) for quantity in every))
+            return Evaluation(tuple(Measured(quantity.name + flow_suffix(run), *none) for quantity in every))
         profile, number = _outlet(run, flow)
         in_zones = [number for zone in zones for number in _zone(run, zone, flow, times)]
-        return Evaluation((number, *in_zones), packed(profile))
+        return Evaluation((number, *in_zones), as_arrays(profile))
 
 
 def outlet_edges(scene: Scene) -> np.ndarray:
@@ -168,7 +168,7 @@ def _outlet(run: RunData, flow: SteadyFlow) -> tuple[OutletVelocities, Measured]
     blocks = block_mean(1 / speed, _BLOCKS)
     where, how = f"{flow.begin:.4g} s to {flow.end:.4g} s", f"crossings; error from {_BLOCKS} blocks"
     mean = float(len(speed) / (1 / speed).sum())
-    name = _OUTLET.name + apart(run)
+    name = _OUTLET.name + flow_suffix(run)
     return profile, Measured(name, mean, mean**2 * blocks.error, len(speed), where, how, "m/s", "")
 
 
@@ -193,7 +193,7 @@ def _zone(run: RunData, zone: VelocityZone, flow: SteadyFlow, times: np.ndarray)
 
 
 def _mean(quantity: Quantity, run: RunData, frame: np.ndarray, velocity: np.ndarray, where: str) -> Measured:
-    name = quantity.name + apart(run)
+    name = quantity.name + flow_suffix(run)
     if not len(velocity):
         note = "no grain of it was in the zone in a frame of the window"
         return Measured(name, math.nan, math.nan, 0, where, "frames", "m/s", note)

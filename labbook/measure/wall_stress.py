@@ -19,9 +19,9 @@ from labbook.measure.measure import (
     MeasureError,
     Quantity,
     Window,
-    apart,
-    packed,
-    unpacked,
+    as_arrays,
+    flow_suffix,
+    from_arrays,
     while_flowing,
     window_in_words,
 )
@@ -151,7 +151,7 @@ class WallStresses:
     @classmethod
     def of(cls, evaluation: Evaluation) -> "WallStresses | None":
         """Read the stresses from an evaluation; None without any."""
-        return unpacked(cls, evaluation.arrays)
+        return from_arrays(cls, evaluation.arrays)
 
     def of_wall(self, name: str) -> np.ndarray:
         """Mask of the bins of a wall, shape [B]."""
@@ -280,7 +280,7 @@ class WallStress(Measure):
         within = (frames.time >= begin) & (frames.time <= end) & (frames.time > 0)
         record = _stresses(run, frames, within, (begin, end))
         numbers = [*_at_rest(record, run), *_after_opening(record), *_in_flow(record, run, int(within.sum()), words)]
-        return Evaluation(tuple(numbers), packed(record))
+        return Evaluation(tuple(numbers), as_arrays(record))
 
 
 def bin_width(scene: Scene) -> float:
@@ -515,7 +515,7 @@ def _after_opening(record: WallStresses) -> list[Measured]:
 
 
 def _in_flow(record: WallStresses, run: RunData, count: int, where: str) -> list[Measured]:
-    suffix, how = apart(run), f"mean of {count} frames; error from seeds only"
+    suffix, how = flow_suffix(run), f"mean of {count} frames; error from seeds only"
     upright = record.on_upright
     normal, shear, _ = record.flow[upright].sum(axis=0)
     rest = record.rest[upright, 0].sum()
