@@ -46,7 +46,7 @@ class Avalanches:
 
     @classmethod
     def of(cls, arrays: Mapping[str, np.ndarray]) -> "Avalanches | None":
-        """The avalanches in the arrays of an evaluation; None of a run of which they could not be taken."""
+        """Read the avalanches from the arrays of an evaluation; None if they could not be measured."""
         return cls(**{name: arrays[name] for name in cls.__dataclass_fields__}) if "stopped" in arrays else None
 
     @property

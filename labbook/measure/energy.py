@@ -122,7 +122,7 @@ class EnergyBalance(Measure):
 
 
 def _splits(scene: Scene) -> bool:
-    """True of spheres: the contact points of rods are not known, so that their power is not split."""
+    """True for spheres. Contact points of rods are not known, so that the power of their contacts is not split."""
     return scene.grains.half_length == 0
 
 

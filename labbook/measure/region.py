@@ -89,7 +89,7 @@ class Region:
 
     @property
     def volume(self) -> float:
-        """[m^3]."""
+        """Volume [m^3]."""
         return math.prod(self.size)
 
     def smaller_than(self, extent: float) -> bool:
@@ -146,7 +146,7 @@ class Annulus:
 
     @property
     def volume(self) -> float:
-        """[m^3]."""
+        """Volume [m^3]."""
         return math.pi * (self.outer**2 - self.inner**2) * (self.high - self.low)
 
     def smaller_than(self, extent: float) -> bool:
