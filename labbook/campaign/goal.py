@@ -79,6 +79,7 @@ class DeviceTime:
     def of(cls, trials: Iterable[Trial]) -> "DeviceTime":
         """Add the times of runs."""
         runs = list(trials)
+        # by key: runs of one bed share its filling
         times = {key: time for trial in runs for key, time in trial.device_time.items() if time is not None}
         complete = [trial for trial in runs if trial.device_time and None not in trial.device_time.values()]
         beds = {(place(trial.at), trial.seed) for trial in complete}

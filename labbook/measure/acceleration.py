@@ -111,6 +111,7 @@ def acceleration_profile(
     if not len(starts):
         raise ValueError(f"no two of {len(time)} frames are about {interval:g} s apart")
     after = time[ends] - time[starts]
+    # A row for each frame and a column for each identity: values of grains that are not in a frame stay NaN.
     columns = int(np.max(sample["id"])) + 1
     v = np.full((len(time), columns), np.nan)
     height = np.full((len(time), columns), np.nan)

@@ -301,6 +301,7 @@ def arch(
     nothing = np.zeros(0, np.int64), np.zeros(0)
     if not (len(left) and len(right) and len(a)):
         return nothing
+    # A source beside the grains, linked to all bases on the left at almost no cost: one search finds the best of them.
     n, cost = len(x), 1 + 2 / (strength + _WEAK)
     source, tiny = n, 1e-9
     graph = coo_array(

@@ -129,5 +129,5 @@ def section_forces(run: RunData, begin: float, end: float) -> SectionForces | No
     heights, across = grid.points
     width, step = across[1] - across[0], heights[1] - heights[0]
     weight = fields.density.sum(axis=1) * width * step * run.scene.gravity
-    above = np.cumsum(weight[::-1])[::-1] - weight / 2
+    above = np.cumsum(weight[::-1])[::-1] - weight / 2  # above the middle of each row of cells
     return SectionForces(heights, fields.contact_stress[2, 2].sum(axis=1) * width, above, grains.frames)

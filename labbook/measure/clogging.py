@@ -176,7 +176,7 @@ def avalanches(run: RunData, window: Window) -> Avalanches:
     rows = []
     for place, (low, high) in enumerate(itertools.pairwise(edges)):
         ends_here = place < len(restarts) or last
-        if (place and low == high) or low > limit:
+        if (place and low == high) or low > limit:  # a restart in vain, or one after the end of the window
             continue
         cut, first = min(high, limit), transient(run.scene, opening=place == 0)
         counted = max(0, cut - low - first)

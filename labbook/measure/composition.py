@@ -148,6 +148,7 @@ def permutation_p(
     """
     edges = bin_edges(len(mass), len(rows))
     rows = rows[: edges[-1]]
+    # 1e-12: orders that are as uneven count as such, whatever the round-off of their sums
     observed = _unevenness(_class_sums(mass[rows], group[rows], edges, classes)) * (1 - 1e-12)
     of_class = [mass[group == k] for k in range(classes)]
     once = len(np.unique(rows)) == len(rows)  # no grain has come back
@@ -159,6 +160,7 @@ def permutation_p(
         for k in range(shuffles):
             shuffled = rng.permutation(len(mass))[rows]
             null[k] = _unevenness(_class_sums(mass[shuffled], group[shuffled], edges, classes))
+    # The observed order is one of the permutations: a p of 0 would claim more than they can show.
     return (1 + int((null >= observed).sum())) / (1 + shuffles)
 
 

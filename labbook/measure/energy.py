@@ -181,6 +181,7 @@ def _inside(run: RunData, row: int) -> InsideEnergies:
     time = float(ledger["time"][row])
     left = _crossed(run)
     before = left["time"] <= time
+    # The ledger counts the grains that the backend follows: of those that left, it has dropped the lowest ones.
     followed = int(before.sum()) - (len(run.start) - int(ledger["grains"][row]))
     fall = time - left["time"][before]
     z = left["z"][before] + left["vz"][before] * fall - g / 2 * fall**2

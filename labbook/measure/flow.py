@@ -203,6 +203,7 @@ def _spread(numbers: Iterable[float]) -> str:
 def _trace(run: RunData, times: np.ndarray, flow: SteadyFlow | None) -> dict[str, np.ndarray]:
     if not len(times):
         return {}
+    # at most the whole run: `flow_series` refuses a bin that does not fit into it
     width = min(max(times[-1] / _BINS, _GRAINS_PER_BIN * times[-1] / len(times)), run.duration)
     time, rate = flow_series(run, float(width))
     return {"time": time, "rate": rate, "window": np.array([flow.begin, flow.end] if flow else [])}

@@ -106,6 +106,7 @@ def first_passages(
 def _passages_before(grain: np.ndarray, time: np.ndarray, left: np.ndarray, at: np.ndarray) -> np.ndarray:
     """Number of passages of the outlet, in the order of grains and times, up to each grain and time."""
     order = np.lexsort((at, left))
+    # Records compare by their first field, then by the second: one sorted list serves all grains.
     keys = np.rec.fromarrays([left[order], at[order]])
     return np.searchsorted(keys, np.rec.fromarrays([grain.astype(left.dtype), time]))
 
@@ -114,7 +115,7 @@ def _next(grain: np.ndarray, time: np.ndarray, left: np.ndarray, at: np.ndarray)
     """Time [s] of the next passage of the outlet of each grain; infinite without any."""
     order = np.lexsort((at, left))
     place = _passages_before(grain, time, left, at)
-    there = np.append(left[order], -1)[place] == grain
+    there = np.append(left[order], -1)[place] == grain  # -1: no grain is behind the last passage
     return np.where(there, np.append(at[order], math.inf)[place], math.inf)
 
 

@@ -188,6 +188,7 @@ def outlet_profile(run: RunData, window: Window, bins: int = BINS) -> OutletProf
     slab, frames = run.tables["slab"], _frames(run, steady, times)
     if len(frames) < _FEWEST:
         return None
+    # Frames are numbered by beats, not by rows: one without a grain at the outlet has no row, and counts all the same.
     number = np.asarray(slab["step"]) // run.numerics.steps_per_beat
     frame = np.minimum(np.searchsorted(frames, number), len(frames) - 1)
     in_frame = frames[frame] == number

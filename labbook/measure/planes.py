@@ -77,6 +77,7 @@ class PlaneRates(Measure):
         if "above" not in run.tables:
             raise MeasureError("planes: the run recorded no masses above planes; run it again with this measure")
         table, count = run.tables["above"], len(run.scene.container.planes)
+        # the probe has a row for each plane and sample, in the order of the planes
         time = np.asarray(table["time"], float)[::count]
         above = np.asarray(table["mass"], float).reshape(-1, count)
         return Evaluation(tuple(_numbers(run, window, time, above)), {"time": time, "above": above})

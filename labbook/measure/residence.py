@@ -100,6 +100,7 @@ def durations(grain: np.ndarray, time: np.ndarray, begin: float, end: float) -> 
     """
     order = np.lexsort((time, grain))
     grain, time = grain[order], time[order]
+    # The next row is the next passage of the same grain, unless the grain changes there.
     following = np.append(time[1:], math.inf)
     following[np.append(grain[1:] != grain[:-1], True)] = math.inf
     first = (time >= begin) & (time < end)

@@ -131,6 +131,7 @@ def steady_flow(
     if window.timed:
         first, last = int(np.searchsorted(times, window.start)), int(np.searchsorted(times, window.end, "right")) - 1
     else:
+        # 1e-9 of a grain: products such as 0.6 * total, and sums of masses, are not exact
         first = int(np.searchsorted(passed, window.start * total - 1e-9))
         last = int(np.searchsorted(passed, window.end * total + 1e-9, side="right")) - 1
     if last - first < FEWEST:
@@ -142,6 +143,7 @@ def steady_flow(
         first = max(first, math.ceil(LONGEST * last) if opening is None else opening)
     waits = np.diff(times[first : last + 1])
     flowing = waits <= gap
+    # Each time between grains belongs to the grain that ends it: a gap is left out together with that grain.
     intervals, carried = waits[flowing], mass[first + 1 : last + 1][flowing]
     if len(intervals) < FEWEST:
         return None

@@ -165,7 +165,7 @@ def _outlet(run: RunData, flow: SteadyFlow) -> tuple[OutletVelocities, Measured]
     grains, slowness, mass = np.array(sums).transpose(1, 0, 2)
     velocity = np.divide(grains, slowness, out=np.full(grains.shape, math.nan), where=grains > 0)
     profile = OutletVelocities(edges, velocity, mass / (duration * area), grains)
-    blocks = block_mean(1 / speed, _BLOCKS)
+    blocks = block_mean(1 / speed, _BLOCKS)  # of 1/v; the error of v is v^2 times as large, to first order
     where, how = f"{flow.begin:.4g} s to {flow.end:.4g} s", f"crossings; error from {_BLOCKS} blocks"
     mean = float(len(speed) / (1 / speed).sum())
     name = _OUTLET.name + flow_suffix(run)
@@ -200,6 +200,7 @@ def _mean(quantity: Quantity, run: RunData, frame: np.ndarray, velocity: np.ndar
     count, total = np.bincount(frame), np.bincount(frame, velocity)
     mean = float(velocity.mean())
     filled = count > 0
+    # Frames have unequal numbers of grains: the error is that of a ratio of two sums, to first order.
     excess = (total - mean * count)[filled] / count.mean()
     error = block_mean(excess, _BLOCKS).error if filled.sum() >= 2 * _BLOCKS else math.nan
     how = f"mean over grains in {int(filled.sum())} frames; error from {_BLOCKS} blocks of frames"
