@@ -39,7 +39,15 @@ if flows cease to stop at a critical width."""
 
 @dataclass(frozen=True)
 class Position:
-    """Position of the transition: quartiles and 95 % interval of its posterior [SI]."""
+    """Position of the transition by its posterior.
+
+    Args:
+        lower: Lower quartile [SI].
+        median: Median [SI].
+        upper: Upper quartile [SI].
+        low: Lower end of the 95 % interval [SI].
+        high: Upper end of the 95 % interval [SI].
+    """
 
     lower: float
     median: float
