@@ -50,13 +50,13 @@ def grains_between(scene: Scene, frames: Mapping[str, np.ndarray], begin: float,
     Raises:
         ValueError: No frame lies between these times.
     """
-    own = scene.grains
-    if not getattr(own, "half_length", 0.0) > 0:
+    grains = scene.grains
+    if not getattr(grains, "half_length", 0.0) > 0:
         frames = {name: column for name, column in frames.items() if name not in ("qw", "qx", "qy", "qz")}
-    if not own.varied:
-        return grains_of(frames, own.mass, own.volume, begin, end)
+    if not grains.varied:
+        return grains_of(frames, grains.mass, grains.volume, begin, end)
     radius, x = np.asarray(frames["radius"]), np.column_stack([frames[axis] for axis in "xyz"])
-    mass = Bodies.sized(own, 2 * radius, np.asarray(frames["kind"])).mass
+    mass = Bodies.sized(grains, 2 * radius, np.asarray(frames["kind"])).mass
     return grains_of(frames, mass, Outlines(x, radius).volumes, begin, end)
 
 

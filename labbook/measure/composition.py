@@ -303,18 +303,18 @@ class Composition(Measure):
         within = None if flow is None else TimeWindow(flow.begin, flow.end)
         how = f"crossings; error from {BLOCKS} blocks of equally many grains of all kinds"
         for place, name in enumerate(class_names(run.scene.grains)):
-            quantity, mine = _rate(name).name + flow_suffix(run), group == place
-            own = None
-            if within is not None and (mine & (times > within.start) & (times <= within.end)).sum() >= FEWEST:
-                own = steady_flow(times, len(run.start), within, weights * mine, gap(run.scene, window))
-            if within is None or own is None:
+            quantity, mask = _rate(name).name + flow_suffix(run), group == place
+            class_flow = None
+            if within is not None and (mask & (times > within.start) & (times <= within.end)).sum() >= FEWEST:
+                class_flow = steady_flow(times, len(run.start), within, weights * mask, gap(run.scene, window))
+            if within is None or class_flow is None:
                 few = f"too few grains: fewer than {FEWEST} of {name} in the window"
                 where = window_in_words(within or window)
                 yield Measured(quantity, math.nan, math.nan, 0, where, "crossings", "kg/s", few)
                 continue
             where = f"{within.start:.4g} s to {within.end:.4g} s, as of all grains"
-            value, error = mean_mass(run) * own.rate, mean_mass(run) * own.error
-            yield Measured(quantity, value, error, own.n_effective, where, how, "kg/s", "")
+            value, error = mean_mass(run) * class_flow.rate, mean_mass(run) * class_flow.error
+            yield Measured(quantity, value, error, class_flow.n_effective, where, how, "kg/s", "")
 
     def _segregation(
         self, run: RunData, mass: np.ndarray, group: np.ndarray, rows: np.ndarray, shares: OutflowShares

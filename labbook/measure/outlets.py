@@ -66,19 +66,19 @@ class OutletRates(Measure):
         within = None if flow is None else TimeWindow(flow.begin, flow.end)
         numbers = []
         for place, outlet in enumerate(outlets):
-            mine, name = through == place, _rate(outlet).name + flow_suffix(run)
-            own = None
+            mask, name = through == place, _rate(outlet).name + flow_suffix(run)
+            outlet_flow = None
             if within is not None:
-                own = steady_flow(times[mine], len(run.start), within, weights[mine], gap(run.scene, window))
-            if within is None or own is None:
-                few = f"too few grains: {int(mine.sum())} left through {outlet.name}; {FEWEST} in the window are needed"
+                outlet_flow = steady_flow(times[mask], len(run.start), within, weights[mask], gap(run.scene, window))
+            if within is None or outlet_flow is None:
+                few = f"too few grains: {int(mask.sum())} left through {outlet.name}; {FEWEST} in the window are needed"
                 where = window_in_words(within or window)
                 numbers.append(Measured(name, math.nan, math.nan, 0, where, "crossings", "kg/s", few))
                 continue
             where = f"{within.start:.4g} s to {within.end:.4g} s, as of all outlets"
             how = f"crossings nearest to {outlet.name}; error from {BLOCKS} blocks of equally many grains"
-            value, error = mean_mass(run) * own.rate, mean_mass(run) * own.error
-            numbers.append(Measured(name, value, error, own.n_effective, where, how, "kg/s", ""))
+            value, error = mean_mass(run) * outlet_flow.rate, mean_mass(run) * outlet_flow.error
+            numbers.append(Measured(name, value, error, outlet_flow.n_effective, where, how, "kg/s", ""))
         return Evaluation(tuple(numbers), {"outlet": through})
 
 

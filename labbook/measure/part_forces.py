@@ -111,15 +111,15 @@ def _forces(run: RunData) -> PartForces:
     for column, name in enumerate(("fx", "fy", "fz", "tx", "ty", "tz")):
         np.add.at(sums[..., column], (frame, np.asarray(table["wall"])), np.asarray(table[name], float))
     force, torque = sums[:, parts, :3], sums[:, parts, 3:]
-    power, about = np.zeros(force.shape[:2]), np.zeros_like(torque)
+    power, about_origin = np.zeros(force.shape[:2]), np.zeros_like(torque)
     for place, number in enumerate(parts):
         moves = walls[number].moves
         assert moves is not None
         poses = moves.poses(time)
         power[:, place] = np.sum(force[:, place] * poses.velocity + torque[:, place] * poses.spin, axis=1)
-        about[:, place] = torque[:, place] - np.cross(poses.origin, force[:, place])
+        about_origin[:, place] = torque[:, place] - np.cross(poses.origin, force[:, place])
     names = np.array([walls[number].name for number in parts], "U40")
-    return PartForces(names, time, -force, -about, power)
+    return PartForces(names, time, -force, -about_origin, power)
 
 
 def _numbers(run: RunData, record: PartForces, window: Window) -> Iterator[Measured]:

@@ -171,11 +171,11 @@ class FlowPattern(OfRecording):
 
         outlet = scene.container.outlets[0]
         try:
-            above = orifice_means(bed.fields, outlet.width, layer(scene, window), centre=outlet.centre)
+            means = orifice_means(bed.fields, outlet.width, layer(scene, window), centre=outlet.centre)
         except ValueError as problem:  # no grain is there, or the layer is thinner than a cell: the fields are known
             numbers = (measured("v_z", math.nan, 0, str(problem)),)
         else:
-            numbers = tuple(measured(name, value) for name, value in above.items())
+            numbers = tuple(measured(name, value) for name, value in means.items())
         return Evaluation((*numbers, measured("stagnant_fraction", bed.pattern.fraction)), bed.arrays())
 
 

@@ -240,10 +240,10 @@ def _batch(run: RunData) -> dict[str, np.ndarray]:
     left = np.full(len(run.start), math.inf)
     left[rows] = np.asarray(table["time"], float)[order]
     mass, x = Bodies.of(run.scene.grains, run.start).mass, run.start.x
-    below = np.argsort(x[:, 2], kind="stable")
+    by_height = np.argsort(x[:, 2], kind="stable")
     layer = np.empty(len(x), np.int64)
-    middle = np.cumsum(mass[below]) - mass[below] / 2
-    layer[below] = np.minimum(middle / mass.sum() * LAYERS, LAYERS - 1).astype(np.int64)
+    middle = np.cumsum(mass[by_height]) - mass[by_height] / 2
+    layer[by_height] = np.minimum(middle / mass.sum() * LAYERS, LAYERS - 1).astype(np.int64)
     shares = outflow_shares(mass, layer, rows, LAYERS, BIN_OF_LAYERS)
     layers = {f"{_LAYER}{name}": array for name, array in as_arrays(shares).items()} if shares.share.size else {}
     return as_arrays(_map(run.scene, x, left)) | layers

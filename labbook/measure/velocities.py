@@ -129,8 +129,8 @@ class Velocities(Measure):
                 "m/s",
                 "too few grains left for a window",
             )
-            every = (_OUTLET, *(quantity for zone in zones for quantity in of_zone(zone, run.scene)))
-            return Evaluation(tuple(Measured(quantity.name + flow_suffix(run), *none) for quantity in every))
+            quantities = (_OUTLET, *(quantity for zone in zones for quantity in of_zone(zone, run.scene)))
+            return Evaluation(tuple(Measured(quantity.name + flow_suffix(run), *none) for quantity in quantities))
         profile, number = _outlet(run, flow)
         in_zones = [number for zone in zones for number in _zone(run, zone, flow, times)]
         return Evaluation((number, *in_zones), as_arrays(profile))
@@ -157,10 +157,10 @@ def _outlet(run: RunData, flow: SteadyFlow) -> tuple[OutletVelocities, Measured]
     place = (np.searchsorted(edges, across, side="right") - 1).clip(0, BINS - 1)  # at the rim a centre may lie beyond
     area = math.pi * np.diff(edges**2) if outlet.form == "hole" else np.diff(edges) * scene.container.front_to_back
     duration = flow.end - flow.begin - flow.gap_time
-    every = [np.ones(len(rows), bool), *(groups == k for k in range(len(class_names(scene.grains))))]
+    masks = [np.ones(len(rows), bool), *(groups == k for k in range(len(class_names(scene.grains))))]
     sums = [
-        [np.bincount(place[mine], of[mine], BINS) for of in (np.ones(len(rows)), 1 / speed, bodies.mass[rows])]
-        for mine in every
+        [np.bincount(place[mask], of[mask], BINS) for of in (np.ones(len(rows)), 1 / speed, bodies.mass[rows])]
+        for mask in masks
     ]
     grains, slowness, mass = np.array(sums).transpose(1, 0, 2)
     velocity = np.divide(grains, slowness, out=np.full(grains.shape, math.nan), where=grains > 0)
@@ -188,8 +188,8 @@ def _zone(run: RunData, zone: VelocityZone, flow: SteadyFlow, times: np.ndarray)
         yield _mean(next(quantities), run, frame, velocity[axis], where)
     for place in range(len(names)):
         assert groups is not None
-        mine = groups == place
-        yield _mean(next(quantities), run, frame[mine], velocity["z"][mine], where)
+        mask = groups == place
+        yield _mean(next(quantities), run, frame[mask], velocity["z"][mask], where)
 
 
 def _mean(quantity: Quantity, run: RunData, frame: np.ndarray, velocity: np.ndarray, where: str) -> Measured:

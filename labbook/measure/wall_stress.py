@@ -186,9 +186,9 @@ class WallStresses:
         """
         carried = np.zeros(len(self.wall))
         for number in np.flatnonzero(self.upright):
-            mine = self.wall == number
-            below = np.concatenate([[0.0], np.cumsum(force[mine, 1])])
-            edges = np.append(self.low[mine], self.high[mine][-1])
+            mask = self.wall == number
+            below = np.concatenate([[0.0], np.cumsum(force[mask, 1])])
+            edges = np.append(self.low[mask], self.high[mask][-1])
             carried += below[-1] - np.interp(self.middle, edges, below)
         return np.where(self.on_upright, (weight_above - carried) / self.section, math.nan)
 
