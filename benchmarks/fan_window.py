@@ -40,7 +40,7 @@ from labbook.lab.evaluations import evaluated
 from labbook.lab.runs import open_run
 from labbook.measure.outlet import DEFINITIONS
 from labbook.measure.series import crossings
-from labbook.measure.starts import FromStart, WindowStarts
+from labbook.measure.starts import StartResult, WindowStarts
 from labbook.papers.fan2023 import profiles
 from labbook.papers.fan2023.laws import Saturation, centred_flow, eccentric_flow
 from labbook.results.series import PACKING_FRACTION, context
@@ -86,7 +86,7 @@ def studies(law: str, rolling: str, args: argparse.Namespace) -> Iterator[labboo
         yield study.change({**own, **scaled, **({"points": points} if points else {})})
 
 
-def of_run(task: tuple[Path, Any]) -> tuple[list[FromStart], list[float]]:
+def of_run(task: tuple[Path, Any]) -> tuple[list[StartResult], list[float]]:
     """Evaluate a stored run for all starts; the times [s] at STEPS."""
     folder, window = task
     _, data = open_run(folder)
@@ -167,7 +167,7 @@ def of_series(study: str, one: Any, numbers: Mapping[Any, Any], args: argparse.N
     for (place, _), definition in itertools.product(enumerate(windows), DEFINITIONS):
         seeds = [[starts[place].profile.outlets(radius)[definition] for _, starts, _ in each if starts[place].profile]
                  for each in runs.values()]  # fmt: skip
-        seeds = [[outlet for outlet in outlets if outlet.seen] for outlets in seeds]
+        seeds = [[outlet for outlet in outlets if outlet.has_flow] for outlets in seeds]
         tasks.append(([outlets for outlets in seeds if outlets], context(one.points)))
     fits = iter(mapped(of_profiles, tasks, args.processes))
     starts = ["auto" if window.auto else window.start for window in windows]

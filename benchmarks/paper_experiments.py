@@ -103,7 +103,7 @@ def _shapes(
     of_seeds: dict[int, dict[float, ProfileAcross]] = {}
     for point in points:
         for run in point.runs:
-            if (found := _profile(run, bins, start, definition)) is not None and found.seen:
+            if (found := _profile(run, bins, start, definition)) is not None and found.has_flow:
                 of_seeds.setdefault(run.seed, {})[point.orifice] = found
     complete = [list(one.values()) for one in of_seeds.values() if len(one) == len(points)]
     if not complete:

@@ -43,6 +43,7 @@ class _Files(IndexDataCacheFile):
 
     @contextmanager
     def _open_for_write(self, filepath: str) -> Iterator[io.BytesIO]:
+        # Collected in memory: code and checksum reach the disk by one rename, so that other processes see both or none.
         content = io.BytesIO()
         yield content
         generated.write(Path(filepath), content.getvalue() + _checksum(content.getvalue()))
@@ -67,6 +68,6 @@ def _is_intact(path: str) -> bool:
     if len(content) > _LENGTH and _checksum(content[:-_LENGTH]) == content[-_LENGTH:]:
         return True
     generated.LOG.warning("%s: compiled code is damaged: it is compiled again", path)
-    with suppress(FileNotFoundError):
+    with suppress(FileNotFoundError):  # another process may have removed it as well
         os.unlink(path)
     return False

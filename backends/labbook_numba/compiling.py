@@ -19,7 +19,7 @@ def watch() -> None:
 
     def count(change: int) -> None:
         global _running
-        with _lock:
+        with _lock:  # kernels are compiled in several threads, and += is not atomic
             _running += change
 
     class Listener(event.Listener):

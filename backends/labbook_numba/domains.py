@@ -82,7 +82,7 @@ def advance(
 def _advance(kernels: ModuleType, domain: State, params: Params, target: int) -> int:
     try:
         return kernels.advance(domain, params, target)
-    except BaseException:
+    except BaseException:  # the others would wait at the next barrier for ever
         domain.meetings[0] = S.BROKEN
         raise
 
@@ -101,6 +101,7 @@ def _split(state: State, params: Params, layout: Layout, threads: int) -> list[S
         first_pair, last_pair = (int(k) for k in np.searchsorted(i, (first, last)))
         borrowed_pairs = np.flatnonzero((j[:first_pair] >= first) & (j[:first_pair] < last))
         count, loads = state.count.copy(), S.loads(len(state.ids))
+        # Counted from 0 by each thread, and added up in `_join`: the copies all start with those of before.
         count[S.CROSSED], count[S.FAIL_GRAIN] = 0, -1
         mass = state.body[first:last, 1] if len(state.body) else params.mass
         loads[first:last, S.F + 2] = -mass * params.gravity
@@ -126,6 +127,7 @@ def _join(state: State, domains: list[State], by_overlap: bool) -> None:
     state.count[:], state.sums[:] = domains[0].count, domains[0].sums
     rows = np.concatenate([domain.cross[: domain.count[S.CROSSED]] for domain in domains])
     state.count[S.CROSSED] = crossed + len(rows)
+    # By step, and within a step by domain, which is the order of rows: as one thread would have written them.
     state.cross[crossed : crossed + len(rows)] = rows[np.argsort(rows[:, STEP], kind="stable")]
     state.count[S.LEAVING] = sum(domain.count[S.LEAVING] for domain in domains)
     state.sums[S.MAX_OVERLAP] = max(domain.sums[S.MAX_OVERLAP] for domain in domains)

@@ -105,6 +105,7 @@ class Run(Standing):
             ValueError: it is not of this backend and version, or no member of this scene can have left it.
         """
         check_checkpoint(self._can, self._array_names, checkpoint)
+        # Copies in C order: kernels are compiled for it, and for another order Numba would compile them again.
         stored = {name: np.array(array, order="C") for name, array in checkpoint.arrays.items()}
         if stored["sums"].shape == (S.OLDER_SUMS,):
             stored["sums"] = np.append(stored["sums"], [NOT_RECORDED, NOT_RECORDED])
@@ -138,6 +139,7 @@ class Run(Standing):
 
         The number of threads decides no bit. An exception of a thread is raised here, with the state before the beat.
         """
+        # Kernels write in place: a failed beat, or one that an exception ends, is undone by these copies.
         before = {name: a.copy() for name, a in self.state._asdict().items() if name in self._array_names}
         target = (self.step // self.numerics.steps_per_beat + 1) * self.numerics.steps_per_beat
         self._drop_leavers()
@@ -208,6 +210,7 @@ class Run(Standing):
         while not self.kernels.rebuild(
             st, self.params, new := S.lists(pairs, len(self.names), walls, self.layout), S.grid(len(st.ids))
         ):
+            # The kernel has counted what it had no room for. With spare room the next rebuilds need no second attempt.
             pairs = max(pairs, int(1.3 * st.count[S.WANT_PAIRS]) + 64)
             walls = max(walls, int(1.3 * st.count[S.WANT_WALLS]) + 64)
         self.state = st._replace(**new._asdict())
@@ -303,7 +306,7 @@ class Run(Standing):
 
     def put_back(self, grains: Packing, half_v: np.ndarray) -> None:
         """Insert grains in rows behind the others; see `Standing`."""
-        self._drop_leavers()
+        self._drop_leavers()  # first: it frees their rows, and moves other grains
         first, last = self.grains, self.grains + len(grains)
         if last > len(self.state.ids):
             self._grow(self.scene.grains.count)
@@ -356,6 +359,7 @@ class Run(Standing):
         self._fresh_lists()  # may drop grains far below the outlet, and so their rows
         n = self.grains
         v, w = np.empty((n, 3)), np.empty((n, 3))
+        # A reading computes the forces of this step again, which advances springs and sums: on copies of these.
         changed = ("loads", "held", "spring", "wall_held", "wall_spring", "sums", "count")
         copy = self.state._replace(**{name: getattr(self.state, name).copy() for name in changed})
         if n:

@@ -75,10 +75,12 @@ def _check_counters(arrays: Mapping[str, np.ndarray], rows: int, pairs: int, nea
 
 def _check_lists(arrays: Mapping[str, np.ndarray], walls: int) -> None:
     n, pairs, first = int(arrays["count"][S.GRAINS]), int(arrays["count"][S.PAIRS]), arrays["wall_first"]
+    # 64 bits: i * (n + 1) of many grains does not fit into the 32 of the lists
     i, j = arrays["pair_i"][:pairs].astype(np.int64), arrays["pair_j"][:pairs].astype(np.int64)
     order = np.diff(i * (n + 1) + j)
     if pairs and not ((i >= 0).all() and (i < j).all() and (j < n).all() and (order > 0).all()):
         raise ValueError(f"pair_i and pair_j are not ascending pairs of {n} grains")
+    # Kernels take pairs in blocks, and read beyond the last pair: there they must find grains that touch nothing.
     ghosts = len(arrays["grains"]) - S.GHOSTS
     behind = slice(pairs, pairs + S.PAD)
     if not ((arrays["pair_i"][behind] == ghosts).all() and (arrays["pair_j"][behind] == ghosts + 1).all()):

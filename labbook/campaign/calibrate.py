@@ -42,7 +42,13 @@ _LARGEST_RESIDUAL = 1.46
 
 
 class Prior(Model):
-    """A uniform prior, of the logarithm if `logarithmic`, between two values [SI]."""
+    """A uniform prior of a parameter.
+
+    Args:
+        low: Smallest value [SI].
+        high: Largest value [SI].
+        logarithmic: The logarithm of the parameter is uniform.
+    """
 
     low: float
     high: float
@@ -50,7 +56,16 @@ class Prior(Model):
 
 
 class Calibrate(Goal):
-    """Goal: the parameters of the contact law with which the model gives the measured values."""
+    """Goal: the parameters of the contact law with which the model gives the measured values.
+
+    Args:
+        parameters: Priors by key.
+        measurements: Measured values.
+        discrepancy: Relative standard deviation between the model and reality.
+        accuracy: Half width of the 95 % interval of each parameter to reach, over its median.
+        predict: Conditions to predict [SI]; measurements there are withheld from the calibration.
+        batch: Runs of a round.
+    """
 
     name: ClassVar[str] = "calibrate"
     testing: ClassVar[int] = _TESTING
@@ -115,7 +130,16 @@ class Calibrate(Goal):
         return self._settings(sobol(self._first, len(self.parameters) + 1))
 
     def step(self, study: Any, trials: Sequence[Trial]) -> Step:
-        """Propose the next round, or held-out runs once the posterior is an answer."""
+        """Propose the next round, or held-out runs once the posterior is an answer.
+
+        Args:
+            study: The study.
+            trials: All runs so far.
+
+        Returns:
+            Runs of the next round, or more beds of a likely point; held-out runs drawn from the posterior; or the end,
+            without an emulator or a budget for more.
+        """
         try:
             inference = self.infer(study, trials)
         except NotInferred as problem:

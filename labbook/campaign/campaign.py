@@ -19,7 +19,9 @@ Evaluate = Callable[[Generation], tuple[Trial, ...] | None]
 class Proposed:
     """All proposals so far.
 
-    `generations`: the oldest first; `ended`: reason for the end of the campaign, None while it goes on.
+    Args:
+        generations: Generations, the oldest first.
+        ended: Reason for the end of the campaign; None while it goes on.
     """
 
     generations: tuple[Generation, ...] = ()

@@ -51,7 +51,18 @@ _SEVERAL = 8
 
 
 class Find(Goal):
-    """Goal: the value of the swept key at which a quantity has a target value."""
+    """Goal: the value of the swept key at which a quantity has a target value.
+
+    ln(quantity) is interpolated over all beds by a response with noise (`labbook.stats.response`), and inverted
+    (`labbook.stats.inverse`). The half width at the root is widened for a search that stops on it
+    (`labbook.stats.stopping.widening`).
+
+    Args:
+        key: The swept key.
+        quantity: Name of the quantity; it has to be pooled over beds.
+        target: Target value [SI], above 0.
+        within: Largest deviation from it, promised at 95 %, relative to it.
+    """
 
     name: ClassVar[str] = "find"
 
@@ -121,7 +132,16 @@ class Find(Goal):
         return [{self.key: x} for x in self._start(study)]
 
     def step(self, study: Any, trials: Sequence[Trial]) -> Step:
-        """Propose more beds where the target is reached, or held-out beds once its setting is known well enough."""
+        """Propose more beds where the target is reached, or held-out beds once its setting is known well enough.
+
+        Args:
+            study: The study, whose sweep is the range.
+            trials: All runs so far; settings with many clogged runs are left out.
+
+        Returns:
+            Further points where too few have a value; beds at the setting of the target; held-out beds; or the end, if
+            the target is out of range or no more beds are allowed.
+        """
         runs = self._values(trials)
         if len({x for x, _, _ in runs}) < FEWEST:
             return Step(self._more_points(study, trials, [x for x, _, _ in runs]))
@@ -156,7 +176,19 @@ class Find(Goal):
         return Step(Proposal((Assignment({self.key: x}, number),), reason))
 
     def verdict(self, study: Any, trials: Sequence[Trial], withheld: Sequence[Trial]) -> str:
-        """Compare the mean of held-out beds with the promise."""
+        """Compare the mean of held-out beds with the promise.
+
+        The promise is kept if the deviation of their mean from the interpolation, less the half width of its 95 %
+        interval, is at most `within`.
+
+        Args:
+            study: The study.
+            trials: Runs on which the promise rests.
+            withheld: Held-out runs of one setting.
+
+        Returns:
+            The answer with its interval, and the verdict, in sentences.
+        """
         runs = self._values(trials)
         curve = self._curve(study, runs)
         root, ends = self._root(study, curve)

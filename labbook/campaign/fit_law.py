@@ -57,7 +57,15 @@ Point = tuple[float, list[float]]
 
 
 class FitLaw(Goal):
-    """Goal: the parameters of a law of the flow rate, each to a stated error."""
+    """Goal: the parameters of a law of the flow rate, each to a stated error.
+
+    Beds are allocated by the covariance of the parameters, (J^T diag(n) J)^-1 s^2, with J the derivatives of ln W at
+    the outlets, n the beds there and s the scatter of ln W between beds.
+
+    Args:
+        law: Name of the law, one of `LAWS`.
+        errors: Half width of the 95 % interval of each parameter to reach, relative to it.
+    """
 
     name: ClassVar[str] = "fit"
     places: ClassVar[str] = "outlets"
@@ -135,7 +143,16 @@ class FitLaw(Goal):
         return [{ORIFICE: D} for D in self._start(study)]
 
     def step(self, study: Any, trials: Sequence[Trial]) -> Step:
-        """Propose beds where they are worth most, or held-out beds once all errors are reached."""
+        """Propose beds where they are worth most, or held-out beds once all errors are reached.
+
+        Args:
+            study: The study, whose sweep of outlets is the range.
+            trials: All runs so far; outlets with many clogged runs are left out.
+
+        Returns:
+            Beds of each outlet; held-out beds at both ends; or the end, if the law cannot be fitted or misses the
+            points, or no more beds are allowed.
+        """
         points = _points(trials)
         try:
             result = self._fit(study, trials, points)
@@ -168,7 +185,22 @@ class FitLaw(Goal):
         return Step(Proposal(assignments, f"{progress}: beds in all {outlets}"))
 
     def verdict(self, study: Any, trials: Sequence[Trial], withheld: Sequence[Trial]) -> str:
-        """Compare held-out beds at both ends with the law."""
+        """Compare held-out beds at both ends with the law.
+
+        The promise is kept if the deviation of each mean from the law, less the half width of its 95 % interval, is at
+        most what the promised errors of the parameters allow there.
+
+        Args:
+            study: The study.
+            trials: Runs on which the promise rests.
+            withheld: Held-out runs at both ends of the range.
+
+        Returns:
+            The parameters with their half widths, and the verdict, in sentences.
+
+        Raises:
+            FitError: The law cannot be fitted.
+        """
         points = _points(trials)
         result = self._fit(study, trials, points)
         halves = self._halves(result, sum(len(values) for _, values in points))

@@ -79,6 +79,7 @@ class DeviceTime:
     def of(cls, trials: Iterable[Trial]) -> "DeviceTime":
         """Add the times of runs."""
         runs = list(trials)
+        # by key: runs of one bed share its filling
         times = {key: time for trial in runs for key, time in trial.device_time.items() if time is not None}
         complete = [trial for trial in runs if trial.device_time and None not in trial.device_time.values()]
         beds = {(place(trial.at), trial.seed) for trial in complete}
@@ -93,7 +94,12 @@ class DeviceTime:
 
 @dataclass(frozen=True)
 class Step:
-    """Next proposal of a goal. `holds_out`: its runs are held out."""
+    """Next proposal of a goal.
+
+    Args:
+        proposal: The proposal.
+        holds_out: Its runs are held out.
+    """
 
     proposal: Proposal
     holds_out: bool = False
@@ -125,7 +131,14 @@ class Goal(Strategy):
     """Study, keys of all runs, and the step after them."""
 
     def propose(self, history: History) -> Proposal:
-        """Propose the next generation; after the held-out runs, end with the verdict on the promise."""
+        """Propose the next generation; after the held-out runs, end with the verdict on the promise.
+
+        Args:
+            history: The complete generations with their runs, and those in flight.
+
+        Returns:
+            `Proposal.wait()` while a generation is in flight; then the next step of the goal, or the end.
+        """
         if history.pending:
             return Proposal.wait()
         proposal = self._proposal(history.study, history.generations)
@@ -194,7 +207,16 @@ class Goal(Strategy):
 
     @abstractmethod
     def verdict(self, study: Any, trials: Sequence[Trial], withheld: Sequence[Trial]) -> str:
-        """State the agreement of the `withheld` runs with the promise, which rests on `trials`."""
+        """State the agreement of held-out runs with the promise.
+
+        Args:
+            study: The study.
+            trials: Runs on which the promise rests.
+            withheld: Held-out runs.
+
+        Returns:
+            Sentences for the last line of the campaign.
+        """
 
     def _next(self, study: Any, generations: Sequence[Generation]) -> Step:
         """Compute the step after some generations; the latest is cached, as each is needed twice."""
@@ -269,7 +291,12 @@ def clogged_places(trials: Sequence[Trial]) -> set[tuple]:
 
 @dataclass(frozen=True)
 class KeyRange:
-    """Range of the only swept key of a study, with the values that the sweep lists [SI]."""
+    """Range of the only swept key of a study.
+
+    Args:
+        key: The key.
+        values: Values that the sweep lists, ascending [SI].
+    """
 
     key: str
     values: tuple[float, ...]

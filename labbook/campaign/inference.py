@@ -34,8 +34,12 @@ class NotInferred(ValueError):
 class Measurement(Model):
     """A measured value.
 
-    `at`: conditions [SI]; `value`, `error`: value and standard error [SI]; `withheld`: it does not enter the
-    calibration but tests it.
+    Args:
+        quantity: Name of the quantity.
+        at: Conditions [SI].
+        value: The value [SI].
+        error: Its standard error [SI].
+        withheld: It does not enter the calibration but tests it.
     """
 
     quantity: str
@@ -47,7 +51,13 @@ class Measurement(Model):
 
 @dataclass(frozen=True)
 class Interval:
-    """Median and 95 % interval [SI]."""
+    """Median and 95 % interval.
+
+    Args:
+        low: Lower end [SI].
+        median: Median [SI].
+        high: Upper end [SI].
+    """
 
     low: float
     median: float
@@ -61,7 +71,15 @@ class Interval:
 
 @dataclass(frozen=True)
 class Prediction:
-    """Predicted quantity at conditions outside the calibration, by the posterior [SI], with the measured value."""
+    """Predicted quantity at conditions outside the calibration.
+
+    Args:
+        quantity: Name of the quantity.
+        at: Conditions [SI].
+        interval: Median and 95 % interval by the posterior [SI].
+        measured: Measured value [SI]; None without one.
+        error: Its standard error [SI].
+    """
 
     quantity: str
     at: Mapping[str, float]
@@ -79,8 +97,11 @@ class Prediction:
 class Experiment:
     """A possible next measurement.
 
-    `gain`: factor by which it would lower the volume of the posterior (root of the determinant of its covariance), if
-    its relative standard error is `error`.
+    Args:
+        quantity: Name of the quantity.
+        at: Conditions [SI].
+        error: Relative standard error of the measurement.
+        gain: Factor by which it would lower the volume of the posterior (root of the determinant of its covariance).
     """
 
     quantity: str
@@ -93,8 +114,9 @@ class Experiment:
 class Direction:
     """Direction of the parameter space with its remaining uncertainty.
 
-    `parts`: change of each parameter [of its prior range], a vector of length 1. `remaining`: standard deviation of the
-    posterior along it, over that of the prior.
+    Args:
+        parts: Change of each parameter [of its prior range], a vector of length 1.
+        remaining: Standard deviation of the posterior along it, over that of the prior.
     """
 
     parts: Mapping[str, float]

@@ -41,7 +41,17 @@ _NORMAL = 1.96
 
 
 class Map(Goal):
-    """Goal: a map of a quantity over several swept keys, to a stated error."""
+    """Goal: a map of a quantity over several swept keys, to a stated error.
+
+    ln(quantity) has an emulator over the keys (`labbook.stats.emulator`). Its half width is 1.96 standard errors, and
+    has to be at most ln(1 + error).
+
+    Args:
+        quantity: Name of the quantity; it has to be pooled by the mean over beds.
+        error: Half width of the 95 % interval to reach, relative to the quantity.
+        over: The swept keys.
+        on: Fraction of the range on which it is reached, 95 % by default.
+    """
 
     name: ClassVar[str] = "map"
     testing: ClassVar[int] = _TESTING
@@ -120,7 +130,16 @@ class Map(Goal):
         return self._settings(study, sobol(max(16, 4 * (len(self.over) + 1)), len(self.over)))
 
     def step(self, study: Any, trials: Sequence[Trial]) -> Step:
-        """Propose runs where they lower the error most, or held-out runs once it is small enough."""
+        """Propose runs where they lower the error most, or held-out runs once it is small enough.
+
+        Args:
+            study: The study, whose sweep is the range.
+            trials: All runs so far.
+
+        Returns:
+            Runs of the next generation; held-out runs all over the range; or the end, if many runs clogged, few have a
+            value, or no more runs are allowed.
+        """
         values, _ = self._values(study, trials)
         clogged = sum(trial.outcome == "clogged" for trial in trials)
         if clogged > CLOGGED * len(trials):
@@ -156,7 +175,19 @@ class Map(Goal):
         return Step(Proposal(assignments, f"{progress}: {len(picks)} runs where they lower its error most"))
 
     def verdict(self, study: Any, trials: Sequence[Trial], withheld: Sequence[Trial]) -> str:
-        """Compare held-out runs with the map."""
+        """Compare held-out runs with the map.
+
+        The promise is kept if the root mean square of the standardised residuals, and the number of large ones, are
+        below values that a correct map exceeds in 0.5 % of all cases each.
+
+        Args:
+            study: The study.
+            trials: Runs on which the map rests.
+            withheld: Held-out runs all over the range.
+
+        Returns:
+            The part of the range with the stated error, and the verdict, in sentences.
+        """
         emulator, values, trend = self.emulator(study, trials)
         _, errors = emulator.at(sobol(_PLACES, len(self.over), stream=5))
         reached = float(np.mean(_NORMAL * errors <= math.log1p(self.error)))

@@ -16,6 +16,9 @@ class PreciseRun(Strategy):
 
     Each look is one trial of the run so far; looks are few (`labbook.stats.stopping.looks`), since each is a chance to
     stop on an error that came out small by accident.
+
+    Args:
+        error: Half width to reach, relative to the flow rate: the requested error less the bias of numerics.
     """
 
     name: ClassVar[str] = "precise"
@@ -25,7 +28,14 @@ class PreciseRun(Strategy):
     """Half width to reach, relative to the flow rate: the requested error less the bias of numerics."""
 
     def propose(self, history: History) -> Proposal:
-        """Propose that the run of the latest trial continues, or end the campaign."""
+        """Propose that the run of the latest trial continues, or end the campaign.
+
+        Args:
+            history: One generation for each look so far, each with one trial; there is at least one.
+
+        Returns:
+            The point of the run again; or the end, once the half width of its interval is small enough.
+        """
         latest = list(history.trials)[-1]
         half_width = latest.numbers.get(HALF_WIDTH)
         if half_width is None:

@@ -20,6 +20,12 @@ class Replicates(Strategy):
     only rises, by further discharges of the beds that there are.
 
     It waits for all runs so far, since replicates that end first may flow fast: no fair sample.
+
+    Args:
+        rule: Stopping rule, which also gives the number of replicates to add.
+        scatter: Standard deviation between runs, relative to the mean, on which the forecast was based; None without a
+            forecast.
+        filling: Cost of a filling, in discharges; None if the number of discharges of each bed is stated.
     """
 
     name: ClassVar[str] = "replicates"
@@ -33,7 +39,14 @@ class Replicates(Strategy):
     """Cost of a filling, in discharges; None if the number of discharges of each bed is stated."""
 
     def propose(self, history: History) -> Proposal:
-        """Propose more seeds of the point of `history`, or end with the precision reached."""
+        """Propose more beds or discharges of the point, or end with the precision reached.
+
+        Args:
+            history: Complete generations of one point, with W [kg/s] of each run that has one.
+
+        Returns:
+            The numbers of beds and discharges in all; or the end, if the rule stops or allows no more runs.
+        """
         ((at, beds),) = history.beds(QUANTITY)
         trials = list(history.trials)
         there = Design(len({trial.seed for trial in trials}), max(trial.discharge for trial in trials))

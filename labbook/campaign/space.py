@@ -19,7 +19,14 @@ FEWEST_REPEATS = 8
 
 @dataclass(frozen=True)
 class Axis:
-    """A key with its range [SI]. `logarithmic`: coordinates from 0 to 1 are linear in its logarithm."""
+    """A key with its range, and coordinates from 0 to 1 over it.
+
+    Args:
+        key: The key.
+        low: Smallest value [SI].
+        high: Largest value [SI].
+        logarithmic: Coordinates are linear in the logarithm of the value.
+    """
 
     key: str
     low: float
@@ -172,7 +179,11 @@ def _variances(
 
 @dataclass(frozen=True)
 class SpaceTrend:
-    """Known part of the logarithm of a quantity, up to a constant: the dependence of a flow rate on the outlet."""
+    """Known part of the logarithm of a quantity, up to a constant: the dependence of a flow rate on the outlet.
+
+    Args:
+        key: Key on which it depends; empty without a trend.
+    """
 
     key: str = ""
     _of: Callable[[np.ndarray], np.ndarray] | None = None

@@ -15,8 +15,13 @@ COUNT = "clogging_stops"
 class Stops(Strategy):
     """Strategy that adds replicates to one point until the probability of a stop has a relative error.
 
-    That error is known in advance, from the number of stops alone: k >= (1.96 / error)^2. A point whose runs hardly
-    ever stop ends at the cap, with the upper bound that its grains set.
+    That error is known in advance, from the number of stops alone: stops are a Poisson number, so that k >= (1.96 /
+    error)^2 (`labbook.stats.rates.events_needed`). A point whose runs hardly ever stop ends at the cap, with the upper
+    bound that its grains set.
+
+    Args:
+        error: Half width of the 95 % interval to reach, relative to the probability.
+        cap: Largest number of replicates.
     """
 
     name: ClassVar[str] = "stops"
@@ -28,7 +33,14 @@ class Stops(Strategy):
     """Largest number of replicates."""
 
     def propose(self, history: History) -> Proposal:
-        """Propose more seeds of the point of `history`, or end with the number of stops."""
+        """Propose more beds of the point, or end with the number of stops.
+
+        Args:
+            history: Complete generations of one point; there is at least one run.
+
+        Returns:
+            The number of beds in all, at most twice the present one; or the end, with enough stops or at the cap.
+        """
         trials = list(history.trials)
         at, beds = trials[0].at, len({trial.seed for trial in trials})
         discharges = max(trial.discharge for trial in trials)
@@ -45,7 +57,15 @@ class Stops(Strategy):
         return Proposal((Assignment(at, following, discharges),), f"{progress}: {following} in all")
 
     def expected(self, counted: int, beds: int) -> int:
-        """Replicates that will be needed if stops are as frequent as `counted` in some beds; at most the cap."""
+        """Forecast the number of replicates if further beds stop as often.
+
+        Args:
+            counted: Stops so far.
+            beds: Beds so far.
+
+        Returns:
+            The number in all, at most the cap.
+        """
         if not counted:
             return self.cap
         return min(self.cap, max(beds + 1, math.ceil(events_needed(self.error) * beds / counted)))

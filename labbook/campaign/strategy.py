@@ -104,7 +104,14 @@ class Trial:
 
 @dataclass(frozen=True)
 class Generation:
-    """Assignments of one proposal. `trials`: its runs by key; None until all are finished."""
+    """Assignments of one proposal.
+
+    Args:
+        number: Number of the generation, from 0.
+        assignments: Assignments of the proposal.
+        reason: Its reason.
+        trials: Its runs in the order of their keys; None until all are finished.
+    """
 
     number: int
     assignments: tuple[Assignment, ...]

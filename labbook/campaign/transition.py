@@ -39,7 +39,15 @@ if flows cease to stop at a critical width."""
 
 @dataclass(frozen=True)
 class Position:
-    """Position of the transition: quartiles and 95 % interval of its posterior [SI]."""
+    """Position of the transition by its posterior.
+
+    Args:
+        lower: Lower quartile [SI].
+        median: Median [SI].
+        upper: Upper quartile [SI].
+        low: Lower end of the 95 % interval [SI].
+        high: Upper end of the 95 % interval [SI].
+    """
 
     lower: float
     median: float
@@ -54,7 +62,16 @@ class Position:
 
 
 class Transition(Goal):
-    """Goal: the value of the swept key at which flows stop before N grains with a stated probability."""
+    """Goal: the value of the swept key at which flows stop before N grains with a stated probability.
+
+    The module docstring has the model, its posterior and the source of the design (Chaloner & Larntz 1989).
+
+    Args:
+        key: The swept key.
+        clogging: Probability of a stop before N grains.
+        grains: Number of grains N.
+        within: Half width of the 95 % interval of the setting to reach, with its unit.
+    """
 
     name: ClassVar[str] = "transition"
     places: ClassVar[str] = "settings"
@@ -126,7 +143,15 @@ class Transition(Goal):
         return [{self.key: x} for x in spread(swept, _SETTINGS)]
 
     def step(self, study: Any, trials: Sequence[Trial]) -> Step:
-        """Propose beds at the quartiles of the position, or held-out beds once it is known well enough."""
+        """Propose beds at the quartiles of the position, or held-out beds once it is known well enough.
+
+        Args:
+            study: The study, whose sweep is the range.
+            trials: All runs so far, with their stops and the grains that count.
+
+        Returns:
+            Beds at three settings; held-out beds at one; or the end, if no grain counts or no more beds are allowed.
+        """
         counts = self._counts(trials)
         if not sum(exposure for _, exposure in counts.values()):
             return Step(Proposal.end("no grain counts beyond the transients: use more grains, or wider outlets"))
@@ -148,7 +173,19 @@ class Transition(Goal):
         return Step(Proposal(assignments, f"{progress}: {_BATCH} beds at its quartiles"))
 
     def verdict(self, study: Any, trials: Sequence[Trial], withheld: Sequence[Trial]) -> str:
-        """Compare the stops of held-out beds with those that the position implies."""
+        """Compare the stops of held-out beds with those that the position implies.
+
+        The promise is kept if the 95 % interval of the measured rate meets the rates that the model implies at the
+        setting shifted by plus or minus `within`.
+
+        Args:
+            study: The study.
+            trials: Runs on which the promise rests.
+            withheld: Held-out runs of one setting.
+
+        Returns:
+            The position with its interval, and the verdict, in sentences.
+        """
         counts, width = self._counts(trials), self._width(study.points)
         position = self._position(study, counts)
         answer = f"{percent(self.clogging)} of the flows stop before {self.grains} grains at "

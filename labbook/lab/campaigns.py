@@ -105,6 +105,7 @@ class CampaignFile:
         generations = [
             {
                 "reason": generation.reason,
+                # without `discharges`: strategies of studies leave these to `discharges_per_bed`
                 "assignments": [
                     {"at": dict(assignment.at), "replicates": assignment.replicates}
                     for assignment in generation.assignments

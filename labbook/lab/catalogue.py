@@ -164,6 +164,7 @@ class Listing:
         if self.outcome is not None:
             clauses.append(_has_outcome(self.outcome))
         if self.text:
+            # autoescape: % and _ in the text are characters, not wildcards of LIKE
             key_begins = runs.c.run_key.istartswith(self.text, autoescape=True)
             clauses.append(runs.c.label.icontains(self.text, autoescape=True)
                          | runs.c.study.icontains(self.text, autoescape=True) | key_begins)  # fmt: skip
@@ -271,6 +272,7 @@ class Catalogue:
         query = select(*columns, rate.label(FLOW_RATE)).where(*listing.conditions())
         column = rate if listing.sort == FLOW_RATE else runs.c[listing.sort]
         # by the key at last: among equal values the order would be free, and pages would overlap
+        # places of NULL are stated: SQLite takes it for the smallest value, PostgreSQL for the largest
         ordered = query.order_by(
             column.desc().nulls_last() if listing.descending else column.asc().nulls_first(), runs.c.run_key
         )
@@ -384,6 +386,7 @@ class Catalogue:
         query = select(measurements).order_by(measurements.c.run_key, measurements.c.quantity)
         frame = self._frame(query if run_key is None else query.where(measurements.c.run_key == run_key))
         group = ["run_key", "measure", "window_start", "window_end", "window_timed", "window_scales"]
+        # the version is part of the key of a row, so that rows of older versions stay
         superseded = frame["version"].to_numpy() < frame.groupby(group)["version"].transform("max").to_numpy()
         return frame.drop(index=frame.index[superseded]).reset_index(drop=True)
 

@@ -201,6 +201,8 @@ def connect(path: Path, *, read_only: bool) -> Engine:
     if read_only and not os.access(path.parent, os.W_OK) and not path.with_name(f"{path.name}-wal").exists():
         mode += "&immutable=1"
     uri = f"{_uri(path)}?mode={mode}"
+    # isolation_level=None: else sqlite3 would begin deferred transactions of its own (see `transaction`).
+    # check_same_thread=False: the pool may lend a connection to another thread than the one that opened it.
     engine = create_engine(
         "sqlite://",
         creator=lambda: sqlite3.connect(uri, uri=True, timeout=BUSY, isolation_level=None, check_same_thread=False),
@@ -225,7 +227,7 @@ def _uri(path: Path) -> str:
 
 def remove_file(path: Path) -> None:
     """Remove an SQLite file with its write-ahead log."""
-    for suffix in ("", "-wal", "-shm"):
+    for suffix in ("", "-wal", "-shm"):  # a log that stays would be taken for that of the next file of this name
         remove(path.with_name(path.name + suffix))
 
 
@@ -374,6 +376,7 @@ def replace_index(engine: Engine, lab: LabFolder) -> None:
             connection.execute(DropSchema(place.shadow_index.schema, cascade=True))
         return
     with open_connection(engine, lab) as connection:
+        # SQLite attaches and detaches files outside of transactions only, so neither is part of the exchange.
         connection.execute(text("ATTACH DATABASE :built AS built"), {"built": _uri(_shadow_path(lab))})
         try:
             connection.execute(text("BEGIN IMMEDIATE"))

@@ -70,6 +70,7 @@ class Evaluated:
 def path_of(folder: Path, measure: Measure, window: Window) -> Path:
     """Return the path of the file with the evaluation of the run in `folder`."""
     unit = "s" if window.timed else ""
+    # Bounds in all their digits (repr): windows that differ in the last one have files of their own.
     scale_suffix = "".join(f"-{part}" for part in scales.in_text(window).split())
     return (
         folder / f"{EVALUATION}{measure.name}-{measure.version}-{window.start!r}-{window.end!r}{unit}{scale_suffix}.npz"
@@ -157,6 +158,8 @@ def _load_or_make(path: Path, make: Callable[[], Evaluated]) -> Evaluated:
     with LabFolder(folder.parent.parent).alone(folder.name):
         if (result := _read_kept(path)) is not None:  # another process has made it while this one waited
             return result
+        # Hashed before the run is read: if the folder changes meanwhile, the evaluation does not count for the new
+        # content.
         content, result = _content(folder), make()
         numbers = [vars(number) for number in result.evaluation.numbers]
         metadata = {"of": content, "numbers": numbers, "problem": result.problem}

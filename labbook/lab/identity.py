@@ -144,6 +144,7 @@ def scene_identity(scene: Scene, recorded: Versions | None = None) -> dict[str, 
         "walls": walls,
         "outlet_plane": scene.outlet,
         "gravity": scene.gravity,
+        # Parts that a scene lacks are left out: scenes from before they existed keep their keys.
         **({} if scene.sink is None else {"sink": scene.sink}),
         **({"planes": [plane.model_dump() for plane in planes]} if (planes := scene.container.planes) else {}),
         **({"zones": [zone.model_dump() for zone in zones]} if (zones := scene.container.zones) else {}),
@@ -413,6 +414,7 @@ def run_keys(
 
 
 def _how(numerics: Numerics, backend: str) -> dict[str, Any]:
+    # `engine` is the stored name of the backend: another word would change every key.
     return {"numerics": numerics_identity(numerics), "engine": backend}
 
 
@@ -432,9 +434,10 @@ def _packing(closed: str, filling: Filling, numerics: Numerics, maker: str) -> d
 
 @once(256)
 def _filling(filling: Filling) -> Text:
+    # Left out at their default: fillings from before they existed keep their keys.
     optional = ("moving", "file", "mobilise", "stream", "until")
     parts = {name: value for name, value in vars(filling).items() if name not in optional or value}
-    if filling.until is not None:
+    if filling.until is not None:  # 0 s is stated too, although it is false
         parts["until"] = filling.until
     if filling.stream is not None:
         parts["stream"] = filling.stream.model_dump(mode="json") | {"version": pouring.VERSION}

@@ -166,7 +166,7 @@ class Index:
         aside = path.with_name(f"{path.name}.damaged")
         remove(aside)
         path.rename(aside)
-        remove_file(path)
+        remove_file(path)  # its write-ahead log: it must not be taken for that of the new file
         return aside
 
     def close(self) -> None:
@@ -203,6 +203,7 @@ class Index:
             with self._transaction() as connection, storage_errors():
                 _replace_runs(connection, ended.values())
         except NotStored as reason:
+            # One rejected row has undone the whole transaction.
             if len(ended) > 1:  # only those that are not stored have a problem
                 return {folder: self.put_run(folder, rows) for folder, rows in ended.items()}
             for folder, (row, _) in ended.items():
@@ -289,7 +290,7 @@ class Index:
                 continue
             folder = self.lab.run(key)
             measured_runs += 1
-            current_stamp = stamp(folder)
+            current_stamp = stamp(folder)  # before it is read: a later change then differs from it
             try:
                 record = RunRecord.read(folder)
                 rows = derive(folder, observe, lambda folder=folder, record=record: run_data(folder, record))
@@ -311,6 +312,7 @@ class Index:
 
     def _sync(self, tick: Tick | None) -> None:
         """Index folders that are new or changed, and delete the rows of those that are gone."""
+        # Packings first: a run cannot be read without its own, and is read again if that has changed.
         report, repacked = self.report, self._sync_packings()
         on_disk = stamps(self.lab.runs)
         with self._connection() as connection:
@@ -324,6 +326,7 @@ class Index:
             if row.problem and row.run_key in on_disk and row.run_key not in changed:
                 self.note(self.lab.run(row.run_key), row.problem)
         for position, key in enumerate(new, 1):
+            # A transaction for each run: others can write in between, and after a kill the work so far is kept.
             self.add_run(self.lab.run(key))
             self._indexed_keys.add(key)
             if tick:
@@ -457,7 +460,7 @@ def _blank_run(folder: Path, folder_stamp: int, problem: str) -> dict[str, Any]:
 
 def _storable(text: str) -> str:
     """Text that any database can store: the path of a folder may have bytes that are not characters."""
-    return text.encode("utf-8", "backslashreplace").decode().replace("\0", "\\0")
+    return text.encode("utf-8", "backslashreplace").decode().replace("\0", "\\0")  # PostgreSQL stores no NUL
 
 
 def packing_row(folder: Path, record: PackingRecord | None = None) -> dict[str, Any]:

@@ -64,8 +64,10 @@ class Progress(Part):
             raise Unreadable(f"{path}: {error.strerror or error}") from error
         except ValidationError as error:
             raise Unreadable(f"{path}: {error.errors()[0]['msg']}") from error
+        # `type`, not `isinstance`: true and false of JSON are integers to Python.
         if type(progress.state.get("step")) is not int or not 0 <= progress.step < 2**63:
             raise Unreadable(f"{path}: state.step: the step is missing")
+        # Without a chunk the tables would have a hole. It shows now, and not after hours of continued work.
         if missing := [name for name in progress.files if not (folder / name).is_file()]:
             raise Unreadable(f"{folder / missing[0]} is missing")
         return progress
@@ -180,6 +182,7 @@ class Journal:
                 table = join(tables)
                 if table:
                     chunks.setdefault(name, []).append(f"{name}-{number}.npz")
+                    # not compressed: saves are frequent, and these files last until the end of the run only
                     write_table(self.folder / chunks[name][-1], table, compress=False)
             checkpoint_file = f"checkpoint-{number}.npz"
             write_checkpoint(self.folder / checkpoint_file, checkpoint)

@@ -130,6 +130,7 @@ def _merge_packing(index: Index, lab: LabFolder, theirs: Path) -> bool:
     if mine.exists() and not index.problem(mine):
         return False
     with _staging_folder(lab, key, theirs, mine) as copy:
+        # Asked again under the claim: a local process may have made the packing since the first look.
         if _is_readable_packing(mine):
             return False
         _copy(theirs, copy, {PackingRecord.FILE, ARRAYS}, fingerprint)
@@ -165,6 +166,7 @@ def _merge_run(index: Index, lab: LabFolder, theirs: Path) -> bool:
             copied_record, _ = open_run(copy, key=key, lab=lab)
             _check_end(copy, copied_record)
         lab.put(copy, mine)
+        # Only the older run goes: local checkpoints of unfinished work on this key stay.
         remove(lab.replaced(key))
         index.add_run(mine)
     return True
@@ -396,6 +398,7 @@ def _open_ordinary(theirs: Path, limit: float) -> Iterator[tuple[BinaryIO, os.st
     if theirs.is_symlink():
         raise Unreadable(f"{theirs}: it is a link; import copies no links")
     with reading(theirs):
+        # O_NOFOLLOW: it may have become a link since the check. O_NONBLOCK: opening a pipe would wait for a writer.
         handle = os.open(theirs, os.O_RDONLY | os.O_NONBLOCK | os.O_NOFOLLOW)
     status = os.fstat(handle)  # of the open file: the path may lead to another one by now
     if not stat.S_ISREG(status.st_mode):

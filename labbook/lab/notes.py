@@ -119,6 +119,7 @@ def write(lab: LabFolder, kind: Kind, name: str, note: Note) -> None:
 def checked(tags: Iterable[str]) -> tuple[str, ...]:
     """Normalise tags: composed characters (NFC), unique, sorted. Raises ValueError with the rule that a tag
     violates."""
+    # One letter may be one character, or a letter and a mark: by eye they are the same tag.
     unique_tags = sorted({unicodedata.normalize("NFC", tag) for tag in tags})
     for tag in unique_tags:
         if not tag:

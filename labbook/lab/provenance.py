@@ -61,9 +61,11 @@ def _of_machine(device: str) -> dict[str, Any]:
 
 def _commit(package: Path) -> dict[str, Any]:
     """Commit of the checkout from which `package` is imported, and whether it has changes; None if it is installed."""
+    # An installed package may lie within the repository of another project, whose commit says nothing about labbook:
+    # only a file that git tracks shows a checkout.
     if _git(package, "ls-files", "--error-unmatch", "__init__.py") is None:
         return {"commit": None, "dirty": None}
-    changes = _git(package, "status", "--porcelain", "--", ":/")
+    changes = _git(package, "status", "--porcelain", "--", ":/")  # of the whole repository: backends are beside it
     return {"commit": _git(package, "rev-parse", "HEAD"), "dirty": bool(changes)}
 
 

@@ -76,6 +76,7 @@ class Unreadable(Exception):
 class Part(BaseModel):
     """Frozen part of a record; an unknown key is an error."""
 
+    # "constants": the rule of a fed bed has an infinite `discharged`, which JSON would else store as null
     model_config = ConfigDict(frozen=True, extra="forbid", ser_json_inf_nan="constants", validate_by_name=True)
 
     def as_stored(self) -> bytes:
@@ -198,12 +199,13 @@ class FolderRecord(Part):
         path, key = folder / cls.FILE, key or folder.name
         try:
             with open_file(path) as file:
-                text = file.read(MAX_RECORD_BYTES + 1)
+                text = file.read(MAX_RECORD_BYTES + 1)  # a larger file is cut, and is no JSON any more
             record = cls.model_validate_json(text)
         except OSError as error:
             raise Unreadable(f"{path}: {error.strerror or error}") from error
         except ValidationError as error:
             raise Unreadable(f"{path}: {_first_problem(error)}") from error
+        # `seal` is the first field, so that the first match is its value even if the text has these digits again.
         if record.seal is not None and record.seal != _seal(text.replace(record.seal.encode(), _UNSEALED.encode(), 1)):
             raise Unreadable(f"{path}: it was changed after it was written (wrong checksum)")
         if getattr(record, cls.KEY) != key:

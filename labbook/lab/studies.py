@@ -58,6 +58,7 @@ def attach_content(lab: LabFolder, content: bytes) -> None:
 
 
 def _is_attached(lab: LabFolder, key: str) -> bool:
+    # The content is hashed, not only looked for: a damaged copy is then written again.
     content = _content(lab.attached / key)
     return content is not None and attached.key_of(content) == key
 
@@ -132,7 +133,7 @@ def _content(path: Path) -> bytes | None:
 
 
 def _keep_beside(lab: LabFolder, path: Path, content: bytes | None) -> None:
-    if content is None:
+    if content is None:  # what an earlier text of this name had beside it must not count for the new one
         remove(path)
     elif _content(path) != content:
         _write(lab, path, content)

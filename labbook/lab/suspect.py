@@ -45,7 +45,7 @@ def suspicion(ledger: RunLedger | None) -> str:
     if ledger.overlap is not None and ledger.overlap > DEEPEST:
         overlap, threshold = told_apart(ledger.overlap, DEEPEST)
         reasons.append(f"grains overlap by {overlap} d, more than {threshold} d")
-    limit = FASTEST * (ledger.expected_speed or math.inf)
+    limit = FASTEST * (ledger.expected_speed or math.inf)  # a filling has none: no speed is too high
     if ledger.speed is not None and ledger.speed > limit:
         reasons.append(f"a grain moves at {ledger.speed:.3g} m/s, more than {FASTEST:g} times its free-fall speed")
     if ledger.outside:

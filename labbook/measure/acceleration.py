@@ -5,16 +5,21 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from labbook.measure.measure import Evaluation, unpacked
+from labbook.measure.measure import Evaluation, from_arrays
 
 
 @dataclass(frozen=True, eq=False)
 class AccelerationProfile:
-    """Mean of (v_z(t + dt) - v_z(t)) / dt [m/s^2] of grains that start within a bin of height.
+    """Mean acceleration (v_z(t + dt) - v_z(t)) / dt of the grains that start within a bin of height.
 
-    `edges` [m] of the bins, shape [m + 1]; `acceleration`, its standard `error` over grains (those of one grain in
-    several frames hang together: a lower bound) and the `count` of pairs, shape [m]; NaN without any. `left`: part of
-    the pairs whose end was not seen, because the grain had left, and was continued by free fall.
+    Attributes:
+        edges: Edges of the bins of height [m], shape [m + 1].
+        acceleration: Mean acceleration [m/s^2], shape [m]; NaN for an empty bin.
+        error: Its standard error over pairs [m/s^2], shape [m]. It is a lower bound, since pairs of one grain in
+            several frames are correlated.
+        count: Number of pairs, shape [m].
+        interval: Median time dt between both velocities [s].
+        left: Fraction of the pairs whose grain had left before the second frame, and was continued by free fall.
     """
 
     edges: np.ndarray
@@ -26,34 +31,46 @@ class AccelerationProfile:
 
     @classmethod
     def of(cls, evaluation: Evaluation) -> "AccelerationProfile | None":
-        """The profile as a measure has given it; None without any."""
-        return unpacked(cls, evaluation.arrays)
+        """Read the profile from an evaluation; None without one."""
+        return from_arrays(cls, evaluation.arrays)
 
     def free_fall_height(self, gravity: float) -> float:
-        """Area under a_eff/g [m] over the bins that saw a grain; NaN if no bin did.
+        """Integrate a_eff/g over height.
 
-        With a short interval it is the height from which free fall would give the square of the velocity that grains
-        gain on their way. With a longer one it is more, since what a grain gains is booked where it started.
+        With a short interval the area is the height from which free fall would give the square of the velocity that
+        grains gain on their way. A longer interval gives more, since the gain counts where the grain started.
+
+        Args:
+            gravity: Acceleration of gravity g [m/s^2].
+
+        Returns:
+            The area [m] over the bins with grains; NaN if all are empty.
         """
-        seen = self.count > 0
-        gained = -(self.acceleration * np.diff(self.edges))[seen].sum() / gravity
-        return float(gained) if seen.any() else np.nan
+        occupied = self.count > 0
+        gained = -(self.acceleration * np.diff(self.edges))[occupied].sum() / gravity
+        return float(gained) if occupied.any() else np.nan
 
 
 def pooled_profile(profiles: Sequence[AccelerationProfile]) -> AccelerationProfile:
-    """Mean over replicates that have the same bins, each counting alike; of two and more, the error is that between
-    replicates, of one its own. Raises ValueError for none or for other bins."""
-    if not profiles or any(not np.array_equal(one.edges, profiles[0].edges) for one in profiles):
+    """Average profiles of replicates with equal weights.
+
+    Returns:
+        The mean profile. From two replicates on its error is that between replicates.
+
+    Raises:
+        ValueError: There are no profiles, or their bins differ.
+    """
+    if not profiles or any(not np.array_equal(profile.edges, profiles[0].edges) for profile in profiles):
         raise ValueError("profiles of the same bins are needed, and at least one")
     if len(profiles) == 1:
         return profiles[0]
-    each = np.array([one.acceleration for one in profiles])
-    n = np.isfinite(each).sum(axis=0)
-    seen = np.where(np.isfinite(each), each, 0.0)
-    mean = np.divide(seen.sum(axis=0), n, out=np.full(len(n), np.nan), where=n > 0)
-    square = np.where(np.isfinite(each), (each - mean) ** 2, 0.0).sum(axis=0)
+    values = np.array([profile.acceleration for profile in profiles])
+    n = np.isfinite(values).sum(axis=0)
+    filled = np.where(np.isfinite(values), values, 0.0)
+    mean = np.divide(filled.sum(axis=0), n, out=np.full(len(n), np.nan), where=n > 0)
+    square = np.where(np.isfinite(values), (values - mean) ** 2, 0.0).sum(axis=0)
     error = np.sqrt(np.divide(square, n * (n - 1), out=np.full(len(n), np.nan), where=n > 1))
-    count, left = sum(one.count for one in profiles), float(np.mean([one.left for one in profiles]))
+    count, left = sum(profile.count for profile in profiles), float(np.mean([profile.left for profile in profiles]))
     return AccelerationProfile(profiles[0].edges, mean, error, np.asarray(count), profiles[0].interval, left)
 
 
@@ -69,29 +86,43 @@ def acceleration_profile(
     centre: float = 0.0,
     planar: bool = False,
 ) -> AccelerationProfile:
-    """Effective acceleration of the grains within `radius` [m] of the axis (of x = `centre` if `planar`).
+    """Compute the effective acceleration of grains near the axis, by height (Pongo et al. 2022, Fig. 10).
 
-    `sample`: rows with step, time, id, x, y, z, vz; to each frame belongs the later one that is nearest to `interval`
-    [s] after it, and none if that is half as long or half as long again. A grain is binned by the height it starts
-    from: in 50 ms a falling one passes 30 mm. Of a grain that has left by then, or is a `radius` higher since it was
-    put back, the last row before is continued by free fall. Raises ValueError if no two frames are `interval` apart.
+    A grain is binned by the height at which it starts: in 50 ms a falling grain passes 30 mm. If it has left by the
+    second frame, or is a `radius` higher since it was fed back, its last earlier row is continued by free fall.
+
+    Args:
+        sample: Rows with the columns step, time [s], id, x, y, z [m] and vz [m/s].
+        interval: Time between the velocities of a pair [s]. Each frame is paired with the frame nearest to it; pairs
+            shorter than half or longer than one and a half intervals are left out.
+        radius: Largest distance of grains from the axis [m].
+        edges: Edges of the bins of height [m], shape [m + 1].
+        gravity: Acceleration of gravity [m/s^2].
+        begin: First instant at which pairs may start [s].
+        end: Last such instant [s].
+        centre: x of the axis [m].
+        planar: Distances are from the plane x = `centre`, not from the axis.
+
+    Raises:
+        ValueError: No two frames are an `interval` apart.
     """
     time, first = np.unique(np.asarray(sample["time"], float), return_inverse=True)
     starts, ends = _pairs(time, interval)
     if not len(starts):
         raise ValueError(f"no two of {len(time)} frames are about {interval:g} s apart")
     after = time[ends] - time[starts]
-    most = int(np.max(sample["id"])) + 1
-    v = np.full((len(time), most), np.nan)
-    height = np.full((len(time), most), np.nan)
+    # A row for each frame and a column for each identity: values of grains that are not in a frame stay NaN.
+    columns = int(np.max(sample["id"])) + 1
+    v = np.full((len(time), columns), np.nan)
+    height = np.full((len(time), columns), np.nan)
     ids = np.asarray(sample["id"], int)
     v[first, ids], height[first, ids] = sample["vz"], sample["z"]
     off = np.asarray(sample["x"], float) - centre
-    near = np.zeros((len(time), most), bool)
+    near = np.zeros((len(time), columns), bool)
     near[first, ids] = (abs(off) if planar else np.hypot(off, sample["y"])) <= radius
     start = near[starts] & ((time >= begin) & (time <= end))[starts, None]
     later = np.where(height[ends] > height[starts] + radius, np.nan, v[ends])
-    gone = np.isnan(later) & start
+    absent = np.isnan(later) & start
     for back in range(1, int((ends - starts).max()) + 1):  # the latest row that there is
         row = np.maximum(ends - back, starts)
         earlier = v[row] - gravity * (time[ends] - time[row])[:, None]
@@ -106,12 +137,12 @@ def acceleration_profile(
     mean = np.divide(total, count, out=np.full(len(count), np.nan), where=count > 0)
     spread = np.maximum(np.divide(square, count, out=np.full(len(count), np.nan), where=count > 0) - mean**2, 0)
     error = np.sqrt(np.divide(spread, count - 1, out=np.full(len(count), np.nan), where=count > 1))
-    left = float(gone.sum() / start.sum()) if start.any() else np.nan
+    left = float(absent.sum() / start.sum()) if start.any() else np.nan
     return AccelerationProfile(np.asarray(edges, float), mean, error, count, float(np.median(after)), left)
 
 
 def _pairs(time: np.ndarray, interval: float) -> tuple[np.ndarray, np.ndarray]:
-    """Frames, and those about `interval` later."""
+    """Pair frames: rows of the first ones, and of the frames about an `interval` [s] later."""
     above = np.minimum(np.searchsorted(time, time + interval), len(time) - 1)
     below = np.maximum(above - 1, 0)
     nearest = np.where(abs(time[below] - time - interval) < abs(time[above] - time - interval), below, above)

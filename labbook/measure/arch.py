@@ -39,7 +39,7 @@ _PREFIX = "bed_"
 
 
 class Arch(Measure):
-    """Arch or dome that holds each stop of spheres over one outlet.
+    """Measure the arch or dome that holds each stop of spheres over one outlet.
 
     The arch of a layer over a slot is the strongest short chain of contacts between grains that rest on the bottom at
     either side of the outlet. The chain minimises the sum of 1 + 2 / (F / mg + 0.3) over its contacts, F being the
@@ -47,9 +47,19 @@ class Arch(Measure):
     planes: through the axis of the hole, a diameter apart at its rim, or across the slot, a diameter apart. Grains of a
     chain lie within a diameter of its plane.
 
-    Quantities: `arch_grains`, the mean number of grains of an arch or dome; `arch_force`, the mean force along it in
-    weights of a grain. Contacts of the whole bed are recorded: use it for small beds. Arrays: `size` and `force` of
-    each arch, shape [n]; of the last arch the bed near it, as `StoppedBed` takes it up.
+    Contacts of the whole bed are recorded: use it for small beds.
+
+    Quantities:
+        arch_grains: Mean number of grains of an arch or dome.
+        arch_force: Mean contact force along it, in weights of a grain.
+
+    Arrays:
+        size: Number of grains of each arch, shape [n].
+        force: Mean contact force along each arch, in weights of a grain, shape [n].
+        bed_*: The bed near the last arch, as `StoppedBed` reads it.
+
+    Raises:
+        MeasureError: Grains are rods, there is no gravity, or the container does not have one slot or one hole.
     """
 
     name = NAME
@@ -97,8 +107,10 @@ def _error(values: np.ndarray) -> float:
 
 
 def stops(run: RunData) -> list[tuple[float, float]]:
-    """Times between which the bed was at rest in each stop of a run: after its last grain, to the restart or the end of
-    a run that clogged [s]."""
+    """List begin and end [s] of the rest of the bed in each stop of a run.
+
+    A rest begins `REST` after the last grain, and ends with the restart, or with the end of a run that clogged.
+    """
     rest = REST * gravity_time(run.scene)
     table = run.tables.get("restart", {"stopped": np.array([]), "time": np.array([])})
     pauses = [
@@ -116,10 +128,10 @@ class StoppedBed:
     """Bed in the last frame of a stop, and the arch or dome that holds it.
 
     Attributes:
-        ids: Of the grains, shape [n].
-        x: Their places [m], shape [n, 3].
-        pairs: Rows of two grains that touch, shape [k, 2].
-        force: Forces between them in weights of a grain, shape [k].
+        ids: Identities of the grains, shape [n].
+        x: Positions of the grains [m], shape [n, 3].
+        pairs: Rows of the two grains of each contact, shape [k, 2].
+        force: Contact forces in weights of a grain, shape [k].
         rows: Rows of the grains of the arch, from left to right; of a dome in no order, shape [m].
         link: Forces of its contacts in weights of a grain, shape [c].
         links: Rows of the two grains of each of them, shape [c, 2].
@@ -134,7 +146,7 @@ class StoppedBed:
     links: np.ndarray
 
     def near(self, scene: Scene) -> "StoppedBed":
-        """The bed near the outlet: NEAR diameters beside it and above the arch."""
+        """Select the bed near the outlet: NEAR diameters beside it and above the arch."""
         outlet, reach = scene.container.outlets[0], NEAR * scene.grains.diameter
         side = np.abs(self.x[:, 0] - outlet.centre)
         if outlet.form == "hole":
@@ -146,12 +158,12 @@ class StoppedBed:
         return StoppedBed(self.ids[inside], self.x[inside], place[self.pairs[both]], self.force[both], *arch)
 
     def arrays(self) -> dict[str, np.ndarray]:
-        """The bed as arrays by name, from which `of` makes it again."""
+        """Convert the bed to arrays by name, which `of` reads."""
         return {f"{_PREFIX}{name}": array for name, array in vars(self).items()}
 
     @classmethod
     def of(cls, arrays: Mapping[str, np.ndarray]) -> "StoppedBed | None":
-        """The bed in the arrays of an evaluation; None of a run without an arch."""
+        """Read the bed from the arrays of an evaluation; None for a run without an arch."""
         if f"{_PREFIX}x" not in arrays:
             return None
         values = {name: arrays.get(f"{_PREFIX}{name}") for name in cls.__dataclass_fields__}
@@ -166,8 +178,10 @@ def neighbours(rows: np.ndarray) -> np.ndarray:
 
 
 def stopped_beds(run: RunData) -> Iterator[StoppedBed]:
-    """The bed at each stop of a run with its arch, in the order of time; without stops that have no frame or no chain
-    of contacts over the outlet."""
+    """Yield the bed at each stop of a run with its arch, in the order of time.
+
+    Stops without a frame, or without a chain of contacts over the outlet, are left out.
+    """
     for begin, end in stops(run):
         bed = _stopped_bed(run, begin, end)
         if bed is not None:
@@ -175,7 +189,7 @@ def stopped_beds(run: RunData) -> Iterator[StoppedBed]:
 
 
 def _stopped_bed(run: RunData, begin: float, end: float) -> StoppedBed | None:
-    """The bed in the last frame between two times [s]; None without a frame or a chain."""
+    """Take the bed in the last frame between two times [s]; None without a frame or a chain."""
     contacts, sample = run.tables["contacts"], run.tables["sample"]
     within = (sample["time"] >= begin) & (sample["time"] <= end * (1 + 1e-12))
     if not within.any():
@@ -257,8 +271,8 @@ def arch(
     """Find the arch over an outlet in a plane.
 
     Args:
-        ids: Of the grains, shape [n].
-        x: Their places [m], shape [n, 3].
+        ids: Identities of the grains, shape [n].
+        x: Positions of the grains [m], shape [n, 3].
         contacts: Rows of the probe `Contacts`.
         outlet: The slot or hole.
         d: Diameter of the largest grains [m].
@@ -287,6 +301,7 @@ def arch(
     nothing = np.zeros(0, np.int64), np.zeros(0)
     if not (len(left) and len(right) and len(a)):
         return nothing
+    # A source beside the grains, linked to all bases on the left at almost no cost: one search finds the best of them.
     n, cost = len(x), 1 + 2 / (strength + _WEAK)
     source, tiny = n, 1e-9
     graph = coo_array(

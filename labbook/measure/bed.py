@@ -1,4 +1,4 @@
-"""How finely the fields of a bed are computed, and where."""
+"""Resolution and grids of the fields of a bed."""
 
 from collections.abc import Mapping
 
@@ -19,7 +19,15 @@ def omega_of(scene: Scene) -> float:
 
 
 def round_outlet(scene: Scene, measure: str) -> Outlet:
-    """The round outlet of a scene with equal grains. Raises MeasureError for any other."""
+    """Return the round outlet of a scene with equal grains.
+
+    Args:
+        scene: The scene.
+        measure: Name of the measure, for the message.
+
+    Raises:
+        MeasureError: The outlet is not round, or grains differ.
+    """
     if scene.container.outlet_form != "hole":
         reason = f"{measure} needs a round outlet, and the container is a {scene.container.kind}"
         raise MeasureError(reason, f"take {measure} out of measure, or use a cylinder-silo or conical-silo")
@@ -31,24 +39,38 @@ def round_outlet(scene: Scene, measure: str) -> Outlet:
 
 
 def grains_between(scene: Scene, frames: Mapping[str, np.ndarray], begin: float, end: float) -> GrainRows:
-    """Grains of the frames with begin <= time <= end [s], which of unlike ones have `radius` and `kind`; rods without
-    length are spheres and have no axes.
+    """Select the grains of the frames with begin <= time <= end [s]; rods without length are spheres without axes.
 
-    Raises ValueError if there is no frame.
+    Args:
+        scene: The scene.
+        frames: Columns of recorded frames; where grains differ with `radius` [m] and `kind`.
+        begin: Time of the first frame [s].
+        end: Time of the last frame [s].
+
+    Raises:
+        ValueError: No frame lies between these times.
     """
-    own = scene.grains
-    if not getattr(own, "half_length", 0.0) > 0:
+    grains = scene.grains
+    if not getattr(grains, "half_length", 0.0) > 0:
         frames = {name: column for name, column in frames.items() if name not in ("qw", "qx", "qy", "qz")}
-    if not own.varied:
-        return grains_of(frames, own.mass, own.volume, begin, end)
+    if not grains.varied:
+        return grains_of(frames, grains.mass, grains.volume, begin, end)
     radius, x = np.asarray(frames["radius"]), np.column_stack([frames[axis] for axis in "xyz"])
-    mass = Bodies.sized(own, 2 * radius, np.asarray(frames["kind"])).mass
+    mass = Bodies.sized(grains, 2 * radius, np.asarray(frames["kind"])).mass
     return grains_of(frames, mass, Outlines(x, radius).volumes, begin, end)
 
 
 def bed_grid(scene: Scene, omega: float, x: np.ndarray, *, coarse: bool = False) -> Grid:
-    """From below the outlet to above the highest of the grains at x [m], shape [n, 3]; cells as wide as omega, about an
-    axis half of that unless `coarse`. Of a quasi-2D hopper or a silo about the axis.
+    """Lay the grid of the fields of a bed in a quasi-2D hopper or an axisymmetric silo.
+
+    Args:
+        scene: The scene.
+        omega: Width of the coarse-graining function [m].
+        x: Positions of the grains [m], shape [n, 3].
+        coarse: Rings about an axis are as wide as omega, not half of it.
+
+    Returns:
+        A grid from below the outlet to above the highest grain, with cells as wide as omega.
     """
     container, wide = scene.container, scene.container.across
     assert wide is not None
@@ -61,5 +83,5 @@ def bed_grid(scene: Scene, omega: float, x: np.ndarray, *, coarse: bool = False)
 
 
 def cells(length: float, width: float) -> int:
-    """How many cells of about this `width` a `length` has."""
+    """Number of cells of about this `width` in a `length`, at least one."""
     return max(1, round(length / width))

@@ -16,9 +16,9 @@ from labbook.measure.measure import (
     MeasureError,
     Quantity,
     Window,
-    apart,
-    packed,
-    unpacked,
+    as_arrays,
+    flow_suffix,
+    from_arrays,
     while_flowing,
 )
 from labbook.measure.stress import bed_rows, contact_frames
@@ -37,8 +37,11 @@ _LOAD = Quantity("section_load", "F_zz/(M g)_above", "", "vertical contact force
 class SectionForces:
     """Mean vertical force through horizontal sections of the bed, over the frames of the steady part.
 
-    At heights `z` [m], shape [k]: `force` [N], the field of the contact stress sigma_zz integrated over the section,
-    positive in compression; `weight_above` [N], by the field of the density. `frames`: their number.
+    Attributes:
+        z: Heights of the sections [m], shape [k].
+        force: Contact stress sigma_zz integrated over each section [N], positive in compression, shape [k].
+        weight_above: Weight above each section [N], from the field of the density, shape [k].
+        frames: Number of frames.
     """
 
     z: np.ndarray
@@ -48,20 +51,30 @@ class SectionForces:
 
     @classmethod
     def of(cls, evaluation: Evaluation) -> "SectionForces | None":
-        """The forces that the measure has given; None without any."""
-        return unpacked(cls, evaluation.arrays)
+        """Read the forces from an evaluation; None without any."""
+        return from_arrays(cls, evaluation.arrays)
 
     def at(self, heights: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Force and weight above [N] at heights [m], linear between those of `z`."""
+        """Interpolate force and weight above [N] at heights [m] linearly between those of `z`."""
         return np.interp(heights, self.z, self.force), np.interp(heights, self.z, self.weight_above)
 
 
 class BulkStress(Measure):
-    """Vertical contact force through horizontal sections of the bed, a source of sigma_zz that no wall enters.
+    """Measure the vertical contact force through horizontal sections of the bed.
 
-    In the window of the flow rate, in closed containers in the second half of the run. Quantity: `section_load`.
-    Positions and all contacts of the bed are recorded: use it for short runs of small beds. With `wall_stress` reports
-    compare both sources of the vertical stress. Arrays: those of `SectionForces`.
+    This is a source of sigma_zz that does not use forces at walls; with `wall_stress` reports compare both. The stress
+    is coarse-grained (Goldhirsch, Granul. Matter 12 (2010) 239) in the window of the flow rate, or in the second half
+    of the run of a closed container. Positions and all contacts of the bed are recorded: use it for short runs of small
+    beds.
+
+    Quantities:
+        section_load: Vertical force through the section with half of the weight above it, over that weight.
+
+    Arrays:
+        z, force, weight_above, frames: Those of `SectionForces`.
+
+    Raises:
+        MeasureError: There is no gravity.
     """
 
     name = NAME
@@ -87,17 +100,17 @@ class BulkStress(Measure):
             raise MeasureError(f"{NAME}: the run recorded no contacts; run it again with this measure")
         begin, end, where = steady_part(run, window)
         forces = section_forces(run, begin, end)
-        name, how = f"{_LOAD.name}{apart(run)}", "contacts, coarse-grained; error from seeds only"
+        name, how = f"{_LOAD.name}{flow_suffix(run)}", "contacts, coarse-grained; error from seeds only"
         if forces is None:
             return Evaluation((Measured(name, math.nan, math.nan, 0, where, how, "", "no frame within the window"),))
         above = float(forces.weight_above[0]) / 2
         middle = np.interp([-above], -forces.weight_above, forces.z)
         load = float(forces.at(middle)[0][0]) / above
-        return Evaluation((Measured(name, load, math.nan, forces.frames, where, how, ""),), packed(forces))
+        return Evaluation((Measured(name, load, math.nan, forces.frames, where, how, ""),), as_arrays(forces))
 
 
 def section_forces(run: RunData, begin: float, end: float) -> SectionForces | None:
-    """Forces through sections of the bed in the frames between two times [s]; None without any.
+    """Compute forces through sections of the bed from the frames between two times [s]; None without a frame.
 
     Grains and contacts are projected on a vertical plane, so that the kernels are discs. Integrated along it, sections
     lose nothing to walls.
@@ -116,5 +129,5 @@ def section_forces(run: RunData, begin: float, end: float) -> SectionForces | No
     heights, across = grid.points
     width, step = across[1] - across[0], heights[1] - heights[0]
     weight = fields.density.sum(axis=1) * width * step * run.scene.gravity
-    above = np.cumsum(weight[::-1])[::-1] - weight / 2
+    above = np.cumsum(weight[::-1])[::-1] - weight / 2  # above the middle of each row of cells
     return SectionForces(heights, fields.contact_stress[2, 2].sum(axis=1) * width, above, grains.frames)

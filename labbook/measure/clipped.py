@@ -1,4 +1,4 @@
-"""How much of a disc, a sphere or a rod lies within a rectangle, a box or an upright ring.
+"""Area or volume of a disc, a sphere or a rod within a rectangle, a box or an upright ring.
 
 Areas are exact. Volumes are sums over exact areas (spheres) or exact lengths of lines (rods), by quadrature.
 """
@@ -20,7 +20,18 @@ def disc_in_rectangle(
     low: tuple[float, float],
     high: tuple[float, float],
 ) -> np.ndarray:
-    """Area [m^2] of discs at (x, z) within the rectangle from `low` to `high` [m]; shape as x. Exact."""
+    """Compute the exact area of discs within a rectangle.
+
+    Args:
+        x: Abscissas of the centres [m].
+        z: Ordinates of the centres [m], of the shape of x.
+        radius: Radii [m], of the shape of x, or one for all.
+        low: Lower left corner of the rectangle [m].
+        high: Upper right corner [m].
+
+    Returns:
+        Areas [m^2], of the shape of x.
+    """
     radius = np.asarray(radius, float)
     safe = np.where(radius > 0, radius, 1.0)
     # the four corners share two abscissas and two ordinates: of each the segments are found once
@@ -31,13 +42,13 @@ def disc_in_rectangle(
 
 
 def _side(a: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """x = a, within the unit circle, and the integral of the half chord from 0 to it."""
+    """Clip the side x = a to the unit circle, and integrate the half chord from 0 to it."""
     a = _clip(a, -1, 1)
     return a, _half_segment(a)
 
 
 def _chord(b: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """y = b, within the unit circle; the c of its ends x = -c and c there, and the integral from 0 to c."""
+    """Clip the chord y = b to the unit circle; with the abscissa c of its right end, and the integral from 0 to c."""
     b = _clip(b, -1, 1)
     c = np.sqrt(1 - b**2)
     return b, c, _half_segment(c)
@@ -56,7 +67,7 @@ def _unit_disc_below(
 
 
 def _clip(x: np.ndarray, low: np.ndarray | float, high: np.ndarray | float) -> np.ndarray:
-    """np.clip, which of short arrays takes several times as long."""
+    """Clip as np.clip does, which takes several times as long for short arrays."""
     return np.minimum(np.maximum(x, low), high)
 
 
@@ -68,11 +79,19 @@ def _half_segment(x: np.ndarray) -> np.ndarray:
 def sphere_in_box(
     centre: np.ndarray, radius: np.ndarray | float, low: tuple[float, float, float], high: tuple[float, float, float]
 ) -> np.ndarray:
-    """Volume [m^3] of spheres at `centre` [m], shape [n, 3], of `radius` [m], within the box from `low` to `high`
-    [m]; shape [n].
+    """Compute the volume of spheres within a box.
 
     Discs clipped in x and z are exact; they are summed along y by Gauss-Legendre quadrature of order 48 in the
     polar angle. The error is below 1e-4 of a sphere where faces cut it, and round-off for whole ones.
+
+    Args:
+        centre: Centres [m], shape [n, 3].
+        radius: Radii [m], shape [n], or one for all.
+        low: Corner of the box with the smallest coordinates [m].
+        high: Opposite corner [m].
+
+    Returns:
+        Volumes [m^3], shape [n].
     """
     x, y, z = np.asarray(centre, float).T
     radius = np.broadcast_to(np.asarray(radius, float), len(x))
@@ -91,8 +110,16 @@ def sphere_in_box(
 
 
 def lens(distance: np.ndarray, radius: np.ndarray, around: float) -> np.ndarray:
-    """Area [m^2] of discs of `radius` [m] that lies within a disc of the radius `around` [m], whose centres are
-    `distance` [m] apart; shape as distance. Exact."""
+    """Compute the exact area of the intersection of discs with one large disc.
+
+    Args:
+        distance: Distances of the centres [m], shape [n].
+        radius: Radii of the discs [m], shape [n].
+        around: Radius of the large disc [m].
+
+    Returns:
+        Areas [m^2], shape [n].
+    """
     r, R = np.broadcast_to(np.asarray(radius, float), np.shape(distance)), around
     whole = np.pi * np.minimum(np.maximum(r, 0), R) ** 2
     cut = (distance > abs(R - r)) & (distance < R + r)
@@ -113,10 +140,20 @@ def sphere_in_ring(
     low: float,
     high: float,
 ) -> np.ndarray:
-    """Volume [m^3] of spheres at `centre` [m], shape [n, 3], of `radius` [m], between the cylinders of the radii
-    `inner` and `outer` [m] about the z axis and the heights `low` and `high` [m]; shape [n].
+    """Compute the volume of spheres within an upright ring about the z axis.
 
     Horizontal discs are clipped exactly; they are summed along z as in `sphere_in_box`, with the same error.
+
+    Args:
+        centre: Centres [m], shape [n, 3].
+        radius: Radii [m], shape [n], or one for all.
+        inner: Inner radius of the ring [m].
+        outer: Outer radius [m].
+        low: Height of its lower face [m].
+        high: Height of its upper face [m].
+
+    Returns:
+        Volumes [m^3], shape [n].
     """
     off, z = np.hypot(centre[:, 0], centre[:, 1]), np.asarray(centre[:, 2], float)
     start = np.arcsin(np.clip((low - z) / radius, -1, 1))
@@ -138,10 +175,20 @@ def rod_in_box(
     low: tuple[float, float, float],
     high: tuple[float, float, float],
 ) -> np.ndarray:
-    """Volume [m^3] of spherocylinders within the box from `low` to `high` [m]; shape [n].
+    """Compute the volume of spherocylinders within a box.
 
-    centre [m] and axis (unit vectors): shape [n, 3]; half_length: of the segment at the heart of the rod [m]. Lines
-    along the rod are clipped exactly and summed over its cross-section.
+    Lines along the rod are clipped exactly and summed over its cross-section.
+
+    Args:
+        centre: Centres [m], shape [n, 3].
+        axis: Unit vectors along the rods, shape [n, 3].
+        radius: Radius of the rods [m].
+        half_length: Half length of the segment between the centres of their caps [m].
+        low: Corner of the box with the smallest coordinates [m].
+        high: Opposite corner [m].
+
+    Returns:
+        Volumes [m^3], shape [n].
     """
     volume = np.zeros(len(centre))
     for offset, reach, weight in _lines(axis, radius, half_length):
@@ -163,8 +210,13 @@ def rod_in_ring(
     low: float,
     high: float,
 ) -> np.ndarray:
-    """Volume [m^3] of spherocylinders between the cylinders of the radii `inner` and `outer` [m] about the z axis and
-    the heights `low` and `high` [m]; shape [n]. Otherwise as `rod_in_box`."""
+    """Compute the volume of spherocylinders within an upright ring about the z axis.
+
+    The ring is that of `sphere_in_ring`, the rods are those of `rod_in_box`.
+
+    Returns:
+        Volumes [m^3], shape [n].
+    """
     volume = np.zeros(len(centre))
     for offset, reach, weight in _lines(axis, radius, half_length):
         x = centre + offset
@@ -175,27 +227,29 @@ def rod_in_ring(
 
 
 def _lines(axis: np.ndarray, radius: float, half_length: float):
-    """Lines along rods that fill their cross-section: offsets from their centres [m], shape [n, 3], how far they reach
-    to either side [m], and the area [m^2] that each stands for.
+    """Yield lines along rods that fill their cross-section.
+
+    Each has its offset from the centre [m], shape [n, 3], its reach to either side [m], and its share of the area
+    [m^2].
 
     The distance of a line from the axis is r sin(a). The angles a are Gaussian nodes, in which the length of a line,
     2 (half_length + r cos(a)), is smooth: the lines of a whole rod add up to its volume.
     """
     helper = np.where(np.abs(axis[:, :1]) < 0.6, np.array([1.0, 0, 0]), np.array([0, 1.0, 0]))
-    one = np.cross(axis, helper)
-    one /= np.linalg.norm(one, axis=1)[:, None]
-    other = np.cross(axis, one)
+    normal = np.cross(axis, helper)
+    normal /= np.linalg.norm(normal, axis=1)[:, None]
+    binormal = np.cross(axis, normal)
     nodes, weights = np.polynomial.legendre.leggauss(_RADII)
     polar = np.pi / 4 * (1 + nodes)
     weights = np.pi / 4 * weights * np.sin(polar) * np.cos(polar) * radius**2 * 2 * np.pi / _ANGLES
     for ring, (angle, weight) in enumerate(zip(polar, weights, strict=True)):
         off, reach = radius * np.sin(angle), half_length + radius * np.cos(angle)
         for turn in 2 * np.pi * (np.arange(_ANGLES) + (ring % 2) / 2) / _ANGLES:
-            yield off * (np.cos(turn) * one + np.sin(turn) * other), reach, weight
+            yield off * (np.cos(turn) * normal + np.sin(turn) * binormal), reach, weight
 
 
 def _between(at: np.ndarray, along: np.ndarray, low: float, high: float) -> tuple[np.ndarray, np.ndarray]:
-    """First and last t with low <= at + t along <= high; first above last where there is none."""
+    """Smallest and largest t with low <= at + t along <= high; the first exceeds the second if there is none."""
     flat = np.abs(along) < 1e-12
     slope = np.where(flat, 1.0, along)
     a, b = (low - at) / slope, (high - at) / slope

@@ -46,7 +46,7 @@ class Avalanches:
 
     @classmethod
     def of(cls, arrays: Mapping[str, np.ndarray]) -> "Avalanches | None":
-        """The avalanches in the arrays of an evaluation; None of a run of which they could not be taken."""
+        """Read the avalanches from the arrays of an evaluation; None if they could not be measured."""
         return cls(**{name: arrays[name] for name in cls.__dataclass_fields__}) if "stopped" in arrays else None
 
     @property
@@ -56,14 +56,25 @@ class Avalanches:
 
 
 class Clogging(Measure):
-    """Probability that the flow stops, from the grains that leave between its start and its stop.
+    """Measure the probability that the flow stops, from the grains that leave between its start and its stop.
 
-    Quantities: `clogging_probability`, the stops over the grains that left, both beyond the transient of each start;
-    `clogging_stops`; `outlet_exchange`, the grains that leave while one falls by its diameter at the outlet. A run that
-    clogged is a stop, and each restart (`restart`) follows one. Runs that ended otherwise are censored: their grains
-    count, and no stop. Without `feed` an avalanche is also censored at the end of the window, before the bed runs out.
-    Arrays: those of `Avalanches`; where walls move also `waits`, the times between grains [s], and `wait_ended`, false
-    of the last one, which is censored by the end of the run.
+    A run that clogged is a stop, and each restart (`restart`) follows one. Runs that ended otherwise are censored:
+    their grains count, and no stop. Without `feed` an avalanche is also censored at the end of the window, before the
+    bed runs out.
+
+    Quantities:
+        clogging_probability: Stops over grains that left, both beyond the transient of each start; the maximum of the
+            likelihood of avalanches with a constant probability, some of them censored.
+        clogging_stops: Number of stops beyond the transient.
+        outlet_exchange: Grains that leave while one falls by its diameter at the outlet.
+
+    Arrays:
+        grains, stopped, counted, mass, time, begin, end: Those of `Avalanches`.
+        waits: Times between grains [s], where walls move.
+        wait_ended: False of the last of these, which is censored by the end of the run.
+
+    Raises:
+        MeasureError: The container does not have exactly one outlet.
     """
 
     name = NAME
@@ -118,7 +129,7 @@ class Clogging(Measure):
 
 
 def width_ratio(scene: Scene) -> float:
-    """D/d of the only outlet, with the diameter of spheres of the grains' volume."""
+    """Ratio D/d of the only outlet, with the diameter of spheres of the grains' volume."""
     return scene.container.outlets[0].width / scene.grains.equivalent_diameter
 
 
@@ -128,9 +139,16 @@ def dimension(scene: Scene) -> int:
 
 
 def transient(scene: Scene, opening: bool = False) -> int:
-    """Grains of a start that do not count: about those in the half ball, or half disc, of the outlet's width above it,
-    which were at rest under or in an arch. Of an opening twice as many: a bed that has never flowed stops more often
-    within these (docs/results/clogging-layer.md)."""
+    """Number of grains of the transient of a start, which do not count.
+
+    These are about the grains in the half ball, or half disc, of the outlet's width above it, which were at rest under
+    or in an arch.
+
+    Args:
+        scene: The scene.
+        opening: The start is the opening, whose transient is twice as long: a bed that has never flowed stops more
+            often within it (docs/results/clogging-layer.md).
+    """
     x, depth = width_ratio(scene), 1.0
     if dimension(scene) == 2:
         depth = max(1.0, scene.container.front_to_back / scene.grains.equivalent_diameter)
@@ -158,7 +176,7 @@ def avalanches(run: RunData, window: Window) -> Avalanches:
     rows = []
     for place, (low, high) in enumerate(itertools.pairwise(edges)):
         ends_here = place < len(restarts) or last
-        if (place and low == high) or low > limit:
+        if (place and low == high) or low > limit:  # a restart in vain, or one after the end of the window
             continue
         cut, first = min(high, limit), transient(run.scene, opening=place == 0)
         counted = max(0, cut - low - first)

@@ -17,9 +17,9 @@ from labbook.measure.measure import (
     MeasureError,
     Quantity,
     Window,
-    apart,
-    packed,
-    unpacked,
+    as_arrays,
+    flow_suffix,
+    from_arrays,
     while_flowing,
     window_in_words,
 )
@@ -75,8 +75,8 @@ class OutflowShares:
 
     @classmethod
     def of(cls, evaluation: Evaluation) -> "OutflowShares | None":
-        """The composition that a measure has given; None if no bin is complete."""
-        return unpacked(cls, evaluation.arrays)
+        """Read the composition from an evaluation; None if no bin is complete."""
+        return from_arrays(cls, evaluation.arrays)
 
 
 def bin_edges(total: int, left: int, least: int = BIN) -> np.ndarray:
@@ -95,7 +95,7 @@ def bin_edges(total: int, left: int, least: int = BIN) -> np.ndarray:
 def outflow_shares(
     mass: np.ndarray, group: np.ndarray, rows: np.ndarray, classes: int, least: int = BIN
 ) -> OutflowShares:
-    """Composition of an outflow.
+    """Compute the composition of an outflow.
 
     Args:
         mass: of each grain of the bed [kg], shape [n].
@@ -148,6 +148,7 @@ def permutation_p(
     """
     edges = bin_edges(len(mass), len(rows))
     rows = rows[: edges[-1]]
+    # 1e-12: orders that are as uneven count as such, whatever the round-off of their sums
     observed = _unevenness(_class_sums(mass[rows], group[rows], edges, classes)) * (1 - 1e-12)
     of_class = [mass[group == k] for k in range(classes)]
     once = len(np.unique(rows)) == len(rows)  # no grain has come back
@@ -159,6 +160,7 @@ def permutation_p(
         for k in range(shuffles):
             shuffled = rng.permutation(len(mass))[rows]
             null[k] = _unevenness(_class_sums(mass[shuffled], group[shuffled], edges, classes))
+    # The observed order is one of the permutations: a p of 0 would claim more than they can show.
     return (1 + int((null >= observed).sum())) / (1 + shuffles)
 
 
@@ -226,16 +228,23 @@ def _residuals(mass: np.ndarray, labelled: np.ndarray, share: np.ndarray, mean: 
 
 
 class Composition(Measure):
-    """Flow rate of each kind of grains, and composition of the outflow against the discharged fraction of the mass.
+    """Measure the flow rate of each kind of grains, and the composition of the outflow.
 
     Kinds are those of `grains.kinds`. Grains of one kind with several sizes have the classes `fine` and `coarse`, below
-    and above the middle of the range of diameters.
+    and above the middle of the range of diameters. Fewer than two complete bins of 400 grains give NaN and a note.
 
-    Quantities: `flow_rate_of_KIND` [kg/s], over the window of the flow rate, which is their sum; those of a run that
-    clogged end in `_flowing`. `segregation_KIND` is the square of the segregation index (`segregation`) over the
-    complete bins of the outflow, `segregation_p` the p value of the permutation test (`permutation_p`), `lacey_index`
-    that of the bed before the opening. Fewer than two complete bins of 400 grains give NaN and a note. Arrays: those of
-    `OutflowShares`.
+    Quantities:
+        flow_rate_of_KIND: Mass flow rate [kg/s] of a kind over the window of the flow rate, which is their sum; of a
+            run that clogged it ends in `_flowing`.
+        segregation_KIND: Square of the segregation index over the complete bins of the outflow (`segregation`).
+        segregation_p: p value of the permutation test (`permutation_p`).
+        lacey_index: Lacey index of the bed before the opening (Lacey, J. Appl. Chem. 4 (1954) 257).
+
+    Arrays:
+        fraction, share, error, mass, initial: Those of `OutflowShares`.
+
+    Raises:
+        MeasureError: All grains are equal, or a kind has the name of an outlet.
     """
 
     name = "composition"
@@ -286,7 +295,7 @@ class Composition(Measure):
             *self._segregation(run, bodies.mass, group, rows, shares),
             _lacey(run, bodies.mass, group),
         )
-        return Evaluation(numbers, packed(shares) if shares.share.size else {})
+        return Evaluation(numbers, as_arrays(shares) if shares.share.size else {})
 
     def _rates(self, run: RunData, window: Window, group: np.ndarray) -> Iterator[Measured]:
         flow, _ = outflow(run, window)
@@ -294,18 +303,18 @@ class Composition(Measure):
         within = None if flow is None else TimeWindow(flow.begin, flow.end)
         how = f"crossings; error from {BLOCKS} blocks of equally many grains of all kinds"
         for place, name in enumerate(class_names(run.scene.grains)):
-            quantity, mine = _rate(name).name + apart(run), group == place
-            own = None
-            if within is not None and (mine & (times > within.start) & (times <= within.end)).sum() >= FEWEST:
-                own = steady_flow(times, len(run.start), within, weights * mine, gap(run.scene, window))
-            if within is None or own is None:
+            quantity, mask = _rate(name).name + flow_suffix(run), group == place
+            class_flow = None
+            if within is not None and (mask & (times > within.start) & (times <= within.end)).sum() >= FEWEST:
+                class_flow = steady_flow(times, len(run.start), within, weights * mask, gap(run.scene, window))
+            if within is None or class_flow is None:
                 few = f"too few grains: fewer than {FEWEST} of {name} in the window"
                 where = window_in_words(within or window)
                 yield Measured(quantity, math.nan, math.nan, 0, where, "crossings", "kg/s", few)
                 continue
             where = f"{within.start:.4g} s to {within.end:.4g} s, as of all grains"
-            value, error = mean_mass(run) * own.rate, mean_mass(run) * own.error
-            yield Measured(quantity, value, error, own.n_effective, where, how, "kg/s", "")
+            value, error = mean_mass(run) * class_flow.rate, mean_mass(run) * class_flow.error
+            yield Measured(quantity, value, error, class_flow.n_effective, where, how, "kg/s", "")
 
     def _segregation(
         self, run: RunData, mass: np.ndarray, group: np.ndarray, rows: np.ndarray, shares: OutflowShares
@@ -327,8 +336,11 @@ class Composition(Measure):
 
 
 def leaving(run: RunData) -> np.ndarray:
-    """Grains, as rows of the start, in the order in which they left, shape [left]. Raises MeasureError without
-    crossings."""
+    """List grains as rows of the start, in the order in which they left, shape [left].
+
+    Raises:
+        MeasureError: The run recorded no crossings.
+    """
     times, _ = crossings(run)
     table = run.tables["crossing"]
     order = np.argsort(table["time"], kind="stable")

@@ -1,4 +1,4 @@
-"""What a measurement reads: one finished run, free of any backend and of where it is stored."""
+"""Data of one finished run, as measures read them, independent of backend and storage."""
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
@@ -13,14 +13,20 @@ from labbook.scene.packing import Packing
 
 @dataclass(frozen=True, eq=False)
 class RunData:
-    """A discharge as it was observed.
+    """Recorded data of a discharge.
 
-    `tables`: rows of the probes by their lower-case names (`crossing`, `sample`, `slab`, `zone`, `contacts`,
-    `traction`, `above`, `ledger`, `dissipation`), columns as `labbook.backend.probes` lists them; and `restart` of
-    a run with restarts, with the columns `stopped` (when the last grain before a stop left) and `time` (when the
-    arch was broken) [s]. `duration`: simulated time covered since the opening [s]. `outcome`: how it ended
-    (finished, precise, emptied, clogged, diverged, time-limit). `recorded`: reads the frames of a run that was
-    recorded; None without any.
+    Attributes:
+        scene: The scene.
+        numerics: Time step, beat and precision of the run.
+        seed: Seed of the bed.
+        start: Packing at the opening.
+        outcome: Outcome of the run: finished, precise, emptied, clogged, diverged or time-limit.
+        duration: Simulated time since the opening [s].
+        tables: Rows of the probes by their lower-case names (`crossing`, `sample`, `slab`, `zone`, `contacts`,
+            `traction`, `above`, `ledger`, `dissipation`), with the columns of `labbook.backend.probes`. A run with
+            restarts also has `restart`, with the columns `stopped` (time of the last grain before a stop) and `time`
+            (time at which the arch was broken) [s].
+        recorded: Function that reads the frames of a recorded run; it returns None for a run without frames.
     """
 
     scene: Scene
@@ -33,8 +39,14 @@ class RunData:
     recorded: Callable[[], Mapping[str, np.ndarray] | None] = lambda: None
 
     def rows(self, table: str) -> Mapping[str, np.ndarray]:
-        """The columns of a table. Where grains differ, rows of single grains also have the `radius` [m] and `mass` [kg]
-        of the grain, and where there are kinds the name of its `kind`."""
+        """Return the columns of a table by name.
+
+        Where grains differ, rows of single grains also have the `radius` [m] and `mass` [kg] of the grain, and where
+        there are kinds the name of its `kind`.
+
+        Raises:
+            KeyError: The run has no such table.
+        """
         columns, grains = self.tables[table], self.scene.grains
         if "id" not in columns or not grains.varied:
             return columns
@@ -43,14 +55,14 @@ class RunData:
         return {**columns, "radius": bodies.radius[grain], "mass": bodies.mass[grain], **kinds}
 
     def frames(self) -> Mapping[str, np.ndarray] | None:
-        """Recorded frames, of unlike grains with their `radius` [m] and `kind`; None without any."""
+        """Read the recorded frames, with `radius` [m] and `kind` where grains differ; None without any."""
         table = self.recorded()
         return table if table is None else self.with_bodies(table)
 
     def with_bodies(self, table: Mapping[str, np.ndarray]) -> Mapping[str, np.ndarray]:
-        """Rows of grains, where grains differ with the `radius` [m] and the number of the `kind` of each."""
+        """Add the `radius` [m] and the number of the `kind` of each grain to rows of grains, where grains differ."""
         if not self.scene.grains.varied:
             return table
         bodies = Bodies.of(self.scene.grains, self.start)
-        which = self.start.rows(np.asarray(table["id"]))
-        return {**table, "radius": bodies.radius[which], "kind": bodies.kind[which]}
+        rows = self.start.rows(np.asarray(table["id"]))
+        return {**table, "radius": bodies.radius[rows], "kind": bodies.kind[rows]}

@@ -17,7 +17,7 @@ from labbook.measure.measure import (
     MeasureError,
     Quantity,
     Window,
-    apart,
+    flow_suffix,
     while_flowing,
     window_in_words,
 )
@@ -46,27 +46,45 @@ _SAMPLED = (
 
 @dataclass(frozen=True)
 class InsideEnergies:
-    """Kinetic and potential energy [J] of the grains that have not left, at one instant."""
+    """Energies of the grains that have not left, at one instant.
+
+    Attributes:
+        kinetic: Kinetic energy of translation and rotation [J].
+        potential: Potential energy [J].
+    """
 
     kinetic: float
     potential: float
 
 
 class EnergyBalance(Measure):
-    """Energy balance of the grains that have not left, within the window of the flow rate, per time.
+    """Measure the energy balance of the grains that have not left, per time, within the window of the flow rate.
 
-    Quantities [W]: `power_released`, the potential energy that the bed gives up; `power_carried`, the kinetic energy of
-    the grains that leave; `power_contacts`, which contacts take from the grains by the `ledger`, net of what moving
-    walls give; `power_rest`, released less carried, less that of contacts and less the gain in kinetic energy of the
-    bed: the error of the balance. Of spheres also the parts of `power_contacts`: `power_normal` and `power_friction`,
-    which normal and tangential forces take from the relative motion in contacts (`labbook.backend.probes.Dissipation`,
-    sampled), and `power_rolling`, the remainder with the power of moving walls added: torques of rolling friction, and
-    the error of sampling. `elastic_energy` [J] is half the sum of normal force times overlap, the energy of linear
-    springs; those of Hertz hold four fifths of it. What springs take and give back within the window cancels.
-    Quantities of a run that clogged end in `_flowing`.
+    P_g = P_out + P_c + dE_kin/dt + P_rest. Elastic energy that springs store and give back within the window cancels.
+    The potential energy of grains that left, but are still followed, is that of free fall from the outlet. The parts of
+    P_c are given for spheres only, since the contact points of rods are not known. Quantities of a run that clogged end
+    in `_flowing`.
 
-    The potential energy of grains that left, but are still followed, is that of free fall from the outlet. Arrays of
-    spheres, of shape [n]: `time` [s]; `normal`, `tangential`, `walls` [W] and `elastic` [J].
+    Quantities:
+        power_released: P_g [W], potential energy that the bed gives up per time.
+        power_carried: P_out [W], kinetic energy of the grains that leave per time.
+        power_contacts: P_c [W], power that contacts take from the grains by the `ledger`, net of the power of moving
+            walls.
+        power_rest: P_rest [W], error of the balance.
+        power_normal: Power of normal forces on the relative motion in contacts [W], sampled
+            (`labbook.backend.probes.Dissipation`).
+        power_friction: Power of tangential forces [W], sampled in the same way.
+        power_rolling: P_c less both, with the power of moving walls added [W]: torques of rolling friction, and the
+            error of sampling.
+        elastic_energy: Half the sum of normal force times overlap [J], the energy of linear springs; Hertzian springs
+            hold four fifths of it.
+
+    Arrays:
+        time, normal_power, tangential_power, wall_power, elastic: Sampled times [s], powers [W] and energies [J] of
+            spheres, shape [n].
+
+    Raises:
+        MeasureError: The silo is fed, goes on below the outlet, or has no outlet or no gravity.
     """
 
     name = "energy"
@@ -104,7 +122,7 @@ class EnergyBalance(Measure):
 
 
 def _splits(scene: Scene) -> bool:
-    """True of spheres: the contact points of rods are not known, so that their power is not split."""
+    """True for spheres. Contact points of rods are not known, so that the power of their contacts is not split."""
     return scene.grains.half_length == 0
 
 
@@ -119,7 +137,7 @@ def _terms(run: RunData, window: Window, arrays: Mapping[str, np.ndarray]) -> It
         note = "too few grains left for a window" if flow is None else f"{fewer}; lower numerics.steps_per_beat"
         for term in terms:
             none = (math.nan, math.nan, 0, window_in_words(window), "sampled steps", term.unit, note)
-            yield Measured(term.name + apart(run), *none)
+            yield Measured(term.name + flow_suffix(run), *none)
         return
     first, last = (_inside(run, int(row)) for row in ends[[0, -1]])
     begin, end = float(ledger[ends[0]]), float(ledger[ends[-1]])
@@ -150,17 +168,20 @@ def _terms(run: RunData, window: Window, arrays: Mapping[str, np.ndarray]) -> It
         ]
     for term, (value, deviation, how) in zip(terms, values, strict=True):
         yield Measured(
-            term.name + apart(run), float(value), float(deviation), int(inside.sum()), where, how, term.unit, ""
+            term.name + flow_suffix(run), float(value), float(deviation), int(inside.sum()), where, how, term.unit, ""
         )
 
 
 def _inside(run: RunData, row: int) -> InsideEnergies:
-    """Energies at a row of the ledger, less those of the grains that have left and are still followed: these fall
-    freely from the outlet."""
+    """Compute the energies at a row of the ledger without the grains that have left and are still followed.
+
+    These fall freely from the outlet.
+    """
     ledger, g = run.tables["ledger"], run.scene.gravity
     time = float(ledger["time"][row])
     left = _crossed(run)
     before = left["time"] <= time
+    # The ledger counts the grains that the backend follows: of those that left, it has dropped the lowest ones.
     followed = int(before.sum()) - (len(run.start) - int(ledger["grains"][row]))
     fall = time - left["time"][before]
     z = left["z"][before] + left["vz"][before] * fall - g / 2 * fall**2

@@ -1,4 +1,4 @@
-"""What an outflow will be, before anything was measured: for planning only."""
+"""Forecasts of an outflow before any measurement, for plans only."""
 
 import math
 
@@ -12,7 +12,7 @@ FLOW = (0.58, 1.5)
 
 
 def mass_flow(scene: Scene) -> float:
-    """Expected flow [kg/s] through the slot or the round outlet of a silo; 0 where none can be told."""
+    """Expected mass flow rate [kg/s] through a slot or a round outlet, by Beverloo's law; 0 for other outlets."""
     silo, (c, k) = scene.container, FLOW
     if silo.outlet_form is None:
         return 0.0
@@ -22,18 +22,20 @@ def mass_flow(scene: Scene) -> float:
 
 
 def window_time(scene: Scene) -> float:
-    """Expected time [s] of a window of usual width, 0.45 of the mass; infinite where nothing can be told."""
+    """Expected duration [s] of a window of usual width, 0.45 of the mass; infinite without a forecast."""
     flow = mass_flow(scene)
     return 0.45 * scene.grains.count * scene.grains.mass / flow if flow > 0 else math.inf
 
 
 def rounded(time: float, scene: Scene, digits: int) -> float:
-    """A `time` [s] that is rounded to so many digits in units of sqrt(d*/g): scenes that are nearly alike are then
-    observed on the same beats, and can share an ensemble."""
+    """Round a `time` [s] to some digits in units of sqrt(d*/g).
+
+    Similar scenes are then sampled on the same beats, and can share an ensemble.
+    """
     scale = gravity_time(scene)
     return float(f"{time / scale:.{digits}g}") * scale
 
 
 def beats_of(time: float, numerics: Numerics) -> int:
-    """Whole beats in `time` [s], at least one."""
+    """Number of whole beats in `time` [s], at least one."""
     return max(1, round(time / numerics.beat))

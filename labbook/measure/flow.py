@@ -19,7 +19,7 @@ from labbook.measure.measure import (
     Quantity,
     Window,
     after_start_up,
-    apart,
+    flow_suffix,
     while_flowing,
     window_in_words,
 )
@@ -35,9 +35,9 @@ ENDED = "the run ended within the window ({})"
 CUT_SHORT = ENDED.format("finished")
 """Note on a run that met its stop rule before the window ended."""
 WIDER = "use more grains or a wider window"
-"""What helps against too few grains in the window."""
+"""Remedy for too few grains in the window."""
 GAPS = re.compile(r"(\d+) gaps? without flow left out, (\S+) s together")
-"""Note of a run whose outflow stopped within the window: how often, and for how long [s]."""
+"""Note of a run whose outflow stopped within the window: number and total time [s] of the gaps."""
 _GRAINS_PER_BIN, _BINS = 25, 80  # of W(t): as fine as counting allows, and no finer than a figure shows
 NO_PLATEAU = "no steady part: the start-up takes more than half of the outflow up to the end of the window"
 """Note on a run whose window was to open at the end of its start-up."""
@@ -52,15 +52,24 @@ _RATES = (
 
 
 class FlowRate(Measure):
-    """Mass flow rate W, of each grain's own mass, and grain flow rate Q over the steady part of a discharge.
+    """Measure the mass flow rate W and the grain flow rate Q over the steady part of a discharge.
 
-    Quantities: `flow_rate` [kg/s], `grain_rate` [1/s], `flow_rate_drift` (relative change across the window,
-    from a straight line through 12 blocks) and, with gaps, `gap_time` [s]. The note `trending` says that
-    there is no plateau. With `window.start: auto` there is `window_start`, the discharged fraction at
-    which the window opens. A run that clogged gives `flow_rate_flowing` and `grain_rate_flowing` instead, the
-    rates while it flowed, and `waiting_time` [s] since the last grain, which is censored: the true one is
-    longer. A window with too few grains gives a rate of NaN and says so. Arrays: those of `Trace`, W(t) in bins of
-    25 grains and more, 80 of them at most.
+    W counts each grain's own mass. Rates of a run that clogged are those while it flowed, and end in `_flowing`. A
+    window with too few grains gives a rate of NaN with a note. The note `trending` states that there is no plateau.
+
+    Quantities:
+        flow_rate: Mass flow rate W [kg/s].
+        grain_rate: Grain flow rate Q [1/s].
+        flow_rate_drift: Relative change of W across the window, from a straight line through 12 blocks.
+        window_start: Discharged fraction at which the window opens; with `window.start: auto` only.
+        gap_time: Sum of the gaps without flow [s], if there are any (Pongo et al. 2022).
+        waiting_time: Time since the last grain of a run that clogged [s]; censored by the end of the run.
+
+    Arrays:
+        time, rate, window: Those of `Trace`: W(t) in at most 80 bins of at least 25 grains.
+
+    Raises:
+        MeasureError: The container has no outlet.
     """
 
     name = "flow_rate"
@@ -88,7 +97,7 @@ class FlowRate(Measure):
     def evaluate(self, run: RunData, window: Window) -> Evaluation:
         flow, times = outflow(run, window)
         clogged = run.outcome == "clogged"
-        suffix = apart(run)
+        suffix = flow_suffix(run)
         numbers = _rates(flow, suffix, run, times, window)
         if clogged:
             since = float(times[-1]) if len(times) else 0.0
@@ -98,7 +107,13 @@ class FlowRate(Measure):
 
 @dataclass(frozen=True, eq=False)
 class Trace:
-    """W(t) of one run: times [s] and rates [kg/s], shape [n], and start and end [s] of the window of its mean."""
+    """Mass flow rate against time of one run.
+
+    Attributes:
+        time: Middles of the bins of time [s], shape [n].
+        rate: W in each bin [kg/s], shape [n].
+        window: Start and end [s] of the window of the mean; None without one.
+    """
 
     time: np.ndarray
     rate: np.ndarray
@@ -106,16 +121,19 @@ class Trace:
 
     @classmethod
     def of(cls, evaluation: Evaluation) -> "Trace | None":
-        """W(t) as `FlowRate` has given it; None if no grain left."""
+        """Read W(t) from an evaluation of `FlowRate`; None if no grain left."""
         if "time" not in evaluation.arrays:
             return None
         time, rate, window = (evaluation.arrays[name] for name in ("time", "rate", "window"))
         return cls(time, rate, (float(window[0]), float(window[1])) if len(window) else None)
 
     def frame(self) -> "pd.DataFrame":
-        """W(t) as a table: `time` [s], `flow_rate` [kg/s] and `in_window` (the time lies in the window of the mean).
+        """Tabulate W(t).
 
-        Units are in `attrs`."""
+        Returns:
+            Columns `time` [s], `flow_rate` [kg/s] and `in_window`, true for times in the window of the mean; units are
+            in `attrs`.
+        """
         import pandas as pd
 
         start, end = self.window or (math.inf, -math.inf)
@@ -132,7 +150,7 @@ class Trace:
         )
 
     def _repr_html_(self) -> str:
-        """The curve from 0 on both axes, with the window shaded."""
+        """Draw the curve from 0 on both axes, with the window shaded."""
         end, top = float(self.time[-1]) or 1.0, float(self.rate.max()) or 1.0
         points = " ".join(
             f"{t / end * _WIDTH:.1f},{(1 - w / top) * _HEIGHT:.1f}" for t, w in zip(self.time, self.rate, strict=True)
@@ -141,36 +159,43 @@ class Trace:
         if self.window is not None:
             left, right = (at / end * _WIDTH for at in self.window)
             shade = f'<rect x="{left:.1f}" y="0" width="{right - left:.1f}" height="{_HEIGHT}" fill="#8884"/>'
-        drawn = (
+        figure = (
             f'<svg width="{_WIDTH}" height="{_HEIGHT}" viewBox="0 0 {_WIDTH} {_HEIGHT}" style="border:1px solid #888">'
             f'{shade}<polyline points="{points}" fill="none" stroke="#1f77b4" stroke-width="1.5"/></svg>'
         )
         axes = f"across: 0 to {end:.3g} s; upwards: 0 to {top * 1e3:.4g} g/s; shaded: the window of the mean"
-        return html.titled("Flow rate W(t)", drawn, html.lines([axes]))
+        return html.titled("Flow rate W(t)", figure, html.lines([axes]))
 
 
 _WIDTH, _HEIGHT = 480, 160  # px of a drawing of W(t)
 
 
-def summed_up(notes: Mapping[str, int]) -> dict[str, int]:
-    """Notes with the number of runs that carry each; those that differ in their numbers only are one, with a range."""
-    few = {note: found for note in notes if (found := TOO_FEW.fullmatch(note))}
-    gaps = {note: found for note in notes if (found := GAPS.fullmatch(note))}
+def merge_notes(notes: Mapping[str, int]) -> dict[str, int]:
+    """Merge notes that differ in their numbers only into one with a range.
+
+    Args:
+        notes: Number of runs by note.
+
+    Returns:
+        Number of runs by merged note.
+    """
+    few = {note: match for note in notes if (match := TOO_FEW.fullmatch(note))}
+    gaps = {note: match for note in notes if (match := GAPS.fullmatch(note))}
     merged = {}
     if few:
         _, total, fewest = next(iter(few.values())).groups()
-        left = _spread(int(found[1]) for found in few.values())
+        left = _spread(int(match[1]) for match in few.values())
         merged[f"too few grains: {left} of {total} left, fewer than {fewest} in the window: {WIDER}"] = few
     if gaps:
-        number = _spread(int(found[1]) for found in gaps.values())
-        time = _spread(float(found[2]) for found in gaps.values())
+        number = _spread(int(match[1]) for match in gaps.values())
+        time = _spread(float(match[2]) for match in gaps.values())
         merged[f"{number} {'gap' if number == '1' else 'gaps'} without flow left out, {time} s together"] = gaps
-    others = {note: n for note, n in notes.items() if note not in few and note not in gaps}
-    return {note: sum(notes[one] for one in group) for note, group in merged.items()} | others
+    rest = {note: n for note, n in notes.items() if note not in few and note not in gaps}
+    return {note: sum(notes[text] for text in group) for note, group in merged.items()} | rest
 
 
 def _spread(numbers: Iterable[float]) -> str:
-    """The smallest and the largest of some numbers, as `1 to 10`; one number if they are equal."""
+    """Write the smallest and the largest number as `1 to 10`; one number if they are equal."""
     ordered = sorted(numbers)
     return " to ".join(dict.fromkeys((f"{ordered[0]:.6g}", f"{ordered[-1]:.6g}")))
 
@@ -178,6 +203,7 @@ def _spread(numbers: Iterable[float]) -> str:
 def _trace(run: RunData, times: np.ndarray, flow: SteadyFlow | None) -> dict[str, np.ndarray]:
     if not len(times):
         return {}
+    # at most the whole run: `flow_series` refuses a bin that does not fit into it
     width = min(max(times[-1] / _BINS, _GRAINS_PER_BIN * times[-1] / len(times)), run.duration)
     time, rate = flow_series(run, float(width))
     return {"time": time, "rate": rate, "window": np.array([flow.begin, flow.end] if flow else [])}
@@ -186,15 +212,15 @@ def _trace(run: RunData, times: np.ndarray, flow: SteadyFlow | None) -> dict[str
 def _rates(
     flow: SteadyFlow | None, suffix: str, run: RunData, times: np.ndarray, window: Window
 ) -> tuple[Measured, ...]:
-    mass, what = mean_mass(run), "mass" if run.scene.grains.varied else "grains"
-    asked = window_in_words(window, what)
+    mass, basis = mean_mass(run), "mass" if run.scene.grains.varied else "grains"
+    requested = window_in_words(window, basis)
     if flow is None:
         note = too_few(len(times), len(run.start))
         return tuple(
-            Measured(quantity + suffix, math.nan, math.nan, 0, asked, "crossings", unit, note)
+            Measured(quantity + suffix, math.nan, math.nan, 0, requested, "crossings", unit, note)
             for quantity, unit in (("flow_rate", "kg/s"), ("grain_rate", "1/s"))
         )
-    covered = f"{flow.fraction[0]:.3g} to {flow.fraction[1]:.3g} of the {what} discharged"
+    covered = f"{flow.fraction[0]:.3g} to {flow.fraction[1]:.3g} of the {basis} discharged"
     where = f"{covered} ({flow.begin:.4g} s to {flow.end:.4g} s)"
     how, wider = f"crossings; error from {BLOCKS} blocks of equally many grains", 1.0
     if run.scene.feed is not None and flow.error > 0:

@@ -1,4 +1,4 @@
-"""How far grains overlap, and what contacts do to their energy, from the ledger of a run."""
+"""Overlaps of grains, and the work of contacts, from the ledger of a run."""
 
 import math
 
@@ -14,7 +14,7 @@ from labbook.measure.measure import (
     MeasureError,
     Quantity,
     Window,
-    apart,
+    flow_suffix,
     while_flowing,
     window_in_words,
 )
@@ -38,23 +38,34 @@ _OF_WINDOW = (
 
 
 class EnergyLedger(Measure):
-    """Largest overlap and energies of a run, sampled at 100 to 200 steps of a discharge.
+    """Measure the largest overlap and the energies of a run, sampled at 100 to 200 steps of a discharge.
 
-    Quantities: `max_overlap`, the largest overlap of any contact over the diameter d of the smallest grains, as the
-    guard `numerics.overlap_limit` counts it; `mean_max_overlap`, the mean over the window of the flow rate of the
-    largest overlap of each sampled step; `contact_loss` [W], the work that contacts took from the grains within the
-    window over its time: friction and damping, less the work of moving walls. Elastic energy counts as taken until it
-    is given back. The latter two need an outlet; those of a run that clogged end in `_flowing`.
+    Between two samples a contact may overlap more: `max_overlap` is a lower bound of the maximum over all steps, and
+    grows with the number of samples. `mean_max_overlap` does not.
 
-    Overlaps are those of the sampled steps. Between two samples a contact may overlap more: `max_overlap` is a lower
-    bound of the maximum over all steps, and grows with the number of samples. `mean_max_overlap` does not.
+    kinetic + potential - contact_work is constant until the backend drops the first grain, and no balance is given
+    after it. Before, it is constant by the definition of `contact_work`, at any time step: it is no test of the time
+    step.
 
-    Arrays, each of shape [n]: `time` [s]; `kinetic`, `potential` and `contact_work` [J]; `max_overlap`, over d as the
-    number is (the table of the probe has metres); `grains`. Kinetic and potential energy are of `grains`, those that
-    the backend still follows: all in the container, and those that left until they are some lengths below the outlet.
-    `contact_work` also keeps what contacts did to grains that are no longer followed. kinetic + potential -
-    contact_work is therefore constant until the first grain is dropped, and no balance is given of the time after it.
-    Before, it is constant by the definition of `contact_work`, at any time step: it is no test of the time step.
+    Quantities:
+        max_overlap: Largest overlap of any contact over the diameter d of the smallest grains, as the guard
+            `numerics.overlap_limit` counts it.
+        mean_max_overlap: Mean, over the window of the flow rate, of the largest overlap of each sampled step.
+        contact_loss: Work that contacts took from the grains within the window, over its duration [W]: friction and
+            damping, less the work of moving walls. Elastic energy counts as taken until it is given back.
+
+    The latter two need an outlet; those of a run that clogged end in `_flowing`.
+
+    Arrays:
+        time: Sampled times [s], shape [n].
+        kinetic, potential: Energies [J] of the grains that the backend follows, shape [n]: all in the container, and
+            those that left until they are some lengths below the outlet.
+        contact_work: Work of contacts on all grains [J], also on those that are no longer followed, shape [n].
+        max_overlap: Largest overlap over d, shape [n]; the table of the probe has metres.
+        grains: Number of grains that the backend follows, shape [n].
+
+    Raises:
+        MeasureError: There is no gravity.
     """
 
     name = NAME
@@ -91,9 +102,12 @@ class EnergyLedger(Measure):
 
 
 def ledger_interval(scene: Scene, numerics: Numerics) -> int:
-    """Beats between two rows: a power of two, so that points of a sweep have few different ones and share ensembles."""
-    foreseen, scale = window_time(scene), gravity_time(scene)
-    interval = min(foreseen / _ROWS, _LONGEST * scale) if math.isfinite(foreseen) else _CLOSED * scale
+    """Number of beats between two rows of the ledger.
+
+    It is a power of two, so that points of a sweep have few different intervals and share ensembles.
+    """
+    expected, scale = window_time(scene), gravity_time(scene)
+    interval = min(expected / _ROWS, _LONGEST * scale) if math.isfinite(expected) else _CLOSED * scale
     return 2 ** max(0, round(math.log2(interval / numerics.beat)))
 
 
@@ -107,7 +121,7 @@ def _largest(run: RunData, time: np.ndarray, overlap: np.ndarray) -> Measured:
 
 
 def _of_window(run: RunData, window: Window, arrays: dict[str, np.ndarray]) -> tuple[Measured, ...]:
-    kept = apart(run)
+    suffix = flow_suffix(run)
     flow, _ = outflow(run, window)
     time = arrays["time"]
     inside = np.zeros(len(time), bool) if flow is None else (time >= flow.begin) & (time <= flow.end)
@@ -117,7 +131,7 @@ def _of_window(run: RunData, window: Window, arrays: dict[str, np.ndarray]) -> t
         fewer = f"only {rows} sampled steps within the window, fewer than {_FEWEST}"
         note = "too few grains left for a window" if flow is None else f"{fewer}; lower numerics.steps_per_beat"
         none = (math.nan, math.nan, 0, where, "sampled steps")
-        return tuple(Measured(one.name + kept, *none, one.unit, note) for one in _OF_WINDOW)
+        return tuple(Measured(quantity.name + suffix, *none, quantity.unit, note) for quantity in _OF_WINDOW)
     within, work = time[inside], arrays["contact_work"][inside]
     where = (
         f"{flow.fraction[0]:.3g} to {flow.fraction[1]:.3g} of the mass discharged "
@@ -127,6 +141,6 @@ def _of_window(run: RunData, window: Window, arrays: dict[str, np.ndarray]) -> t
     mean, loss = float(arrays["max_overlap"][inside].mean()), float((work[0] - work[-1]) / (within[-1] - within[0]))
     by = "work of contacts between the first and the last sample in the window; error from seeds only"
     return (
-        Measured(f"mean_max_overlap{kept}", mean, math.nan, rows, where, how, ""),
-        Measured(f"contact_loss{kept}", loss, math.nan, rows, where, by, "W"),
+        Measured(f"mean_max_overlap{suffix}", mean, math.nan, rows, where, how, ""),
+        Measured(f"contact_loss{suffix}", loss, math.nan, rows, where, by, "W"),
     )

@@ -23,13 +23,20 @@ PREFIX = "marks."
 
 
 class Marks(Measure):
-    """Times between a plane of `container.planes` above the outlet and the outlet, of a recorded run.
+    """Measure times from a plane of `container.planes` above the outlet to the outlet, of a recorded run.
 
     A grain is marked when it first passes the plane downwards, after the opening or after its last return. The passage
     is interpolated between two frames. Marks are those of the window of the flow rate; times that have not ended with
-    it are censored. Quantities: `marks.NAME.median` [s], `marks.NAME` [s], the mean time, and `marks.NAME.variance`,
-    over the square of the mean. If more than 1 % of the times are longer than the window shows, as where grains are
-    caught in a corner, mean and variance are NaN with a note.
+    it are censored (Kaplan-Meier). If more than 1 % of the times are longer than the window, as where grains are caught
+    in a corner, mean and variance are NaN with a note.
+
+    Quantities:
+        marks.NAME.median: Median time from the plane NAME [s].
+        marks.NAME: Mean time [s].
+        marks.NAME.variance: Variance of the time over the square of its mean.
+
+    Raises:
+        MeasureError: The container has no outlet.
     """
 
     name = "marks"
@@ -99,6 +106,7 @@ def first_passages(
 def _passages_before(grain: np.ndarray, time: np.ndarray, left: np.ndarray, at: np.ndarray) -> np.ndarray:
     """Number of passages of the outlet, in the order of grains and times, up to each grain and time."""
     order = np.lexsort((at, left))
+    # Records compare by their first field, then by the second: one sorted list serves all grains.
     keys = np.rec.fromarrays([left[order], at[order]])
     return np.searchsorted(keys, np.rec.fromarrays([grain.astype(left.dtype), time]))
 
@@ -107,7 +115,7 @@ def _next(grain: np.ndarray, time: np.ndarray, left: np.ndarray, at: np.ndarray)
     """Time [s] of the next passage of the outlet of each grain; infinite without any."""
     order = np.lexsort((at, left))
     place = _passages_before(grain, time, left, at)
-    there = np.append(left[order], -1)[place] == grain
+    there = np.append(left[order], -1)[place] == grain  # -1: no grain is behind the last passage
     return np.where(there, np.append(at[order], math.inf)[place], math.inf)
 
 

@@ -1,4 +1,4 @@
-"""What a measure is: the probes that it needs, the quantities that it gives, and how one finished run is evaluated."""
+"""Base class of measures: the probes that a measure needs, its quantities, and its evaluation of a finished run."""
 
 import math
 from abc import ABC, abstractmethod
@@ -18,7 +18,12 @@ _Kind = TypeVar("_Kind")
 
 
 class MeasureError(ValueError):
-    """A measure cannot be taken of this scene or run; the message says why, `remedy` what would help."""
+    """A measure cannot be taken of this scene or run.
+
+    Args:
+        reason: The reason, such as `flow_rate needs an outlet`.
+        remedy: The remedy; empty if there is none.
+    """
 
     def __init__(self, reason: str, remedy: str = ""):
         super().__init__(f"{reason}; {remedy}" if remedy else reason)
@@ -26,12 +31,17 @@ class MeasureError(ValueError):
 
 
 class Window(Protocol):
-    """Part of a discharge: from the fraction `start` to the fraction `end` of the initial mass discharged; if it is
-    `timed`, from the time `start` to the time `end` after the opening [s]. Of a fed bed `end` is infinite.
+    """Part of a discharge in which measures are taken.
 
     It may also have any of `labbook.measure.scales.KEYS`: times and lengths by which the outflow is measured. If it has
     `auto`, and that is true, it opens where the start-up of each run ends (`labbook.measure.startup`), not before
     `start`.
+
+    Attributes:
+        start: Begin of the window, as a fraction of the initial mass discharged; of a timed window the time after the
+            opening [s].
+        end: End of the window, in the same unit; infinite for a fed bed.
+        timed: True if `start` and `end` are times.
     """
 
     @property
@@ -49,28 +59,41 @@ def after_start_up(window: Window) -> bool:
     return bool(getattr(window, "auto", False))
 
 
-def window_in_words(window: Window, what: str = "mass") -> str:
-    """`0.15 to 0.6 of the mass discharged`, `the end of the start-up to 0.6 of the mass discharged`, or `0.5 s to
-    3.5 s`; `what` is discharged."""
+def window_in_words(window: Window, amount: str = "mass") -> str:
+    """Describe a window.
+
+    Args:
+        window: The window.
+        amount: Word for the discharged amount: `mass` or `grains`.
+
+    Returns:
+        `0.15 to 0.6 of the mass discharged`, `the end of the start-up to 0.6 of the mass discharged`, or `0.5 s to
+        3.5 s`.
+    """
     if after_start_up(window):
-        return f"the end of the start-up to {window.end:.3g} of the {what} discharged"
+        return f"the end of the start-up to {window.end:.3g} of the {amount} discharged"
     if window.timed:
         return f"{window.start:.4g} s to {window.end:.4g} s"
     if math.isinf(window.end):
-        return f"{window.start:.3g} of the {what} discharged to the end of the run"
-    return f"{window.start:.3g} to {window.end:.3g} of the {what} discharged"
+        return f"{window.start:.3g} of the {amount} discharged to the end of the run"
+    return f"{window.start:.3g} to {window.end:.3g} of the {amount} discharged"
 
 
 @dataclass(frozen=True)
 class Quantity:
     """A number that a measure gives, declared once for the catalogue, tables, figures and references.
 
-    `symbol` stands on axes and in headings (superscripts as ^(...)); `unit` is SI, as numbers are stored; `shown` is
-    the unit that people read, if it is another, and `scale` the factor from SI to it. `pooled`: whether a mean over
-    replicates means anything; that of a censored time would not. `estimator`: how replicates are pooled: by the `mean`
-    over beds, or as a `rate`, events over exposure of all runs together (`labbook.stats.rates`), where `n_effective` of
-    a run is its exposure. `about_zero`: whether a value that cannot be told from zero is a finding, and not a failure
-    to determine it.
+    Attributes:
+        name: Name in studies, tables and the catalogue.
+        symbol: Symbol on axes and in headings, with superscripts as ^(...).
+        unit: SI unit, as numbers are stored; empty for a pure number.
+        meaning: Meaning in a phrase.
+        shown: Unit of reports, if it is not the SI unit.
+        scale: Factor from the SI unit to that of reports.
+        pooled: True if a mean over replicates is meaningful; that of a censored time is not.
+        about_zero: True if a value compatible with zero is a result, and not a failure to determine it.
+        estimator: `mean` pools replicates by the mean over beds; `rate` by events over exposure of all runs together
+            (`labbook.stats.rates`), where `n_effective` of a run is its exposure.
     """
 
     name: str
@@ -85,17 +108,19 @@ class Quantity:
 
 
 FLOWING = "_flowing"
-"""How names end of quantities of a run that clogged, taken while it flowed."""
+"""Suffix of quantities of a run that clogged, taken while it flowed."""
 
 
-def apart(run: "RunData") -> str:
-    """How names of a run's quantities end: FLOWING of one that clogged, to keep them apart from runs that flowed
-    throughout."""
+def flow_suffix(run: "RunData") -> str:
+    """Return the suffix of a run's quantities: FLOWING for a run that clogged, else empty.
+
+    It keeps them apart from those of runs that flowed throughout.
+    """
     return FLOWING if run.outcome == "clogged" else ""
 
 
 def while_flowing(quantity: Quantity) -> Quantity:
-    """The same of a run that clogged, taken while it flowed, and kept apart from that of runs that did not clog."""
+    """Declare the same quantity of runs that clogged, taken while they flowed (see `flow_suffix`)."""
     return replace(
         quantity,
         name=f"{quantity.name}{FLOWING}",
@@ -106,58 +131,108 @@ def while_flowing(quantity: Quantity) -> Quantity:
 
 @dataclass(frozen=True, eq=False)
 class Evaluation:
-    """What one measure gives of one run: `numbers`, and profiles, series or fields as `arrays` by name."""
+    """Result of a measure for one run.
+
+    Attributes:
+        numbers: Numbers of declared quantities [SI].
+        arrays: Profiles, series or fields by name [SI]; the docstring of the measure states shapes and units.
+    """
 
     numbers: tuple[Measured, ...] = ()
     arrays: Mapping[str, np.ndarray] = field(default_factory=dict)
 
 
-def packed(record: Any) -> dict[str, np.ndarray]:
-    """The attributes of a record of numbers and arrays, as arrays by name."""
+def as_arrays(record: Any) -> dict[str, np.ndarray]:
+    """Convert a record of numbers and arrays to arrays by the names of its attributes."""
     return {name: np.asarray(value) for name, value in vars(record).items()}
 
 
-def unpacked(kind: type[_Kind], arrays: Mapping[str, np.ndarray]) -> _Kind | None:
-    """The record of that kind that `packed` made arrays of; None without any. Raises TypeError for those of another."""
+def from_arrays(kind: type[_Kind], arrays: Mapping[str, np.ndarray]) -> _Kind | None:
+    """Convert arrays of `as_arrays` back to the record.
+
+    Args:
+        kind: Class of the record.
+        arrays: Arrays by the names of its attributes.
+
+    Returns:
+        The record; None without arrays.
+
+    Raises:
+        TypeError: The arrays are those of another class.
+    """
     values: dict[str, Any] = {name: array if array.ndim else array.item() for name, array in arrays.items()}
     return kind(**values) if values else None
 
 
 class Measure(ABC):
-    """One kind of measurement."""
+    """Base class of measures, which turn what probes recorded of a run into numbers and arrays.
+
+    A measure has no state: `evaluate` depends on the run and the window alone, and is called from several threads.
+
+    Attributes:
+        name: Name under `measure` in studies.
+        version: Version; raise it whenever measured numbers may change. They are then derived again from the recorded
+            data.
+        declared: All quantities that it may give in any scene, except those named after parts of the scene.
+        needs_all: True if all grains have to be in the container at the opening: no stream may bring some later.
+    """
 
     name: ClassVar[str]
     version: ClassVar[int]
-    """Rises whenever measured numbers may change; they are then derived again from what runs recorded."""
     declared: ClassVar[tuple[Quantity, ...]]
-    """All quantities that it may give, in any scene, but for those whose names are those of parts of the scene."""
     needs_all: ClassVar[bool] = False
-    """Needs all grains in the container at the opening: no stream may bring some of them later."""
 
     @abstractmethod
     def check(self, scene: Scene) -> None:
-        """Raises MeasureError, with a remedy, for a scene that this cannot be measured in."""
+        """Check that the measure applies to a scene.
+
+        Raises:
+            MeasureError: It does not; the error has a remedy.
+        """
 
     def quantities(self, scene: Scene) -> tuple[Quantity, ...]:
-        """Those that it may give in `scene`: of `declared`, and those that are named after parts of the scene."""
+        """List the quantities that it may give in a scene, with those named after parts of the scene."""
         return self.declared
 
     @abstractmethod
     def probes(self, scene: Scene, numerics: Numerics) -> tuple[Probe, ...]:
-        """What a backend must observe, on beats of `numerics`. Raises MeasureError for a scene that this cannot be
-        measured in."""
+        """List the probes that a backend must record.
+
+        Args:
+            scene: The scene.
+            numerics: Numerics of the run: probes sample on multiples of its beat.
+
+        Raises:
+            MeasureError: The measure does not apply to the scene.
+        """
 
     def observed(self, scene: Scene, numerics: Numerics, window: Window) -> tuple[Probe, ...]:
-        """The probes of a study with this window, which may state more than `scene` and `numerics` tell. By default
-        `probes`."""
+        """List the probes for a study with this window, where they depend on its times and lengths.
+
+        Returns:
+            By default those of `probes`.
+
+        Raises:
+            MeasureError: The measure does not apply to the scene.
+        """
         return self.probes(scene, numerics)
 
     def foreseen_empty(self, scene: Scene) -> tuple[str, str] | None:
-        """Why it will probably give no number in `scene`, and the remedy; None, the default, if nothing speaks against
-        it. For planning only."""
+        """Forecast, for plans only, that the measure will give no number in a scene.
+
+        Returns:
+            The reason and the remedy; None, the default, if no obstacle is expected.
+        """
         return None
 
     @abstractmethod
     def evaluate(self, run: RunData, window: Window) -> Evaluation:
-        """What the run gives within the window. Raises MeasureError if the run did not record what is needed,
-        ImportError if a package is missing."""
+        """Evaluate a finished run within a window.
+
+        Returns:
+            Numbers and arrays; a number that the run does not determine is NaN with a note.
+
+        Raises:
+            MeasureError: The run lacks the data of a probe.
+            ImportError: An optional package is missing.
+        """

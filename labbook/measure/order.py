@@ -4,13 +4,19 @@ import numpy as np
 
 
 def hexatic(x: np.ndarray, z: np.ndarray) -> np.ndarray:
-    """psi_6 of every grain of a layer: mean of e^{6 i theta} over its Delaunay neighbours; complex, shape
-    [n].
+    """Compute the hexatic order psi_6 of every grain of a layer (Nelson & Halperin, Phys. Rev. B 19 (1979) 2457).
 
-    `theta`: direction of the neighbour in the x-z plane. |psi_6| is 1 in a perfect hexagonal layer and about
-    0.37 for points at random. Grains at the border of the layer have neighbours that are far away: leave them
-    out. NaN for a grain without neighbours, and for all of fewer than 4 grains or grains on a line. Nelson &
-    Halperin, Phys. Rev. B 19 (1979) 2457.
+    psi_6 is the mean of e^{6 i theta} over the Delaunay neighbours of a grain, theta being the direction of the
+    neighbour in the x-z plane. |psi_6| is 1 in a perfect hexagonal layer and about 0.37 for points at random. Grains at
+    the border of the layer have neighbours that are far away: leave them out.
+
+    Args:
+        x: Abscissas of the grains [m], shape [n].
+        z: Ordinates [m], shape [n].
+
+    Returns:
+        psi_6, complex, shape [n]; NaN for a grain without neighbours, and for all of fewer than 4 grains or of grains
+        on a line.
     """
     from scipy.spatial import Delaunay, QhullError
 

@@ -1,4 +1,4 @@
-"""Means over a layer above a round outlet, and how far up grains fall freely (Pongo et al. 2022)."""
+"""Means over a layer above a round outlet, and the height of the free fall (Pongo et al. 2022)."""
 
 import math
 from collections.abc import Mapping
@@ -20,8 +20,8 @@ from labbook.measure.measure import (
     MeasureError,
     Quantity,
     Window,
-    apart,
-    packed,
+    as_arrays,
+    flow_suffix,
     while_flowing,
     window_in_words,
 )
@@ -57,24 +57,35 @@ _MEANS = (
     ),
 )
 _OF_RODS = {f"orifice_{name}" for name in ("O_zz", "O_rr", "O_tt", "S", "S_of_mean")}
-_UNITS = {one.name.removeprefix("orifice_"): one.unit for one in _MEANS}
+_UNITS = {quantity.name.removeprefix("orifice_"): quantity.unit for quantity in _MEANS}
 
 
 class OrificeMeans(Measure):
-    """Means above the orifice, <X> = int X phi dV / int phi dV over a cylinder above it, and the free fall.
+    """Measure means above the orifice and the height of the free fall (Pongo et al. 2022).
 
-    Quantities: `orifice_packing_fraction`, `orifice_v_z` [m/s], `orifice_kinetic_pressure` [Pa] (and with
-    `omega` halved, `_fine`: fluctuations of one place count less as motion of another) and, of rods, `orifice_O_zz`,
-    `orifice_O_rr`, `orifice_O_tt` (see `labbook.fields.orifice_means`), `orifice_S` (the largest eigenvalue of each
-    frame's tensor, averaged over frames, as the paper has it: some 30 rods never lie quite evenly, so it is larger the
-    fewer there are) and `orifice_S_of_mean` (of the tensor averaged over frames), from frames within the window of the
-    flow rate, gaps without flow left out; `free_fall_height` [m], the area under a_eff/g up to
-    two widths of the outlet, in the middle of it. Those of a run that clogged end in `_flowing` and are kept apart, as
-    its flow rate is. Arrays: those of `AccelerationProfile`, of a run that did not clog.
+    Means are <X> = int X phi dV / int phi dV over a cylinder above the orifice, `window.layer` high, from frames within
+    the window of the flow rate without its gaps. Frames, in single precision, have the grains that reach into the
+    cylinder and those of a column above the middle: some hundred grains instead of the whole bed. They come in pairs,
+    `window.interval` apart, or evenly where pairs would be too close. Quantities of a run that clogged end in
+    `_flowing`.
 
-    The frames, in single precision, are of the grains that reach into that cylinder and of a column above the middle:
-    some hundred grains instead of the whole bed. Frames come in pairs, `window.interval` apart, or evenly where pairs
-    would be too close. The cylinder is `window.layer` high.
+    Quantities:
+        orifice_packing_fraction: Packing fraction.
+        orifice_v_z: Vertical velocity [m/s].
+        orifice_kinetic_pressure: Trace of the kinetic stress [Pa].
+        orifice_kinetic_pressure_fine: The same with a kernel half as wide, which counts less of the spatial variation
+            of the velocity as fluctuation.
+        orifice_O_zz, orifice_O_rr, orifice_O_tt: Orientation tensor of rods (`labbook.fields.orifice_means`).
+        orifice_S: Largest eigenvalue of each frame's tensor, averaged over frames, as in the paper. It is larger for
+            fewer rods, since some 30 rods are never quite isotropic.
+        orifice_S_of_mean: Largest eigenvalue of the tensor averaged over frames.
+        free_fall_height: Area under a_eff/g up to two widths of the outlet, in its middle [m].
+
+    Arrays:
+        edges, acceleration, error, count, interval, left: Those of `AccelerationProfile`, for runs that did not clog.
+
+    Raises:
+        MeasureError: The outlet is not round, grains differ, or there is no gravity.
     """
 
     name = NAME
@@ -88,7 +99,9 @@ class OrificeMeans(Measure):
 
     def quantities(self, scene: Scene) -> tuple[Quantity, ...]:
         rods = scene.grains.half_length > 0
-        return tuple(one for one in self.declared if rods or one.name.removesuffix(FLOWING) not in _OF_RODS)
+        return tuple(
+            quantity for quantity in self.declared if rods or quantity.name.removesuffix(FLOWING) not in _OF_RODS
+        )
 
     def probes(self, scene: Scene, numerics: Numerics) -> tuple[Probe, ...]:
         return self.observed(scene, numerics)
@@ -111,9 +124,9 @@ class OrificeMeans(Measure):
         frames = {} if flow is None else frames_of(run, flow, times)
         count = len(np.unique(frames["step"])) if frames else 0
         clogged = run.outcome == "clogged"
-        suffix = apart(run)
+        suffix = flow_suffix(run)
         profile = _profile(run.scene, frames, interval(run.scene, window)) if count else None
-        arrays = {} if profile is None or clogged else packed(profile)
+        arrays = {} if profile is None or clogged else as_arrays(profile)
         if flow is None or count < _FEWEST:
             fewer = f"only {count} frames while grains flowed within the window, fewer than {_FEWEST}"
             note = too_few(len(times), len(run.start)) if flow is None else fewer
@@ -133,27 +146,36 @@ class OrificeMeans(Measure):
 
 
 def frames_of(run: RunData, flow: SteadyFlow, times: np.ndarray) -> dict[str, np.ndarray]:
-    """Rows of the grains at the outlet while grains flowed within the window. Raises MeasureError without any."""
+    """Select the rows of grains at the outlet within the window, without its gaps.
+
+    Args:
+        run: The run.
+        flow: Its outflow within the window.
+        times: Ascending times of all crossings [s], shape [n].
+
+    Raises:
+        MeasureError: The run recorded no grains at the outlet.
+    """
     if "zone" not in run.tables:
         raise MeasureError("orifice: the run recorded no grains around the outlet; run it again with this measure")
     rows = run.tables["zone"]
     time = np.asarray(rows["time"], float)
-    seen = (time >= flow.begin) & (time <= flow.end) & ~in_gap(time, times, flow)
-    return {name: np.asarray(column)[seen] for name, column in rows.items()}
+    flowing = (time >= flow.begin) & (time <= flow.end) & ~in_gap(time, times, flow)
+    return {name: np.asarray(column)[flowing] for name, column in rows.items()}
 
 
 def _means(scene: Scene, frames: dict[str, np.ndarray], height: float) -> dict[str, float]:
     omega = omega_of(scene)
-    means = _seen(scene, frames, height, omega)
-    means["kinetic_pressure_fine"] = _seen(scene, frames, height, omega / 2)["kinetic_pressure"]
+    means = _layer_means(scene, frames, height, omega)
+    means["kinetic_pressure_fine"] = _layer_means(scene, frames, height, omega / 2)["kinetic_pressure"]
     if "S" in means:
         means["S_of_mean"] = means.pop("S")
         means["S"] = _mean_order(scene, frames, height, omega)
     return means
 
 
-def _seen(scene: Scene, frames: Mapping[str, np.ndarray], height: float, omega: float) -> dict[str, float]:
-    """Means over a layer of this height [m], through a kernel of the width omega [m]."""
+def _layer_means(scene: Scene, frames: Mapping[str, np.ndarray], height: float, omega: float) -> dict[str, float]:
+    """Compute means over a layer of a `height` [m], through a kernel of the width omega [m]."""
     outlet = round_outlet(scene, NAME)
     R, bottom = outlet.width / 2, outlet.plane
     grid = Ring(R, (bottom, bottom + height), cells(R, omega / 2), max(4, cells(height, omega / 2)))
@@ -162,19 +184,21 @@ def _seen(scene: Scene, frames: Mapping[str, np.ndarray], height: float, omega: 
 
 
 def _mean_order(scene: Scene, frames: Mapping[str, np.ndarray], height: float, omega: float) -> float:
-    """Mean over frames of the nematic order of each; frames without a grain there have none."""
-    found = []
+    """Mean over frames of the nematic order of each; frames without a grain in the layer do not count."""
+    orders = []
     for step in np.unique(frames["step"]):
         rows = frames["step"] == step
         try:
-            found.append(_seen(scene, {name: column[rows] for name, column in frames.items()}, height, omega)["S"])
+            orders.append(
+                _layer_means(scene, {name: column[rows] for name, column in frames.items()}, height, omega)["S"]
+            )
         except ValueError:  # no grain is above the orifice
             continue
-    return float(np.mean(found)) if found else math.nan
+    return float(np.mean(orders)) if orders else math.nan
 
 
 def _profile(scene: Scene, frames: dict[str, np.ndarray], after: float) -> AccelerationProfile | None:
-    """Accelerations from velocities about `after` [s] apart; None if no two frames are."""
+    """Profile of accelerations from velocities about `after` [s] apart; None if no two frames are."""
     D, plane = round_outlet(scene, NAME).width, round_outlet(scene, NAME).plane
     edges = plane + np.linspace(0.0, UP_TO * D, BINS + 1)
     try:
@@ -184,8 +208,10 @@ def _profile(scene: Scene, frames: dict[str, np.ndarray], after: float) -> Accel
 
 
 def _beats(scene: Scene, numerics: Numerics, after: float) -> tuple[int, int]:
-    """Beats between pairs of frames and within a pair, whose frames are `after` [s] apart; within is 0 where frames
-    follow each other evenly."""
+    """Number of beats between pairs of frames, and within a pair whose frames are `after` [s] apart.
+
+    The latter is 0 where frames follow each other evenly.
+    """
     between = min(rounded(window_time(scene) / _PAIRS, scene, 2), 10 * after)
     if between < 2 * after:
         return beats_of(min(between / 2, after), numerics), 0

@@ -27,9 +27,9 @@ from labbook.measure.measure import (
     MeasureError,
     Quantity,
     Window,
-    apart,
-    packed,
-    unpacked,
+    as_arrays,
+    flow_suffix,
+    from_arrays,
     while_flowing,
     window_in_words,
 )
@@ -48,7 +48,7 @@ DEFINITIONS = {
     COVERAGE: "phi: the part of the time during which a place is covered; v: the mean speed while it is",
     CROSSINGS: "v: the mean speed of the grains that cross; phi: what then makes up their flow",
 }
-"""What profiles are. Fast grains weigh more in the second: one flow, another v and phi."""
+"""Definitions of the profiles. Fast grains weigh more in the second: the flow is the same, v and phi are not."""
 
 
 def _velocity(flux: np.ndarray, fraction: np.ndarray) -> np.ndarray:
@@ -59,12 +59,17 @@ def _velocity(flux: np.ndarray, fraction: np.ndarray) -> np.ndarray:
 class OutletProfile:
     """Profiles along one outlet, means over a window of time.
 
-    `edges`: of the bins, in x* = (x - e)/R from -1 (at the left side) to 1, shape [m + 1]; `R`: half width of the
-    outlet [m]; `area_fraction` phi and `flux` phi v [m/s], positive downwards; `crossing_flux`: beside it
-    the disc area that passed with grains whose centres crossed within a bin, over time and width [m/s], and
-    `crossing_velocity`: the mean of -v_z [m/s] over them (NaN where none did), which weighs fast grains more; each of
-    shape [m]. `flow`: (2/3) d rho_p int(phi v dx) [kg/s], `counted`: mass flow rate of the grains that left
-    [kg/s], `closure_error`: standard error of flow/counted.
+    Attributes:
+        edges: Edges of the bins, in x* = (x - e)/R from -1 (at the left side) to 1, shape [m + 1].
+        R: Half width of the outlet [m].
+        area_fraction: Area fraction phi, shape [m].
+        flux: phi v [m/s], positive downwards, shape [m].
+        crossing_flux: Disc area of the grains whose centres crossed within a bin, over time and width [m/s], shape [m].
+        crossing_velocity: Mean of -v_z over them [m/s], which weighs fast grains more, shape [m]; NaN without any.
+        flow: (2/3) d rho_p int(phi v dx) [kg/s].
+        counted: Mass flow rate of the grains that left [kg/s].
+        closure_error: Standard error of flow/counted.
+        frames: Number of frames.
     """
 
     edges: np.ndarray
@@ -80,8 +85,8 @@ class OutletProfile:
 
     @classmethod
     def of(cls, evaluation: Evaluation) -> "OutletProfile | None":
-        """The profiles as `OutletProfiles` has given them; None for too few grains."""
-        return unpacked(cls, evaluation.arrays)
+        """Read the profiles from an evaluation of `OutletProfiles`; None for too few grains."""
+        return from_arrays(cls, evaluation.arrays)
 
     @property
     def velocity(self) -> np.ndarray:
@@ -90,12 +95,12 @@ class OutletProfile:
 
     @property
     def crossing_fraction(self) -> np.ndarray:
-        """What makes up the flux of the grains that cross at their mean speed, shape [m]; 0 where none did."""
-        seen = self.crossing_velocity > 0
-        return np.divide(self.crossing_flux, self.crossing_velocity, out=np.zeros_like(self.flux), where=seen)
+        """Area fraction that gives the flux of the crossing grains at their mean speed, shape [m]; 0 without any."""
+        crossed = self.crossing_velocity > 0
+        return np.divide(self.crossing_flux, self.crossing_velocity, out=np.zeros_like(self.flux), where=crossed)
 
     def outlets(self, radius: float) -> Mapping[str, "ProfileAcross"]:
-        """The profiles by each of DEFINITIONS, of grains of that radius [m]."""
+        """Return the profiles by each of DEFINITIONS, for grains of a `radius` [m]."""
         return {
             COVERAGE: ProfileAcross(
                 self.R, self.edges, self.area_fraction, self.flux, 1 - radius / self.R, self.counted
@@ -105,7 +110,7 @@ class OutletProfile:
 
     @property
     def closure(self) -> float:
-        """Flow rate of the profiles over that of the grains counted; 1 but for the error."""
+        """Ratio of the flow rate of the profiles to the counted one; 1 within its error."""
         return self.flow / self.counted
 
 
@@ -113,9 +118,13 @@ class OutletProfile:
 class ProfileAcross:
     """Profiles along one outlet, of one run or the mean of several.
 
-    `R`: half width of the outlet [m]; `edges`: of the bins, in x* = (x - e)/R from -1 to 1, shape [m + 1];
-    `area_fraction` phi and `flux` phi v [m/s], shape [m]; `reach`: x* up to which bins are fitted. `counted`: flow rate
-    counted [kg/s].
+    Attributes:
+        R: Half width of the outlet [m].
+        edges: Edges of the bins, in x* = (x - e)/R from -1 to 1, shape [m + 1].
+        area_fraction: Area fraction phi, shape [m].
+        flux: phi v [m/s], shape [m].
+        reach: Largest |x*| of the bins that are fitted.
+        counted: Counted flow rate [kg/s].
     """
 
     R: float
@@ -132,34 +141,43 @@ class ProfileAcross:
 
     @property
     def inside(self) -> np.ndarray:
-        """Which bins lie within `reach`, shape [m]."""
+        """Mask of the bins within `reach`, shape [m]."""
         return np.maximum(abs(self.edges[1:]), abs(self.edges[:-1])) <= self.reach * (1 + 1e-9)
 
     @property
-    def seen(self) -> bool:
-        """Whether there is a shape to fit: grains that move, in bins within `reach` on both sides of the middle."""
-        known = np.isfinite(self.velocity)
-        pairs = self.inside & known & known[::-1]
+    def has_flow(self) -> bool:
+        """True if there is a shape to fit: moving grains in bins within `reach` on both sides of the middle."""
+        finite = np.isfinite(self.velocity)
+        pairs = self.inside & finite & finite[::-1]
         return bool((np.abs(self.flux[pairs]) > 0).any())
 
 
 def mean_of(outlets: Sequence[ProfileAcross]) -> ProfileAcross:
-    """The mean of several runs through equal outlets; velocities weigh by the time that grains were there."""
+    """Average profiles of several runs through equal outlets; velocities are weighted by the area fraction."""
     first = outlets[0]
     return ProfileAcross(
         first.R,
         first.edges,
-        np.mean([one.area_fraction for one in outlets], axis=0),
-        np.mean([one.flux for one in outlets], axis=0),
+        np.mean([outlet.area_fraction for outlet in outlets], axis=0),
+        np.mean([outlet.flux for outlet in outlets], axis=0),
         first.reach,
-        float(np.mean([one.counted for one in outlets])),
+        float(np.mean([outlet.counted for outlet in outlets])),
     )
 
 
 def outlet_profile(run: RunData, window: Window, bins: int = BINS) -> OutletProfile | None:
-    """Profiles along the outlet of `run` within `window`, gaps without flow left out; None for too few grains.
+    """Compute the profiles along the outlet of a run within a window, without its gaps.
 
-    Raises MeasureError if the run did not record what is needed.
+    Args:
+        run: The run.
+        window: The window.
+        bins: Number of bins along the outlet.
+
+    Returns:
+        The profiles; None for too few grains or frames.
+
+    Raises:
+        MeasureError: The outlet is no slot, grains are rods, or the run recorded no grains at the outlet.
     """
     if "slab" not in run.tables:
         raise MeasureError("outlet_profiles: the run recorded no grains at the outlet; run it again with this measure")
@@ -170,14 +188,15 @@ def outlet_profile(run: RunData, window: Window, bins: int = BINS) -> OutletProf
     slab, frames = run.tables["slab"], _frames(run, steady, times)
     if len(frames) < _FEWEST:
         return None
+    # Frames are numbered by beats, not by rows: one without a grain at the outlet has no row, and counts all the same.
     number = np.asarray(slab["step"]) // run.numerics.steps_per_beat
     frame = np.minimum(np.searchsorted(frames, number), len(frames) - 1)
-    seen = frames[frame] == number
+    in_frame = frames[frame] == number
     edges, R = np.linspace(-1, 1, bins + 1), slot.width / 2
-    x, z, v = (np.asarray(slab[name], float)[seen] for name in ("x", "z", "vz"))
-    ids = np.asarray(slab["id"])[seen]
+    x, z, v = (np.asarray(slab[name], float)[in_frame] for name in ("x", "z", "vz"))
+    ids = np.asarray(slab["id"])[in_frame]
     grain = run.start.rows(ids)
-    passage = ids if run.scene.feed is None else _passages(ids, frame[seen])
+    passage = ids if run.scene.feed is None else _passages(ids, frame[in_frame])
     covered = _covered(x - slot.centre, z, bodies.radius[grain], R * edges)
     width = 2 * R / bins
     phi, flux = covered.sum(axis=0), covered.T @ -v
@@ -185,7 +204,7 @@ def outlet_profile(run: RunData, window: Window, bins: int = BINS) -> OutletProf
     swept = covered.sum(axis=1) * -v * behind[grain]
     flow_rate = float(swept.sum()) / len(frames)
     counted = mean_mass(run) * steady.rate
-    error = _sweep_error(swept / bodies.mass[grain], passage, frame[seen], len(frames) - 1)
+    error = _sweep_error(swept / bodies.mass[grain], passage, frame[in_frame], len(frames) - 1)
     crossing_flux, crossing_velocity = _at_crossings(run, steady, slot.centre, R * edges, bodies.radius)
     return OutletProfile(
         edges=edges,
@@ -209,11 +228,20 @@ _MEANS = (
 
 
 class OutletProfiles(Measure):
-    """Profiles of velocity and area fraction along the outlet of a quasi-2D hopper.
+    """Measure profiles of velocity and area fraction along the outlet of a quasi-2D hopper.
 
-    Quantities: `outlet_closure`, the flow rate of the profiles over that of the grains counted; `outlet_area_fraction`,
-    the mean of phi across the outlet; `outlet_velocity` [m/s], int(phi v dx) / int(phi dx). Those of a run that clogged
-    end in `_flowing`. Arrays: those of `OutletProfile`.
+    The docstring of this module derives them. Quantities of a run that clogged end in `_flowing`.
+
+    Quantities:
+        outlet_closure: Flow rate of the profiles, (2/3) d rho_p int(phi v dx), over that of the counted grains.
+        outlet_area_fraction: Mean of phi across the outlet.
+        outlet_velocity: int(phi v dx) / int(phi dx) [m/s].
+
+    Arrays:
+        edges, R, area_fraction, flux, ...: Those of `OutletProfile`.
+
+    Raises:
+        MeasureError: The outlet is no slot, or grains are rods.
     """
 
     name = "outlet_profiles"
@@ -229,22 +257,22 @@ class OutletProfiles(Measure):
 
     def evaluate(self, run: RunData, window: Window) -> Evaluation:
         profile = outlet_profile(run, window)
-        where, kept = window_in_words(window, "grains"), apart(run)
+        where, suffix = window_in_words(window, "grains"), flow_suffix(run)
         if profile is None:
             note = "too few grains at the outlet within the window"
             none = (math.nan, math.nan, 0, where, "chords of grains on the outlet line", "", note)
-            return Evaluation((Measured(f"outlet_closure{kept}", *none),))
+            return Evaluation((Measured(f"outlet_closure{suffix}", *none),))
         how = f"chords of grains on the outlet line in {profile.frames} frames"
         of_grains = f"{how}; error from the scatter between grains"
         mean_phi = float(profile.area_fraction.mean())
         mean_v = float(profile.flux.sum() / profile.area_fraction.sum()) if mean_phi > 0 else math.nan
         error, n = profile.closure_error, profile.frames
         numbers = (
-            Measured(f"outlet_closure{kept}", profile.closure, error, n, where, of_grains, ""),
-            Measured(f"outlet_area_fraction{kept}", mean_phi, math.nan, n, where, how, ""),
-            Measured(f"outlet_velocity{kept}", mean_v, math.nan, n, where, how, "m/s"),
+            Measured(f"outlet_closure{suffix}", profile.closure, error, n, where, of_grains, ""),
+            Measured(f"outlet_area_fraction{suffix}", mean_phi, math.nan, n, where, how, ""),
+            Measured(f"outlet_velocity{suffix}", mean_v, math.nan, n, where, how, "m/s"),
         )
-        return Evaluation(numbers, packed(profile))
+        return Evaluation(numbers, as_arrays(profile))
 
 
 def _slot(scene: Scene) -> container.Outlet:
@@ -300,11 +328,16 @@ def _passages(ids: np.ndarray, frame: np.ndarray) -> np.ndarray:
 
 
 def _sweep_error(swept: np.ndarray, passage: np.ndarray, frame: np.ndarray, last: int) -> float:
-    """Relative standard error of the total of what rows `swept`, in parts of their grains, against the grains counted.
-    passage: of which grain's passage each row is.
+    """Relative standard error of the swept total against the counted grains.
 
-    Frames fall on each grain's passage at random; and of the grains on the line when the window opens or closes a
-    random part, of variance 1/12, has passed. (For a flow as regular as a clock these parts cancel.)
+    Frames fall on each grain's passage at random. Of the grains on the line when the window opens or closes a random
+    part, of variance 1/12, has passed; in a strictly periodic flow these parts cancel.
+
+    Args:
+        swept: Swept part of the grain of each row, shape [n].
+        passage: Number of the passage of each row, shape [n].
+        frame: Number of the frame of each row, shape [n].
+        last: Number of the last frame.
     """
     _, grain = np.unique(passage, return_inverse=True)
     total = np.bincount(grain, swept)

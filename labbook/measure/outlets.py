@@ -1,4 +1,4 @@
-"""Flow rates of several outlets of one container, told apart by where grains cross the outlet's plane."""
+"""Flow rates of several outlets of one container, by the points at which grains cross the plane of the outlets."""
 
 import math
 
@@ -13,7 +13,7 @@ from labbook.measure.measure import (
     MeasureError,
     Quantity,
     Window,
-    apart,
+    flow_suffix,
     while_flowing,
     window_in_words,
 )
@@ -25,12 +25,19 @@ from labbook.stats import Measured
 
 
 class OutletRates(Measure):
-    """Mass flow rate W of each outlet of a container that has several, over the time in which that of all is taken.
+    """Measure the mass flow rate W of each outlet of a container with several, in the window of the total flow.
 
-    Quantities: `flow_rate_NAME` [kg/s] of each outlet; of a run that clogged, `flow_rate_NAME_flowing`. A grain leaves
-    through the outlet whose lid is nearest to the point at which it crosses the plane. Too few grains of an outlet give
-    a rate of NaN, and a note. Arrays: `outlet`, the place of its outlet among them all for each grain that left, by
-    time, shape [n].
+    A grain leaves through the outlet whose lid is nearest to the point at which it crosses the plane. Too few grains of
+    an outlet give a rate of NaN with a note.
+
+    Quantities:
+        flow_rate_NAME: Mass flow rate [kg/s] of the outlet NAME; of a run that clogged it ends in `_flowing`.
+
+    Arrays:
+        outlet: Index of its outlet for each grain that left, in the order of time, shape [n].
+
+    Raises:
+        MeasureError: The container has fewer than two outlets.
     """
 
     name = "outlets"
@@ -55,29 +62,32 @@ class OutletRates(Measure):
         self.check(run.scene)
         flow, _ = outflow(run, window)
         times, weights = crossings(run)
-        outlets, through = run.scene.container.outlets, passed(run)
+        outlets, through = run.scene.container.outlets, crossed_outlets(run)
         within = None if flow is None else TimeWindow(flow.begin, flow.end)
         numbers = []
         for place, outlet in enumerate(outlets):
-            mine, name = through == place, _rate(outlet).name + apart(run)
-            own = None
+            mask, name = through == place, _rate(outlet).name + flow_suffix(run)
+            outlet_flow = None
             if within is not None:
-                own = steady_flow(times[mine], len(run.start), within, weights[mine], gap(run.scene, window))
-            if within is None or own is None:
-                few = f"too few grains: {int(mine.sum())} left through {outlet.name}; {FEWEST} in the window are needed"
+                outlet_flow = steady_flow(times[mask], len(run.start), within, weights[mask], gap(run.scene, window))
+            if within is None or outlet_flow is None:
+                few = f"too few grains: {int(mask.sum())} left through {outlet.name}; {FEWEST} in the window are needed"
                 where = window_in_words(within or window)
                 numbers.append(Measured(name, math.nan, math.nan, 0, where, "crossings", "kg/s", few))
                 continue
             where = f"{within.start:.4g} s to {within.end:.4g} s, as of all outlets"
             how = f"crossings nearest to {outlet.name}; error from {BLOCKS} blocks of equally many grains"
-            value, error = mean_mass(run) * own.rate, mean_mass(run) * own.error
-            numbers.append(Measured(name, value, error, own.n_effective, where, how, "kg/s", ""))
+            value, error = mean_mass(run) * outlet_flow.rate, mean_mass(run) * outlet_flow.error
+            numbers.append(Measured(name, value, error, outlet_flow.n_effective, where, how, "kg/s", ""))
         return Evaluation(tuple(numbers), {"outlet": through})
 
 
-def passed(run: RunData) -> np.ndarray:
-    """The place among the container's outlets of the one that each grain left through, in the order of the times at
-    which they left, shape [n]: that whose lid is nearest."""
+def crossed_outlets(run: RunData) -> np.ndarray:
+    """Find the outlet of each grain that left: the one whose lid is nearest.
+
+    Returns:
+        Its index among the container's outlets, in the order of the times of crossings, shape [n].
+    """
     table = run.tables["crossing"]
     x = np.column_stack([np.asarray(table[axis], float) for axis in "xyz"])
     x = x[np.argsort(table["time"], kind="stable")]

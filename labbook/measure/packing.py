@@ -35,18 +35,26 @@ _DENSER = 1.1
 
 
 def packing_fraction(packing: Packing, diameter: float, region: Region | Annulus, half_length: float = 0.0) -> float:
-    """Volume of grains within `region` over its volume; grains that its faces cut count in part.
+    """Compute the volume of grains within a region over its volume; grains that its faces cut count in part.
 
-    diameter: of the grains [m], of the largest where the packing has diameters of its own; half_length: of the segment
-    at the heart of rods [m].
+    Args:
+        packing: The packing.
+        diameter: Diameter of the grains [m]; of the largest where the packing has diameters of its own.
+        region: The region.
+        half_length: Half length of the segment between the centres of the caps of rods [m].
     """
     return region.filled(Outlines.of(packing, diameter, half_length)) / region.volume
 
 
 def area_fraction(packing: Packing, diameter: float, region: Region) -> float:
-    """Area of spheres' discs in the x-z plane within `region` over its area.
+    """Compute the area of spheres' discs in the x-z plane within a region over its area.
 
     For a layer of thickness Z, phi_2D / phi_3D = (N pi d^2/4 / A) / (N pi d^3/6 / (A Z)) = (3/2) Z/d.
+
+    Args:
+        packing: The packing.
+        diameter: Diameter of the grains [m]; of the largest where the packing has diameters of its own.
+        region: The region.
     """
     reach = diameter / 2
     low, high = np.array(region.low) - reach, np.array(region.high) + reach
@@ -59,13 +67,20 @@ def area_fraction(packing: Packing, diameter: float, region: Region) -> float:
 
 
 class PackingStructure(Measure):
-    """Packing fraction in the bulk of the packing and, of a single layer of spheres, the fraction of its area and its
-    hexatic order.
+    """Measure the packing fraction in the bulk of the packing and, of a single layer of spheres, its hexatic order.
 
-    Quantities: `packing_fraction`; of a layer also `packing_fraction_2d`, `hexatic_local` (mean |psi_6|) and
-    `hexatic_global` (|mean psi_6|, 1 only for a single crystal). These mean nothing in round silos and deep boxes,
-    which are no layers, nor of rods, which turn in a layer. Errors are those between 4 x 4 cells of equal volume of the
-    bulk. A bulk smaller than 4 d, or than the length of a rod, gives NaN and says so.
+    Errors are those between 4 x 4 cells of equal volume of the bulk. A bulk smaller than 4 d, or than the length of a
+    rod, gives NaN with a note. The last three quantities are given for layers of spheres only, not for round silos,
+    deep boxes, or rods, which turn in a layer.
+
+    Quantities:
+        packing_fraction: Volume of the grains over that of the bulk.
+        packing_fraction_2d: Area of the discs of a layer over that of the bulk.
+        hexatic_local: Mean |psi_6| (Nelson & Halperin, Phys. Rev. B 19 (1979) 2457).
+        hexatic_global: |mean psi_6|, 1 for a single crystal only.
+
+    Raises:
+        MeasureError: The bulk of this kind of container is not known.
     """
 
     name = "packing"
@@ -93,7 +108,14 @@ class PackingStructure(Measure):
         return Evaluation(self.of(run.scene, run.start))
 
     def of(self, scene: Scene, packing: Packing) -> tuple[Measured, ...]:
-        """The numbers of `packing`, which stands in the container of `scene`. Raises MeasureError."""
+        """Measure a packing in the container of a scene.
+
+        Returns:
+            Numbers of the quantities of the measure.
+
+        Raises:
+            MeasureError: The bulk of this kind of container is not known.
+        """
         self.check(scene)
         d, half = scene.grains.diameter, scene.grains.half_length
         region = bulk(scene, packing)
@@ -111,7 +133,7 @@ class PackingStructure(Measure):
         return tuple(numbers)
 
     def foreseen_empty(self, scene: Scene) -> tuple[str, str] | None:
-        """That the bulk will be too small: by the rule of the measure, with the height of a level bed."""
+        """Forecast that the bulk will be too small, from the height of a level bed."""
         height = bed_height_ahead(scene) if has_bulk(scene) else None
         if height is None:
             return None
@@ -124,19 +146,19 @@ class PackingStructure(Measure):
         high = f"a bed {1e3 * level:.3g} mm high at a packing fraction of {PACKED:g}"
         enough = scene.grains.count * (1 - (discharged_at(scene, level) or 0.0))
         step = 10 ** max(0, math.floor(math.log10(enough)) - 1)
-        more = f"{math.ceil(enough / step) * step:.0f} grains or more ({high})"
+        number = f"{math.ceil(enough / step) * step:.0f} grains or more ({high})"
         wider = " and ".join(f"container.{key} of {size}" for key, size in _wider(scene))
-        return reason, f"use {f'a {wider}, with {high}' if wider else more}, or take packing out of measure"
+        return reason, f"use {f'a {wider}, with {high}' if wider else number}, or take packing out of measure"
 
     def _too_small(self, scene: Scene, where: str) -> tuple[Measured, ...]:
         least = _extent(scene.grains)
         note = f"the bulk is smaller than {least}: use more grains or a wider container"
         none = (math.nan, math.nan, 0, where, "none", "", note)
-        return tuple(Measured(one.name, *none) for one in self.quantities(scene))
+        return tuple(Measured(quantity.name, *none) for quantity in self.quantities(scene))
 
 
 def _wider(scene: Scene) -> Iterator[tuple[str, str]]:
-    """Sizes of the container that leave no bulk however high the bed is, and what they have to be."""
+    """Yield sizes of the container that leave no bulk however high the bed is, with their least values."""
     least, margin = least_extent(scene.grains), margin_of(scene.grains)
     region, enough = bulk_below(scene, math.inf), f"{math.ceil(1e4 * (2 * margin + least) - 1e-6) / 10:g} mm or more"
     if isinstance(region, Annulus):
@@ -150,7 +172,7 @@ def _wider(scene: Scene) -> Iterator[tuple[str, str]]:
 
 
 def _layer(scene: Scene) -> bool:
-    """Whether the grains are spheres between a front and a back wall less than 2 d apart."""
+    """True for spheres between a front and a back wall less than 2 d apart."""
     return scene.container.front_to_back < 2 * scene.grains.diameter and scene.grains.half_length == 0
 
 
@@ -159,8 +181,8 @@ def _distance(grains: Grains) -> str:
 
 
 def _extent(grains: Grains) -> str:
-    d, most = grains.diameter, grains.extent
-    return f"{SMALLEST:g} d" if most <= SMALLEST * d else f"a rod ({most * 1e3:.4g} mm)"
+    d, length = grains.diameter, grains.extent
+    return f"{SMALLEST:g} d" if length <= SMALLEST * d else f"a rod ({length * 1e3:.4g} mm)"
 
 
 def _of_cells(quantity: str, values: np.ndarray, where: str, how: str) -> Measured:
@@ -178,7 +200,7 @@ def _order(packing: Packing, region: Region, cells: list[Region], where: str) ->
             Measured(name, math.nan, math.nan, 0, where, "Delaunay neighbours", "", note)
             for name in ("hexatic_local", "hexatic_global")
         ]
-    means = [abs(psi[held]).mean() for cell in cells if (held := cell.holds(packing.x) & inside).any()]
+    means = [abs(psi[inner]).mean() for cell in cells if (inner := cell.holds(packing.x) & inside).any()]
     error = float(np.std(means, ddof=1)) / math.sqrt(len(means)) if len(means) > 1 else math.nan
     how = "Delaunay neighbours in the x-z plane"
     return [

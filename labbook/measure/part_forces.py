@@ -9,7 +9,7 @@ import numpy as np
 from labbook.backend.numerics import Numerics
 from labbook.backend.probes import Probe
 from labbook.measure.data import RunData
-from labbook.measure.measure import Evaluation, Measure, MeasureError, Quantity, Window, packed
+from labbook.measure.measure import Evaluation, Measure, MeasureError, Quantity, Window, as_arrays
 from labbook.measure.wall_stress import WallStress, steady_part
 from labbook.scene import Scene, Wall
 from labbook.stats import Measured
@@ -27,11 +27,11 @@ class PartForces:
     """Forces of the grains on each of P parts that move, at n times.
 
     Attributes:
-        names: Of the parts, shape [P].
+        names: Names of the parts, shape [P].
         time: Times since the opening [s], shape [n].
-        force: On the parts [N], shape [n, P, 3].
-        torque: On the parts about their origins, which move with them [N m], shape [n, P, 3].
-        power: Of the parts on the grains [W], shape [n, P].
+        force: Forces on the parts [N], shape [n, P, 3].
+        torque: Torques on the parts about their origins, which move with them [N m], shape [n, P, 3].
+        power: Power that the parts give to the grains [W], shape [n, P].
     """
 
     names: np.ndarray
@@ -42,11 +42,21 @@ class PartForces:
 
 
 class MovingPartForces(Measure):
-    """Forces of grains on parts that move, and the power that these give to the grains.
+    """Measure forces of grains on moving parts, and the power that these give to the grains.
 
-    Quantities, of each part by its name, in the window of the flow rate, or in the second half of a run without an
-    outlet: `power.PART` [W]; `drag.PART` [N], the force against its constant velocity; `torque.PART` [N m], the torque
-    against its rotation, about the axis. Errors are those of the means of eight blocks. Arrays: those of `PartForces`.
+    Means are over the window of the flow rate, or over the second half of a run without an outlet. Errors are those of
+    the means of eight blocks.
+
+    Quantities:
+        power.PART: Power that a part gives to the grains [W].
+        drag.PART: Force of the grains against its constant velocity [N].
+        torque.PART: Torque of the grains against its rotation, about the axis [N m].
+
+    Arrays:
+        names, time, force, torque, power: Those of `PartForces`.
+
+    Raises:
+        MeasureError: No part moves, or there is no gravity.
     """
 
     name = NAME
@@ -71,7 +81,7 @@ class MovingPartForces(Measure):
         if "traction" not in run.tables:
             raise MeasureError(f"{NAME}: the run recorded no forces of walls; run it again with this measure")
         record = _forces(run)
-        return Evaluation(tuple(_numbers(run, record, window)), packed(record))
+        return Evaluation(tuple(_numbers(run, record, window)), as_arrays(record))
 
 
 def _moving(scene: Scene) -> list[Wall]:
@@ -92,7 +102,7 @@ def _of_part(part: Wall) -> Iterator[Quantity]:
 
 
 def _forces(run: RunData) -> PartForces:
-    """Sums over the bins of each part, which are forces of walls on grains about the origin of space."""
+    """Sum the bins of each part, whose rows are forces and torques of walls on grains about the origin of space."""
     table, walls = run.tables["traction"], run.scene.container.walls()
     parts = [number for number, wall in enumerate(walls) if wall.moves is not None]
     steps, frame = np.unique(table["step"], return_inverse=True)
@@ -101,15 +111,15 @@ def _forces(run: RunData) -> PartForces:
     for column, name in enumerate(("fx", "fy", "fz", "tx", "ty", "tz")):
         np.add.at(sums[..., column], (frame, np.asarray(table["wall"])), np.asarray(table[name], float))
     force, torque = sums[:, parts, :3], sums[:, parts, 3:]
-    power, about = np.zeros(force.shape[:2]), np.zeros_like(torque)
+    power, about_origin = np.zeros(force.shape[:2]), np.zeros_like(torque)
     for place, number in enumerate(parts):
         moves = walls[number].moves
         assert moves is not None
         poses = moves.poses(time)
         power[:, place] = np.sum(force[:, place] * poses.velocity + torque[:, place] * poses.spin, axis=1)
-        about[:, place] = torque[:, place] - np.cross(poses.origin, force[:, place])
+        about_origin[:, place] = torque[:, place] - np.cross(poses.origin, force[:, place])
     names = np.array([walls[number].name for number in parts], "U40")
-    return PartForces(names, time, -force, -about, power)
+    return PartForces(names, time, -force, -about_origin, power)
 
 
 def _numbers(run: RunData, record: PartForces, window: Window) -> Iterator[Measured]:

@@ -16,7 +16,7 @@ from labbook.measure.measure import (
     MeasureError,
     Quantity,
     Window,
-    apart,
+    flow_suffix,
     while_flowing,
     window_in_words,
 )
@@ -32,12 +32,19 @@ _FEWEST = 4
 
 
 class PlaneRates(Measure):
-    """Mass flow rate W through each plane of `container.planes`, in the window of the outlet.
+    """Measure the mass flow rate W through each plane of `container.planes`, in the window of the outlet.
 
-    Quantities: `flow_rate_NAME` [kg/s], the change of the mass above the plane over the window, with an error from
-    twelve parts of it, or as many as it was sampled in; of a run that clogged `flow_rate_NAME_flowing`.
-    `mass_below_NAME` [kg]: the mass that is below the plane at the last sample or has left, also what stays in a bin.
-    Arrays: `time` [s], shape [n], and `above`, the mass [kg] above each plane, shape [n, p].
+    Quantities:
+        flow_rate_NAME: Change of the mass above the plane NAME over the window [kg/s], with an error from twelve parts
+            of it, or from as many as were sampled; of a run that clogged it ends in `_flowing`.
+        mass_below_NAME: Mass that is below the plane at the last sample or has left, also that in a bin [kg].
+
+    Arrays:
+        time: Sampled times [s], shape [n].
+        above: Mass above each plane [kg], shape [n, p].
+
+    Raises:
+        MeasureError: There are no planes or no outlet, or the silo is fed.
     """
 
     name = NAME
@@ -70,6 +77,7 @@ class PlaneRates(Measure):
         if "above" not in run.tables:
             raise MeasureError("planes: the run recorded no masses above planes; run it again with this measure")
         table, count = run.tables["above"], len(run.scene.container.planes)
+        # the probe has a row for each plane and sample, in the order of the planes
         time = np.asarray(table["time"], float)[::count]
         above = np.asarray(table["mass"], float).reshape(-1, count)
         return Evaluation(tuple(_numbers(run, window, time, above)), {"time": time, "above": above})
@@ -77,7 +85,7 @@ class PlaneRates(Measure):
 
 def _numbers(run: RunData, window: Window, time: np.ndarray, above: np.ndarray) -> Iterator[Measured]:
     flow, _ = outflow(run, window)
-    total, suffix = mean_mass(run) * len(run.start), apart(run)
+    total, suffix = mean_mass(run) * len(run.start), flow_suffix(run)
     inside = np.flatnonzero((time >= flow.begin) & (time <= flow.end)) if flow is not None else np.zeros(0, np.int64)
     for place, plane in enumerate(run.scene.container.planes):
         name = _rate(plane).name + suffix

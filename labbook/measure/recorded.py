@@ -1,6 +1,6 @@
-"""What recorded frames show of how a bed flows: mean fields, some moments, and how grains accelerate above the outlet.
+"""Measures of recorded frames: mean fields, fields at some instants, and accelerations above the outlet.
 
-These are no measures that a study asks for: they are evaluated of runs that were recorded, when they are first shown.
+Studies do not name them under `measure`: they are evaluated for recorded runs, when a report first shows them.
 """
 
 import math
@@ -17,7 +17,7 @@ from labbook.measure.acceleration import acceleration_profile
 from labbook.measure.bed import bed_grid, grains_between, omega_of
 from labbook.measure.data import RunData
 from labbook.measure.flow import FlowRate
-from labbook.measure.measure import Evaluation, Measure, MeasureError, Quantity, Window, packed
+from labbook.measure.measure import Evaluation, Measure, MeasureError, Quantity, Window, as_arrays
 from labbook.measure.orifice import BINS, UP_TO
 from labbook.measure.scales import interval, layer, moment
 from labbook.measure.steady import in_gap, outflow
@@ -32,15 +32,26 @@ _OF_FRAMES = ("x", "z", "vx", "vz")
 
 
 def instant(scene: Scene, window: Window, flow: tuple[float, float]) -> float:
-    """How long [s] a bed is averaged about each instant of a `flow` that begins and ends at these times [s]; `window`:
-    what the study states of it."""
+    """Duration [s] over which a bed is averaged about each instant.
+
+    Args:
+        scene: The scene.
+        window: Window of the study, which may state it.
+        flow: Begin and end of the outflow within the window [s].
+    """
     return min(moment(scene, window), (flow[1] - flow[0]) / _MOMENTS)
 
 
 @dataclass(frozen=True, eq=False)
 class Bed:
-    """Mean fields of a bed over `frames` recorded frames between the instants `window` [s]; `moment`: columns x, z [m],
-    vx, vz [m/s] of the grains near y = 0 in one frame."""
+    """Mean fields of a bed over recorded frames.
+
+    Attributes:
+        fields: Mean fields [SI].
+        moment: Columns x, z [m], vx and vz [m/s] of the grains near y = 0 in one frame.
+        frames: Number of frames.
+        window: Begin and end of the average [s].
+    """
 
     fields: Fields
     moment: Mapping[str, np.ndarray]
@@ -49,29 +60,29 @@ class Bed:
 
     @property
     def pattern(self) -> Pattern:
-        """Where grains stand still."""
+        """Pattern of moving and stagnant grains."""
         return pattern_of(self.fields)
 
     @classmethod
     def of(cls, evaluation: Evaluation, name: str = "") -> "Bed | None":
-        """The bed that a measure of this module has given; one of its several beds by `name`. None without it."""
+        """Read a bed from an evaluation of this module, one of several by `name`; None without it."""
         start = f"{name}." if name else ""
-        kept = {key.removeprefix(start): a for key, a in evaluation.arrays.items() if key.startswith(start)}
-        if "frames" not in kept:
+        arrays = {key.removeprefix(start): a for key, a in evaluation.arrays.items() if key.startswith(start)}
+        if "frames" not in arrays:
             return None
-        begin, end = kept["window"].tolist()
-        moment = {column: kept[f"moment_{column}"] for column in _OF_FRAMES}
-        return cls(Fields.of(kept), moment, int(kept["frames"]), (begin, end))
+        begin, end = arrays["window"].tolist()
+        moment = {column: arrays[f"moment_{column}"] for column in _OF_FRAMES}
+        return cls(Fields.of(arrays), moment, int(arrays["frames"]), (begin, end))
 
     def arrays(self, name: str = "") -> dict[str, np.ndarray]:
-        """The bed as arrays, by names that begin with `name`."""
+        """Convert the bed to arrays, by names that begin with `name`."""
         moment = {f"moment_{column}": values for column, values in self.moment.items()}
-        kept = {**self.fields.arrays(), **moment, "frames": np.array(self.frames), "window": np.array(self.window)}
-        return {f"{name}.{key}" if name else key: array for key, array in kept.items()}
+        arrays = {**self.fields.arrays(), **moment, "frames": np.array(self.frames), "window": np.array(self.window)}
+        return {f"{name}.{key}" if name else key: array for key, array in arrays.items()}
 
 
 class OfRecording(Measure):
-    """What is evaluated of recorded frames within the window of the flow rate, without its gaps."""
+    """Base class of measures of recorded frames within the window of the flow rate, without its gaps."""
 
     def check(self, scene: Scene) -> None:
         FlowRate().check(scene)
@@ -95,15 +106,38 @@ class OfRecording(Measure):
     def of(
         self, scene: Scene, frames: Mapping[str, np.ndarray], window: Window, times: tuple[float, float]
     ) -> Evaluation:
-        """What recorded frames give between the instants `times` [s] at which the window begins and ends; nothing of
-        too few frames."""
+        """Evaluate recorded frames.
+
+        Args:
+            scene: The scene.
+            frames: Columns of the recorded frames, without those in gaps of the flow.
+            window: Window of the study.
+            times: Begin and end of the window [s].
+
+        Returns:
+            Numbers and arrays; none for too few frames.
+        """
 
 
 class FlowPattern(OfRecording):
-    """Mean fields of a recorded run over the window of its flow rate, their means above the orifice, and the stagnant
-    part of the bed. Of rods also their orientation: in a hopper O_xx and O_yy, about an axis O_rr and O_tt. Where no
-    grain is above the orifice in any frame, there is one number of NaN for the means, and the note says so. Arrays:
-    those of `Bed`."""
+    """Measure mean fields of a recorded run over the window of its flow rate, and their means above the orifice.
+
+    If no grain is above the orifice in any frame, `orifice.v_z` alone stands for the means: NaN with a note.
+
+    Quantities:
+        orifice.packing_fraction: Packing fraction above the orifice.
+        orifice.v_z: Vertical velocity there, weighted by phi [m/s].
+        orifice.kinetic_pressure: Trace of the kinetic stress there [Pa].
+        orifice.O_xx, orifice.O_yy, orifice.O_rr, orifice.O_tt, orifice.O_zz, orifice.S: Orientation of rods there, in
+            a hopper along x and y, about an axis in cylindrical coordinates (`labbook.fields.orifice_means`).
+        orifice.stagnant_fraction: Fraction of the mass of the bed that stands still.
+
+    Arrays:
+        window, frames, moment_*, ...: Those of `Bed`.
+
+    Raises:
+        MeasureError: The container is neither planar nor axisymmetric, or has no outlet.
+    """
 
     name = "flow_pattern"
     version = 3
@@ -129,7 +163,7 @@ class FlowPattern(OfRecording):
         if bed is None:
             return Evaluation()
         where, how = f"{bed.window[0]:.4g} s to {bed.window[1]:.4g} s", "recorded frames, coarse-grained"
-        units = {one.name: one.unit for one in self.declared}
+        units = {quantity.name: quantity.unit for quantity in self.declared}
 
         def measured(name: str, value: float, frames: int = bed.frames, note: str = "") -> Measured:
             quantity = f"orifice.{name}"
@@ -137,17 +171,20 @@ class FlowPattern(OfRecording):
 
         outlet = scene.container.outlets[0]
         try:
-            above = orifice_means(bed.fields, outlet.width, layer(scene, window), centre=outlet.centre)
+            means = orifice_means(bed.fields, outlet.width, layer(scene, window), centre=outlet.centre)
         except ValueError as problem:  # no grain is there, or the layer is thinner than a cell: the fields are known
             numbers = (measured("v_z", math.nan, 0, str(problem)),)
         else:
-            numbers = tuple(measured(name, value) for name, value in above.items())
+            numbers = tuple(measured(name, value) for name, value in means.items())
         return Evaluation((*numbers, measured("stagnant_fraction", bed.pattern.fraction)), bed.arrays())
 
 
 class KindPatterns(OfRecording):
-    """Mean fields of each kind of grains of a recorded run over the window of its flow rate, on one grid. Arrays: those
-    of `Bed`, by the names of the kinds; none without kinds."""
+    """Compute mean fields of each kind of grains of a recorded run over the window of its flow rate, on one grid.
+
+    Arrays:
+        KIND.*: Those of `Bed` for each kind; none without kinds.
+    """
 
     name = "kind_patterns"
     version = 1
@@ -164,8 +201,13 @@ class KindPatterns(OfRecording):
 
 
 class FlowMoments(OfRecording):
-    """The bed within `window.moment` (a third of the window, if that is shorter) about three instants of the window
-    (Pongo et al. 2022, Figs 6 and 7). Arrays: those of `Bed`, by `moment-1` and so on."""
+    """Compute mean fields of a bed about three instants of the window (Pongo et al. 2022, Figs 6 and 7).
+
+    Each average takes `window.moment`, or a third of the window if that is shorter.
+
+    Arrays:
+        moment-1.*, moment-2.*, moment-3.*: Those of `Bed` at each instant.
+    """
 
     name = "flow_moments"
     version = 3
@@ -186,14 +228,18 @@ class FlowMoments(OfRecording):
 
     @staticmethod
     def beds(evaluation: Evaluation) -> list[Bed]:
-        """The beds at the instants that have frames enough."""
-        found = (Bed.of(evaluation, f"moment-{number + 1}") for number in range(_MOMENTS))
-        return [bed for bed in found if bed is not None]
+        """Read the beds at the instants with enough frames."""
+        beds = (Bed.of(evaluation, f"moment-{number + 1}") for number in range(_MOMENTS))
+        return [bed for bed in beds if bed is not None]
 
 
 class FreeFall(OfRecording):
-    """Acceleration against height in the middle of the outlet, up to half of its half width, of recorded frames.
-    Arrays: those of `AccelerationProfile`."""
+    """Compute the acceleration against height in the middle of the outlet, within half of its half width.
+
+    Arrays:
+        edges, acceleration, error, count, interval, left: Those of `AccelerationProfile`; none if no two frames are
+            an interval apart.
+    """
 
     name = "free_fall"
     version = 3
@@ -217,7 +263,7 @@ class FreeFall(OfRecording):
             )
         except ValueError:  # no two frames are far enough apart
             return Evaluation()
-        return Evaluation(arrays=packed(profile))
+        return Evaluation(arrays=as_arrays(profile))
 
 
 def bed_between(
@@ -227,10 +273,20 @@ def bed_between(
     fewest: int = FEWEST,
     among: np.ndarray | None = None,
 ) -> Bed | None:
-    """Mean fields of the recorded frames within `window` [s]; None of fewer than `fewest`. Raises ImportError without
-    Numba.
+    """Compute mean fields of recorded frames.
 
-    among: rows of the grains that count (None: all). The grid is that of all grains.
+    Args:
+        scene: The scene.
+        frames: Columns of the frames.
+        window: Times of the first and last frame [s].
+        fewest: Number of frames below which there are no fields.
+        among: Mask of the rows of grains that count; None: all. The grid is that of all grains.
+
+    Returns:
+        The mean fields; None for fewer frames.
+
+    Raises:
+        ImportError: Numba is not installed.
     """
     time = np.asarray(frames["time"], float)
     times = np.unique(time[(time >= window[0]) & (time <= window[1])])

@@ -26,13 +26,21 @@ _FEWEST = 50
 
 
 class FlowRegime(OfRecording):
-    """Mass-flow index and stagnant fraction of a recorded run.
+    """Measure the mass-flow index and the stagnant fraction of a recorded run.
 
-    `regime.mass_flow_index`: mean v_z at the wall over that in the middle, within the window of the flow rate, in the
-    band at half of the initial height of the bed: 1 where the section sinks as a whole, 0 where material at the wall
-    stands. `regime.still`: part of the initial mass that has moved by less than 0.1 d when half has left. Arrays:
-    `height` [m] of the middle of each band above the outlet, and `index`, shape [n]; NaN of bands with fewer than 50
-    grains at the wall or in the middle, over all frames.
+    Quantities:
+        regime.mass_flow_index: Mean v_z at the wall over that in the middle, within the window of the flow rate, in
+            the band at half of the initial height of the bed. It is 1 if the section sinks as a whole, and 0 if
+            material at the wall stands still.
+        regime.still: Fraction of the initial mass that has moved by less than 0.1 d when half has left.
+
+    Arrays:
+        height: Height of the middle of each band above the outlet [m], shape [n].
+        index: Mass-flow index of each band, shape [n]; NaN for fewer than 50 grains at the wall or in the middle,
+            over all frames.
+
+    Raises:
+        MeasureError: The container is neither planar nor axisymmetric, or has no outlet.
     """
 
     name = "flow_regime"

@@ -23,8 +23,14 @@ _EMPTY = "nothing is left"
 
 @dataclass(frozen=True, eq=False)
 class Outlines:
-    """Grains of a packing: centres `x` [m], shape [n, 3], `radius` [m] of each or of all, and of rods unit vectors
-    `axis` along them, shape [n, 3], and the `half_length` [m] of the segment at their heart."""
+    """Outlines of the grains of a packing.
+
+    Attributes:
+        x: Centres [m], shape [n, 3].
+        radius: Radii [m], shape [n], or one for all.
+        axis: Unit vectors along rods, shape [n, 3]; None for spheres.
+        half_length: Half length of the segment between the centres of the caps of rods [m].
+    """
 
     x: np.ndarray
     radius: np.ndarray | float
@@ -33,15 +39,20 @@ class Outlines:
 
     @classmethod
     def of(cls, packing: Packing, diameter: float, half_length: float = 0.0) -> "Outlines":
-        """The grains of `packing`; diameter: of the largest [m]."""
+        """Take the outlines of the grains of a packing.
 
+        Args:
+            packing: The packing.
+            diameter: Diameter of the largest grains [m].
+            half_length: Half length of the segment between the centres of the caps of rods [m].
+        """
         radius = diameter / 2 if packing.diameter is None else packing.diameter / 2
         axis = axes(packing.q) if half_length > 0 and packing.q is not None else None
         return cls(packing.x, radius, axis, half_length if axis is not None else 0.0)
 
     @property
     def reach(self) -> float:
-        """How far from its centre any grain extends [m]."""
+        """Largest extent of a grain from its centre [m]."""
         return float(np.max(self.radius, initial=0.0)) + self.half_length
 
     @property
@@ -50,15 +61,21 @@ class Outlines:
         r = np.broadcast_to(np.asarray(self.radius, float), len(self.x))
         return math.pi * r**2 * 2 * self.half_length + 4 / 3 * math.pi * r**3
 
-    def only(self, chosen: np.ndarray) -> "Outlines":
-        """Those that a mask, shape [n], chooses."""
-        radius = self.radius[chosen] if isinstance(self.radius, np.ndarray) else self.radius
-        return Outlines(self.x[chosen], radius, None if self.axis is None else self.axis[chosen], self.half_length)
+    def only(self, mask: np.ndarray) -> "Outlines":
+        """Select grains by a mask, shape [n]."""
+        radius = self.radius[mask] if isinstance(self.radius, np.ndarray) else self.radius
+        return Outlines(self.x[mask], radius, None if self.axis is None else self.axis[mask], self.half_length)
 
 
 @dataclass(frozen=True)
 class Region:
-    """A box from `low` to `high` [m]; `planar`: a single layer of grains between a front and a back wall."""
+    """Bulk of the shape of a box.
+
+    Attributes:
+        low: Corner with the smallest coordinates [m].
+        high: Opposite corner [m].
+        planar: True for a single layer of grains between a front and a back wall.
+    """
 
     low: tuple[float, float, float]
     high: tuple[float, float, float]
@@ -72,22 +89,22 @@ class Region:
 
     @property
     def volume(self) -> float:
-        """[m^3]."""
+        """Volume [m^3]."""
         return math.prod(self.size)
 
     def smaller_than(self, extent: float) -> bool:
-        """Whether it is narrower or lower than `extent` [m]; of a layer the thickness does not count."""
+        """True if it is narrower or lower than `extent` [m]; the thickness of a layer does not count."""
         return min(self.size[0], self.size[2]) < extent * _ALMOST or self.size[1] <= 0
 
     def cells(self, n: int) -> list["Region"]:
-        """n x n equal parts in x and z."""
+        """Divide it into n x n equal parts in x and z."""
         xs = np.linspace(self.low[0], self.high[0], n + 1)
         zs = np.linspace(self.low[2], self.high[2], n + 1)
         y0, y1 = self.low[1], self.high[1]
         return [Region((xs[i], y0, zs[k]), (xs[i + 1], y1, zs[k + 1]), self.planar) for i in range(n) for k in range(n)]
 
     def holds(self, x: np.ndarray) -> np.ndarray:
-        """Which centres, shape [n, 3], lie inside; shape [n]."""
+        """Mask of the centres x [m], shape [n, 3], that lie inside; shape [n]."""
         return np.all((x >= self.low) & (x < self.high), axis=1)
 
     def filled(self, bodies: Outlines) -> float:
@@ -112,7 +129,14 @@ class Region:
 
 @dataclass(frozen=True)
 class Annulus:
-    """What lies between the radii `inner` and `outer` [m] about the z axis and the heights `low` and `high` [m]."""
+    """Bulk between two radii about the z axis and two heights.
+
+    Attributes:
+        inner: Inner radius [m].
+        outer: Outer radius [m].
+        low: Lower height [m].
+        high: Upper height [m].
+    """
 
     inner: float
     outer: float
@@ -122,15 +146,15 @@ class Annulus:
 
     @property
     def volume(self) -> float:
-        """[m^3]."""
+        """Volume [m^3]."""
         return math.pi * (self.outer**2 - self.inner**2) * (self.high - self.low)
 
     def smaller_than(self, extent: float) -> bool:
-        """Whether it is narrower or lower than `extent` [m]."""
+        """True if it is narrower or lower than `extent` [m]."""
         return min(2 * self.outer, self.high - self.low) < extent * _ALMOST
 
     def cells(self, n: int) -> list["Annulus"]:
-        """n x n parts of equal volume: rings and heights."""
+        """Divide it into n x n parts of equal volume: rings and heights."""
         radii = np.sqrt(np.linspace(self.inner**2, self.outer**2, n + 1))
         zs = np.linspace(self.low, self.high, n + 1)
         return [Annulus(radii[i], radii[i + 1], zs[k], zs[k + 1]) for i in range(n) for k in range(n)]
@@ -163,7 +187,7 @@ def margin_of(grains: Grains) -> float:
 
 
 def has_bulk(scene: Scene) -> bool:
-    """Whether the walls of the container are known well enough to tell its bulk."""
+    """True if the bulk of the container is known from its walls."""
     return scene.container.across is not None
 
 
@@ -173,12 +197,15 @@ def least_extent(grains: Grains) -> float:
 
 
 def bulk(scene: Scene, packing: Packing) -> Region | Annulus:
-    """The bulk of `packing`: 3 d (of rods at least their length) from the side walls, above the highest point of the
-    bottom and below the surface.
+    """Find the bulk of a packing.
 
-    Between front and back walls less than 2 d apart it is as thick as the container; otherwise it keeps its distance
-    from them as well. In a round silo it is a cylinder about the axis. The surface is the lowest of the heights of
-    columns 3 d wide. Raises MeasureError for containers without known walls.
+    It is 3 d (of rods at least their length) from the side walls, above the highest point of the bottom and below the
+    surface, which is the lowest of the heights of columns 3 d wide. Between front and back walls less than 2 d apart it
+    is as thick as the container; otherwise it keeps its distance from them as well. In a round silo it is a cylinder
+    about the axis.
+
+    Raises:
+        MeasureError: The bulk of this kind of container is not known.
     """
     within = _sides(scene)
     around = within.width / 2 if within.round else math.inf
@@ -189,7 +216,7 @@ def bulk(scene: Scene, packing: Packing) -> Region | Annulus:
 
 
 def bulk_below(scene: Scene, surface: float) -> Region | Annulus:
-    """The bulk of a bed whose surface is at the height `surface` [m]; as `bulk`."""
+    """Find the bulk of a bed whose surface is at the height `surface` [m], as `bulk` does."""
     margin, within = margin_of(scene.grains), _sides(scene)
     low, top = within.floor + margin, surface - margin
     if within.round:
@@ -200,13 +227,21 @@ def bulk_below(scene: Scene, surface: float) -> Region | Annulus:
 
 
 def lowest_surface(scene: Scene) -> float:
-    """Height [m] that the surface of a bed has at least where its bulk is not too low to measure in."""
+    """Least height [m] of the surface of a bed whose bulk is high enough to measure in."""
     return _sides(scene).floor + 2 * margin_of(scene.grains) + least_extent(scene.grains)
 
 
 @dataclass(frozen=True)
 class _Sides:
-    """Of a container: `width` and `depth` [m] of its widest section, and the highest point of its bottom [m]."""
+    """Sides of a container.
+
+    Attributes:
+        width: Width of its widest section [m].
+        depth: Depth of that section [m].
+        floor: Height of the highest point of its bottom [m].
+        planar: True for a single layer of grains.
+        round: True for an axisymmetric container.
+    """
 
     width: float
     depth: float
@@ -249,7 +284,7 @@ def _lowest(
 ) -> float:
     """Height [m] of the lowest column's highest grain; `floor` if a column is empty. Columns whose corners lie beyond
     the radius `around` [m] do not count: the wall leaves little room there."""
-    across, along = (max(1, round(size / each)) for size, each in zip((width, depth), column, strict=True))
+    across, along = (max(1, round(size / wide)) for size, wide in zip((width, depth), column, strict=True))
     i = np.clip(((x[:, 0] / width + 0.5) * across).astype(int), 0, across - 1)
     j = np.clip(((x[:, 1] / depth + 0.5) * along).astype(int), 0, along - 1)
     height = np.full(across * along, floor)

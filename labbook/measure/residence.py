@@ -11,7 +11,7 @@ from labbook.backend.probes import Probe
 from labbook.measure.composition import OutflowShares, outflow_shares
 from labbook.measure.data import RunData
 from labbook.measure.flow import FlowRate
-from labbook.measure.measure import Evaluation, Measure, Quantity, Window, packed, unpacked, window_in_words
+from labbook.measure.measure import Evaluation, Measure, Quantity, Window, as_arrays, from_arrays, window_in_words
 from labbook.measure.series import crossing_times
 from labbook.measure.steady import SteadyFlow, outflow
 from labbook.scene import Bodies, Scene
@@ -33,9 +33,12 @@ _AGES = 60
 
 @dataclass(frozen=True, eq=False)
 class ResidenceCurve:
-    """Distribution of residence times of a fed silo: F(t), the part of the outflow that has stayed shorter than t.
+    """Distribution F(t) of residence times of a fed silo; the exit-age distribution is E = dF/dt.
 
-    `age` [s] and `part`, shape [k]; the exit-age distribution is E = dF/dt. `mean` [s] is the integral of 1 - F.
+    Attributes:
+        age: Residence times t [s], shape [k].
+        part: F, the fraction of the outflow that has stayed shorter than t, shape [k].
+        mean: Mean residence time, the integral of 1 - F [s].
     """
 
     age: np.ndarray
@@ -44,18 +47,22 @@ class ResidenceCurve:
 
     @classmethod
     def of(cls, evaluation: Evaluation) -> "ResidenceCurve | None":
-        """The distribution that the measure has given; None of a batch discharge."""
+        """Read the distribution from an evaluation; None of a batch discharge."""
         names = ("age", "part", "mean")
-        return unpacked(cls, {name: evaluation.arrays[name] for name in names if name in evaluation.arrays})
+        return from_arrays(cls, {name: evaluation.arrays[name] for name in names if name in evaluation.arrays})
 
 
 @dataclass(frozen=True, eq=False)
 class ResidenceMap:
     """Residence times of a batch discharge over the initial position.
 
-    `across`: edges [m] of the cells of the distance from the axis, or of x where the container has none, shape [c + 1].
-    `z`: edges [m] of the height, shape [r + 1]. `median`: time [s] at which half of the grains of a cell had left,
-    shape [r, c]; NaN of an empty cell and infinite if they had not. `grains`: their number, shape [r, c].
+    Attributes:
+        across: Edges of the cells in the distance from the axis, or in x where the container has none [m], shape
+            [c + 1].
+        z: Edges of the cells in height [m], shape [r + 1].
+        median: Time at which half of the grains of a cell had left [s], shape [r, c]; NaN of an empty cell, and
+            infinite if they had not.
+        grains: Number of grains of a cell, shape [r, c].
     """
 
     across: np.ndarray
@@ -65,34 +72,35 @@ class ResidenceMap:
 
     @classmethod
     def of(cls, evaluation: Evaluation) -> "ResidenceMap | None":
-        """The map that the measure has given; None of a fed silo."""
+        """Read the map from an evaluation; None of a fed silo."""
         names = ("across", "z", "median", "grains")
-        return unpacked(cls, {name: evaluation.arrays[name] for name in names if name in evaluation.arrays})
+        return from_arrays(cls, {name: evaluation.arrays[name] for name in names if name in evaluation.arrays})
 
 
 def layers_of(evaluation: Evaluation) -> OutflowShares | None:
-    """Composition of the outflow by initial layers, from the lowest, as the measure has given it; None without."""
+    """Read the composition of the outflow by initial layers, from the lowest; None without one."""
     layers = {name: array for name, array in evaluation.arrays.items() if name.startswith(_LAYER)}
-    return unpacked(OutflowShares, {name.removeprefix(_LAYER): array for name, array in layers.items()})
+    return from_arrays(OutflowShares, {name.removeprefix(_LAYER): array for name, array in layers.items()})
 
 
 def durations(grain: np.ndarray, time: np.ndarray, begin: float, end: float) -> tuple[np.ndarray, np.ndarray]:
-    """Times between passages of the same grain, from passages within a window on.
+    """Find times between passages of the same grain that begin within a window.
 
     A silo of which every grain comes back has as many residence times as passages. Those that had not ended at the end
     of the window are censored, and not left out: the window would favour short ones.
 
     Args:
-        grain: identity of the grain of each passage, shape [n].
-        time: of each passage [s], shape [n].
-        begin: of the window [s].
-        end: of the window [s].
+        grain: Identity of the grain of each passage, shape [n].
+        time: Time of each passage [s], shape [n].
+        begin: Begin of the window [s].
+        end: End of the window [s].
 
     Returns:
-        Durations [s], and whether each ended within the window; shape [passages in the window].
+        Durations [s], and a mask of those that ended within the window; shape [passages in the window].
     """
     order = np.lexsort((time, grain))
     grain, time = grain[order], time[order]
+    # The next row is the next passage of the same grain, unless the grain changes there.
     following = np.append(time[1:], math.inf)
     following[np.append(grain[1:] != grain[:-1], True)] = math.inf
     first = (time >= begin) & (time < end)
@@ -101,13 +109,13 @@ def durations(grain: np.ndarray, time: np.ndarray, begin: float, end: float) -> 
 
 
 def survival(duration: np.ndarray, ended: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Ages [s] and the part of the residence times that are longer (`kaplan_meier`); both begin with 0 and 1."""
+    """Estimate the fraction of residence times longer than each age [s] (`kaplan_meier`); it begins with 1 at age 0."""
     curve = kaplan_meier(duration, ended)
     return np.concatenate([[0.0], curve.x]), np.concatenate([[1.0], curve.p])
 
 
 def moments(age: np.ndarray, longer: np.ndarray) -> tuple[float, float]:
-    """Mean [s] and variance [s^2] of residence times from the part that is longer than each age, a step function."""
+    """Integrate mean [s] and variance [s^2] of residence times; `longer`: fraction above each age, a step function."""
     mean = float(longer[:-1] @ np.diff(age))
     return mean, float(longer[:-1] @ np.diff(age**2)) - mean**2
 
@@ -142,17 +150,27 @@ _OF_TIMES = (
 
 
 class Residence(Measure):
-    """Residence times: the time between two passages of a grain of a fed silo, or the time to leave of a batch.
+    """Measure residence times: between two passages of a grain of a fed silo, or until a grain of a batch leaves.
 
-    Quantities of a fed silo: `holdup_time` [s], the number of grains over that of grains per second, which is the mean
-    residence time if all grains take part in the flow; `residence_mean` [s]; `dead_fraction`, 1 less the ratio of mean
-    and hold-up time, the part of the grains that do not; `residence_variance`, over the square of the mean; `peclet`.
     The fall from the outlet to the return onto the bed counts as residence. If more than 1 % of the times are longer
-    than the window shows, all but the first are NaN with a note. A batch discharge gives no numbers.
+    than the window, all quantities but the first are NaN with a note. A batch discharge gives arrays only.
 
-    Arrays: of a fed silo those of `ResidenceCurve`, of a batch those of `ResidenceMap`, and by names that begin with
-    `layer_` those of `OutflowShares` for 5 layers of equal mass by initial height. Layers are labels of the evaluation:
-    they change no run.
+    Quantities:
+        holdup_time: Number of grains over grains per second [s], the mean residence time if all grains take part in
+            the flow.
+        residence_mean: Mean residence time [s].
+        dead_fraction: 1 - mean / hold-up time, the fraction of grains that take no part in the flow.
+        residence_variance: Variance over the square of the mean.
+        peclet: Péclet number of axial dispersion with this variance (van der Laan, Chem. Eng. Sci. 7 (1958) 187).
+
+    Arrays:
+        age, part, mean: Those of `ResidenceCurve`, of a fed silo.
+        across, z, median, grains: Those of `ResidenceMap`, of a batch.
+        layer_*: Those of `OutflowShares` of a batch, for 5 layers of equal mass by initial height. Layers are labels of
+            the evaluation: they change no run.
+
+    Raises:
+        MeasureError: The container has no outlet.
     """
 
     name = "residence"
@@ -210,7 +228,7 @@ def _curve(age: np.ndarray, longer: np.ndarray) -> dict[str, np.ndarray]:
     mean, _ = moments(age, longer)
     grid = np.linspace(0.0, age[-1], _AGES + 1)
     part = 1 - longer[np.searchsorted(age, grid, side="right") - 1]
-    return packed(ResidenceCurve(grid, part, mean))
+    return as_arrays(ResidenceCurve(grid, part, mean))
 
 
 def _batch(run: RunData) -> dict[str, np.ndarray]:
@@ -222,13 +240,13 @@ def _batch(run: RunData) -> dict[str, np.ndarray]:
     left = np.full(len(run.start), math.inf)
     left[rows] = np.asarray(table["time"], float)[order]
     mass, x = Bodies.of(run.scene.grains, run.start).mass, run.start.x
-    below = np.argsort(x[:, 2], kind="stable")
+    by_height = np.argsort(x[:, 2], kind="stable")
     layer = np.empty(len(x), np.int64)
-    middle = np.cumsum(mass[below]) - mass[below] / 2
-    layer[below] = np.minimum(middle / mass.sum() * LAYERS, LAYERS - 1).astype(np.int64)
+    middle = np.cumsum(mass[by_height]) - mass[by_height] / 2
+    layer[by_height] = np.minimum(middle / mass.sum() * LAYERS, LAYERS - 1).astype(np.int64)
     shares = outflow_shares(mass, layer, rows, LAYERS, BIN_OF_LAYERS)
-    layers = {f"{_LAYER}{name}": array for name, array in packed(shares).items()} if shares.share.size else {}
-    return packed(_map(run.scene, x, left)) | layers
+    layers = {f"{_LAYER}{name}": array for name, array in as_arrays(shares).items()} if shares.share.size else {}
+    return as_arrays(_map(run.scene, x, left)) | layers
 
 
 def _map(scene: Scene, x: np.ndarray, left: np.ndarray) -> ResidenceMap:

@@ -12,16 +12,20 @@ from labbook.scene.bodies import masses
 
 
 def crossings(run: RunData) -> tuple[np.ndarray, np.ndarray]:
-    """Times [s] at which grains left, ascending, and the mass of each in units of the mean mass, shape [n].
+    """List the crossings of the outlet in the order of time.
 
-    Raises MeasureError if none were recorded.
+    Returns:
+        Times [s], and the mass of each grain in units of the mean mass, shape [n].
+
+    Raises:
+        MeasureError: The run recorded no crossings.
     """
     crossing_times(run)
     return passages(run.scene.grains, run.start, run.tables["crossing"])
 
 
 def passages(grains: Grains, start: Packing, table: Table) -> tuple[np.ndarray, np.ndarray]:
-    """The same of rows of the probe `Crossing` of a run that began with the packing `start`."""
+    """List the crossings from rows of the probe `Crossing`, for a run from the packing `start`; as `crossings`."""
     order = np.argsort(table["time"], kind="stable")
     times, mass = np.asarray(table["time"], float)[order], masses(grains, start)
     if not isinstance(mass, np.ndarray):
@@ -35,16 +39,31 @@ def mean_mass(run: RunData) -> float:
 
 
 def crossing_times(run: RunData) -> np.ndarray:
-    """Times [s] at which grains left, ascending, shape [n]. Raises MeasureError if none were recorded."""
+    """List ascending times of crossings [s], shape [n].
+
+    Raises:
+        MeasureError: The run recorded no crossings.
+    """
     if "crossing" not in run.tables:
         raise MeasureError("flow_rate: the run recorded no crossings of the outlet; run it again with this measure")
     return np.sort(np.asarray(run.tables["crossing"]["time"], float))
 
 
 def flow_series(run: RunData, bin_width: float) -> tuple[np.ndarray, np.ndarray]:
-    """Mass flow rate against time for figures: bin centres [s] and W [kg/s], each of shape [m].
+    """Compute the mass flow rate in bins of time.
 
-    Bins of `bin_width` [s] cover the run from the opening to its end; an incomplete last one is left out.
+    Bins cover the run from the opening to its end; an incomplete last one is left out.
+
+    Args:
+        run: The run.
+        bin_width: Width of a bin [s].
+
+    Returns:
+        Bin centres [s] and W [kg/s], each of shape [m].
+
+    Raises:
+        ValueError: The run is shorter than a bin.
+        MeasureError: The run recorded no crossings.
     """
     count = math.floor(run.duration / bin_width * (1 + 1e-12)) if bin_width > 0 else 0
     if count < 1:
@@ -56,10 +75,21 @@ def flow_series(run: RunData, bin_width: float) -> tuple[np.ndarray, np.ndarray]
 
 
 def smooth_flow(run: RunData, at: np.ndarray, width: float) -> np.ndarray:
-    """Mass flow rate [kg/s] at times `at` [s], shape [m], from events smoothed by a Gaussian.
+    """Compute the mass flow rate from crossings smoothed by a Gaussian.
 
-    `width` [s] is its standard deviation. Near the opening and the end of the run the rate is normalised by
-    the part of the Gaussian that lies within.
+    Near the opening and the end of the run the rate is normalised by the part of the Gaussian that lies within.
+
+    Args:
+        run: The run.
+        at: Times [s], shape [m].
+        width: Standard deviation of the Gaussian [s].
+
+    Returns:
+        W at these times [kg/s], shape [m].
+
+    Raises:
+        ValueError: The width is not positive.
+        MeasureError: The run recorded no crossings.
     """
     from scipy.special import ndtr
 
@@ -76,8 +106,11 @@ def smooth_flow(run: RunData, at: np.ndarray, width: float) -> np.ndarray:
 
 
 def flow_curve(run: RunData) -> tuple[np.ndarray, np.ndarray] | None:
-    """W(t) as pictures show it: times from the opening to the end [s] and rates [g/s], each of shape [n], smoothed over
-    about 30 grains; None where fewer than two grains left."""
+    """Compute W(t) for pictures, smoothed over about 30 grains.
+
+    Returns:
+        Times from the opening to the end [s] and rates [g/s], each of shape [n]; None if fewer than two grains left.
+    """
     if "crossing" not in run.tables or len(times := crossing_times(run)) < 2:
         return None
     width = _GRAINS_SMOOTHED / math.sqrt(2 * math.pi) * float(times[-1] - times[0]) / (len(times) - 1)
@@ -89,6 +122,6 @@ _GRAINS_SMOOTHED, _TIMES = 30, 500
 
 
 def discharged(run: RunData) -> tuple[np.ndarray, np.ndarray]:
-    """Times [s] of all crossings and mass [kg] discharged just after each, each of shape [n]."""
+    """List times [s] of all crossings, and the mass [kg] discharged just after each, shape [n]."""
     times, weights = crossings(run)
     return times, mean_mass(run) * np.cumsum(weights)

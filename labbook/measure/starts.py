@@ -13,7 +13,7 @@ from labbook.backend.numerics import Numerics
 from labbook.backend.probes import Probe
 from labbook.measure.data import RunData
 from labbook.measure.flow import FlowRate
-from labbook.measure.measure import Evaluation, Measure, Window, after_start_up, packed, unpacked
+from labbook.measure.measure import Evaluation, Measure, Window, after_start_up, as_arrays, from_arrays
 from labbook.measure.outlet import OutletProfile, OutletProfiles, outlet_profile
 from labbook.measure.series import mean_mass
 from labbook.measure.steady import outflow
@@ -24,8 +24,16 @@ STARTS = (0.0, 0.02, 0.05, 0.1, 0.15, 0.2)
 
 
 @dataclass(frozen=True)
-class Opened:
-    """A window of a study with another start: `start` is a discharged fraction; `auto`: the end of the start-up."""
+class ShiftedWindow:
+    """A window of a study with another start.
+
+    Attributes:
+        start: Discharged fraction at its begin.
+        end: Discharged fraction at its end.
+        gap: Longest time without a grain that counts as flow [s]; None: the default of `scales.gap`.
+        auto: True if it opens at the end of the start-up.
+        timed: False: `start` and `end` are fractions.
+    """
 
     start: float
     end: float
@@ -34,21 +42,30 @@ class Opened:
     timed: bool = False
 
 
-def opened(window: Window) -> tuple[Opened, ...]:
-    """The windows to evaluate beside `window`: of STARTS, of its own start, and from the end of the start-up."""
+def shifted_windows(window: Window) -> tuple[ShiftedWindow, ...]:
+    """List the windows to evaluate: those of STARTS, that of the study, and one from the end of the start-up."""
     own = () if after_start_up(window) else (window.start,)
     gap = getattr(window, "gap", None)
     starts = sorted({start for start in (*STARTS, *own) if start < window.end})
-    return (*(Opened(start, window.end, gap) for start in starts), Opened(0.0, window.end, gap, auto=True))
+    return (
+        *(ShiftedWindow(start, window.end, gap) for start in starts),
+        ShiftedWindow(0.0, window.end, gap, auto=True),
+    )
 
 
 @dataclass(frozen=True, eq=False)
-class FromStart:
-    """One run with another start of the window. `flow_rate` [kg/s], NaN for too few grains; `fraction`: part of the
-    mass discharged when the window opens; `plateau`: False if a start-up takes too long to be left out; `profile`:
-    profiles along the outlet, where they were recorded."""
+class StartResult:
+    """Results of one run with another start of the window.
 
-    window: Opened
+    Attributes:
+        window: The window.
+        flow_rate: W [kg/s]; NaN for too few grains.
+        fraction: Fraction of the mass discharged as the window opens.
+        plateau: False if the start-up takes too long to be left out.
+        profile: Profiles along the outlet; None if they were not recorded.
+    """
+
+    window: ShiftedWindow
     flow_rate: float
     fraction: float
     plateau: bool
@@ -56,8 +73,17 @@ class FromStart:
 
 
 class WindowStarts(Measure):
-    """W, and profiles along the outlet where they were recorded, for the windows of `opened`. Arrays: those that `of`
-    reads."""
+    """Measure W, and profiles along the outlet where they were recorded, for the windows of `shifted_windows`.
+
+    Arrays:
+        flow_rate: W for each of w windows [kg/s], shape [w]; NaN for too few grains.
+        fraction: Discharged fraction at the begin of each, shape [w].
+        plateau: False where the start-up takes too long to be left out, shape [w].
+        NUMBER.*: Those of `OutletProfile` for the window of this number.
+
+    Raises:
+        MeasureError: The container has no outlet.
+    """
 
     name = "window_starts"
     version = FlowRate.version + OutletProfiles.version  # it rises with either
@@ -70,7 +96,7 @@ class WindowStarts(Measure):
         return ()
 
     def evaluate(self, run: RunData, window: Window) -> Evaluation:
-        windows = opened(window)
+        windows = shifted_windows(window)
         flows = [outflow(run, opening)[0] for opening in windows]
         arrays: dict[str, np.ndarray] = {
             "flow_rate": np.array([np.nan if flow is None else mean_mass(run) * flow.rate for flow in flows]),
@@ -79,17 +105,17 @@ class WindowStarts(Measure):
         }
         for place, opening in enumerate(windows if "slab" in run.tables else ()):
             if (profile := outlet_profile(run, opening)) is not None:
-                arrays |= {f"{place}.{name}": values for name, values in packed(profile).items()}
+                arrays |= {f"{place}.{name}": values for name, values in as_arrays(profile).items()}
         return Evaluation(arrays=arrays)
 
     @staticmethod
-    def of(evaluation: Evaluation, window: Window) -> Iterator[FromStart]:
-        """Read what `evaluate` gave within `window`."""
+    def of(evaluation: Evaluation, window: Window) -> Iterator[StartResult]:
+        """Read the results of `evaluate` for a window of the study."""
         arrays = evaluation.arrays
-        for place, opening in enumerate(opened(window)):
-            profile = unpacked(OutletProfile, _starting(f"{place}.", arrays))
+        for place, opening in enumerate(shifted_windows(window)):
+            profile = from_arrays(OutletProfile, _starting(f"{place}.", arrays))
             rate, fraction = float(arrays["flow_rate"][place]), float(arrays["fraction"][place])
-            yield FromStart(opening, rate, fraction, bool(arrays["plateau"][place]), profile)
+            yield StartResult(opening, rate, fraction, bool(arrays["plateau"][place]), profile)
 
 
 def _starting(prefix: str, arrays: Mapping[str, np.ndarray]) -> dict[str, np.ndarray]:

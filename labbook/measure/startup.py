@@ -45,7 +45,7 @@ def end_of_start_up(times: np.ndarray, passed: np.ndarray, gap: float = math.inf
 
 
 def start_up_time(times: np.ndarray, passed: np.ndarray) -> float:
-    """Time tau [s] of an exponential start-up; 0 where none can be told from noise. Arguments as above."""
+    """Estimate the time tau [s] of an exponential start-up; 0 if noise hides it. Arguments as above."""
     parts = int(np.clip(len(times) // _GRAINS, *_PARTS))
     rows = np.linspace(0, len(times) - 1, parts + 1).round().astype(int)
     at, mass = times[rows], np.diff(passed[rows])

@@ -24,17 +24,31 @@ CONFIDENCE = 0.95
 
 @dataclass(frozen=True)
 class SteadyFlow:
-    """Outflow within a window.
+    """Outflow within a window, without its gaps.
 
-    `rate`: mean masses per second while flowing: mass of the grains but for those after gaps, over the time but for the
-    gaps. `error`: its standard error from 12 blocks of equally many grains (11 degrees of freedom); `correlated_error`,
-    from the autocorrelation of averages over sqrt(n) grains. Both are checks of the seed-to-seed error; for very
-    regular outflow both are too large. `n_effective`: how many independent times between grains would give `error`,
-    more than there are where outflow is more regular than chance; `grain_n_effective`: the same of `grain_error`.
-    `begin`, `end` [s]; `fraction`: the part of the initial mass discharged at either end. `grain_rate`, `grain_error`:
-    the same in grains per second, from the same window; of equal grains they are the same numbers. `heaviest`: what
-    part of the initial mass the heaviest grain is, of those that left. `longest`: the longest time between two grains
-    [s] that is no gap.
+    `error` and `correlated_error` are checks of the seed-to-seed error. For very regular outflow both are too large.
+
+    Attributes:
+        rate: Outflow in mean masses per second [1/s]: mass of all grains except those that end gaps, over the time
+            without gaps.
+        error: Standard error of `rate` from 12 blocks of equally many grains (11 degrees of freedom) [1/s].
+        grain_rate: Grains per second [1/s] in the same window; equal to `rate` for equal grains.
+        grain_error: Standard error of `grain_rate` [1/s].
+        heaviest: Mass of the heaviest grain that left, over the initial mass.
+        correlated_error: Standard error of `rate` from the autocorrelation of averages over sqrt(n) grains [1/s].
+        n_effective: Number of independent times between grains that would give `error`; above the number of grains if
+            the outflow is more regular than independent times would make it.
+        grain_n_effective: The same number for `grain_error`.
+        trend: Trend of the rate across the window.
+        begin: Time of the first crossing [s].
+        end: Time of the last crossing [s].
+        fraction: Fractions of the initial mass discharged at begin and end.
+        grains: Number of grains that count.
+        gaps: Number of gaps.
+        gap_time: Sum of the gaps [s].
+        longest: Longest time between two grains that is no gap [s].
+        plateau: False if the window was to open at the end of the start-up, and the start-up takes more than half of
+            the outflow. The window is then the other half.
     """
 
     rate: float
@@ -54,19 +68,19 @@ class SteadyFlow:
     gap_time: float
     longest: float
     plateau: bool = True
-    """False if the window was to open at the end of the start-up, and the start-up takes more than half of the
-    outflow. The window is then the other half."""
 
     @property
     def larger_error(self) -> float:
-        """The larger of `error` and `correlated_error`; the latter such that Student's interval of it is as wide as the
-        normal one."""
+        """Larger of `error` and `correlated_error` [1/s].
+
+        The latter is scaled so that Student's interval of it is as wide as the normal one.
+        """
         normal = student(CONFIDENCE, math.inf) / student(CONFIDENCE, BLOCKS - 1)
         return float(np.fmax(self.error, normal * self.correlated_error))
 
     @property
     def precision(self) -> float:
-        """Half width of the 95 % interval of `rate`, by what this run alone tells, relative to it: Student's."""
+        """Half width of Student's 95 % interval of `rate` from this run alone, relative to `rate`."""
         return student(CONFIDENCE, BLOCKS - 1) * self.larger_error / self.rate
 
 
@@ -80,14 +94,14 @@ class TimeWindow:
 
 
 def gaps(times: np.ndarray, flow: SteadyFlow) -> tuple[np.ndarray, np.ndarray]:
-    """When gaps without flow begin and end within the window [s], each with a grain; `times` as of `steady_flow`."""
+    """List begins and ends [s] of the gaps within the window, each at a crossing; `times` as in `steady_flow`."""
     inside = times[(times >= flow.begin) & (times <= flow.end)]
     longer = np.diff(inside) > flow.longest
     return inside[:-1][longer], inside[1:][longer]
 
 
 def in_gap(at: np.ndarray, times: np.ndarray, flow: SteadyFlow) -> np.ndarray:
-    """Which of the instants `at` [s] fall into gaps without flow within the window; `times` as of `steady_flow`."""
+    """Mask of the instants `at` [s] in gaps within the window; `times` as in `steady_flow`."""
     between = zip(*gaps(times, flow), strict=True)
     return np.any([np.zeros(np.shape(at), bool), *((at > before) & (at < after) for before, after in between)], axis=0)
 
@@ -95,21 +109,29 @@ def in_gap(at: np.ndarray, times: np.ndarray, flow: SteadyFlow) -> np.ndarray:
 def steady_flow(
     times: np.ndarray, total: int, window: Window, mass: np.ndarray | None = None, gap: float = math.inf
 ) -> SteadyFlow | None:
-    """Rate of outflow within a window of the discharge of `total` grains.
+    """Compute the rate of outflow within a window.
 
-    `times`: ascending crossing times [s], shape [n]; `mass`: of each, in units of the mean mass at the start (None: all
-    are equal); `gap` [s]: a longer time without a grain is left out of the rate and reported (Pongo et al. 2022;
-    `labbook.measure.scales.gap`). The window runs from one crossing to another, so that its mass is exact. None if it
-    holds fewer than 60 grains: too few for a rate.
+    The window runs from one crossing to another, so that its mass is exact. The rate is a ratio of two sums, of masses
+    and of times. Its errors are those of the mean time between grains, after subtracting from each time the share of
+    the grain's excess mass (the linearised error of a ratio).
 
-    The rate is a ratio of two sums, of masses and of times. Its errors are those of the mean of times between grains,
-    of each of which the part that belongs to the grain's mass in excess of the mean is taken off.
+    Args:
+        times: Ascending times of crossings [s], shape [n].
+        total: Number of grains at the opening.
+        window: The window.
+        mass: Mass of each grain in units of the mean mass at the opening, shape [n]; None: all are equal.
+        gap: Longest time without a grain that counts as flow [s]; longer ones are left out of the rate and reported
+            (Pongo et al. 2022; `labbook.measure.scales.gap`).
+
+    Returns:
+        The outflow; None if fewer than 60 grains left within the window.
     """
     mass = np.ones(len(times)) if mass is None else mass
     passed = np.cumsum(mass)
     if window.timed:
         first, last = int(np.searchsorted(times, window.start)), int(np.searchsorted(times, window.end, "right")) - 1
     else:
+        # 1e-9 of a grain: products such as 0.6 * total, and sums of masses, are not exact
         first = int(np.searchsorted(passed, window.start * total - 1e-9))
         last = int(np.searchsorted(passed, window.end * total + 1e-9, side="right")) - 1
     if last - first < FEWEST:
@@ -121,15 +143,16 @@ def steady_flow(
         first = max(first, math.ceil(LONGEST * last) if opening is None else opening)
     waits = np.diff(times[first : last + 1])
     flowing = waits <= gap
-    kept, carried = waits[flowing], mass[first + 1 : last + 1][flowing]
-    if len(kept) < FEWEST:
+    # Each time between grains belongs to the grain that ends it: a gap is left out together with that grain.
+    intervals, carried = waits[flowing], mass[first + 1 : last + 1][flowing]
+    if len(intervals) < FEWEST:
         return None
-    n, mean = len(kept), float(kept.mean())
-    of_grains, waited = block_mean(kept, BLOCKS).error, kept
+    n, mean = len(intervals), float(intervals.mean())
+    of_grains, waited = block_mean(intervals, BLOCKS).error, intervals
     load = float(carried.mean())
-    kept = kept - (carried / load - 1) * mean
-    blocks = block_mean(kept, BLOCKS)
-    correlated = correlated_mean(block_mean(kept, math.isqrt(n)).means)
+    intervals = intervals - (carried / load - 1) * mean
+    blocks = block_mean(intervals, BLOCKS)
+    correlated = correlated_mean(block_mean(intervals, math.isqrt(n)).means)
     rate = load / mean
     return SteadyFlow(
         rate=rate,
@@ -138,7 +161,7 @@ def steady_flow(
         grain_error=of_grains / mean**2,
         heaviest=float(mass.max()) / total,
         correlated_error=rate * correlated.error / mean,
-        n_effective=_independent(kept, blocks.error),
+        n_effective=_independent(intervals, blocks.error),
         grain_n_effective=_independent(waited, of_grains),
         trend=trend(load / blocks.means),
         begin=float(times[first]),
@@ -153,23 +176,27 @@ def steady_flow(
 
 
 def outflow(run: RunData, window: Window) -> tuple[SteadyFlow | None, np.ndarray]:
-    """The outflow of a run within a window, None of too few grains, and all times [s] at which grains left, shape [n].
+    """Compute the outflow of a run within a window.
 
-    Raises MeasureError if the run recorded no crossings.
+    Returns:
+        The outflow, None for too few grains; and the ascending times of all crossings [s], shape [n].
+
+    Raises:
+        MeasureError: The run recorded no crossings.
     """
     times, weights = crossings(run)
     return steady_flow(times, len(run.start), window, weights, gap_of(run.scene, window)), times
 
 
 def too_few(left: int, total: int) -> str:
-    """Note on a run without a window, of whose `total` grains `left` have left."""
+    """Write the note on a run without a window, of whose `total` grains `left` have left."""
     return f"too few grains: {left} of {total} left, fewer than {FEWEST} in the window"
 
 
 TOO_FEW = re.compile(r"too few grains: (\d+) of (\d+) left, fewer than (\d+) in the window")
-"""Finds the numbers of such a note."""
+"""Pattern of such a note with its numbers."""
 
 
 def _independent(values: np.ndarray, error: float) -> float:
-    """How many independent values with this spread have a mean with this error; NaN for none at all."""
+    """Number of independent values of this spread whose mean has this error; NaN for an error of 0."""
     return (float(values.std(ddof=1)) / error) ** 2 if error else math.nan

@@ -17,7 +17,7 @@ from labbook.measure.measure import (
     MeasureError,
     Quantity,
     Window,
-    apart,
+    flow_suffix,
     while_flowing,
     window_in_words,
 )
@@ -42,11 +42,20 @@ _PRESSURES = (
 
 
 class ContactStress(Measure):
-    """Contact stress of the whole bed, coarse-grained within the window of the flow rate.
+    """Measure the contact stress of the whole bed, coarse-grained within the window of the flow rate.
 
-    Quantities: `orifice_contact_pressure` [Pa], a third of the trace, averaged above the orifice as `orifice` does, and
-    `bed_contact_pressure` [Pa], its mean over the bed, weighted by density. Positions, forces and branch vectors of all
-    contacts are recorded, in single precision: about 0.8 MB a frame of 10 000 rods. Arrays: those of `Fields`.
+    The stress is that of Goldhirsch (Granul. Matter 12 (2010) 239). Positions, forces and branch vectors of all
+    contacts are recorded, in single precision: about 0.8 MB a frame of 10 000 rods.
+
+    Quantities:
+        orifice_contact_pressure: A third of the trace, averaged above the orifice as `orifice` does [Pa].
+        bed_contact_pressure: Its mean over the bed, weighted by density [Pa].
+
+    Arrays:
+        Those of `Fields`.
+
+    Raises:
+        MeasureError: The outlet is not round, grains differ, or there is no gravity.
     """
 
     name = NAME
@@ -71,11 +80,11 @@ class ContactStress(Measure):
         where = window_in_words(window, "grains")
         how = "contacts, coarse-grained; error from seeds only"
         mean = stress_fields(run, window)
-        suffix = apart(run)
+        suffix = flow_suffix(run)
         if mean is None:
             note = "no frame within the window"
             none = (math.nan, math.nan, 0, where, how, "Pa", note)
-            return Evaluation(tuple(Measured(f"{one.name}{suffix}", *none) for one in _PRESSURES))
+            return Evaluation(tuple(Measured(f"{quantity.name}{suffix}", *none) for quantity in _PRESSURES))
         fields, frames = mean
         pressure = contact_pressure(fields)
         weight = fields.density * fields.grid.volumes
@@ -92,7 +101,7 @@ class ContactStress(Measure):
 
 
 def contact_frames(scene: Scene, numerics: Numerics, window: Window | None) -> tuple[Sample, Contacts]:
-    """Probes of grains and contacts of the whole bed; equal ones for all measures of its stress, which share them."""
+    """List the probes of grains and contacts of the whole bed; measures of its stress share them, as they are equal."""
     time = min(rounded(window_time(scene) / _FRAMES, scene, 1), moment(scene, window))
     if scene.container.outlet_plane is None:
         time = _EVERY * gravity_time(scene)
@@ -101,15 +110,20 @@ def contact_frames(scene: Scene, numerics: Numerics, window: Window | None) -> t
 
 
 def contact_pressure(fields: Fields) -> np.ndarray:
-    """A third of the trace of the contact stress [Pa], of the grid's shape; positive in compression."""
+    """Compute a third of the trace of the contact stress [Pa], of the grid's shape; positive in compression."""
     assert fields.contact_stress is not None
     return np.trace(fields.contact_stress) / 3
 
 
 def stress_fields(run: RunData, window: Window) -> tuple[Fields, int] | None:
-    """Fields with the contact stress of a run's bed within the window, and of how many frames; None without any.
+    """Compute fields with the contact stress of a run's bed within the window.
 
-    Raises MeasureError if the run did not record contacts, ImportError without Numba.
+    Returns:
+        The fields and the number of their frames; None without a frame.
+
+    Raises:
+        MeasureError: The run recorded no contacts.
+        ImportError: Numba is not installed.
     """
     if not {"sample", "contacts"} <= set(run.tables):
         raise MeasureError("contact_stress: the run recorded no contacts; run it again with this measure")
@@ -125,8 +139,7 @@ def stress_fields(run: RunData, window: Window) -> tuple[Fields, int] | None:
 
 
 def bed_rows(run: RunData, begin: float, end: float) -> tuple[GrainRows, ContactRows] | None:
-    """Grains and contacts of a run in the frames between two times [s], of at most _LARGEST_COUNT frames; None without
-    any."""
+    """Select grains and contacts of at most `_LARGEST_COUNT` frames between two times [s]; None without a frame."""
     sample, contacts = run.with_bodies(run.tables["sample"]), run.tables["contacts"]
     steps = np.unique(contacts["step"][(contacts["time"] >= begin) & (contacts["time"] <= end)])
     if not len(steps):

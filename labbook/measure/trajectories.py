@@ -18,15 +18,15 @@ class Trajectories:
     time: np.ndarray
     """Since the opening [s], shape [f]."""
     ids: np.ndarray
-    """What grains are called in every table, in their order, shape [n]."""
+    """Identities of the grains in every table, in their order, shape [n]."""
     x: np.ndarray
     """Positions [m], shape [f, n, 3]."""
     v: np.ndarray
     """Velocities [m/s], shape [f, n, 3]."""
     radius: np.ndarray
-    """[m], shape [n]."""
+    """Radii [m], shape [n]."""
     mass: np.ndarray
-    """[kg], shape [n]."""
+    """Masses [kg], shape [n]."""
     kind: np.ndarray | None = None
     """Names of the grains' kinds, shape [n]; None without kinds."""
     q: np.ndarray | None = None
@@ -34,7 +34,7 @@ class Trajectories:
 
     @classmethod
     def of(cls, run: RunData) -> "Trajectories | None":
-        """Those of a run; None if it was not recorded."""
+        """Read the trajectories of a run; None if it was not recorded."""
         rows = run.recorded()
         if rows is None:
             return None

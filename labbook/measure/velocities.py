@@ -18,9 +18,9 @@ from labbook.measure.measure import (
     MeasureError,
     Quantity,
     Window,
-    apart,
-    packed,
-    unpacked,
+    as_arrays,
+    flow_suffix,
+    from_arrays,
     while_flowing,
     window_in_words,
 )
@@ -44,11 +44,14 @@ _AXES = "xyz"
 
 @dataclass(frozen=True, eq=False)
 class OutletVelocities:
-    """Profile over the outlet, of all grains and, of mixtures, of each class; shape [1 + classes, bins].
+    """Profiles over the outlet of all grains and, for mixtures, of each of k classes, in b bins.
 
-    `edges`: of the bins [m], shape [bins + 1]: distance from the axis of a round outlet, with rings of equal area, or x
-    from the middle of a slot. `velocity`: mean downward velocity [m/s] of the grains in the plane, NaN without any;
-    `flux`: mass that crossed per time and area [kg/m^2/s]; `grains`: that crossed.
+    Attributes:
+        edges: Edges of the bins [m], shape [b + 1]: distance from the axis of a round outlet, with rings of equal area,
+            or x from the middle of a slot.
+        velocity: Mean downward velocity of the grains in the plane [m/s], shape [1 + k, b]; NaN without any.
+        flux: Mass that crossed per time and area [kg/m^2/s], shape [1 + k, b].
+        grains: Number of grains that crossed, shape [1 + k, b].
     """
 
     edges: np.ndarray
@@ -58,17 +61,27 @@ class OutletVelocities:
 
     @classmethod
     def of(cls, evaluation: Evaluation) -> "OutletVelocities | None":
-        """The profile that the measure has given; None without any."""
-        return unpacked(cls, evaluation.arrays)
+        """Read the profiles from an evaluation; None without any."""
+        return from_arrays(cls, evaluation.arrays)
 
 
 class Velocities(Measure):
-    """Mean velocities within the window of the flow rate.
+    """Measure mean velocities over the outlet and in zones, within the window of the flow rate.
 
-    Over the outlet: the mean of the grains in its plane is N / sum(1/v) over the N grains that cross it, since each is
-    there for a time proportional to 1/v. In each of `container.zones`: the mean over grains and frames. Quantities
-    [m/s]: `velocity_outlet`, downwards; `velocity_x_ZONE`, `velocity_y_ZONE` and `velocity_z_ZONE` and, of mixtures,
-    `velocity_z_ZONE_of_CLASS`. Errors of zones are from 8 blocks of frames. Arrays: those of `OutletVelocities`.
+    The mean velocity of the grains in the plane of the outlet is N / sum(1/v) over the N grains that cross it, since
+    each is in the plane for a time proportional to 1/v. That in each of `container.zones` is the mean over grains and
+    frames, with an error from 8 blocks of frames.
+
+    Quantities:
+        velocity_outlet: Mean downward velocity in the plane of the outlet [m/s].
+        velocity_x_ZONE, velocity_y_ZONE, velocity_z_ZONE: Mean velocity in a zone [m/s].
+        velocity_z_ZONE_of_CLASS: Mean vertical velocity of a class of a mixture in a zone [m/s].
+
+    Arrays:
+        edges, velocity, flux, grains: Those of `OutletVelocities`.
+
+    Raises:
+        MeasureError: There is not exactly one slot or hole, or no gravity.
     """
 
     name = NAME
@@ -116,11 +129,11 @@ class Velocities(Measure):
                 "m/s",
                 "too few grains left for a window",
             )
-            every = (_OUTLET, *(quantity for zone in zones for quantity in of_zone(zone, run.scene)))
-            return Evaluation(tuple(Measured(quantity.name + apart(run), *none) for quantity in every))
+            quantities = (_OUTLET, *(quantity for zone in zones for quantity in of_zone(zone, run.scene)))
+            return Evaluation(tuple(Measured(quantity.name + flow_suffix(run), *none) for quantity in quantities))
         profile, number = _outlet(run, flow)
         in_zones = [number for zone in zones for number in _zone(run, zone, flow, times)]
-        return Evaluation((number, *in_zones), packed(profile))
+        return Evaluation((number, *in_zones), as_arrays(profile))
 
 
 def outlet_edges(scene: Scene) -> np.ndarray:
@@ -144,18 +157,18 @@ def _outlet(run: RunData, flow: SteadyFlow) -> tuple[OutletVelocities, Measured]
     place = (np.searchsorted(edges, across, side="right") - 1).clip(0, BINS - 1)  # at the rim a centre may lie beyond
     area = math.pi * np.diff(edges**2) if outlet.form == "hole" else np.diff(edges) * scene.container.front_to_back
     duration = flow.end - flow.begin - flow.gap_time
-    every = [np.ones(len(rows), bool), *(groups == k for k in range(len(class_names(scene.grains))))]
+    masks = [np.ones(len(rows), bool), *(groups == k for k in range(len(class_names(scene.grains))))]
     sums = [
-        [np.bincount(place[mine], of[mine], BINS) for of in (np.ones(len(rows)), 1 / speed, bodies.mass[rows])]
-        for mine in every
+        [np.bincount(place[mask], of[mask], BINS) for of in (np.ones(len(rows)), 1 / speed, bodies.mass[rows])]
+        for mask in masks
     ]
     grains, slowness, mass = np.array(sums).transpose(1, 0, 2)
     velocity = np.divide(grains, slowness, out=np.full(grains.shape, math.nan), where=grains > 0)
     profile = OutletVelocities(edges, velocity, mass / (duration * area), grains)
-    blocks = block_mean(1 / speed, _BLOCKS)
+    blocks = block_mean(1 / speed, _BLOCKS)  # of 1/v; the error of v is v^2 times as large, to first order
     where, how = f"{flow.begin:.4g} s to {flow.end:.4g} s", f"crossings; error from {_BLOCKS} blocks"
     mean = float(len(speed) / (1 / speed).sum())
-    name = _OUTLET.name + apart(run)
+    name = _OUTLET.name + flow_suffix(run)
     return profile, Measured(name, mean, mean**2 * blocks.error, len(speed), where, how, "m/s", "")
 
 
@@ -175,18 +188,19 @@ def _zone(run: RunData, zone: VelocityZone, flow: SteadyFlow, times: np.ndarray)
         yield _mean(next(quantities), run, frame, velocity[axis], where)
     for place in range(len(names)):
         assert groups is not None
-        mine = groups == place
-        yield _mean(next(quantities), run, frame[mine], velocity["z"][mine], where)
+        mask = groups == place
+        yield _mean(next(quantities), run, frame[mask], velocity["z"][mask], where)
 
 
 def _mean(quantity: Quantity, run: RunData, frame: np.ndarray, velocity: np.ndarray, where: str) -> Measured:
-    name = quantity.name + apart(run)
+    name = quantity.name + flow_suffix(run)
     if not len(velocity):
         note = "no grain of it was in the zone in a frame of the window"
         return Measured(name, math.nan, math.nan, 0, where, "frames", "m/s", note)
     count, total = np.bincount(frame), np.bincount(frame, velocity)
     mean = float(velocity.mean())
     filled = count > 0
+    # Frames have unequal numbers of grains: the error is that of a ratio of two sums, to first order.
     excess = (total - mean * count)[filled] / count.mean()
     error = block_mean(excess, _BLOCKS).error if filled.sum() >= 2 * _BLOCKS else math.nan
     how = f"mean over grains in {int(filled.sum())} frames; error from {_BLOCKS} blocks of frames"

@@ -19,9 +19,9 @@ from labbook.measure.measure import (
     MeasureError,
     Quantity,
     Window,
-    apart,
-    packed,
-    unpacked,
+    as_arrays,
+    flow_suffix,
+    from_arrays,
     while_flowing,
     window_in_words,
 )
@@ -76,16 +76,39 @@ _OPENING = Quantity("wall_overshoot", "P", "", "peak of the normal force on upri
 class WallStresses:
     """Forces of walls on the bed, by wall and bin.
 
-    Of B bins: number of their `wall`, ends `low` and `high` [m] of its coordinate, `area` [m^2] (NaN where unknown) and
-    `rest_area`, that of the closed container; forces [N] normal, along and across, shape [B, 3], at rest and as means
-    over the window, with standard errors from blocks; means of `contacts` and `sliding` ones. `weight_above` [N]:
-    weight of the bed at rest above the middle of the bin, NaN of level walls. Of W walls, shape [W, 3]: `force` [N],
-    `torque` [N m] about the origin and `point` [m], the mean contact point weighted by normal force, at rest and in
-    flow; `coordinates`; which are `upright` and how large their `friction` is. `section` [m^2], `perimeter` [m] of
-    frictional upright walls, `density` [kg/m^3] of the bulk and `surface` [m], the effective free surface at rest; NaN
-    where they cannot be told; `floor` [m]: the height above which all upright walls stand. `opening_time` [s],
-    `opening`: moving means over FILTER of the normal force of each bin, shape [n, B]. `peaks`: of upright walls, over
-    that at rest, for each of FILTERS. `time` [s], `wall_force` [N], shape [n, W, 3].
+    There are W walls, B bins and n frames. Attributes beginning with `rest` are those of the bed at rest; those
+    beginning with `flow` are means over the window.
+
+    Attributes:
+        names: Names of the walls, shape [W].
+        coordinates: Coordinate of the bins of each wall, such as `height`, shape [W].
+        upright: Mask of the upright walls, shape [W].
+        friction: Friction coefficient of each wall, shape [W].
+        wall: Index of the wall of each bin, shape [B].
+        low, high: Ends of each bin in the coordinate of its wall [m], shape [B].
+        area: Area of each bin [m^2], shape [B]; NaN if it is not known.
+        rest_area: The same of the closed container [m^2], shape [B].
+        rest, flow: Forces normal, along and across [N], shape [B, 3].
+        flow_error: Standard errors of `flow` from blocks [N], shape [B, 3].
+        rest_contacts, flow_contacts: Number of contacts, shape [B].
+        rest_sliding, flow_sliding: Number of sliding contacts, shape [B].
+        weight_above: Weight of the bed at rest above the middle of each bin [N], shape [B]; NaN for level walls.
+        rest_force, flow_force: Forces of walls [N], shape [W, 3].
+        rest_torque, flow_torque: Torques about the origin [N m], shape [W, 3].
+        rest_point, flow_point: Mean contact points weighted by normal force [m], shape [W, 3].
+        time: Times of the frames [s], shape [n].
+        wall_force: Forces of walls in each frame [N], shape [n, W, 3].
+        opening_time: Middles of the moving means after the opening [s], shape [m].
+        opening: Moving means over FILTER of the normal force of each bin [N], shape [m, B].
+        peaks: Peak of the normal force on upright walls after the opening over that at rest, for each of FILTERS.
+        weight: Weight of the bed at rest [N].
+        section: Area of the horizontal section [m^2]; NaN if it is not known.
+        perimeter: Length of the section along upright walls with friction [m]; NaN if it is not known.
+        density: Density of the bulk at rest [kg/m^3]; NaN if it is not known.
+        surface: Effective free surface at rest, z [m]; NaN if it is not known.
+        floor: Height above which all upright walls stand [m].
+        gravity: Acceleration of gravity [m/s^2].
+        window: Begin and end of the steady part [s], shape [2].
     """
 
     names: np.ndarray
@@ -127,8 +150,8 @@ class WallStresses:
 
     @classmethod
     def of(cls, evaluation: Evaluation) -> "WallStresses | None":
-        """The stresses that the measure has given; None without any."""
-        return unpacked(cls, evaluation.arrays)
+        """Read the stresses from an evaluation; None without any."""
+        return from_arrays(cls, evaluation.arrays)
 
     def of_wall(self, name: str) -> np.ndarray:
         """Mask of the bins of a wall, shape [B]."""
@@ -149,19 +172,23 @@ class WallStresses:
         return self.hanging(self.rest, self.weight_above)
 
     def hanging(self, force: np.ndarray, weight_above: np.ndarray) -> np.ndarray:
-        """Mean vertical stress [Pa] at the middle of each bin of an upright wall, shape [B]; else NaN.
+        """Compute the mean vertical stress at the middle of each bin of an upright wall.
 
-        By the balance of the bed above: its weight, less the shear of upright walls there, over the section.
+        It follows from the balance of the bed above: its weight, less the shear of upright walls there, over the
+        section.
 
         Args:
-            force: Of walls, as `rest`, shape [B, 3].
-            weight_above: The middles of bins [N], shape [B].
+            force: Forces of walls as in `rest` [N], shape [B, 3].
+            weight_above: Weight of the bed above the middle of each bin [N], shape [B].
+
+        Returns:
+            Stress [Pa], shape [B]; NaN for bins of other walls.
         """
         carried = np.zeros(len(self.wall))
         for number in np.flatnonzero(self.upright):
-            mine = self.wall == number
-            below = np.concatenate([[0.0], np.cumsum(force[mine, 1])])
-            edges = np.append(self.low[mine], self.high[mine][-1])
+            mask = self.wall == number
+            below = np.concatenate([[0.0], np.cumsum(force[mask, 1])])
+            edges = np.append(self.low[mask], self.high[mask][-1])
             carried += below[-1] - np.interp(self.middle, edges, below)
         return np.where(self.on_upright, (weight_above - carried) / self.section, math.nan)
 
@@ -188,13 +215,27 @@ class WallStresses:
 
 
 class WallStress(Measure):
-    """Normal and shear stress on walls by height, on level walls by radius or x; forces, torques and their balance.
+    """Measure normal and shear stress on walls by height, on level walls by radius or x, with forces and torques.
 
-    Of the bed at rest, before the opening and with the lid in place: `weight_balance`, the vertical forces of all walls
-    over the weight less 1; `carried.WALL`, the part of the weight that a wall carries; `wall_friction`, the mobilised
-    friction of upright walls; `sliding_share` of their contacts; `stress_ratio` K. After the opening:
-    `wall_overshoot`. In the window of the flow rate, in closed containers in the second half of the run: the same
-    quantities, ending in `_flow`, and `wall_switch`. Arrays: those of `WallStresses`.
+    Quantities ending in `_flow` are those in the window of the flow rate, in closed containers in the second half of
+    the run; the others are of the bed at rest, before the opening and with the lid in place.
+
+    Quantities:
+        weight_balance, weight_balance_flow: Vertical forces of all walls, in flow with the momentum of the outflow,
+            over the weight of the bed, less 1.
+        carried.WALL: Vertical force of a wall over the weight.
+        wall_friction, wall_friction_flow: Mobilised friction, shear over normal force of upright walls.
+        sliding_share, sliding_share_flow: Fraction of their contacts above 95 % of the Coulomb limit.
+        stress_ratio: K, normal stress of upright walls over mean vertical stress.
+        wall_overshoot: Peak of the normal force on upright walls after the opening, averaged over 5 sqrt(d*/g), over
+            that at rest.
+        wall_switch: Normal force on upright walls in the window over that at rest.
+
+    Arrays:
+        names, coordinates, upright, ...: Those of `WallStresses`.
+
+    Raises:
+        MeasureError: There is no gravity, or there are no walls.
     """
 
     name = NAME
@@ -209,7 +250,7 @@ class WallStress(Measure):
             raise MeasureError("wall_stress: there are no walls", "take wall_stress out of measure")
 
     def quantities(self, scene: Scene) -> tuple[Quantity, ...]:
-        """Also the part of the weight that each wall carries."""
+        """List also the fraction of the weight that each wall carries."""
         carried = tuple(
             Quantity(f"{CARRIED}{wall.name}", f"carried by {wall.name}", "",
                      f"vertical force of the wall {wall.name} on the bed at rest over its weight", "%", 100,
@@ -239,7 +280,7 @@ class WallStress(Measure):
         within = (frames.time >= begin) & (frames.time <= end) & (frames.time > 0)
         record = _stresses(run, frames, within, (begin, end))
         numbers = [*_at_rest(record, run), *_after_opening(record), *_in_flow(record, run, int(within.sum()), words)]
-        return Evaluation(tuple(numbers), packed(record))
+        return Evaluation(tuple(numbers), as_arrays(record))
 
 
 def bin_width(scene: Scene) -> float:
@@ -254,11 +295,11 @@ class _Frames:
         table = run.tables["traction"]
         self.walls: tuple[Wall, ...] = all_walls(run.scene.container)
         self.bins: tuple[WallBins, ...] = bins_of_walls(run.scene, self.walls, bin_width(run.scene))
-        first = np.cumsum([0, *(one.count for one in self.bins)])
+        first = np.cumsum([0, *(bins.count for bins in self.bins)])
         steps, frame = np.unique(table["step"], return_inverse=True)
         self.time = steps * run.numerics.dt
         self.sums = np.zeros((len(steps), int(first[-1]), len(TRACTION_SUMS)))
-        counts = np.array([one.count for one in self.bins])
+        counts = np.array([bins.count for bins in self.bins])
         place = first[table["wall"]] + np.minimum(table["bin"], counts[table["wall"]] - 1)
         for name, column in _SUM.items():
             np.add.at(self.sums[:, :, column], (frame, place), np.asarray(table[name], float))
@@ -270,7 +311,7 @@ class _Frames:
 
 
 def steady_part(run: RunData, window: Window) -> tuple[float, float, str]:
-    """Begin and end [s] of the steady part, NaN without any, and the same in words."""
+    """Find begin and end [s] of the steady part, NaN without any, and describe it in words."""
     if run.scene.container.outlet_plane is None:
         return run.duration / 2, run.duration, f"{run.duration / 2:.4g} s to {run.duration:.4g} s"
     flow, _ = outflow(run, window)
@@ -305,7 +346,7 @@ def _stresses(run: RunData, frames: _Frames, within: np.ndarray, window: tuple[f
     peaks = [_peak(times, moving, upright[frames.wall], tau * gravity_time(scene)) / normal for tau in FILTERS]
     return WallStresses(
         names=np.array([wall.name for wall in frames.walls], "U40"),
-        coordinates=np.array([one.along for one in frames.bins], "U8"),
+        coordinates=np.array([b.along for b in frames.bins], "U8"),
         upright=upright,
         friction=friction,
         wall=frames.wall,
@@ -474,7 +515,7 @@ def _after_opening(record: WallStresses) -> list[Measured]:
 
 
 def _in_flow(record: WallStresses, run: RunData, count: int, where: str) -> list[Measured]:
-    suffix, how = apart(run), f"mean of {count} frames; error from seeds only"
+    suffix, how = flow_suffix(run), f"mean of {count} frames; error from seeds only"
     upright = record.on_upright
     normal, shear, _ = record.flow[upright].sum(axis=0)
     rest = record.rest[upright, 0].sum()

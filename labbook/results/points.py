@@ -15,7 +15,7 @@ from labbook.lab import FinishedRun
 from labbook.measure import MEASURES, Evaluation, Measure, MeasureError, Window, scales
 from labbook.measure.acceleration import AccelerationProfile
 from labbook.measure.clogging import Avalanches, Clogging
-from labbook.measure.flow import CUT_SHORT, WIDER, FlowRate, Trace, summed_up
+from labbook.measure.flow import CUT_SHORT, WIDER, FlowRate, Trace, merge_notes
 from labbook.measure.orifice import OrificeMeans
 from labbook.measure.outlet import OutletProfile, OutletProfiles, ProfileAcross, mean_of
 from labbook.measure.steady import BLOCKS, FEWEST
@@ -283,7 +283,7 @@ class PointResult:
     def notes(self) -> Counter[str]:
         """Number of replicates by note on their flow rate (`trending` ...)."""
         carried = (run.measured[FLOW_RATE].notes for run in self.runs if FLOW_RATE in run.measured)
-        return Counter(summed_up(Counter(note for notes in carried for note in notes)))
+        return Counter(merge_notes(Counter(note for notes in carried for note in notes)))
 
     @property
     def no_flow(self) -> str:

@@ -10,7 +10,7 @@ from weakref import WeakKeyDictionary
 from labbook.fit import Parameter
 from labbook.lab.evaluations import NotEvaluated
 from labbook.measure.outlet import ProfileAcross
-from labbook.measure.starts import FromStart, Opened, WindowStarts
+from labbook.measure.starts import ShiftedWindow, StartResult, WindowStarts
 from labbook.results.points import FLOW_RATE, PointResult, RunResult, pooled_point, redundant
 from labbook.results.series import PACKING_FRACTION, Series, series_of
 from labbook.results.study import StudyResults
@@ -26,7 +26,7 @@ choice that a careful author could make. Windows that open earlier contain the s
 class _RunFrom(RunResult):
     """A run with another start of the window: its flow rate and its profiles along the outlet, and nothing else."""
 
-    start: FromStart | None = None
+    start: StartResult | None = None
 
     @cached_property
     def outlets(self) -> Mapping[str, ProfileAcross]:
@@ -45,7 +45,7 @@ class AtStart:
     too long to be left out, by index of their point; `of_study`: True for the window of the study.
     """
 
-    window: Opened
+    window: ShiftedWindow
     points: tuple[PointResult, ...]
     series: tuple[Series, ...]
     opens: float
@@ -76,8 +76,8 @@ def at_starts(results: StudyResults) -> tuple[AtStart, ...]:
     """Evaluate a study that fits a law for several starts of its window.
 
     Returns:
-        In the order of `labbook.measure.starts.opened`. Empty for a study that fits nothing, for windows by time and
-        for fed beds; also where runs were not evaluated and nothing is evaluated now.
+        In the order of `labbook.measure.starts.shifted_windows`. Empty for a study that fits nothing, for windows by
+        time and for fed beds; also where runs were not evaluated and nothing is evaluated now.
     """
     if results not in _CACHE:
         study = results.study
@@ -110,12 +110,12 @@ def _at_starts(results: StudyResults) -> list[AtStart]:
     return starts
 
 
-def _from_starts(run: RunResult) -> tuple[FromStart, ...]:
+def _from_starts(run: RunResult) -> tuple[StartResult, ...]:
     evaluation = run.evaluation(WindowStarts())
     return tuple(WindowStarts.of(evaluation, run.window)) if evaluation.arrays else ()
 
 
-def _run_from(run: RunResult, start: FromStart) -> _RunFrom:
+def _run_from(run: RunResult, start: StartResult) -> _RunFrom:
     """The run with the flow rate of a start; none for a run that clogged, as for the window of the study. Laws also
     need the packing fraction at rest, which has no window."""
     measured = {name: run.measured[name] for name in (PACKING_FRACTION,) if name in run.measured}

@@ -120,7 +120,7 @@ class DischargeJob(Job):
                 f"{self.label}: the settled bed is {self._bed_height * 1e3:.4g} mm high, not above stop.fill_height "
                 f"({lowest * 1e3:.4g} mm); use more grains or lower stop.fill_height"
             )
-        _ = self._feeder  # which may have no room
+        _ = self._feeder  # which may have no room: that shows now, and not after the first beat
         start, kick = start_of_discharge(packing, self.demand.shared.closed, self.scene), self.demand.kick
         return start if kick is None else kick_grains(start, self.scene, kick, self.demand.seed)
 
@@ -351,6 +351,7 @@ class DischargeJob(Job):
             return
         if not self._is_stuck:
             self._restarts.append((self._last_crossing, self.status.time))
+        # counted from the restart that has just been noted, or from an earlier one of the same stop
         number, self._is_at_rest = self._due_push, False
         assert number is not None
         ensemble.set_velocities(member, *self._breaker.pushed(bed, self._beat_number, number))
@@ -388,6 +389,7 @@ class DischargeJob(Job):
     def _due_push(self) -> int | None:
         """Number of the push that is due after this beat, from 1, since the last restart; None if none is due."""
         assert self._breaker is not None
+        # a restart is stored by its time, which is that of the end of a beat
         return self._breaker.push(self._beat_number - round(self._restarts[-1][1] / self.numerics.beat))
 
     def verdict(self, events: Sequence[Event]) -> Outcome | None:
@@ -433,6 +435,7 @@ class DischargeJob(Job):
         """Return the progress by discharged fraction, time or precision, whichever is nearest to its end. A flow that
         rests is on its way to the time at which it counts as clogged."""
         stop = self.demand.shared.stop
+        # an error falls with the square root of the time
         precision_progress = 0.0 if stop.precise is None else (stop.precise.flow_rate / self._precision) ** 2
         may_clog = self._is_pausing and self._breaker is None
         wait_progress = self.status.time / (self.status.time - self._idle_time + stop.stall) if may_clog else 0.0

@@ -168,6 +168,7 @@ class FillJob(Job):
         if saved is not None:
             self.check(saved, self.journal.folder)
             quiet = saved.state.get("quiet", 0)
+            # `type`, not `isinstance`: true and false of JSON are integers to Python
             if type(quiet) is not int or not 0 <= quiet < _LOOKS_AT_REST:
                 raise Unreadable(f"{self.journal.folder / PROGRESS}: state.quiet: {quiet} looks that found it at rest")
             stage, stage_start = saved.state.get("stage", 0), saved.state.get("since", 0.0)
@@ -192,7 +193,7 @@ class FillJob(Job):
         """Account for a beat, and note when the kinetic energy last halved."""
         self._has_advanced, self._entered_before = status.step > self.status.step, self._entered
         super().after(status, tables, cost)
-        if self._pours:
+        if self._pours:  # grains that enter bring energy: it may fall for good only after the last one
             self._watch_energy(math.inf)
         elif status.kinetic <= self._lowest_energy / 2:
             self._watch_energy(status.kinetic)
@@ -356,7 +357,7 @@ class FillJob(Job):
         if self._losses:
             raise JobFailed(needs_all(self.label, self._losses, self._closing_remedy()))
         if verdict == "settled":
-            if self._start is not None:
+            if self._start is not None:  # fill.until: 0: the grains as they were placed, not after the first beat
                 own = self.context.backend.capabilities
                 end_state = StoredState(Checkpoint(own.name, own.cache_version, {}), self._start)
                 self.status = Status(0, 0.0, len(self._start), self.status.kinetic)

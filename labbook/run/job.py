@@ -151,6 +151,7 @@ class Job(ABC):
         self._earlier_sessions: tuple[Session, ...] = ()
         self._first_step, self._started = 0, now()
         self._wall = self._process = self._device = self._grain_steps = 0.0
+        # with infinite kinetic energy: before its first beat no job is at rest
         self.status = Status(0, 0.0, demand.point.scene.grains.count, float("inf"))
 
     @property
@@ -336,7 +337,7 @@ class Job(ABC):
     def keep(self, name: str, table: Table) -> None:
         """Add rows to a table of this job; a first empty table is kept too."""
         tables = self._rows.setdefault(name, [])
-        if not tables or len(table["step"]):
+        if not tables or len(table["step"]):  # the empty one gives the columns of a table that stays without rows
             tables.append(table)
             self.unsaved += sum(column.nbytes for column in table.values())
 

@@ -96,7 +96,7 @@ class Runner:
     def _carry_out(self, finalizers: Sequence[Finalizer]) -> Summary:
         start = time.perf_counter()
         observe = Observe.of(self.study.measure, self.study.window)
-        index = Index(self.lab)
+        index = Index(self.lab)  # before the catalogue, which refuses an index that is missing or of another version
         catalogue = Catalogue(self.lab)
         try:
             plan, planner = self._plan(index, catalogue, observe)
@@ -180,6 +180,7 @@ class Runner:
         done = [item.keys.run for item in plan.items if item.state == "done"]
         if base is not None:  # the others are measured where they are
             done = [key for key in done if self.lab.run(key).exists()]
+        # Planned again after new measurements: they decide on replicates, and a run may have turned out to be damaged.
         if index.derive(done, observe) and self.base is None and self.repeats is None:
             plan = planner.plan()
         return plan, planner
@@ -224,7 +225,7 @@ class Runner:
         try:
             studies.keep(self.lab, study.name, study.text, study.calibration_file, study.beside.files)
         except OSError as error:
-            if is_full(error):
+            if is_full(error):  # nothing else could be stored either; without its text the study still runs
                 raise
             where = error.filename or self.lab.studies
             self.watcher.tell(f"The study runs, but its file could not be copied to the lab: {where}: {error.strerror}")

@@ -200,4 +200,4 @@ def test_the_exit_status_says_whether_a_case_failed():
 def test_the_page_has_every_case():
     page = (Path(__file__).parents[2] / "docs/stress.md").read_text(encoding="utf-8")
     for case in CASES:
-        assert f"| `{case.name}` | {case.what} | {case.oracle} |" in page
+        assert f"| `{case.name}` | {case.attempt} | {case.oracle} |" in page

@@ -128,4 +128,4 @@ def crashes(stand):
 
 def case(run, seconds: float = 600.0) -> StressCase:
     """A case of this module."""
-    return StressCase(name=run.__name__, what="", oracle="", run=run, seconds=seconds)
+    return StressCase(name=run.__name__, attempt="", oracle="", run=run, seconds=seconds)

@@ -42,7 +42,7 @@ class StressCase:
 
     Args:
         name: Name of the case.
-        what: The attempt, in a line.
+        attempt: The attempt, in a line.
         oracle: Criterion that tells right from wrong, in a line.
         run: Runs the case on a stand and yields the outcome of each part.
         slow: The case takes more than about thirty seconds.
@@ -50,7 +50,7 @@ class StressCase:
     """
 
     name: str
-    what: str
+    attempt: str
     oracle: str
     run: Callable[[Stand], Iterator[Ending]]
     slow: bool = False
@@ -95,7 +95,7 @@ def judge(case: StressCase, stand: Stand) -> list[Row]:
 
 def row(case: StressCase, ending: Ending) -> Row:
     """Combine an ending with its case."""
-    return Row(case=case.name, what=case.what, oracle=case.oracle, **vars(ending))
+    return Row(case=case.name, what=case.attempt, oracle=case.oracle, **vars(ending))
 
 
 def within(stand: Stand, part: str, quantity: str, error: float, measure: Criterion) -> Ending:

@@ -144,19 +144,19 @@ def _few(stand: Stand) -> Iterator[Ending]:
 CASES = [
     StressCase(
         name="few-grains",
-        what="one grain in free space; none in the scene, or in the packing",
+        attempt="one grain in free space; none in the scene, or in the packing",
         oracle="exact free fall; a named error before anything runs",
         run=_few,
     ),
     StressCase(
         name="crowd",
-        what="125 grains pressed into a cluster with 56 near neighbours each",
+        attempt="125 grains pressed into a cluster with 56 near neighbours each",
         oracle="kinetic energy = stored energy; the overlap guard, or an error on full lists",
         run=_crowd,
     ),
     StressCase(
         name="size-ratio",
-        what="a sphere surrounded by smaller ones, down to d/10, and one of d/20",
+        attempt="a sphere surrounded by smaller ones, down to d/10, and one of d/20",
         oracle="momentum; energy does not grow; an error on small sizes or full lists",
         run=_sizes,
     ),

@@ -179,37 +179,37 @@ def _stands(stand: Stand, steps: int) -> Iterator[Ending]:
 CASES = [
     StressCase(
         name="far",
-        what="a falling cluster 1000 m from the origin along every axis",
+        attempt="a falling cluster 1000 m from the origin along every axis",
         oracle="the same at the origin, to the round-off of positions",
         run=_far,
     ),
     StressCase(
         name="units",
-        what="lengths x 3.7, times x 1.9, masses x 0.6",
+        attempt="lengths x 3.7, times x 1.9, masses x 0.6",
         oracle="dimensional analysis: the same motion, to round-off",
         run=_units,
     ),
     StressCase(
         name="moving-frame",
-        what="impacts in a frame that moves at 54 m/s, without gravity",
+        attempt="impacts in a frame that moves at 54 m/s, without gravity",
         oracle="Galilean invariance",
         run=_moving,
     ),
     StressCase(
         name="incline",
-        what="a sphere on slopes from 0.01 to 89 deg, friction 0.1 and 5",
+        attempt="a sphere on slopes from 0.01 to 89 deg, friction 0.1 and 5",
         oracle="exact acceleration: 5/7 g sin t rolling, g (sin t - mu cos t) sliding",
         run=_inclines,
     ),
     StressCase(
         name="pyramid",
-        what="three spheres that rolling springs hold, for 1e5 steps",
+        attempt="three spheres that rolling springs hold, for 1e5 steps",
         oracle="moves less than a bound",
         run=partial(_stands, steps=MILLION // 10),
     ),
     StressCase(
         name="pyramid-long",
-        what="three spheres that rolling springs hold, for 1e7 steps",
+        attempt="three spheres that rolling springs hold, for 1e7 steps",
         oracle="moves less than a bound",
         run=partial(_stands, steps=10 * MILLION),
         slow=True,

@@ -197,25 +197,25 @@ R_ROD = LONG.radius
 CASES = [
     StressCase(
         name="edges",
-        what="a sphere dropped exactly onto an edge, a ridge, into a corner, a cone's tip, a hole less than d",
+        attempt="a sphere dropped exactly onto an edge, a ridge, into a corner, a cone's tip, a hole less than d",
         oracle="symmetry; energy does not grow; static balance",
         run=_on_edges,
     ),
     StressCase(
         name="wall-sums",
-        what="a sphere on the same edges and in the same corners; bins of walls that are too narrow, or too wide",
+        attempt="a sphere on the same edges and in the same corners; bins of walls that are too narrow, or too wide",
         oracle="sums over walls are those of the rows of contacts",
         run=_sums,
     ),
     StressCase(
         name="rods-aligned",
-        what="rods of L/d = 10 meet side by side, end to end, in a T and crossed, exactly",
+        attempt="rods of L/d = 10 meet side by side, end to end, in a T and crossed, exactly",
         oracle="elastic exchange of velocities; no spin, by symmetry",
         run=_aligned,
     ),
     StressCase(
         name="rods-stacked",
-        what="rods exactly on top of one another, a bed of parallel rods, upright rods end to end",
+        attempt="rods exactly on top of one another, a bed of parallel rods, upright rods end to end",
         oracle="static balance; overlaps that carry the weight above",
         run=_stacked,
     ),

@@ -237,25 +237,25 @@ def _coincident(stand: Stand) -> Iterator[Ending]:
 CASES = [
     StressCase(
         name="impact-extremes",
-        what="e = 0.05 and 1, friction 0 and 5; head-on, oblique and grazing",
+        attempt="e = 0.05 and 1, friction 0 and 5; head-on, oblique and grazing",
         oracle="invariants; exact rebound without friction and of a superball; else dt/8 in double",
         run=_extremes,
     ),
     StressCase(
         name="fast-grain",
-        what="a grain 1 % below and above the speed limit hits one at rest, from ten diameters away",
+        attempt="a grain 1 % below and above the speed limit hits one at rest, from ten diameters away",
         oracle="elastic exchange of velocities; the speed guard",
         run=_fast,
     ),
     StressCase(
         name="deep-overlap",
-        what="grains placed in one another, up to and beyond the overlap limit; a grain behind a wall",
+        attempt="grains placed in one another, up to and beyond the overlap limit; a grain behind a wall",
         oracle="kinetic energy = stored energy; the overlap guard",
         run=_deep,
     ),
     StressCase(
         name="coincident",
-        what="centres, or axes of rods, in one place; a centre in a wall",
+        attempt="centres, or axes of rods, in one place; a centre in a wall",
         oracle="a named error",
         run=_coincident,
     ),

@@ -76,7 +76,7 @@ def _fast(stand: Stand) -> Iterator[Ending]:
 CASES = [
     StressCase(
         name="meshes",
-        what="a sphere dropped onto a vertex of 50 triangles, an edge of three, slivers; a fast one at a sheet",
+        attempt="a sphere dropped onto a vertex of 50 triangles, an edge of three, slivers; a fast one at a sheet",
         oracle="symmetry; energy does not grow; static balance; elastic bounce; the overlap guard",
         run=_meshes,
     ),

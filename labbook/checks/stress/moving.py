@@ -71,7 +71,7 @@ def _shaken(stand: Stand) -> Iterator[Ending]:
 CASES = [
     StressCase(
         name="moving-parts",
-        what="a plate that comes at 1 and 20 m/s; one that squeezes a grain; a turning, shaking box of eight grains",
+        attempt="a plate that comes at 1 and 20 m/s; one that squeezes a grain; a turning, shaking box of eight grains",
         oracle="elastic impact in the frame of the plate; the overlap guard; grains stay in the box and gain no speed",
         run=_moving,
     ),

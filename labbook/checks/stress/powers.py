@@ -97,7 +97,7 @@ def _balance(stand: Stand) -> Iterator[Ending]:
 CASES = [
     StressCase(
         name="powers",
-        what="spheres in a narrow box: elastic and inelastic, unlike, on a spinning floor, 100 m from the origin",
+        attempt="spheres in a narrow box: elastic and inelastic, unlike, on a spinning floor, 100 m from the origin",
         oracle="normal and tangential powers = work of contacts, which kernels add up at each step",
         run=_balance,
     ),

@@ -69,7 +69,8 @@ def _guarded(stand: Stand, start: MemberStart, part: str, speed: float) -> Endin
 CASES = [
     StressCase(
         name="pushed-grains",
-        what="velocities set between beats: free fall, above the speed limit, not finite, of grains that are not there",
+        attempt="velocities set between beats: free fall, above the speed limit, not finite, "
+        "of grains that are not there",
         oracle="exact free fall, also of a neighbour; the speed and state guards; an error on unknown grains",
         run=_pushed,
     )

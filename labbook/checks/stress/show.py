@@ -31,12 +31,12 @@ EXCERPT = 100
 def list_cases(cases: Sequence[StressCase], as_json: bool, console: Console) -> None:
     """Print the attempt of each case and its oracle."""
     if as_json:
-        rows = [{"case": case.name, "what": case.what, "oracle": case.oracle, "slow": case.slow} for case in cases]
+        rows = [{"case": case.name, "what": case.attempt, "oracle": case.oracle, "slow": case.slow} for case in cases]
         typer.echo(json.dumps(rows, indent=2))
         return
     table = Table("case", "what is done", "oracle")
     for case in cases:
-        table.add_row(case.name, case.what, case.oracle)
+        table.add_row(case.name, case.attempt, case.oracle)
     console.print(table)
 
 

@@ -83,13 +83,13 @@ STIFFNESSES = {
 CASES = [
     StressCase(
         name="time-step",
-        what="a shaken bed at steps from 0.1 of the largest stable one up to it, and 10 to 10 000 times it",
+        attempt="a shaken bed at steps from 0.1 of the largest stable one up to it, and 10 to 10 000 times it",
         oracle="the bed comes to rest; far above the limit a guard reports it",
         run=_time_steps,
     ),
     StressCase(
         name="stiffness",
-        what="a pile at rest, stiffness over six decades, and one too soft to carry itself",
+        attempt="a pile at rest, stiffness over six decades, and one too soft to carry itself",
         oracle="static balance: forces on the walls = weight; the overlap guard",
         run=_stiffnesses,
     ),

@@ -128,7 +128,7 @@ def shared_parameters(definition: str, points: Sequence[PointResult]) -> dict[st
         Parameters by name, empty without profiles.
     """
     seeds = [outlets for result in points if (outlets := result.outlets(definition))]
-    if not seeds or any(not outlet.seen for outlets in seeds for outlet in outlets):
+    if not seeds or any(not outlet.has_flow for outlets in seeds for outlet in outlets):
         return {}
     saturates = len({outlets[0].R for outlets in seeds}) >= FEWEST
     names = _SHARED + (_SATURATION if saturates else ())
@@ -158,7 +158,7 @@ def fit_profiles(seeds: Sequence[Sequence[ProfileAcross]], context: Context) -> 
     """
     if not seeds or any(not replicates for replicates in seeds):
         raise FitError(f"no outlet has profiles; measure {COVERAGE}, and leave out clogged points")
-    for outlet in (outlet for replicates in seeds for outlet in replicates if not outlet.seen):
+    for outlet in (outlet for replicates in seeds for outlet in replicates if not outlet.has_flow):
         raise FitError(f"no grain was seen to move across the outlet of {2e3 * outlet.R:g} mm in one of its runs")
     several = min(len(replicates) for replicates in seeds) > 1
     saturates = len({replicates[0].R for replicates in seeds}) >= FEWEST

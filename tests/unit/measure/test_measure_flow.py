@@ -7,7 +7,7 @@ import pytest
 from labbook.backend.numerics import Numerics
 from labbook.backend.probes import Crossing
 from labbook.measure import MEASURES, MeasureError, RunData
-from labbook.measure.flow import summed_up
+from labbook.measure.flow import merge_notes
 from labbook.measure.series import discharged, flow_series, smooth_flow
 from labbook.measure.steady import steady_flow
 from labbook.scene import Box, Feed, HertzMindlin, Scene, Spheres, WedgeHopper
@@ -154,12 +154,12 @@ def test_gaps_are_left_out_and_reported():
 
 def test_gaps_of_many_runs_are_one_note_with_ranges():
     notes = {"3 gaps without flow left out, 1.54 s together": 2, "1 gap without flow left out, 0.46 s together": 1}
-    assert summed_up({**notes, "trending": 4}) == {
+    assert merge_notes({**notes, "trending": 4}) == {
         "1 to 3 gaps without flow left out, 0.46 to 1.54 s together": 3,
         "trending": 4,
     }
     alone = {"1 gap without flow left out, 0.46 s together": 5}
-    assert summed_up(alone) == alone
+    assert merge_notes(alone) == alone
 
 
 def test_a_pause_of_up_to_a_second_counts_as_flow():

@@ -72,9 +72,9 @@ def test_too_few_grains_are_told_once_a_point_and_w_keeps_its_column(synthetic):
     (first, second) = analyse(synthetic.study_of(points), runs).points
     notes = {f"too few grains: {n} of 300 left, fewer than 60 in the window": 1 for n in (113, 105, 117)}
     once = "too few grains: 105 to 117 of 300 left, fewer than 60 in the window: use more grains or a wider window"
-    assert flow.summed_up({**notes, "trending": 2}) == {once: 3, "trending": 2}
+    assert flow.merge_notes({**notes, "trending": 2}) == {once: 3, "trending": 2}
     gaps = {"1 gap without flow left out, 1.5 s together": 2, "3 gaps without flow left out, 4.02 s together": 1}
-    assert flow.summed_up(gaps) == {"1 to 3 gaps without flow left out, 1.5 to 4.02 s together": 3}
+    assert flow.merge_notes(gaps) == {"1 to 3 gaps without flow left out, 1.5 to 4.02 s together": 3}
     for result in (first, second):
         assert list(result.notes.values()) == [2]
     table = tables.flow_table(analyse(synthetic.study_of(points), runs))
