@@ -59,7 +59,7 @@ def mixed(tmp_path_factory) -> Path:
 @pytest.fixture
 def at_once(monkeypatch):
     """Results are looked up each time, however quickly one asks."""
-    monkeypatch.setattr("labbook_web.shelf.SPARED", 0)
+    monkeypatch.setattr("labbook_web.store.SPARED", 0)
 
 
 def frame(answer) -> pd.DataFrame:

@@ -73,16 +73,16 @@ class Guard:
         return self._ask_for_token(scope, headers) if self._token else None
 
     def _ask_for_token(self, scope: Scope, headers: Headers) -> ASGIApp | None:
-        given = parse_qs(scope["query_string"].decode("latin-1")).get("token", [""])[0]
-        if given and hmac.compare_digest(given.encode(), self._token.encode()):
+        token = parse_qs(scope["query_string"].decode("latin-1")).get("token", [""])[0]
+        if token and hmac.compare_digest(token.encode(), self._token.encode()):
             answer = RedirectResponse("/" + scope["path"].lstrip("/"), 303)  # of two slashes the second names a host
-            answer.set_cookie(COOKIE, given, httponly=True, samesite="strict", max_age=30 * 24 * 3600)
+            answer.set_cookie(COOKIE, token, httponly=True, samesite="strict", max_age=30 * 24 * 3600)
             return answer
         try:
-            kept = SimpleCookie(headers.get("cookie", "")).get(COOKIE)
+            cookie = SimpleCookie(headers.get("cookie", "")).get(COOKIE)
         except CookieError:
-            kept = None
-        if kept is not None and hmac.compare_digest(kept.value.encode(), self._token.encode()):
+            cookie = None
+        if cookie is not None and hmac.compare_digest(cookie.value.encode(), self._token.encode()):
             return None
         return _say("Open the address with the token that `labbook web` has printed.", 401)
 
@@ -99,13 +99,13 @@ def _foreign(headers: Headers, host: str) -> str:
 
 def _limited(receive: Receive) -> Receive:
     """Receives no more than LARGEST_BODY, whatever was announced."""
-    taken = 0
+    received = 0
 
     async def wrapped() -> Message:
-        nonlocal taken
+        nonlocal received
         message = await receive()
-        taken += len(message.get("body", b""))
-        if taken > LARGEST_BODY:
+        received += len(message.get("body", b""))
+        if received > LARGEST_BODY:
             return {"type": "http.disconnect"}
         return message
 

@@ -19,7 +19,7 @@ class Page:
     """A page before it is written as HTML, JSON or CSV.
 
     `path`: its address without the leading slash and without an ending; `data`: makes what the JSON twin holds;
-    `frame`: the table of the CSV twin; `shown`: what else the template draws; `plotted`: what scripts draw.
+    `frame`: the table of the CSV twin; `context`: what else the template draws; `chart_data`: what scripts draw.
     """
 
     template: str
@@ -27,8 +27,8 @@ class Page:
     title: str
     data: Callable[[], Mapping[str, Any]]
     frame: Callable[[], "pd.DataFrame"]
-    shown: Mapping[str, Any] = field(default_factory=dict)
-    plotted: Mapping[str, Any] | Markup | None = None
+    context: Mapping[str, Any] = field(default_factory=dict)
+    chart_data: Mapping[str, Any] | Markup | None = None
     query: Mapping[str, str] = field(default_factory=dict)
     """The part of the address behind the question mark that its twins need too."""
 
@@ -85,8 +85,8 @@ class Links:
 
     def at(self, path: str, query: Mapping[str, Any] | None = None) -> str:
         """The address of the page at a path."""
-        asked = {name: value for name, value in (query or {}).items() if value not in (None, "")}
-        return f"/{quote(path)}" + (f"?{urlencode(asked)}" if asked else "")
+        parameters = {name: value for name, value in (query or {}).items() if value not in (None, "")}
+        return f"/{quote(path)}" + (f"?{urlencode(parameters)}" if parameters else "")
 
     def file(self, path: str) -> str:
         """The address of a file that is shown or downloaded as it is."""

@@ -15,13 +15,13 @@ def html(page: Page, links: Links, **common: Any) -> str:
     return (
         _templates()
         .get_template(page.template)
-        .render(page=page, links=links, version=__version__, **{"read_only": True, "lab": "", **common}, **page.shown)
+        .render(page=page, links=links, version=__version__, **{"read_only": True, "lab": "", **common}, **page.context)
     )
 
 
-def part(template: str, links: Links, **shown: Any) -> str:
+def part(template: str, links: Links, **context: Any) -> str:
     """A part of a page, which a page that is open takes in."""
-    return _templates().get_template(template).render(links=links, **{"read_only": True, **shown})
+    return _templates().get_template(template).render(links=links, **{"read_only": True, **context})
 
 
 def _ago(iso: str) -> str:
@@ -51,7 +51,7 @@ def meaning(heading: str) -> str:
 
 @cache
 def _templates():
-    made = environment("labbook_web")
-    made.filters |= {"embedded": embedded, "ago": _ago, "size": _size, "meaning": meaning}
-    made.filters["combined"] = lambda one, other: {**one, **other}
-    return made
+    templates = environment("labbook_web")
+    templates.filters |= {"embedded": embedded, "ago": _ago, "size": _size, "meaning": meaning}
+    templates.filters["combined"] = lambda one, other: {**one, **other}
+    return templates

@@ -16,7 +16,7 @@ import uvicorn
 from labbook_web.app import application
 from labbook_web.connections import Connection
 from labbook_web.guard import Guard
-from labbook_web.shelf import Shelf
+from labbook_web.store import LabStore
 
 PORT = 8321
 """Where the app is served, unless that is taken."""
@@ -54,7 +54,7 @@ def serve(
     port = listening.getsockname()[1]
     name = f"[{host}]" if ":" in host else host
     hosts = frozenset(f"{one}:{port}" for one in (name, "localhost", "127.0.0.1", "[::1]")) if own else frozenset()
-    app = application(Shelf(lab, studies), read_only=read_only, hosts=hosts, token=token)
+    app = application(LabStore(lab, studies), read_only=read_only, hosts=hosts, token=token)
     address = f"http://{name}:{port}/" + (f"?token={token}" if token else "")
     say(f"Serving {lab} at {address} (Ctrl-C ends it)")
     with suppress(OSError):

@@ -27,13 +27,13 @@ from labbook_web.pages.point import point_page
 from labbook_web.pages.run import run_page, sketch
 from labbook_web.pages.study import study_page
 from labbook_web.render import html, part
-from labbook_web.shelf import Found, NotThere, Shelf
+from labbook_web.store import LabStore, NotFound, StudyContents
 
 MARK = "labbook-site.txt"
 """A file by which a folder is known to hold a site, and may be written again."""
 FILES = ("svg", "pdf")
 """Files of each figure."""
-_MOST = 5000
+_RUN_LIMIT = 5000
 """Runs of a site."""
 
 
@@ -59,14 +59,14 @@ def write(
     """
     if out.exists() and (not out.is_dir() or (any(out.iterdir()) and not (out / MARK).is_file())):
         raise CannotWrite(f"{out} exists and is not a site of labbook: give a new or empty folder")
-    shelf = Shelf(lab, studies, only=True, noted=notes)
-    listed = shelf.listed()
+    store = LabStore(lab, studies, only=True, noted=notes)
+    listed = store.listings()
     if wrong := [one.problem for one in listed if one.problem]:
         raise CannotWrite(wrong[0])
     try:
-        writer = _Writer(out, shelf, [one.name for one in listed], recordings, films, say)
+        writer = _Writer(out, store, [one.name for one in listed], recordings, films, say)
         writer.write()
-    except (StudyError, LabError, NotThere, Unreadable) as error:
+    except (StudyError, LabError, NotFound, Unreadable) as error:
         raise CannotWrite(str(error)) from error
     return out / "index.html"
 
@@ -78,21 +78,27 @@ def has_notes(lab: Path) -> bool:
 
 class _Writer:
     def __init__(
-        self, out: Path, shelf: Shelf, names: Sequence[str], recordings: bool, films: bool, say: Callable[[str], None]
+        self,
+        out: Path,
+        store: LabStore,
+        names: Sequence[str],
+        recordings: bool,
+        films: bool,
+        say: Callable[[str], None],
     ):
-        self._out, self._shelf, self._names, self._recordings, self._say = out, shelf, names, recordings, say
+        self._out, self._store, self._names, self._recordings, self._say = out, store, names, recordings, say
         self._films = films
-        self._found = {name: shelf.found(name, shelf.backend_of(name, None)) for name in names}
-        points = [one for found in self._found.values() for one in found.results.points]
+        self._contents = {name: store.contents(name, store.backend_of(name, None)) for name in names}
+        points = [one for contents in self._contents.values() for one in contents.results.points]
         self._runs = tuple(dict.fromkeys(run.run_key for one in points for run in one.runs))
-        if len(self._runs) > _MOST:
-            raise CannotWrite(f"{len(self._runs)} runs are too many for a site; the limit is {_MOST}")
+        if len(self._runs) > _RUN_LIMIT:
+            raise CannotWrite(f"{len(self._runs)} runs are too many for a site; the limit is {_RUN_LIMIT}")
         places = [
-            f"study/{name}/point/{one.point.index + 1}"
-            for name, found in self._found.items()
-            for one in found.results.points
+            f"study/{name}/point/{result.point.index + 1}"
+            for name, contents in self._contents.items()
+            for result in contents.results.points
         ]
-        places += [f"study/{name}/explore" for name, found in self._found.items() if explorable(found.study)]
+        places += [f"study/{name}/explore" for name, contents in self._contents.items() if explorable(contents.study)]
         self._have = frozenset(
             ["index", *(f"study/{name}" for name in names), *places, *(f"run/{key[:16]}" for key in self._runs)]
         )
@@ -107,70 +113,77 @@ class _Writer:
             if "htmx" not in name:
                 self._file(f"static/{name}", asset(name) or b"")
         links = self._links("index")
-        cards = {one.name: _raw(part("card.html.j2", links, **card(self._shelf, one))) for one in self._shelf.listed()}
+        cards = {
+            one.name: _raw(part("card.html.j2", links, **card(self._store, one))) for one in self._store.listings()
+        }
         counts: dict[str, int] = {}
-        for found in self._found.values():
-            for outcome, number in outcomes(found.results).items():
+        for entry in self._contents.values():
+            for outcome, number in outcomes(entry.results).items():
                 counts[outcome] = counts.get(outcome, 0) + number
-        packed = {run.packing_key for found in self._found.values() for one in found.results.points for run in one.runs}
-        page = lab_page(self._shelf, {}, cards=max(1, len(self._names)))
+        packed = {
+            run.packing_key
+            for contents in self._contents.values()
+            for result in contents.results.points
+            for run in result.runs
+        }
+        page = lab_page(self._store, {}, cards=max(1, len(self._names)))
         front = replace(page, title="Studies", data=lambda: {**page.data(), "runs": counts, "packings": len(packed)})
         self._page(front, cards=cards, counts=counts, packings=len(packed), left=0)
-        for name, found in self._found.items():
-            self._say(f"{name}: {len(found.results.points)} points")
+        for name, entry in self._contents.items():
+            self._say(f"{name}: {len(entry.results.points)} points")
             self._study(name)
-            if explorable(found.study):
-                self._page(explore_page(self._shelf, name, {}))
-            for one in found.results.points:
-                self._page(point_page(self._shelf, name, one.point.index + 1, {}))
+            if explorable(entry.study):
+                self._page(explore_page(self._store, name, {}))
+            for result in entry.results.points:
+                self._page(point_page(self._store, name, result.point.index + 1, {}))
         for place, key in enumerate(self._runs, 1):
             if place % 100 == 0:
                 self._say(f"{place} of {len(self._runs)} runs")
             self._run(key)
 
     def _study(self, name: str) -> None:
-        found, page = self._found[name], study_page(self._shelf, name, {})
-        links, drawn = self._links(page.path), {}
-        for address in (*page.shown["printed"], *page.shown["figures"]):
-            make = partial(self._figure, found, address, f"{page.path}/figure/{address}")
-            shown = {**study_module.figure(found, address, make), "kinds": FILES}
-            if shown["table"] and (table := study_module.numbers(found, address)) is not None:
+        contents, page = self._contents[name], study_page(self._store, name, {})
+        links, figures = self._links(page.path), {}
+        for address in (*page.context["printed"], *page.context["figures"]):
+            make = partial(self._figure, contents, address, f"{page.path}/figure/{address}")
+            context = {**study_module.figure(contents, address, make), "kinds": FILES}
+            if context["table"] and (table := study_module.numbers(contents, address)) is not None:
                 self._file(f"{page.path}/figure/{address}.csv", table.to_csv(index=False).encode())
-            drawn[address] = _raw(part("figure.html.j2", links, found=found, **shown))
-        self._file(f"{page.path}/{name}.yaml", found.text.encode())
-        self._page(page, drawn=drawn, kinds=FILES, command=command("run", f"{name}.yaml"))
+            figures[address] = _raw(part("figure.html.j2", links, contents=contents, **context))
+        self._file(f"{page.path}/{name}.yaml", contents.text.encode())
+        self._page(page, drawn=figures, kinds=FILES, command=command("run", f"{name}.yaml"))
 
-    def _figure(self, found: Found, address: str, stem: str) -> None:
-        files = study_module.encoded(study_module.draw(found, address)[1], *FILES)
+    def _figure(self, contents: StudyContents, address: str, stem: str) -> None:
+        files = study_module.encoded(study_module.draw(contents, address)[1], *FILES)
         for kind, content in zip(FILES, files, strict=True):
             self._file(f"{stem}.{kind}", content)
 
     def _run(self, key: str) -> None:
-        page = run_page(self._shelf, key, {})
-        picture = picture_content(self._shelf.lab.run(key))
+        page = run_page(self._store, key, {})
+        picture = picture_content(self._store.lab.run(key))
         recording = ""
-        self._file(f"{page.path}/picture.png", picture or sketch(self._shelf, key).encode())
-        if self._recordings and page.shown.get("recorded"):
+        self._file(f"{page.path}/picture.png", picture or sketch(self._store, key).encode())
+        if self._recordings and page.context.get("recorded"):
             try:
-                made = viewer.recording([self._shelf.lab.run(key)])
+                source = viewer.recording([self._store.lab.run(key)])
                 recording = f"{page.path}/recording.rrd"
-                self._file(recording, made.read_bytes())
+                self._file(recording, source.read_bytes())
             except (NotRecorded, ViewerMissing) as error:
                 raise CannotWrite(str(error)) from error
         film = ""
-        if page.shown.get("recorded"):
-            folder = self._shelf.lab.run(key)
+        if page.context.get("recorded"):
+            folder = self._store.lab.run(key)
             path = viewer.film(folder) if self._films else viewer.kept_film(folder)
             if path is not None:
                 film = f"{page.path}/film.webp"
                 self._file(film, path.read_bytes())
         self._page(page, recording=recording, film=film)
 
-    def _page(self, page: Page, **more: Any) -> None:
+    def _page(self, page: Page, **context: Any) -> None:
         links = self._links(page.path or "index")
-        shown = replace(page, shown={**page.shown, **more}, query={})
+        output = replace(page, context={**page.context, **context}, query={})
         name = page.path or "index"
-        self._file(f"{name}.html", html(shown, links).encode())
+        self._file(f"{name}.html", html(output, links).encode())
         self._file(f"{name}.json", page.json().encode())
         self._file(f"{name}.csv", page.csv().encode())
 

@@ -184,8 +184,8 @@ def kept_film(folder: Path) -> Path | None:
 
 
 def _forget(folder: Path, ending: str = ".rrd") -> None:
-    found = sorted(folder.glob(f"*{ending}"), key=lambda path: path.stat().st_mtime, reverse=True)
-    for path in found[_MOST_KEPT:]:
+    files = sorted(folder.glob(f"*{ending}"), key=lambda path: path.stat().st_mtime, reverse=True)
+    for path in files[_MOST_KEPT:]:
         path.unlink(missing_ok=True)
 
 

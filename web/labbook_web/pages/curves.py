@@ -10,20 +10,20 @@ from labbook.stats import Measured
 _WINDOW = "the window in which the flow counts as steady"
 
 
-def curve(trace: Trace, flow: Measured | None, label: str, why: str = "", **more: Any) -> dict[str, Any]:
+def curve(trace: Trace, flow: Measured | None, label: str, why: str = "", **extra: Any) -> dict[str, Any]:
     """W(t) of a run [SI] with its window and the mean over it, None without; `why`: why there is no mean.
 
     flow: the flow rate that was measured, if any. why: for a run without one.
     """
-    known = flow is not None and math.isfinite(flow.value)
+    measured = flow is not None and math.isfinite(flow.value)
     return {
         "label": label,
         "time": trace.time,
         "rate": trace.rate,
         "window": [float(end) for end in trace.window] if trace.window is not None else None,
-        "mean": [flow.value, flow.error] if flow is not None and known else None,
-        "why": "" if known else flow.note if flow is not None else why,
-        **more,
+        "mean": [flow.value, flow.error] if flow is not None and measured else None,
+        "why": "" if measured else flow.note if flow is not None else why,
+        **extra,
     }
 
 
@@ -36,5 +36,5 @@ def caption(curves: Sequence[Mapping[str, Any]]) -> str:
             return f"No window and no mean: {why}." if why else ""
         return f"Shaded: {_WINDOW}; dotted: the mean over it." if means else f"Shaded: {_WINDOW}."
     some = f", of {means} of {len(curves)} runs" if means < len(curves) else ""
-    said = f"Dotted: the mean over {_WINDOW}{some}." if means else f"No mean: {why}." if why else ""
-    return f"{said} Hover over a curve to see its name.".strip()
+    sentence = f"Dotted: the mean over {_WINDOW}{some}." if means else f"No mean: {why}." if why else ""
+    return f"{sentence} Hover over a curve to see its name.".strip()

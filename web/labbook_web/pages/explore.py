@@ -19,7 +19,7 @@ from labbook.study import Study
 from labbook.study.proposed import study_at
 from labbook_web.page import Page
 from labbook_web.pages.sheet import leading, unit_of
-from labbook_web.shelf import Found, NotThere, Shelf
+from labbook_web.store import LabStore, NotFound, StudyContents
 
 _QUANTITIES, _CHOICES = 4, 12
 """Quantities, and values of keys that take words, of which a page has surfaces."""
@@ -30,11 +30,11 @@ def explorable(study: Study) -> bool:
     return bool(swept_keys(study.points)[0])
 
 
-def explore_page(shelf: Shelf, name: str, query: Mapping[str, str]) -> Page:
-    """The page of a study on one backend. Raises NotThere for a study that sweeps no key of numbers."""
-    contents = shelf.found(name, shelf.backend_of(name, query.get("backend")))
+def explore_page(store: LabStore, name: str, query: Mapping[str, str]) -> Page:
+    """The page of a study on one backend. Raises NotFound for a study that sweeps no key of numbers."""
+    contents = store.contents(name, store.backend_of(name, query.get("backend")))
     if not explorable(contents.study):
-        raise NotThere(f"{name} sweeps no key of numbers: there is nothing to explore")
+        raise NotFound(f"{name} sweeps no key of numbers: there is nothing to explore")
     views = contents.once("explored", lambda: _views(contents))
     numbers = [one["numbers"] for one in views]
     return Page(
@@ -43,15 +43,15 @@ def explore_page(shelf: Shelf, name: str, query: Mapping[str, str]) -> Page:
         f"Explore {name}",
         lambda: {"study": name, "backend": contents.backend, "views": numbers},
         lambda: _frame(views),
-        {"found": contents, "views": views, "named": f"{name}-design", "command": command},
+        {"contents": contents, "views": views, "named": f"{name}-design", "command": command},
         {"study": name, "views": numbers},
         {"backend": query["backend"]} if "backend" in query else {},
     )
 
 
-def _views(of_study: Found) -> list[dict[str, Any]]:
+def _views(contents: StudyContents) -> list[dict[str, Any]]:
     """Each quantity at each value of the keys that take words: what scripts draw, and the tables beside it."""
-    results = of_study.results
+    results = contents.results
     _, fixed = swept_keys(results.points)
     several = [name for name in fixed if len({one.at.get(name) for one in results.points}) > 1]
     values = [list(dict.fromkeys(one.at[name] for one in results.points if name in one.at)) for name in several]

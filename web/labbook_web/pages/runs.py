@@ -11,7 +11,7 @@ from labbook.lab import notes
 from labbook.lab.catalogue import FLOW_RATE, RUN_COLUMNS, SUSPECT, Catalogue, Listing
 from labbook_web.page import Page, records
 from labbook_web.pages.changes import moment
-from labbook_web.shelf import NotThere, Shelf
+from labbook_web.store import LabStore, NotFound
 
 LONG = 100
 """Runs on a page."""
@@ -24,48 +24,48 @@ _NUMBER = re.compile(r"(?P<name>.+?) (?P<value>-?[\d.]+(?:e[-+]?\d+)?)(?: (?P<un
 _MOST_TAGGED = 500
 
 
-def runs_page(shelf: Shelf, query: Mapping[str, str]) -> Page:
+def runs_page(store: LabStore, query: Mapping[str, str]) -> Page:
     """The runs that the filters leave (`study`, `backend`, `outcome`, `packing`, `tag`, `q`: text, `since`: a date),
     in the order of the column `sort`, from the greatest if it begins with a minus sign. `page`: from 1.
 
-    Runs of one study have a column for each swept key, `at:` and its name. Raises NotThere, NoMoment.
+    Runs of one study have a column for each swept key, `at:` and its name. Raises NotFound, NoMoment.
     """
-    asked = {name: query[name] for name in FILTERS if query.get(name)}
+    filters = {name: query[name] for name in FILTERS if query.get(name)}
     sort, number = query.get("sort", "-finished"), int(query.get("page", "1"))
-    wanted = Listing(
-        study=asked.get("study"),
-        backend=asked.get("backend"),
-        outcome=asked.get("outcome"),
-        packing=asked.get("packing"),
-        text=asked.get("q"),
-        keys=_tagged(shelf, asked["tag"]) if "tag" in asked else None,
-        since=moment(asked["since"]) if "since" in asked else None,
+    listing = Listing(
+        study=filters.get("study"),
+        backend=filters.get("backend"),
+        outcome=filters.get("outcome"),
+        packing=filters.get("packing"),
+        text=filters.get("q"),
+        keys=_tagged(store, filters["tag"]) if "tag" in filters else None,
+        since=moment(filters["since"]) if "since" in filters else None,
         sort=sort.removeprefix("-"),
         descending=sort.startswith("-"),
         offset=LONG * (number - 1),
         limit=LONG,
     )
-    catalogue = shelf.catalogue
-    found, total = _listed(catalogue, wanted)
+    catalogue = store.catalogue
+    frame, total = _listed(catalogue, listing)
     pages = max(1, -(-total // LONG))
     if not 1 <= number <= pages:
-        raise NotThere(f"there is no page {number}; the last one is {pages}")
-    studies = shelf.counts()
-    tags = notes.tagged(shelf.lab, "run")
+        raise NotFound(f"there is no page {number}; the last one is {pages}")
+    studies = store.counts()
+    tags = notes.tagged(store.lab, "run")
     return Page(
         "runs.html.j2",
         "runs",
         "Runs",
-        lambda: {"total": total, "page": number, "pages": pages, "runs": found.to_dict("records")},
-        lambda: _listed(catalogue, replace(wanted, offset=0, limit=None))[0],
+        lambda: {"total": total, "page": number, "pages": pages, "runs": frame.to_dict("records")},
+        lambda: _listed(catalogue, replace(listing, offset=0, limit=None))[0],
         {
-            "rows": records(found),
-            "keys": [name for name in found if name.startswith(KEY)],
-            "news": _news(catalogue, wanted) if wanted.since is not None else {},
+            "rows": records(frame),
+            "keys": [name for name in frame if name.startswith(KEY)],
+            "news": _news(catalogue, listing) if listing.since is not None else {},
             "total": total,
             "number": number,
             "pages": pages,
-            "asked": asked,
+            "asked": filters,
             "sort": sort,
             "tags": tags,
             "studies": sorted({one.study for one in studies if one.study}),
@@ -73,7 +73,7 @@ def runs_page(shelf: Shelf, query: Mapping[str, str]) -> Page:
             "outcomes": sorted({one.outcome for one in studies}) + [SUSPECT] * bool(catalogue.suspect_count()),
             "known_tags": sorted({tag for each in tags.values() for tag in each}),
         },
-        query={**asked, **_stated(query)},
+        query={**filters, **_order(query)},
     )
 
 
@@ -90,7 +90,7 @@ def _listed(catalogue: Catalogue, listing: Listing) -> tuple[pd.DataFrame, int]:
     every, total = catalogue.listed(replace(listing, sort="finished", descending=True, offset=0, limit=None))
     every = _with_keys(every, listing)
     if listing.sort not in every:
-        raise NotThere(f"these runs have no column {listing.sort[:60]}; choose one study that sweeps this key")
+        raise NotFound(f"these runs have no column {listing.sort[:60]}; choose one study that sweeps this key")
     every = every.sort_values(listing.sort, ascending=not listing.descending, kind="stable", na_position="last")
     end = None if listing.limit is None else listing.offset + listing.limit
     return every.iloc[listing.offset : end], total
@@ -123,12 +123,12 @@ def _news(catalogue: Catalogue, listing: Listing) -> dict[str, int]:
     return {str(name): int(count) for name, count in every["study"].value_counts().items() if name}
 
 
-def _stated(query: Mapping[str, str]) -> dict[str, Any]:
+def _order(query: Mapping[str, str]) -> dict[str, Any]:
     return {name: query[name] for name in ("sort", "page") if name in query}
 
 
-def _tagged(shelf: Shelf, tag: str) -> tuple[str, ...]:
-    keys = [key for key, tags in notes.tagged(shelf.lab, "run").items() if tag in tags]
+def _tagged(store: LabStore, tag: str) -> tuple[str, ...]:
+    keys = [key for key, tags in notes.tagged(store.lab, "run").items() if tag in tags]
     if len(keys) > _MOST_TAGGED:
-        raise NotThere(f"{len(keys)} runs have the tag {tag}, more than {_MOST_TAGGED} can be listed")
+        raise NotFound(f"{len(keys)} runs have the tag {tag}, more than {_MOST_TAGGED} can be listed")
     return tuple(keys)

@@ -36,7 +36,7 @@ class Tile:
 @dataclass(frozen=True)
 class Sheet:
     """Tiles by row and column; None where no point is. `fixed`: what all tiles have in common although it is swept;
-    `shown`, `points`: how many points of the study are on it, and how many it has; `quantity`: of the values."""
+    `tile_count`, `points`: how many points of the study are on it, and how many it has; `quantity`: of the values."""
 
     row_key: str
     column_key: str
@@ -44,7 +44,7 @@ class Sheet:
     columns: tuple[str, ...]
     tiles: tuple[tuple[Tile | None, ...], ...]
     fixed: str
-    shown: int
+    tile_count: int
     points: int
     quantity: str = ""
 
@@ -54,15 +54,15 @@ class Sheet:
         return any(tile is not None and tile.film for line in self.tiles for tile in line)
 
     @property
-    def said(self) -> str:
+    def caption(self) -> str:
         """Caption of the sheet; points that are left out are counted."""
         parts = [f"Columns: {self.column_key}"] if self.column_key else []
         parts += [f"rows: {self.row_key}"] if self.row_key else []
         text = ", ".join(parts)
         if self.fixed:
             text += f"{'; ' if text else ''}at {self.fixed}"
-        if self.shown < self.points:
-            text += f"{'; ' if text else ''}{self.shown} of {self.points} points"
+        if self.tile_count < self.points:
+            text += f"{'; ' if text else ''}{self.tile_count} of {self.points} points"
         return text
 
 
@@ -153,9 +153,9 @@ class _Tiles:
         if pooled is not None:
             value = display.number(pooled.value, max(pooled.error, abs(pooled.value) / _DIGITS), self.unit.scale)
             part = (pooled.value - self._low) / (self._high - self._low) if self._high > self._low else 0.5
-        shown = next((run for run in result.runs if self._filmed(result, run)), None)
-        key = (shown or result.runs[0]).run_key
-        return Tile(index + 1, label, key, result.remark, value, part, shown is not None)
+        film_run = next((run for run in result.runs if self._filmed(result, run)), None)
+        key = (film_run or result.runs[0]).run_key
+        return Tile(index + 1, label, key, result.remark, value, part, film_run is not None)
 
     def _filmed(self, result: PointResult, run: RunResult) -> bool:
         """True if the lab has a film of the run for this study."""

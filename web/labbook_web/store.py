@@ -31,7 +31,7 @@ from labbook.study import Study, StudyError, load
 
 BACKEND = "numba"
 """The backend of a study that has no runs, and of commands that name none."""
-_KEPT = 64
+_CACHE_SIZE = 64
 """Studies of which results are kept in memory."""
 _SERVER_AGE = 2.0
 """How old may be what is shown of an index on a server, which does not tell when it changes [s]."""
@@ -41,7 +41,7 @@ costs a running study at most 5 % of one core."""
 _T = TypeVar("_T")
 
 
-class NotThere(LookupError):
+class NotFound(LookupError):
     """Nothing of this name is in the lab; the message says what is."""
 
 
@@ -71,14 +71,14 @@ class StudyListing:
     @property
     def backends(self) -> tuple[str, ...]:
         """Backends that made runs of it, the one with most of them first."""
-        made: dict[str, int] = defaultdict(int)
-        for one in self.counts:
-            made[one.backend] += one.runs
-        return tuple(sorted(filter(None, made), key=lambda name: (-made[name], name)))
+        counts: dict[str, int] = defaultdict(int)
+        for count in self.counts:
+            counts[count.backend] += count.runs
+        return tuple(sorted(filter(None, counts), key=lambda name: (-counts[name], name)))
 
 
 @dataclass(frozen=True, eq=False)
-class Compared:
+class BackendComparison:
     """A stored comparison of two backends on a study. `name`: of its files; `recording`: of both side by side."""
 
     name: str
@@ -93,7 +93,7 @@ class Compared:
 
 
 @dataclass(frozen=True, eq=False)
-class Found:
+class StudyContents:
     """What the lab holds of a study on a backend."""
 
     study: Study
@@ -101,17 +101,17 @@ class Found:
     """Of its file."""
     backend: str
     results: Results
-    compared: tuple[Compared, ...] = ()
+    compared: tuple[BackendComparison, ...] = ()
     """Stored comparisons of backends on this study."""
     packings_of: str = ""
     """The backend whose packings these runs start from, if it is another one."""
-    _made: dict[str, Any] = field(default_factory=dict)
+    _values: dict[str, Any] = field(default_factory=dict)
 
     def once(self, name: str, make: Callable[[], _T]) -> _T:
         """What `make` gives, made once for as long as nothing changes."""
-        if name not in self._made:
-            self._made[name] = make()
-        return self._made[name]
+        if name not in self._values:
+            self._values[name] = make()
+        return self._values[name]
 
     @cached_property
     def state(self) -> str:
@@ -121,15 +121,15 @@ class Found:
             for result in self.results.points
             for run in result.runs
         ]
-        shown = (self.text, runs, *([one.verdict.made for one in self.compared],) * bool(self.compared))
-        return hashlib.blake2b(repr(shown).encode(), digest_size=5).hexdigest()
+        parts = (self.text, runs, *([one.verdict.made for one in self.compared],) * bool(self.compared))
+        return hashlib.blake2b(repr(parts).encode(), digest_size=5).hexdigest()
 
 
 class Cache:
     """Values by key, each made once by whoever asks first, while others wait for it; the oldest are forgotten."""
 
-    def __init__(self, most: int):
-        self._most = most
+    def __init__(self, size: int):
+        self._size = size
         self.values: OrderedDict[Any, tuple[Any, Any, float, float]] = OrderedDict()
         self._making: dict[Any, threading.Lock] = defaultdict(threading.Lock)
         self._own = threading.Lock()
@@ -144,24 +144,24 @@ class Cache:
             if had is not None and (had[0] == state or time.monotonic() - had[2] < spare * had[3]):
                 return had[1]
             begun = time.monotonic()
-            made = make()
+            value = make()
             ended = time.monotonic()
             with self._own:
-                self.values[key] = state, made, ended, ended - begun
+                self.values[key] = state, value, ended, ended - begun
                 self.values.move_to_end(key)
-                while len(self.values) > self._most:
+                while len(self.values) > self._size:
                     self.values.popitem(last=False)
-            return made
+            return value
 
 
-class Shelf:
-    """The studies of one lab. `given`: study files shown besides those that the lab keeps; of two with one name the
-    given one counts. `only`: show no others. `noted`: show the notes and tags of people."""
+class LabStore:
+    """The studies of one lab. `extra_files`: study files shown besides those that the lab keeps; of two with one name
+    the extra one counts. `only`: show no others. `noted`: show the notes and tags of people."""
 
-    def __init__(self, lab: Path, given: Sequence[Path] = (), *, only: bool = False, noted: bool = True):
+    def __init__(self, lab: Path, extra_files: Sequence[Path] = (), *, only: bool = False, noted: bool = True):
         self.lab, self._only, self._noted = LabFolder(lab), only, noted
-        self._given = tuple(given)
-        self.studies_read, self._asked, self._results = Cache(1000), Cache(_KEPT), Cache(_KEPT)
+        self._extra_files = tuple(extra_files)
+        self.studies_read, self._requested, self._results = Cache(1000), Cache(_CACHE_SIZE), Cache(_CACHE_SIZE)
         self._counts, self._texts = Cache(1), Cache(1000)
         self.pictures = Cache(400)
         """Figures that were drawn, by study, backend and address."""
@@ -185,18 +185,18 @@ class Shelf:
             return time.monotonic() // _SERVER_AGE
         return tuple(_stamp(one) for one in (path, path.with_name(f"{path.name}-wal")))
 
-    def listed(self) -> list[StudyListing]:
+    def listings(self) -> list[StudyListing]:
         """All studies that have a file or runs, the one with the latest run first. Raises LabError."""
         counts: dict[str, list[StudyCount]] = defaultdict(list)
-        for one in self.counts():
-            counts[one.study].append(one)
+        for count in self.counts():
+            counts[count.study].append(count)
         files = self._files()
         names = dict.fromkeys((*files, *(() if self._only else filter(None, counts))))
-        found = [
+        listings = [
             StudyListing(name, files.get(name), tuple(counts.get(name, ())), self.note("study", name)) for name in names
         ]
-        found += [StudyListing(path.stem, path, problem=why) for path, why in self._wrong().items()]
-        return sorted(found, key=lambda one: (one.latest, one.name), reverse=True)
+        listings += [StudyListing(path.stem, path, problem=why) for path, why in self._wrong().items()]
+        return sorted(listings, key=lambda one: (one.latest, one.name), reverse=True)
 
     def counts(self) -> list[StudyCount]:
         """How many runs there are of each study, backend and outcome. Raises LabError."""
@@ -214,37 +214,37 @@ class Shelf:
             return Note()
 
     def study(self, name: str) -> tuple[Study, str]:
-        """A study and the text of its file. Raises NotThere; StudyError."""
+        """A study and the text of its file. Raises NotFound; StudyError."""
         path = self._files().get(name)
         if path is None:
-            known = ", ".join(self._files()) or "none"
-            raise NotThere(f"the lab has no study file called {name}; it has: {known}")
+            names = ", ".join(self._files()) or "none"
+            raise NotFound(f"the lab has no study file called {name}; it has: {names}")
         return self._read(path)
 
-    def text(self, one: StudyListing) -> str:
+    def text(self, entry: StudyListing) -> str:
         """The text of a study's file as it is; empty if it cannot be read."""
-        if one.path is None:
+        if entry.path is None:
             return ""
         try:
-            return self._texts.get(one.path, _stamp(one.path), partial(one.path.read_text, encoding="utf-8"))
+            return self._texts.get(entry.path, _stamp(entry.path), partial(entry.path.read_text, encoding="utf-8"))
         except (OSError, ValueError):
             return ""
 
-    def backend_of(self, name: str, wanted: str | None) -> str:
-        """The backend whose runs are shown: the one that is wanted, else the one with most runs. Raises NotThere."""
-        made = next((one.backends for one in self.listed() if one.name == name), ())
-        if wanted is None:
-            return made[0] if made else BACKEND
-        if wanted in made or wanted in installed():
-            return wanted
-        raise NotThere(f"no backend is called {wanted}; use one of: {', '.join(sorted({*made, *installed()}))}")
+    def backend_of(self, name: str, backend: str | None) -> str:
+        """The backend whose runs are shown: the one that is wanted, else the one with most runs. Raises NotFound."""
+        backends = next((one.backends for one in self.listings() if one.name == name), ())
+        if backend is None:
+            return backends[0] if backends else BACKEND
+        if backend in backends or backend in installed():
+            return backend
+        raise NotFound(f"no backend is called {backend}; use one of: {', '.join(sorted({*backends, *installed()}))}")
 
-    def found(self, name: str, backend: str) -> Found:
-        """What the lab holds of a study on a backend. Raises NotThere, StudyError, LabError."""
+    def contents(self, name: str, backend: str) -> StudyContents:
+        """What the lab holds of a study on a backend. Raises NotFound, StudyError, LabError."""
         study, text = self.study(name)
         path = self._files()[name]
 
-        def find() -> Found:
+        def find() -> StudyContents:
             kind = partial(Results, place=self.lab, backend=backend)
             results = stored_results(study, self.catalogue, backend, self._demands(path, study, backend), kind)
             compared, packings_of = self._compared(study), ""
@@ -256,7 +256,7 @@ class Shelf:
                             study, self.catalogue, backend, requested_runs(study, backend, packings), kind
                         )
                         packings_of = first.name if results.points else ""
-            return Found(study, text, backend, results, compared, packings_of)
+            return StudyContents(study, text, backend, results, compared, packings_of)
 
         spare = SPARED if self.running() else 0.0  # what a study leaves when it ends is shown at once
         verdicts = tuple(_stamp(one) for one in self._verdicts(study.name))
@@ -266,32 +266,34 @@ class Shelf:
         folder = path_of(self.lab, name, "", "").parent
         return sorted(one for one in folder.glob("*.json") if not one.is_symlink())
 
-    def _compared(self, study: Study) -> tuple[Compared, ...]:
+    def _compared(self, study: Study) -> tuple[BackendComparison, ...]:
         """Stored comparisons that can be read."""
-        found = []
+        comparisons = []
         for path in self._verdicts(study.name):
             with suppress(NoVerdict):
                 recording = path.with_suffix(".rrd")
                 there = recording.is_file() and not recording.is_symlink()
-                found.append(Compared(path.stem, Verdict.read(path), study, recording if there else None))
-        return tuple(found)
+                comparisons.append(
+                    BackendComparison(path.stem, Verdict.read(path), study, recording if there else None)
+                )
+        return tuple(comparisons)
 
     def running(self) -> list[Running]:
         """Processes that run studies in this lab now."""
         return running(self.lab)
 
     def _demands(self, path: Path, study: Study, backend: str) -> Mapping[str, Sequence[RequestedRun]]:
-        return self._asked.get((path, backend), _stamps(path), lambda: requested_runs(study, backend))
+        return self._requested.get((path, backend), _stamps(path), lambda: requested_runs(study, backend))
 
     def _files(self) -> dict[str, Path]:
         """Study files by name: those of the lab, and those that were given."""
-        found = {} if self._only else studies.study_files(self.lab)
-        for path in self._given:
+        files = {} if self._only else studies.study_files(self.lab)
+        for path in self._extra_files:
             try:
-                found[self._read(path)[0].name] = path
+                files[self._read(path)[0].name] = path
             except (StudyError, OSError):
-                continue  # told by `listed`
-        return found
+                continue  # `listings` has the reason
+        return files
 
     def _read(self, path: Path) -> tuple[Study, str]:
         """A study and its text, anew when its file, or that of its calibration, has changed. Raises StudyError."""
@@ -301,7 +303,7 @@ class Shelf:
     def _wrong(self) -> dict[Path, str]:
         """Why files that were given are no studies."""
         wrong = {}
-        for path in self._given:
+        for path in self._extra_files:
             try:
                 self._read(path)
             except (StudyError, OSError) as problem:
