@@ -1,4 +1,4 @@
-"""The app: addresses, and what is answered to each."""
+"""The app: routes, and the response to each request."""
 
 import hashlib
 import json
@@ -59,17 +59,24 @@ _ALLOWED = {
     "runs": {*runs.FILTERS, "sort", "page"},
     "compare": {"item"},
 }
-"""What may stand behind the question mark of a page, each once."""
+"""Query parameters of each page; each is given once."""
 
 
 def application(store: LabStore, *, read_only: bool = False, hosts: frozenset[str] = frozenset(), token: str = ""):
-    """The app for the studies of a store. read_only: whether notes are not written; hosts, token: see `Guard`."""
+    """Make the ASGI app of a lab.
+
+    Args:
+        store: Studies of the lab and their results.
+        read_only: Refuse to write notes and tags.
+        hosts: As `Guard` takes them.
+        token: As `Guard` takes it.
+    """
     app = App(store, read_only)
     return Guard(app.starlette, hosts, token)
 
 
 class App:
-    """Answers for one store."""
+    """Routes and handlers of the app for one store."""
 
     def __init__(self, store: LabStore, read_only: bool):
         self.store, self.read_only = store, read_only
@@ -109,7 +116,7 @@ class App:
             routes=routes, exception_handlers={HTTPException: self._wrong, Exception: self._broken}
         )
 
-    # how answers are made
+    # responses
 
     def _threaded(self, make: Callable[[Request], Response]):
         async def answer(request: Request) -> Response:
@@ -130,7 +137,16 @@ class App:
         return self._threaded(respond)
 
     def _response(self, make: Callable[[Request], Response], request: Request) -> Response:
-        """What `make` answers; what cannot be answered is said in words, with a status that fits."""
+        """Make a response; errors of the lab become HTTP errors.
+
+        Args:
+            make: Handler, called in a worker thread.
+            request: Request that it gets.
+
+        Raises:
+            HTTPException: 404 for missing things, 400 for malformed requests, 422 for invalid studies, 503 for a lab,
+                run or backend that cannot be read.
+        """
         try:
             return make(request)
         except HTTPException:
@@ -251,7 +267,7 @@ class App:
         return Response(sketch, media_type="image/svg+xml", headers={"cache-control": "private, max-age=60"})
 
     def _viewer(self, request: Request) -> Response:
-        """The viewer with the recording of a run, or of several side by side."""
+        """Viewer with the recording of a run, or of several side by side."""
         keys = self._keys(request)
         folders = [self.store.lab.run(key) for key in keys]
         try:
@@ -272,7 +288,7 @@ class App:
         return HTMLResponse(part("viewer.html.j2", LINKS, **context))
 
     def _keys(self, request: Request) -> list[str]:
-        """Keys of the runs that an address names, with hyphens between their first digits."""
+        """Keys of the runs in an address: their first digits, joined by hyphens."""
         keys = request.path_params["key"].split("-")
         if len(keys) > SIDE_BY_SIDE:
             raise Malformed(f"{len(keys)} runs are too many side by side; name at most {SIDE_BY_SIDE}")
@@ -326,7 +342,7 @@ class App:
             return Response(status_code=304, headers=headers)
         return Response(content, media_type=kind, headers=headers)
 
-    # the only thing that is written
+    # notes: all that the app writes
 
     async def _write_note(self, request: Request) -> Response:
         if self.read_only:
@@ -356,7 +372,18 @@ class App:
 
 
 def query_of(request: Request, page: str) -> dict[str, str]:
-    """What stands behind the question mark, each name once. Raises HTTPException for what the page does not know."""
+    """Read the query parameters of a page.
+
+    Args:
+        request: Request for the page.
+        page: Name of the page in `_ALLOWED`.
+
+    Returns:
+        Values by name, without empty ones.
+
+    Raises:
+        HTTPException: 400 for a repeated or unknown parameter, or a value that is out of range.
+    """
     every = parse_qsl(request.url.query, keep_blank_values=True)
     query = {name: value for name, value in every if value}
     if len(every) != len({name for name, _ in every}):
@@ -374,27 +401,26 @@ def query_of(request: Request, page: str) -> dict[str, str]:
 
 
 def hex_of(request: Request, name: str = "key") -> str:
-    """The beginning of a run's key. Raises HTTPException for what cannot be one."""
+    """First digits of a run's key in a path parameter. Raises HTTPException as `hexadecimal` does."""
     return hexadecimal(request.path_params[name])
 
 
 def hexadecimal(key: str) -> str:
-    """The beginning of a run's key. Raises HTTPException for what cannot be one."""
+    """Check that a text may begin a run's key, and return it. Raises HTTPException 400 if not."""
     if not 4 <= len(key) <= 64 or set(key) - set("0123456789abcdef"):
         raise HTTPException(400, f"{key[:80]} is not a key of a run; give at least four of its digits 0-9 and a-f")
     return key
 
 
 def saved_as(name: str) -> dict[str, str]:
-    """Headers of a file that is downloaded under a name: that, and one of plain characters for older clients
-    (RFC 6266)."""
+    """Headers of a download: its file name, and a plain ASCII one for older clients (RFC 6266)."""
     plain = "".join(one if one in _PLAIN else "_" for one in name)
     return {"content-disposition": f"attachment; filename=\"{plain}\"; filename*=UTF-8''{quote(name, safe='')}"}
 
 
 @cache
 def assets() -> dict[str, bytes]:
-    """Files of the app itself, by path."""
+    """Read the static files of the app: content by path."""
     contents, folders = {}, [("", STATIC)]
     while folders:
         above, folder = folders.pop()
@@ -407,7 +433,7 @@ def assets() -> dict[str, bytes]:
 
 
 def asset(name: str) -> bytes | None:
-    """A file of the app itself."""
+    """Content of a static file of the app; None if there is none of this name."""
     if os.environ.get("LABBOOK_WEB_FRESH"):  # while the app is being written
         assets.cache_clear()
     return assets().get(name)

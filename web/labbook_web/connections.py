@@ -1,4 +1,4 @@
-"""Connections that do not get on with their request are closed: they would keep others from being answered."""
+"""Timeouts of connections: a client that sends its request too slowly is cut off, as it would block others."""
 
 import asyncio
 from typing import ClassVar
@@ -7,18 +7,18 @@ import h11
 from uvicorn.protocols.http.h11_impl import H11Protocol
 
 PATIENCE = 5.0
-"""Within what time the headers of a request must be there [s]."""
+"""Timeout of the headers of a request [s]."""
 OF_A_BODY = 20.0
-"""And then its body [s]."""
+"""Timeout of the body, from its headers on [s]."""
 MOST_WAITING = 256
-"""Connections whose request is not complete; of more, the oldest is closed."""
+"""Largest number of connections with an incomplete request; beyond it the oldest is closed."""
 
 
 class Connection(H11Protocol):
-    """A connection of the app."""
+    """HTTP/1.1 connection with a timeout for each request."""
 
     _waiting: ClassVar[dict["Connection", None]] = {}
-    """Those whose request is not complete, the oldest first."""
+    """Connections with an incomplete request, the oldest first."""
     _deadline: asyncio.TimerHandle | None = None
     _of_a_body = False
 

@@ -1,6 +1,6 @@
-"""Who may ask for what: hosts, a token where others than this machine can reach the app, sizes, and what a page may do.
+"""Access control of the app: hosts, a token on shared networks, request sizes, and the content security policy.
 
-Every answer carries the policy that keeps a page from asking anything of any other machine.
+Every response carries the policy, which keeps a page from requesting anything of another machine.
 """
 
 import hmac
@@ -15,24 +15,29 @@ LONGEST_ADDRESS = 4000
 """Characters of path and query."""
 LARGEST_BODY = 100_000
 BEHIND = 64
-"""Answers that are worked on at once; more are told to come again."""
+"""Largest number of concurrent requests; further ones get status 503."""
 COOKIE = "labbook-token"
 POLICY = (
     "default-src 'none'; script-src 'self'; style-src 'self' 'unsafe-inline'; img-src 'self' data:; font-src 'self'; "
     "connect-src 'self'; frame-src 'self'; form-action 'self'; base-uri 'none'; frame-ancestors 'self'"
 )
-"""Styles may stand within a page since Plotly puts its own there; scripts may not."""
+"""Policy of all pages. Inline styles are allowed, since Plotly inserts its own; inline scripts are not."""
 VIEWER_POLICY = (
     "default-src 'self'; script-src 'self' 'wasm-unsafe-eval' 'unsafe-inline'; style-src 'self' 'unsafe-inline'; "
     "img-src 'self' data: blob:; connect-src 'self' data: blob:; worker-src 'self' blob:; base-uri 'none'; "
     "frame-ancestors 'self'"
 )
-"""Of the rerun viewer, which starts itself by a script within its page."""
+"""Policy of the rerun viewer, which starts by an inline script."""
 
 
 class Guard:
-    """Stands before the app. `hosts`: names under which it may be asked, with their port; empty: any. `token`: what
-    whoever asks must know; empty: nothing."""
+    """ASGI middleware that refuses requests before the app sees them.
+
+    Args:
+        app: The app.
+        hosts: Allowed values of the Host header, with port; empty: any.
+        token: Secret that a client gives once, in the query, and then keeps in a cookie; empty: none is needed.
+    """
 
     def __init__(self, app: ASGIApp, hosts: frozenset[str] = frozenset(), token: str = ""):
         self._app, self._hosts, self._token = app, hosts, token
@@ -51,7 +56,7 @@ class Guard:
             self._busy -= 1
 
     def _refusal(self, scope: Scope) -> ASGIApp | None:
-        """What is answered in place of the app, if something is wrong."""
+        """Response in place of the app's to a request that is refused; None to one that passes."""
         headers = Headers(scope=scope)
         if self._busy >= BEHIND:
             return _say(f"The app is working on {BEHIND} answers; ask again in a moment.", 503)
@@ -88,7 +93,7 @@ class Guard:
 
 
 def _foreign(headers: Headers, host: str) -> str:
-    """Why a POST does not come from one of our own pages; empty if it does."""
+    """Reason to refuse a POST from another site (cross-site request forgery); empty for one of our own pages."""
     origin = headers.get("origin")
     if headers.get("sec-fetch-site", "same-origin") != "same-origin":
         return "The request came from another site."
@@ -98,7 +103,7 @@ def _foreign(headers: Headers, host: str) -> str:
 
 
 def _limited(receive: Receive) -> Receive:
-    """Receives no more than LARGEST_BODY, whatever was announced."""
+    """Limit the body to LARGEST_BODY, whatever its Content-Length says: beyond it the app sees a disconnect."""
     received = 0
 
     async def wrapped() -> Message:
@@ -113,7 +118,7 @@ def _limited(receive: Receive) -> Receive:
 
 
 def _marked(scope: Scope, send: Send) -> Send:
-    """Adds the policy to every answer."""
+    """Add the headers of security to every response."""
     policy = VIEWER_POLICY if scope["path"].startswith("/viewer/") else POLICY
 
     async def wrapped(message: Message) -> None:

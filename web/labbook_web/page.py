@@ -1,4 +1,4 @@
-"""What a page is: data, a table of them, and a template; and the addresses by which pages name one another."""
+"""Pages before they are rendered: data, table and template; and links between them."""
 
 import json
 import math
@@ -16,10 +16,17 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Page:
-    """A page before it is written as HTML, JSON or CSV.
+    """A page before it is rendered as HTML, JSON or CSV.
 
-    `path`: its address without the leading slash and without an ending; `data`: makes what the JSON twin holds;
-    `frame`: the table of the CSV twin; `context`: what else the template draws; `chart_data`: what scripts draw.
+    Attributes:
+        template: File name of its template.
+        path: Address without the leading slash and without an ending.
+        title: Title of the page.
+        data: Makes the content of the JSON twin.
+        frame: Makes the table of the CSV twin, with units in `attrs["units"]`.
+        context: Further variables of the template.
+        chart_data: Data of the charts that scripts draw [SI]; None of a page without charts.
+        query: Part of the query that its twins need too.
     """
 
     template: str
@@ -30,25 +37,24 @@ class Page:
     context: Mapping[str, Any] = field(default_factory=dict)
     chart_data: Mapping[str, Any] | Markup | None = None
     query: Mapping[str, str] = field(default_factory=dict)
-    """The part of the address behind the question mark that its twins need too."""
 
     def json(self) -> str:
-        """The JSON twin: SI units, null for what is unknown."""
+        """Write the JSON twin: SI units, null for missing values."""
         return json.dumps(plain(self.data()), indent=1, allow_nan=False)
 
     def csv(self) -> str:
-        """The CSV twin: SI units in the headings, empty cells for what is unknown."""
+        """Write the CSV twin: SI units in the headings, empty cells for missing values."""
         return with_units(self.frame()).to_csv(index=False) or ""
 
 
 def with_units(frame: "pd.DataFrame") -> "pd.DataFrame":
-    """The same table with the units of its columns (`attrs["units"]`) in their headings."""
+    """Copy of a table with the units of its columns (`attrs["units"]`) in their headings."""
     units = frame.attrs.get("units", {})
     return frame.rename(columns={name: f"{name} [{units[name]}]" for name in frame if units.get(name)})
 
 
 def plain(value: Any) -> Any:
-    """A value as JSON can hold it: NaN and infinities become None, arrays lists."""
+    """Convert a value for JSON: NaN and infinities become None, arrays lists."""
     kind = type(value)  # most values are of one of these types
     if kind is float:
         return value if math.isfinite(value) else None
@@ -66,7 +72,7 @@ def plain(value: Any) -> Any:
 
 
 def embedded(data: Any) -> Markup:
-    """Data for scripts within a page: JSON that cannot end the element that holds it. What is made already is kept."""
+    """Data for scripts within a page: JSON that cannot close its HTML element. Markup is returned as it is."""
     if isinstance(data, Markup):
         return data
     text = json.dumps(plain(data), allow_nan=False, separators=(",", ":"))
@@ -74,12 +80,12 @@ def embedded(data: Any) -> Markup:
 
 
 def records(frame: "pd.DataFrame") -> list[dict[str, Any]]:
-    """Rows of a frame by column; None for what is unknown: templates take NaN for true."""
+    """Rows of a frame by column; None for missing values, since templates take NaN for true."""
     return frame.astype(object).where(frame.notna(), None).to_dict(orient="records")
 
 
 class Links:
-    """Addresses of pages in a running app."""
+    """Addresses of pages in a running app, escaped."""
 
     static = False
 
@@ -123,14 +129,17 @@ class Links:
 
 @dataclass(frozen=True)
 class FileLinks(Links):
-    """Addresses of the same pages as files in a folder, as seen from the page at `path`.
+    """Addresses of the same pages as files in a folder, relative to the page at `path`.
 
-    What only a server can give has no address: it is empty.
+    Pages that need a server have an empty address.
+
+    Attributes:
+        path: Path of the page that has the links.
+        have: Paths of the pages in the folder.
     """
 
     path: str
     have: frozenset[str]
-    """Paths of the pages that there are."""
     static = True
 
     def at(self, path: str, query: Mapping[str, Any] | None = None) -> str:

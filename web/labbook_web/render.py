@@ -11,7 +11,7 @@ from labbook_web.page import Links, Page, embedded
 
 
 def html(page: Page, links: Links, **common: Any) -> str:
-    """A page with everything around it. `common`: `read_only`, `lab`: what all pages show."""
+    """Render a page. `common`: variables of all pages, `read_only` and `lab`."""
     return (
         _templates()
         .get_template(page.template)
@@ -20,12 +20,12 @@ def html(page: Page, links: Links, **common: Any) -> str:
 
 
 def part(template: str, links: Links, **context: Any) -> str:
-    """A part of a page, which a page that is open takes in."""
+    """Render a part of a page, which htmx inserts into an open one."""
     return _templates().get_template(template).render(links=links, **{"read_only": True, **context})
 
 
 def _ago(iso: str) -> str:
-    """When something was, short: `2026-11-23 02:14`."""
+    """Shorten a time to minutes: `2026-11-23 02:14`."""
     return iso.replace("T", " ")[:16]
 
 

@@ -19,9 +19,9 @@ from labbook_web.guard import Guard
 from labbook_web.store import LabStore
 
 PORT = 8321
-"""Where the app is served, unless that is taken."""
+"""Default port."""
 _POLITE = 10
-"""How much later than others the app gets its turn on a processor: studies come first."""
+"""Increment of the niceness of the process: running studies have priority."""
 
 
 class CannotServe(Exception):
@@ -41,8 +41,18 @@ def serve(
 ) -> None:
     """Serve the pages of a lab until Ctrl-C.
 
-    port: None for PORT, or another one if that is taken. remote: allow an address that is not this machine's own, with
-    a token. Raises CannotServe.
+    Args:
+        lab: Folder of the lab.
+        studies: Study files besides those of the lab.
+        host: Address to listen on.
+        port: Port; None for PORT, or any free one if that is in use.
+        remote: Allow an address that other machines can reach; clients then need a token.
+        read_only: Refuse to write notes and tags.
+        browse: Open the first page in a browser.
+        say: Called with the address.
+
+    Raises:
+        CannotServe: An address that needs `remote`, or a port that cannot be used.
     """
     own = is_loopback(host)
     if not own and not remote:
@@ -66,7 +76,7 @@ def serve(
 
 
 def server(app: Guard) -> uvicorn.Server:
-    """What answers for the app."""
+    """Make the HTTP server of the app."""
     config = uvicorn.Config(
         app, http=Connection, ws="none", log_level="warning", access_log=False, server_header=False,
         proxy_headers=False, timeout_keep_alive=10, h11_max_incomplete_event_size=16_384,
@@ -75,7 +85,7 @@ def server(app: Guard) -> uvicorn.Server:
 
 
 def is_loopback(host: str) -> bool:
-    """Whether an address is one that only this machine reaches."""
+    """True of a loopback address, which only this machine reaches."""
     if host == "localhost":
         return True
     try:
@@ -85,7 +95,7 @@ def is_loopback(host: str) -> bool:
 
 
 def _listen(host: str, port: int, or_any: bool) -> socket.socket:
-    """A socket that listens on a port or, with `or_any`, on one that is free if that is taken."""
+    """Open a listening socket; with `or_any` on any free port if this one is in use."""
     family = socket.AF_INET6 if ":" in host else socket.AF_INET
     listening = socket.socket(family, socket.SOCK_STREAM)
     listening.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)

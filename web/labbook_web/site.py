@@ -1,7 +1,7 @@
-"""The same pages as files: what `labbook site` writes.
+"""The same pages as a folder of files, for `labbook site`.
 
-A page asks for nothing but files beside it. What needs a server is left out: lists of runs that are filtered,
-comparisons, the embedded viewer.
+A page needs only files beside it. Parts that need a server are left out: filtered lists of runs, comparisons, the
+embedded viewer.
 """
 
 import shutil
@@ -30,11 +30,11 @@ from labbook_web.render import html, part
 from labbook_web.store import LabStore, NotFound, StudyContents
 
 MARK = "labbook-site.txt"
-"""A file by which a folder is known to hold a site, and may be written again."""
+"""File that marks a folder as a site, which may be overwritten."""
 FILES = ("svg", "pdf")
 """Files of each figure."""
 _RUN_LIMIT = 5000
-"""Runs of a site."""
+"""Largest number of runs of a site."""
 
 
 class CannotWrite(Exception):
@@ -51,11 +51,22 @@ def write(
     notes: bool = False,
     say: Callable[[str], None] = lambda text: None,
 ) -> Path:
-    """Write the pages of `studies` into the folder `out`; the path of the first page.
+    """Write the pages of studies.
 
-    recordings: whether to take recordings along. films: whether to make films of all recorded runs; those that the lab
-    has are taken along in any case. notes: whether to publish the notes and tags of the studies and their
-    runs. `say` is told what is being written. Raises CannotWrite.
+    Args:
+        out: Folder to write: new, empty, or a site written before.
+        lab: Folder of the lab.
+        studies: Study files.
+        recordings: Include recordings of runs.
+        films: Make films of all recorded runs; films of the lab are included in any case.
+        notes: Publish notes and tags of the studies and their runs.
+        say: Called with the progress.
+
+    Returns:
+        Path of the first page.
+
+    Raises:
+        CannotWrite: A folder with other files, too many runs, or a study, run or viewer that cannot be read.
     """
     if out.exists() and (not out.is_dir() or (any(out.iterdir()) and not (out / MARK).is_file())):
         raise CannotWrite(f"{out} exists and is not a site of labbook: give a new or empty folder")
@@ -72,7 +83,7 @@ def write(
 
 
 def has_notes(lab: Path) -> bool:
-    """Whether a lab has notes or tags, which a site may publish."""
+    """True if a lab has notes or tags, which a site may publish."""
     return any(LabFolder(lab).notes.rglob("*.md"))
 
 

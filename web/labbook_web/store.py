@@ -1,6 +1,6 @@
-"""What the pages show: the studies of a lab and their results, read when asked for and kept while nothing changed.
+"""Read access to the studies of a lab and their results, cached until their files change.
 
-Several threads ask at once. Nothing here writes, holds a lock that a running study waits for, or evaluates a run.
+Several threads read concurrently. Nothing here writes, evaluates a run, or holds a lock that a running study waits for.
 """
 
 import hashlib
@@ -32,24 +32,29 @@ from labbook.study import Study, StudyError, load
 BACKEND = "numba"
 """The backend of a study that has no runs, and of commands that name none."""
 _CACHE_SIZE = 64
-"""Studies of which results are kept in memory."""
+"""Largest number of studies whose results are cached."""
 _SERVER_AGE = 2.0
-"""How old may be what is shown of an index on a server, which does not tell when it changes [s]."""
+"""Largest age of values from an index on a server, which does not report changes [s]."""
 SPARED = 20
-"""Results of a lab that changes all the time are as old as that many times what it takes to find them: looking on then
-costs a running study at most 5 % of one core."""
+"""Largest age of the results of a running study, in multiples of the time to find them: the pages then take at most 5 %
+of one core from it."""
 _T = TypeVar("_T")
 
 
 class NotFound(LookupError):
-    """Nothing of this name is in the lab; the message says what is."""
+    """Error for a name that the lab does not have; the message lists those that it has."""
 
 
 @dataclass(frozen=True)
 class StudyListing:
-    """A study as a list shows it.
+    """Entry of a study in a list.
 
-    `path`: its file, None if the lab has only its runs; `problem`: why the file cannot be read.
+    Attributes:
+        name: Name of the study.
+        path: Its file; None if the lab has only its runs.
+        counts: Number of its runs by backend and outcome.
+        note: Note and tags.
+        problem: Reason why the file cannot be read; empty if it can.
     """
 
     name: str
@@ -60,17 +65,17 @@ class StudyListing:
 
     @property
     def runs(self) -> int:
-        """How many runs were first made for it."""
+        """Number of runs that were made for it."""
         return sum(one.runs for one in self.counts)
 
     @property
     def latest(self) -> str:
-        """When the last of them ended (UTC, ISO 8601); empty without any."""
+        """Time at which the last of them ended (UTC, ISO 8601); empty without any."""
         return max((one.latest for one in self.counts), default="")
 
     @property
     def backends(self) -> tuple[str, ...]:
-        """Backends that made runs of it, the one with most of them first."""
+        """Backends of its runs, the one with most runs first."""
         counts: dict[str, int] = defaultdict(int)
         for count in self.counts:
             counts[count.backend] += count.runs
@@ -79,7 +84,14 @@ class StudyListing:
 
 @dataclass(frozen=True, eq=False)
 class BackendComparison:
-    """A stored comparison of two backends on a study. `name`: of its files; `recording`: of both side by side."""
+    """Stored comparison of two backends on a study.
+
+    Attributes:
+        name: Stem of its files.
+        verdict: Its result.
+        study: The study.
+        recording: Recording of both backends side by side; None without one.
+    """
 
     name: str
     verdict: Verdict
@@ -88,34 +100,40 @@ class BackendComparison:
 
     @cached_property
     def stale(self) -> list[str]:
-        """Why it is out of date, in words; nothing if it holds."""
+        """Reasons why it is out of date; empty if it is up to date."""
         return stale(self.verdict, self.study)
 
 
 @dataclass(frozen=True, eq=False)
 class StudyContents:
-    """What the lab holds of a study on a backend."""
+    """A study with its results on one backend.
+
+    Attributes:
+        study: The study.
+        text: Text of its file.
+        backend: Name of the backend.
+        results: Results of its runs.
+        compared: Stored comparisons of backends on this study.
+        packings_of: Backend whose packings these runs start from; empty if they start from their own.
+    """
 
     study: Study
     text: str
-    """Of its file."""
     backend: str
     results: Results
     compared: tuple[BackendComparison, ...] = ()
-    """Stored comparisons of backends on this study."""
     packings_of: str = ""
-    """The backend whose packings these runs start from, if it is another one."""
     _values: dict[str, Any] = field(default_factory=dict)
 
     def once(self, name: str, make: Callable[[], _T]) -> _T:
-        """What `make` gives, made once for as long as nothing changes."""
+        """Return the value of `make`, which is called at the first use of `name`."""
         if name not in self._values:
             self._values[name] = make()
         return self._values[name]
 
     @cached_property
     def state(self) -> str:
-        """A short name of what is shown: it changes when the study, its runs or their numbers do."""
+        """Hash of the study, its runs and their numbers, which changes with any of them."""
         runs = [
             (run.run_key, run.outcome, sorted((name, one.value) for name, one in run.measured.items()))
             for result in self.results.points
@@ -126,7 +144,11 @@ class StudyContents:
 
 
 class Cache:
-    """Values by key, each made once by whoever asks first, while others wait for it; the oldest are forgotten."""
+    """Thread-safe cache: the first thread that needs a value makes it, and others wait for it.
+
+    Args:
+        size: Largest number of values; beyond it the oldest are dropped.
+    """
 
     def __init__(self, size: int):
         self._size = size
@@ -135,8 +157,14 @@ class Cache:
         self._own = threading.Lock()
 
     def get(self, key: Any, state: Any, make: Callable[[], _T], spare: float = 0.0) -> _T:
-        """What `make` gives for `key` in this `state`; of an earlier state if it is younger than `spare` times what it
-        took to make."""
+        """Return the value of a key, made anew if its state has changed.
+
+        Args:
+            key: Key of the value.
+            state: State of the sources of the value, compared by equality.
+            make: Makes the value. An error passes to the caller, and the next thread tries again.
+            spare: A value of an earlier state is returned up to this multiple of the time that it took to make.
+        """
         with self._own:
             lock = self._making[key]
         with lock:
@@ -155,8 +183,14 @@ class Cache:
 
 
 class LabStore:
-    """The studies of one lab. `extra_files`: study files shown besides those that the lab keeps; of two with one name
-    the extra one counts. `only`: show no others. `noted`: show the notes and tags of people."""
+    """Studies of a lab and their results, cached.
+
+    Args:
+        lab: Folder of the lab.
+        extra_files: Study files besides those that the lab keeps, with precedence over those of the same name.
+        only: Leave out the studies that the lab keeps.
+        noted: Include notes and tags.
+    """
 
     def __init__(self, lab: Path, extra_files: Sequence[Path] = (), *, only: bool = False, noted: bool = True):
         self.lab, self._only, self._noted = LabFolder(lab), only, noted
@@ -164,13 +198,13 @@ class LabStore:
         self.studies_read, self._requested, self._results = Cache(1000), Cache(_CACHE_SIZE), Cache(_CACHE_SIZE)
         self._counts, self._texts = Cache(1), Cache(1000)
         self.pictures = Cache(400)
-        """Figures that were drawn, by study, backend and address."""
+        """Encoded figures by study, backend, address and format."""
         self._opening = threading.Lock()
         self._opened: tuple[Any, Catalogue] | None = None
 
     @property
     def catalogue(self) -> Catalogue:
-        """The index of the lab, opened again if its file was replaced. Raises LabError."""
+        """Index of the lab, opened again after its file was replaced. Raises LabError."""
         identity = _identity(self.lab.server) or _identity(self.lab.catalogue)
         with self._opening:
             if self._opened is None or self._opened[0] != identity:
@@ -179,7 +213,7 @@ class LabStore:
 
     @property
     def state(self) -> Any:
-        """Something that changes whenever the index does."""
+        """Value that changes with the index."""
         path = self.lab.catalogue
         if self.lab.server.exists():
             return time.monotonic() // _SERVER_AGE
@@ -199,11 +233,11 @@ class LabStore:
         return sorted(listings, key=lambda one: (one.latest, one.name), reverse=True)
 
     def counts(self) -> list[StudyCount]:
-        """How many runs there are of each study, backend and outcome. Raises LabError."""
+        """Number of runs of each study, backend and outcome. Raises LabError."""
         return self._counts.get("counts", self.state, self.catalogue.studies, SPARED)
 
     def note(self, kind: notes.Kind, name: str) -> Note:
-        """The note on a study or a run; an empty one if notes are not shown, or in place of one that cannot be read."""
+        """Note on a study or a run; empty if notes are left out; an error message in place of an unreadable one."""
         if not self._noted:
             return Note()
         try:
@@ -222,7 +256,7 @@ class LabStore:
         return self._read(path)
 
     def text(self, entry: StudyListing) -> str:
-        """The text of a study's file as it is; empty if it cannot be read."""
+        """Text of a study's file; empty if it cannot be read."""
         if entry.path is None:
             return ""
         try:
@@ -231,7 +265,7 @@ class LabStore:
             return ""
 
     def backend_of(self, name: str, backend: str | None) -> str:
-        """The backend whose runs are shown: the one that is wanted, else the one with most runs. Raises NotFound."""
+        """Check the name of a backend; None selects the one with most runs. Raises NotFound."""
         backends = next((one.backends for one in self.listings() if one.name == name), ())
         if backend is None:
             return backends[0] if backends else BACKEND
@@ -240,7 +274,17 @@ class LabStore:
         raise NotFound(f"no backend is called {backend}; use one of: {', '.join(sorted({*backends, *installed()}))}")
 
     def contents(self, name: str, backend: str) -> StudyContents:
-        """What the lab holds of a study on a backend. Raises NotFound, StudyError, LabError."""
+        """Read a study and its results on one backend.
+
+        Args:
+            name: Name of the study.
+            backend: Name of the backend.
+
+        Raises:
+            NotFound: No study file of this name.
+            StudyError: An invalid study.
+            LabError: An index that cannot be read.
+        """
         study, text = self.study(name)
         path = self._files()[name]
 
@@ -286,7 +330,7 @@ class LabStore:
         return self._requested.get((path, backend), _stamps(path), lambda: requested_runs(study, backend))
 
     def _files(self) -> dict[str, Path]:
-        """Study files by name: those of the lab, and those that were given."""
+        """Study files by name: those of the lab, and the extra ones."""
         files = {} if self._only else studies.study_files(self.lab)
         for path in self._extra_files:
             try:
@@ -296,12 +340,12 @@ class LabStore:
         return files
 
     def _read(self, path: Path) -> tuple[Study, str]:
-        """A study and its text, anew when its file, or that of its calibration, has changed. Raises StudyError."""
+        """Read a study and its text, again after its file or its calibration has changed. Raises StudyError."""
         calibration = studies.calibration(self.lab, path)
         return self.studies_read.get(path, _stamps(path), lambda: _read(path, calibration))
 
     def _wrong(self) -> dict[Path, str]:
-        """Why files that were given are no studies."""
+        """Reasons why extra files are no studies, by file."""
         wrong = {}
         for path in self._extra_files:
             try:
@@ -321,7 +365,7 @@ _loading = threading.Lock()  # units and models are set up when the first study 
 
 
 def _stamps(path: Path) -> tuple[tuple[int, int, int] | None, ...]:
-    """Of the file of a study and of the calibration beside it."""
+    """Stamps of the file of a study and of the calibration beside it."""
     return _stamp(path), _stamp(path.with_suffix(BESIDE))
 
 
@@ -334,7 +378,7 @@ def _stamp(path: Path) -> tuple[int, int, int] | None:
 
 
 def _identity(path: Path) -> tuple[int, int] | None:
-    """Which file it is, whatever is in it."""
+    """Device and inode of a file, whatever its content; None without one."""
     try:
         status = path.stat()
     except OSError:

@@ -1,6 +1,6 @@
-"""The rerun viewer within a page: its files, as the installed wheel brings them, recordings made for it, and films.
+"""The embedded rerun viewer: its files from the installed wheel, recordings for it, and films.
 
-Both are kept in the user's cache folder: the viewer by its version, recordings by what they show.
+All are cached in the user's cache folder: the viewer by version, recordings and films by run.
 """
 
 import gzip
@@ -34,18 +34,18 @@ FILES = {
 _PATIENCE = 60.0  # s, for the viewer's own server to answer
 _LATER = 0.1  # s between two attempts
 _MOST_KEPT = 60
-"""Recordings that are kept, and films; the ones that were not looked at for longest go first."""
+"""Largest number of cached recordings, and of films; the least recently used are deleted first."""
 _NO_FRAMES = "the run kept no frames; to keep some, add `record: {every: 10 ms}` to the study and run it"
 _SHORT = 16  # digits of a key in the name of a file
 _one_at_a_time, _one_film_at_a_time = threading.Lock(), threading.Lock()
 
 
 class NoViewer(Exception):
-    """There is no viewer to be had; the message says why and what to do."""
+    """Error for a viewer that is missing or does not start; the message has the remedy."""
 
 
 def cache_folder() -> Path:
-    """Where files are kept that can be made again: $LABBOOK_CACHE, or labbook in the user's cache folder."""
+    """Folder of files that can be made again: in $LABBOOK_CACHE, or in labbook of the user's cache folder."""
     home = os.environ.get("LABBOOK_CACHE")
     if home:
         return Path(home) / "web"
@@ -53,7 +53,7 @@ def cache_folder() -> Path:
 
 
 def version() -> str:
-    """Of the installed viewer. Raises NoViewer."""
+    """Version of the installed viewer. Raises NoViewer."""
     try:
         return installed_version("rerun-sdk")
     except PackageNotFoundError:

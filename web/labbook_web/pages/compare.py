@@ -29,15 +29,27 @@ _ITEM = re.compile(r"(?P<kind>study|point|run):(?P<name>[A-Za-z][\w-]{0,79}|[0-9
 
 
 class Malformed(ValueError):
-    """What was asked for is not written as it should be; the message says how."""
+    """Error in the form of a request; the message has the right form."""
 
 
 @dataclass(frozen=True, eq=False)
 class ComparedItem:
-    """One of the things that are compared. `run`: key of the run whose bed is shown; `address`: path of its page."""
+    """A study, point or run of a comparison.
+
+    Attributes:
+        text: The item in the address, such as `run:4f0c`.
+        label: Title of its column.
+        address: Path of its page.
+        point: Its point; None of a study.
+        result: Results of the point; None of a study or a run.
+        contents: Its study with all results; None of a run.
+        curves: W(t) of its runs [SI].
+        run: Key of the run whose bed is shown; None of a study.
+        recorded: The run has frames.
+        backend: Backend of its runs.
+    """
 
     text: str
-    """As the address has it."""
     label: str
     address: str
     point: Point | None
@@ -50,9 +62,15 @@ class ComparedItem:
 
 
 def compare_page(store: LabStore, items: Sequence[str]) -> Page:
-    """The things that `items` name: `run:KEY`, `point:STUDY:3`, `study:STUDY`, the last two also `...@BACKEND`.
+    """Compare studies, points or runs.
 
-    Raises Malformed, NotFound.
+    Args:
+        store: Studies and their results.
+        items: `run:KEY`, `point:STUDY:3` or `study:STUDY`, the last two also with `@BACKEND`.
+
+    Raises:
+        Malformed: An item of another form, or too many.
+        NotFound: A study, point or run that the lab lacks.
     """
     if len(items) > ITEM_LIMIT:
         raise Malformed(f"{len(items)} items are too many to compare; choose at most {ITEM_LIMIT}")
@@ -105,7 +123,7 @@ def _compared(items: Sequence[ComparedItem]) -> list[BackendComparison]:
 
 
 def _told_apart(items: list[ComparedItem]) -> list[ComparedItem]:
-    """Their labels with the backend, if there are several."""
+    """Add the backend to the labels if there are several backends."""
     if len({one.backend for one in items}) < 2:
         return items
     return [replace(one, label=f"{one.label} on {one.backend}") for one in items]
@@ -145,7 +163,7 @@ def _run(store: LabStore, text: str, prefix: str, lacking: list[str]) -> Compare
 
 
 def _differences(items: Sequence[ComparedItem]) -> list[tuple[str, tuple[str, ...]]]:
-    """In what they differ; of studies, in what their files state."""
+    """Find the settings in which items differ; of studies, the keys of their files."""
     if len(items) < 2:
         return []
     points = [one.point for one in items]
@@ -168,7 +186,7 @@ def _words(value: Any) -> str:
 
 
 def _numbers(items: Sequence[ComparedItem]) -> list[dict[str, Any]]:
-    """What was measured of points, and how each lies to the first: ratio with a 95 % interval, of independent runs."""
+    """Means of points, and their ratios to the first with 95 % intervals."""
     results = [one.result for one in items]
     names = dict.fromkeys(name for one in results if one is not None for name in one.pooled)
     return _numbers_of(results, tuple(names))
@@ -209,7 +227,7 @@ def _means(items: Sequence[ComparedItem]) -> list[dict[str, Any]]:
 
 
 def _about_zero(one: Pooled) -> bool:
-    """Whether a mean may be zero, so that nothing can be divided by it."""
+    """True if the interval of a mean contains zero, so that it has no ratios."""
     return one.value == 0 or one.low <= 0 <= one.high
 
 

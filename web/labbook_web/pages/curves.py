@@ -1,4 +1,4 @@
-"""What is said of curves W(t): only what is drawn of them."""
+"""Curves W(t) for the charts, and the captions that explain them."""
 
 import math
 from collections.abc import Mapping, Sequence
@@ -11,9 +11,17 @@ _WINDOW = "the window in which the flow counts as steady"
 
 
 def curve(trace: Trace, flow: Measured | None, label: str, why: str = "", **extra: Any) -> dict[str, Any]:
-    """W(t) of a run [SI] with its window and the mean over it, None without; `why`: why there is no mean.
+    """Data of a curve for the charts.
 
-    flow: the flow rate that was measured, if any. why: for a run without one.
+    Args:
+        trace: Flow rate against time [kg/s, s].
+        flow: Mean flow rate [kg/s]; None if it was not measured.
+        label: Label of the curve.
+        why: Reason for the missing mean, if `flow` is None.
+        extra: Further data of the curve.
+
+    Returns:
+        The curve, its window [s] and the mean over it with its error [kg/s]; None in place of missing ones.
     """
     measured = flow is not None and math.isfinite(flow.value)
     return {
@@ -28,7 +36,7 @@ def curve(trace: Trace, flow: Measured | None, label: str, why: str = "", **extr
 
 
 def caption(curves: Sequence[Mapping[str, Any]]) -> str:
-    """What a chart of these curves shows besides them. The window is shaded behind a single curve only."""
+    """Caption for the window and the means of a chart. Only a single curve has its window shaded."""
     means = sum(one["mean"] is not None and one["window"] is not None for one in curves)
     why = next((one["why"] for one in curves if one["why"]), "")
     if len(curves) == 1:

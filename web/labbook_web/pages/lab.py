@@ -27,9 +27,16 @@ _BEDS = 6
 
 
 def lab_page(store: LabStore, query: Mapping[str, str], cards: int | None = None) -> Page:
-    """The studies whose name, file or tags have the text `q` in them, page by page.
+    """List the studies of a lab.
 
-    The first page is number 1. cards: how many are on a page; None: CARDS.
+    Args:
+        store: Studies and their results.
+        query: `q`: text in the name, the file or the tags of the studies; `page`: number of the page, from 1.
+        cards: Studies on a page; None for CARDS.
+
+    Raises:
+        NotFound: A page beyond the last one.
+        LabError: An index that cannot be read.
     """
     text, number = query.get("q", "").strip(), int(query.get("page", "1"))
     listings = store.listings()
@@ -58,7 +65,7 @@ def lab_page(store: LabStore, query: Mapping[str, str], cards: int | None = None
 
 
 def card(store: LabStore, listed: StudyListing) -> dict[str, Any]:
-    """What the card of one study shows: contact sheet, progress, outcomes and result; or why it cannot be read."""
+    """Context of the card of a study: beds, progress, outcomes and result; or the reason why it cannot be read."""
     context: dict[str, Any] = {"one": listed, "problem": listed.problem, "contents": None}
     context["command"] = command("web", f"{listed.name}.yaml", lab=store.lab.folder)
     if listed.path is None or listed.problem:
@@ -82,7 +89,7 @@ def card(store: LabStore, listed: StudyListing) -> dict[str, Any]:
 
 
 def progress(contents: StudyContents, running: Sequence[Running]) -> dict[str, Any]:
-    """How many runs of a study are there, of how many; and the processes that run it now on this backend."""
+    """Number of finished and of requested runs of a study, and the processes that run it on this backend."""
     results, study = contents.results, contents.study
     done = sum(len(one.runs) for one in results.points)
     total = sum(max(one.requested, len(one.runs)) for one in results.points) + fewest_runs(study) * len(results.missing)
@@ -95,14 +102,14 @@ def progress(contents: StudyContents, running: Sequence[Running]) -> dict[str, A
 
 
 def _left(process: Running) -> str:
-    """The time that is left, in words; empty while it is not known."""
+    """Remaining time in words; empty while there is no estimate."""
     if process.seconds_left is None:
         return ""
     return f"{'at least' if process.open_ended else 'about'} {duration(process.seconds_left)}"
 
 
 def outcomes(results: Results) -> dict[str, int]:
-    """How many runs ended in which way, and how many of them are suspect."""
+    """Number of runs by outcome, and of suspect runs; the most frequent outcome first."""
     counts: dict[str, int] = {}
     for result in results.points:
         for name, count in result.outcomes.items():

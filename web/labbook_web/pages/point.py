@@ -68,7 +68,7 @@ def point_of(contents: StudyContents, number: int) -> PointResult:
 
 
 def quantities(result: PointResult) -> list[tuple[str, str, str, int]]:
-    """What was measured: name with unit, mean with error, 95 % interval, and how many runs are in the mean."""
+    """Rows of the table of means: name with unit, mean with error, 95 % interval, number of runs."""
     rows = []
     for name, pooled in result.pooled.items():
         unit = next(one.measured[name].unit for one in result.runs if name in one.measured)
@@ -80,7 +80,7 @@ def quantities(result: PointResult) -> list[tuple[str, str, str, int]]:
 
 
 def run_rows(result: PointResult) -> list[dict[str, Any]]:
-    """Every run: seed, discharge, key, outcome, flow rate with error, and notes."""
+    """Rows of the table of runs: the run, its flow rate with error [g/s], and notes."""
     rows = []
     for run in result.runs:
         flow = run.measured.get("flow_rate") or run.measured.get("flow_rate_flowing")
@@ -94,12 +94,12 @@ def run_rows(result: PointResult) -> list[dict[str, Any]]:
 
 
 def suspicion(run: RunResult) -> str:
-    """Why a run is suspect, and whether it counts; empty if it is not."""
+    """Reason why a run is suspect, and its exclusion from means; empty of other runs."""
     return f"suspect: {run.suspect}{'' if run.counted else '; left out of means'}" if run.suspect else ""
 
 
 def curve_of(run: RunResult, label: str, lacking: list[str]) -> dict[str, Any] | None:
-    """W(t) of a run with its window [SI]; None without any. Why it cannot be had is added to `lacking`."""
+    """W(t) of a run with its window [SI]; None without any. The reason is appended to `lacking`."""
     try:
         trace = run.trace
     except (NotEvaluated, Unreadable) as problem:

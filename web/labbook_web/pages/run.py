@@ -38,7 +38,7 @@ _SIBLINGS = 60
 
 
 def run_page(store: LabStore, prefix: str, query: Mapping[str, str]) -> Page:
-    """The run whose key begins so. Raises NotFound."""
+    """The page of the run whose key begins with `prefix`. Raises NotFound."""
     key = key_of(store, prefix)
     entry = store.catalogue.entries([key])[0]
     folder = store.lab.run(key)
@@ -91,7 +91,7 @@ def run_page(store: LabStore, prefix: str, query: Mapping[str, str]) -> Page:
 
 
 def key_of(store: LabStore, prefix: str) -> str:
-    """The key that begins so. Raises NotFound for none or several."""
+    """Complete a key from its first digits. Raises NotFound for none or several."""
     keys = store.catalogue.matching(prefix)
     if len(keys) == 1:
         return keys[0]
@@ -120,13 +120,13 @@ def file_of(store: LabStore, key: str, name: str) -> Path:
 
 
 def _may_be_had(path: Path) -> bool:
-    """Whether a file of a run is handed out: no links, and none in a folder that is one."""
+    """True for a file that is offered for download: no link, nor in a folder that is one, as links may lead out."""
     ordinary = path.is_file() and not path.is_symlink() and not path.parent.is_symlink()
     return ordinary and not path.name.startswith((EVALUATION, ".")) and _has_address(path.name)
 
 
 def _has_address(name: str) -> bool:
-    """Whether the name of a file is text, and not other bytes."""
+    """True if the name of a file is valid text: other bytes have no address."""
     try:
         name.encode()
     except UnicodeEncodeError:
@@ -191,7 +191,7 @@ def arch(folder: Path, entry: Entry, record: RunRecord) -> tuple[str, str]:
 
 
 def _stale(record: RunRecord) -> str:
-    """Why `labbook run` would make the run again; empty if it would not."""
+    """Reason why `labbook run` would repeat the run; empty of a run that is up to date."""
     if outdated := identity.outdated(record.versions, identity.versions(record.scene)):
         return outdated
     try:
@@ -204,7 +204,7 @@ def _stale(record: RunRecord) -> str:
 
 
 def _in_study(store: LabStore, record: RunRecord) -> bool:
-    """Whether the lab has the file of the study, with a point where the run says that it belongs."""
+    """True if the study of the lab has the point for which the run was made."""
     try:
         study, _ = store.study(record.study)
     except (NotFound, LabError, ValueError):
@@ -231,7 +231,7 @@ def _facts(record: RunRecord) -> Facts:
 
 
 def point_of_run(record: RunRecord) -> Point:
-    """The point that the run was made for, but for its filling."""
+    """Point of the run, without the filling of its study, which a run does not record."""
     return Point(record.point, record.scene, Fill(), record.numerics, record.at, record.label)
 
 
@@ -247,7 +247,7 @@ def _flat(facts: Mapping[str, Any], prefix: str = "") -> "list[tuple[str, str]]"
 
 
 def _rows(measured) -> list[dict[str, Any]]:
-    """Measured numbers as they are shown; what could not be measured says why."""
+    """Rows of the table of measured numbers; a dash, and a note with the reason, for missing ones."""
     rows = []
     for row in measured.itertuples(index=False):
         notation = display.quantity(row.quantity, row.unit)

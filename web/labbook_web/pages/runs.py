@@ -17,7 +17,7 @@ LONG = 100
 """Runs on a page."""
 SORTED_BY = (*(name for name in RUN_COLUMNS if name != "problem"), FLOW_RATE)
 KEY = "at:"
-"""How the name of a column of a swept key begins."""
+"""Prefix of the columns of swept keys."""
 FILTERS = ("study", "backend", "outcome", "packing", "tag", "q", "since")
 _UNITS = {FLOW_RATE: "kg/s", "duration": "s", "wall_time": "s", "device_time": "s", "rate": "1/s"}
 _NUMBER = re.compile(r"(?P<name>.+?) (?P<value>-?[\d.]+(?:e[-+]?\d+)?)(?: (?P<unit>\D.*))?")
@@ -25,10 +25,16 @@ _MOST_TAGGED = 500
 
 
 def runs_page(store: LabStore, query: Mapping[str, str]) -> Page:
-    """The runs that the filters leave (`study`, `backend`, `outcome`, `packing`, `tag`, `q`: text, `since`: a date),
-    in the order of the column `sort`, from the greatest if it begins with a minus sign. `page`: from 1.
+    """List runs. Those of one study have a column for each swept key, `at:` and its name.
 
-    Runs of one study have a column for each swept key, `at:` and its name. Raises NotFound, NoMoment.
+    Args:
+        store: Studies and runs.
+        query: Filters `study`, `backend`, `outcome`, `packing`, `tag`, `q` (text) and `since` (a date); `sort`: name of
+            a column, after a minus sign in descending order; `page`: number of the page, from 1.
+
+    Raises:
+        NotFound: A page beyond the last one, or a column that these runs do not have.
+        NoMoment: A malformed date.
     """
     filters = {name: query[name] for name in FILTERS if query.get(name)}
     sort, number = query.get("sort", "-finished"), int(query.get("page", "1"))
