@@ -15,7 +15,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from labbook_web import connections
 from labbook_web.app import application
-from labbook_web.guard import COOKIE, LARGEST_BODY, LONGEST_ADDRESS, POLICY, VIEWER_POLICY
+from labbook_web.guard import ADDRESS_LIMIT, BODY_LIMIT, COOKIE, POLICY, VIEWER_POLICY
 from labbook_web.serve import server
 from labbook_web.site import write
 from labbook_web.store import LabStore
@@ -186,7 +186,7 @@ def test_a_run_of_a_study_of_no_name_does_not_break_the_pages(copied):
 @pytest.mark.slow
 def test_half_open_connections_keep_nobody_from_an_answer_and_are_closed(done, monkeypatch):
     """64 of them made every other request wait, for as long as they were held."""
-    monkeypatch.setattr(connections, "PATIENCE", 3.0)
+    monkeypatch.setattr(connections, "HEADER_TIMEOUT", 3.0)
     listening = socket.create_server(("127.0.0.1", 0))
     address = listening.getsockname()
     serving = server(application(LabStore(done / "lab")))
@@ -214,8 +214,8 @@ def test_half_open_connections_keep_nobody_from_an_answer_and_are_closed(done, m
 
 @pytest.mark.slow
 def test_of_very_many_half_open_connections_the_oldest_is_closed(done, monkeypatch):
-    monkeypatch.setattr(connections, "MOST_WAITING", 10)
-    monkeypatch.setattr(connections, "PATIENCE", 600.0)
+    monkeypatch.setattr(connections, "PENDING_LIMIT", 10)
+    monkeypatch.setattr(connections, "HEADER_TIMEOUT", 600.0)
     listening = socket.create_server(("127.0.0.1", 0))
     serving = server(application(LabStore(done / "lab")))
     thread = threading.Thread(target=serving.run, kwargs={"sockets": [listening]}, daemon=True)
@@ -267,7 +267,7 @@ def test_what_is_not_known_is_named(app):
 
 
 def test_addresses_have_a_longest_length(app, done):
-    for target in (b"/runs?q=" + b"a" * LONGEST_ADDRESS, b"/" + b"a" * LONGEST_ADDRESS):
+    for target in (b"/runs?q=" + b"a" * ADDRESS_LIMIT, b"/" + b"a" * ADDRESS_LIMIT):
         answer = ask(app, target)
         assert answer.status == 414
         refused(answer, done)
@@ -292,7 +292,7 @@ def test_pages_are_not_posted_to(app, done, key):
 @pytest.mark.parametrize("announced", [True, False])
 def test_bodies_have_a_largest_size(copied, announced):
     app = application(LabStore(copied / "lab"))
-    pieces = [b"text=", *[b"a" * 10_000] * (LARGEST_BODY // 10_000 + 1)]
+    pieces = [b"text=", *[b"a" * 10_000] * (BODY_LIMIT // 10_000 + 1)]
     headers = {**OURS, "content-length": str(sum(map(len, pieces)))} if announced else OURS
     answer = ask(app, f"/note/study/{STUDY}".encode(), "POST", headers, pieces)
     assert answer.status == 413

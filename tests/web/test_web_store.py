@@ -62,11 +62,11 @@ def test_a_value_that_took_long_may_be_old_for_a_while(monkeypatch):
         clock[0] += 2.0
         return "first"
 
-    assert kept.get("key", 1, slow, spare=5) == "first"
+    assert kept.get("key", 1, slow, age_factor=5) == "first"
     clock[0] += 9.9
-    assert kept.get("key", 2, lambda: "second", spare=5) == "first"
+    assert kept.get("key", 2, lambda: "second", age_factor=5) == "first"
     clock[0] += 0.2
-    assert kept.get("key", 2, lambda: "second", spare=5) == "second"
+    assert kept.get("key", 2, lambda: "second", age_factor=5) == "second"
 
 
 def test_the_ones_made_longest_ago_are_forgotten():
@@ -116,7 +116,7 @@ def test_results_are_found_once_while_nothing_changes(copied, monkeypatch):
 
     results = module.stored_results
     monkeypatch.setattr(module, "stored_results", counted)
-    monkeypatch.setattr(module, "SPARED", 0)
+    monkeypatch.setattr(module, "AGE_FACTOR", 0)
     store = LabStore(copied / "lab")
     for _ in range(3):
         assert len(store.contents(STUDY, "toy").results.points) == len(ORIFICES)
@@ -131,7 +131,7 @@ def test_results_are_old_only_while_a_study_runs(copied, monkeypatch):
     """A page follows a study until nobody runs it; what it is told then is all that there is."""
     going = [object()]
     monkeypatch.setattr(LabStore, "running", lambda self: going)
-    monkeypatch.setattr("labbook_web.store.SPARED", 1e9)
+    monkeypatch.setattr("labbook_web.store.AGE_FACTOR", 1e9)
     store = LabStore(copied / "lab")
     assert len(store.contents(STUDY, "toy").results.points[0].runs) == REPLICATES
     path = copied / "lab/study-files/toy-study.yaml"
@@ -160,10 +160,10 @@ def test_given_files_count_before_those_of_the_lab(done, tmp_path):
     assert len(LabStore(done / "lab", [own]).study(STUDY)[0].points) == 1
     other = tmp_path / "other.yaml"
     other.write_text(own.read_text().replace(STUDY, "other"))
-    assert [one.name for one in LabStore(done / "lab", [other], only=True).listings()] == ["other"]
+    assert [one.name for one in LabStore(done / "lab", [other], extra_only=True).listings()] == ["other"]
     assert {one.name for one in LabStore(done / "lab", [other]).listings()} == {STUDY, "other"}
     with pytest.raises(NotFound, match="other"):
-        LabStore(done / "lab", [other], only=True).study(STUDY)
+        LabStore(done / "lab", [other], extra_only=True).study(STUDY)
     own.write_text("name: [")
     assert [one.problem != "" for one in LabStore(done / "lab", [own]).listings()].count(True) == 1
 
@@ -184,7 +184,7 @@ def test_a_study_that_changes_is_read_again(done, tmp_path):
     own.unlink()
     assert len(store.study(STUDY)[0].points) == len(ORIFICES), "the lab still has one of that name"
     with pytest.raises(StudyError):
-        LabStore(done / "lab", only=True).studies_read.get("x", 1, lambda: load(tmp_path / "none.yaml"))
+        LabStore(done / "lab", extra_only=True).study_cache.get("x", 1, lambda: load(tmp_path / "none.yaml"))
 
 
 # many at once

@@ -29,7 +29,7 @@ from labbook.lab.notes import Note
 from labbook.lab.runs import picture_content
 from labbook.study import StudyError
 from labbook_web import viewer
-from labbook_web.guard import LARGEST_BODY, Guard
+from labbook_web.guard import BODY_LIMIT, Guard
 from labbook_web.page import Links, Page
 from labbook_web.pages import lab, run, runs, study
 from labbook_web.pages.changes import NoMoment
@@ -90,41 +90,41 @@ class App:
             ("/compare", self._compare),
             ("/index", self._lab),
         ]
-        routes = [Route("/", self._answer(self._lab, ""))]
+        routes = [Route("/", self._page_handler(self._lab, ""))]
         for path, make in pages:
-            routes += [Route(f"{path}.{ending}", self._answer(make, ending)) for ending in ("json", "csv")]
-            routes += [Route(path, self._answer(make, ""))] if path != "/index" else []
+            routes += [Route(f"{path}.{ending}", self._page_handler(make, ending)) for ending in ("json", "csv")]
+            routes += [Route(path, self._page_handler(make, ""))] if path != "/index" else []
         routes += [
-            Route("/card/{name}", self._threaded(self._card)),
-            Route("/progress/{name}", self._threaded(self._progress)),
-            Route("/study/{name}/figure/{figure}", self._threaded(self._figure)),
-            Route("/study/{name}/{file}.yaml", self._threaded(self._yaml)),
-            Route("/study/{name}/compare/{pair}.rrd", self._threaded(self._both)),
+            Route("/card/{name}", self._in_thread(self._card)),
+            Route("/progress/{name}", self._in_thread(self._progress)),
+            Route("/study/{name}/figure/{figure}", self._in_thread(self._figure)),
+            Route("/study/{name}/{file}.yaml", self._in_thread(self._yaml)),
+            Route("/study/{name}/compare/{pair}.rrd", self._in_thread(self._comparison_recording)),
             Route("/note/{kind}/{name}", self._write_note, methods=["POST"]),
-            Route("/run/{key}/picture.png", self._threaded(self._picture)),
-            Route("/run/{key}/viewer", self._threaded(self._viewer)),
-            Route("/beside/{key}/viewer", self._threaded(self._viewer)),
-            Route("/beside/{key}/recording.rrd", self._threaded(self._recording)),
-            Route("/run/{key}/film.webp", self._threaded(self._film)),
-            Route("/run/{key}/recording.rrd", self._threaded(self._recording)),
-            Route("/run/{key}/file/{file}", self._threaded(self._file)),
-            Route("/viewer/{version}/{file:path}", self._threaded(self._viewer_file)),
-            Route("/static/{file:path}", self._threaded(self._static)),
-            Route("/favicon.ico", self._threaded(lambda request: RedirectResponse(LINKS.asset("icon.svg"), 301))),
+            Route("/run/{key}/picture.png", self._in_thread(self._picture)),
+            Route("/run/{key}/viewer", self._in_thread(self._viewer)),
+            Route("/beside/{key}/viewer", self._in_thread(self._viewer)),
+            Route("/beside/{key}/recording.rrd", self._in_thread(self._recording)),
+            Route("/run/{key}/film.webp", self._in_thread(self._film)),
+            Route("/run/{key}/recording.rrd", self._in_thread(self._recording)),
+            Route("/run/{key}/file/{file}", self._in_thread(self._file)),
+            Route("/viewer/{version}/{file:path}", self._in_thread(self._viewer_file)),
+            Route("/static/{file:path}", self._in_thread(self._static)),
+            Route("/favicon.ico", self._in_thread(lambda request: RedirectResponse(LINKS.asset("icon.svg"), 301))),
         ]
         self.starlette = Starlette(
-            routes=routes, exception_handlers={HTTPException: self._wrong, Exception: self._broken}
+            routes=routes, exception_handlers={HTTPException: self._http_error, Exception: self._server_error}
         )
 
     # responses
 
-    def _threaded(self, make: Callable[[Request], Response]):
+    def _in_thread(self, make: Callable[[Request], Response]):
         async def answer(request: Request) -> Response:
             return await anyio.to_thread.run_sync(self._response, make, request)
 
         return answer
 
-    def _answer(self, make: Callable[[Request], Page], ending: str):
+    def _page_handler(self, make: Callable[[Request], Page], ending: str):
         def respond(request: Request) -> Response:
             page = make(request)
             if ending == "json":
@@ -132,9 +132,9 @@ class App:
             if ending == "csv":
                 name = page.path.replace("/", "-") or "studies"
                 return Response(page.csv(), media_type="text/csv; charset=utf-8", headers=saved_as(f"{name}.csv"))
-            return HTMLResponse(html(page, LINKS, **self._common()))
+            return HTMLResponse(html(page, LINKS, **self._shared_context()))
 
-        return self._threaded(respond)
+        return self._in_thread(respond)
 
     def _response(self, make: Callable[[Request], Response], request: Request) -> Response:
         """Make a response; errors of the lab become HTTP errors.
@@ -158,14 +158,14 @@ class App:
         except (LabError, Unreadable, BackendMissing, NotEvaluated) as error:
             raise HTTPException(503, str(error)) from error
 
-    def _common(self) -> dict[str, Any]:
+    def _shared_context(self) -> dict[str, Any]:
         return {"read_only": self.read_only, "lab": self.store.lab.folder.resolve().name}
 
-    async def _wrong(self, request: Request, error: Exception) -> Response:
+    async def _http_error(self, request: Request, error: Exception) -> Response:
         assert isinstance(error, HTTPException)
         return await anyio.to_thread.run_sync(self._error_response, request, error.status_code, str(error.detail))
 
-    async def _broken(self, request: Request, error: Exception) -> Response:
+    async def _server_error(self, request: Request, error: Exception) -> Response:
         _log.error("%s could not be answered", request.url.path, exc_info=error)
         return await anyio.to_thread.run_sync(self._error_response, request, 500, "labbook has an internal error; "
                                               "the terminal in which labbook web runs shows it.")  # fmt: skip
@@ -176,7 +176,7 @@ class App:
         if request.headers.get("hx-request"):
             return HTMLResponse(part("problem.html.j2", LINKS, why=why), status)
         page = Page("error.html.j2", "", f"{status}", dict, _no_frame, {"status": status, "why": why})
-        return HTMLResponse(html(page, LINKS, **self._common()), status)
+        return HTMLResponse(html(page, LINKS, **self._shared_context()), status)
 
     # pages
 
@@ -200,10 +200,10 @@ class App:
         return runs_page(self.store, query_of(request, "runs"))
 
     def _compare(self, request: Request) -> Page:
-        every = parse_qsl(request.url.query, keep_blank_values=True)
-        if extras := {name for name, _ in every} - _ALLOWED["compare"]:
+        pairs = parse_qsl(request.url.query, keep_blank_values=True)
+        if extras := {name for name, _ in pairs} - _ALLOWED["compare"]:
             raise HTTPException(400, f"{sorted(extras)[0][:60]} is not known here; use item=run:KEY and the like")
-        return compare_page(self.store, [value for _, value in every if value])
+        return compare_page(self.store, [value for _, value in pairs if value])
 
     # parts of pages, and files
 
@@ -248,7 +248,7 @@ class App:
             text, media_type="text/yaml; charset=utf-8", headers=saved_as(f"{request.path_params['name']}.yaml")
         )
 
-    def _both(self, request: Request) -> Response:
+    def _comparison_recording(self, request: Request) -> Response:
         name, pair = request.path_params["name"], request.path_params["pair"]
         contents = self.store.contents(name, self.store.backend_of(name, None))
         for comparison in contents.compared:
@@ -350,23 +350,23 @@ class App:
         try:
             body = (await request.body()).decode("utf-8", "replace")
         except ClientDisconnect:  # the guard lets no more in
-            raise HTTPException(413, f"More than {LARGEST_BODY} bytes were sent.") from None
-        sent = dict(parse_qsl(body, keep_blank_values=True))
-        return await anyio.to_thread.run_sync(self._response, lambda _: self._noted(request, sent), request)
+            raise HTTPException(413, f"More than {BODY_LIMIT} bytes were sent.") from None
+        form = dict(parse_qsl(body, keep_blank_values=True))
+        return await anyio.to_thread.run_sync(self._response, lambda _: self._save_note(request, form), request)
 
-    def _noted(self, request: Request, sent: Mapping[str, str]) -> Response:
+    def _save_note(self, request: Request, form: Mapping[str, str]) -> Response:
         kind, name = request.path_params["kind"], request.path_params["name"]
         if kind == "run":
             name = key_of(self.store, hex_of(request, "name"))
         elif kind != "study" or name not in {one.name for one in self.store.listings()}:
             raise NotFound(f"there is no {kind[:20]} {name[:80]}")
-        tags = tuple(filter(None, (tag.strip() for tag in sent.get("tags", "").split(","))))
+        tags = tuple(filter(None, (tag.strip() for tag in form.get("tags", "").split(","))))
         why = ""
         try:
-            notes.write(self.store.lab, kind, name, Note(sent.get("text", "").replace("\r\n", "\n").strip(), tags))
+            notes.write(self.store.lab, kind, name, Note(form.get("text", "").replace("\r\n", "\n").strip(), tags))
         except (ValueError, OSError) as error:
             why = str(error)
-        note = Note(sent.get("text", ""), tags) if why else self.store.note(kind, name)
+        note = Note(form.get("text", ""), tags) if why else self.store.note(kind, name)
         context = {"kind": kind, "name": name, "note": note, "why": why, "saved": not why, "read_only": False}
         return HTMLResponse(part("note.html.j2", LINKS, **context), 400 if why else 200)
 
@@ -384,9 +384,9 @@ def query_of(request: Request, page: str) -> dict[str, str]:
     Raises:
         HTTPException: 400 for a repeated or unknown parameter, or a value that is out of range.
     """
-    every = parse_qsl(request.url.query, keep_blank_values=True)
-    query = {name: value for name, value in every if value}
-    if len(every) != len({name for name, _ in every}):
+    pairs = parse_qsl(request.url.query, keep_blank_values=True)
+    query = {name: value for name, value in pairs if value}
+    if len(pairs) != len({name for name, _ in pairs}):
         raise HTTPException(400, "The address states a parameter twice.")
     allowed = _ALLOWED[page]
     if extras := set(query) - allowed:

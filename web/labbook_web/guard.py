@@ -11,10 +11,10 @@ from starlette.datastructures import Headers, MutableHeaders
 from starlette.responses import PlainTextResponse, RedirectResponse
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
-LONGEST_ADDRESS = 4000
+ADDRESS_LIMIT = 4000
 """Characters of path and query."""
-LARGEST_BODY = 100_000
-BEHIND = 64
+BODY_LIMIT = 100_000
+CONCURRENT_LIMIT = 64
 """Largest number of concurrent requests; further ones get status 503."""
 COOKIE = "labbook-token"
 POLICY = (
@@ -51,33 +51,33 @@ class Guard:
         app = refusal or self._app
         self._busy += 1
         try:
-            await app(scope, _limited(receive), _marked(scope, send))
+            await app(scope, _with_body_limit(receive), _with_headers(scope, send))
         finally:
             self._busy -= 1
 
     def _refusal(self, scope: Scope) -> ASGIApp | None:
         """Response in place of the app's to a request that is refused; None to one that passes."""
         headers = Headers(scope=scope)
-        if self._busy >= BEHIND:
-            return _say(f"The app is working on {BEHIND} answers; ask again in a moment.", 503)
-        if len(scope.get("raw_path", b"")) + len(scope["query_string"]) > LONGEST_ADDRESS:
-            return _say("The address is too long.", 414)
+        if self._busy >= CONCURRENT_LIMIT:
+            return _text(f"The app is working on {CONCURRENT_LIMIT} answers; ask again in a moment.", 503)
+        if len(scope.get("raw_path", b"")) + len(scope["query_string"]) > ADDRESS_LIMIT:
+            return _text("The address is too long.", 414)
         host = headers.get("host", "")
         if self._hosts and host not in self._hosts:  # a page elsewhere may have given its own name our address
-            return _say(f"The app does not answer as {host[:100]}; use the address that `labbook web` printed.", 421)
+            return _text(f"The app does not answer as {host[:100]}; use the address that `labbook web` printed.", 421)
         if scope["method"] not in ("GET", "HEAD", "POST"):
-            return _say("Only GET, HEAD and POST are answered.", 405)
-        if scope["method"] == "POST" and (why := _foreign(headers, host)):
-            return _say(why, 403)
+            return _text("Only GET, HEAD and POST are answered.", 405)
+        if scope["method"] == "POST" and (why := _origin_refusal(headers, host)):
+            return _text(why, 403)
         try:
-            long = int(headers.get("content-length") or 0)
+            length = int(headers.get("content-length") or 0)
         except ValueError:
-            return _say("The Content-Length of the request is not a number.", 400)
-        if not 0 <= long <= LARGEST_BODY:
-            return _say(f"More than {LARGEST_BODY} bytes were sent.", 413)
-        return self._ask_for_token(scope, headers) if self._token else None
+            return _text("The Content-Length of the request is not a number.", 400)
+        if not 0 <= length <= BODY_LIMIT:
+            return _text(f"More than {BODY_LIMIT} bytes were sent.", 413)
+        return self._token_refusal(scope, headers) if self._token else None
 
-    def _ask_for_token(self, scope: Scope, headers: Headers) -> ASGIApp | None:
+    def _token_refusal(self, scope: Scope, headers: Headers) -> ASGIApp | None:
         token = parse_qs(scope["query_string"].decode("latin-1")).get("token", [""])[0]
         if token and hmac.compare_digest(token.encode(), self._token.encode()):
             answer = RedirectResponse("/" + scope["path"].lstrip("/"), 303)  # of two slashes the second names a host
@@ -89,10 +89,10 @@ class Guard:
             cookie = None
         if cookie is not None and hmac.compare_digest(cookie.value.encode(), self._token.encode()):
             return None
-        return _say("Open the address with the token that `labbook web` has printed.", 401)
+        return _text("Open the address with the token that `labbook web` has printed.", 401)
 
 
-def _foreign(headers: Headers, host: str) -> str:
+def _origin_refusal(headers: Headers, host: str) -> str:
     """Reason to refuse a POST from another site (cross-site request forgery); empty for one of our own pages."""
     origin = headers.get("origin")
     if headers.get("sec-fetch-site", "same-origin") != "same-origin":
@@ -102,22 +102,22 @@ def _foreign(headers: Headers, host: str) -> str:
     return ""
 
 
-def _limited(receive: Receive) -> Receive:
-    """Limit the body to LARGEST_BODY, whatever its Content-Length says: beyond it the app sees a disconnect."""
+def _with_body_limit(receive: Receive) -> Receive:
+    """Limit the body to BODY_LIMIT, whatever its Content-Length says: beyond it the app sees a disconnect."""
     received = 0
 
     async def wrapped() -> Message:
         nonlocal received
         message = await receive()
         received += len(message.get("body", b""))
-        if received > LARGEST_BODY:
+        if received > BODY_LIMIT:
             return {"type": "http.disconnect"}
         return message
 
     return wrapped
 
 
-def _marked(scope: Scope, send: Send) -> Send:
+def _with_headers(scope: Scope, send: Send) -> Send:
     """Add the headers of security to every response."""
     policy = VIEWER_POLICY if scope["path"].startswith("/viewer/") else POLICY
 
@@ -135,5 +135,5 @@ def _marked(scope: Scope, send: Send) -> Send:
     return wrapped
 
 
-def _say(text: str, status: int) -> ASGIApp:
+def _text(text: str, status: int) -> ASGIApp:
     return PlainTextResponse(f"{text}\n", status)

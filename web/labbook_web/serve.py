@@ -20,7 +20,7 @@ from labbook_web.store import LabStore
 
 PORT = 8321
 """Default port."""
-_POLITE = 10
+_NICENESS = 10
 """Increment of the niceness of the process: running studies have priority."""
 
 
@@ -60,19 +60,19 @@ def serve(
             f"{host} can be reached by other machines: add --remote to allow it; clients then need a token"
         )
     token = "" if own else secrets.token_urlsafe(24)
-    listening = _listen(host, PORT if port is None else port, or_any=port is None)
-    port = listening.getsockname()[1]
+    listener = _listen(host, PORT if port is None else port, or_any=port is None)
+    port = listener.getsockname()[1]
     name = f"[{host}]" if ":" in host else host
     hosts = frozenset(f"{one}:{port}" for one in (name, "localhost", "127.0.0.1", "[::1]")) if own else frozenset()
     app = application(LabStore(lab, studies), read_only=read_only, hosts=hosts, token=token)
     address = f"http://{name}:{port}/" + (f"?token={token}" if token else "")
     say(f"Serving {lab} at {address} (Ctrl-C ends it)")
     with suppress(OSError):
-        os.nice(_POLITE)
+        os.nice(_NICENESS)
     if browse:
         threading.Timer(0.5, webbrowser.open, [address]).start()
     with suppress(KeyboardInterrupt):
-        server(app).run(sockets=[listening])
+        server(app).run(sockets=[listener])
 
 
 def server(app: Guard) -> uvicorn.Server:
@@ -95,16 +95,16 @@ def is_loopback(host: str) -> bool:
 
 
 def _listen(host: str, port: int, or_any: bool) -> socket.socket:
-    """Open a listening socket; with `or_any` on any free port if this one is in use."""
+    """Open a listener socket; with `or_any` on any free port if this one is in use."""
     family = socket.AF_INET6 if ":" in host else socket.AF_INET
-    listening = socket.socket(family, socket.SOCK_STREAM)
-    listening.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+    listener = socket.socket(family, socket.SOCK_STREAM)
+    listener.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
     try:
-        listening.bind((host, port))
-        listening.listen()  # whoever reads the address may come before the server runs
+        listener.bind((host, port))
+        listener.listen()  # whoever reads the address may come before the server runs
     except OSError as error:
-        listening.close()
+        listener.close()
         if or_any and error.errno == errno.EADDRINUSE:
             return _listen(host, 0, or_any=False)
         raise CannotServe(f"{host} port {port}: {error.strerror}; choose another one with --port") from error
-    return listening
+    return listener

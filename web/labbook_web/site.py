@@ -70,7 +70,7 @@ def write(
     """
     if out.exists() and (not out.is_dir() or (any(out.iterdir()) and not (out / MARK).is_file())):
         raise CannotWrite(f"{out} exists and is not a site of labbook: give a new or empty folder")
-    store = LabStore(lab, studies, only=True, noted=notes)
+    store = LabStore(lab, studies, extra_only=True, with_notes=notes)
     listed = store.listings()
     if wrong := [one.problem for one in listed if one.problem]:
         raise CannotWrite(wrong[0])
@@ -184,7 +184,7 @@ class _Writer:
         film = ""
         if page.context.get("recorded"):
             folder = self._store.lab.run(key)
-            path = viewer.film(folder) if self._films else viewer.kept_film(folder)
+            path = viewer.film(folder) if self._films else viewer.stored_film(folder)
             if path is not None:
                 film = f"{page.path}/film.webp"
                 self._file(film, path.read_bytes())

@@ -35,7 +35,7 @@ _CACHE_SIZE = 64
 """Largest number of studies whose results are cached."""
 _SERVER_AGE = 2.0
 """Largest age of values from an index on a server, which does not report changes [s]."""
-SPARED = 20
+AGE_FACTOR = 20
 """Largest age of the results of a running study, in multiples of the time to find them: the pages then take at most 5 %
 of one core from it."""
 _T = TypeVar("_T")
@@ -125,7 +125,7 @@ class StudyContents:
     packings_of: str = ""
     _values: dict[str, Any] = field(default_factory=dict)
 
-    def once(self, name: str, make: Callable[[], _T]) -> _T:
+    def cached(self, name: str, make: Callable[[], _T]) -> _T:
         """Return the value of `make`, which is called at the first use of `name`."""
         if name not in self._values:
             self._values[name] = make()
@@ -153,29 +153,29 @@ class Cache:
     def __init__(self, size: int):
         self._size = size
         self.values: OrderedDict[Any, tuple[Any, Any, float, float]] = OrderedDict()
-        self._making: dict[Any, threading.Lock] = defaultdict(threading.Lock)
-        self._own = threading.Lock()
+        self._locks: dict[Any, threading.Lock] = defaultdict(threading.Lock)
+        self._lock = threading.Lock()
 
-    def get(self, key: Any, state: Any, make: Callable[[], _T], spare: float = 0.0) -> _T:
+    def get(self, key: Any, state: Any, make: Callable[[], _T], age_factor: float = 0.0) -> _T:
         """Return the value of a key, made anew if its state has changed.
 
         Args:
             key: Key of the value.
             state: State of the sources of the value, compared by equality.
             make: Makes the value. An error passes to the caller, and the next thread tries again.
-            spare: A value of an earlier state is returned up to this multiple of the time that it took to make.
+            age_factor: A value of an earlier state is returned up to this multiple of the time that it took to make.
         """
-        with self._own:
-            lock = self._making[key]
+        with self._lock:
+            lock = self._locks[key]
         with lock:
-            had = self.values.get(key)
-            if had is not None and (had[0] == state or time.monotonic() - had[2] < spare * had[3]):
-                return had[1]
-            begun = time.monotonic()
+            entry = self.values.get(key)
+            if entry is not None and (entry[0] == state or time.monotonic() - entry[2] < age_factor * entry[3]):
+                return entry[1]
+            start = time.monotonic()
             value = make()
-            ended = time.monotonic()
-            with self._own:
-                self.values[key] = state, value, ended, ended - begun
+            end = time.monotonic()
+            with self._lock:
+                self.values[key] = state, value, end, end - start
                 self.values.move_to_end(key)
                 while len(self.values) > self._size:
                     self.values.popitem(last=False)
@@ -188,28 +188,30 @@ class LabStore:
     Args:
         lab: Folder of the lab.
         extra_files: Study files besides those that the lab keeps, with precedence over those of the same name.
-        only: Leave out the studies that the lab keeps.
-        noted: Include notes and tags.
+        extra_only: Leave out the studies that the lab keeps.
+        with_notes: Include notes and tags.
     """
 
-    def __init__(self, lab: Path, extra_files: Sequence[Path] = (), *, only: bool = False, noted: bool = True):
-        self.lab, self._only, self._noted = LabFolder(lab), only, noted
+    def __init__(
+        self, lab: Path, extra_files: Sequence[Path] = (), *, extra_only: bool = False, with_notes: bool = True
+    ):
+        self.lab, self._extra_only, self._with_notes = LabFolder(lab), extra_only, with_notes
         self._extra_files = tuple(extra_files)
-        self.studies_read, self._requested, self._results = Cache(1000), Cache(_CACHE_SIZE), Cache(_CACHE_SIZE)
+        self.study_cache, self._requested, self._results = Cache(1000), Cache(_CACHE_SIZE), Cache(_CACHE_SIZE)
         self._counts, self._texts = Cache(1), Cache(1000)
         self.pictures = Cache(400)
         """Encoded figures by study, backend, address and format."""
-        self._opening = threading.Lock()
-        self._opened: tuple[Any, Catalogue] | None = None
+        self._index_lock = threading.Lock()
+        self._index: tuple[Any, Catalogue] | None = None
 
     @property
     def catalogue(self) -> Catalogue:
         """Index of the lab, opened again after its file was replaced. Raises LabError."""
         identity = _identity(self.lab.server) or _identity(self.lab.catalogue)
-        with self._opening:
-            if self._opened is None or self._opened[0] != identity:
-                self._opened = identity, Catalogue(self.lab)
-            return self._opened[1]
+        with self._index_lock:
+            if self._index is None or self._index[0] != identity:
+                self._index = identity, Catalogue(self.lab)
+            return self._index[1]
 
     @property
     def state(self) -> Any:
@@ -225,20 +227,20 @@ class LabStore:
         for count in self.counts():
             counts[count.study].append(count)
         files = self._files()
-        names = dict.fromkeys((*files, *(() if self._only else filter(None, counts))))
+        names = dict.fromkeys((*files, *(() if self._extra_only else filter(None, counts))))
         listings = [
             StudyListing(name, files.get(name), tuple(counts.get(name, ())), self.note("study", name)) for name in names
         ]
-        listings += [StudyListing(path.stem, path, problem=why) for path, why in self._wrong().items()]
+        listings += [StudyListing(path.stem, path, problem=why) for path, why in self._problems().items()]
         return sorted(listings, key=lambda one: (one.latest, one.name), reverse=True)
 
     def counts(self) -> list[StudyCount]:
         """Number of runs of each study, backend and outcome. Raises LabError."""
-        return self._counts.get("counts", self.state, self.catalogue.studies, SPARED)
+        return self._counts.get("counts", self.state, self.catalogue.studies, AGE_FACTOR)
 
     def note(self, kind: notes.Kind, name: str) -> Note:
         """Note on a study or a run; empty if notes are left out; an error message in place of an unreadable one."""
-        if not self._noted:
+        if not self._with_notes:
             return Note()
         try:
             return notes.read(self.lab, kind, name)
@@ -302,9 +304,9 @@ class LabStore:
                         packings_of = first.name if results.points else ""
             return StudyContents(study, text, backend, results, compared, packings_of)
 
-        spare = SPARED if self.running() else 0.0  # what a study leaves when it ends is shown at once
+        age_factor = AGE_FACTOR if self.running() else 0.0  # what a study leaves when it ends is shown at once
         verdicts = tuple(_stamp(one) for one in self._verdicts(study.name))
-        return self._results.get((path, backend), (_stamps(path), self.state, verdicts), find, spare)
+        return self._results.get((path, backend), (_stamps(path), self.state, verdicts), find, age_factor)
 
     def _verdicts(self, name: str) -> list[Path]:
         folder = path_of(self.lab, name, "", "").parent
@@ -331,7 +333,7 @@ class LabStore:
 
     def _files(self) -> dict[str, Path]:
         """Study files by name: those of the lab, and the extra ones."""
-        files = {} if self._only else studies.study_files(self.lab)
+        files = {} if self._extra_only else studies.study_files(self.lab)
         for path in self._extra_files:
             try:
                 files[self._read(path)[0].name] = path
@@ -342,17 +344,17 @@ class LabStore:
     def _read(self, path: Path) -> tuple[Study, str]:
         """Read a study and its text, again after its file or its calibration has changed. Raises StudyError."""
         calibration = studies.calibration(self.lab, path)
-        return self.studies_read.get(path, _stamps(path), lambda: _read(path, calibration))
+        return self.study_cache.get(path, _stamps(path), lambda: _read(path, calibration))
 
-    def _wrong(self) -> dict[Path, str]:
+    def _problems(self) -> dict[Path, str]:
         """Reasons why extra files are no studies, by file."""
-        wrong = {}
+        problems = {}
         for path in self._extra_files:
             try:
                 self._read(path)
             except (StudyError, OSError) as problem:
-                wrong[path] = str(problem)
-        return wrong
+                problems[path] = str(problem)
+        return problems
 
 
 def _read(path: Path, calibration: Path | None) -> tuple[Study, str]:

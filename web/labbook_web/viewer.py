@@ -31,13 +31,13 @@ FILES = {
     "re_viewer_bg.wasm": "application/wasm",
     "favicon.ico": "image/x-icon",
 }
-_PATIENCE = 60.0  # s, for the viewer's own server to answer
-_LATER = 0.1  # s between two attempts
-_MOST_KEPT = 60
+_TIMEOUT = 60.0  # s, for the viewer's own server to answer
+_RETRY_INTERVAL = 0.1  # s between two attempts
+_CACHE_SIZE = 60
 """Largest number of cached recordings, and of films; the least recently used are deleted first."""
 _NO_FRAMES = "the run kept no frames; to keep some, add `record: {every: 10 ms}` to the study and run it"
-_SHORT = 16  # digits of a key in the name of a file
-_one_at_a_time, _one_film_at_a_time = threading.Lock(), threading.Lock()
+_KEY_DIGITS = 16  # digits of a key in the name of a file
+_viewer_lock, _film_lock = threading.Lock(), threading.Lock()
 
 
 class NoViewer(Exception):
@@ -63,7 +63,7 @@ def version() -> str:
 def viewer_files() -> Path:
     """The folder with the viewer's files, made if it is not there (some seconds, once a version). Raises NoViewer."""
     folder = cache_folder() / f"viewer-{version()}"
-    with _one_at_a_time:
+    with _viewer_lock:
         if not (folder / "complete").exists():
             _fetch(folder)
     return folder
@@ -73,14 +73,14 @@ def _fetch(folder: Path) -> None:
     """Ask the viewer's own server, on this machine, for its files: the wheel holds them within a program."""
     folder.mkdir(parents=True, exist_ok=True)
     web, data = _free_port(), _free_port()
-    served = subprocess.Popen(
+    process = subprocess.Popen(
         [*viewer_command(), "--serve-web", "--port", str(data), "--web-viewer-port", str(web)],
         stdout=subprocess.DEVNULL,
         stderr=subprocess.DEVNULL,
     )
     try:
         for name in FILES:
-            content = _get(f"http://127.0.0.1:{web}/{name}", served)
+            content = _get(f"http://127.0.0.1:{web}/{name}", process)
             if name == "index.html":
                 content = _without_fonts(content)
             if name.endswith(".wasm"):
@@ -91,23 +91,23 @@ def _fetch(folder: Path) -> None:
     except (OSError, urllib.error.URLError) as error:
         raise NoViewer(f"the viewer does not serve its files: {error}") from error
     finally:
-        served.terminate()
-        served.wait(_PATIENCE)
+        process.terminate()
+        process.wait(_TIMEOUT)
 
 
-def _get(address: str, served: subprocess.Popen) -> bytes:
+def _get(address: str, process: subprocess.Popen) -> bytes:
     opener = urllib.request.build_opener(urllib.request.ProxyHandler({}))
-    deadline = time.monotonic() + _PATIENCE
+    deadline = time.monotonic() + _TIMEOUT
     while True:
         try:
-            with opener.open(address, timeout=_PATIENCE) as answer:
+            with opener.open(address, timeout=_TIMEOUT) as answer:
                 return answer.read()
         except urllib.error.HTTPError:
             raise
         except (urllib.error.URLError, ConnectionError):
-            if served.poll() is not None or time.monotonic() > deadline:
+            if process.poll() is not None or time.monotonic() > deadline:
                 raise
-            time.sleep(_LATER)
+            time.sleep(_RETRY_INTERVAL)
 
 
 def _without_fonts(page: bytes) -> bytes:
@@ -124,11 +124,11 @@ def recording(folders: Sequence[Path]) -> Path:
     for folder in folders:
         if RunRecord.read(folder).coverage.recording is None:
             raise NotRecorded(_NO_FRAMES)
-    name = "-".join(folder.name[:_SHORT] for folder in folders)
+    name = "-".join(folder.name[:_KEY_DIGITS] for folder in folders)
     path = cache_folder() / "recordings" / f"{name}-{recording_id('')}.rrd"
-    with _one_at_a_time:
+    with _viewer_lock:
         of_runs(folders, path)
-        _forget(path.parent)
+        _evict(path.parent)
         os.utime(path)
     return path
 
@@ -163,29 +163,29 @@ def film(folder: Path) -> Path:
 
     Raises NotRecorded, Unreadable (of labbook.lab).
     """
-    if (path := kept_film(folder)) is not None:
+    if (path := stored_film(folder)) is not None:
         return path
     record = RunRecord.read(folder)
     if record.coverage.recording is None:
         raise NotRecorded(_NO_FRAMES)
     path = cache_folder() / "films" / f"{source_of_film(record)}.webp"
-    with _one_film_at_a_time:
+    with _film_lock:
         of_run(folder, path)
-        _forget(path.parent, ".webp")
+        _evict(path.parent, ".webp")
         os.utime(path)
     return path
 
 
-def kept_film(folder: Path) -> Path | None:
+def stored_film(folder: Path) -> Path | None:
     """The film of a run that the lab has; None without. Raises Unreadable."""
     record = RunRecord.read(folder)
     path = path_of(folder.parents[1] / "films", record, None, None, "-layers.webp")
     return path if shows(path, source_of_film(record)) else None
 
 
-def _forget(folder: Path, ending: str = ".rrd") -> None:
+def _evict(folder: Path, ending: str = ".rrd") -> None:
     files = sorted(folder.glob(f"*{ending}"), key=lambda path: path.stat().st_mtime, reverse=True)
-    for path in files[_MOST_KEPT:]:
+    for path in files[_CACHE_SIZE:]:
         path.unlink(missing_ok=True)
 
 

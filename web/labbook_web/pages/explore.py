@@ -35,7 +35,7 @@ def explore_page(store: LabStore, name: str, query: Mapping[str, str]) -> Page:
     contents = store.contents(name, store.backend_of(name, query.get("backend")))
     if not explorable(contents.study):
         raise NotFound(f"{name} sweeps no key of numbers: there is nothing to explore")
-    views = contents.once("explored", lambda: _views(contents))
+    views = contents.cached("explored", lambda: _views(contents))
     numbers = [one["numbers"] for one in views]
     return Page(
         "explore.html.j2",

@@ -79,10 +79,10 @@ def card(store: LabStore, listed: StudyListing) -> dict[str, Any]:
     return {
         **context,
         "contents": contents,
-        "beds": contents.once("beds", lambda: extremes(results, _BEDS)),
-        "range": contents.once("range", lambda: value_range(results)),
+        "beds": contents.cached("beds", lambda: extremes(results, _BEDS)),
+        "range": contents.cached("range", lambda: value_range(results)),
         "headline": headline(results) if any(one.fits for one in results.series) else "",
-        "concerns": contents.once("concerns", lambda: concerns(results)) if results.points else [],
+        "concerns": contents.cached("concerns", lambda: concerns(results)) if results.points else [],
         "progress": progress(contents, processes),
         "outcomes": outcomes(results),
     }

@@ -13,15 +13,15 @@ from labbook_web.page import Page, records
 from labbook_web.pages.changes import moment
 from labbook_web.store import LabStore, NotFound
 
-LONG = 100
+PAGE_SIZE = 100
 """Runs on a page."""
 SORTED_BY = (*(name for name in RUN_COLUMNS if name != "problem"), FLOW_RATE)
-KEY = "at:"
+PREFIX = "at:"
 """Prefix of the columns of swept keys."""
 FILTERS = ("study", "backend", "outcome", "packing", "tag", "q", "since")
 _UNITS = {FLOW_RATE: "kg/s", "duration": "s", "wall_time": "s", "device_time": "s", "rate": "1/s"}
 _NUMBER = re.compile(r"(?P<name>.+?) (?P<value>-?[\d.]+(?:e[-+]?\d+)?)(?: (?P<unit>\D.*))?")
-_MOST_TAGGED = 500
+_TAG_LIMIT = 500
 
 
 def runs_page(store: LabStore, query: Mapping[str, str]) -> Page:
@@ -48,12 +48,12 @@ def runs_page(store: LabStore, query: Mapping[str, str]) -> Page:
         since=moment(filters["since"]) if "since" in filters else None,
         sort=sort.removeprefix("-"),
         descending=sort.startswith("-"),
-        offset=LONG * (number - 1),
-        limit=LONG,
+        offset=PAGE_SIZE * (number - 1),
+        limit=PAGE_SIZE,
     )
     catalogue = store.catalogue
     frame, total = _listed(catalogue, listing)
-    pages = max(1, -(-total // LONG))
+    pages = max(1, -(-total // PAGE_SIZE))
     if not 1 <= number <= pages:
         raise NotFound(f"there is no page {number}; the last one is {pages}")
     studies = store.counts()
@@ -66,7 +66,7 @@ def runs_page(store: LabStore, query: Mapping[str, str]) -> Page:
         lambda: _listed(catalogue, replace(listing, offset=0, limit=None))[0],
         {
             "rows": records(frame),
-            "keys": [name for name in frame if name.startswith(KEY)],
+            "keys": [name for name in frame if name.startswith(PREFIX)],
             "news": _news(catalogue, listing) if listing.since is not None else {},
             "total": total,
             "number": number,
@@ -85,21 +85,21 @@ def runs_page(store: LabStore, query: Mapping[str, str]) -> Page:
 
 def sortable(column: str) -> bool:
     """Decide if runs are sorted by a column of this name: one of the index, the flow rate, or that of a swept key."""
-    return column in (*RUN_COLUMNS, *SORTED_BY) or column.startswith(KEY)
+    return column in (*RUN_COLUMNS, *SORTED_BY) or column.startswith(PREFIX)
 
 
 def _listed(catalogue: Catalogue, listing: Listing) -> tuple[pd.DataFrame, int]:
     """Runs as the index lists them, those of one study with a column for each swept key. Keys sort as numbers."""
-    if not listing.sort.startswith(KEY):
+    if not listing.sort.startswith(PREFIX):
         frame, total = catalogue.listed(listing)
         return _with_keys(frame, listing), total
-    every, total = catalogue.listed(replace(listing, sort="finished", descending=True, offset=0, limit=None))
-    every = _with_keys(every, listing)
-    if listing.sort not in every:
+    rows, total = catalogue.listed(replace(listing, sort="finished", descending=True, offset=0, limit=None))
+    rows = _with_keys(rows, listing)
+    if listing.sort not in rows:
         raise NotFound(f"these runs have no column {listing.sort[:60]}; choose one study that sweeps this key")
-    every = every.sort_values(listing.sort, ascending=not listing.descending, kind="stable", na_position="last")
+    rows = rows.sort_values(listing.sort, ascending=not listing.descending, kind="stable", na_position="last")
     end = None if listing.limit is None else listing.offset + listing.limit
-    return every.iloc[listing.offset : end], total
+    return rows.iloc[listing.offset : end], total
 
 
 def _with_keys(frame: pd.DataFrame, listing: Listing) -> pd.DataFrame:
@@ -118,15 +118,15 @@ def _with_keys(frame: pd.DataFrame, listing: Listing) -> pd.DataFrame:
 def _setting(text: str) -> tuple[str, float | str] | None:
     """Name with unit, and value, of a part of a label such as `orifice 24 mm`; None of text without a value."""
     if number := _NUMBER.fullmatch(text):
-        return f"{KEY}{number['name']}" + (f" [{number['unit']}]" if number["unit"] else ""), float(number["value"])
+        return f"{PREFIX}{number['name']}" + (f" [{number['unit']}]" if number["unit"] else ""), float(number["value"])
     name, _, word = text.rpartition(" ")
-    return (f"{KEY}{name}", word) if name else None
+    return (f"{PREFIX}{name}", word) if name else None
 
 
 def _news(catalogue: Catalogue, listing: Listing) -> dict[str, int]:
     """Number of runs since then by study."""
-    every, _ = catalogue.listed(replace(listing, sort="finished", descending=True, offset=0, limit=None))
-    return {str(name): int(count) for name, count in every["study"].value_counts().items() if name}
+    frame, _ = catalogue.listed(replace(listing, sort="finished", descending=True, offset=0, limit=None))
+    return {str(name): int(count) for name, count in frame["study"].value_counts().items() if name}
 
 
 def _order(query: Mapping[str, str]) -> dict[str, Any]:
@@ -135,6 +135,6 @@ def _order(query: Mapping[str, str]) -> dict[str, Any]:
 
 def _tagged(store: LabStore, tag: str) -> tuple[str, ...]:
     keys = [key for key, tags in notes.tagged(store.lab, "run").items() if tag in tags]
-    if len(keys) > _MOST_TAGGED:
-        raise NotFound(f"{len(keys)} runs have the tag {tag}, more than {_MOST_TAGGED} can be listed")
+    if len(keys) > _TAG_LIMIT:
+        raise NotFound(f"{len(keys)} runs have the tag {tag}, more than {_TAG_LIMIT} can be listed")
     return tuple(keys)

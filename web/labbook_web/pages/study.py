@@ -71,22 +71,22 @@ def study_page(store: LabStore, name: str, query: Mapping[str, str]) -> Page:
         },
         results.frame,
         {
-            **contents.once("study", lambda: _context(contents)),
-            "tiles": contents.once(f"tiles of {now}", lambda: tiles(results, now, _surface(contents)))
+            **contents.cached("study", lambda: _context(contents)),
+            "tiles": contents.cached(f"tiles of {now}", lambda: tiles(results, now, _surface(contents)))
             if results.points
             else None,
-            "sheet": sheet(results, labels) if labels else contents.once("sheet", lambda: sheet(results)),
+            "sheet": sheet(results, labels) if labels else contents.cached("sheet", lambda: sheet(results)),
             "contents": contents,
             "backends": sorted({backend, *next((one.backends for one in store.listings() if one.name == name), ())}),
             "progress": now,
             "note": store.note("study", name),
             "linked": linked,
             "changes": changes(results, moment(query["since"])) if query.get("since") else None,
-            "latest": contents.once("latest", lambda: latest(results)),
+            "latest": contents.cached("latest", lambda: latest(results)),
             "outdated": linked is not None and linked != contents.state,
             "command": command("run", study.path, lab=store.lab.folder, backend=backend),
         },
-        contents.once(
+        contents.cached(
             f"chart_data of {lacking}", lambda: embedded({**chart_data(results, lacking), "map": _map(contents)})
         ),
         parameters,
@@ -123,7 +123,7 @@ def _context(contents: StudyContents) -> dict[str, Any]:
 
 def _map(contents: StudyContents) -> dict[str, Any] | None:
     """Numbers of the map of two swept keys, as `static/map.js` draws it; None for other studies."""
-    return contents.once("map", lambda: map_view(contents.results, _surface(contents)))
+    return contents.cached("map", lambda: map_view(contents.results, _surface(contents)))
 
 
 def _tiles(contents: StudyContents, now: Mapping[str, Any]) -> Tiles | None:
@@ -131,7 +131,7 @@ def _tiles(contents: StudyContents, now: Mapping[str, Any]) -> Tiles | None:
 
 
 def _surface(contents: StudyContents) -> DesignSurface | None:
-    return contents.once("surface", lambda: surface_of(contents.results))
+    return contents.cached("surface", lambda: surface_of(contents.results))
 
 
 def _fits(results: Results) -> list[tuple[str, str, Law, Table]]:
@@ -178,7 +178,7 @@ _PANEL_LIMIT = 48
 
 def drawings(contents: StudyContents) -> dict[str, tuple[str, Draw]]:
     """Figures by address, each with its title and its drawing."""
-    return contents.once("drawings", lambda: _drawings(contents))
+    return contents.cached("drawings", lambda: _drawings(contents))
 
 
 def _drawings(contents: StudyContents) -> dict[str, tuple[str, Draw]]:
