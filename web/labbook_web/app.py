@@ -292,7 +292,7 @@ class App:
         keys = request.path_params["key"].split("-")
         if len(keys) > SIDE_BY_SIDE:
             raise Malformed(f"{len(keys)} runs are too many side by side; name at most {SIDE_BY_SIDE}")
-        return list(dict.fromkeys(key_of(self.store, hexadecimal(one)) for one in keys))
+        return list(dict.fromkeys(key_of(self.store, hexadecimal(key)) for key in keys))
 
     def _film(self, request: Request) -> Response:
         key = key_of(self.store, hex_of(request))
@@ -358,7 +358,7 @@ class App:
         kind, name = request.path_params["kind"], request.path_params["name"]
         if kind == "run":
             name = key_of(self.store, hex_of(request, "name"))
-        elif kind != "study" or name not in {one.name for one in self.store.listings()}:
+        elif kind != "study" or name not in {listing.name for listing in self.store.listings()}:
             raise NotFound(f"there is no {kind[:20]} {name[:80]}")
         tags = tuple(filter(None, (tag.strip() for tag in form.get("tags", "").split(","))))
         why = ""
@@ -414,7 +414,7 @@ def hexadecimal(key: str) -> str:
 
 def saved_as(name: str) -> dict[str, str]:
     """Headers of a download: its file name, and a plain ASCII one for older clients (RFC 6266)."""
-    plain = "".join(one if one in _PLAIN else "_" for one in name)
+    plain = "".join(character if character in _PLAIN else "_" for character in name)
     return {"content-disposition": f"attachment; filename=\"{plain}\"; filename*=UTF-8''{quote(name, safe='')}"}
 
 

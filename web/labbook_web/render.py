@@ -40,7 +40,7 @@ def _size(size: int) -> str:
 
 @cache
 def _meanings() -> dict[str, str]:
-    declared = [one for measure in MEASURES.values() for one in measure.declared]
+    declared = [quantity for measure in MEASURES.values() for quantity in measure.declared]
     return {display.quantity(one.name, one.unit).heading: one.meaning for one in declared if one.meaning}
 
 
@@ -53,5 +53,5 @@ def meaning(heading: str) -> str:
 def _templates():
     templates = environment("labbook_web")
     templates.filters |= {"embedded": embedded, "ago": _ago, "size": _size, "meaning": meaning}
-    templates.filters["combined"] = lambda one, other: {**one, **other}
+    templates.filters["combined"] = lambda first, second: {**first, **second}
     return templates

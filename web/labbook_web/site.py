@@ -72,10 +72,10 @@ def write(
         raise CannotWrite(f"{out} exists and is not a site of labbook: give a new or empty folder")
     store = LabStore(lab, studies, extra_only=True, with_notes=notes)
     listed = store.listings()
-    if wrong := [one.problem for one in listed if one.problem]:
+    if wrong := [listing.problem for listing in listed if listing.problem]:
         raise CannotWrite(wrong[0])
     try:
-        writer = _Writer(out, store, [one.name for one in listed], recordings, films, say)
+        writer = _Writer(out, store, [listing.name for listing in listed], recordings, films, say)
         writer.write()
     except (StudyError, LabError, NotFound, Unreadable) as error:
         raise CannotWrite(str(error)) from error
@@ -100,8 +100,8 @@ class _Writer:
         self._out, self._store, self._names, self._recordings, self._say = out, store, names, recordings, say
         self._films = films
         self._contents = {name: store.contents(name, store.backend_of(name, None)) for name in names}
-        points = [one for contents in self._contents.values() for one in contents.results.points]
-        self._runs = tuple(dict.fromkeys(run.run_key for one in points for run in one.runs))
+        points = [result for contents in self._contents.values() for result in contents.results.points]
+        self._runs = tuple(dict.fromkeys(run.run_key for result in points for run in result.runs))
         if len(self._runs) > _RUN_LIMIT:
             raise CannotWrite(f"{len(self._runs)} runs are too many for a site; the limit is {_RUN_LIMIT}")
         places = [

@@ -66,12 +66,12 @@ class StudyListing:
     @property
     def runs(self) -> int:
         """Number of runs that were made for it."""
-        return sum(one.runs for one in self.counts)
+        return sum(count.runs for count in self.counts)
 
     @property
     def latest(self) -> str:
         """Time at which the last of them ended (UTC, ISO 8601); empty without any."""
-        return max((one.latest for one in self.counts), default="")
+        return max((count.latest for count in self.counts), default="")
 
     @property
     def backends(self) -> tuple[str, ...]:
@@ -135,11 +135,11 @@ class StudyContents:
     def state(self) -> str:
         """Hash of the study, its runs and their numbers, which changes with any of them."""
         runs = [
-            (run.run_key, run.outcome, sorted((name, one.value) for name, one in run.measured.items()))
+            (run.run_key, run.outcome, sorted((name, value.value) for name, value in run.measured.items()))
             for result in self.results.points
             for run in result.runs
         ]
-        parts = (self.text, runs, *([one.verdict.made for one in self.compared],) * bool(self.compared))
+        parts = (self.text, runs, *([comparison.verdict.made for comparison in self.compared],) * bool(self.compared))
         return hashlib.blake2b(repr(parts).encode(), digest_size=5).hexdigest()
 
 
@@ -219,7 +219,7 @@ class LabStore:
         path = self.lab.catalogue
         if self.lab.server.exists():
             return time.monotonic() // _SERVER_AGE
-        return tuple(_stamp(one) for one in (path, path.with_name(f"{path.name}-wal")))
+        return tuple(_stamp(file) for file in (path, path.with_name(f"{path.name}-wal")))
 
     def listings(self) -> list[StudyListing]:
         """All studies that have a file or runs, the one with the latest run first. Raises LabError."""
@@ -232,7 +232,7 @@ class LabStore:
             StudyListing(name, files.get(name), tuple(counts.get(name, ())), self.note("study", name)) for name in names
         ]
         listings += [StudyListing(path.stem, path, problem=why) for path, why in self._problems().items()]
-        return sorted(listings, key=lambda one: (one.latest, one.name), reverse=True)
+        return sorted(listings, key=lambda listing: (listing.latest, listing.name), reverse=True)
 
     def counts(self) -> list[StudyCount]:
         """Number of runs of each study, backend and outcome. Raises LabError."""
@@ -268,7 +268,7 @@ class LabStore:
 
     def backend_of(self, name: str, backend: str | None) -> str:
         """Check the name of a backend; None selects the one with most runs. Raises NotFound."""
-        backends = next((one.backends for one in self.listings() if one.name == name), ())
+        backends = next((listing.backends for listing in self.listings() if listing.name == name), ())
         if backend is None:
             return backends[0] if backends else BACKEND
         if backend in backends or backend in installed():
@@ -294,7 +294,7 @@ class LabStore:
             kind = partial(Results, place=self.lab, backend=backend)
             results = stored_results(study, self.catalogue, backend, self._demands(path, study, backend), kind)
             compared, packings_of = self._compared(study), ""
-            for first, second in (one.verdict.entrants for one in compared if not results.points):
+            for first, second in (comparison.verdict.entrants for comparison in compared if not results.points):
                 if second.called == backend and first.called == first.name:
                     with suppress(BackendMissing, CannotCompare):
                         packings = Side(load_backend(first.name), first.device).packings(study)
@@ -305,12 +305,12 @@ class LabStore:
             return StudyContents(study, text, backend, results, compared, packings_of)
 
         age_factor = AGE_FACTOR if self.running() else 0.0  # what a study leaves when it ends is shown at once
-        verdicts = tuple(_stamp(one) for one in self._verdicts(study.name))
+        verdicts = tuple(_stamp(file) for file in self._verdicts(study.name))
         return self._results.get((path, backend), (_stamps(path), self.state, verdicts), find, age_factor)
 
     def _verdicts(self, name: str) -> list[Path]:
         folder = path_of(self.lab, name, "", "").parent
-        return sorted(one for one in folder.glob("*.json") if not one.is_symlink())
+        return sorted(path for path in folder.glob("*.json") if not path.is_symlink())
 
     def _compared(self, study: Study) -> tuple[BackendComparison, ...]:
         """Stored comparisons that can be read."""

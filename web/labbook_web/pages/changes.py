@@ -68,7 +68,7 @@ def changes(results: StudyResults, since: str) -> Changes:
         earlier = tuple(run for run in result.runs if moment(run.ended) <= since)
         if len(earlier) < len(result.runs):
             before = pooled_point(results.study, result.point, extra, earlier)
-            texts = (_mean(one, quantity, unit) for one in (before, result))
+            texts = (_mean(result, quantity, unit) for result in (before, result))
             rows.append(PointChange(result.point.index + 1, result.label, len(result.runs) - len(earlier), *texts))
     return Changes(since, unit.heading, tuple(rows))
 

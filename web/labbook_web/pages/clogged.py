@@ -71,7 +71,7 @@ def _flowing(result: PointResult, points: tuple[PointResult, ...]) -> FlowingPoi
     ]
     if not wider:
         return None
-    nearest = min(wider, key=lambda one: one.orifice)
+    nearest = min(wider, key=lambda candidate: candidate.orifice)
     unit, flow = display.quantity(FLOW_RATE), nearest.flow_rate
     text = f"D = {nearest.orifice * 1e3:.4g} mm = {width_ratio(nearest.point.scene):.3g} grain diameters"
     if flow is not None:

@@ -76,20 +76,20 @@ def compare_page(store: LabStore, items: Sequence[str]) -> Page:
         raise Malformed(f"{len(items)} items are too many to compare; choose at most {ITEM_LIMIT}")
     lacking: list[str] = []
     entries = _told_apart([_item(store, text, lacking) for text in dict.fromkeys(items)])
-    labels = [one.label for one in entries]
+    labels = [item.label for item in entries]
     differ = _differences(entries)
-    curves = [{**curve, "title": one.label, "group": place,
-               "label": f"{one.label}: {curve['label']}" if len(one.curves) > 1 else one.label}
-              for place, one in enumerate(entries) for curve in one.curves]  # fmt: skip
-    beds = [one for one in entries if one.run]
-    recorded = list(dict.fromkeys(one.run[:16] for one in beds if one.run and one.recorded))[:SIDE_BY_SIDE]
-    studies = bool(entries) and all(one.point is None and one.contents is not None for one in entries)
+    curves = [{**curve, "title": item.label, "group": place,
+               "label": f"{item.label}: {curve['label']}" if len(item.curves) > 1 else item.label}
+              for place, item in enumerate(entries) for curve in item.curves]  # fmt: skip
+    beds = [item for item in entries if item.run]
+    recorded = list(dict.fromkeys(item.run[:16] for item in beds if item.run and item.recorded))[:SIDE_BY_SIDE]
+    studies = bool(entries) and all(item.point is None and item.contents is not None for item in entries)
     numbers = _means(entries) if studies else _numbers(entries)
     return Page(
         "compare.html.j2",
         "compare",
         "Compare",
-        lambda: {"items": [one.text for one in entries], "labels": labels, "differences": differ, "numbers": numbers},
+        lambda: {"items": [item.text for item in entries], "labels": labels, "differences": differ, "numbers": numbers},
         lambda: pd.DataFrame(
             [{"key": name, **dict(zip(labels, values, strict=True))} for name, values in differ]
             + [{"key": row["name"], **dict(zip(labels, row["values"], strict=True))} for row in numbers]
@@ -99,11 +99,11 @@ def compare_page(store: LabStore, items: Sequence[str]) -> Page:
          "beds": beds, "together": len(recorded), "most": SIDE_BY_SIDE,
          "beside": f"/{'beside' if len(recorded) > 1 else 'run'}/{'-'.join(recorded)}/viewer" if recorded else "",
          "apart": studies and len(entries) > 1 and not numbers,
-         "studies": [one.name for one in store.listings() if one.path is not None]},
+         "studies": [listing.name for listing in store.listings() if listing.path is not None]},
         {
             "curves": curves,
-            "studies": [{**chart_data(one.contents.results), "label": one.label}
-                        for one in entries if one.contents is not None and one.result is None],
+            "studies": [{**chart_data(item.contents.results), "label": item.label}
+                        for item in entries if item.contents is not None and item.result is None],
         },
     )  # fmt: skip
 
@@ -124,9 +124,9 @@ def _compared(items: Sequence[ComparedItem]) -> list[BackendComparison]:
 
 def _told_apart(items: list[ComparedItem]) -> list[ComparedItem]:
     """Add the backend to the labels if there are several backends."""
-    if len({one.backend for one in items}) < 2:
+    if len({item.backend for item in items}) < 2:
         return items
-    return [replace(one, label=f"{one.label} on {one.backend}") for one in items]
+    return [replace(item, label=f"{item.label} on {item.backend}") for item in items]
 
 
 def _item(store: LabStore, text: str, lacking: list[str]) -> ComparedItem:
@@ -141,7 +141,7 @@ def _item(store: LabStore, text: str, lacking: list[str]) -> ComparedItem:
         return ComparedItem(text, name, f"study/{name}", None, None, contents, (), None, False, contents.backend)
     number = int(parts["number"])
     result = point_of(contents, number)
-    curves = [one for run in result.runs if (one := curve_of(run, run.repeat, lacking)) is not None]
+    curves = [trace for run in result.runs if (trace := curve_of(run, run.repeat, lacking)) is not None]
     label, address = f"{name}, {result.label or 'the only point'}", f"study/{name}/point/{number}"
     filmed = next((run for run in result.runs if run.recorded), result.runs[0])
     bed = filmed.run_key, filmed.recorded, contents.backend
@@ -166,18 +166,18 @@ def _differences(items: Sequence[ComparedItem]) -> list[tuple[str, tuple[str, ..
     """Find the settings in which items differ; of studies, the keys of their files."""
     if len(items) < 2:
         return []
-    points = [one.point for one in items]
+    points = [item.point for item in items]
     if all(point is not None for point in points):
         rows = differences([point for point in points if point is not None])
-        backends = tuple(one.backend for one in items)
+        backends = tuple(item.backend for item in items)
         return rows + ([("backend", backends)] if len(set(backends)) > 1 else [])
-    definitions = [_flat(one.contents.study.definition) if one.contents else {} for one in items]
-    names = dict.fromkeys(name for one in definitions for name in one)
-    backends = tuple(one.backend for one in items)
+    definitions = [_flat(item.contents.study.definition) if item.contents else {} for item in items]
+    names = dict.fromkeys(name for definition in definitions for name in definition)
+    backends = tuple(item.backend for item in items)
     return [("backend", backends)] * (len(set(backends)) > 1) + [
-        (name, tuple(_words(one.get(name, "–")) for one in definitions))
+        (name, tuple(_words(definition.get(name, "–")) for definition in definitions))
         for name in names
-        if name != "name" and len({str(one.get(name)) for one in definitions}) > 1
+        if name != "name" and len({str(definition.get(name)) for definition in definitions}) > 1
     ]
 
 
@@ -187,23 +187,23 @@ def _words(value: Any) -> str:
 
 def _numbers(items: Sequence[ComparedItem]) -> list[dict[str, Any]]:
     """Means of points, and their ratios to the first with 95 % intervals."""
-    results = [one.result for one in items]
-    names = dict.fromkeys(name for one in results if one is not None for name in one.pooled)
+    results = [item.result for item in items]
+    names = dict.fromkeys(name for result in results if result is not None for name in result.pooled)
     return _numbers_of(results, tuple(names))
 
 
 def _numbers_of(results: Sequence[PointResult | None], names: Sequence[str]) -> list[dict[str, Any]]:
     rows = []
     for name in names:
-        measured = (run.measured for one in results if one is not None for run in one.runs)
+        measured = (run.measured for result in results if result is not None for run in result.runs)
         unit = next((of_run[name].unit for of_run in measured if name in of_run), "")
         notation = display.quantity(name, unit)
-        pooled = [one.pooled.get(name) if one is not None else None for one in results]
+        pooled = [result.pooled.get(name) if result is not None else None for result in results]
         values = ["–" if one is None else f"{display.with_error(one.value, one.error, notation.scale)} (n = {one.n})"
                   for one in pooled]  # fmt: skip
         first = results[0]
         zero = notation.about_zero or first is None or name not in first.pooled or _about_zero(first.pooled[name])
-        ratios = ["–" if zero or first is None else _ratio(one, first, name) for one in results[1:]]
+        ratios = ["–" if zero or first is None else _ratio(result, first, name) for result in results[1:]]
         rows.append({"name": notation.heading, "values": values, "ratios": ratios})
     return rows
 
@@ -211,7 +211,7 @@ def _numbers_of(results: Sequence[PointResult | None], names: Sequence[str]) -> 
 def _means(items: Sequence[ComparedItem]) -> list[dict[str, Any]]:
     """Means of the leading quantity of studies or backends at points with the same settings, and their ratios to the
     first, as `_numbers` gives them of points."""
-    studies = [one.contents.results for one in items if one.contents is not None]
+    studies = [item.contents.results for item in items if item.contents is not None]
     quantity = next(filter(None, map(leading, studies)), "")
     if not quantity:
         return []
@@ -226,9 +226,9 @@ def _means(items: Sequence[ComparedItem]) -> list[dict[str, Any]]:
     return rows
 
 
-def _about_zero(one: Pooled) -> bool:
+def _about_zero(mean: Pooled) -> bool:
     """True if the interval of a mean contains zero, so that it has no ratios."""
-    return one.value == 0 or one.low <= 0 <= one.high
+    return mean.value == 0 or mean.low <= 0 <= mean.high
 
 
 def _ratio(result: PointResult | None, first: PointResult | None, name: str) -> str:

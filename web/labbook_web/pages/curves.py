@@ -37,8 +37,8 @@ def curve(trace: Trace, flow: Measured | None, label: str, why: str = "", **extr
 
 def caption(curves: Sequence[Mapping[str, Any]]) -> str:
     """Caption for the window and the means of a chart. Only a single curve has its window shaded."""
-    means = sum(one["mean"] is not None and one["window"] is not None for one in curves)
-    why = next((one["why"] for one in curves if one["why"]), "")
+    means = sum(curve["mean"] is not None and curve["window"] is not None for curve in curves)
+    why = next((curve["why"] for curve in curves if curve["why"]), "")
     if len(curves) == 1:
         if curves[0]["window"] is None:
             return f"No window and no mean: {why}." if why else ""

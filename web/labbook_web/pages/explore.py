@@ -36,7 +36,7 @@ def explore_page(store: LabStore, name: str, query: Mapping[str, str]) -> Page:
     if not explorable(contents.study):
         raise NotFound(f"{name} sweeps no key of numbers: there is nothing to explore")
     views = contents.cached("explored", lambda: _views(contents))
-    numbers = [one["numbers"] for one in views]
+    numbers = [view["numbers"] for view in views]
     return Page(
         "explore.html.j2",
         f"study/{name}/explore",
@@ -53,10 +53,10 @@ def _views(contents: StudyContents) -> list[dict[str, Any]]:
     """Each quantity at each value of the keys that take words: what scripts draw, and the tables beside it."""
     results = contents.results
     _, fixed = swept_keys(results.points)
-    several = [name for name in fixed if len({one.at.get(name) for one in results.points}) > 1]
+    several = [name for name in fixed if len({result.at.get(name) for result in results.points}) > 1]
     values = [list(dict.fromkeys(one.at[name] for one in results.points if name in one.at)) for name in several]
-    choices = [dict(zip(several, one, strict=True)) for one in product(*values)][:_CHOICES]
-    names = dict.fromkeys(name for one in results.points for name in one.pooled)
+    choices = [dict(zip(several, choice, strict=True)) for choice in product(*values)][:_CHOICES]
+    names = dict.fromkeys(name for result in results.points for name in result.pooled)
     names = sorted(names, key=lambda name: name != FLOW_RATE)
     views: list[dict[str, Any]] = []
     problems: list[dict[str, Any]] = []
@@ -101,21 +101,21 @@ def _without(results: StudyResults, quantity: str, at: Mapping[str, float | str]
     """A view without a surface: the points, and the reason."""
     how = unit_of(results, quantity)
     keys = swept_keys(results.points)[0]
-    there = [one for one in results.points if all(key in one.at for key in keys)]
-    factors = [Factor.of(key, [float(one.at[key]) for one in there]) for key in keys]
+    there = [result for result in results.points if all(key in result.at for key in keys)]
+    factors = [Factor.of(key, [float(result.at[key]) for result in there]) for key in keys]
     numbers = {
         "label": how.heading,
         "quantity": {"name": quantity, "label": how.name, "unit": how.unit, "scale": how.scale},
         "why": why,
-        "factors": [_factor(one, there, results.study) for one in factors],
-        "points": [_point(one, quantity, keys, used=quantity in one.pooled) for one in there],
+        "factors": [_factor(factor, there, results.study) for factor in factors],
+        "points": [_point(result, quantity, keys, used=quantity in result.pooled) for result in there],
     }
     return {"numbers": numbers, "surface": None, "why": why, "label": display.label(at)}
 
 
 def _view(surface: DesignSurface, label: str) -> dict[str, Any]:
     how = display.quantity(surface.quantity, surface.unit)
-    first = {**surface.at, **{one.key: one.low for one in surface.factors}}
+    first = {**surface.at, **{factor.key: factor.low for factor in surface.factors}}
     study = surface.results.study
     head, _ = study_at(study, [first], f"{study.name}-design", max(2, study.replicates))
     numbers = {
@@ -124,15 +124,15 @@ def _view(surface: DesignSurface, label: str) -> dict[str, Any]:
         "at": dict(surface.at),
         "why": "",
         "method": surface.method,
-        "factors": [_factor(one, (*surface.points, *surface.left_out), study) for one in surface.factors],
+        "factors": [_factor(factor, (*surface.points, *surface.left_out), study) for factor in surface.factors],
         "surface": surface.numbers(),
         "points": [
             _point(result, surface.quantity, surface.keys, used=result in surface.points)
             for result in (*surface.points, *surface.left_out)
             if all(key in result.at for key in surface.keys)
         ],
-        "influences": [vars(one) for one in surface.influences],
-        "next": [{**vars(one), "per_second": one.per_second} for one in surface.next_runs],
+        "influences": [vars(influence) for influence in surface.influences],
+        "next": [{**vars(run), "per_second": run.per_second} for run in surface.next_runs],
         "study": head,
     }
     return {
@@ -166,7 +166,7 @@ def bars(surface: DesignSurface) -> list[dict[str, Any]]:
 def _factor(factor: Factor, points: Sequence[PointResult], study: Study) -> dict[str, Any]:
     """A key as scripts show it, and as a study file has it."""
     how = display.key(factor.key)
-    values = sorted({float(one.at[factor.key]) for one in points if factor.key in one.at})
+    values = sorted({float(result.at[factor.key]) for result in points if factor.key in result.at})
     try:
         unit = how.unit if not how.unit or parse(f"1 {how.unit}", None) else ""
         scale = how.scale

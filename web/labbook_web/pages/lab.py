@@ -40,7 +40,7 @@ def lab_page(store: LabStore, query: Mapping[str, str], cards: int | None = None
     """
     text, number = query.get("q", "").strip(), int(query.get("page", "1"))
     listings = store.listings()
-    matches = [one for one in listings if _has(store, one, text)]
+    matches = [listing for listing in listings if _has(store, listing, text)]
     size = cards or CARDS
     pages = max(1, -(-len(matches) // size))
     if not 1 <= number <= pages:
@@ -49,13 +49,13 @@ def lab_page(store: LabStore, query: Mapping[str, str], cards: int | None = None
     counts, packings = store.catalogue.counts(), store.catalogue.packing_count()
     if suspect := store.catalogue.suspect_count():
         counts[SUSPECT] = suspect
-    studies = [_row(one) for one in matches]
+    studies = [_row(listing) for listing in matches]
     return Page(
         "lab.html.j2",
         "",
         store.lab.folder.resolve().name,
         lambda: {"studies": studies, "runs": counts, "packings": packings,
-                 "running": [one.plain() for one in store.running()]},
+                 "running": [process.plain() for process in store.running()]},
         lambda: pd.DataFrame(studies),
         {"listed": section, "text": text, "number": number, "pages": pages, "matches": len(matches),
          "every": len(listings), "counts": counts, "packings": packings, "running": bool(store.running()),
@@ -81,7 +81,7 @@ def card(store: LabStore, listed: StudyListing) -> dict[str, Any]:
         "contents": contents,
         "beds": contents.cached("beds", lambda: extremes(results, _BEDS)),
         "range": contents.cached("range", lambda: value_range(results)),
-        "headline": headline(results) if any(one.fits for one in results.series) else "",
+        "headline": headline(results) if any(series.fits for series in results.series) else "",
         "concerns": contents.cached("concerns", lambda: concerns(results)) if results.points else [],
         "progress": progress(contents, processes),
         "outcomes": outcomes(results),
@@ -91,7 +91,7 @@ def card(store: LabStore, listed: StudyListing) -> dict[str, Any]:
 def progress(contents: StudyContents, running: Sequence[Running]) -> dict[str, Any]:
     """Number of finished and of requested runs of a study, and the processes that run it on this backend."""
     results, study = contents.results, contents.study
-    done = sum(len(one.runs) for one in results.points)
+    done = sum(len(result.runs) for result in results.points)
     total = sum(max(one.requested, len(one.runs)) for one in results.points) + fewest_runs(study) * len(results.missing)
     processes = [
         {"rate": process.rate, "left": _left(process), "jobs": process.going, "more": process.jobs - len(process.going)}

@@ -22,7 +22,7 @@ def point_page(store: LabStore, name: str, number: int, query: Mapping[str, str]
     result = point_of(contents, number)
     last = len(contents.study.points)
     lacking: list[str] = []
-    curves = [one for run in result.runs if (one := curve_of(run, run.repeat, lacking)) is not None]
+    curves = [trace for run in result.runs if (trace := curve_of(run, run.repeat, lacking)) is not None]
     pooled = _pooled(result, curves)
 
     def table() -> pd.DataFrame:
@@ -45,7 +45,7 @@ def point_page(store: LabStore, name: str, number: int, query: Mapping[str, str]
 
 def _pooled(result: PointResult, curves: Sequence[Mapping[str, Any]]) -> dict[str, Any] | None:
     """Pooled flow rate with its interval [SI], and the window [s], the mean over runs; None without a mean."""
-    windows = [one["window"] for one in curves if one["window"]]
+    windows = [curve["window"] for curve in curves if curve["window"]]
     if result.flow_rate is None or not windows:
         return None
     flow = result.flow_rate
@@ -71,7 +71,7 @@ def quantities(result: PointResult) -> list[tuple[str, str, str, int]]:
     """Rows of the table of means: name with unit, mean with error, 95 % interval, number of runs."""
     rows = []
     for name, pooled in result.pooled.items():
-        unit = next(one.measured[name].unit for one in result.runs if name in one.measured)
+        unit = next(run.measured[name].unit for run in result.runs if name in run.measured)
         notation = display.quantity(name, unit)
         ends = (display.number(end, pooled.error, notation.scale) for end in (pooled.low, pooled.high))
         value = display.with_error(pooled.value, pooled.error, notation.scale)

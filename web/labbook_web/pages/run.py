@@ -71,7 +71,7 @@ def run_page(store: LabStore, prefix: str, query: Mapping[str, str]) -> Page:
         "files": [(path.name, path.stat().st_size) for path in sorted(folder.iterdir()) if _may_be_had(path)],
         "recorded": record.coverage.recording is not None,
         "picture": picture_content(folder) is not None,
-        "siblings": [one for one in records(siblings) if one["run_key"] != key],
+        "siblings": [row for row in records(siblings) if row["run_key"] != key],
         "several": several - 1,
         "lacking": lacking,
         "caption": curves.caption(flow_curves),
@@ -146,7 +146,7 @@ def curve(folder: Path, entry: Entry, record: RunRecord) -> tuple[list[dict[str,
     trace = Trace.of(evaluation)
     if trace is None:
         return [], ["No grain left."]
-    numbers = {one.quantity: one for one in evaluation.numbers}
+    numbers = {number.quantity: number for number in evaluation.numbers}
     flowing = numbers.get("flow_rate_flowing")
     label = record.repeat
     return [curves.curve(trace, numbers.get("flow_rate"), label, flowing.note if flowing else "")], []
@@ -166,7 +166,7 @@ def _ledger(folder: Path, entry: Entry, record: RunRecord) -> dict[str, Any] | N
         return None
     names = {"time": "time", "kinetic": "kinetic", "potential": "potential", "work": "contact_work"}
     names |= {"overlap": "max_overlap"}
-    largest = next((one.value for one in evaluation.numbers if one.quantity == "max_overlap"), None)
+    largest = next((number.value for number in evaluation.numbers if number.quantity == "max_overlap"), None)
     return {**{name: evaluation.arrays[column] for name, column in names.items()}, "largest": largest}
 
 
@@ -251,7 +251,7 @@ def _rows(measured) -> list[dict[str, Any]]:
     rows = []
     for row in measured.itertuples(index=False):
         notation = display.quantity(row.quantity, row.unit)
-        value, error = (math.nan if one is None else float(one) for one in (row.value, row.error))
+        value, error = (math.nan if number is None else float(number) for number in (row.value, row.error))
         rows.append({
             "name": notation.heading,
             "value": display.with_error(value, error, notation.scale) if math.isfinite(value) else "–",

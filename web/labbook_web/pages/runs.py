@@ -74,9 +74,9 @@ def runs_page(store: LabStore, query: Mapping[str, str]) -> Page:
             "asked": filters,
             "sort": sort,
             "tags": tags,
-            "studies": sorted({one.study for one in studies if one.study}),
-            "backends": sorted({one.backend for one in studies if one.backend}),
-            "outcomes": sorted({one.outcome for one in studies}) + [SUSPECT] * bool(catalogue.suspect_count()),
+            "studies": sorted({count.study for count in studies if count.study}),
+            "backends": sorted({count.backend for count in studies if count.backend}),
+            "outcomes": sorted({count.outcome for count in studies}) + [SUSPECT] * bool(catalogue.suspect_count()),
             "known_tags": sorted({tag for each in tags.values() for tag in each}),
         },
         query={**filters, **_order(query)},
@@ -106,8 +106,8 @@ def _with_keys(frame: pd.DataFrame, listing: Listing) -> pd.DataFrame:
     columns: dict[str, list[Any]] = {}
     if listing.study is not None:
         settings = [dict(filter(None, map(_setting, str(label).split(", ")))) for label in frame["label"]]
-        names = dict.fromkeys(name for one in settings for name in one)
-        columns = {name: [one.get(name) for one in settings] for name in names}
+        names = dict.fromkeys(name for setting in settings for name in setting)
+        columns = {name: [setting.get(name) for setting in settings] for name in names}
     for name, values in columns.items():
         words = any(isinstance(value, str) for value in values)
         frame[name] = [None if value is None else str(value) for value in values] if words else values

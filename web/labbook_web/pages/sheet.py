@@ -75,7 +75,7 @@ def leading(results: StudyResults) -> str:
 def unit_of(results: StudyResults, quantity: str) -> display.Notation:
     """Name, unit and scale of a measured quantity."""
     measured = (run.measured for result in results.points for run in result.runs)
-    return display.quantity(quantity, next((one[quantity].unit for one in measured if quantity in one), ""))
+    return display.quantity(quantity, next((numbers[quantity].unit for numbers in measured if quantity in numbers), ""))
 
 
 def with_unit(pooled: Pooled, unit: display.Notation) -> str:
@@ -113,10 +113,10 @@ def extremes(results: Results, limit: int) -> tuple[Tile, ...]:
     others evenly between them by rank; points without a mean count as smallest."""
     quantity, make = leading(results), _Tiles(results)
     ranked = sorted(
-        results.points, key=lambda one: one.pooled[quantity].value if quantity in one.pooled else float("-inf")
+        results.points, key=lambda result: result.pooled[quantity].value if quantity in result.pooled else float("-inf")
     )
-    indices = _spread([one.point.index for one in ranked], limit)
-    done = {one.point.index: one for one in results.points}
+    indices = _spread([result.point.index for result in ranked], limit)
+    done = {result.point.index: result for result in results.points}
     return tuple(tile for index in sorted(indices) if (tile := make(done, index)) is not None)
 
 
@@ -134,8 +134,8 @@ class _Tiles:
         self._results, self._going = results, going
         self.quantity = leading(results)
         self.unit = unit_of(results, self.quantity)
-        means = [one.pooled[self.quantity].value for one in results.points if self.quantity in one.pooled]
-        folder = next((run.run.folder.parent.parent for one in results.points for run in one.runs), None)
+        means = [result.pooled[self.quantity].value for result in results.points if self.quantity in result.pooled]
+        folder = next((run.run.folder.parent.parent for result in results.points for run in result.runs), None)
         films = folder / "films" / results.study.name if folder is not None else None
         self._films = {path.name for path in films.glob("*.webp")} if films is not None else set[str]()
         self._low, self._high = min(means, default=0.0), max(means, default=0.0)
@@ -146,7 +146,7 @@ class _Tiles:
         point, result = self._results.study.points[index], done.get(index)
         label = display.label(point.at) or "the only point"
         if result is None:
-            running = any(f" of {point.label}" in one for one in self._going) if point.label else bool(self._going)
+            running = any(f" of {point.label}" in label for label in self._going) if point.label else bool(self._going)
             return Tile(index + 1, label, None, value="running" if running else "waiting" if self._going else "not run")
         pooled = result.pooled.get(self.quantity)
         value, part = self._without(result), None

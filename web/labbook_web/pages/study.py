@@ -77,7 +77,9 @@ def study_page(store: LabStore, name: str, query: Mapping[str, str]) -> Page:
             else None,
             "sheet": sheet(results, labels) if labels else contents.cached("sheet", lambda: sheet(results)),
             "contents": contents,
-            "backends": sorted({backend, *next((one.backends for one in store.listings() if one.name == name), ())}),
+            "backends": sorted(
+                {backend, *next((entry.backends for entry in store.listings() if entry.name == name), ())}
+            ),
             "progress": now,
             "note": store.note("study", name),
             "linked": linked,
@@ -309,7 +311,7 @@ def chart_data(results: Results, lacking: bool = False) -> dict[str, Any]:
     """Points, fits and their bands as the scripts of the page draw them: SI, with the factors to the units shown.
     Without fits while runs are `lacking`: laws of few runs would be taken for results."""
     units = {
-        name: next(one.measured[name].unit for one in result.runs if name in one.measured)
+        name: next(run.measured[name].unit for run in result.runs if name in run.measured)
         for result in results.points
         for name in result.pooled
     }
@@ -325,18 +327,18 @@ def chart_data(results: Results, lacking: bool = False) -> dict[str, Any]:
              "value": comparison.reference, "error": comparison.reference_error, "source": results.source}
             for comparison in results.comparisons if len(comparison.points) == 1
         ],
-        "series": [] if lacking else [_series(one) for one in results.series if one.fits],
+        "series": [] if lacking else [_series(series) for series in results.series if series.fits],
         "lacking": lacking,
         "source": results.source,
         "nothing": no_number(results),
-        "outlet": next((one.outlet for one in results.series), ""),
+        "outlet": next((series.outlet for series in results.series), ""),
     }  # fmt: skip
 
 
 def _shown_key(name: str, results: Results) -> dict[str, Any]:
     how = display.key(name)
     words = any(isinstance(result.at.get(name), str) for result in results.points)
-    along = [display.key(one).name for one in followers(results.points, name) if names_scene(one)]
+    along = [display.key(key).name for key in followers(results.points, name) if names_scene(key)]
     label = f"{how.name} (with {', '.join(along)})" if along else how.name
     return {"label": label, "unit": how.unit, "scale": how.scale, "words": words, "orifice": name == ORIFICE}
 
@@ -357,8 +359,10 @@ def _point(result: PointResult) -> dict[str, Any]:
         "remark": result.remark,
         "trending": result.trending,
         "clogged": outcomes["clogged"],
-        "values": {name: [one.value, one.error, one.low, one.high, one.n] for name, one in result.pooled.items()},
-        "said": {name: display.with_interval(one, display.quantity(name).scale) for name, one in result.pooled.items()},
+        "values": {name: [mean.value, mean.error, mean.low, mean.high, mean.n] for name, mean in result.pooled.items()},
+        "said": {
+            name: display.with_interval(mean, display.quantity(name).scale) for name, mean in result.pooled.items()
+        },
     }
 
 
@@ -378,10 +382,10 @@ def _series(series: Series) -> dict[str, Any]:
             "value": value,
             "low": low,
             "high": high,
-            "at": [one.orifice for one in residuals],
-            "residuals": [100 * one.value for one in residuals],
-            "half_widths": [100 * one.half_width for one in residuals],
-            "errors": [100 * one.error for one in residuals],
+            "at": [residual.orifice for residual in residuals],
+            "residuals": [100 * residual.value for residual in residuals],
+            "half_widths": [100 * residual.half_width for residual in residuals],
+            "errors": [100 * residual.error for residual in residuals],
         }
     return {"label": series.label, "at": dict(series.at), "points": [one.point.index + 1 for one in series.points],
             "laws": laws}  # fmt: skip

@@ -131,14 +131,14 @@ def value_range(results: StudyResults) -> Range | None:
     unit = unit_of(results, quantity)
     ends = [measured[0], measured[-1]] if len(measured) > 1 else measured
     numbers = dict.fromkeys(
-        display.number(one.pooled[quantity].value, one.pooled[quantity].error, unit.scale) for one in ends
+        display.number(result.pooled[quantity].value, result.pooled[quantity].error, unit.scale) for result in ends
     )
     names = ("smallest", "largest") if len(numbers) > 1 else ("at all points" if len(measured) > 1 else "mean",)
     return Range(
         f"Flow rate {unit.name}" if quantity == FLOW_RATE else unit.name,
         " to ".join(numbers),
         unit.unit,
-        tuple(_end(name, one, quantity, unit) for name, one in zip(names, ends, strict=False)),
+        tuple(_end(name, result, quantity, unit) for name, result in zip(names, ends, strict=False)),
         interval_widths(measured, quantity),
     )
 
