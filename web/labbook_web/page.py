@@ -95,7 +95,7 @@ class Links:
         return f"/{quote(path)}" + (f"?{urlencode(parameters)}" if parameters else "")
 
     def file(self, path: str) -> str:
-        """The address of a file that is shown or downloaded as it is."""
+        """The address of a file that is sent as it is."""
         return f"/{quote(path)}"
 
     def twin(self, page: Page, ending: str) -> str:
@@ -103,11 +103,11 @@ class Links:
         return self.at(f"{page.path or 'index'}.{ending}", page.query)
 
     def study(self, name: str, **query: Any) -> str:
-        """A study."""
+        """The page of a study."""
         return self.at(f"study/{name}", query)
 
     def point(self, name: str, number: int, **query: Any) -> str:
-        """A point of a study, counted from 1."""
+        """The page of a point of a study; points count from 1."""
         return self.at(f"study/{name}/point/{number}", query)
 
     def explore(self, name: str, **query: Any) -> str:
@@ -115,15 +115,15 @@ class Links:
         return self.at(f"study/{name}/explore", query)
 
     def run(self, key: str) -> str:
-        """A run, by the beginning of its key."""
+        """The page of a run, addressed by the first digits of its key."""
         return self.at(f"run/{key[:16]}")
 
     def runs(self, **query: Any) -> str:
-        """A list of runs."""
+        """The list of runs that pass the filters of a query."""
         return self.at("runs", query)
 
     def asset(self, name: str) -> str:
-        """A file of the app itself."""
+        """A static file of the app."""
         return self.file(f"static/{name}")
 
 

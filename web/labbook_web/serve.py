@@ -1,4 +1,4 @@
-"""Serving the app."""
+"""HTTP server of the app."""
 
 import errno
 import ipaddress
@@ -25,7 +25,7 @@ _NICENESS = 10
 
 
 class CannotServe(Exception):
-    """The app cannot be served; the message says why and what to do."""
+    """Error that keeps the app from being served; the message has the remedy."""
 
 
 def serve(
@@ -95,7 +95,7 @@ def is_loopback(host: str) -> bool:
 
 
 def _listen(host: str, port: int, or_any: bool) -> socket.socket:
-    """Open a listener socket; with `or_any` on any free port if this one is in use."""
+    """Open a listening socket; with `or_any` on any free port if this one is in use."""
     family = socket.AF_INET6 if ":" in host else socket.AF_INET
     listener = socket.socket(family, socket.SOCK_STREAM)
     listener.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)

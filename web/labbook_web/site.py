@@ -38,7 +38,7 @@ _RUN_LIMIT = 5000
 
 
 class CannotWrite(Exception):
-    """The site cannot be written; the message says why and what to do."""
+    """Error that keeps the site from being written; the message has the remedy."""
 
 
 def write(
@@ -115,7 +115,7 @@ class _Writer:
         )
 
     def write(self) -> None:
-        """Write everything."""
+        """Write all pages and their files."""
         if (self._out / MARK).is_file():
             shutil.rmtree(self._out)
         self._out.mkdir(parents=True, exist_ok=True)

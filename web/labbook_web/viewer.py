@@ -61,7 +61,7 @@ def version() -> str:
 
 
 def viewer_files() -> Path:
-    """The folder with the viewer's files, made if it is not there (some seconds, once a version). Raises NoViewer."""
+    """Folder with the viewer's files, extracted at the first use of a version (some seconds). Raises NoViewer."""
     folder = cache_folder() / f"viewer-{version()}"
     with _viewer_lock:
         if not (folder / "complete").exists():
@@ -70,7 +70,7 @@ def viewer_files() -> Path:
 
 
 def _fetch(folder: Path) -> None:
-    """Ask the viewer's own server, on this machine, for its files: the wheel holds them within a program."""
+    """Download the files from the viewer's own server on this machine: the wheel embeds them in a program."""
     folder.mkdir(parents=True, exist_ok=True)
     web, data = _free_port(), _free_port()
     process = subprocess.Popen(
@@ -111,15 +111,23 @@ def _get(address: str, process: subprocess.Popen) -> bytes:
 
 
 def _without_fonts(page: bytes) -> bytes:
-    """The viewer's page without what it asks of other machines."""
+    """Remove fonts of other machines from the viewer's page."""
     return re.sub(rb"<link[^>]+https?://[^>]+>|@import\s+url\([^)]*https?://[^)]*\);?", b"", page)
 
 
 def recording(folders: Sequence[Path]) -> Path:
-    """A recording (.rrd) of the runs in these folders, side by side on one clock, that the installed viewer reads, made
-    if it is not there.
+    """Path of a cached recording of runs, side by side on one clock; made at the first use.
 
-    Raises NotRecorded, Unreadable (of labbook.lab), ViewerMissing (of labbook.export.entities).
+    Args:
+        folders: Folders of the runs.
+
+    Returns:
+        Recording (.rrd) for the installed version of the viewer.
+
+    Raises:
+        NotRecorded: A run without frames.
+        Unreadable: A damaged run.
+        ViewerMissing: The viewer is not installed.
     """
     for folder in folders:
         if RunRecord.read(folder).coverage.recording is None:
@@ -134,8 +142,10 @@ def recording(folders: Sequence[Path]) -> Path:
 
 
 def opening(folders: Sequence[Path]) -> str:
-    """The request to the viewer that has it play from the middle of the window on, in base64: a message
-    ViewerControlRequest of rerun's protocol, with a SetTimeCursorRequest."""
+    """Encode the request that lets the viewer play from the middle of the window on, in base64.
+
+    It is a message ViewerControlRequest of rerun's protocol, with a SetTimeCursorRequest.
+    """
     instant = _field(3, _varint(1 << 3) + _varint(round(middle_of(folders) * 1e9)))
     cursor = _field(2, _field(1, CLOCK.encode())) + instant + _varint(5 << 3) + _varint(_PLAYING)
     return b64encode(_field(6, cursor)).decode("ascii")
@@ -145,12 +155,12 @@ _PLAYING = 2  # of rerun's enumeration PlayState
 
 
 def _field(number: int, content: bytes) -> bytes:
-    """A field of a message of Protocol Buffers that has a length."""
+    """Encode a length-delimited field (wire type 2) of Protocol Buffers."""
     return _varint(number << 3 | 2) + _varint(len(content)) + content
 
 
 def _varint(value: int) -> bytes:
-    """A whole number as Protocol Buffers write it."""
+    """Encode a whole number as a varint of Protocol Buffers."""
     parts = bytearray()
     while value > 127:
         parts.append(value & 127 | 128)
@@ -159,9 +169,14 @@ def _varint(value: int) -> bytes:
 
 
 def film(folder: Path) -> Path:
-    """The film (.webp) of the run in `folder`: that of the lab, or one made for the page, if it is not there.
+    """Path of the film (.webp) of a run: that of the lab, else a cached one, made at the first use.
 
-    Raises NotRecorded, Unreadable (of labbook.lab).
+    Args:
+        folder: Folder of the run.
+
+    Raises:
+        NotRecorded: A run without frames.
+        Unreadable: A damaged run.
     """
     if (path := stored_film(folder)) is not None:
         return path
@@ -177,7 +192,7 @@ def film(folder: Path) -> Path:
 
 
 def stored_film(folder: Path) -> Path | None:
-    """The film of a run that the lab has; None without. Raises Unreadable."""
+    """Path of the film of a run in the lab; None without one. Raises Unreadable."""
     record = RunRecord.read(folder)
     path = path_of(folder.parents[1] / "films", record, None, None, "-layers.webp")
     return path if shows(path, source_of_film(record)) else None

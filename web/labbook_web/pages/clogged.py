@@ -1,4 +1,4 @@
-"""The reason why a run clogged, as far as its records tell: when, the outlet in grains, other seeds, and what flows."""
+"""Facts on a run that clogged: time, outlet in grain diameters, other seeds, and the next wider outlet that flows."""
 
 from dataclasses import dataclass
 
@@ -23,7 +23,13 @@ class FlowingPoint:
 
 @dataclass(frozen=True)
 class Clogged:
-    """Facts of a run that clogged, in terms and sentences. `arch`: it measured the arch."""
+    """Facts of a run that clogged.
+
+    Attributes:
+        rows: Terms and sentences.
+        flowing: Next wider outlet at which all runs flowed; None without any.
+        arch: The run measured the arch.
+    """
 
     rows: tuple[tuple[str, str], ...]
     flowing: FlowingPoint | None
@@ -52,7 +58,7 @@ def clogged(store: LabStore, record: RunRecord) -> Clogged | None:
 
 
 def _point(store: LabStore, record: RunRecord) -> tuple[PointResult | None, tuple[PointResult, ...]]:
-    """The point of the run, and all points of its study; none if the lab lacks its file."""
+    """Find the point of a run, and all points of its study; None and no points if the lab lacks its file."""
     try:
         points = store.contents(record.study, record.backend).results.points
     except (NotFound, StudyError, LabError, ValueError):

@@ -75,7 +75,7 @@ def compare_page(store: LabStore, items: Sequence[str]) -> Page:
     if len(items) > ITEM_LIMIT:
         raise Malformed(f"{len(items)} items are too many to compare; choose at most {ITEM_LIMIT}")
     lacking: list[str] = []
-    entries = _told_apart([_item(store, text, lacking) for text in dict.fromkeys(items)])
+    entries = _with_backends([_item(store, text, lacking) for text in dict.fromkeys(items)])
     labels = [item.label for item in entries]
     differ = _differences(entries)
     curves = [{**curve, "title": item.label, "group": place,
@@ -122,7 +122,7 @@ def _compared(items: Sequence[ComparedItem]) -> list[BackendComparison]:
     ]
 
 
-def _told_apart(items: list[ComparedItem]) -> list[ComparedItem]:
+def _with_backends(items: list[ComparedItem]) -> list[ComparedItem]:
     """Add the backend to the labels if there are several backends."""
     if len({item.backend for item in items}) < 2:
         return items

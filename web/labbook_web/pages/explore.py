@@ -1,4 +1,4 @@
-"""The page that answers questions asked backwards: a quantity over all swept keys, by sliders, and its inverse."""
+"""The page of the response surface of a study: a quantity over all swept keys, by sliders, and its inverse."""
 
 from collections.abc import Mapping, Sequence
 from itertools import product
@@ -31,7 +31,7 @@ def explorable(study: Study) -> bool:
 
 
 def explore_page(store: LabStore, name: str, query: Mapping[str, str]) -> Page:
-    """The page of a study on one backend. Raises NotFound for a study that sweeps no key of numbers."""
+    """Make the page of a study on one backend. Raises NotFound for a study that sweeps no key of numbers."""
     contents = store.contents(name, store.backend_of(name, query.get("backend")))
     if not explorable(contents.study):
         raise NotFound(f"{name} sweeps no key of numbers: there is nothing to explore")
@@ -50,7 +50,7 @@ def explore_page(store: LabStore, name: str, query: Mapping[str, str]) -> Page:
 
 
 def _views(contents: StudyContents) -> list[dict[str, Any]]:
-    """Each quantity at each value of the keys that take words: what scripts draw, and the tables beside it."""
+    """Surfaces of the quantities at each value of the keys that take words: data of the charts, and tables."""
     results = contents.results
     _, fixed = swept_keys(results.points)
     several = [name for name in fixed if len({result.at.get(name) for result in results.points}) > 1]
@@ -78,8 +78,16 @@ def _views(contents: StudyContents) -> list[dict[str, Any]]:
 
 
 def map_view(results: StudyResults, surface: DesignSurface | None) -> dict[str, Any] | None:
-    """Numbers of a map of the leading quantity, of a study that sweeps two keys of numbers and no others; None for
-    others, and where no point has a number. Without a surface the points are drawn alone."""
+    """Data of the map of the leading quantity over two swept keys.
+
+    Args:
+        results: Results of a study.
+        surface: As `surface_of` gives it; None if the points do not determine it.
+
+    Returns:
+        The view, without a surface only its points; None of a study that does not sweep exactly two keys of numbers,
+        or has no number.
+    """
     keys, choices = swept_keys(results.points)
     quantity = leading(results)
     if len(keys) != 2 or not quantity or any(len({one.at.get(name) for one in results.points}) > 1 for name in choices):
@@ -149,7 +157,7 @@ def _view(surface: DesignSurface, label: str) -> dict[str, Any]:
 
 
 def bars(surface: DesignSurface) -> list[dict[str, Any]]:
-    """Name, share and change over its range, in words, of each key."""
+    """Rows of the influences: name of each key, its share of the variance, and the change over its range in words."""
     quantity, ranges = display.quantity(surface.quantity, surface.unit).name, {one.key: one for one in surface.factors}
     rows = []
     for row, influence in zip(influence_table(surface).rows, surface.influences, strict=True):
@@ -164,7 +172,7 @@ def bars(surface: DesignSurface) -> list[dict[str, Any]]:
 
 
 def _factor(factor: Factor, points: Sequence[PointResult], study: Study) -> dict[str, Any]:
-    """A key as scripts show it, and as a study file has it."""
+    """Data of a swept key for the sliders [SI], with its unit in study files."""
     how = display.key(factor.key)
     values = sorted({float(result.at[factor.key]) for result in points if factor.key in result.at})
     try:
@@ -200,7 +208,7 @@ def _point(result: PointResult, quantity: str, keys: Sequence[str], *, used: boo
 
 
 def _frame(views: Sequence[Mapping[str, Any]]) -> pd.DataFrame:
-    """Every point with the surface there: quantity, point, keys, mean and surface with their intervals [SI]."""
+    """Table of the CSV twin: each point with its keys, its mean and the surface, with their intervals [SI]."""
     rows = []
     for view in views:
         surface: DesignSurface | None = view["surface"]

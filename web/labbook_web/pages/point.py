@@ -17,7 +17,17 @@ from labbook_web.store import LabStore, NotFound, StudyContents
 
 
 def point_page(store: LabStore, name: str, number: int, query: Mapping[str, str]) -> Page:
-    """The point `number` (from 1) of a study on one backend. Raises NotFound."""
+    """Make the page of a point of a study on one backend.
+
+    Args:
+        store: Studies and their results.
+        name: Name of the study.
+        number: Number of the point, from 1.
+        query: `backend`: name of the backend; without it the one with most runs.
+
+    Raises:
+        NotFound: No such study, point or backend, or no finished run of the point.
+    """
     contents = store.contents(name, store.backend_of(name, query.get("backend")))
     result = point_of(contents, number)
     last = len(contents.study.points)
@@ -57,7 +67,7 @@ def _pooled(result: PointResult, curves: Sequence[Mapping[str, Any]]) -> dict[st
 
 
 def point_of(contents: StudyContents, number: int) -> PointResult:
-    """A point with its runs. Raises NotFound."""
+    """Find a point with its runs by its number, from 1. Raises NotFound."""
     for result in contents.results.points:
         if result.point.index + 1 == number:
             return result

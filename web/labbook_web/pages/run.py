@@ -38,7 +38,7 @@ _SIBLINGS = 60
 
 
 def run_page(store: LabStore, prefix: str, query: Mapping[str, str]) -> Page:
-    """The page of the run whose key begins with `prefix`. Raises NotFound."""
+    """Make the page of the run whose key begins with `prefix`. Raises NotFound."""
     key = key_of(store, prefix)
     entry = store.catalogue.entries([key])[0]
     folder = store.lab.run(key)
@@ -68,7 +68,7 @@ def run_page(store: LabStore, prefix: str, query: Mapping[str, str]) -> Page:
         "changed": stamp(folder) != entry.stamp,
         "stale": _stale(record),
         "suspect": suspicion(record.ledger),
-        "files": [(path.name, path.stat().st_size) for path in sorted(folder.iterdir()) if _may_be_had(path)],
+        "files": [(path.name, path.stat().st_size) for path in sorted(folder.iterdir()) if _downloadable(path)],
         "recorded": record.coverage.recording is not None,
         "picture": picture_content(folder) is not None,
         "siblings": [row for row in records(siblings) if row["run_key"] != key],
@@ -100,7 +100,7 @@ def key_of(store: LabStore, prefix: str) -> str:
 
 
 def sketch(store: LabStore, key: str) -> str:
-    """A drawing of the scene of a run that has no picture. Raises NotFound."""
+    """Draw the scene of a run that has no picture, as SVG. Raises NotFound."""
     try:
         scene = RunRecord.read(store.lab.run(key)).scene
     except Unreadable as problem:
@@ -112,14 +112,14 @@ _NOTHING = '<svg xmlns="http://www.w3.org/2000/svg" width="1" height="1"/>'
 
 
 def file_of(store: LabStore, key: str, name: str) -> Path:
-    """A file of a run, by its name. Raises NotFound."""
+    """Path of a file of a run by its name. Raises NotFound."""
     folder = store.lab.run(key)
-    if not folder.is_dir() or name not in os.listdir(folder) or not _may_be_had(folder / name):
+    if not folder.is_dir() or name not in os.listdir(folder) or not _downloadable(folder / name):
         raise NotFound(f"the run {key[:10]} has no file {name[:80]}")
     return folder / name
 
 
-def _may_be_had(path: Path) -> bool:
+def _downloadable(path: Path) -> bool:
     """True for a file that is offered for download: no link, nor in a folder that is one, as links may lead out."""
     ordinary = path.is_file() and not path.is_symlink() and not path.parent.is_symlink()
     return ordinary and not path.name.startswith((EVALUATION, ".")) and _has_address(path.name)
@@ -135,7 +135,7 @@ def _has_address(name: str) -> bool:
 
 
 def curve(folder: Path, entry: Entry, record: RunRecord) -> tuple[list[dict[str, Any]], list[str]]:
-    """W(t) with its window, and why there is none."""
+    """W(t) of a run with its window [SI], or none and the reasons."""
     if record.scene.container.outlet_plane is None:
         return [], []
     run = ReadOnlyRun(point_of_run(record), record.seed, folder, entry)

@@ -84,7 +84,7 @@ def runs_page(store: LabStore, query: Mapping[str, str]) -> Page:
 
 
 def sortable(column: str) -> bool:
-    """Decide if runs are sorted by a column of this name: one of the index, the flow rate, or that of a swept key."""
+    """True if runs can be sorted by a column: one of the index, the flow rate, or that of a swept key."""
     return column in (*RUN_COLUMNS, *SORTED_BY) or column.startswith(PREFIX)
 
 
@@ -124,7 +124,7 @@ def _setting(text: str) -> tuple[str, float | str] | None:
 
 
 def _news(catalogue: Catalogue, listing: Listing) -> dict[str, int]:
-    """Number of runs since then by study."""
+    """Number of runs since the date of a listing, by study."""
     frame, _ = catalogue.listed(replace(listing, sort="finished", descending=True, offset=0, limit=None))
     return {str(name): int(count) for name, count in frame["study"].value_counts().items() if name}
 

@@ -46,7 +46,19 @@ if TYPE_CHECKING:
 
 
 def study_page(store: LabStore, name: str, query: Mapping[str, str]) -> Page:
-    """A study on one backend (`backend`; None: the one with most runs). `as`: the state in which it was linked to."""
+    """Make the page of a study on one backend.
+
+    Args:
+        store: Studies and their results.
+        name: Name of the study.
+        query: `backend`: its name, without it the one with most runs; `as`: state at the time of a permalink; `since`:
+            date after which runs count as new.
+
+    Raises:
+        NotFound: No such study or backend.
+        StudyError: An invalid study.
+        NoMoment: A malformed date.
+    """
     backend = store.backend_of(name, query.get("backend"))
     processes = store.running()  # before the results: a page that follows nobody has all runs
     contents = store.contents(name, backend)
@@ -96,7 +108,7 @@ def study_page(store: LabStore, name: str, query: Mapping[str, str]) -> Page:
 
 
 def _context(contents: StudyContents) -> dict[str, Any]:
-    """All that the page shows of the results, as tables and texts."""
+    """Context of the template that depends only on the results: tables and texts."""
     results = contents.results
     return {
         "results": results,
@@ -124,7 +136,7 @@ def _context(contents: StudyContents) -> dict[str, Any]:
 
 
 def _map(contents: StudyContents) -> dict[str, Any] | None:
-    """Numbers of the map of two swept keys, as `static/map.js` draws it; None for other studies."""
+    """Data of the map of two swept keys for `static/map.js`; None of other studies."""
     return contents.cached("map", lambda: map_view(contents.results, _surface(contents)))
 
 
@@ -137,7 +149,7 @@ def _surface(contents: StudyContents) -> DesignSurface | None:
 
 
 def _fits(results: Results) -> list[tuple[str, str, Law, Table]]:
-    """Every law that was fitted to a series: label of the series, name, the law, and its parameters."""
+    """Fitted laws: label of the series, name of the law, the law, and the table of its parameters."""
     return [
         (series.label, law, fit.law, fit_table(law, fit, at_series(results.comparisons, law, series), results.source))
         for series in results.series
@@ -146,7 +158,7 @@ def _fits(results: Results) -> list[tuple[str, str, Law, Table]]:
 
 
 def verdicts(compared: Sequence[BackendComparison]) -> list[dict[str, Any]]:
-    """Comparisons of backends as the page shows them: sentences, means, and whether there is a recording."""
+    """Comparisons of backends for the template: sentences, means, figure, and a flag for a recording."""
     return [
         {
             "name": comparison.name,
@@ -164,22 +176,21 @@ def verdicts(compared: Sequence[BackendComparison]) -> list[dict[str, Any]]:
 
 
 def figures(contents: StudyContents) -> dict[str, str]:
-    """Titles of the figures that the page shows, by address: those of the report, but for those that the chart shows,
-    and of comparisons of backends."""
+    """Titles by address of the figures of the report and of comparisons of backends, without those in the chart."""
     return {address: title for address, (title, _) in drawings(contents).items() if address not in _charted(contents)}
 
 
 def _charted(contents: StudyContents) -> list[str]:
-    """Addresses of figures that the chart of the page shows already; for print they are linked below it."""
+    """Addresses of figures that repeat the chart of the page; they are linked below it for print."""
     return [address for address in ("overview", "flow-rate", "map") if address in drawings(contents)]
 
 
 _PANEL_LIMIT = 48
-"""Points that figures with a panel for each point show in one figure; of more each series has its own."""
+"""Largest number of panels of a figure with one for each point; beyond it each series has its own figure."""
 
 
 def drawings(contents: StudyContents) -> dict[str, tuple[str, Draw]]:
-    """Figures by address, each with its title and its drawing."""
+    """Title and drawing of each figure, by address."""
     return contents.cached("drawings", lambda: _drawings(contents))
 
 
@@ -214,7 +225,7 @@ def _drawings(contents: StudyContents) -> dict[str, tuple[str, Draw]]:
 
 
 def draw(contents: StudyContents, address: str) -> "tuple[str, Draw]":
-    """The title of a figure, and what draws it. Raises NotFound."""
+    """Find the title and the drawing of a figure. Raises NotFound."""
     entries = drawings(contents)
     if address not in entries:
         raise NotFound(f"{contents.study.name} has no figure {address}; it has: {', '.join(entries) or 'none'}")
@@ -222,8 +233,18 @@ def draw(contents: StudyContents, address: str) -> "tuple[str, Draw]":
 
 
 def picture(store: LabStore, contents: StudyContents, address: str, kind: str = "svg") -> bytes:
-    """A figure as a file of a kind of FORMATS, drawn once for what it shows. Raises NotFound, and what CANNOT_DRAW
-    lists."""
+    """Encode a figure, cached until its contents change.
+
+    Args:
+        store: Store with the cache.
+        contents: Study of the figure.
+        address: Address of the figure.
+        kind: Format, of `style.FORMATS`.
+
+    Raises:
+        NotFound: No such figure.
+        CANNOT_DRAW: Results that lack something.
+    """
 
     def make() -> bytes:
         return encoded(draw(contents, address)[1], kind)[0]
@@ -232,13 +253,13 @@ def picture(store: LabStore, contents: StudyContents, address: str, kind: str = 
 
 
 def caption(contents: StudyContents, address: str) -> str:
-    """The caption of a figure; empty of a figure that has none. Raises NotFound, and what CANNOT_DRAW lists."""
+    """Caption of a figure; empty without one. Raises NotFound, and the errors of CANNOT_DRAW."""
     drawing = draw(contents, address)[1]
     return drawing.caption() if isinstance(drawing, Drawing) else ""
 
 
 def numbers(contents: StudyContents, address: str) -> "pd.DataFrame | None":
-    """The numbers of a figure as a table, units in the headings; None of a figure without. Raises NotFound."""
+    """Table of the numbers of a figure, units in the headings; None of a figure without one. Raises NotFound."""
     drawing = draw(contents, address)[1]
     if not isinstance(drawing, Drawing) or not drawing.table:
         return None
@@ -249,7 +270,7 @@ def numbers(contents: StudyContents, address: str) -> "pd.DataFrame | None":
 
 
 def figure(contents: StudyContents, address: str, make: Callable[[], Any]) -> dict[str, Any]:
-    """Title, caption and table of a figure for its template, or why `make` cannot draw it. Raises NotFound."""
+    """Context of the template of a figure: title, caption, table, or the reason why `make` fails. Raises NotFound."""
     title = draw(contents, address)[0]
     try:
         make()
@@ -260,7 +281,7 @@ def figure(contents: StudyContents, address: str, make: Callable[[], Any]) -> di
 
 
 def encoded(make: Draw, *kinds: str) -> tuple[bytes, ...]:
-    """A figure as files of kinds of FORMATS."""
+    """Draw a figure and encode it in formats of `style.FORMATS`."""
     with _drawing:
         drawing, files = make(), list[bytes]()
         for kind in kinds:
@@ -298,18 +319,22 @@ def _constants(results: Results) -> Facts:
 
 
 def copied(text: str, name: str) -> str:
-    """The text of a study with another name, to begin a new one from."""
+    """Text of a study under a new name, `a-3` after `a-2` and `a-2` after `a`, to start a new study from."""
     number = re.search(r"-(\d+)$", name)
     successor = f"{name[: number.start()]}-{int(number[1]) + 1}" if number else f"{name}-2"
     return re.sub(rf"^(name:\s*)(['\"]?){re.escape(name)}\2", rf"\g<1>{successor}", text, count=1, flags=re.MULTILINE)
 
 
-# what the charts draw
+# data of the charts
 
 
 def chart_data(results: Results, lacking: bool = False) -> dict[str, Any]:
-    """Points, fits and their bands as the scripts of the page draw them: SI, with the factors to the units shown.
-    Without fits while runs are `lacking`: laws of few runs would be taken for results."""
+    """Data of the charts: points, fits and their bands [SI], with the factors to the displayed units.
+
+    Args:
+        results: Results of a study.
+        lacking: Runs are in progress: fits are left out, as laws of few runs would be taken for results.
+    """
     units = {
         name: next(run.measured[name].unit for run in result.runs if name in run.measured)
         for result in results.points
