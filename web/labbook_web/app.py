@@ -251,7 +251,7 @@ class App:
     def _comparison_recording(self, request: Request) -> Response:
         name, pair = request.path_params["name"], request.path_params["pair"]
         contents = self.store.contents(name, self.store.backend_of(name, None))
-        for comparison in contents.compared:
+        for comparison in contents.comparisons:
             if comparison.name == pair and comparison.recording is not None:
                 return FileResponse(
                     comparison.recording, media_type="application/octet-stream", headers=saved_as(f"{name}-{pair}.rrd")

@@ -113,7 +113,7 @@ class StudyContents:
         text: Text of its file.
         backend: Name of the backend.
         results: Results of its runs.
-        compared: Stored comparisons of backends on this study.
+        comparisons: Stored comparisons of backends on this study.
         packings_of: Backend whose packings these runs start from; empty if they start from their own.
     """
 
@@ -121,7 +121,7 @@ class StudyContents:
     text: str
     backend: str
     results: Results
-    compared: tuple[BackendComparison, ...] = ()
+    comparisons: tuple[BackendComparison, ...] = ()
     packings_of: str = ""
     _values: dict[str, Any] = field(default_factory=dict)
 
@@ -139,7 +139,11 @@ class StudyContents:
             for result in self.results.points
             for run in result.runs
         ]
-        parts = (self.text, runs, *([comparison.verdict.made for comparison in self.compared],) * bool(self.compared))
+        parts = (
+            self.text,
+            runs,
+            *([comparison.verdict.made for comparison in self.comparisons],) * bool(self.comparisons),
+        )
         return hashlib.blake2b(repr(parts).encode(), digest_size=5).hexdigest()
 
 
@@ -153,8 +157,9 @@ class Cache:
     def __init__(self, size: int):
         self._size = size
         self.values: OrderedDict[Any, tuple[Any, Any, float, float]] = OrderedDict()
-        self._locks: dict[Any, threading.Lock] = defaultdict(threading.Lock)
-        self._lock = threading.Lock()
+        """State, value, time at which it was made and duration of that [s], by key; the latest last."""
+        self._locks: dict[Any, threading.Lock] = defaultdict(threading.Lock)  # by key: slow values do not block others
+        self._lock = threading.Lock()  # of the dictionaries, never held while a value is made
 
     def get(self, key: Any, state: Any, make: Callable[[], _T], age_factor: float = 0.0) -> _T:
         """Return the value of a key, made anew if its state has changed.
@@ -222,7 +227,7 @@ class LabStore:
         return tuple(_stamp(file) for file in (path, path.with_name(f"{path.name}-wal")))
 
     def listings(self) -> list[StudyListing]:
-        """All studies that have a file or runs, the one with the latest run first. Raises LabError."""
+        """List all studies with a file or runs, the one with the latest run first. Raises LabError."""
         counts: dict[str, list[StudyCount]] = defaultdict(list)
         for count in self.counts():
             counts[count.study].append(count)
@@ -246,11 +251,11 @@ class LabStore:
             return notes.read(self.lab, kind, name)
         except LabError as problem:
             return Note(text=f"(this note cannot be read: {problem})")
-        except ValueError:  # of a run that was indexed before names were looked at
+        except ValueError:  # of a run that was indexed before names were checked
             return Note()
 
     def study(self, name: str) -> tuple[Study, str]:
-        """A study and the text of its file. Raises NotFound; StudyError."""
+        """Read a study and the text of its file. Raises NotFound, StudyError."""
         path = self._files().get(name)
         if path is None:
             names = ", ".join(self._files()) or "none"
@@ -293,8 +298,8 @@ class LabStore:
         def find() -> StudyContents:
             kind = partial(Results, place=self.lab, backend=backend)
             results = stored_results(study, self.catalogue, backend, self._demands(path, study, backend), kind)
-            compared, packings_of = self._compared(study), ""
-            for first, second in (comparison.verdict.entrants for comparison in compared if not results.points):
+            comparisons, packings_of = self._comparisons(study), ""
+            for first, second in (comparison.verdict.entrants for comparison in comparisons if not results.points):
                 if second.called == backend and first.called == first.name:
                     with suppress(BackendMissing, CannotCompare):
                         packings = Side(load_backend(first.name), first.device).packings(study)
@@ -302,9 +307,9 @@ class LabStore:
                             study, self.catalogue, backend, requested_runs(study, backend, packings), kind
                         )
                         packings_of = first.name if results.points else ""
-            return StudyContents(study, text, backend, results, compared, packings_of)
+            return StudyContents(study, text, backend, results, comparisons, packings_of)
 
-        age_factor = AGE_FACTOR if self.running() else 0.0  # what a study leaves when it ends is shown at once
+        age_factor = AGE_FACTOR if self.running() else 0.0  # the last results of a study are shown as soon as it ends
         verdicts = tuple(_stamp(file) for file in self._verdicts(study.name))
         return self._results.get((path, backend), (_stamps(path), self.state, verdicts), find, age_factor)
 
@@ -312,8 +317,8 @@ class LabStore:
         folder = path_of(self.lab, name, "", "").parent
         return sorted(path for path in folder.glob("*.json") if not path.is_symlink())
 
-    def _compared(self, study: Study) -> tuple[BackendComparison, ...]:
-        """Stored comparisons that can be read."""
+    def _comparisons(self, study: Study) -> tuple[BackendComparison, ...]:
+        """Read the stored comparisons of a study; damaged ones are left out."""
         comparisons = []
         for path in self._verdicts(study.name):
             with suppress(NoVerdict):
@@ -338,7 +343,7 @@ class LabStore:
             try:
                 files[self._read(path)[0].name] = path
             except (StudyError, OSError):
-                continue  # `listings` has the reason
+                continue  # `listings` shows the reason
         return files
 
     def _read(self, path: Path) -> tuple[Study, str]:

@@ -94,7 +94,7 @@ def compare_page(store: LabStore, items: Sequence[str]) -> Page:
             [{"key": name, **dict(zip(labels, values, strict=True))} for name, values in differ]
             + [{"key": row["name"], **dict(zip(labels, row["values"], strict=True))} for row in numbers]
         ),
-        {"items": entries, "compared": verdicts(_compared(entries)),
+        {"items": entries, "compared": verdicts(_comparisons(entries)),
          "differences": differ, "numbers": numbers, "lacking": lacking, "caption": caption(curves),
          "beds": beds, "together": len(recorded), "most": SIDE_BY_SIDE,
          "beside": f"/{'beside' if len(recorded) > 1 else 'run'}/{'-'.join(recorded)}/viewer" if recorded else "",
@@ -108,13 +108,15 @@ def compare_page(store: LabStore, items: Sequence[str]) -> Page:
     )  # fmt: skip
 
 
-def _compared(items: Sequence[ComparedItem]) -> list[BackendComparison]:
+def _comparisons(items: Sequence[ComparedItem]) -> list[BackendComparison]:
     """Stored comparisons of two backends of one study that both are among the items."""
     backends: dict[str, set[str]] = {}
     for item in items:
         if item.contents is not None:
             backends.setdefault(item.contents.study.name, set()).add(item.backend)
-    comparisons = {(one.study.name, one.name): one for item in items if item.contents for one in item.contents.compared}
+    comparisons = {
+        (one.study.name, one.name): one for item in items if item.contents for one in item.contents.comparisons
+    }
     return [
         comparison
         for comparison in comparisons.values()

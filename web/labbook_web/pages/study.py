@@ -127,7 +127,7 @@ def _context(contents: StudyContents) -> dict[str, Any]:
         "figures": figures(contents),
         "printed": {address: drawings(contents)[address][0] for address in _charted(contents)},
         "kinds": style.FORMATS,
-        "compared": verdicts(contents.compared),
+        "compared": verdicts(contents.comparisons),
         "copied": copied(contents.text, contents.study.name),
         "explorable": explorable(results.study),
         "mapped": _map(contents),
@@ -157,7 +157,7 @@ def _fits(results: Results) -> list[tuple[str, str, Law, Table]]:
     ]
 
 
-def verdicts(compared: Sequence[BackendComparison]) -> list[dict[str, Any]]:
+def verdicts(comparisons: Sequence[BackendComparison]) -> list[dict[str, Any]]:
     """Comparisons of backends for the template: sentences, means, figure, and a flag for a recording."""
     return [
         {
@@ -171,7 +171,7 @@ def verdicts(compared: Sequence[BackendComparison]) -> list[dict[str, Any]]:
             "recorded": comparison.recording is not None,
             "figure": f"compare-{slug(comparison.name)}",
         }
-        for comparison in compared
+        for comparison in comparisons
     ]
 
 
@@ -201,7 +201,7 @@ def _drawings(contents: StudyContents) -> dict[str, tuple[str, Draw]]:
             f"Backends {' and '.join(entrant.called for entrant in comparison.verdict.entrants)}",
             partial(shown.figure, comparison.verdict),
         )
-        for comparison in contents.compared
+        for comparison in contents.comparisons
     }
     panels: set[str] = set()
     with suppress(NotEvaluated):
