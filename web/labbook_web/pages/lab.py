@@ -66,7 +66,7 @@ def lab_page(store: LabStore, query: Mapping[str, str], cards: int | None = None
 
 def card(store: LabStore, listed: StudyListing) -> dict[str, Any]:
     """Context of the card of a study: beds, progress, outcomes and result; or the reason why it cannot be read."""
-    context: dict[str, Any] = {"one": listed, "problem": listed.problem, "contents": None}
+    context: dict[str, Any] = {"listing": listed, "problem": listed.problem, "contents": None}
     context["command"] = command("web", f"{listed.name}.yaml", lab=store.lab.folder)
     if listed.path is None or listed.problem:
         return context
