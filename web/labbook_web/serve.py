@@ -54,16 +54,16 @@ def serve(
     Raises:
         CannotServe: An address that needs `remote`, or a port that cannot be used.
     """
-    own = is_loopback(host)
-    if not own and not remote:
+    local = is_loopback(host)
+    if not local and not remote:
         raise CannotServe(
             f"{host} can be reached by other machines: add --remote to allow it; clients then need a token"
         )
-    token = "" if own else secrets.token_urlsafe(24)
+    token = "" if local else secrets.token_urlsafe(24)
     listener = _listen(host, PORT if port is None else port, or_any=port is None)
     port = listener.getsockname()[1]
     name = f"[{host}]" if ":" in host else host
-    hosts = frozenset(f"{one}:{port}" for one in (name, "localhost", "127.0.0.1", "[::1]")) if own else frozenset()
+    hosts = frozenset(f"{one}:{port}" for one in (name, "localhost", "127.0.0.1", "[::1]")) if local else frozenset()
     app = application(LabStore(lab, studies), read_only=read_only, hosts=hosts, token=token)
     address = f"http://{name}:{port}/" + (f"?token={token}" if token else "")
     say(f"Serving {lab} at {address} (Ctrl-C ends it)")

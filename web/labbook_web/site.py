@@ -71,11 +71,11 @@ def write(
     if out.exists() and (not out.is_dir() or (any(out.iterdir()) and not (out / MARK).is_file())):
         raise CannotWrite(f"{out} exists and is not a site of labbook: give a new or empty folder")
     store = LabStore(lab, studies, extra_only=True, with_notes=notes)
-    listed = store.listings()
-    if wrong := [listing.problem for listing in listed if listing.problem]:
-        raise CannotWrite(wrong[0])
+    listings = store.listings()
+    if problems := [listing.problem for listing in listings if listing.problem]:
+        raise CannotWrite(problems[0])
     try:
-        writer = _Writer(out, store, [listing.name for listing in listed], recordings, films, say)
+        writer = _Writer(out, store, [listing.name for listing in listings], recordings, films, say)
         writer.write()
     except (StudyError, LabError, NotFound, Unreadable) as error:
         raise CannotWrite(str(error)) from error
@@ -104,14 +104,14 @@ class _Writer:
         self._runs = tuple(dict.fromkeys(run.run_key for result in points for run in result.runs))
         if len(self._runs) > _RUN_LIMIT:
             raise CannotWrite(f"{len(self._runs)} runs are too many for a site; the limit is {_RUN_LIMIT}")
-        places = [
+        paths = [
             f"study/{name}/point/{result.point.index + 1}"
             for name, contents in self._contents.items()
             for result in contents.results.points
         ]
-        places += [f"study/{name}/explore" for name, contents in self._contents.items() if explorable(contents.study)]
+        paths += [f"study/{name}/explore" for name, contents in self._contents.items() if explorable(contents.study)]
         self._have = frozenset(
-            ["index", *(f"study/{name}" for name in names), *places, *(f"run/{key[:16]}" for key in self._runs)]
+            ["index", *(f"study/{name}" for name in names), *paths, *(f"run/{key[:16]}" for key in self._runs)]
         )
 
     def write(self) -> None:
@@ -131,15 +131,17 @@ class _Writer:
         for entry in self._contents.values():
             for outcome, number in outcomes(entry.results).items():
                 counts[outcome] = counts.get(outcome, 0) + number
-        packed = {
+        packing_keys = {
             run.packing_key
             for contents in self._contents.values()
             for result in contents.results.points
             for run in result.runs
         }
         page = lab_page(self._store, {}, cards=max(1, len(self._names)))
-        front = replace(page, title="Studies", data=lambda: {**page.data(), "runs": counts, "packings": len(packed)})
-        self._page(front, cards=cards, counts=counts, packings=len(packed), left=0)
+        first_page = replace(
+            page, title="Studies", data=lambda: {**page.data(), "runs": counts, "packings": len(packing_keys)}
+        )
+        self._page(first_page, cards=cards, counts=counts, packings=len(packing_keys), left=0)
         for name, entry in self._contents.items():
             self._say(f"{name}: {len(entry.results.points)} points")
             self._study(name)

@@ -58,8 +58,8 @@ def moment(text: str) -> str:
 
 def latest(results: StudyResults) -> str:
     """Time at which the last run ended (UTC, ISO 8601); empty without any."""
-    ended = [run.ended for result in results.points for run in result.runs if run.ended]
-    return moment(max(ended)) if ended else ""
+    times = [run.ended for result in results.points for run in result.runs if run.ended]
+    return moment(max(times)) if times else ""
 
 
 def changes(results: StudyResults, since: str) -> Changes:

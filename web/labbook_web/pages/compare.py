@@ -77,7 +77,7 @@ def compare_page(store: LabStore, items: Sequence[str]) -> Page:
     lacking: list[str] = []
     entries = _with_backends([_item(store, text, lacking) for text in dict.fromkeys(items)])
     labels = [item.label for item in entries]
-    differ = _differences(entries)
+    pairs = _differences(entries)
     curves = [{**curve, "title": item.label, "group": place,
                "label": f"{item.label}: {curve['label']}" if len(item.curves) > 1 else item.label}
               for place, item in enumerate(entries) for curve in item.curves]  # fmt: skip
@@ -89,13 +89,13 @@ def compare_page(store: LabStore, items: Sequence[str]) -> Page:
         "compare.html.j2",
         "compare",
         "Compare",
-        lambda: {"items": [item.text for item in entries], "labels": labels, "differences": differ, "numbers": numbers},
+        lambda: {"items": [item.text for item in entries], "labels": labels, "differences": pairs, "numbers": numbers},
         lambda: pd.DataFrame(
-            [{"key": name, **dict(zip(labels, values, strict=True))} for name, values in differ]
+            [{"key": name, **dict(zip(labels, values, strict=True))} for name, values in pairs]
             + [{"key": row["name"], **dict(zip(labels, row["values"], strict=True))} for row in numbers]
         ),
         {"items": entries, "compared": verdicts(_comparisons(entries)),
-         "differences": differ, "numbers": numbers, "lacking": lacking, "caption": caption(curves),
+         "differences": pairs, "numbers": numbers, "lacking": lacking, "caption": caption(curves),
          "beds": beds, "together": len(recorded), "most": SIDE_BY_SIDE,
          "beside": f"/{'beside' if len(recorded) > 1 else 'run'}/{'-'.join(recorded)}/viewer" if recorded else "",
          "apart": studies and len(entries) > 1 and not numbers,
@@ -145,8 +145,8 @@ def _item(store: LabStore, text: str, lacking: list[str]) -> ComparedItem:
     result = point_of(contents, number)
     curves = [trace for run in result.runs if (trace := curve_of(run, run.repeat, lacking)) is not None]
     label, address = f"{name}, {result.label or 'the only point'}", f"study/{name}/point/{number}"
-    filmed = next((run for run in result.runs if run.recorded), result.runs[0])
-    bed = filmed.run_key, filmed.recorded, contents.backend
+    sample = next((run for run in result.runs if run.recorded), result.runs[0])
+    bed = sample.run_key, sample.recorded, contents.backend
     return ComparedItem(text, label, address, result.point, result, contents, curves, *bed)
 
 

@@ -43,6 +43,6 @@ def caption(curves: Sequence[Mapping[str, Any]]) -> str:
         if curves[0]["window"] is None:
             return f"No window and no mean: {why}." if why else ""
         return f"Shaded: {_WINDOW}; dotted: the mean over it." if means else f"Shaded: {_WINDOW}."
-    some = f", of {means} of {len(curves)} runs" if means < len(curves) else ""
-    sentence = f"Dotted: the mean over {_WINDOW}{some}." if means else f"No mean: {why}." if why else ""
+    count = f", of {means} of {len(curves)} runs" if means < len(curves) else ""
+    sentence = f"Dotted: the mean over {_WINDOW}{count}." if means else f"No mean: {why}." if why else ""
     return f"{sentence} Hover over a curve to see its name.".strip()

@@ -53,9 +53,9 @@ def _views(contents: StudyContents) -> list[dict[str, Any]]:
     """Surfaces of the quantities at each value of the keys that take words: data of the charts, and tables."""
     results = contents.results
     _, fixed = swept_keys(results.points)
-    several = [name for name in fixed if len({result.at.get(name) for result in results.points}) > 1]
-    values = [list(dict.fromkeys(one.at[name] for one in results.points if name in one.at)) for name in several]
-    choices = [dict(zip(several, choice, strict=True)) for choice in product(*values)][:_CHOICES]
+    varied = [name for name in fixed if len({result.at.get(name) for result in results.points}) > 1]
+    values = [list(dict.fromkeys(one.at[name] for one in results.points if name in one.at)) for name in varied]
+    choices = [dict(zip(varied, choice, strict=True)) for choice in product(*values)][:_CHOICES]
     names = dict.fromkeys(name for result in results.points for name in result.pooled)
     names = sorted(names, key=lambda name: name != FLOW_RATE)
     views: list[dict[str, Any]] = []
@@ -107,28 +107,28 @@ _MAPPED = ("label", "quantity", "why", "method", "factors", "surface", "points")
 
 def _without(results: StudyResults, quantity: str, at: Mapping[str, float | str], why: str) -> dict[str, Any]:
     """A view without a surface: the points, and the reason."""
-    how = unit_of(results, quantity)
+    notation = unit_of(results, quantity)
     keys = swept_keys(results.points)[0]
-    there = [result for result in results.points if all(key in result.at for key in keys)]
-    factors = [Factor.of(key, [float(result.at[key]) for result in there]) for key in keys]
+    complete = [result for result in results.points if all(key in result.at for key in keys)]
+    factors = [Factor.of(key, [float(result.at[key]) for result in complete]) for key in keys]
     numbers = {
-        "label": how.heading,
-        "quantity": {"name": quantity, "label": how.name, "unit": how.unit, "scale": how.scale},
+        "label": notation.heading,
+        "quantity": {"name": quantity, "label": notation.name, "unit": notation.unit, "scale": notation.scale},
         "why": why,
-        "factors": [_factor(factor, there, results.study) for factor in factors],
-        "points": [_point(result, quantity, keys, used=quantity in result.pooled) for result in there],
+        "factors": [_factor(factor, complete, results.study) for factor in factors],
+        "points": [_point(result, quantity, keys, used=quantity in result.pooled) for result in complete],
     }
     return {"numbers": numbers, "surface": None, "why": why, "label": display.label(at)}
 
 
 def _view(surface: DesignSurface, label: str) -> dict[str, Any]:
-    how = display.quantity(surface.quantity, surface.unit)
+    notation = display.quantity(surface.quantity, surface.unit)
     first = {**surface.at, **{factor.key: factor.low for factor in surface.factors}}
     study = surface.results.study
     head, _ = study_at(study, [first], f"{study.name}-design", max(2, study.replicates))
     numbers = {
-        "label": f"{how.heading}{f', {label}' if label else ''}",
-        "quantity": {"name": surface.quantity, "label": how.name, "unit": how.unit, "scale": how.scale},
+        "label": f"{notation.heading}{f', {label}' if label else ''}",
+        "quantity": {"name": surface.quantity, "label": notation.name, "unit": notation.unit, "scale": notation.scale},
         "at": dict(surface.at),
         "why": "",
         "method": surface.method,
@@ -173,19 +173,19 @@ def bars(surface: DesignSurface) -> list[dict[str, Any]]:
 
 def _factor(factor: Factor, points: Sequence[PointResult], study: Study) -> dict[str, Any]:
     """Data of a swept key for the sliders [SI], with its unit in study files."""
-    how = display.key(factor.key)
+    notation = display.key(factor.key)
     values = sorted({float(result.at[factor.key]) for result in points if factor.key in result.at})
     try:
-        unit = how.unit if not how.unit or parse(f"1 {how.unit}", None) else ""
-        scale = how.scale
+        unit = notation.unit if not notation.unit or parse(f"1 {notation.unit}", None) else ""
+        scale = notation.scale
     except ValueError:  # a unit that is shown by a sign of its own
         unit, scale = study.units.get(factor.key, ""), 1.0
     return {
         "key": factor.key,
-        "label": how.name,
+        "label": notation.name,
         "spoken": display.spoken(factor.key),
-        "unit": how.unit,
-        "scale": how.scale,
+        "unit": notation.unit,
+        "scale": notation.scale,
         "low": factor.low,
         "high": factor.high,
         "logarithmic": factor.logarithmic,

@@ -64,15 +64,15 @@ def lab_page(store: LabStore, query: Mapping[str, str], cards: int | None = None
     )  # fmt: skip
 
 
-def card(store: LabStore, listed: StudyListing) -> dict[str, Any]:
+def card(store: LabStore, listing: StudyListing) -> dict[str, Any]:
     """Context of the card of a study: beds, progress, outcomes and result; or the reason why it cannot be read."""
-    context: dict[str, Any] = {"listing": listed, "problem": listed.problem, "contents": None}
-    context["command"] = command("web", f"{listed.name}.yaml", lab=store.lab.folder)
-    if listed.path is None or listed.problem:
+    context: dict[str, Any] = {"listing": listing, "problem": listing.problem, "contents": None}
+    context["command"] = command("web", f"{listing.name}.yaml", lab=store.lab.folder)
+    if listing.path is None or listing.problem:
         return context
     processes = store.running()
     try:
-        contents = store.contents(listed.name, store.backend_of(listed.name, None))
+        contents = store.contents(listing.name, store.backend_of(listing.name, None))
     except (StudyError, LabError, NotFound) as problem:
         return {**context, "problem": str(problem)}
     results = contents.results
@@ -126,13 +126,13 @@ def _has(store: LabStore, listing: StudyListing, text: str) -> bool:
 
 
 def _row(listing: StudyListing) -> dict[str, Any]:
-    ended: dict[str, int] = {}
+    runs_by_outcome: dict[str, int] = {}
     for count in listing.counts:
-        ended[count.outcome] = ended.get(count.outcome, 0) + count.runs
+        runs_by_outcome[count.outcome] = runs_by_outcome.get(count.outcome, 0) + count.runs
     return {
         "study": listing.name,
         "runs": listing.runs,
-        **{f"runs_{name.replace('-', '_')}": count for name, count in sorted(ended.items())},
+        **{f"runs_{name.replace('-', '_')}": count for name, count in sorted(runs_by_outcome.items())},
         "backends": ", ".join(listing.backends),
         "latest": listing.latest,
         "tags": ", ".join(listing.note.tags),

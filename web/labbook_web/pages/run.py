@@ -56,7 +56,7 @@ def run_page(store: LabStore, prefix: str, query: Mapping[str, str]) -> Page:
     flow_curves, lacking = curve(folder, entry, record)
     ledger = _ledger(folder, entry, record)
     arch_picture, arch_text = arch(folder, entry, record)
-    siblings, several = store.catalogue.listed(Listing(packing=record.packing_key, sort="study", limit=_SIBLINGS))
+    siblings, total = store.catalogue.listed(Listing(packing=record.packing_key, sort="study", limit=_SIBLINGS))
     context |= {
         "record": record,
         "known": _in_study(store, record),
@@ -72,7 +72,7 @@ def run_page(store: LabStore, prefix: str, query: Mapping[str, str]) -> Page:
         "recorded": record.coverage.recording is not None,
         "picture": picture_content(folder) is not None,
         "siblings": [row for row in records(siblings) if row["run_key"] != key],
-        "several": several - 1,
+        "several": total - 1,
         "lacking": lacking,
         "caption": curves.caption(flow_curves),
         "arch": arch_picture,
@@ -214,13 +214,13 @@ def _in_study(store: LabStore, record: RunRecord) -> bool:
 
 def _facts(record: RunRecord) -> Facts:
     coverage = record.coverage
-    ended = record.outcome + (f": {record.failure.message}" if record.failure else "")
-    left = f"{coverage.crossed} of {coverage.grains} grains ({percent(coverage.discharged, '.1f')})"
+    outcome = record.outcome + (f": {record.failure.message}" if record.failure else "")
+    discharged = f"{coverage.crossed} of {coverage.grains} grains ({percent(coverage.discharged, '.1f')})"
     rows = [
-        ("Outcome", ended),
+        ("Outcome", outcome),
         ("Ledger", ledger_summary(record.ledger)),
         ("Simulated", f"{coverage.duration:.4g} s, {coverage.steps} steps of {record.numerics.dt * 1e6:.4g} µs"),
-        ("Discharged", left + (f", none in the last {coverage.waiting:.2g} s" if coverage.waiting > 0.1 else "")),
+        ("Discharged", discharged + (f", none in the last {coverage.waiting:.2g} s" if coverage.waiting > 0.1 else "")),
         ("Recorded", "no" if coverage.frame_interval is None else f"a frame every {span(coverage.frame_interval)}"),
         ("Backend", f"{record.backend} (version {record.cache_version}), {record.numerics.precision}, {record.device}"),
         ("Speed", f"{record.rate / 1e6:.2f} M grain-steps/s, {record.wall_time:.3g} s"

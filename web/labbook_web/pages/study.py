@@ -344,8 +344,8 @@ def chart_data(results: Results, lacking: bool = False) -> dict[str, Any]:
     quantities = dict.fromkeys(name for result in results.points for name in result.pooled)
     return {
         "study": results.study.name,
-        "keys": {name: _shown_key(name, results) for name in keys},
-        "quantities": {name: _shown_quantity(name, units[name]) for name in quantities},
+        "keys": {name: _key_notation(name, results) for name in keys},
+        "quantities": {name: _quantity_notation(name, units[name]) for name in quantities},
         "points": [_point(result) for result in results.points],
         "references": [
             {"quantity": comparison.quantity.rpartition(".")[2], "point": comparison.points[0].point.index + 1,
@@ -360,17 +360,22 @@ def chart_data(results: Results, lacking: bool = False) -> dict[str, Any]:
     }  # fmt: skip
 
 
-def _shown_key(name: str, results: Results) -> dict[str, Any]:
-    how = display.key(name)
+def _key_notation(name: str, results: Results) -> dict[str, Any]:
+    notation = display.key(name)
     words = any(isinstance(result.at.get(name), str) for result in results.points)
     along = [display.key(key).name for key in followers(results.points, name) if names_scene(key)]
-    label = f"{how.name} (with {', '.join(along)})" if along else how.name
-    return {"label": label, "unit": how.unit, "scale": how.scale, "words": words, "orifice": name == ORIFICE}
+    label = f"{notation.name} (with {', '.join(along)})" if along else notation.name
+    return {"label": label, "unit": notation.unit, "scale": notation.scale, "words": words, "orifice": name == ORIFICE}
 
 
-def _shown_quantity(name: str, unit: str) -> dict[str, Any]:
-    how = display.quantity(name, unit)
-    return {"label": how.name, "unit": how.unit, "scale": how.scale, "meaning": meaning(how.heading)}
+def _quantity_notation(name: str, unit: str) -> dict[str, Any]:
+    notation = display.quantity(name, unit)
+    return {
+        "label": notation.name,
+        "unit": notation.unit,
+        "scale": notation.scale,
+        "meaning": meaning(notation.heading),
+    }
 
 
 def _point(result: PointResult) -> dict[str, Any]:

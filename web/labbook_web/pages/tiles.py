@@ -144,24 +144,24 @@ def value_range(results: StudyResults) -> Range | None:
     quantity = leading(results)
     if isinstance(results.study.adapt, Calibrate):
         return None
-    measured = sorted(
+    ranked = sorted(
         (result for result in results.points if quantity in result.pooled),
         key=lambda result: result.pooled[quantity].value,
     )
-    if not measured:
+    if not ranked:
         return None
     unit = unit_of(results, quantity)
-    ends = [measured[0], measured[-1]] if len(measured) > 1 else measured
+    ends = [ranked[0], ranked[-1]] if len(ranked) > 1 else ranked
     numbers = dict.fromkeys(
         display.number(result.pooled[quantity].value, result.pooled[quantity].error, unit.scale) for result in ends
     )
-    names = ("smallest", "largest") if len(numbers) > 1 else ("at all points" if len(measured) > 1 else "mean",)
+    names = ("smallest", "largest") if len(numbers) > 1 else ("at all points" if len(ranked) > 1 else "mean",)
     return Range(
         f"Flow rate {unit.name}" if quantity == FLOW_RATE else unit.name,
         " to ".join(numbers),
         unit.unit,
         tuple(_end(name, result, quantity, unit) for name, result in zip(names, ends, strict=False)),
-        interval_widths(measured, quantity),
+        interval_widths(ranked, quantity),
     )
 
 
