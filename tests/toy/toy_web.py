@@ -16,7 +16,7 @@ from urllib.parse import unquote_to_bytes
 import pandas as pd
 import toy_lab
 from labbook_web.app import application
-from labbook_web.shelf import Shelf
+from labbook_web.store import LabStore
 from starlette.testclient import TestClient
 from toy_lab import labbook, study_file
 
@@ -39,7 +39,7 @@ def make(folder: Path, *more: str, measure: str = "flow_rate", **changes) -> Pat
 
 def client(lab: Path, given: Sequence[Path] = (), **options) -> TestClient:
     """Somebody who asks the app of a lab; what breaks within it is answered by 500, as in a server."""
-    app = application(Shelf(lab, given), **options)
+    app = application(LabStore(lab, given), **options)
     return TestClient(app, f"http://{HOST}", raise_server_exceptions=False, follow_redirects=False)
 
 

@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 from labbook_web.pages.changes import changes, latest, moment
 from labbook_web.pages.sheet import extremes, sheet
-from labbook_web.pages.study import plotted
+from labbook_web.pages.study import chart_data
 from labbook_web.pages.tiles import surface_of, tiles
 from toy_web import Read, client
 
@@ -215,5 +215,5 @@ def test_headings_have_the_meaning_of_their_quantity(page):
 
 def test_laws_are_drawn_when_all_runs_are_there(done):
     results = package.Lab(done / "lab", backend="toy").results(package.load(done / "toy.yaml"))
-    assert plotted(results)["series"]
-    assert plotted(results, lacking=True)["series"] == []
+    assert chart_data(results)["series"]
+    assert chart_data(results, lacking=True)["series"] == []

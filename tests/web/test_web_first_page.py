@@ -62,9 +62,9 @@ def test_tables_and_figures_can_be_saved(copied):
     somebody = client(copied / "lab")
     answer = somebody.get(f"/study/{STUDY}.csv")
     assert answer.headers["content-disposition"].startswith(f'attachment; filename="study-{STUDY}.csv"')
-    found = SimpleNamespace(study=SimpleNamespace(name=STUDY), backend="toy", state="1a")
+    contents = SimpleNamespace(study=SimpleNamespace(name=STUDY), backend="toy", state="1a")
     shown = {"title": "Patterns", "why": "", "caption": "How beds flow.", "kinds": ("svg",), "table": False}
-    figure = part("figure.html.j2", Links(), found=found, address="patterns", **shown)
+    figure = part("figure.html.j2", Links(), contents=contents, address="patterns", **shown)
     assert "<figcaption>How beds flow.</figcaption>" in figure
     address = f"/study/{STUDY}/figure/patterns.svg?backend=toy&state=1a"
     assert f'<a href="{address}" download="{STUDY}-patterns.svg">' in unescape(figure)

@@ -15,10 +15,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from labbook_web import connections
 from labbook_web.app import application
-from labbook_web.guard import COOKIE, LARGEST_BODY, LONGEST_ADDRESS, POLICY, VIEWER_POLICY
+from labbook_web.guard import ADDRESS_LIMIT, BODY_LIMIT, COOKIE, POLICY, VIEWER_POLICY
 from labbook_web.serve import server
-from labbook_web.shelf import Shelf
 from labbook_web.site import write
+from labbook_web.store import LabStore
 from toy_lab import labbook, unsealed
 from toy_web import HOST, ORIFICES, Read, ask, client, everything, keys_of, listing, make
 
@@ -33,7 +33,7 @@ OURS = {"origin": f"http://{HOST}", "content-type": "application/x-www-form-urle
 @pytest.fixture(scope="module")
 def app(done):
     """The app of the lab that nobody changes."""
-    return application(Shelf(done / "lab"))
+    return application(LabStore(done / "lab"))
 
 
 @pytest.fixture(scope="module")
@@ -162,7 +162,7 @@ def test_files_of_any_name_are_handed_out_under_it(copied):
     page = somebody.get(f"/run/{key[:16]}")
     assert page.status_code == 200
     assert "not " not in re.findall(r"Downloads.*?</section>", page.text, re.DOTALL)[0]
-    app = application(Shelf(copied / "lab"))
+    app = application(LabStore(copied / "lab"))
     for name in FILE_NAMES:
         assert quote(name) in page.text
         answer = ask(app, f"/run/{key[:16]}/file/{quote(name)}".encode())
@@ -186,10 +186,10 @@ def test_a_run_of_a_study_of_no_name_does_not_break_the_pages(copied):
 @pytest.mark.slow
 def test_half_open_connections_keep_nobody_from_an_answer_and_are_closed(done, monkeypatch):
     """64 of them made every other request wait, for as long as they were held."""
-    monkeypatch.setattr(connections, "PATIENCE", 3.0)
+    monkeypatch.setattr(connections, "HEADER_TIMEOUT", 3.0)
     listening = socket.create_server(("127.0.0.1", 0))
     address = listening.getsockname()
-    serving = server(application(Shelf(done / "lab")))
+    serving = server(application(LabStore(done / "lab")))
     thread = threading.Thread(target=serving.run, kwargs={"sockets": [listening]}, daemon=True)
     thread.start()
     try:
@@ -214,10 +214,10 @@ def test_half_open_connections_keep_nobody_from_an_answer_and_are_closed(done, m
 
 @pytest.mark.slow
 def test_of_very_many_half_open_connections_the_oldest_is_closed(done, monkeypatch):
-    monkeypatch.setattr(connections, "MOST_WAITING", 10)
-    monkeypatch.setattr(connections, "PATIENCE", 600.0)
+    monkeypatch.setattr(connections, "PENDING_LIMIT", 10)
+    monkeypatch.setattr(connections, "HEADER_TIMEOUT", 600.0)
     listening = socket.create_server(("127.0.0.1", 0))
-    serving = server(application(Shelf(done / "lab")))
+    serving = server(application(LabStore(done / "lab")))
     thread = threading.Thread(target=serving.run, kwargs={"sockets": [listening]}, daemon=True)
     thread.start()
     try:
@@ -267,7 +267,7 @@ def test_what_is_not_known_is_named(app):
 
 
 def test_addresses_have_a_longest_length(app, done):
-    for target in (b"/runs?q=" + b"a" * LONGEST_ADDRESS, b"/" + b"a" * LONGEST_ADDRESS):
+    for target in (b"/runs?q=" + b"a" * ADDRESS_LIMIT, b"/" + b"a" * ADDRESS_LIMIT):
         answer = ask(app, target)
         assert answer.status == 414
         refused(answer, done)
@@ -291,8 +291,8 @@ def test_pages_are_not_posted_to(app, done, key):
 
 @pytest.mark.parametrize("announced", [True, False])
 def test_bodies_have_a_largest_size(copied, announced):
-    app = application(Shelf(copied / "lab"))
-    pieces = [b"text=", *[b"a" * 10_000] * (LARGEST_BODY // 10_000 + 1)]
+    app = application(LabStore(copied / "lab"))
+    pieces = [b"text=", *[b"a" * 10_000] * (BODY_LIMIT // 10_000 + 1)]
     headers = {**OURS, "content-length": str(sum(map(len, pieces)))} if announced else OURS
     answer = ask(app, f"/note/study/{STUDY}".encode(), "POST", headers, pieces)
     assert answer.status == 413
@@ -313,14 +313,14 @@ def test_lengths_that_are_none_are_refused(app, done, length):
     [b"", b"\xff\xfe\x00", b"text=%ff%00%ed%a0%80", b"text=a&text=b&tags=&&&=", b"{}", b"text=" + b"%0d" * 30_000],
 )
 def test_whatever_a_note_has_in_it_is_kept_or_refused(copied, body):
-    app = application(Shelf(copied / "lab"))
+    app = application(LabStore(copied / "lab"))
     answer = ask(app, f"/note/study/{STUDY}".encode(), "POST", OURS, [body])
     assert answer.status in (200, 400)
     assert ask(app, f"/study/{STUDY}".encode()).status == 200
 
 
 def test_hosts_of_other_names_are_refused(done):
-    app = application(Shelf(done / "lab"), hosts=frozenset({"127.0.0.1:8321", "localhost:8321"}))
+    app = application(LabStore(done / "lab"), hosts=frozenset({"127.0.0.1:8321", "localhost:8321"}))
     for host, status in (
         ("127.0.0.1:8321", 200),
         ("localhost:8321", 200),
@@ -338,7 +338,7 @@ def test_hosts_of_other_names_are_refused(done):
 
 
 def test_a_token_opens_the_app(done):
-    app = application(Shelf(done / "lab"), token="secret-token")
+    app = application(LabStore(done / "lab"), token="secret-token")
     for target in (b"/", b"/runs", b"/static/labbook.css", b"/?token=wrong", b"/?token=", b"/?token=secret-toke"):
         answer = ask(app, target)
         assert answer.status == 401, target
@@ -358,7 +358,7 @@ def test_a_token_opens_the_app(done):
 
 
 def test_a_token_asks_for_the_page_that_was_meant(done):
-    app = application(Shelf(done / "lab"), token="secret-token")
+    app = application(LabStore(done / "lab"), token="secret-token")
     let = ask(app, f"/study/{STUDY}?token=secret-token".encode())
     assert (let.status, let.headers["location"]) == (303, f"/study/{STUDY}")
     for odd in (b"//elsewhere.example/?token=secret-token", b"/%2felsewhere.example?token=secret-token"):

@@ -59,7 +59,7 @@ def mixed(tmp_path_factory) -> Path:
 @pytest.fixture
 def at_once(monkeypatch):
     """Results are looked up each time, however quickly one asks."""
-    monkeypatch.setattr("labbook_web.shelf.SPARED", 0)
+    monkeypatch.setattr("labbook_web.store.AGE_FACTOR", 0)
 
 
 def frame(answer) -> pd.DataFrame:
@@ -628,7 +628,7 @@ def test_runs_are_sorted_as_pandas_sorts(mixed, column):
 
 
 def test_long_lists_are_cut_into_pages(mixed, monkeypatch):
-    monkeypatch.setattr(runs_page, "LONG", 4)
+    monkeypatch.setattr(runs_page, "PAGE_SIZE", 4)
     somebody = client(mixed)
     every = Catalogue(mixed).runs().sort_values("run_key")["run_key"].tolist()
     pages_of = -(-len(every) // 4)

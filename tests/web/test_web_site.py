@@ -223,7 +223,7 @@ def test_films_are_on_the_pages_of_their_runs(done, tmp_path, monkeypatch):
     record = RunRecord.read(recorded[0])
     path = path_of(lab / "films", record, None, None, "-layers.webp")
     film(shot_of_run(recorded[0], "layers"), path, seconds=0.1, size=50, source=source_of_film(record))
-    assert [viewer.kept_film(folder) for folder in recorded] == [path, *(None for _ in recorded[1:])]
+    assert [viewer.stored_film(folder) for folder in recorded] == [path, *(None for _ in recorded[1:])]
     labbook("site", tmp_path / "out", done / "toy.yaml", "--lab", lab, "--films")
     taken = sorted((tmp_path / "out").rglob("film.webp"))
     assert len(taken) == len(recorded) == POINTS
@@ -233,7 +233,7 @@ def test_films_are_on_the_pages_of_their_runs(done, tmp_path, monkeypatch):
         assert f"{one.parent.name}/film.webp" in " ".join(page.links("src"))
     sound(tmp_path / "out")
     path.write_bytes(path.read_bytes().replace(record.run_key.encode(), b"0" * len(record.run_key)))
-    assert viewer.kept_film(recorded[0]) is None, "a film of another run"
+    assert viewer.stored_film(recorded[0]) is None, "a film of another run"
 
 
 def test_without_the_viewer_recordings_are_refused(done, tmp_path, monkeypatch):

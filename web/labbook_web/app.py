@@ -1,4 +1,4 @@
-"""The app: addresses, and what is answered to each."""
+"""The app: routes, and the response to each request."""
 
 import hashlib
 import json
@@ -29,7 +29,7 @@ from labbook.lab.notes import Note
 from labbook.lab.runs import picture_content
 from labbook.study import StudyError
 from labbook_web import viewer
-from labbook_web.guard import LARGEST_BODY, Guard
+from labbook_web.guard import BODY_LIMIT, Guard
 from labbook_web.page import Links, Page
 from labbook_web.pages import lab, run, runs, study
 from labbook_web.pages.changes import NoMoment
@@ -41,12 +41,12 @@ from labbook_web.pages.run import file_of, key_of, run_page
 from labbook_web.pages.runs import runs_page
 from labbook_web.pages.study import study_page
 from labbook_web.render import html, part
-from labbook_web.shelf import NotThere, Shelf
+from labbook_web.store import LabStore, NotFound
 
 LINKS = Links()
 STATIC = files("labbook_web") / "static"
 _KINDS = {".js": "text/javascript", ".css": "text/css", ".svg": "image/svg+xml", ".txt": "text/plain"}
-_DRAWN = {"svg": "image/svg+xml", "png": "image/png", "pdf": "application/pdf"}
+_FIGURE_TYPES = {"svg": "image/svg+xml", "png": "image/png", "pdf": "application/pdf"}
 _PLAIN = frozenset(string.ascii_letters + string.digits + "-_. ")
 _LASTING = {"cache-control": "private, max-age=31536000, immutable"}
 _log = logging.getLogger("labbook.web")
@@ -59,20 +59,27 @@ _ALLOWED = {
     "runs": {*runs.FILTERS, "sort", "page"},
     "compare": {"item"},
 }
-"""What may stand behind the question mark of a page, each once."""
+"""Query parameters of each page; each is given once."""
 
 
-def application(shelf: Shelf, *, read_only: bool = False, hosts: frozenset[str] = frozenset(), token: str = ""):
-    """The app for the studies of a shelf. read_only: whether notes are not written; hosts, token: see `Guard`."""
-    made = App(shelf, read_only)
-    return Guard(made.starlette, hosts, token)
+def application(store: LabStore, *, read_only: bool = False, hosts: frozenset[str] = frozenset(), token: str = ""):
+    """Make the ASGI app of a lab.
+
+    Args:
+        store: Studies of the lab and their results.
+        read_only: Refuse to write notes and tags.
+        hosts: As `Guard` takes them.
+        token: As `Guard` takes it.
+    """
+    app = App(store, read_only)
+    return Guard(app.starlette, hosts, token)
 
 
 class App:
-    """Answers for one shelf."""
+    """Routes and handlers of the app for one store."""
 
-    def __init__(self, shelf: Shelf, read_only: bool):
-        self.shelf, self.read_only = shelf, read_only
+    def __init__(self, store: LabStore, read_only: bool):
+        self.store, self.read_only = store, read_only
         name = "/study/{name:str}"
         pages: list[tuple[str, Callable[[Request], Page]]] = [
             (name + "/point/{number:int}", self._point),
@@ -83,41 +90,41 @@ class App:
             ("/compare", self._compare),
             ("/index", self._lab),
         ]
-        routes = [Route("/", self._answer(self._lab, ""))]
+        routes = [Route("/", self._page_handler(self._lab, ""))]
         for path, make in pages:
-            routes += [Route(f"{path}.{ending}", self._answer(make, ending)) for ending in ("json", "csv")]
-            routes += [Route(path, self._answer(make, ""))] if path != "/index" else []
+            routes += [Route(f"{path}.{ending}", self._page_handler(make, ending)) for ending in ("json", "csv")]
+            routes += [Route(path, self._page_handler(make, ""))] if path != "/index" else []
         routes += [
-            Route("/card/{name}", self._threaded(self._card)),
-            Route("/progress/{name}", self._threaded(self._progress)),
-            Route("/study/{name}/figure/{figure}", self._threaded(self._figure)),
-            Route("/study/{name}/{file}.yaml", self._threaded(self._yaml)),
-            Route("/study/{name}/compare/{pair}.rrd", self._threaded(self._both)),
+            Route("/card/{name}", self._in_thread(self._card)),
+            Route("/progress/{name}", self._in_thread(self._progress)),
+            Route("/study/{name}/figure/{figure}", self._in_thread(self._figure)),
+            Route("/study/{name}/{file}.yaml", self._in_thread(self._yaml)),
+            Route("/study/{name}/compare/{pair}.rrd", self._in_thread(self._comparison_recording)),
             Route("/note/{kind}/{name}", self._write_note, methods=["POST"]),
-            Route("/run/{key}/picture.png", self._threaded(self._picture)),
-            Route("/run/{key}/viewer", self._threaded(self._viewer)),
-            Route("/beside/{key}/viewer", self._threaded(self._viewer)),
-            Route("/beside/{key}/recording.rrd", self._threaded(self._recording)),
-            Route("/run/{key}/film.webp", self._threaded(self._film)),
-            Route("/run/{key}/recording.rrd", self._threaded(self._recording)),
-            Route("/run/{key}/file/{file}", self._threaded(self._file)),
-            Route("/viewer/{version}/{file:path}", self._threaded(self._viewer_file)),
-            Route("/static/{file:path}", self._threaded(self._static)),
-            Route("/favicon.ico", self._threaded(lambda request: RedirectResponse(LINKS.asset("icon.svg"), 301))),
+            Route("/run/{key}/picture.png", self._in_thread(self._picture)),
+            Route("/run/{key}/viewer", self._in_thread(self._viewer)),
+            Route("/beside/{key}/viewer", self._in_thread(self._viewer)),
+            Route("/beside/{key}/recording.rrd", self._in_thread(self._recording)),
+            Route("/run/{key}/film.webp", self._in_thread(self._film)),
+            Route("/run/{key}/recording.rrd", self._in_thread(self._recording)),
+            Route("/run/{key}/file/{file}", self._in_thread(self._file)),
+            Route("/viewer/{version}/{file:path}", self._in_thread(self._viewer_file)),
+            Route("/static/{file:path}", self._in_thread(self._static)),
+            Route("/favicon.ico", self._in_thread(lambda request: RedirectResponse(LINKS.asset("icon.svg"), 301))),
         ]
         self.starlette = Starlette(
-            routes=routes, exception_handlers={HTTPException: self._wrong, Exception: self._broken}
+            routes=routes, exception_handlers={HTTPException: self._http_error, Exception: self._server_error}
         )
 
-    # how answers are made
+    # responses
 
-    def _threaded(self, make: Callable[[Request], Response]):
+    def _in_thread(self, make: Callable[[Request], Response]):
         async def answer(request: Request) -> Response:
-            return await anyio.to_thread.run_sync(self._made, make, request)
+            return await anyio.to_thread.run_sync(self._response, make, request)
 
         return answer
 
-    def _answer(self, make: Callable[[Request], Page], ending: str):
+    def _page_handler(self, make: Callable[[Request], Page], ending: str):
         def respond(request: Request) -> Response:
             page = make(request)
             if ending == "json":
@@ -125,135 +132,144 @@ class App:
             if ending == "csv":
                 name = page.path.replace("/", "-") or "studies"
                 return Response(page.csv(), media_type="text/csv; charset=utf-8", headers=saved_as(f"{name}.csv"))
-            return HTMLResponse(html(page, LINKS, **self._common()))
+            return HTMLResponse(html(page, LINKS, **self._shared_context()))
 
-        return self._threaded(respond)
+        return self._in_thread(respond)
 
-    def _made(self, make: Callable[[Request], Response], request: Request) -> Response:
-        """What `make` answers; what cannot be answered is said in words, with a status that fits."""
+    def _response(self, make: Callable[[Request], Response], request: Request) -> Response:
+        """Make a response; errors of the lab become HTTP errors.
+
+        Args:
+            make: Handler, called in a worker thread.
+            request: Request that it gets.
+
+        Raises:
+            HTTPException: 404 for missing things, 400 for malformed requests, 422 for invalid studies, 503 for a lab,
+                run or backend that cannot be read.
+        """
         try:
             return make(request)
         except HTTPException:
             raise
-        except NotThere as error:
+        except NotFound as error:
             raise HTTPException(404, str(error)) from error
         except (Malformed, NoMoment, StudyError) as error:
             raise HTTPException(422 if isinstance(error, StudyError) else 400, str(error)) from error
         except (LabError, Unreadable, BackendMissing, NotEvaluated) as error:
             raise HTTPException(503, str(error)) from error
 
-    def _common(self) -> dict[str, Any]:
-        return {"read_only": self.read_only, "lab": self.shelf.lab.folder.resolve().name}
+    def _shared_context(self) -> dict[str, Any]:
+        return {"read_only": self.read_only, "lab": self.store.lab.folder.resolve().name}
 
-    async def _wrong(self, request: Request, error: Exception) -> Response:
+    async def _http_error(self, request: Request, error: Exception) -> Response:
         assert isinstance(error, HTTPException)
-        return await anyio.to_thread.run_sync(self._said, request, error.status_code, str(error.detail))
+        return await anyio.to_thread.run_sync(self._error_response, request, error.status_code, str(error.detail))
 
-    async def _broken(self, request: Request, error: Exception) -> Response:
+    async def _server_error(self, request: Request, error: Exception) -> Response:
         _log.error("%s could not be answered", request.url.path, exc_info=error)
-        return await anyio.to_thread.run_sync(self._said, request, 500, "labbook has an internal error; "
+        return await anyio.to_thread.run_sync(self._error_response, request, 500, "labbook has an internal error; "
                                               "the terminal in which labbook web runs shows it.")  # fmt: skip
 
-    def _said(self, request: Request, status: int, why: str) -> Response:
+    def _error_response(self, request: Request, status: int, why: str) -> Response:
         if request.url.path.endswith(".json"):
             return Response(json.dumps({"error": why}), status, media_type="application/json")
         if request.headers.get("hx-request"):
             return HTMLResponse(part("problem.html.j2", LINKS, why=why), status)
         page = Page("error.html.j2", "", f"{status}", dict, _no_frame, {"status": status, "why": why})
-        return HTMLResponse(html(page, LINKS, **self._common()), status)
+        return HTMLResponse(html(page, LINKS, **self._shared_context()), status)
 
     # pages
 
     def _lab(self, request: Request) -> Page:
-        return lab_page(self.shelf, asked(request, "lab"))
+        return lab_page(self.store, query_of(request, "lab"))
 
     def _study(self, request: Request) -> Page:
-        return study_page(self.shelf, request.path_params["name"], asked(request, "study"))
+        return study_page(self.store, request.path_params["name"], query_of(request, "study"))
 
     def _explore(self, request: Request) -> Page:
-        return explore_page(self.shelf, request.path_params["name"], asked(request, "explore"))
+        return explore_page(self.store, request.path_params["name"], query_of(request, "explore"))
 
     def _point(self, request: Request) -> Page:
         number = request.path_params["number"]
-        return point_page(self.shelf, request.path_params["name"], number, asked(request, "point"))
+        return point_page(self.store, request.path_params["name"], number, query_of(request, "point"))
 
     def _run(self, request: Request) -> Page:
-        return run_page(self.shelf, hex_of(request), asked(request, "run"))
+        return run_page(self.store, hex_of(request), query_of(request, "run"))
 
     def _runs(self, request: Request) -> Page:
-        return runs_page(self.shelf, asked(request, "runs"))
+        return runs_page(self.store, query_of(request, "runs"))
 
     def _compare(self, request: Request) -> Page:
-        every = parse_qsl(request.url.query, keep_blank_values=True)
-        if unknown := {name for name, _ in every} - _ALLOWED["compare"]:
-            raise HTTPException(400, f"{sorted(unknown)[0][:60]} is not known here; use item=run:KEY and the like")
-        return compare_page(self.shelf, [value for _, value in every if value])
+        pairs = parse_qsl(request.url.query, keep_blank_values=True)
+        if extras := {name for name, _ in pairs} - _ALLOWED["compare"]:
+            raise HTTPException(400, f"{sorted(extras)[0][:60]} is not known here; use item=run:KEY and the like")
+        return compare_page(self.store, [value for _, value in pairs if value])
 
     # parts of pages, and files
 
     def _card(self, request: Request) -> Response:
         name = request.path_params["name"]
-        for one in self.shelf.listed():
-            if one.name == name:
-                return HTMLResponse(part("card.html.j2", LINKS, **card(self.shelf, one)))
-        raise NotThere(f"there is no study {name}")
+        for listing in self.store.listings():
+            if listing.name == name:
+                return HTMLResponse(part("card.html.j2", LINKS, **card(self.store, listing)))
+        raise NotFound(f"there is no study {name}")
 
     def _progress(self, request: Request) -> Response:
         name = request.path_params["name"]
-        going = self.shelf.running()  # before the results: whoever hears of nobody has heard of all runs
-        found = self.shelf.found(name, self.shelf.backend_of(name, request.query_params.get("backend")))
-        shown = {"progress": lab.progress(found, going), "found": found}
-        return HTMLResponse(part("progress.html.j2", LINKS, **shown))
+        processes = self.store.running()  # before the results: whoever hears of nobody has heard of all runs
+        contents = self.store.contents(name, self.store.backend_of(name, request.query_params.get("backend")))
+        context = {"progress": lab.progress(contents, processes), "contents": contents}
+        return HTMLResponse(part("progress.html.j2", LINKS, **context))
 
     def _figure(self, request: Request) -> Response:
         name, figure = request.path_params["name"], request.path_params["figure"]
-        found = self.shelf.found(name, self.shelf.backend_of(name, request.query_params.get("backend")))
+        contents = self.store.contents(name, self.store.backend_of(name, request.query_params.get("backend")))
         address, _, kind = figure.rpartition(".")
         lasting = _LASTING if "state" in request.query_params else {}
         if kind == "csv":
-            table = study.numbers(found, address)
+            table = study.numbers(contents, address)
             if table is None:
-                raise NotThere(f"the figure {address[:80]} of {name} has no table of its numbers")
+                raise NotFound(f"the figure {address[:80]} of {name} has no table of its numbers")
             headers = saved_as(f"{name}-{address}.csv")
             return Response(table.to_csv(index=False), media_type="text/csv; charset=utf-8", headers=headers)
-        if kind in _DRAWN:
+        if kind in _FIGURE_TYPES:
             headers = {**lasting, **({} if kind == "svg" else saved_as(f"{name}-{address}.{kind}"))}
             try:
-                content = study.picture(self.shelf, found, address, kind)
+                content = study.picture(self.store, contents, address, kind)
             except study.CANNOT_DRAW as error:
-                raise NotThere(study.why_not(error, found)) from error
-            return Response(content, media_type=_DRAWN[kind], headers=headers)
-        shown = study.figure(found, figure, lambda: study.picture(self.shelf, found, figure))
-        return HTMLResponse(part("figure.html.j2", LINKS, found=found, **shown))
+                raise NotFound(study.why_not(error, contents)) from error
+            return Response(content, media_type=_FIGURE_TYPES[kind], headers=headers)
+        context = study.figure(contents, figure, lambda: study.picture(self.store, contents, figure))
+        return HTMLResponse(part("figure.html.j2", LINKS, contents=contents, **context))
 
     def _yaml(self, request: Request) -> Response:
-        text = self.shelf.study(request.path_params["name"])[1]
+        text = self.store.study(request.path_params["name"])[1]
         return Response(
             text, media_type="text/yaml; charset=utf-8", headers=saved_as(f"{request.path_params['name']}.yaml")
         )
 
-    def _both(self, request: Request) -> Response:
+    def _comparison_recording(self, request: Request) -> Response:
         name, pair = request.path_params["name"], request.path_params["pair"]
-        found = self.shelf.found(name, self.shelf.backend_of(name, None))
-        for one in found.compared:
-            if one.name == pair and one.recording is not None:
+        contents = self.store.contents(name, self.store.backend_of(name, None))
+        for comparison in contents.comparisons:
+            if comparison.name == pair and comparison.recording is not None:
                 return FileResponse(
-                    one.recording, media_type="application/octet-stream", headers=saved_as(f"{name}-{pair}.rrd")
+                    comparison.recording, media_type="application/octet-stream", headers=saved_as(f"{name}-{pair}.rrd")
                 )
-        raise NotThere(f"{name} has no recording of {pair[:80]}: labbook compare --record makes one")
+        raise NotFound(f"{name} has no recording of {pair[:80]}: labbook compare --record makes one")
 
     def _picture(self, request: Request) -> Response:
-        key = key_of(self.shelf, hex_of(request))
-        drawn = picture_content(self.shelf.lab.run(key))
-        if drawn is not None:
-            return Response(drawn, media_type="image/png", headers={"cache-control": "private, max-age=60"})
-        sketch = run.sketch(self.shelf, key)
+        key = key_of(self.store, hex_of(request))
+        picture = picture_content(self.store.lab.run(key))
+        if picture is not None:
+            return Response(picture, media_type="image/png", headers={"cache-control": "private, max-age=60"})
+        sketch = run.sketch(self.store, key)
         return Response(sketch, media_type="image/svg+xml", headers={"cache-control": "private, max-age=60"})
 
     def _viewer(self, request: Request) -> Response:
-        """The viewer with the recording of a run, or of several side by side."""
+        """Viewer with the recording of a run, or of several side by side."""
         keys = self._keys(request)
-        folders = [self.shelf.lab.run(key) for key in keys]
+        folders = [self.store.lab.run(key) for key in keys]
         try:
             viewer.viewer_files()
             viewer.recording(folders)
@@ -262,53 +278,53 @@ class App:
             return HTMLResponse(part("problem.html.j2", LINKS, why=str(error)))
         short = "-".join(key[:16] for key in keys)
         path = f"beside/{short}/recording.rrd" if len(keys) > 1 else f"run/{short}/recording.rrd"
-        shown = {
+        context = {
             "name": " beside ".join(titled(RunRecord.read(folder)) for folder in folders),
             "version": viewer.version(),
             "source": f"{request.url.scheme}://{request.headers['host']}/{path}",
             "path": path,
             "opens": opens,
         }
-        return HTMLResponse(part("viewer.html.j2", LINKS, **shown))
+        return HTMLResponse(part("viewer.html.j2", LINKS, **context))
 
     def _keys(self, request: Request) -> list[str]:
-        """Keys of the runs that an address names, with hyphens between their first digits."""
+        """Keys of the runs in an address: their first digits, joined by hyphens."""
         keys = request.path_params["key"].split("-")
         if len(keys) > SIDE_BY_SIDE:
             raise Malformed(f"{len(keys)} runs are too many side by side; name at most {SIDE_BY_SIDE}")
-        return list(dict.fromkeys(key_of(self.shelf, hexadecimal(one)) for one in keys))
+        return list(dict.fromkeys(key_of(self.store, hexadecimal(key)) for key in keys))
 
     def _film(self, request: Request) -> Response:
-        key = key_of(self.shelf, hex_of(request))
+        key = key_of(self.store, hex_of(request))
         try:
-            path = viewer.film(self.shelf.lab.run(key))
+            path = viewer.film(self.store.lab.run(key))
         except NotRecorded as error:
-            raise NotThere(str(error)) from error
+            raise NotFound(str(error)) from error
         return FileResponse(path, media_type="image/webp", headers={"cache-control": "private, max-age=60"})
 
     def _recording(self, request: Request) -> Response:
-        folders = [self.shelf.lab.run(key) for key in self._keys(request)]
+        folders = [self.store.lab.run(key) for key in self._keys(request)]
         try:
             path = viewer.recording(folders)
         except (ViewerMissing, NotRecorded) as error:
-            raise NotThere(str(error)) from error
+            raise NotFound(str(error)) from error
         files = (path_of(Path(), RunRecord.read(folder), None, None, "") for folder in folders)
         name = "_".join("-".join(file.parts) for file in files)
         return FileResponse(path, media_type="application/octet-stream", headers=saved_as(f"{name}.rrd"))
 
     def _file(self, request: Request) -> Response:
-        key = key_of(self.shelf, hex_of(request))
-        path = file_of(self.shelf, key, request.path_params["file"])
+        key = key_of(self.store, hex_of(request))
+        path = file_of(self.store, key, request.path_params["file"])
         return FileResponse(path, media_type="application/octet-stream", headers=saved_as(f"{key[:10]}-{path.name}"))
 
     def _viewer_file(self, request: Request) -> Response:
-        file, wanted = request.path_params["file"] or "index.html", request.path_params["version"]
+        file, version = request.path_params["file"] or "index.html", request.path_params["version"]
         try:
-            if file not in viewer.FILES or wanted != viewer.version():
-                raise NotThere(f"the viewer {wanted} has no file {file}")
+            if file not in viewer.FILES or version != viewer.version():
+                raise NotFound(f"the viewer {version} has no file {file}")
             folder = viewer.viewer_files()
         except viewer.NoViewer as error:
-            raise NotThere(str(error)) from error
+            raise NotFound(str(error)) from error
         headers = dict(_LASTING)
         if file.endswith(".wasm"):
             headers |= {"content-encoding": "gzip", "rerun-final-length": (folder / f"{file}.length").read_text()}
@@ -318,7 +334,7 @@ class App:
     def _static(self, request: Request) -> Response:
         content = asset(request.path_params["file"])
         if content is None:
-            raise NotThere(f"there is no file {request.path_params['file']}")
+            raise NotFound(f"there is no file {request.path_params['file']}")
         kind = _KINDS[Path(request.path_params["file"]).suffix]
         tag = f'"{hashlib.blake2b(content, digest_size=8).hexdigest()}"'
         headers = {"etag": tag, "cache-control": "private, max-age=0, must-revalidate"}
@@ -326,7 +342,7 @@ class App:
             return Response(status_code=304, headers=headers)
         return Response(content, media_type=kind, headers=headers)
 
-    # the only thing that is written
+    # notes: all that the app writes
 
     async def _write_note(self, request: Request) -> Response:
         if self.read_only:
@@ -334,80 +350,90 @@ class App:
         try:
             body = (await request.body()).decode("utf-8", "replace")
         except ClientDisconnect:  # the guard lets no more in
-            raise HTTPException(413, f"More than {LARGEST_BODY} bytes were sent.") from None
-        sent = dict(parse_qsl(body, keep_blank_values=True))
-        return await anyio.to_thread.run_sync(self._made, lambda _: self._noted(request, sent), request)
+            raise HTTPException(413, f"More than {BODY_LIMIT} bytes were sent.") from None
+        form = dict(parse_qsl(body, keep_blank_values=True))
+        return await anyio.to_thread.run_sync(self._response, lambda _: self._save_note(request, form), request)
 
-    def _noted(self, request: Request, sent: Mapping[str, str]) -> Response:
+    def _save_note(self, request: Request, form: Mapping[str, str]) -> Response:
         kind, name = request.path_params["kind"], request.path_params["name"]
         if kind == "run":
-            name = key_of(self.shelf, hex_of(request, "name"))
-        elif kind != "study" or name not in {one.name for one in self.shelf.listed()}:
-            raise NotThere(f"there is no {kind[:20]} {name[:80]}")
-        tags = tuple(filter(None, (tag.strip() for tag in sent.get("tags", "").split(","))))
+            name = key_of(self.store, hex_of(request, "name"))
+        elif kind != "study" or name not in {listing.name for listing in self.store.listings()}:
+            raise NotFound(f"there is no {kind[:20]} {name[:80]}")
+        tags = tuple(filter(None, (tag.strip() for tag in form.get("tags", "").split(","))))
         why = ""
         try:
-            notes.write(self.shelf.lab, kind, name, Note(sent.get("text", "").replace("\r\n", "\n").strip(), tags))
+            notes.write(self.store.lab, kind, name, Note(form.get("text", "").replace("\r\n", "\n").strip(), tags))
         except (ValueError, OSError) as error:
             why = str(error)
-        note = Note(sent.get("text", ""), tags) if why else self.shelf.note(kind, name)
-        shown = {"kind": kind, "name": name, "note": note, "why": why, "saved": not why, "read_only": False}
-        return HTMLResponse(part("note.html.j2", LINKS, **shown), 400 if why else 200)
+        note = Note(form.get("text", ""), tags) if why else self.store.note(kind, name)
+        context = {"kind": kind, "name": name, "note": note, "why": why, "saved": not why, "read_only": False}
+        return HTMLResponse(part("note.html.j2", LINKS, **context), 400 if why else 200)
 
 
-def asked(request: Request, page: str) -> dict[str, str]:
-    """What stands behind the question mark, each name once. Raises HTTPException for what the page does not know."""
-    every = parse_qsl(request.url.query, keep_blank_values=True)
-    found = {name: value for name, value in every if value}
-    if len(every) != len({name for name, _ in every}):
+def query_of(request: Request, page: str) -> dict[str, str]:
+    """Read the query parameters of a page.
+
+    Args:
+        request: Request for the page.
+        page: Name of the page in `_ALLOWED`.
+
+    Returns:
+        Values by name, without empty ones.
+
+    Raises:
+        HTTPException: 400 for a repeated or unknown parameter, or a value that is out of range.
+    """
+    pairs = parse_qsl(request.url.query, keep_blank_values=True)
+    query = {name: value for name, value in pairs if value}
+    if len(pairs) != len({name for name, _ in pairs}):
         raise HTTPException(400, "The address states a parameter twice.")
     allowed = _ALLOWED[page]
-    if unknown := set(found) - allowed:
+    if extras := set(query) - allowed:
         raise HTTPException(
-            400, f"{sorted(unknown)[0][:60]} is not known here; use: {', '.join(sorted(allowed)) or 'nothing'}"
+            400, f"{sorted(extras)[0][:60]} is not known here; use: {', '.join(sorted(allowed)) or 'nothing'}"
         )
-    if "page" in found and not (found["page"].isascii() and found["page"].isdigit() and len(found["page"]) < 7):
+    if "page" in query and not (query["page"].isascii() and query["page"].isdigit() and len(query["page"]) < 7):
         raise HTTPException(400, "page: write a whole number, such as page=2")
-    if page == "runs" and not runs.sortable(found.get("sort", "finished").removeprefix("-")):
+    if page == "runs" and not runs.sortable(query.get("sort", "finished").removeprefix("-")):
         raise HTTPException(400, f"sort: use one of {', '.join(runs.SORTED_BY)}, with - in front for descending order")
-    return found
+    return query
 
 
 def hex_of(request: Request, name: str = "key") -> str:
-    """The beginning of a run's key. Raises HTTPException for what cannot be one."""
+    """First digits of a run's key in a path parameter. Raises HTTPException as `hexadecimal` does."""
     return hexadecimal(request.path_params[name])
 
 
 def hexadecimal(key: str) -> str:
-    """The beginning of a run's key. Raises HTTPException for what cannot be one."""
+    """Check that a text may begin a run's key, and return it. Raises HTTPException 400 if not."""
     if not 4 <= len(key) <= 64 or set(key) - set("0123456789abcdef"):
         raise HTTPException(400, f"{key[:80]} is not a key of a run; give at least four of its digits 0-9 and a-f")
     return key
 
 
 def saved_as(name: str) -> dict[str, str]:
-    """Headers of a file that is downloaded under a name: that, and one of plain characters for older clients
-    (RFC 6266)."""
-    plain = "".join(one if one in _PLAIN else "_" for one in name)
+    """Headers of a download: its file name, and a plain ASCII one for older clients (RFC 6266)."""
+    plain = "".join(character if character in _PLAIN else "_" for character in name)
     return {"content-disposition": f"attachment; filename=\"{plain}\"; filename*=UTF-8''{quote(name, safe='')}"}
 
 
 @cache
 def assets() -> dict[str, bytes]:
-    """Files of the app itself, by path."""
-    found, folders = {}, [("", STATIC)]
+    """Read the static files of the app: content by path."""
+    contents, folders = {}, [("", STATIC)]
     while folders:
         above, folder = folders.pop()
-        for one in folder.iterdir():
-            if one.is_dir():
-                folders.append((f"{above}{one.name}/", one))
-            elif Path(one.name).suffix in _KINDS:
-                found[f"{above}{one.name}"] = one.read_bytes()
-    return found
+        for child in folder.iterdir():
+            if child.is_dir():
+                folders.append((f"{above}{child.name}/", child))
+            elif Path(child.name).suffix in _KINDS:
+                contents[f"{above}{child.name}"] = child.read_bytes()
+    return contents
 
 
 def asset(name: str) -> bytes | None:
-    """A file of the app itself."""
+    """Content of a static file of the app; None if there is none of this name."""
     if os.environ.get("LABBOOK_WEB_FRESH"):  # while the app is being written
         assets.cache_clear()
     return assets().get(name)

@@ -1,6 +1,6 @@
-"""Who may ask for what: hosts, a token where others than this machine can reach the app, sizes, and what a page may do.
+"""Access control of the app: hosts, a token on shared networks, request sizes, and the content security policy.
 
-Every answer carries the policy that keeps a page from asking anything of any other machine.
+Every response carries the policy, which keeps a page from requesting anything of another machine.
 """
 
 import hmac
@@ -11,28 +11,33 @@ from starlette.datastructures import Headers, MutableHeaders
 from starlette.responses import PlainTextResponse, RedirectResponse
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
-LONGEST_ADDRESS = 4000
+ADDRESS_LIMIT = 4000
 """Characters of path and query."""
-LARGEST_BODY = 100_000
-BEHIND = 64
-"""Answers that are worked on at once; more are told to come again."""
+BODY_LIMIT = 100_000
+CONCURRENT_LIMIT = 64
+"""Largest number of concurrent requests; further ones get status 503."""
 COOKIE = "labbook-token"
 POLICY = (
     "default-src 'none'; script-src 'self'; style-src 'self' 'unsafe-inline'; img-src 'self' data:; font-src 'self'; "
     "connect-src 'self'; frame-src 'self'; form-action 'self'; base-uri 'none'; frame-ancestors 'self'"
 )
-"""Styles may stand within a page since Plotly puts its own there; scripts may not."""
+"""Policy of all pages. Inline styles are allowed, since Plotly inserts its own; inline scripts are not."""
 VIEWER_POLICY = (
     "default-src 'self'; script-src 'self' 'wasm-unsafe-eval' 'unsafe-inline'; style-src 'self' 'unsafe-inline'; "
     "img-src 'self' data: blob:; connect-src 'self' data: blob:; worker-src 'self' blob:; base-uri 'none'; "
     "frame-ancestors 'self'"
 )
-"""Of the rerun viewer, which starts itself by a script within its page."""
+"""Policy of the rerun viewer, which starts by an inline script."""
 
 
 class Guard:
-    """Stands before the app. `hosts`: names under which it may be asked, with their port; empty: any. `token`: what
-    whoever asks must know; empty: nothing."""
+    """ASGI middleware that refuses requests before the app sees them.
+
+    Args:
+        app: The app.
+        hosts: Allowed values of the Host header, with port; empty: any.
+        token: Secret that a client gives once, in the query, and then keeps in a cookie; empty: none is needed.
+    """
 
     def __init__(self, app: ASGIApp, hosts: frozenset[str] = frozenset(), token: str = ""):
         self._app, self._hosts, self._token = app, hosts, token
@@ -46,49 +51,49 @@ class Guard:
         app = refusal or self._app
         self._busy += 1
         try:
-            await app(scope, _limited(receive), _marked(scope, send))
+            await app(scope, _with_body_limit(receive), _with_headers(scope, send))
         finally:
             self._busy -= 1
 
     def _refusal(self, scope: Scope) -> ASGIApp | None:
-        """What is answered in place of the app, if something is wrong."""
+        """Response in place of the app's to a request that is refused; None to one that passes."""
         headers = Headers(scope=scope)
-        if self._busy >= BEHIND:
-            return _say(f"The app is working on {BEHIND} answers; ask again in a moment.", 503)
-        if len(scope.get("raw_path", b"")) + len(scope["query_string"]) > LONGEST_ADDRESS:
-            return _say("The address is too long.", 414)
+        if self._busy >= CONCURRENT_LIMIT:
+            return _text(f"The app is working on {CONCURRENT_LIMIT} answers; ask again in a moment.", 503)
+        if len(scope.get("raw_path", b"")) + len(scope["query_string"]) > ADDRESS_LIMIT:
+            return _text("The address is too long.", 414)
         host = headers.get("host", "")
         if self._hosts and host not in self._hosts:  # a page elsewhere may have given its own name our address
-            return _say(f"The app does not answer as {host[:100]}; use the address that `labbook web` printed.", 421)
+            return _text(f"The app does not answer as {host[:100]}; use the address that `labbook web` printed.", 421)
         if scope["method"] not in ("GET", "HEAD", "POST"):
-            return _say("Only GET, HEAD and POST are answered.", 405)
-        if scope["method"] == "POST" and (why := _foreign(headers, host)):
-            return _say(why, 403)
+            return _text("Only GET, HEAD and POST are answered.", 405)
+        if scope["method"] == "POST" and (why := _origin_refusal(headers, host)):
+            return _text(why, 403)
         try:
-            long = int(headers.get("content-length") or 0)
+            length = int(headers.get("content-length") or 0)
         except ValueError:
-            return _say("The Content-Length of the request is not a number.", 400)
-        if not 0 <= long <= LARGEST_BODY:
-            return _say(f"More than {LARGEST_BODY} bytes were sent.", 413)
-        return self._ask_for_token(scope, headers) if self._token else None
+            return _text("The Content-Length of the request is not a number.", 400)
+        if not 0 <= length <= BODY_LIMIT:
+            return _text(f"More than {BODY_LIMIT} bytes were sent.", 413)
+        return self._token_refusal(scope, headers) if self._token else None
 
-    def _ask_for_token(self, scope: Scope, headers: Headers) -> ASGIApp | None:
-        given = parse_qs(scope["query_string"].decode("latin-1")).get("token", [""])[0]
-        if given and hmac.compare_digest(given.encode(), self._token.encode()):
+    def _token_refusal(self, scope: Scope, headers: Headers) -> ASGIApp | None:
+        token = parse_qs(scope["query_string"].decode("latin-1")).get("token", [""])[0]
+        if token and hmac.compare_digest(token.encode(), self._token.encode()):
             answer = RedirectResponse("/" + scope["path"].lstrip("/"), 303)  # of two slashes the second names a host
-            answer.set_cookie(COOKIE, given, httponly=True, samesite="strict", max_age=30 * 24 * 3600)
+            answer.set_cookie(COOKIE, token, httponly=True, samesite="strict", max_age=30 * 24 * 3600)
             return answer
         try:
-            kept = SimpleCookie(headers.get("cookie", "")).get(COOKIE)
+            cookie = SimpleCookie(headers.get("cookie", "")).get(COOKIE)
         except CookieError:
-            kept = None
-        if kept is not None and hmac.compare_digest(kept.value.encode(), self._token.encode()):
+            cookie = None
+        if cookie is not None and hmac.compare_digest(cookie.value.encode(), self._token.encode()):
             return None
-        return _say("Open the address with the token that `labbook web` has printed.", 401)
+        return _text("Open the address with the token that `labbook web` has printed.", 401)
 
 
-def _foreign(headers: Headers, host: str) -> str:
-    """Why a POST does not come from one of our own pages; empty if it does."""
+def _origin_refusal(headers: Headers, host: str) -> str:
+    """Reason to refuse a POST from another site (cross-site request forgery); empty for one of our own pages."""
     origin = headers.get("origin")
     if headers.get("sec-fetch-site", "same-origin") != "same-origin":
         return "The request came from another site."
@@ -97,23 +102,23 @@ def _foreign(headers: Headers, host: str) -> str:
     return ""
 
 
-def _limited(receive: Receive) -> Receive:
-    """Receives no more than LARGEST_BODY, whatever was announced."""
-    taken = 0
+def _with_body_limit(receive: Receive) -> Receive:
+    """Limit the body to BODY_LIMIT, whatever its Content-Length says: beyond it the app sees a disconnect."""
+    received = 0
 
     async def wrapped() -> Message:
-        nonlocal taken
+        nonlocal received
         message = await receive()
-        taken += len(message.get("body", b""))
-        if taken > LARGEST_BODY:
+        received += len(message.get("body", b""))
+        if received > BODY_LIMIT:
             return {"type": "http.disconnect"}
         return message
 
     return wrapped
 
 
-def _marked(scope: Scope, send: Send) -> Send:
-    """Adds the policy to every answer."""
+def _with_headers(scope: Scope, send: Send) -> Send:
+    """Add the headers of security to every response."""
     policy = VIEWER_POLICY if scope["path"].startswith("/viewer/") else POLICY
 
     async def wrapped(message: Message) -> None:
@@ -130,5 +135,5 @@ def _marked(scope: Scope, send: Send) -> Send:
     return wrapped
 
 
-def _say(text: str, status: int) -> ASGIApp:
+def _text(text: str, status: int) -> ASGIApp:
     return PlainTextResponse(f"{text}\n", status)

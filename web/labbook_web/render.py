@@ -11,21 +11,21 @@ from labbook_web.page import Links, Page, embedded
 
 
 def html(page: Page, links: Links, **common: Any) -> str:
-    """A page with everything around it. `common`: `read_only`, `lab`: what all pages show."""
+    """Render a page. `common`: variables of all pages, `read_only` and `lab`."""
     return (
         _templates()
         .get_template(page.template)
-        .render(page=page, links=links, version=__version__, **{"read_only": True, "lab": "", **common}, **page.shown)
+        .render(page=page, links=links, version=__version__, **{"read_only": True, "lab": "", **common}, **page.context)
     )
 
 
-def part(template: str, links: Links, **shown: Any) -> str:
-    """A part of a page, which a page that is open takes in."""
-    return _templates().get_template(template).render(links=links, **{"read_only": True, **shown})
+def part(template: str, links: Links, **context: Any) -> str:
+    """Render a part of a page, which htmx inserts into an open one."""
+    return _templates().get_template(template).render(links=links, **{"read_only": True, **context})
 
 
 def _ago(iso: str) -> str:
-    """When something was, short: `2026-11-23 02:14`."""
+    """Shorten a time to minutes: `2026-11-23 02:14`."""
     return iso.replace("T", " ")[:16]
 
 
@@ -40,7 +40,7 @@ def _size(size: int) -> str:
 
 @cache
 def _meanings() -> dict[str, str]:
-    declared = [one for measure in MEASURES.values() for one in measure.declared]
+    declared = [quantity for measure in MEASURES.values() for quantity in measure.declared]
     return {display.quantity(one.name, one.unit).heading: one.meaning for one in declared if one.meaning}
 
 
@@ -51,7 +51,7 @@ def meaning(heading: str) -> str:
 
 @cache
 def _templates():
-    made = environment("labbook_web")
-    made.filters |= {"embedded": embedded, "ago": _ago, "size": _size, "meaning": meaning}
-    made.filters["combined"] = lambda one, other: {**one, **other}
-    return made
+    templates = environment("labbook_web")
+    templates.filters |= {"embedded": embedded, "ago": _ago, "size": _size, "meaning": meaning}
+    templates.filters["combined"] = lambda first, second: {**first, **second}
+    return templates

@@ -1,4 +1,4 @@
-"""Serving the app."""
+"""HTTP server of the app."""
 
 import errno
 import ipaddress
@@ -16,16 +16,16 @@ import uvicorn
 from labbook_web.app import application
 from labbook_web.connections import Connection
 from labbook_web.guard import Guard
-from labbook_web.shelf import Shelf
+from labbook_web.store import LabStore
 
 PORT = 8321
-"""Where the app is served, unless that is taken."""
-_POLITE = 10
-"""How much later than others the app gets its turn on a processor: studies come first."""
+"""Default port."""
+_NICENESS = 10
+"""Increment of the niceness of the process: running studies have priority."""
 
 
 class CannotServe(Exception):
-    """The app cannot be served; the message says why and what to do."""
+    """Error that keeps the app from being served; the message has the remedy."""
 
 
 def serve(
@@ -41,32 +41,42 @@ def serve(
 ) -> None:
     """Serve the pages of a lab until Ctrl-C.
 
-    port: None for PORT, or another one if that is taken. remote: allow an address that is not this machine's own, with
-    a token. Raises CannotServe.
+    Args:
+        lab: Folder of the lab.
+        studies: Study files besides those of the lab.
+        host: Address to listen on.
+        port: Port; None for PORT, or any free one if that is in use.
+        remote: Allow an address that other machines can reach; clients then need a token.
+        read_only: Refuse to write notes and tags.
+        browse: Open the first page in a browser.
+        say: Called with the address.
+
+    Raises:
+        CannotServe: An address that needs `remote`, or a port that cannot be used.
     """
-    own = is_loopback(host)
-    if not own and not remote:
+    local = is_loopback(host)
+    if not local and not remote:
         raise CannotServe(
             f"{host} can be reached by other machines: add --remote to allow it; clients then need a token"
         )
-    token = "" if own else secrets.token_urlsafe(24)
-    listening = _listen(host, PORT if port is None else port, or_any=port is None)
-    port = listening.getsockname()[1]
+    token = "" if local else secrets.token_urlsafe(24)
+    listener = _listen(host, PORT if port is None else port, or_any=port is None)
+    port = listener.getsockname()[1]
     name = f"[{host}]" if ":" in host else host
-    hosts = frozenset(f"{one}:{port}" for one in (name, "localhost", "127.0.0.1", "[::1]")) if own else frozenset()
-    app = application(Shelf(lab, studies), read_only=read_only, hosts=hosts, token=token)
+    hosts = frozenset(f"{one}:{port}" for one in (name, "localhost", "127.0.0.1", "[::1]")) if local else frozenset()
+    app = application(LabStore(lab, studies), read_only=read_only, hosts=hosts, token=token)
     address = f"http://{name}:{port}/" + (f"?token={token}" if token else "")
     say(f"Serving {lab} at {address} (Ctrl-C ends it)")
     with suppress(OSError):
-        os.nice(_POLITE)
+        os.nice(_NICENESS)
     if browse:
         threading.Timer(0.5, webbrowser.open, [address]).start()
     with suppress(KeyboardInterrupt):
-        server(app).run(sockets=[listening])
+        server(app).run(sockets=[listener])
 
 
 def server(app: Guard) -> uvicorn.Server:
-    """What answers for the app."""
+    """Make the HTTP server of the app."""
     config = uvicorn.Config(
         app, http=Connection, ws="none", log_level="warning", access_log=False, server_header=False,
         proxy_headers=False, timeout_keep_alive=10, h11_max_incomplete_event_size=16_384,
@@ -75,7 +85,7 @@ def server(app: Guard) -> uvicorn.Server:
 
 
 def is_loopback(host: str) -> bool:
-    """Whether an address is one that only this machine reaches."""
+    """True of a loopback address, which only this machine reaches."""
     if host == "localhost":
         return True
     try:
@@ -85,16 +95,16 @@ def is_loopback(host: str) -> bool:
 
 
 def _listen(host: str, port: int, or_any: bool) -> socket.socket:
-    """A socket that listens on a port or, with `or_any`, on one that is free if that is taken."""
+    """Open a listening socket; with `or_any` on any free port if this one is in use."""
     family = socket.AF_INET6 if ":" in host else socket.AF_INET
-    listening = socket.socket(family, socket.SOCK_STREAM)
-    listening.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+    listener = socket.socket(family, socket.SOCK_STREAM)
+    listener.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
     try:
-        listening.bind((host, port))
-        listening.listen()  # whoever reads the address may come before the server runs
+        listener.bind((host, port))
+        listener.listen()  # whoever reads the address may come before the server runs
     except OSError as error:
-        listening.close()
+        listener.close()
         if or_any and error.errno == errno.EADDRINUSE:
             return _listen(host, 0, or_any=False)
         raise CannotServe(f"{host} port {port}: {error.strerror}; choose another one with --port") from error
-    return listening
+    return listener

@@ -1,7 +1,7 @@
-"""The same pages as files: what `labbook site` writes.
+"""The same pages as a folder of files, for `labbook site`.
 
-A page asks for nothing but files beside it. What needs a server is left out: lists of runs that are filtered,
-comparisons, the embedded viewer.
+A page needs only files beside it. Parts that need a server are left out: filtered lists of runs, comparisons, the
+embedded viewer.
 """
 
 import shutil
@@ -27,18 +27,18 @@ from labbook_web.pages.point import point_page
 from labbook_web.pages.run import run_page, sketch
 from labbook_web.pages.study import study_page
 from labbook_web.render import html, part
-from labbook_web.shelf import Found, NotThere, Shelf
+from labbook_web.store import LabStore, NotFound, StudyContents
 
 MARK = "labbook-site.txt"
-"""A file by which a folder is known to hold a site, and may be written again."""
+"""File that marks a folder as a site, which may be overwritten."""
 FILES = ("svg", "pdf")
 """Files of each figure."""
-_MOST = 5000
-"""Runs of a site."""
+_RUN_LIMIT = 5000
+"""Largest number of runs of a site."""
 
 
 class CannotWrite(Exception):
-    """The site cannot be written; the message says why and what to do."""
+    """Error that keeps the site from being written; the message has the remedy."""
 
 
 def write(
@@ -51,54 +51,71 @@ def write(
     notes: bool = False,
     say: Callable[[str], None] = lambda text: None,
 ) -> Path:
-    """Write the pages of `studies` into the folder `out`; the path of the first page.
+    """Write the pages of studies.
 
-    recordings: whether to take recordings along. films: whether to make films of all recorded runs; those that the lab
-    has are taken along in any case. notes: whether to publish the notes and tags of the studies and their
-    runs. `say` is told what is being written. Raises CannotWrite.
+    Args:
+        out: Folder to write: new, empty, or a site written before.
+        lab: Folder of the lab.
+        studies: Study files.
+        recordings: Include recordings of runs.
+        films: Make films of all recorded runs; films of the lab are included in any case.
+        notes: Publish notes and tags of the studies and their runs.
+        say: Called with the progress.
+
+    Returns:
+        Path of the first page.
+
+    Raises:
+        CannotWrite: A folder with other files, too many runs, or a study, run or viewer that cannot be read.
     """
     if out.exists() and (not out.is_dir() or (any(out.iterdir()) and not (out / MARK).is_file())):
         raise CannotWrite(f"{out} exists and is not a site of labbook: give a new or empty folder")
-    shelf = Shelf(lab, studies, only=True, noted=notes)
-    listed = shelf.listed()
-    if wrong := [one.problem for one in listed if one.problem]:
-        raise CannotWrite(wrong[0])
+    store = LabStore(lab, studies, extra_only=True, with_notes=notes)
+    listings = store.listings()
+    if problems := [listing.problem for listing in listings if listing.problem]:
+        raise CannotWrite(problems[0])
     try:
-        writer = _Writer(out, shelf, [one.name for one in listed], recordings, films, say)
+        writer = _Writer(out, store, [listing.name for listing in listings], recordings, films, say)
         writer.write()
-    except (StudyError, LabError, NotThere, Unreadable) as error:
+    except (StudyError, LabError, NotFound, Unreadable) as error:
         raise CannotWrite(str(error)) from error
     return out / "index.html"
 
 
 def has_notes(lab: Path) -> bool:
-    """Whether a lab has notes or tags, which a site may publish."""
+    """True if a lab has notes or tags, which a site may publish."""
     return any(LabFolder(lab).notes.rglob("*.md"))
 
 
 class _Writer:
     def __init__(
-        self, out: Path, shelf: Shelf, names: Sequence[str], recordings: bool, films: bool, say: Callable[[str], None]
+        self,
+        out: Path,
+        store: LabStore,
+        names: Sequence[str],
+        recordings: bool,
+        films: bool,
+        say: Callable[[str], None],
     ):
-        self._out, self._shelf, self._names, self._recordings, self._say = out, shelf, names, recordings, say
+        self._out, self._store, self._names, self._recordings, self._say = out, store, names, recordings, say
         self._films = films
-        self._found = {name: shelf.found(name, shelf.backend_of(name, None)) for name in names}
-        points = [one for found in self._found.values() for one in found.results.points]
-        self._runs = tuple(dict.fromkeys(run.run_key for one in points for run in one.runs))
-        if len(self._runs) > _MOST:
-            raise CannotWrite(f"{len(self._runs)} runs are too many for a site; the limit is {_MOST}")
-        places = [
-            f"study/{name}/point/{one.point.index + 1}"
-            for name, found in self._found.items()
-            for one in found.results.points
+        self._contents = {name: store.contents(name, store.backend_of(name, None)) for name in names}
+        points = [result for contents in self._contents.values() for result in contents.results.points]
+        self._runs = tuple(dict.fromkeys(run.run_key for result in points for run in result.runs))
+        if len(self._runs) > _RUN_LIMIT:
+            raise CannotWrite(f"{len(self._runs)} runs are too many for a site; the limit is {_RUN_LIMIT}")
+        paths = [
+            f"study/{name}/point/{result.point.index + 1}"
+            for name, contents in self._contents.items()
+            for result in contents.results.points
         ]
-        places += [f"study/{name}/explore" for name, found in self._found.items() if explorable(found.study)]
+        paths += [f"study/{name}/explore" for name, contents in self._contents.items() if explorable(contents.study)]
         self._have = frozenset(
-            ["index", *(f"study/{name}" for name in names), *places, *(f"run/{key[:16]}" for key in self._runs)]
+            ["index", *(f"study/{name}" for name in names), *paths, *(f"run/{key[:16]}" for key in self._runs)]
         )
 
     def write(self) -> None:
-        """Write everything."""
+        """Write all pages and their files."""
         if (self._out / MARK).is_file():
             shutil.rmtree(self._out)
         self._out.mkdir(parents=True, exist_ok=True)
@@ -107,70 +124,79 @@ class _Writer:
             if "htmx" not in name:
                 self._file(f"static/{name}", asset(name) or b"")
         links = self._links("index")
-        cards = {one.name: _raw(part("card.html.j2", links, **card(self._shelf, one))) for one in self._shelf.listed()}
+        cards = {
+            one.name: _raw(part("card.html.j2", links, **card(self._store, one))) for one in self._store.listings()
+        }
         counts: dict[str, int] = {}
-        for found in self._found.values():
-            for outcome, number in outcomes(found.results).items():
+        for entry in self._contents.values():
+            for outcome, number in outcomes(entry.results).items():
                 counts[outcome] = counts.get(outcome, 0) + number
-        packed = {run.packing_key for found in self._found.values() for one in found.results.points for run in one.runs}
-        page = lab_page(self._shelf, {}, cards=max(1, len(self._names)))
-        front = replace(page, title="Studies", data=lambda: {**page.data(), "runs": counts, "packings": len(packed)})
-        self._page(front, cards=cards, counts=counts, packings=len(packed), left=0)
-        for name, found in self._found.items():
-            self._say(f"{name}: {len(found.results.points)} points")
+        packing_keys = {
+            run.packing_key
+            for contents in self._contents.values()
+            for result in contents.results.points
+            for run in result.runs
+        }
+        page = lab_page(self._store, {}, cards=max(1, len(self._names)))
+        first_page = replace(
+            page, title="Studies", data=lambda: {**page.data(), "runs": counts, "packings": len(packing_keys)}
+        )
+        self._page(first_page, cards=cards, counts=counts, packings=len(packing_keys), left=0)
+        for name, entry in self._contents.items():
+            self._say(f"{name}: {len(entry.results.points)} points")
             self._study(name)
-            if explorable(found.study):
-                self._page(explore_page(self._shelf, name, {}))
-            for one in found.results.points:
-                self._page(point_page(self._shelf, name, one.point.index + 1, {}))
+            if explorable(entry.study):
+                self._page(explore_page(self._store, name, {}))
+            for result in entry.results.points:
+                self._page(point_page(self._store, name, result.point.index + 1, {}))
         for place, key in enumerate(self._runs, 1):
             if place % 100 == 0:
                 self._say(f"{place} of {len(self._runs)} runs")
             self._run(key)
 
     def _study(self, name: str) -> None:
-        found, page = self._found[name], study_page(self._shelf, name, {})
-        links, drawn = self._links(page.path), {}
-        for address in (*page.shown["printed"], *page.shown["figures"]):
-            make = partial(self._figure, found, address, f"{page.path}/figure/{address}")
-            shown = {**study_module.figure(found, address, make), "kinds": FILES}
-            if shown["table"] and (table := study_module.numbers(found, address)) is not None:
+        contents, page = self._contents[name], study_page(self._store, name, {})
+        links, figures = self._links(page.path), {}
+        for address in (*page.context["printed"], *page.context["figures"]):
+            make = partial(self._figure, contents, address, f"{page.path}/figure/{address}")
+            context = {**study_module.figure(contents, address, make), "kinds": FILES}
+            if context["table"] and (table := study_module.numbers(contents, address)) is not None:
                 self._file(f"{page.path}/figure/{address}.csv", table.to_csv(index=False).encode())
-            drawn[address] = _raw(part("figure.html.j2", links, found=found, **shown))
-        self._file(f"{page.path}/{name}.yaml", found.text.encode())
-        self._page(page, drawn=drawn, kinds=FILES, command=command("run", f"{name}.yaml"))
+            figures[address] = _raw(part("figure.html.j2", links, contents=contents, **context))
+        self._file(f"{page.path}/{name}.yaml", contents.text.encode())
+        self._page(page, drawn=figures, kinds=FILES, command=command("run", f"{name}.yaml"))
 
-    def _figure(self, found: Found, address: str, stem: str) -> None:
-        files = study_module.encoded(study_module.draw(found, address)[1], *FILES)
+    def _figure(self, contents: StudyContents, address: str, stem: str) -> None:
+        files = study_module.encoded(study_module.draw(contents, address)[1], *FILES)
         for kind, content in zip(FILES, files, strict=True):
             self._file(f"{stem}.{kind}", content)
 
     def _run(self, key: str) -> None:
-        page = run_page(self._shelf, key, {})
-        picture = picture_content(self._shelf.lab.run(key))
+        page = run_page(self._store, key, {})
+        picture = picture_content(self._store.lab.run(key))
         recording = ""
-        self._file(f"{page.path}/picture.png", picture or sketch(self._shelf, key).encode())
-        if self._recordings and page.shown.get("recorded"):
+        self._file(f"{page.path}/picture.png", picture or sketch(self._store, key).encode())
+        if self._recordings and page.context.get("recorded"):
             try:
-                made = viewer.recording([self._shelf.lab.run(key)])
+                source = viewer.recording([self._store.lab.run(key)])
                 recording = f"{page.path}/recording.rrd"
-                self._file(recording, made.read_bytes())
+                self._file(recording, source.read_bytes())
             except (NotRecorded, ViewerMissing) as error:
                 raise CannotWrite(str(error)) from error
         film = ""
-        if page.shown.get("recorded"):
-            folder = self._shelf.lab.run(key)
-            path = viewer.film(folder) if self._films else viewer.kept_film(folder)
+        if page.context.get("recorded"):
+            folder = self._store.lab.run(key)
+            path = viewer.film(folder) if self._films else viewer.stored_film(folder)
             if path is not None:
                 film = f"{page.path}/film.webp"
                 self._file(film, path.read_bytes())
         self._page(page, recording=recording, film=film)
 
-    def _page(self, page: Page, **more: Any) -> None:
+    def _page(self, page: Page, **context: Any) -> None:
         links = self._links(page.path or "index")
-        shown = replace(page, shown={**page.shown, **more}, query={})
+        output = replace(page, context={**page.context, **context}, query={})
         name = page.path or "index"
-        self._file(f"{name}.html", html(shown, links).encode())
+        self._file(f"{name}.html", html(output, links).encode())
         self._file(f"{name}.json", page.json().encode())
         self._file(f"{name}.csv", page.csv().encode())
 

@@ -1,6 +1,6 @@
-"""The rerun viewer within a page: its files, as the installed wheel brings them, recordings made for it, and films.
+"""The embedded rerun viewer: its files from the installed wheel, recordings for it, and films.
 
-Both are kept in the user's cache folder: the viewer by its version, recordings by what they show.
+All are cached in the user's cache folder: the viewer by version, recordings and films by run.
 """
 
 import gzip
@@ -31,21 +31,21 @@ FILES = {
     "re_viewer_bg.wasm": "application/wasm",
     "favicon.ico": "image/x-icon",
 }
-_PATIENCE = 60.0  # s, for the viewer's own server to answer
-_LATER = 0.1  # s between two attempts
-_MOST_KEPT = 60
-"""Recordings that are kept, and films; the ones that were not looked at for longest go first."""
+_TIMEOUT = 60.0  # s, for the viewer's own server to answer
+_RETRY_INTERVAL = 0.1  # s between two attempts
+_CACHE_SIZE = 60
+"""Largest number of cached recordings, and of films; the least recently used are deleted first."""
 _NO_FRAMES = "the run kept no frames; to keep some, add `record: {every: 10 ms}` to the study and run it"
-_SHORT = 16  # digits of a key in the name of a file
-_one_at_a_time, _one_film_at_a_time = threading.Lock(), threading.Lock()
+_KEY_DIGITS = 16  # digits of a key in the name of a file
+_viewer_lock, _film_lock = threading.Lock(), threading.Lock()
 
 
 class NoViewer(Exception):
-    """There is no viewer to be had; the message says why and what to do."""
+    """Error for a viewer that is missing or does not start; the message has the remedy."""
 
 
 def cache_folder() -> Path:
-    """Where files are kept that can be made again: $LABBOOK_CACHE, or labbook in the user's cache folder."""
+    """Folder of files that can be made again: in $LABBOOK_CACHE, or in labbook of the user's cache folder."""
     home = os.environ.get("LABBOOK_CACHE")
     if home:
         return Path(home) / "web"
@@ -53,7 +53,7 @@ def cache_folder() -> Path:
 
 
 def version() -> str:
-    """Of the installed viewer. Raises NoViewer."""
+    """Version of the installed viewer. Raises NoViewer."""
     try:
         return installed_version("rerun-sdk")
     except PackageNotFoundError:
@@ -61,26 +61,26 @@ def version() -> str:
 
 
 def viewer_files() -> Path:
-    """The folder with the viewer's files, made if it is not there (some seconds, once a version). Raises NoViewer."""
+    """Folder with the viewer's files, extracted at the first use of a version (some seconds). Raises NoViewer."""
     folder = cache_folder() / f"viewer-{version()}"
-    with _one_at_a_time:
+    with _viewer_lock:
         if not (folder / "complete").exists():
             _fetch(folder)
     return folder
 
 
 def _fetch(folder: Path) -> None:
-    """Ask the viewer's own server, on this machine, for its files: the wheel holds them within a program."""
+    """Download the files from the viewer's own server on this machine: the wheel embeds them in a program."""
     folder.mkdir(parents=True, exist_ok=True)
     web, data = _free_port(), _free_port()
-    served = subprocess.Popen(
+    process = subprocess.Popen(
         [*viewer_command(), "--serve-web", "--port", str(data), "--web-viewer-port", str(web)],
         stdout=subprocess.DEVNULL,
         stderr=subprocess.DEVNULL,
     )
     try:
         for name in FILES:
-            content = _get(f"http://127.0.0.1:{web}/{name}", served)
+            content = _get(f"http://127.0.0.1:{web}/{name}", process)
             if name == "index.html":
                 content = _without_fonts(content)
             if name.endswith(".wasm"):
@@ -91,51 +91,61 @@ def _fetch(folder: Path) -> None:
     except (OSError, urllib.error.URLError) as error:
         raise NoViewer(f"the viewer does not serve its files: {error}") from error
     finally:
-        served.terminate()
-        served.wait(_PATIENCE)
+        process.terminate()
+        process.wait(_TIMEOUT)
 
 
-def _get(address: str, served: subprocess.Popen) -> bytes:
+def _get(address: str, process: subprocess.Popen) -> bytes:
     opener = urllib.request.build_opener(urllib.request.ProxyHandler({}))
-    deadline = time.monotonic() + _PATIENCE
+    deadline = time.monotonic() + _TIMEOUT
     while True:
         try:
-            with opener.open(address, timeout=_PATIENCE) as answer:
+            with opener.open(address, timeout=_TIMEOUT) as answer:
                 return answer.read()
         except urllib.error.HTTPError:
             raise
         except (urllib.error.URLError, ConnectionError):
-            if served.poll() is not None or time.monotonic() > deadline:
+            if process.poll() is not None or time.monotonic() > deadline:
                 raise
-            time.sleep(_LATER)
+            time.sleep(_RETRY_INTERVAL)
 
 
 def _without_fonts(page: bytes) -> bytes:
-    """The viewer's page without what it asks of other machines."""
+    """Remove fonts of other machines from the viewer's page."""
     return re.sub(rb"<link[^>]+https?://[^>]+>|@import\s+url\([^)]*https?://[^)]*\);?", b"", page)
 
 
 def recording(folders: Sequence[Path]) -> Path:
-    """A recording (.rrd) of the runs in these folders, side by side on one clock, that the installed viewer reads, made
-    if it is not there.
+    """Path of a cached recording of runs, side by side on one clock; made at the first use.
 
-    Raises NotRecorded, Unreadable (of labbook.lab), ViewerMissing (of labbook.export.entities).
+    Args:
+        folders: Folders of the runs.
+
+    Returns:
+        Recording (.rrd) for the installed version of the viewer.
+
+    Raises:
+        NotRecorded: A run without frames.
+        Unreadable: A damaged run.
+        ViewerMissing: The viewer is not installed.
     """
     for folder in folders:
         if RunRecord.read(folder).coverage.recording is None:
             raise NotRecorded(_NO_FRAMES)
-    name = "-".join(folder.name[:_SHORT] for folder in folders)
+    name = "-".join(folder.name[:_KEY_DIGITS] for folder in folders)
     path = cache_folder() / "recordings" / f"{name}-{recording_id('')}.rrd"
-    with _one_at_a_time:
+    with _viewer_lock:
         of_runs(folders, path)
-        _forget(path.parent)
+        _evict(path.parent)
         os.utime(path)
     return path
 
 
 def opening(folders: Sequence[Path]) -> str:
-    """The request to the viewer that has it play from the middle of the window on, in base64: a message
-    ViewerControlRequest of rerun's protocol, with a SetTimeCursorRequest."""
+    """Encode the request that lets the viewer play from the middle of the window on, in base64.
+
+    It is a message ViewerControlRequest of rerun's protocol, with a SetTimeCursorRequest.
+    """
     instant = _field(3, _varint(1 << 3) + _varint(round(middle_of(folders) * 1e9)))
     cursor = _field(2, _field(1, CLOCK.encode())) + instant + _varint(5 << 3) + _varint(_PLAYING)
     return b64encode(_field(6, cursor)).decode("ascii")
@@ -145,12 +155,12 @@ _PLAYING = 2  # of rerun's enumeration PlayState
 
 
 def _field(number: int, content: bytes) -> bytes:
-    """A field of a message of Protocol Buffers that has a length."""
+    """Encode a length-delimited field (wire type 2) of Protocol Buffers."""
     return _varint(number << 3 | 2) + _varint(len(content)) + content
 
 
 def _varint(value: int) -> bytes:
-    """A whole number as Protocol Buffers write it."""
+    """Encode a whole number as a varint of Protocol Buffers."""
     parts = bytearray()
     while value > 127:
         parts.append(value & 127 | 128)
@@ -159,37 +169,42 @@ def _varint(value: int) -> bytes:
 
 
 def film(folder: Path) -> Path:
-    """The film (.webp) of the run in `folder`: that of the lab, or one made for the page, if it is not there.
+    """Path of the film (.webp) of a run: that of the lab, else a cached one, made at the first use.
 
-    Raises NotRecorded, Unreadable (of labbook.lab).
+    Args:
+        folder: Folder of the run.
+
+    Raises:
+        NotRecorded: A run without frames.
+        Unreadable: A damaged run.
     """
-    if (path := kept_film(folder)) is not None:
+    if (path := stored_film(folder)) is not None:
         return path
     record = RunRecord.read(folder)
     if record.coverage.recording is None:
         raise NotRecorded(_NO_FRAMES)
     path = cache_folder() / "films" / f"{source_of_film(record)}.webp"
-    with _one_film_at_a_time:
+    with _film_lock:
         of_run(folder, path)
-        _forget(path.parent, ".webp")
+        _evict(path.parent, ".webp")
         os.utime(path)
     return path
 
 
-def kept_film(folder: Path) -> Path | None:
-    """The film of a run that the lab has; None without. Raises Unreadable."""
+def stored_film(folder: Path) -> Path | None:
+    """Path of the film of a run in the lab; None without one. Raises Unreadable."""
     record = RunRecord.read(folder)
     path = path_of(folder.parents[1] / "films", record, None, None, "-layers.webp")
     return path if shows(path, source_of_film(record)) else None
 
 
-def _forget(folder: Path, ending: str = ".rrd") -> None:
-    found = sorted(folder.glob(f"*{ending}"), key=lambda path: path.stat().st_mtime, reverse=True)
-    for path in found[_MOST_KEPT:]:
+def _evict(folder: Path, ending: str = ".rrd") -> None:
+    files = sorted(folder.glob(f"*{ending}"), key=lambda path: path.stat().st_mtime, reverse=True)
+    for path in files[_CACHE_SIZE:]:
         path.unlink(missing_ok=True)
 
 
 def _free_port() -> int:
-    with socket.socket() as free:
-        free.bind(("127.0.0.1", 0))
-        return free.getsockname()[1]
+    with socket.socket() as probe:
+        probe.bind(("127.0.0.1", 0))
+        return probe.getsockname()[1]

@@ -1,1 +1,1 @@
-"""The pages of the app: each module makes one kind of page out of what the shelf has."""
+"""The pages of the app: each module makes one kind of page from the contents of the store."""

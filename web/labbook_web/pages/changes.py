@@ -10,12 +10,20 @@ from labbook_web.pages.sheet import leading, unit_of
 
 
 class NoMoment(ValueError):
-    """Text that is no date; the message has the form of one."""
+    """Error for text that is no date; the message has the form of one."""
 
 
 @dataclass(frozen=True)
 class PointChange:
-    """A point with new runs. `before`, `now`: its mean with its interval; a dash without one."""
+    """A point with new runs.
+
+    Attributes:
+        point: Its number, from 1.
+        label: Its settings.
+        new_runs: Number of new runs.
+        before: Mean without them, with its interval; a dash without one.
+        now: Mean with them.
+    """
 
     point: int
     label: str
@@ -39,7 +47,7 @@ class Changes:
 
 
 def moment(text: str) -> str:
-    """A date, or a date with a time, as the index has it (UTC; without a zone it is UTC). Raises NoMoment."""
+    """Convert a date, with or without a time, to the form of the index (UTC, also without a zone). Raises NoMoment."""
     try:
         time = datetime.fromisoformat(text)
     except ValueError:
@@ -49,9 +57,9 @@ def moment(text: str) -> str:
 
 
 def latest(results: StudyResults) -> str:
-    """The moment when the last run ended; empty without any."""
-    ended = [run.ended for result in results.points for run in result.runs if run.ended]
-    return moment(max(ended)) if ended else ""
+    """Time at which the last run ended (UTC, ISO 8601); empty without any."""
+    times = [run.ended for result in results.points for run in result.runs if run.ended]
+    return moment(max(times)) if times else ""
 
 
 def changes(results: StudyResults, since: str) -> Changes:
@@ -68,7 +76,7 @@ def changes(results: StudyResults, since: str) -> Changes:
         earlier = tuple(run for run in result.runs if moment(run.ended) <= since)
         if len(earlier) < len(result.runs):
             before = pooled_point(results.study, result.point, extra, earlier)
-            texts = (_mean(one, quantity, unit) for one in (before, result))
+            texts = (_mean(result, quantity, unit) for result in (before, result))
             rows.append(PointChange(result.point.index + 1, result.label, len(result.runs) - len(earlier), *texts))
     return Changes(since, unit.heading, tuple(rows))
 

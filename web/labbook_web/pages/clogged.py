@@ -1,4 +1,4 @@
-"""The reason why a run clogged, as far as its records tell: when, the outlet in grains, other seeds, and what flows."""
+"""Facts on a run that clogged: time, outlet in grain diameters, other seeds, and the next wider outlet that flows."""
 
 from dataclasses import dataclass
 
@@ -9,7 +9,7 @@ from labbook.results import display
 from labbook.results.points import FLOW_RATE, ORIFICE, PointResult
 from labbook.study import StudyError
 from labbook_web.pages.sheet import with_unit
-from labbook_web.shelf import NotThere, Shelf
+from labbook_web.store import LabStore, NotFound
 
 
 @dataclass(frozen=True)
@@ -23,14 +23,20 @@ class FlowingPoint:
 
 @dataclass(frozen=True)
 class Clogged:
-    """Facts of a run that clogged, in terms and sentences. `arch`: it measured the arch."""
+    """Facts of a run that clogged.
+
+    Attributes:
+        rows: Terms and sentences.
+        flowing: Next wider outlet at which all runs flowed; None without any.
+        arch: The run measured the arch.
+    """
 
     rows: tuple[tuple[str, str], ...]
     flowing: FlowingPoint | None
     arch: bool
 
 
-def clogged(shelf: Shelf, record: RunRecord) -> Clogged | None:
+def clogged(store: LabStore, record: RunRecord) -> Clogged | None:
     """Sum up why a run clogged; None of a run that did not."""
     if record.outcome != "clogged":
         return None
@@ -40,7 +46,7 @@ def clogged(shelf: Shelf, record: RunRecord) -> Clogged | None:
     if len(container.outlets) == 1:
         width = f"{container.outlets[0].width * 1e3:.4g} mm"
         rows.append(("Outlet", f"D = {width} = {width_ratio(record.scene):.3g} grain diameters"))
-    result, points = _point(shelf, record)
+    result, points = _point(store, record)
     flowing = None
     if result is not None:
         stopped = result.outcomes["clogged"]
@@ -51,11 +57,11 @@ def clogged(shelf: Shelf, record: RunRecord) -> Clogged | None:
     return Clogged(tuple(rows), flowing, Arch.name in record.observe.measure)
 
 
-def _point(shelf: Shelf, record: RunRecord) -> tuple[PointResult | None, tuple[PointResult, ...]]:
-    """The point of the run, and all points of its study; none if the lab lacks its file."""
+def _point(store: LabStore, record: RunRecord) -> tuple[PointResult | None, tuple[PointResult, ...]]:
+    """Find the point of a run, and all points of its study; None and no points if the lab lacks its file."""
     try:
-        points = shelf.found(record.study, record.backend).results.points
-    except (NotThere, StudyError, LabError, ValueError):
+        points = store.contents(record.study, record.backend).results.points
+    except (NotFound, StudyError, LabError, ValueError):
         return None, ()
     return next((one for one in points if any(run.run_key == record.run_key for run in one.runs)), None), points
 
@@ -63,15 +69,15 @@ def _point(shelf: Shelf, record: RunRecord) -> tuple[PointResult | None, tuple[P
 def _flowing(result: PointResult, points: tuple[PointResult, ...]) -> FlowingPoint | None:
     rest = {name: value for name, value in result.at.items() if name != ORIFICE}
     wider = [
-        one
-        for one in points
-        if one.orifice > result.orifice
-        and not one.outcomes["clogged"]
-        and {name: value for name, value in one.at.items() if name != ORIFICE} == rest
+        candidate
+        for candidate in points
+        if candidate.orifice > result.orifice
+        and not candidate.outcomes["clogged"]
+        and {name: value for name, value in candidate.at.items() if name != ORIFICE} == rest
     ]
     if not wider:
         return None
-    nearest = min(wider, key=lambda one: one.orifice)
+    nearest = min(wider, key=lambda candidate: candidate.orifice)
     unit, flow = display.quantity(FLOW_RATE), nearest.flow_rate
     text = f"D = {nearest.orifice * 1e3:.4g} mm = {width_ratio(nearest.point.scene):.3g} grain diameters"
     if flow is not None:

@@ -1,4 +1,4 @@
-"""What is said of curves W(t): only what is drawn of them."""
+"""Curves W(t) for the charts, and the captions that explain them."""
 
 import math
 from collections.abc import Mapping, Sequence
@@ -10,31 +10,39 @@ from labbook.stats import Measured
 _WINDOW = "the window in which the flow counts as steady"
 
 
-def curve(trace: Trace, flow: Measured | None, label: str, why: str = "", **more: Any) -> dict[str, Any]:
-    """W(t) of a run [SI] with its window and the mean over it, None without; `why`: why there is no mean.
+def curve(trace: Trace, flow: Measured | None, label: str, why: str = "", **extra: Any) -> dict[str, Any]:
+    """Data of a curve for the charts.
 
-    flow: the flow rate that was measured, if any. why: for a run without one.
+    Args:
+        trace: Flow rate against time [kg/s, s].
+        flow: Mean flow rate [kg/s]; None if it was not measured.
+        label: Label of the curve.
+        why: Reason for the missing mean, if `flow` is None.
+        extra: Further data of the curve.
+
+    Returns:
+        The curve, its window [s] and the mean over it with its error [kg/s]; None in place of missing ones.
     """
-    known = flow is not None and math.isfinite(flow.value)
+    measured = flow is not None and math.isfinite(flow.value)
     return {
         "label": label,
         "time": trace.time,
         "rate": trace.rate,
         "window": [float(end) for end in trace.window] if trace.window is not None else None,
-        "mean": [flow.value, flow.error] if flow is not None and known else None,
-        "why": "" if known else flow.note if flow is not None else why,
-        **more,
+        "mean": [flow.value, flow.error] if flow is not None and measured else None,
+        "why": "" if measured else flow.note if flow is not None else why,
+        **extra,
     }
 
 
 def caption(curves: Sequence[Mapping[str, Any]]) -> str:
-    """What a chart of these curves shows besides them. The window is shaded behind a single curve only."""
-    means = sum(one["mean"] is not None and one["window"] is not None for one in curves)
-    why = next((one["why"] for one in curves if one["why"]), "")
+    """Caption for the window and the means of a chart. Only a single curve has its window shaded."""
+    means = sum(curve["mean"] is not None and curve["window"] is not None for curve in curves)
+    why = next((curve["why"] for curve in curves if curve["why"]), "")
     if len(curves) == 1:
         if curves[0]["window"] is None:
             return f"No window and no mean: {why}." if why else ""
         return f"Shaded: {_WINDOW}; dotted: the mean over it." if means else f"Shaded: {_WINDOW}."
-    some = f", of {means} of {len(curves)} runs" if means < len(curves) else ""
-    said = f"Dotted: the mean over {_WINDOW}{some}." if means else f"No mean: {why}." if why else ""
-    return f"{said} Hover over a curve to see its name.".strip()
+    count = f", of {means} of {len(curves)} runs" if means < len(curves) else ""
+    sentence = f"Dotted: the mean over {_WINDOW}{count}." if means else f"No mean: {why}." if why else ""
+    return f"{sentence} Hover over a curve to see its name.".strip()

@@ -1,4 +1,4 @@
-"""The page that answers questions asked backwards: a quantity over all swept keys, by sliders, and its inverse."""
+"""The page of the response surface of a study: a quantity over all swept keys, by sliders, and its inverse."""
 
 from collections.abc import Mapping, Sequence
 from itertools import product
@@ -19,7 +19,7 @@ from labbook.study import Study
 from labbook.study.proposed import study_at
 from labbook_web.page import Page
 from labbook_web.pages.sheet import leading, unit_of
-from labbook_web.shelf import Found, NotThere, Shelf
+from labbook_web.store import LabStore, NotFound, StudyContents
 
 _QUANTITIES, _CHOICES = 4, 12
 """Quantities, and values of keys that take words, of which a page has surfaces."""
@@ -30,33 +30,33 @@ def explorable(study: Study) -> bool:
     return bool(swept_keys(study.points)[0])
 
 
-def explore_page(shelf: Shelf, name: str, query: Mapping[str, str]) -> Page:
-    """The page of a study on one backend. Raises NotThere for a study that sweeps no key of numbers."""
-    contents = shelf.found(name, shelf.backend_of(name, query.get("backend")))
+def explore_page(store: LabStore, name: str, query: Mapping[str, str]) -> Page:
+    """Make the page of a study on one backend. Raises NotFound for a study that sweeps no key of numbers."""
+    contents = store.contents(name, store.backend_of(name, query.get("backend")))
     if not explorable(contents.study):
-        raise NotThere(f"{name} sweeps no key of numbers: there is nothing to explore")
-    views = contents.once("explored", lambda: _views(contents))
-    numbers = [one["numbers"] for one in views]
+        raise NotFound(f"{name} sweeps no key of numbers: there is nothing to explore")
+    views = contents.cached("explored", lambda: _views(contents))
+    numbers = [view["numbers"] for view in views]
     return Page(
         "explore.html.j2",
         f"study/{name}/explore",
         f"Explore {name}",
         lambda: {"study": name, "backend": contents.backend, "views": numbers},
         lambda: _frame(views),
-        {"found": contents, "views": views, "named": f"{name}-design", "command": command},
+        {"contents": contents, "views": views, "named": f"{name}-design", "command": command},
         {"study": name, "views": numbers},
         {"backend": query["backend"]} if "backend" in query else {},
     )
 
 
-def _views(of_study: Found) -> list[dict[str, Any]]:
-    """Each quantity at each value of the keys that take words: what scripts draw, and the tables beside it."""
-    results = of_study.results
+def _views(contents: StudyContents) -> list[dict[str, Any]]:
+    """Surfaces of the quantities at each value of the keys that take words: data of the charts, and tables."""
+    results = contents.results
     _, fixed = swept_keys(results.points)
-    several = [name for name in fixed if len({one.at.get(name) for one in results.points}) > 1]
-    values = [list(dict.fromkeys(one.at[name] for one in results.points if name in one.at)) for name in several]
-    choices = [dict(zip(several, one, strict=True)) for one in product(*values)][:_CHOICES]
-    names = dict.fromkeys(name for one in results.points for name in one.pooled)
+    varied = [name for name in fixed if len({result.at.get(name) for result in results.points}) > 1]
+    values = [list(dict.fromkeys(one.at[name] for one in results.points if name in one.at)) for name in varied]
+    choices = [dict(zip(varied, choice, strict=True)) for choice in product(*values)][:_CHOICES]
+    names = dict.fromkeys(name for result in results.points for name in result.pooled)
     names = sorted(names, key=lambda name: name != FLOW_RATE)
     views: list[dict[str, Any]] = []
     problems: list[dict[str, Any]] = []
@@ -78,8 +78,16 @@ def _views(of_study: Found) -> list[dict[str, Any]]:
 
 
 def map_view(results: StudyResults, surface: DesignSurface | None) -> dict[str, Any] | None:
-    """Numbers of a map of the leading quantity, of a study that sweeps two keys of numbers and no others; None for
-    others, and where no point has a number. Without a surface the points are drawn alone."""
+    """Data of the map of the leading quantity over two swept keys.
+
+    Args:
+        results: Results of a study.
+        surface: As `surface_of` gives it; None if the points do not determine it.
+
+    Returns:
+        The view, without a surface only its points; None of a study that does not sweep exactly two keys of numbers,
+        or has no number.
+    """
     keys, choices = swept_keys(results.points)
     quantity = leading(results)
     if len(keys) != 2 or not quantity or any(len({one.at.get(name) for one in results.points}) > 1 for name in choices):
@@ -99,40 +107,40 @@ _MAPPED = ("label", "quantity", "why", "method", "factors", "surface", "points")
 
 def _without(results: StudyResults, quantity: str, at: Mapping[str, float | str], why: str) -> dict[str, Any]:
     """A view without a surface: the points, and the reason."""
-    how = unit_of(results, quantity)
+    notation = unit_of(results, quantity)
     keys = swept_keys(results.points)[0]
-    there = [one for one in results.points if all(key in one.at for key in keys)]
-    factors = [Factor.of(key, [float(one.at[key]) for one in there]) for key in keys]
+    complete = [result for result in results.points if all(key in result.at for key in keys)]
+    factors = [Factor.of(key, [float(result.at[key]) for result in complete]) for key in keys]
     numbers = {
-        "label": how.heading,
-        "quantity": {"name": quantity, "label": how.name, "unit": how.unit, "scale": how.scale},
+        "label": notation.heading,
+        "quantity": {"name": quantity, "label": notation.name, "unit": notation.unit, "scale": notation.scale},
         "why": why,
-        "factors": [_factor(one, there, results.study) for one in factors],
-        "points": [_point(one, quantity, keys, used=quantity in one.pooled) for one in there],
+        "factors": [_factor(factor, complete, results.study) for factor in factors],
+        "points": [_point(result, quantity, keys, used=quantity in result.pooled) for result in complete],
     }
     return {"numbers": numbers, "surface": None, "why": why, "label": display.label(at)}
 
 
 def _view(surface: DesignSurface, label: str) -> dict[str, Any]:
-    how = display.quantity(surface.quantity, surface.unit)
-    first = {**surface.at, **{one.key: one.low for one in surface.factors}}
+    notation = display.quantity(surface.quantity, surface.unit)
+    first = {**surface.at, **{factor.key: factor.low for factor in surface.factors}}
     study = surface.results.study
     head, _ = study_at(study, [first], f"{study.name}-design", max(2, study.replicates))
     numbers = {
-        "label": f"{how.heading}{f', {label}' if label else ''}",
-        "quantity": {"name": surface.quantity, "label": how.name, "unit": how.unit, "scale": how.scale},
+        "label": f"{notation.heading}{f', {label}' if label else ''}",
+        "quantity": {"name": surface.quantity, "label": notation.name, "unit": notation.unit, "scale": notation.scale},
         "at": dict(surface.at),
         "why": "",
         "method": surface.method,
-        "factors": [_factor(one, (*surface.points, *surface.left_out), study) for one in surface.factors],
+        "factors": [_factor(factor, (*surface.points, *surface.left_out), study) for factor in surface.factors],
         "surface": surface.numbers(),
         "points": [
             _point(result, surface.quantity, surface.keys, used=result in surface.points)
             for result in (*surface.points, *surface.left_out)
             if all(key in result.at for key in surface.keys)
         ],
-        "influences": [vars(one) for one in surface.influences],
-        "next": [{**vars(one), "per_second": one.per_second} for one in surface.next_runs],
+        "influences": [vars(influence) for influence in surface.influences],
+        "next": [{**vars(run), "per_second": run.per_second} for run in surface.next_runs],
         "study": head,
     }
     return {
@@ -149,7 +157,7 @@ def _view(surface: DesignSurface, label: str) -> dict[str, Any]:
 
 
 def bars(surface: DesignSurface) -> list[dict[str, Any]]:
-    """Name, share and change over its range, in words, of each key."""
+    """Rows of the influences: name of each key, its share of the variance, and the change over its range in words."""
     quantity, ranges = display.quantity(surface.quantity, surface.unit).name, {one.key: one for one in surface.factors}
     rows = []
     for row, influence in zip(influence_table(surface).rows, surface.influences, strict=True):
@@ -164,20 +172,20 @@ def bars(surface: DesignSurface) -> list[dict[str, Any]]:
 
 
 def _factor(factor: Factor, points: Sequence[PointResult], study: Study) -> dict[str, Any]:
-    """A key as scripts show it, and as a study file has it."""
-    how = display.key(factor.key)
-    values = sorted({float(one.at[factor.key]) for one in points if factor.key in one.at})
+    """Data of a swept key for the sliders [SI], with its unit in study files."""
+    notation = display.key(factor.key)
+    values = sorted({float(result.at[factor.key]) for result in points if factor.key in result.at})
     try:
-        unit = how.unit if not how.unit or parse(f"1 {how.unit}", None) else ""
-        scale = how.scale
+        unit = notation.unit if not notation.unit or parse(f"1 {notation.unit}", None) else ""
+        scale = notation.scale
     except ValueError:  # a unit that is shown by a sign of its own
         unit, scale = study.units.get(factor.key, ""), 1.0
     return {
         "key": factor.key,
-        "label": how.name,
+        "label": notation.name,
         "spoken": display.spoken(factor.key),
-        "unit": how.unit,
-        "scale": how.scale,
+        "unit": notation.unit,
+        "scale": notation.scale,
         "low": factor.low,
         "high": factor.high,
         "logarithmic": factor.logarithmic,
@@ -200,7 +208,7 @@ def _point(result: PointResult, quantity: str, keys: Sequence[str], *, used: boo
 
 
 def _frame(views: Sequence[Mapping[str, Any]]) -> pd.DataFrame:
-    """Every point with the surface there: quantity, point, keys, mean and surface with their intervals [SI]."""
+    """Table of the CSV twin: each point with its keys, its mean and the surface, with their intervals [SI]."""
     rows = []
     for view in views:
         surface: DesignSurface | None = view["surface"]

@@ -18,7 +18,7 @@ from labbook.study import StudyError
 from labbook_web.page import Page
 from labbook_web.pages.sheet import extremes
 from labbook_web.pages.tiles import value_range
-from labbook_web.shelf import Found, NotThere, Shelf, StudyListing
+from labbook_web.store import LabStore, NotFound, StudyContents, StudyListing
 
 CARDS = 24
 """Studies on a page."""
@@ -26,108 +26,115 @@ _BEDS = 6
 """Beds on a card."""
 
 
-def lab_page(shelf: Shelf, query: Mapping[str, str], cards: int | None = None) -> Page:
-    """The studies whose name, file or tags have the text `q` in them, page by page.
+def lab_page(store: LabStore, query: Mapping[str, str], cards: int | None = None) -> Page:
+    """List the studies of a lab.
 
-    The first page is number 1. cards: how many are on a page; None: CARDS.
+    Args:
+        store: Studies and their results.
+        query: `q`: text in the name, the file or the tags of the studies; `page`: number of the page, from 1.
+        cards: Studies on a page; None for CARDS.
+
+    Raises:
+        NotFound: A page beyond the last one.
+        LabError: An index that cannot be read.
     """
     text, number = query.get("q", "").strip(), int(query.get("page", "1"))
-    every = shelf.listed()
-    found = [one for one in every if _has(shelf, one, text)]
-    most = cards or CARDS
-    pages = max(1, -(-len(found) // most))
+    listings = store.listings()
+    matches = [listing for listing in listings if _has(store, listing, text)]
+    size = cards or CARDS
+    pages = max(1, -(-len(matches) // size))
     if not 1 <= number <= pages:
-        raise NotThere(f"there is no page {number}; the last one is {pages}")
-    shown = found[most * (number - 1) : most * number]
-    counts, packings = shelf.catalogue.counts(), shelf.catalogue.packing_count()
-    if suspect := shelf.catalogue.suspect_count():
+        raise NotFound(f"there is no page {number}; the last one is {pages}")
+    section = matches[size * (number - 1) : size * number]
+    counts, packings = store.catalogue.counts(), store.catalogue.packing_count()
+    if suspect := store.catalogue.suspect_count():
         counts[SUSPECT] = suspect
-    studies = [_told(one) for one in found]
+    studies = [_row(listing) for listing in matches]
     return Page(
         "lab.html.j2",
         "",
-        shelf.lab.folder.resolve().name,
+        store.lab.folder.resolve().name,
         lambda: {"studies": studies, "runs": counts, "packings": packings,
-                 "running": [one.plain() for one in shelf.running()]},
+                 "running": [process.plain() for process in store.running()]},
         lambda: pd.DataFrame(studies),
-        {"listed": shown, "text": text, "number": number, "pages": pages, "found": len(found), "every": len(every),
-         "counts": counts, "packings": packings, "running": bool(shelf.running()), "left": len(unfinished(shelf.lab)),
-         "command": command("run", "first.yaml", lab=shelf.lab.folder)},
+        {"listed": section, "text": text, "number": number, "pages": pages, "matches": len(matches),
+         "every": len(listings), "counts": counts, "packings": packings, "running": bool(store.running()),
+         "left": len(unfinished(store.lab)), "command": command("run", "first.yaml", lab=store.lab.folder)},
         query={"q": text} if text else {},
     )  # fmt: skip
 
 
-def card(shelf: Shelf, listed: StudyListing) -> dict[str, Any]:
-    """What the card of one study shows: contact sheet, progress, outcomes and result; or why it cannot be read."""
-    shown: dict[str, Any] = {"one": listed, "problem": listed.problem, "found": None}
-    shown["command"] = command("web", f"{listed.name}.yaml", lab=shelf.lab.folder)
-    if listed.path is None or listed.problem:
-        return shown
-    going = shelf.running()
+def card(store: LabStore, listing: StudyListing) -> dict[str, Any]:
+    """Context of the card of a study: beds, progress, outcomes and result; or the reason why it cannot be read."""
+    context: dict[str, Any] = {"listing": listing, "problem": listing.problem, "contents": None}
+    context["command"] = command("web", f"{listing.name}.yaml", lab=store.lab.folder)
+    if listing.path is None or listing.problem:
+        return context
+    processes = store.running()
     try:
-        found = shelf.found(listed.name, shelf.backend_of(listed.name, None))
-    except (StudyError, LabError, NotThere) as problem:
-        return {**shown, "problem": str(problem)}
-    results = found.results
+        contents = store.contents(listing.name, store.backend_of(listing.name, None))
+    except (StudyError, LabError, NotFound) as problem:
+        return {**context, "problem": str(problem)}
+    results = contents.results
     return {
-        **shown,
-        "found": found,
-        "beds": found.once("beds", lambda: extremes(results, _BEDS)),
-        "range": found.once("range", lambda: value_range(results)),
-        "headline": headline(results) if any(one.fits for one in results.series) else "",
-        "concerns": found.once("concerns", lambda: concerns(results)) if results.points else [],
-        "progress": progress(found, going),
+        **context,
+        "contents": contents,
+        "beds": contents.cached("beds", lambda: extremes(results, _BEDS)),
+        "range": contents.cached("range", lambda: value_range(results)),
+        "headline": headline(results) if any(series.fits for series in results.series) else "",
+        "concerns": contents.cached("concerns", lambda: concerns(results)) if results.points else [],
+        "progress": progress(contents, processes),
         "outcomes": outcomes(results),
     }
 
 
-def progress(found: Found, running: Sequence[Running]) -> dict[str, Any]:
-    """How many runs of a study are there, of how many; and the processes that run it now on this backend."""
-    results, study = found.results, found.study
-    done = sum(len(one.runs) for one in results.points)
-    asked = sum(max(one.requested, len(one.runs)) for one in results.points) + fewest_runs(study) * len(results.missing)
-    going = [
-        {"rate": one.rate, "left": _left(one), "jobs": one.going, "more": one.jobs - len(one.going)}
-        for one in running
-        if one.study == study.name and one.backend == found.backend
+def progress(contents: StudyContents, running: Sequence[Running]) -> dict[str, Any]:
+    """Number of finished and of requested runs of a study, and the processes that run it on this backend."""
+    results, study = contents.results, contents.study
+    done = sum(len(result.runs) for result in results.points)
+    total = sum(max(one.requested, len(one.runs)) for one in results.points) + fewest_runs(study) * len(results.missing)
+    processes = [
+        {"rate": process.rate, "left": _left(process), "jobs": process.going, "more": process.jobs - len(process.going)}
+        for process in running
+        if process.study == study.name and process.backend == contents.backend
     ]
-    return {"done": done, "asked": asked, "part": done / asked if asked else 0.0, "running": going}
+    return {"done": done, "asked": total, "part": done / total if total else 0.0, "running": processes}
 
 
-def _left(one: Running) -> str:
-    """The time that is left, in words; empty while it is not known."""
-    if one.seconds_left is None:
+def _left(process: Running) -> str:
+    """Remaining time in words; empty while there is no estimate."""
+    if process.seconds_left is None:
         return ""
-    return f"{'at least' if one.open_ended else 'about'} {duration(one.seconds_left)}"
+    return f"{'at least' if process.open_ended else 'about'} {duration(process.seconds_left)}"
 
 
 def outcomes(results: Results) -> dict[str, int]:
-    """How many runs ended in which way, and how many of them are suspect."""
-    found: dict[str, int] = {}
-    for one in results.points:
-        for name, count in one.outcomes.items():
-            found[name] = found.get(name, 0) + count
-        if one.suspect:
-            found[SUSPECT] = found.get(SUSPECT, 0) + len(one.suspect)
-    return dict(sorted(found.items(), key=lambda item: -item[1]))
+    """Number of runs by outcome, and of suspect runs; the most frequent outcome first."""
+    counts: dict[str, int] = {}
+    for result in results.points:
+        for name, count in result.outcomes.items():
+            counts[name] = counts.get(name, 0) + count
+        if result.suspect:
+            counts[SUSPECT] = counts.get(SUSPECT, 0) + len(result.suspect)
+    return dict(sorted(counts.items(), key=lambda item: -item[1]))
 
 
-def _has(shelf: Shelf, one: StudyListing, text: str) -> bool:
+def _has(store: LabStore, listing: StudyListing, text: str) -> bool:
     if not text:
         return True
-    return text.lower() in " ".join((one.name, shelf.text(one), *one.note.tags)).lower()
+    return text.lower() in " ".join((listing.name, store.text(listing), *listing.note.tags)).lower()
 
 
-def _told(one: StudyListing) -> dict[str, Any]:
-    ended: dict[str, int] = {}
-    for count in one.counts:
-        ended[count.outcome] = ended.get(count.outcome, 0) + count.runs
+def _row(listing: StudyListing) -> dict[str, Any]:
+    runs_by_outcome: dict[str, int] = {}
+    for count in listing.counts:
+        runs_by_outcome[count.outcome] = runs_by_outcome.get(count.outcome, 0) + count.runs
     return {
-        "study": one.name,
-        "runs": one.runs,
-        **{f"runs_{name.replace('-', '_')}": count for name, count in sorted(ended.items())},
-        "backends": ", ".join(one.backends),
-        "latest": one.latest,
-        "tags": ", ".join(one.note.tags),
-        "problem": one.problem,
+        "study": listing.name,
+        "runs": listing.runs,
+        **{f"runs_{name.replace('-', '_')}": count for name, count in sorted(runs_by_outcome.items())},
+        "backends": ", ".join(listing.backends),
+        "latest": listing.latest,
+        "tags": ", ".join(listing.note.tags),
+        "problem": listing.problem,
     }

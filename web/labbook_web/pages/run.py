@@ -32,35 +32,35 @@ from labbook_web.page import Page, records
 from labbook_web.pages import curves
 from labbook_web.pages.clogged import clogged
 from labbook_web.pages.study import encoded
-from labbook_web.shelf import NotThere, Shelf
+from labbook_web.store import LabStore, NotFound
 
 _SIBLINGS = 60
 
 
-def run_page(shelf: Shelf, prefix: str, query: Mapping[str, str]) -> Page:
-    """The run whose key begins so. Raises NotThere."""
-    key = key_of(shelf, prefix)
-    entry = shelf.catalogue.entries([key])[0]
-    folder = shelf.lab.run(key)
-    measured = shelf.catalogue.measurements(key)
-    note = shelf.note("run", key)
-    shown: dict[str, Any] = {"key": key, "entry": entry, "note": note, "problem": entry.problem, "record": None}
+def run_page(store: LabStore, prefix: str, query: Mapping[str, str]) -> Page:
+    """Make the page of the run whose key begins with `prefix`. Raises NotFound."""
+    key = key_of(store, prefix)
+    entry = store.catalogue.entries([key])[0]
+    folder = store.lab.run(key)
+    measured = store.catalogue.measurements(key)
+    note = store.note("run", key)
+    context: dict[str, Any] = {"key": key, "entry": entry, "note": note, "problem": entry.problem, "record": None}
     path = f"run/{key[:16]}"
-    shown["command"] = command("view", key[:16], lab=shelf.lab.folder)
+    context["command"] = command("view", key[:16], lab=store.lab.folder)
     try:
         record = RunRecord.read(folder)
     except Unreadable as problem:
-        shown["problem"] = why = str(problem)
+        context["problem"] = why = str(problem)
         return Page("run.html.j2", path, key[:10], lambda: {"run_key": key, "problem": why},
-                    lambda: measured, shown, {"curves": []})  # fmt: skip
-    drawn, lacking = curve(folder, entry, record)
+                    lambda: measured, context, {"curves": []})  # fmt: skip
+    flow_curves, lacking = curve(folder, entry, record)
     ledger = _ledger(folder, entry, record)
     arch_picture, arch_text = arch(folder, entry, record)
-    siblings, several = shelf.catalogue.listed(Listing(packing=record.packing_key, sort="study", limit=_SIBLINGS))
-    shown |= {
+    siblings, total = store.catalogue.listed(Listing(packing=record.packing_key, sort="study", limit=_SIBLINGS))
+    context |= {
         "record": record,
-        "known": _known(shelf, record),
-        "clogged": clogged(shelf, record),
+        "known": _in_study(store, record),
+        "clogged": clogged(store, record),
         "facts": _facts(record),
         "setting": Facts(tuple(row for row in common([point_of_run(record)]) if row[0] != "Filling")),
         "provenance": Facts(tuple(_flat(record.provenance))),
@@ -68,13 +68,13 @@ def run_page(shelf: Shelf, prefix: str, query: Mapping[str, str]) -> Page:
         "changed": stamp(folder) != entry.stamp,
         "stale": _stale(record),
         "suspect": suspicion(record.ledger),
-        "files": [(path.name, path.stat().st_size) for path in sorted(folder.iterdir()) if _may_be_had(path)],
+        "files": [(path.name, path.stat().st_size) for path in sorted(folder.iterdir()) if _downloadable(path)],
         "recorded": record.coverage.recording is not None,
         "picture": picture_content(folder) is not None,
-        "siblings": [one for one in records(siblings) if one["run_key"] != key],
-        "several": several - 1,
+        "siblings": [row for row in records(siblings) if row["run_key"] != key],
+        "several": total - 1,
         "lacking": lacking,
-        "caption": curves.caption(drawn),
+        "caption": curves.caption(flow_curves),
         "arch": arch_picture,
         "arch_text": arch_text,
         "largest_overlap": ledger.get("largest") if ledger else None,
@@ -85,48 +85,48 @@ def run_page(shelf: Shelf, prefix: str, query: Mapping[str, str]) -> Page:
         f"{record.study}, {record.label}, {record.repeat}",
         lambda: {"run": record.model_dump(mode="json"), "measurements": measured.to_dict(orient="records")},
         lambda: measured,
-        shown,
-        {"curves": drawn, "ledger": ledger},
+        context,
+        {"curves": flow_curves, "ledger": ledger},
     )
 
 
-def key_of(shelf: Shelf, prefix: str) -> str:
-    """The key that begins so. Raises NotThere for none or several."""
-    found = shelf.catalogue.matching(prefix)
-    if len(found) == 1:
-        return found[0]
-    several = f"several runs have a key that begins with {prefix}: {', '.join(key[:12] for key in found)}"
-    raise NotThere(several if found else f"no run in this lab has a key that begins with {prefix}")
+def key_of(store: LabStore, prefix: str) -> str:
+    """Complete a key from its first digits. Raises NotFound for none or several."""
+    keys = store.catalogue.matching(prefix)
+    if len(keys) == 1:
+        return keys[0]
+    several = f"several runs have a key that begins with {prefix}: {', '.join(key[:12] for key in keys)}"
+    raise NotFound(several if keys else f"no run in this lab has a key that begins with {prefix}")
 
 
-def sketch(shelf: Shelf, key: str) -> str:
-    """A drawing of the scene of a run that has no picture. Raises NotThere."""
+def sketch(store: LabStore, key: str) -> str:
+    """Draw the scene of a run that has no picture, as SVG. Raises NotFound."""
     try:
-        scene = RunRecord.read(shelf.lab.run(key)).scene
+        scene = RunRecord.read(store.lab.run(key)).scene
     except Unreadable as problem:
-        raise NotThere(str(problem)) from problem
+        raise NotFound(str(problem)) from problem
     return drawing.svg(scene.grains, scene.container, sized=False) or _NOTHING
 
 
 _NOTHING = '<svg xmlns="http://www.w3.org/2000/svg" width="1" height="1"/>'
 
 
-def file_of(shelf: Shelf, key: str, name: str) -> Path:
-    """A file of a run, by its name. Raises NotThere."""
-    folder = shelf.lab.run(key)
-    if not folder.is_dir() or name not in os.listdir(folder) or not _may_be_had(folder / name):
-        raise NotThere(f"the run {key[:10]} has no file {name[:80]}")
+def file_of(store: LabStore, key: str, name: str) -> Path:
+    """Path of a file of a run by its name. Raises NotFound."""
+    folder = store.lab.run(key)
+    if not folder.is_dir() or name not in os.listdir(folder) or not _downloadable(folder / name):
+        raise NotFound(f"the run {key[:10]} has no file {name[:80]}")
     return folder / name
 
 
-def _may_be_had(path: Path) -> bool:
-    """Whether a file of a run is handed out: no links, and none in a folder that is one."""
+def _downloadable(path: Path) -> bool:
+    """True for a file that is offered for download: no link, nor in a folder that is one, as links may lead out."""
     ordinary = path.is_file() and not path.is_symlink() and not path.parent.is_symlink()
     return ordinary and not path.name.startswith((EVALUATION, ".")) and _has_address(path.name)
 
 
 def _has_address(name: str) -> bool:
-    """Whether the name of a file is text, and not other bytes."""
+    """True if the name of a file is valid text: other bytes have no address."""
     try:
         name.encode()
     except UnicodeEncodeError:
@@ -135,18 +135,18 @@ def _has_address(name: str) -> bool:
 
 
 def curve(folder: Path, entry: Entry, record: RunRecord) -> tuple[list[dict[str, Any]], list[str]]:
-    """W(t) with its window, and why there is none."""
+    """W(t) of a run with its window [SI], or none and the reasons."""
     if record.scene.container.outlet_plane is None:
         return [], []
     run = ReadOnlyRun(point_of_run(record), record.seed, folder, entry)
     try:
-        found = run.evaluated(MEASURES["flow_rate"], record.observe).evaluation
+        evaluation = run.evaluated(MEASURES["flow_rate"], record.observe).evaluation
     except NotEvaluated as problem:
         return [], [f"{problem}: {command('reindex', lab=folder.parents[1])} evaluates it"]
-    trace = Trace.of(found)
+    trace = Trace.of(evaluation)
     if trace is None:
         return [], ["No grain left."]
-    numbers = {one.quantity: one for one in found.numbers}
+    numbers = {number.quantity: number for number in evaluation.numbers}
     flowing = numbers.get("flow_rate_flowing")
     label = record.repeat
     return [curves.curve(trace, numbers.get("flow_rate"), label, flowing.note if flowing else "")], []
@@ -159,15 +159,15 @@ def _ledger(folder: Path, entry: Entry, record: RunRecord) -> dict[str, Any] | N
         return None
     run = ReadOnlyRun(point_of_run(record), record.seed, folder, entry)
     try:
-        found = run.evaluated(MEASURES[EnergyLedger.name], record.observe).evaluation
+        evaluation = run.evaluated(MEASURES[EnergyLedger.name], record.observe).evaluation
     except NotEvaluated:
         return None
-    if not found.arrays:
+    if not evaluation.arrays:
         return None
     names = {"time": "time", "kinetic": "kinetic", "potential": "potential", "work": "contact_work"}
     names |= {"overlap": "max_overlap"}
-    largest = next((one.value for one in found.numbers if one.quantity == "max_overlap"), None)
-    return {**{name: found.arrays[column] for name, column in names.items()}, "largest": largest}
+    largest = next((number.value for number in evaluation.numbers if number.quantity == "max_overlap"), None)
+    return {**{name: evaluation.arrays[column] for name, column in names.items()}, "largest": largest}
 
 
 def arch(folder: Path, entry: Entry, record: RunRecord) -> tuple[str, str]:
@@ -191,7 +191,7 @@ def arch(folder: Path, entry: Entry, record: RunRecord) -> tuple[str, str]:
 
 
 def _stale(record: RunRecord) -> str:
-    """Why `labbook run` would make the run again; empty if it would not."""
+    """Reason why `labbook run` would repeat the run; empty of a run that is up to date."""
     if outdated := identity.outdated(record.versions, identity.versions(record.scene)):
         return outdated
     try:
@@ -203,24 +203,24 @@ def _stale(record: RunRecord) -> str:
     return f"made by version {record.cache_version} of {record.backend}, now at version {installed}"
 
 
-def _known(shelf: Shelf, record: RunRecord) -> bool:
-    """Whether the lab has the file of the study, with a point where the run says that it belongs."""
+def _in_study(store: LabStore, record: RunRecord) -> bool:
+    """True if the study of the lab has the point for which the run was made."""
     try:
-        study, _ = shelf.study(record.study)
-    except (NotThere, LabError, ValueError):
+        study, _ = store.study(record.study)
+    except (NotFound, LabError, ValueError):
         return False
     return record.point < len(study.points) and study.points[record.point].label == record.label
 
 
 def _facts(record: RunRecord) -> Facts:
     coverage = record.coverage
-    ended = record.outcome + (f": {record.failure.message}" if record.failure else "")
-    left = f"{coverage.crossed} of {coverage.grains} grains ({percent(coverage.discharged, '.1f')})"
+    outcome = record.outcome + (f": {record.failure.message}" if record.failure else "")
+    discharged = f"{coverage.crossed} of {coverage.grains} grains ({percent(coverage.discharged, '.1f')})"
     rows = [
-        ("Outcome", ended),
+        ("Outcome", outcome),
         ("Ledger", ledger_summary(record.ledger)),
         ("Simulated", f"{coverage.duration:.4g} s, {coverage.steps} steps of {record.numerics.dt * 1e6:.4g} µs"),
-        ("Discharged", left + (f", none in the last {coverage.waiting:.2g} s" if coverage.waiting > 0.1 else "")),
+        ("Discharged", discharged + (f", none in the last {coverage.waiting:.2g} s" if coverage.waiting > 0.1 else "")),
         ("Recorded", "no" if coverage.frame_interval is None else f"a frame every {span(coverage.frame_interval)}"),
         ("Backend", f"{record.backend} (version {record.cache_version}), {record.numerics.precision}, {record.device}"),
         ("Speed", f"{record.rate / 1e6:.2f} M grain-steps/s, {record.wall_time:.3g} s"
@@ -231,30 +231,30 @@ def _facts(record: RunRecord) -> Facts:
 
 
 def point_of_run(record: RunRecord) -> Point:
-    """The point that the run was made for, but for its filling."""
+    """Point of the run, without the filling of its study, which a run does not record."""
     return Point(record.point, record.scene, Fill(), record.numerics, record.at, record.label)
 
 
 def _flat(facts: Mapping[str, Any], prefix: str = "") -> "list[tuple[str, str]]":
-    found: list[tuple[str, str]] = []
+    rows: list[tuple[str, str]] = []
     for name, value in facts.items():
         if isinstance(value, Mapping):
-            found.append((f"{prefix}{name}".replace("_", " "), ", ".join(f"{k} {v}" for k, v in value.items())))
+            rows.append((f"{prefix}{name}".replace("_", " "), ", ".join(f"{k} {v}" for k, v in value.items())))
         else:
             text = "not known" if value is None else f"{value:.6g}" if isinstance(value, float) else str(value)
-            found.append((f"{prefix}{name}".replace("_", " "), text))
-    return found
+            rows.append((f"{prefix}{name}".replace("_", " "), text))
+    return rows
 
 
 def _rows(measured) -> list[dict[str, Any]]:
-    """Measured numbers as they are shown; what could not be measured says why."""
+    """Rows of the table of measured numbers; a dash, and a note with the reason, for missing ones."""
     rows = []
     for row in measured.itertuples(index=False):
-        shown = display.quantity(row.quantity, row.unit)
-        value, error = (math.nan if one is None else float(one) for one in (row.value, row.error))
+        notation = display.quantity(row.quantity, row.unit)
+        value, error = (math.nan if number is None else float(number) for number in (row.value, row.error))
         rows.append({
-            "name": shown.heading,
-            "value": display.with_error(value, error, shown.scale) if math.isfinite(value) else "–",
+            "name": notation.heading,
+            "value": display.with_error(value, error, notation.scale) if math.isfinite(value) else "–",
             "window": row.window,
             "method": row.method,
             "note": row.note,

@@ -11,97 +11,103 @@ from labbook.lab import notes
 from labbook.lab.catalogue import FLOW_RATE, RUN_COLUMNS, SUSPECT, Catalogue, Listing
 from labbook_web.page import Page, records
 from labbook_web.pages.changes import moment
-from labbook_web.shelf import NotThere, Shelf
+from labbook_web.store import LabStore, NotFound
 
-LONG = 100
+PAGE_SIZE = 100
 """Runs on a page."""
 SORTED_BY = (*(name for name in RUN_COLUMNS if name != "problem"), FLOW_RATE)
-KEY = "at:"
-"""How the name of a column of a swept key begins."""
+PREFIX = "at:"
+"""Prefix of the columns of swept keys."""
 FILTERS = ("study", "backend", "outcome", "packing", "tag", "q", "since")
 _UNITS = {FLOW_RATE: "kg/s", "duration": "s", "wall_time": "s", "device_time": "s", "rate": "1/s"}
 _NUMBER = re.compile(r"(?P<name>.+?) (?P<value>-?[\d.]+(?:e[-+]?\d+)?)(?: (?P<unit>\D.*))?")
-_MOST_TAGGED = 500
+_TAG_LIMIT = 500
 
 
-def runs_page(shelf: Shelf, query: Mapping[str, str]) -> Page:
-    """The runs that the filters leave (`study`, `backend`, `outcome`, `packing`, `tag`, `q`: text, `since`: a date),
-    in the order of the column `sort`, from the greatest if it begins with a minus sign. `page`: from 1.
+def runs_page(store: LabStore, query: Mapping[str, str]) -> Page:
+    """List runs. Those of one study have a column for each swept key, `at:` and its name.
 
-    Runs of one study have a column for each swept key, `at:` and its name. Raises NotThere, NoMoment.
+    Args:
+        store: Studies and runs.
+        query: Filters `study`, `backend`, `outcome`, `packing`, `tag`, `q` (text) and `since` (a date); `sort`: name of
+            a column, after a minus sign in descending order; `page`: number of the page, from 1.
+
+    Raises:
+        NotFound: A page beyond the last one, or a column that these runs do not have.
+        NoMoment: A malformed date.
     """
-    asked = {name: query[name] for name in FILTERS if query.get(name)}
+    filters = {name: query[name] for name in FILTERS if query.get(name)}
     sort, number = query.get("sort", "-finished"), int(query.get("page", "1"))
-    wanted = Listing(
-        study=asked.get("study"),
-        backend=asked.get("backend"),
-        outcome=asked.get("outcome"),
-        packing=asked.get("packing"),
-        text=asked.get("q"),
-        keys=_tagged(shelf, asked["tag"]) if "tag" in asked else None,
-        since=moment(asked["since"]) if "since" in asked else None,
+    listing = Listing(
+        study=filters.get("study"),
+        backend=filters.get("backend"),
+        outcome=filters.get("outcome"),
+        packing=filters.get("packing"),
+        text=filters.get("q"),
+        keys=_tagged(store, filters["tag"]) if "tag" in filters else None,
+        since=moment(filters["since"]) if "since" in filters else None,
         sort=sort.removeprefix("-"),
         descending=sort.startswith("-"),
-        offset=LONG * (number - 1),
-        limit=LONG,
+        offset=PAGE_SIZE * (number - 1),
+        limit=PAGE_SIZE,
     )
-    catalogue = shelf.catalogue
-    found, total = _listed(catalogue, wanted)
-    pages = max(1, -(-total // LONG))
+    catalogue = store.catalogue
+    frame, total = _listed(catalogue, listing)
+    pages = max(1, -(-total // PAGE_SIZE))
     if not 1 <= number <= pages:
-        raise NotThere(f"there is no page {number}; the last one is {pages}")
-    studies = shelf.counts()
-    tags = notes.tagged(shelf.lab, "run")
+        raise NotFound(f"there is no page {number}; the last one is {pages}")
+    studies = store.counts()
+    tags = notes.tagged(store.lab, "run")
     return Page(
         "runs.html.j2",
         "runs",
         "Runs",
-        lambda: {"total": total, "page": number, "pages": pages, "runs": found.to_dict("records")},
-        lambda: _listed(catalogue, replace(wanted, offset=0, limit=None))[0],
+        lambda: {"total": total, "page": number, "pages": pages, "runs": frame.to_dict("records")},
+        lambda: _listed(catalogue, replace(listing, offset=0, limit=None))[0],
         {
-            "rows": records(found),
-            "keys": [name for name in found if name.startswith(KEY)],
-            "news": _news(catalogue, wanted) if wanted.since is not None else {},
+            "rows": records(frame),
+            "keys": [name for name in frame if name.startswith(PREFIX)],
+            "news": _news(catalogue, listing) if listing.since is not None else {},
             "total": total,
             "number": number,
             "pages": pages,
-            "asked": asked,
+            "asked": filters,
             "sort": sort,
             "tags": tags,
-            "studies": sorted({one.study for one in studies if one.study}),
-            "backends": sorted({one.backend for one in studies if one.backend}),
-            "outcomes": sorted({one.outcome for one in studies}) + [SUSPECT] * bool(catalogue.suspect_count()),
+            "studies": sorted({count.study for count in studies if count.study}),
+            "backends": sorted({count.backend for count in studies if count.backend}),
+            "outcomes": sorted({count.outcome for count in studies}) + [SUSPECT] * bool(catalogue.suspect_count()),
             "known_tags": sorted({tag for each in tags.values() for tag in each}),
         },
-        query={**asked, **_stated(query)},
+        query={**filters, **_order(query)},
     )
 
 
 def sortable(column: str) -> bool:
-    """Decide if runs are sorted by a column of this name: one of the index, the flow rate, or that of a swept key."""
-    return column in (*RUN_COLUMNS, *SORTED_BY) or column.startswith(KEY)
+    """True if runs can be sorted by a column: one of the index, the flow rate, or that of a swept key."""
+    return column in (*RUN_COLUMNS, *SORTED_BY) or column.startswith(PREFIX)
 
 
 def _listed(catalogue: Catalogue, listing: Listing) -> tuple[pd.DataFrame, int]:
     """Runs as the index lists them, those of one study with a column for each swept key. Keys sort as numbers."""
-    if not listing.sort.startswith(KEY):
+    if not listing.sort.startswith(PREFIX):
         frame, total = catalogue.listed(listing)
         return _with_keys(frame, listing), total
-    every, total = catalogue.listed(replace(listing, sort="finished", descending=True, offset=0, limit=None))
-    every = _with_keys(every, listing)
-    if listing.sort not in every:
-        raise NotThere(f"these runs have no column {listing.sort[:60]}; choose one study that sweeps this key")
-    every = every.sort_values(listing.sort, ascending=not listing.descending, kind="stable", na_position="last")
+    rows, total = catalogue.listed(replace(listing, sort="finished", descending=True, offset=0, limit=None))
+    rows = _with_keys(rows, listing)
+    if listing.sort not in rows:
+        raise NotFound(f"these runs have no column {listing.sort[:60]}; choose one study that sweeps this key")
+    rows = rows.sort_values(listing.sort, ascending=not listing.descending, kind="stable", na_position="last")
     end = None if listing.limit is None else listing.offset + listing.limit
-    return every.iloc[listing.offset : end], total
+    return rows.iloc[listing.offset : end], total
 
 
 def _with_keys(frame: pd.DataFrame, listing: Listing) -> pd.DataFrame:
     columns: dict[str, list[Any]] = {}
     if listing.study is not None:
         settings = [dict(filter(None, map(_setting, str(label).split(", ")))) for label in frame["label"]]
-        names = dict.fromkeys(name for one in settings for name in one)
-        columns = {name: [one.get(name) for one in settings] for name in names}
+        names = dict.fromkeys(name for setting in settings for name in setting)
+        columns = {name: [setting.get(name) for setting in settings] for name in names}
     for name, values in columns.items():
         words = any(isinstance(value, str) for value in values)
         frame[name] = [None if value is None else str(value) for value in values] if words else values
@@ -112,23 +118,23 @@ def _with_keys(frame: pd.DataFrame, listing: Listing) -> pd.DataFrame:
 def _setting(text: str) -> tuple[str, float | str] | None:
     """Name with unit, and value, of a part of a label such as `orifice 24 mm`; None of text without a value."""
     if number := _NUMBER.fullmatch(text):
-        return f"{KEY}{number['name']}" + (f" [{number['unit']}]" if number["unit"] else ""), float(number["value"])
+        return f"{PREFIX}{number['name']}" + (f" [{number['unit']}]" if number["unit"] else ""), float(number["value"])
     name, _, word = text.rpartition(" ")
-    return (f"{KEY}{name}", word) if name else None
+    return (f"{PREFIX}{name}", word) if name else None
 
 
 def _news(catalogue: Catalogue, listing: Listing) -> dict[str, int]:
-    """Number of runs since then by study."""
-    every, _ = catalogue.listed(replace(listing, sort="finished", descending=True, offset=0, limit=None))
-    return {str(name): int(count) for name, count in every["study"].value_counts().items() if name}
+    """Number of runs since the date of a listing, by study."""
+    frame, _ = catalogue.listed(replace(listing, sort="finished", descending=True, offset=0, limit=None))
+    return {str(name): int(count) for name, count in frame["study"].value_counts().items() if name}
 
 
-def _stated(query: Mapping[str, str]) -> dict[str, Any]:
+def _order(query: Mapping[str, str]) -> dict[str, Any]:
     return {name: query[name] for name in ("sort", "page") if name in query}
 
 
-def _tagged(shelf: Shelf, tag: str) -> tuple[str, ...]:
-    keys = [key for key, tags in notes.tagged(shelf.lab, "run").items() if tag in tags]
-    if len(keys) > _MOST_TAGGED:
-        raise NotThere(f"{len(keys)} runs have the tag {tag}, more than {_MOST_TAGGED} can be listed")
+def _tagged(store: LabStore, tag: str) -> tuple[str, ...]:
+    keys = [key for key, tags in notes.tagged(store.lab, "run").items() if tag in tags]
+    if len(keys) > _TAG_LIMIT:
+        raise NotFound(f"{len(keys)} runs have the tag {tag}, more than {_TAG_LIMIT} can be listed")
     return tuple(keys)

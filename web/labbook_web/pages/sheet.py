@@ -12,19 +12,24 @@ from labbook.results.study import StudyResults
 from labbook.stats import Pooled
 
 _DIGITS = 300
-"""A tile has room for so many steps of a number: more digits are not shown, however small its error."""
+"""Smallest relative step of a number on a tile, as 1/300: further digits have no room, however small the error."""
 
 
 @dataclass(frozen=True)
 class Tile:
-    """A point on the sheet, and the run whose picture is shown; None of a point without runs.
+    """A point on the contact sheet.
 
-    `value`: its mean, or why it has none; `part`: where the mean lies between the smallest, 0, and the largest, 1;
-    `film`: the lab has a film of the run.
+    Attributes:
+        point: Its number, from 1.
+        label: Its settings.
+        run: Key of the run whose picture is shown; None of a point without runs.
+        remark: Remark on its results; empty without any.
+        value: Its mean, or the reason why it has none.
+        part: Position of the mean between the smallest, 0, and the largest, 1; None without a mean.
+        film: The lab has a film of the run.
     """
 
     point: int
-    """Counted from 1."""
     label: str
     run: str | None
     remark: str = ""
@@ -35,8 +40,19 @@ class Tile:
 
 @dataclass(frozen=True)
 class Sheet:
-    """Tiles by row and column; None where no point is. `fixed`: what all tiles have in common although it is swept;
-    `shown`, `points`: how many points of the study are on it, and how many it has; `quantity`: of the values."""
+    """Contact sheet of a study.
+
+    Attributes:
+        row_key: Heading of the swept key of the rows; empty with a single row.
+        column_key: Heading of the swept key of the columns.
+        rows: Values of the row key.
+        columns: Values of the column key.
+        tiles: Tiles by row and column; None where the study has no point.
+        fixed: Settings of further swept keys, the same on all tiles.
+        tile_count: Number of points on the sheet.
+        points: Number of points of the study.
+        quantity: Heading of the values.
+    """
 
     row_key: str
     column_key: str
@@ -44,7 +60,7 @@ class Sheet:
     columns: tuple[str, ...]
     tiles: tuple[tuple[Tile | None, ...], ...]
     fixed: str
-    shown: int
+    tile_count: int
     points: int
     quantity: str = ""
 
@@ -54,20 +70,20 @@ class Sheet:
         return any(tile is not None and tile.film for line in self.tiles for tile in line)
 
     @property
-    def said(self) -> str:
+    def caption(self) -> str:
         """Caption of the sheet; points that are left out are counted."""
         parts = [f"Columns: {self.column_key}"] if self.column_key else []
         parts += [f"rows: {self.row_key}"] if self.row_key else []
         text = ", ".join(parts)
         if self.fixed:
             text += f"{'; ' if text else ''}at {self.fixed}"
-        if self.shown < self.points:
-            text += f"{'; ' if text else ''}{self.shown} of {self.points} points"
+        if self.tile_count < self.points:
+            text += f"{'; ' if text else ''}{self.tile_count} of {self.points} points"
         return text
 
 
 def leading(results: StudyResults) -> str:
-    """The quantity that tiles and contact sheets show: the flow rate, or the first one with a number; else empty."""
+    """Quantity on tiles and contact sheets: the flow rate, else the first one with a number; empty without any."""
     names = dict.fromkeys(name for result in results.points for name in result.pooled)
     return FLOW_RATE if FLOW_RATE in names else next(iter(names), "")
 
@@ -75,24 +91,28 @@ def leading(results: StudyResults) -> str:
 def unit_of(results: StudyResults, quantity: str) -> display.Notation:
     """Name, unit and scale of a measured quantity."""
     measured = (run.measured for result in results.points for run in result.runs)
-    return display.quantity(quantity, next((one[quantity].unit for one in measured if quantity in one), ""))
+    return display.quantity(quantity, next((numbers[quantity].unit for numbers in measured if quantity in numbers), ""))
 
 
 def with_unit(pooled: Pooled, unit: display.Notation) -> str:
-    """`24.3 (23.4 to 25.2, 95 %) g/s, n = 3`: a mean with its interval and unit."""
+    """A mean with its interval and unit, such as `24.3 (23.4 to 25.2, 95 %) g/s, n = 3`."""
     interval, _, n = display.with_interval(pooled, unit.scale).rpartition(", n = ")
     return f"{interval} {unit.unit}".rstrip() + f", n = {n}"
 
 
-def sheet(results: Results, going: Collection[str] = ()) -> Sheet:
-    """The contact sheet of all points of a study. going: labels of runs that are made now.
+def sheet(results: Results, running: Collection[str] = ()) -> Sheet:
+    """Make the contact sheet of a study.
 
-    Columns are by the key that takes most values, rows by the next; of keys beyond these the first value is shown.
+    Columns are by the key that takes most values, rows by the next; of further keys the first value is shown.
+
+    Args:
+        results: Results of the study.
+        running: Labels of runs in progress.
     """
     points = results.study.points
     done = {result.point.index: result for result in results.points}
     places = placement([point.at for point in points])
-    make, row = _Tiles(results, going), next(iter(places.row), "")
+    make, row = _TileFactory(results, running), next(iter(places.row), "")
     columns, rows = places.columns, places.rows
     tiles = tuple(tuple(make(done, places.points.get((r, c))) for c in range(len(columns))) for r in range(len(rows)))
     return Sheet(
@@ -109,14 +129,22 @@ def sheet(results: Results, going: Collection[str] = ()) -> Sheet:
 
 
 def extremes(results: Results, limit: int) -> tuple[Tile, ...]:
-    """At most so many points with runs, in the order of the study: those with the smallest and the largest mean, and
-    others evenly between them by rank; points without a mean count as smallest."""
-    quantity, make = leading(results), _Tiles(results)
+    """Choose tiles that span the range of the means.
+
+    Args:
+        results: Results of a study.
+        limit: Largest number of tiles.
+
+    Returns:
+        Tiles of points with runs, in the order of the study: the smallest and the largest mean, and others evenly
+        between them by rank. Points without a mean count as smallest.
+    """
+    quantity, make = leading(results), _TileFactory(results)
     ranked = sorted(
-        results.points, key=lambda one: one.pooled[quantity].value if quantity in one.pooled else float("-inf")
+        results.points, key=lambda result: result.pooled[quantity].value if quantity in result.pooled else float("-inf")
     )
-    indices = _spread([one.point.index for one in ranked], limit)
-    done = {one.point.index: one for one in results.points}
+    indices = _spread([result.point.index for result in ranked], limit)
+    done = {result.point.index: result for result in results.points}
     return tuple(tile for index in sorted(indices) if (tile := make(done, index)) is not None)
 
 
@@ -127,15 +155,15 @@ def _spread(values: Sequence[int], limit: int) -> tuple[int, ...]:
     return tuple(values[round(k * step)] for k in range(limit))
 
 
-class _Tiles:
-    """Makes tiles whose values are of the leading quantity of the results."""
+class _TileFactory:
+    """Factory of tiles with the leading quantity of the results."""
 
-    def __init__(self, results: Results, going: Collection[str] = ()):
-        self._results, self._going = results, going
+    def __init__(self, results: Results, labels: Collection[str] = ()):
+        self._results, self._active = results, labels
         self.quantity = leading(results)
         self.unit = unit_of(results, self.quantity)
-        means = [one.pooled[self.quantity].value for one in results.points if self.quantity in one.pooled]
-        folder = next((run.run.folder.parent.parent for one in results.points for run in one.runs), None)
+        means = [result.pooled[self.quantity].value for result in results.points if self.quantity in result.pooled]
+        folder = next((run.run.folder.parent.parent for result in results.points for run in result.runs), None)
         films = folder / "films" / results.study.name if folder is not None else None
         self._films = {path.name for path in films.glob("*.webp")} if films is not None else set[str]()
         self._low, self._high = min(means, default=0.0), max(means, default=0.0)
@@ -146,16 +174,20 @@ class _Tiles:
         point, result = self._results.study.points[index], done.get(index)
         label = display.label(point.at) or "the only point"
         if result is None:
-            running = any(f" of {point.label}" in one for one in self._going) if point.label else bool(self._going)
-            return Tile(index + 1, label, None, value="running" if running else "waiting" if self._going else "not run")
+            running = (
+                any(f" of {point.label}" in label for label in self._active) if point.label else bool(self._active)
+            )
+            return Tile(
+                index + 1, label, None, value="running" if running else "waiting" if self._active else "not run"
+            )
         pooled = result.pooled.get(self.quantity)
         value, part = self._without(result), None
         if pooled is not None:
             value = display.number(pooled.value, max(pooled.error, abs(pooled.value) / _DIGITS), self.unit.scale)
             part = (pooled.value - self._low) / (self._high - self._low) if self._high > self._low else 0.5
-        shown = next((run for run in result.runs if self._filmed(result, run)), None)
-        key = (shown or result.runs[0]).run_key
-        return Tile(index + 1, label, key, result.remark, value, part, shown is not None)
+        film_run = next((run for run in result.runs if self._filmed(result, run)), None)
+        key = (film_run or result.runs[0]).run_key
+        return Tile(index + 1, label, key, result.remark, value, part, film_run is not None)
 
     def _filmed(self, result: PointResult, run: RunResult) -> bool:
         """True if the lab has a film of the run for this study."""

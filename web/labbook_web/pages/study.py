@@ -39,22 +39,34 @@ from labbook_web.pages.lab import outcomes, progress
 from labbook_web.pages.sheet import sheet
 from labbook_web.pages.tiles import Tiles, surface_of, tiles
 from labbook_web.render import meaning
-from labbook_web.shelf import Compared, Found, NotThere, Shelf
+from labbook_web.store import BackendComparison, LabStore, NotFound, StudyContents
 
 if TYPE_CHECKING:
     import pandas as pd
 
 
-def study_page(shelf: Shelf, name: str, query: Mapping[str, str]) -> Page:
-    """A study on one backend (`backend`; None: the one with most runs). `as`: the state in which it was linked to."""
-    backend = shelf.backend_of(name, query.get("backend"))
-    going = shelf.running()  # before the results: a page that follows nobody has all runs
-    found = shelf.found(name, backend)
-    results, study = found.results, found.study
+def study_page(store: LabStore, name: str, query: Mapping[str, str]) -> Page:
+    """Make the page of a study on one backend.
+
+    Args:
+        store: Studies and their results.
+        name: Name of the study.
+        query: `backend`: its name, without it the one with most runs; `as`: state at the time of a permalink; `since`:
+            date after which runs count as new.
+
+    Raises:
+        NotFound: No such study or backend.
+        StudyError: An invalid study.
+        NoMoment: A malformed date.
+    """
+    backend = store.backend_of(name, query.get("backend"))
+    processes = store.running()  # before the results: a page that follows nobody has all runs
+    contents = store.contents(name, backend)
+    results, study = contents.results, contents.study
     path = f"study/{name}"
-    asked = {"backend": query["backend"]} if "backend" in query else {}
+    parameters = {"backend": query["backend"]} if "backend" in query else {}
     linked = query.get("as")
-    now = progress(found, going)
+    now = progress(contents, processes)
     lacking = bool(now["running"]) and now["done"] < now["asked"]
     labels = [job.label for process in now["running"] for job in process["jobs"]]
     return Page(
@@ -65,35 +77,39 @@ def study_page(shelf: Shelf, name: str, query: Mapping[str, str]) -> Page:
             "study": name,
             "about": study.about,
             "backend": backend,
-            "state": found.state,
+            "state": contents.state,
             "headline": headline(results),
             **json.loads(to_json(results)),
         },
         results.frame,
         {
-            **found.once("study", lambda: _shown(found)),
-            "tiles": found.once(f"tiles of {now}", lambda: tiles(results, now, _surface(found)))
+            **contents.cached("study", lambda: _context(contents)),
+            "tiles": contents.cached(f"tiles of {now}", lambda: tiles(results, now, _surface(contents)))
             if results.points
             else None,
-            "sheet": sheet(results, labels) if labels else found.once("sheet", lambda: sheet(results)),
-            "found": found,
-            "backends": sorted({backend, *next((one.backends for one in shelf.listed() if one.name == name), ())}),
+            "sheet": sheet(results, labels) if labels else contents.cached("sheet", lambda: sheet(results)),
+            "contents": contents,
+            "backends": sorted(
+                {backend, *next((entry.backends for entry in store.listings() if entry.name == name), ())}
+            ),
             "progress": now,
-            "note": shelf.note("study", name),
+            "note": store.note("study", name),
             "linked": linked,
             "changes": changes(results, moment(query["since"])) if query.get("since") else None,
-            "latest": found.once("latest", lambda: latest(results)),
-            "outdated": linked is not None and linked != found.state,
-            "command": command("run", study.path, lab=shelf.lab.folder, backend=backend),
+            "latest": contents.cached("latest", lambda: latest(results)),
+            "outdated": linked is not None and linked != contents.state,
+            "command": command("run", study.path, lab=store.lab.folder, backend=backend),
         },
-        found.once(f"plotted of {lacking}", lambda: embedded({**plotted(results, lacking), "map": _map(found)})),
-        asked,
+        contents.cached(
+            f"chart_data of {lacking}", lambda: embedded({**chart_data(results, lacking), "map": _map(contents)})
+        ),
+        parameters,
     )
 
 
-def _shown(found: Found) -> dict[str, Any]:
-    """All that the page shows of the results, as tables and texts."""
-    results = found.results
+def _context(contents: StudyContents) -> dict[str, Any]:
+    """Context of the template that depends only on the results: tables and texts."""
+    results = contents.results
     return {
         "results": results,
         "box": result_box(results) if results.points else None,
@@ -108,94 +124,93 @@ def _shown(found: Found) -> dict[str, Any]:
         "statements": statement_table(results.judged) if results.judged else None,
         "statements_digest": statement_digest(results.judged) if results.judged else None,
         "numerics": tables.numerical_table(results.numerical) if results.numerical else None,
-        "figures": figures(found),
-        "printed": {address: drawings(found)[address][0] for address in _charted(found)},
+        "figures": figures(contents),
+        "printed": {address: drawings(contents)[address][0] for address in _charted(contents)},
         "kinds": style.FORMATS,
-        "compared": verdicts(found.compared),
-        "copied": copied(found.text, found.study.name),
+        "compared": verdicts(contents.comparisons),
+        "copied": copied(contents.text, contents.study.name),
         "explorable": explorable(results.study),
-        "mapped": _map(found),
+        "mapped": _map(contents),
         "parallel": len({name for result in results.points for name in result.at}) > 1,
     }
 
 
-def _map(found: Found) -> dict[str, Any] | None:
-    """Numbers of the map of two swept keys, as `static/map.js` draws it; None for other studies."""
-    return found.once("map", lambda: map_view(found.results, _surface(found)))
+def _map(contents: StudyContents) -> dict[str, Any] | None:
+    """Data of the map of two swept keys for `static/map.js`; None of other studies."""
+    return contents.cached("map", lambda: map_view(contents.results, _surface(contents)))
 
 
-def _tiles(contents: Found, now: Mapping[str, Any]) -> Tiles | None:
+def _tiles(contents: StudyContents, now: Mapping[str, Any]) -> Tiles | None:
     return tiles(contents.results, now, _surface(contents)) if contents.results.points else None
 
 
-def _surface(contents: Found) -> DesignSurface | None:
-    return contents.once("surface", lambda: surface_of(contents.results))
+def _surface(contents: StudyContents) -> DesignSurface | None:
+    return contents.cached("surface", lambda: surface_of(contents.results))
 
 
 def _fits(results: Results) -> list[tuple[str, str, Law, Table]]:
-    """Every law that was fitted to a series: label of the series, name, the law, and its parameters."""
+    """Fitted laws: label of the series, name of the law, the law, and the table of its parameters."""
     return [
-        (one.label, law, fit.law, fit_table(law, fit, at_series(results.comparisons, law, one), results.source))
-        for one in results.series
-        for law, fit in one.fits.items()
+        (series.label, law, fit.law, fit_table(law, fit, at_series(results.comparisons, law, series), results.source))
+        for series in results.series
+        for law, fit in series.fits.items()
     ]
 
 
-def verdicts(compared: Sequence[Compared]) -> list[dict[str, Any]]:
-    """Comparisons of backends as the page shows them: sentences, means, and whether there is a recording."""
+def verdicts(comparisons: Sequence[BackendComparison]) -> list[dict[str, Any]]:
+    """Comparisons of backends for the template: sentences, means, figure, and a flag for a recording."""
     return [
         {
-            "name": one.name,
-            "title": " and ".join(entrant.called for entrant in one.verdict.entrants),
-            "made": one.verdict.made,
-            "stale": one.stale,
-            "sentences": shown.summary(one.verdict),
-            "table": shown.contrast_table(one.verdict),
-            "study": one.study.name,
-            "recorded": one.recording is not None,
-            "figure": f"compare-{slug(one.name)}",
+            "name": comparison.name,
+            "title": " and ".join(entrant.called for entrant in comparison.verdict.entrants),
+            "made": comparison.verdict.made,
+            "stale": comparison.stale,
+            "sentences": shown.summary(comparison.verdict),
+            "table": shown.contrast_table(comparison.verdict),
+            "study": comparison.study.name,
+            "recorded": comparison.recording is not None,
+            "figure": f"compare-{slug(comparison.name)}",
         }
-        for one in compared
+        for comparison in comparisons
     ]
 
 
-def figures(found: Found) -> dict[str, str]:
-    """Titles of the figures that the page shows, by address: those of the report, but for those that the chart shows,
-    and of comparisons of backends."""
-    return {address: title for address, (title, _) in drawings(found).items() if address not in _charted(found)}
+def figures(contents: StudyContents) -> dict[str, str]:
+    """Titles by address of the figures of the report and of comparisons of backends, without those in the chart."""
+    return {address: title for address, (title, _) in drawings(contents).items() if address not in _charted(contents)}
 
 
-def _charted(contents: Found) -> list[str]:
-    """Addresses of figures that the chart of the page shows already; for print they are linked below it."""
+def _charted(contents: StudyContents) -> list[str]:
+    """Addresses of figures that repeat the chart of the page; they are linked below it for print."""
     return [address for address in ("overview", "flow-rate", "map") if address in drawings(contents)]
 
 
-_MANY = 48
-"""Points that figures with a panel for each point show in one figure; of more each series has its own."""
+_PANEL_LIMIT = 48
+"""Largest number of panels of a figure with one for each point; beyond it each series has its own figure."""
 
 
-def drawings(contents: Found) -> dict[str, tuple[str, Draw]]:
-    """Figures by address, each with its title and its drawing."""
-    return contents.once("drawings", lambda: _drawings(contents))
+def drawings(contents: StudyContents) -> dict[str, tuple[str, Draw]]:
+    """Title and drawing of each figure, by address."""
+    return contents.cached("drawings", lambda: _drawings(contents))
 
 
-def _drawings(of_study: Found) -> dict[str, tuple[str, Draw]]:
-    results = of_study.results
-    found: dict[str, tuple[str, Draw]] = {
-        f"compare-{slug(one.name)}": (
-            f"Backends {' and '.join(entrant.called for entrant in one.verdict.entrants)}",
-            partial(shown.figure, one.verdict),
+def _drawings(contents: StudyContents) -> dict[str, tuple[str, Draw]]:
+    results = contents.results
+    entries: dict[str, tuple[str, Draw]] = {
+        f"compare-{slug(comparison.name)}": (
+            f"Backends {' and '.join(entrant.called for entrant in comparison.verdict.entrants)}",
+            partial(shown.figure, comparison.verdict),
         )
-        for one in of_study.compared
+        for comparison in contents.comparisons
     }
     panels: set[str] = set()
     with suppress(NotEvaluated):
         for name, draw in gallery.of_results(results).items():
-            found[slug(name)] = _title(name), draw
-        if 0 < len(results.points) <= _MANY:
+            entries[slug(name)] = _title(name), draw
+        if 0 < len(results.points) <= _PANEL_LIMIT:
             for name, draw in gallery.of_points(series_of_points(results.points)).items():
                 panels.add(name)
-                found[slug(name)] = _title(name), draw
+                entries[slug(name)] = _title(name), draw
     for number, series in enumerate(results.series, 1):
         label = f", {series.label}" if series.label else ""
         try:
@@ -205,36 +220,46 @@ def _drawings(of_study: Found) -> dict[str, tuple[str, Draw]]:
         for name, draw in own.items():
             if name not in panels:
                 address = slug(name) + (f"-{number}" if len(results.series) > 1 else "")
-                found[address] = _title(name) + label, draw
-    return found
+                entries[address] = _title(name) + label, draw
+    return entries
 
 
-def draw(contents: Found, address: str) -> "tuple[str, Draw]":
-    """The title of a figure, and what draws it. Raises NotThere."""
-    known = drawings(contents)
-    if address not in known:
-        raise NotThere(f"{contents.study.name} has no figure {address}; it has: {', '.join(known) or 'none'}")
-    return known[address]
+def draw(contents: StudyContents, address: str) -> "tuple[str, Draw]":
+    """Find the title and the drawing of a figure. Raises NotFound."""
+    entries = drawings(contents)
+    if address not in entries:
+        raise NotFound(f"{contents.study.name} has no figure {address}; it has: {', '.join(entries) or 'none'}")
+    return entries[address]
 
 
-def picture(shelf: Shelf, contents: Found, address: str, kind: str = "svg") -> bytes:
-    """A figure as a file of a kind of FORMATS, drawn once for what it shows. Raises NotThere, and what CANNOT_DRAW
-    lists."""
+def picture(store: LabStore, contents: StudyContents, address: str, kind: str = "svg") -> bytes:
+    """Encode a figure, cached until its contents change.
+
+    Args:
+        store: Store with the cache.
+        contents: Study of the figure.
+        address: Address of the figure.
+        kind: Format, of `style.FORMATS`.
+
+    Raises:
+        NotFound: No such figure.
+        CANNOT_DRAW: Results that lack something.
+    """
 
     def make() -> bytes:
         return encoded(draw(contents, address)[1], kind)[0]
 
-    return shelf.pictures.get((contents.study.name, contents.backend, address, kind), contents.state, make)
+    return store.pictures.get((contents.study.name, contents.backend, address, kind), contents.state, make)
 
 
-def caption(contents: Found, address: str) -> str:
-    """The caption of a figure; empty of a figure that has none. Raises NotThere, and what CANNOT_DRAW lists."""
+def caption(contents: StudyContents, address: str) -> str:
+    """Caption of a figure; empty without one. Raises NotFound, and the errors of CANNOT_DRAW."""
     drawing = draw(contents, address)[1]
     return drawing.caption() if isinstance(drawing, Drawing) else ""
 
 
-def numbers(contents: Found, address: str) -> "pd.DataFrame | None":
-    """The numbers of a figure as a table, units in the headings; None of a figure without. Raises NotThere."""
+def numbers(contents: StudyContents, address: str) -> "pd.DataFrame | None":
+    """Table of the numbers of a figure, units in the headings; None of a figure without one. Raises NotFound."""
     drawing = draw(contents, address)[1]
     if not isinstance(drawing, Drawing) or not drawing.table:
         return None
@@ -244,8 +269,8 @@ def numbers(contents: Found, address: str) -> "pd.DataFrame | None":
     return None if table is None else with_units(table)
 
 
-def figure(contents: Found, address: str, make: Callable[[], Any]) -> dict[str, Any]:
-    """Title, caption and table of a figure for its template, or why `make` cannot draw it. Raises NotThere."""
+def figure(contents: StudyContents, address: str, make: Callable[[], Any]) -> dict[str, Any]:
+    """Context of the template of a figure: title, caption, table, or the reason why `make` fails. Raises NotFound."""
     title = draw(contents, address)[0]
     try:
         make()
@@ -256,7 +281,7 @@ def figure(contents: Found, address: str, make: Callable[[], Any]) -> dict[str, 
 
 
 def encoded(make: Draw, *kinds: str) -> tuple[bytes, ...]:
-    """A figure as files of kinds of FORMATS."""
+    """Draw a figure and encode it in formats of `style.FORMATS`."""
     with _drawing:
         drawing, files = make(), list[bytes]()
         for kind in kinds:
@@ -268,10 +293,10 @@ def encoded(make: Draw, *kinds: str) -> tuple[bytes, ...]:
 _drawing = threading.Lock()  # matplotlib's settings are those of the whole process
 
 
-def why_not(error: Exception, found: Found) -> str:
+def why_not(error: Exception, contents: StudyContents) -> str:
     """Reason why a figure cannot be drawn, and the remedy."""
     if isinstance(error, NotEvaluated):
-        return f"Not drawn, since {error}: {command('report', found.study.path.name)} evaluates it."
+        return f"Not drawn, since {error}: {command('report', contents.study.path.name)} evaluates it."
     return f"{str(error)[:1].upper()}{str(error)[1:]}."
 
 
@@ -294,20 +319,24 @@ def _constants(results: Results) -> Facts:
 
 
 def copied(text: str, name: str) -> str:
-    """The text of a study with another name, to begin a new one from."""
+    """Text of a study under a new name, `a-3` after `a-2` and `a-2` after `a`, to start a new study from."""
     number = re.search(r"-(\d+)$", name)
-    other = f"{name[: number.start()]}-{int(number[1]) + 1}" if number else f"{name}-2"
-    return re.sub(rf"^(name:\s*)(['\"]?){re.escape(name)}\2", rf"\g<1>{other}", text, count=1, flags=re.MULTILINE)
+    successor = f"{name[: number.start()]}-{int(number[1]) + 1}" if number else f"{name}-2"
+    return re.sub(rf"^(name:\s*)(['\"]?){re.escape(name)}\2", rf"\g<1>{successor}", text, count=1, flags=re.MULTILINE)
 
 
-# what the charts draw
+# data of the charts
 
 
-def plotted(results: Results, lacking: bool = False) -> dict[str, Any]:
-    """Points, fits and their bands as the scripts of the page draw them: SI, with the factors to the units shown.
-    Without fits while runs are `lacking`: laws of few runs would be taken for results."""
+def chart_data(results: Results, lacking: bool = False) -> dict[str, Any]:
+    """Data of the charts: points, fits and their bands [SI], with the factors to the displayed units.
+
+    Args:
+        results: Results of a study.
+        lacking: Runs are in progress: fits are left out, as laws of few runs would be taken for results.
+    """
     units = {
-        name: next(one.measured[name].unit for one in result.runs if name in one.measured)
+        name: next(run.measured[name].unit for run in result.runs if name in run.measured)
         for result in results.points
         for name in result.pooled
     }
@@ -315,33 +344,38 @@ def plotted(results: Results, lacking: bool = False) -> dict[str, Any]:
     quantities = dict.fromkeys(name for result in results.points for name in result.pooled)
     return {
         "study": results.study.name,
-        "keys": {name: _shown_key(name, results) for name in keys},
-        "quantities": {name: _shown_quantity(name, units[name]) for name in quantities},
+        "keys": {name: _key_notation(name, results) for name in keys},
+        "quantities": {name: _quantity_notation(name, units[name]) for name in quantities},
         "points": [_point(result) for result in results.points],
         "references": [
-            {"quantity": one.quantity.rpartition(".")[2], "point": one.points[0].point.index + 1,
-             "value": one.reference, "error": one.reference_error, "source": results.source}
-            for one in results.comparisons if len(one.points) == 1
+            {"quantity": comparison.quantity.rpartition(".")[2], "point": comparison.points[0].point.index + 1,
+             "value": comparison.reference, "error": comparison.reference_error, "source": results.source}
+            for comparison in results.comparisons if len(comparison.points) == 1
         ],
-        "series": [] if lacking else [_series(one) for one in results.series if one.fits],
+        "series": [] if lacking else [_series(series) for series in results.series if series.fits],
         "lacking": lacking,
         "source": results.source,
         "nothing": no_number(results),
-        "outlet": next((one.outlet for one in results.series), ""),
+        "outlet": next((series.outlet for series in results.series), ""),
     }  # fmt: skip
 
 
-def _shown_key(name: str, results: Results) -> dict[str, Any]:
-    how = display.key(name)
+def _key_notation(name: str, results: Results) -> dict[str, Any]:
+    notation = display.key(name)
     words = any(isinstance(result.at.get(name), str) for result in results.points)
-    along = [display.key(one).name for one in followers(results.points, name) if names_scene(one)]
-    label = f"{how.name} (with {', '.join(along)})" if along else how.name
-    return {"label": label, "unit": how.unit, "scale": how.scale, "words": words, "orifice": name == ORIFICE}
+    along = [display.key(key).name for key in followers(results.points, name) if names_scene(key)]
+    label = f"{notation.name} (with {', '.join(along)})" if along else notation.name
+    return {"label": label, "unit": notation.unit, "scale": notation.scale, "words": words, "orifice": name == ORIFICE}
 
 
-def _shown_quantity(name: str, unit: str) -> dict[str, Any]:
-    how = display.quantity(name, unit)
-    return {"label": how.name, "unit": how.unit, "scale": how.scale, "meaning": meaning(how.heading)}
+def _quantity_notation(name: str, unit: str) -> dict[str, Any]:
+    notation = display.quantity(name, unit)
+    return {
+        "label": notation.name,
+        "unit": notation.unit,
+        "scale": notation.scale,
+        "meaning": meaning(notation.heading),
+    }
 
 
 def _point(result: PointResult) -> dict[str, Any]:
@@ -355,8 +389,10 @@ def _point(result: PointResult) -> dict[str, Any]:
         "remark": result.remark,
         "trending": result.trending,
         "clogged": outcomes["clogged"],
-        "values": {name: [one.value, one.error, one.low, one.high, one.n] for name, one in result.pooled.items()},
-        "said": {name: display.with_interval(one, display.quantity(name).scale) for name, one in result.pooled.items()},
+        "values": {name: [mean.value, mean.error, mean.low, mean.high, mean.n] for name, mean in result.pooled.items()},
+        "said": {
+            name: display.with_interval(mean, display.quantity(name).scale) for name, mean in result.pooled.items()
+        },
     }
 
 
@@ -376,10 +412,10 @@ def _series(series: Series) -> dict[str, Any]:
             "value": value,
             "low": low,
             "high": high,
-            "at": [one.orifice for one in residuals],
-            "residuals": [100 * one.value for one in residuals],
-            "half_widths": [100 * one.half_width for one in residuals],
-            "errors": [100 * one.error for one in residuals],
+            "at": [residual.orifice for residual in residuals],
+            "residuals": [100 * residual.value for residual in residuals],
+            "half_widths": [100 * residual.half_width for residual in residuals],
+            "errors": [100 * residual.error for residual in residuals],
         }
     return {"label": series.label, "at": dict(series.at), "points": [one.point.index + 1 for one in series.points],
             "laws": laws}  # fmt: skip

@@ -17,14 +17,21 @@ from labbook_web.pages.explore import bars
 from labbook_web.pages.sheet import leading, unit_of
 
 _SENTENCES = 3
-"""Sentences that a tile shows before the reader opens the rest."""
+"""Largest number of sentences of a tile; the rest is folded."""
 _STOPS = 3
-"""Clogged points that a tile links."""
+"""Largest number of clogged points that a tile links."""
 
 
 @dataclass(frozen=True)
 class End:
-    """The smallest or the largest mean: its number with its interval, and the point where it was measured."""
+    """End of a range.
+
+    Attributes:
+        name: `smallest` or `largest`; `mean` or `at all points` where both are the same.
+        text: Mean with its interval.
+        label: Settings of its point.
+        point: Number of the point, from 1.
+    """
 
     name: str
     text: str
@@ -34,7 +41,15 @@ class End:
 
 @dataclass(frozen=True)
 class Range:
-    """Means of a quantity over all points. `text`: its range; `unit`; `widths`: relative widths of the intervals."""
+    """Range of the means of a quantity over all points.
+
+    Attributes:
+        heading: Name of the quantity.
+        text: Smallest and largest mean.
+        unit: Unit of the numbers.
+        ends: Points of both ends; a single one of a single point.
+        widths: Sentence on the relative widths of the 95 % intervals.
+    """
 
     heading: str
     text: str
@@ -45,7 +60,14 @@ class Range:
 
 @dataclass(frozen=True)
 class CloggedPoint:
-    """A point at which runs clogged, and the run that shows it best."""
+    """A point at which runs clogged.
+
+    Attributes:
+        label: Its settings.
+        clogged: Number of its runs that clogged.
+        runs: Number of its runs.
+        run_key: Key of the clogged run with most data on the arch.
+    """
 
     label: str
     clogged: int
@@ -111,35 +133,35 @@ def tiles(results: StudyResults, progress: Mapping[str, Any], surface: DesignSur
 
 
 def surface_of(results: StudyResults) -> DesignSurface | None:
-    """The flow rate over all swept keys of numbers; None where the points do not determine it."""
+    """Response surface of the flow rate over all swept keys of numbers; None if the points do not determine it."""
     with suppress(LookupError, NoSurface):
         return explore(results)
     return None
 
 
 def value_range(results: StudyResults) -> Range | None:
-    """Range of the means over all points; None without any, and of a calibration: its points have no meaning alone."""
+    """Range of the means over all points; None without any, and of a calibration, whose points are no result."""
     quantity = leading(results)
     if isinstance(results.study.adapt, Calibrate):
         return None
-    measured = sorted(
+    ranked = sorted(
         (result for result in results.points if quantity in result.pooled),
         key=lambda result: result.pooled[quantity].value,
     )
-    if not measured:
+    if not ranked:
         return None
     unit = unit_of(results, quantity)
-    ends = [measured[0], measured[-1]] if len(measured) > 1 else measured
+    ends = [ranked[0], ranked[-1]] if len(ranked) > 1 else ranked
     numbers = dict.fromkeys(
-        display.number(one.pooled[quantity].value, one.pooled[quantity].error, unit.scale) for one in ends
+        display.number(result.pooled[quantity].value, result.pooled[quantity].error, unit.scale) for result in ends
     )
-    names = ("smallest", "largest") if len(numbers) > 1 else ("at all points" if len(measured) > 1 else "mean",)
+    names = ("smallest", "largest") if len(numbers) > 1 else ("at all points" if len(ranked) > 1 else "mean",)
     return Range(
         f"Flow rate {unit.name}" if quantity == FLOW_RATE else unit.name,
         " to ".join(numbers),
         unit.unit,
-        tuple(_end(name, one, quantity, unit) for name, one in zip(names, ends, strict=False)),
-        interval_widths(measured, quantity),
+        tuple(_end(name, result, quantity, unit) for name, result in zip(names, ends, strict=False)),
+        interval_widths(ranked, quantity),
     )
 
 
@@ -153,11 +175,11 @@ def _stops(results: StudyResults) -> tuple[CloggedPoint, ...]:
     clogged = [(result, [run for run in result.runs if run.outcome == "clogged"]) for result in results.points]
     clogged = sorted((pair for pair in clogged if pair[1]), key=lambda pair: -len(pair[1]) / len(pair[0].runs))
     return tuple(
-        CloggedPoint(result.label or "the only point", len(runs), len(result.runs), best_shown(runs).run_key)
+        CloggedPoint(result.label or "the only point", len(runs), len(result.runs), representative_run(runs).run_key)
         for result, runs in clogged[:_STOPS]
     )
 
 
-def best_shown(runs: Sequence[RunResult]) -> RunResult:
-    """The run whose page tells most: one with the arch measured, else one with recorded frames, else the first."""
+def representative_run(runs: Sequence[RunResult]) -> RunResult:
+    """Choose the run with most data: one that measured the arch, else one with frames, else the first."""
     return min(runs, key=lambda run: (Arch.name not in run.measures, not run.recorded))

@@ -6,7 +6,7 @@ from collections import Counter
 from concurrent.futures import ThreadPoolExecutor
 
 import pytest
-from labbook_web.shelf import Cache, NotThere, Shelf
+from labbook_web.store import Cache, LabStore, NotFound
 from toy_lab import arrays, labbook, start, study_file
 from toy_web import ORIFICES, REPLICATES, client, everything, make, pages, twins
 
@@ -62,11 +62,11 @@ def test_a_value_that_took_long_may_be_old_for_a_while(monkeypatch):
         clock[0] += 2.0
         return "first"
 
-    assert kept.get("key", 1, slow, spare=5) == "first"
+    assert kept.get("key", 1, slow, age_factor=5) == "first"
     clock[0] += 9.9
-    assert kept.get("key", 2, lambda: "second", spare=5) == "first"
+    assert kept.get("key", 2, lambda: "second", age_factor=5) == "first"
     clock[0] += 0.2
-    assert kept.get("key", 2, lambda: "second", spare=5) == "second"
+    assert kept.get("key", 2, lambda: "second", age_factor=5) == "second"
 
 
 def test_the_ones_made_longest_ago_are_forgotten():
@@ -97,12 +97,12 @@ def test_whoever_fails_leaves_the_place_to_the_next():
 
 
 def test_a_state_is_of_what_is_shown(done, tmp_path):
-    first, other = (Shelf(done / "lab").found(STUDY, "toy") for _ in range(2))
+    first, other = (LabStore(done / "lab").contents(STUDY, "toy") for _ in range(2))
     assert first.state == other.state
-    assert Shelf(done / "lab").found(STUDY, "twin").state != first.state
+    assert LabStore(done / "lab").contents(STUDY, "twin").state != first.state
     changed = tmp_path / "toy.yaml"
     changed.write_text((done / "toy.yaml").read_text() + "# a remark\n")
-    assert Shelf(done / "lab", [changed]).found(STUDY, "toy").state != first.state
+    assert LabStore(done / "lab", [changed]).contents(STUDY, "toy").state != first.state
 
 
 def test_results_are_found_once_while_nothing_changes(copied, monkeypatch):
@@ -112,79 +112,79 @@ def test_results_are_found_once_while_nothing_changes(copied, monkeypatch):
         count["found"] += 1
         return results(*given)
 
-    from labbook_web import shelf as module
+    from labbook_web import store as module
 
     results = module.stored_results
     monkeypatch.setattr(module, "stored_results", counted)
-    monkeypatch.setattr(module, "SPARED", 0)
-    shelf = Shelf(copied / "lab")
+    monkeypatch.setattr(module, "AGE_FACTOR", 0)
+    store = LabStore(copied / "lab")
     for _ in range(3):
-        assert len(shelf.found(STUDY, "toy").results.points) == len(ORIFICES)
+        assert len(store.contents(STUDY, "toy").results.points) == len(ORIFICES)
     assert count["found"] == 1
     study_file(copied, "fit: [beverloo]", count=400, orifices="[36]", replicates=1)
     labbook("run", copied / "toy.yaml", "--lab", copied / "lab", "--backend", "toy")
-    assert len(shelf.found(STUDY, "toy").results.points) == 1, "the text of the study changed"
+    assert len(store.contents(STUDY, "toy").results.points) == 1, "the text of the study changed"
     assert count["found"] == 2
 
 
 def test_results_are_old_only_while_a_study_runs(copied, monkeypatch):
     """A page follows a study until nobody runs it; what it is told then is all that there is."""
     going = [object()]
-    monkeypatch.setattr(Shelf, "running", lambda self: going)
-    monkeypatch.setattr("labbook_web.shelf.SPARED", 1e9)
-    shelf = Shelf(copied / "lab")
-    assert len(shelf.found(STUDY, "toy").results.points[0].runs) == REPLICATES
+    monkeypatch.setattr(LabStore, "running", lambda self: going)
+    monkeypatch.setattr("labbook_web.store.AGE_FACTOR", 1e9)
+    store = LabStore(copied / "lab")
+    assert len(store.contents(STUDY, "toy").results.points[0].runs) == REPLICATES
     path = copied / "lab/study-files/toy-study.yaml"
     stamp = path.stat()
     labbook("run", copied / "toy.yaml", "--lab", copied / "lab", "--backend", "toy", LABBOOK_TOY_VERSION="2")
     assert path.stat().st_mtime_ns == stamp.st_mtime_ns
-    assert shelf.found(STUDY, "toy").results.stale == {}
+    assert store.contents(STUDY, "toy").results.stale == {}
     going.clear()
-    assert shelf.found(STUDY, "toy").state
-    assert {run.cache_version for one in shelf.found(STUDY, "toy").results.points for run in one.runs} == {2}
+    assert store.contents(STUDY, "toy").state
+    assert {run.cache_version for one in store.contents(STUDY, "toy").results.points for run in one.runs} == {2}
 
 
 def test_the_index_is_opened_again_when_it_was_replaced(copied):
-    shelf = Shelf(copied / "lab")
-    before = shelf.catalogue
-    assert shelf.catalogue is before
+    store = LabStore(copied / "lab")
+    before = store.catalogue
+    assert store.catalogue is before
     (copied / "lab/catalogue.db").unlink()
     labbook("reindex", "--lab", copied / "lab")
-    assert shelf.catalogue is not before
-    assert len(shelf.catalogue.runs()) == len(ORIFICES) * REPLICATES
+    assert store.catalogue is not before
+    assert len(store.catalogue.runs()) == len(ORIFICES) * REPLICATES
 
 
 def test_given_files_count_before_those_of_the_lab(done, tmp_path):
     own = study_file(tmp_path, orifices="[18]", count=400)
-    assert len(Shelf(done / "lab").study(STUDY)[0].points) == len(ORIFICES)
-    assert len(Shelf(done / "lab", [own]).study(STUDY)[0].points) == 1
+    assert len(LabStore(done / "lab").study(STUDY)[0].points) == len(ORIFICES)
+    assert len(LabStore(done / "lab", [own]).study(STUDY)[0].points) == 1
     other = tmp_path / "other.yaml"
     other.write_text(own.read_text().replace(STUDY, "other"))
-    assert [one.name for one in Shelf(done / "lab", [other], only=True).listed()] == ["other"]
-    assert {one.name for one in Shelf(done / "lab", [other]).listed()} == {STUDY, "other"}
-    with pytest.raises(NotThere, match="other"):
-        Shelf(done / "lab", [other], only=True).study(STUDY)
+    assert [one.name for one in LabStore(done / "lab", [other], extra_only=True).listings()] == ["other"]
+    assert {one.name for one in LabStore(done / "lab", [other]).listings()} == {STUDY, "other"}
+    with pytest.raises(NotFound, match="other"):
+        LabStore(done / "lab", [other], extra_only=True).study(STUDY)
     own.write_text("name: [")
-    assert [one.problem != "" for one in Shelf(done / "lab", [own]).listed()].count(True) == 1
+    assert [one.problem != "" for one in LabStore(done / "lab", [own]).listings()].count(True) == 1
 
 
 def test_a_kept_study_has_the_calibration_that_is_kept_with_it(tmp_path):
     own = study_file(tmp_path, "accuracy: {flow_rate: 40 %, calibration: ../elsewhere.json}")
     lab = LabFolder(tmp_path / "lab")
     studies.keep(lab, STUDY, own.read_text(), PATH)
-    assert Shelf(lab.folder).study(STUDY)[0].calibration_file == lab.studies / f"{STUDY}.calibration.json"
+    assert LabStore(lab.folder).study(STUDY)[0].calibration_file == lab.studies / f"{STUDY}.calibration.json"
 
 
 def test_a_study_that_changes_is_read_again(done, tmp_path):
     own = study_file(tmp_path, orifices="[18]")
-    shelf = Shelf(done / "lab", [own])
-    assert len(shelf.study(STUDY)[0].points) == 1
+    store = LabStore(done / "lab", [own])
+    assert len(store.study(STUDY)[0].points) == 1
     study_file(tmp_path, orifices="[18, 21, 24]")
-    assert len(shelf.study(STUDY)[0].points) == 3
+    assert len(store.study(STUDY)[0].points) == 3
     own.unlink()
-    assert len(shelf.study(STUDY)[0].points) == len(ORIFICES), "the lab still has one of that name"
+    assert len(store.study(STUDY)[0].points) == len(ORIFICES), "the lab still has one of that name"
     with pytest.raises(StudyError):
-        Shelf(done / "lab", only=True).studies_read.get("x", 1, lambda: load(tmp_path / "none.yaml"))
+        LabStore(done / "lab", extra_only=True).study_cache.get("x", 1, lambda: load(tmp_path / "none.yaml"))
 
 
 # many at once
@@ -208,13 +208,13 @@ def test_readers_neither_hold_up_nor_break_a_study_that_runs(tmp_path):
     make(tmp_path, orifices="[18]", replicates=1)
     lab = tmp_path / "lab"
     path = study_file(tmp_path, "fit: [beverloo]", count=400, orifices=orifices, replicates=replicates)
-    shelf_of = client(lab)
+    somebody = client(lab)
     running = start("run", path, "--lab", lab, "--backend", "toy", delay=0.02)
     seen, wrong, totals = Counter(), [], []
 
     def ask(address):
         asked = time.perf_counter()
-        answer = shelf_of.get(address)
+        answer = somebody.get(address)
         answered = time.perf_counter()
         seen[answer.status_code] += 1
         not_yet = answer.status_code == 404 and (
