@@ -311,9 +311,9 @@ def test_w_grows_with_the_film(synthetic, tmp_path):
 def test_labels_of_a_legend_do_not_overlap():
     """A bar of 200 pixels has no room for all of eight labels of 25 to 40 pixels; the first and the last stay."""
     ticks = [(place, f"{place:.3f}") for place in np.sqrt(np.linspace(0, 0.8, 7))] + [(1.0, "≥ 0.69")]
-    kept = list(films._apart(ticks, 200))
+    kept = list(films._spaced_ticks(ticks, 200))
     assert kept[0] == ticks[0]
     assert kept[-1] == ticks[-1]
     assert 2 < len(kept) < len(ticks)
     assert (np.diff([place for place, _ in kept[:-1]]) * 200 > films._extent("0.000", 10)[0] / 2).all()
-    assert list(films._apart(ticks, 2000)) == ticks
+    assert list(films._spaced_ticks(ticks, 2000)) == ticks
