@@ -114,7 +114,7 @@ def test_no_word_is_one_that_labbook_has():
         ({"fluid": {"density": "1 kg/m^3"}}, "fluid", "no fluid", "leave it out"),
         ({"grains.sizes": {"kind": "weibull"}}, "grains.sizes.kind", "no such distribution", "lognormal"),
         ({"grains.sizes": {"kind": "psd"}}, "grains.sizes.kind", "another name", "mass_fractions"),
-        ({"feed": {"massrate": "1 kg/s"}}, "feed.massrate", "new grains enter by the stream of the filling", "kind: rate"),
+        ({"feed": {"massrate": "1 kg/s"}}, "feed.massrate", "new grains enter by the stream", "kind: rate"),
         ({"gravity": ["0 m/s^2", "-9.81 m/s^2"]}, "gravity", "along -z", "9.81 m/s^2"),
         ({"gravity": {"z": "-9.81 m/s^2"}}, "gravity", "along -z", "9.81 m/s^2"),
         ({"contact.rolling_model": "EPSD2"}, "contact.rolling_model", "k_r = k_t R^2", "rolling_damping"),
