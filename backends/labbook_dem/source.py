@@ -105,8 +105,8 @@ def without(text: str, switch: str) -> str:
     lines = text.split("\n")
     for node in sorted(branches, key=lambda node: node.lineno, reverse=True):
         if isinstance(node.test, ast.Name) and node.test.id == switch:
-            left = lines[node.orelse[0].lineno - 1 : node.end_lineno] if node.orelse else []
-            lines[node.lineno - 1 : node.end_lineno] = [line[4:] for line in left]
+            alternative = lines[node.orelse[0].lineno - 1 : node.end_lineno] if node.orelse else []
+            lines[node.lineno - 1 : node.end_lineno] = [line[4:] for line in alternative]
     return "\n".join(lines)
 
 

@@ -26,6 +26,16 @@ PLANES = [{"name": "within", "z": "-20 mm"}, {"name": "under", "z": "-81 mm"}]
 SILO = {"kind": "conical-silo", "diameter": "36 mm", "height": "120 mm", "angle": "40 deg", "orifice": "16 mm"}
 
 
+def check_flow_rate(asked, lab, rate: float) -> None:
+    """Run a study of one run and compare its flow rate with `rate` [kg/s], to four standard errors."""
+    summary = Runner(asked, LabFolder(lab), Backend(wide=True)).run()
+    assert summary.done == 1, summary.tally.failed
+    (point,) = analyse(asked, finished(Catalogue(lab), asked, "numba")).points
+    flow = point.runs[0].measured["flow_rate"]
+    assert flow.error < 0.05 * rate, "so that this is a test"
+    assert flow.value == pytest.approx(rate, abs=4 * flow.error)
+
+
 def test_grains_flow_through_a_pipe_and_stay_in_a_bin(tmp_path):
     """What flows through the pipe is what flows out, and all of it lies in the bin in the end: none left the scene."""
     below = {"parts": [PIPE, SIDE, FLOOR], "sink": "below-parts", "planes": PLANES}
@@ -62,12 +72,7 @@ def test_a_silo_that_starves_lets_out_what_enters(tmp_path):
         numerics={"dt": "20 us", "steps_per_beat": 100}, container=SILO | {"orifice": "20 mm"},
         feed={"kind": "rate", "stream": stream}, window={"start": 1}, stop={"max_time": "2 s"},
     )  # fmt: skip
-    summary = Runner(asked, LabFolder(tmp_path), Backend(wide=True)).run()
-    assert summary.done == 1, summary.tally.failed
-    (point,) = analyse(asked, finished(Catalogue(tmp_path), asked, "numba")).points
-    flow = point.runs[0].measured["flow_rate"]
-    assert flow.error < 0.05 * rate, "so that this is a test"
-    assert flow.value == pytest.approx(rate, abs=4 * flow.error)
+    check_flow_rate(asked, tmp_path, rate)
 
 
 @pytest.mark.ring
@@ -81,9 +86,4 @@ def test_an_empty_silo_lets_out_what_a_stream_brings(tmp_path):
         fill={"kind": "stream", "until": "placed", "stream": stream}, window={"start": 0.2, "end": 0.9},
         stop={"discharged": 0.95, "max_time": "3 s"},
     )  # fmt: skip
-    summary = Runner(asked, LabFolder(tmp_path), Backend(wide=True)).run()
-    assert summary.done == 1, summary.tally.failed
-    (point,) = analyse(asked, finished(Catalogue(tmp_path), asked, "numba")).points
-    flow = point.runs[0].measured["flow_rate"]
-    assert flow.error < 0.05 * rate, "so that this is a test"
-    assert flow.value == pytest.approx(rate, abs=4 * flow.error)
+    check_flow_rate(asked, tmp_path, rate)
