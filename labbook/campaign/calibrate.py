@@ -18,7 +18,7 @@ from typing import Annotated, Any, ClassVar
 import numpy as np
 
 from labbook.campaign.goal import SCATTER, Goal, Step
-from labbook.campaign.inference import REGION, Inference, Measurement, NotInferred
+from labbook.campaign.inference import ALLOWED_SHARE, REGION, Inference, Measurement, NotInferred
 from labbook.campaign.space import Axis, one_bed_more, sobol
 from labbook.campaign.strategy import Assignment, Proposal, Trial, place
 from labbook.scene.model import Internal, Model
@@ -217,11 +217,15 @@ class Calibrate(Goal):
         return [*(self._at(*candidates[index]) for index in picks), *rest]
 
     def _lacks_beds(self, inference: Inference) -> bool:
-        """True if beds that points share make most of the variance of an emulator, which only further beds lower."""
+        """True if beds that points share make most of an emulator's variance, and the variance is still too large.
+
+        Only further beds lower that part. Where the emulator is good enough already, they would be runs for nothing.
+        """
         draws, conditions = inference.draws(), self.conditions
-        for quantity, observed in inference.observed.items():
+        for quantity, share in inference.shares.items():
             _, covariance = inference.joint(quantity, draws, conditions)
-            if observed.of_bed_means > 0.5 * float(np.diagonal(covariance, axis1=1, axis2=2).mean()):
+            mean = float(np.diagonal(covariance, axis1=1, axis2=2).mean())
+            if share > ALLOWED_SHARE and inference.observed[quantity].of_bed_means > 0.5 * mean:
                 return True
         return False
 

@@ -20,6 +20,8 @@ from labbook.scene.model import Model
 from labbook.stats.emulator import Emulator
 from labbook.stats.posterior import Posterior, posterior
 
+ALLOWED_SHARE = 0.25
+"""Largest variance of an emulator in an answer, over that of each measured value (with the discrepancy)."""
 REGION = 0.99
 """Part of the posterior within the region that further runs fill."""
 _DRAWS = 2048
@@ -232,17 +234,22 @@ class Inference:
         return self.emulators[quantity].joint(settings)
 
     @cached_property
-    def share(self) -> float:
-        """Ratio of the emulator's variance to that of a measured value (with the discrepancy).
+    def shares(self) -> dict[str, float]:
+        """Ratios of the emulators' variances to those of measured values (with the discrepancy), by quantity.
 
-        The mean over the posterior, for the measurement at which it is largest.
+        Each is the mean over the posterior, for the measurement at which it is largest.
         """
-        draws, worst = self.draws(), 0.0
+        draws, shares = self.draws(), dict[str, float]()
         for quantity, group in self._groups.items():
             _, covariance = self.joint(quantity, draws, [entry.at for entry in group])
             of_emulator = np.diagonal(covariance, axis1=1, axis2=2).mean(axis=0)
-            worst = max(worst, *(v / self.variance(entry) for v, entry in zip(of_emulator, group, strict=True)))
-        return worst
+            shares[quantity] = max(v / self.variance(entry) for v, entry in zip(of_emulator, group, strict=True))
+        return shares
+
+    @property
+    def share(self) -> float:
+        """Largest of the ratios of the emulators' variances to those of measured values."""
+        return max(self.shares.values())
 
     def draws(self, number: int = _DRAWS) -> np.ndarray:
         """Draw parameter sets of the posterior, the same ones at each call: shape [number, p]."""
@@ -348,10 +355,10 @@ class Inference:
                 f"{clogged} of {runs} runs with likely parameters clogged, so that the others are no fair sample: "
                 "measure at wider outlets"
             )
-        if self.share > 0.25:
+        if self.share > ALLOWED_SHARE:
             return (
-                f"the emulator's variance is {self.share:.2f} of that of the measurements, and 0.25 is allowed: "
-                f"about {math.ceil(len(self.trials) * (self.share / 0.25 - 1))} more runs are needed"
+                f"the emulator's variance is {self.share:.2f} of that of the measurements, and {ALLOWED_SHARE} is "
+                f"allowed: about {math.ceil(len(self.trials) * (self.share / ALLOWED_SHARE - 1))} more runs are needed"
             )
         return ""
 
