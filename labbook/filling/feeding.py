@@ -18,6 +18,9 @@ from labbook.filling.room import PlacingError, Room
 from labbook.scene import BedTop, Bodies, Packing, Scene
 
 _TRIES = 400
+_BELOW = 0.501
+"""Distance below the level, in lengths of a grain, from which on grains of the bed may be in the way: centres of fed
+grains are half a length above it or more, and centres of grains that touch are no more than a length apart."""
 _ROOM = 4.0
 """Least distance between the highest grain of the bed and the upper end of the side walls, in lengths of a grain."""
 
@@ -52,7 +55,7 @@ class Feeder:
                 f"the bed reaches up to {self.level * 1e3:.4g} mm, and the side walls to {self._roof * 1e3:.4g} mm: no "
                 f"room for fed grains; raise container.height by {_ROOM:g} grains or more, or use fewer grains"
             )
-        self.floor = self.level - self._length
+        self.floor = self.level - _BELOW * self._length
         """Height z [m] above which grains of the bed may be in the way."""
         self._rows = np.full(int(start.ids.max()) + 1, -1)
         self._rows[start.ids] = np.arange(len(start))
