@@ -241,12 +241,12 @@ class Ensemble(backend.Ensemble, Generic[R]):
 
 def _check_absent(run: Standing, grains: Packing) -> None:
     """Raise ValueError for grains that have not left."""
-    present = run.present()
     assert grains.ids is not None
-    if len(np.unique([*present, *grains.ids])) < len(present) + len(grains):
+    count = run.scene.grains.count
+    if len(grains) and not (grains.ids.min() >= 0 and grains.ids.max() < count):
+        raise ValueError(f"put_back: ids are not those of {count} grains")
+    if (np.bincount(run.present(), minlength=count) + np.bincount(grains.ids, minlength=count)).max(initial=0) > 1:
         raise ValueError("put_back: some of these grains are still in the scene")
-    if len(grains) and not (grains.ids.min() >= 0 and grains.ids.max() < run.scene.grains.count):
-        raise ValueError(f"put_back: ids are not those of {run.scene.grains.count} grains")
 
 
 def _half_step(run: Standing, grains: Packing) -> np.ndarray:

@@ -267,15 +267,6 @@ class Arrays:
         block[: len(values), : values.shape[1]] = values
         self._set(array, slot, block.reshape(-1, *values.shape[2:]))
 
-    def write_rows(self, name: str, slot: int, first: int, values: np.ndarray) -> None:
-        """Overwrite rows of a state array with one entry a row, from `first` on."""
-        array, per = (self.p, self.codec.words) if name == "p" else (getattr(self.system, name), 1)
-        if name == "p":
-            values = values.reshape(-1, array.dtype._length_)
-        else:
-            assert self.state[name] == "one", name
-        send(values, array, (slot * self.sizes.cap + first) * per)
-
     def state_of_all(self) -> dict[str, np.ndarray]:
         """Return copies of the state arrays of all slots, each of shape [slots, entries, cap, ...]."""
         slots, cap = self.sizes.slots, self.sizes.cap

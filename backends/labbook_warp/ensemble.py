@@ -14,7 +14,7 @@ from labbook_dem.reading import looking
 
 from labbook.backend import Capabilities, Checkpoint, EndState, Event, Load, Member, Spec
 from labbook.backend.numerics import Numerics
-from labbook.scene import Scene
+from labbook.scene import BedTop, Scene
 from labbook.scene.packing import Packing
 from labbook_warp.kernels.words import MOST_GRAINS, NO_FAILURE, NO_NUMBER
 from labbook_warp.reading import ReadableRun
@@ -164,6 +164,11 @@ class Ensemble(ensemble.Ensemble[ReadableRun]):
         grains = run.look()
         varied: dict[str, Any] = grains.bodies.carried(run.scene.grains) if grains.bodies else {}
         return Packing(x=grains.x, v=grains.v, omega=grains.w, q=grains.q, ids=grains.ids, **varied)
+
+    def tops(self, heights: Mapping[Member, float]) -> Mapping[Member, BedTop]:
+        """See `labbook.backend.Ensemble`."""
+        tops = self._view.tops({self._runs[member]: height for member, height in heights.items()})
+        return dict(zip(heights, tops, strict=True))
 
     def _put_back(self, returning: Sequence[tuple[ReadableRun, Packing, np.ndarray]]) -> None:
         self._view.put_back(returning)

@@ -48,6 +48,8 @@ class Run:
     """Work [J] of contacts on grains without a row."""
     lattice: tuple[int, ...] = ()
     """Numbers of cells along x, y, z."""
+    ids: np.ndarray = field(default_factory=lambda: np.zeros(0, np.int64))
+    """Ids of the grains by row; shorter than `rows` until they are read from the device."""
     crossed: np.ndarray = field(default_factory=lambda: np.zeros((0, 12)))
     """Rows of crossings of the last beat."""
 
@@ -67,6 +69,7 @@ class Run:
         """Take over the counters of a checkpoint, which has no rows of grains that had left."""
         arrays = stored.arrays
         self.rows, self.left, self.past_work = len(arrays["ids"]), 0, arrays["past_work"]
+        self.ids = arrays["ids"].astype(np.int64)
         self.near = len(arrays["nbr"])
         self.step, self.rebuilds = int(arrays["step"]), int(arrays["rebuilds"])
         deep, speed2 = arrays.get("most", (NOT_RECORDED, NOT_RECORDED))

@@ -24,6 +24,7 @@ from labbook_warp.meshes import MeshTables
 from labbook_warp.parameters import cell_size, material, place, same_material
 from labbook_warp.poses import PoseTables
 from labbook_warp.report import Report, collect
+from labbook_warp.returning import write_rows
 from labbook_warp.run import Run
 
 MAX_INTERVAL, MIN_INTERVAL = 50, 1
@@ -155,6 +156,7 @@ class Stage:
             MemoryError, Overflow.
         """
         self.seat()
+        self.read_ids()
         fits = [back for back in returning if back[0].rows + len(back[1]) <= self._sizes.cap]
         if fits and not self._append(fits):
             fits = []
@@ -162,17 +164,31 @@ class Stage:
         if crowded := [back for back in returning if back[0] not in appended]:
             self._close_up_with(crowded)
 
+    def read_ids(self) -> None:
+        """Read the ids of the rows of members that have got rows since they were read."""
+        if runs := [run for run in self.runs if len(run.ids) != run.rows]:
+            with self.arrays.reading([run.slot for run in runs]):
+                for run in runs:
+                    run.ids = self.arrays.read("ids", run.slot, run.rows).astype(np.int64)
+
     def _append(self, returning: Sequence[tuple[Run, Packing, np.ndarray]]) -> bool:
         """Put grains into free rows of members. Returns False, without a change, if their lists have no room."""
-        arrays, runs = self.arrays, [run for run, _, _ in returning]
+        arrays, runs, cap = self.arrays, [run for run, _, _ in returning], self._sizes.cap
         arrays.back_up()
+        parts, rows = list[dict[str, np.ndarray]](), list[np.ndarray]()
         for run, grains, half_v in returning:
+            assert grains.ids is not None
             plane, _ = features.planes(run.scene, run.probes)
-            transfer.append(arrays, run.slot, run.rows, run.scene, grains, half_v, plane)
+            parts.append(transfer.entering(arrays, run.scene, grains, half_v, plane))
+            rows.append(run.slot * cap + run.rows + np.arange(len(grains)))
             run.rows += len(grains)
+            run.ids = np.concatenate([run.ids, grains.ids])
+        together = {name: np.concatenate([part[name] for part in parts]) for name in parts[0]}
+        write_rows(arrays, np.concatenate(rows), together)
         if any(self._lists(runs)):
             for run, grains, _ in returning:
                 run.rows -= len(grains)
+                run.ids = run.ids[: run.rows]
                 arrays.restore(run.slot)
             return False
         for run in runs:
@@ -311,12 +327,12 @@ class Stage:
     def _lists(self, runs: Sequence[Run]) -> tuple[int, int, int]:
         """Build the lists of members; return the needed sizes as `room.grown` takes them, 0 where lists fitted."""
         system = self.arrays.system
-        before = fetch(system.rebuilds)
+        before = wp.clone(system.rebuilds)
         self._flag(runs)
         system.any_flag.fill_(1)
         self.beats.rebuild()
         self.arrays.forget_rows()
-        system.rebuilds.assign(before)  # a start is not a rebuild
+        wp.copy(system.rebuilds, before)  # a start is not a rebuild
         near, depth, walls = fetch(system.overflow).reshape(-1, 3).max(axis=0).tolist()
         system.overflow.zero_()
         return near, depth, walls

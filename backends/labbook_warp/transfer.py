@@ -24,22 +24,11 @@ def start(arrays: Arrays, slot: int, scene: Scene, packing: Packing, plane: floa
     """Write a packing into a slot, in an order in which neighbours are close in memory."""
     order = _in_blocks(arrays, packing.x, cell)
     arrays.clear(slot)
-    for name, values in _entering(arrays, scene, packing, packing.v, plane).items():
+    for name, values in entering(arrays, scene, packing, packing.v, plane).items():
         arrays.write(name, slot, values[order])
 
 
-def append(
-    arrays: Arrays, slot: int, rows: int, scene: Scene, packing: Packing, v: np.ndarray, plane: float
-) -> None:  # fmt: skip
-    """Write a packing into the free rows of a slot behind the first `rows`; its grains are in no list yet.
-
-    The rows must be unused since the slot was written as a whole. v: velocities half a step before [m/s].
-    """
-    for name, values in _entering(arrays, scene, packing, v, plane).items():
-        arrays.write_rows(name, slot, rows, values)
-
-
-def _entering(
+def entering(
     arrays: Arrays, scene: Scene, packing: Packing, v: np.ndarray, plane: float
 ) -> dict[str, np.ndarray]:  # fmt: skip
     """Nonzero state arrays of a packing's grains, with the velocities v [m/s], by row.
@@ -67,14 +56,14 @@ def _entering(
 def joined(
     arrays: Arrays, scene: Scene, stored: Checkpoint, packing: Packing, v: np.ndarray, plane: float
 ) -> Checkpoint:  # fmt: skip
-    """Checkpoint of a slot with a packing's grains behind the others, in no list yet; v: as in `_entering`."""
-    entering, state = _entering(arrays, scene, packing, v, plane), dict(stored.arrays)
+    """Checkpoint of a slot with a packing's grains behind the others, in no list yet; v: as in `entering`."""
+    new_rows, state = entering(arrays, scene, packing, v, plane), dict(stored.arrays)
     for name in ("p", *arrays.state):
         axis = 0 if name == "p" or arrays.state[name] == "one" else 1
         old = state[name]
         new = np.zeros((*old.shape[:axis], len(packing), *old.shape[axis + 1 :]), old.dtype)
-        if name in entering:
-            new[:] = entering[name]
+        if name in new_rows:
+            new[:] = new_rows[name]
         state[name] = np.concatenate([old, new], axis=axis)
     state["past_work"] = state["past_work"][state["past_work"] != 0]  # else it would grow with each return of grains
     return replace(stored, arrays=state)

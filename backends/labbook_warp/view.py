@@ -1,7 +1,7 @@
 """Readings of members: states, energies, contacts. Expensive ones are made for all members at once."""
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -10,9 +10,11 @@ from labbook_dem.traction import WALL_COLUMNS
 
 from labbook.backend import Checkpoint
 from labbook.backend.probes import Slab, Traction
+from labbook.scene import BedTop
 from labbook.scene.packing import Packing
 from labbook_warp import transfer
 from labbook_warp.ended import SlotEnd
+from labbook_warp.returning import Tops, read_tops
 from labbook_warp.run import Run
 from labbook_warp.stage import Stage
 
@@ -30,6 +32,8 @@ class DeviceView:
         self._velocities: tuple[Any, Any] | None = None
         self._energies = np.zeros(0)
         self._extremes = np.zeros((0, 2))
+        self._tops_version = -1  # `Stage.changes` when tops were read
+        self._tops: Tops | None = None
         self._contacts_version = -1  # `Stage.changes` when contacts were read
         self._contacts: dict[int, np.ndarray] = {}
         self._sums: dict[Traction, tuple[int, dict[int, np.ndarray]]] = {}
@@ -145,12 +149,38 @@ class DeviceView:
         self.stage.seat()
         return self.stage.stored(run)
 
+    def tops(self, heights: Mapping[Run, float]) -> list[BedTop]:
+        """Return the top of each bed above its height z [m]; all are read at once."""
+        if not heights:
+            return []
+        tops = self._read_tops(heights)
+        parts = [slice(*tops.first[run.slot : run.slot + 2]) for run in heights]
+        cap, oriented = self.stage.arrays.sizes.cap, self.stage.arrays.module.ORIENTED
+        return [
+            BedTop(
+                self.present(run),
+                run.ids[tops.rows[part] - run.slot * cap],
+                tops.x[part],
+                tops.q[part] if oriented else None,
+            )
+            for run, part in zip(heights, parts, strict=True)
+        ]
+
     def present(self, run: Run) -> np.ndarray:
         """Ids of the grains of a member that have not left."""
         self.stage.seat()
-        arrays = self.stage.arrays
-        ids = arrays.read("ids", run.slot, run.rows).astype(np.int64)
-        return ids[transfer.present_rows(arrays.of_slot(run.slot, run.rows).states().x, ids)]
+        if self._tops is None or self.stage.changed_since(self._tops_version, run.slot):
+            self._tops = self._read_tops({})
+        return run.ids[~self._tops.left[run.slot, : run.rows]]
+
+    def _read_tops(self, heights: Mapping[Run, float]) -> Tops:
+        stage = self.stage
+        stage.seat()
+        stage.show_all()
+        stage.read_ids()
+        self._tops = read_tops(stage.arrays, {run.slot: height for run, height in heights.items()})
+        self._tops_version = stage.changes
+        return self._tops
 
     def put_back(self, returning: Sequence[tuple[Run, Packing, np.ndarray]]) -> None:
         """Insert grains that left members again; see `Stage.put_back`."""
@@ -162,7 +192,7 @@ class DeviceView:
 
     def close(self) -> None:
         """Free the device's memory."""
-        self._velocities = None
+        self._velocities = self._tops = None
         self._contacts, self._layers, self._sums = {}, {}, {}
 
 

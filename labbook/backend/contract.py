@@ -17,8 +17,7 @@ import numpy as np
 
 from labbook.backend.numerics import Numerics
 from labbook.backend.probes import Probe, Table, Traction
-from labbook.scene import Scene
-from labbook.scene.packing import Packing
+from labbook.scene import BedTop, Packing, Scene
 
 
 @dataclass(frozen=True)
@@ -355,6 +354,20 @@ class Ensemble(ABC):
             Grains in double precision and SI; springs may be missing.
         """
         return self.packing(member)
+
+    def tops(self, heights: Mapping[Member, float]) -> Mapping[Member, BedTop]:
+        """Return the top of each of some beds, where grains enter, and the ids of all grains.
+
+        A backend may read those of all members at once, which are a small part of their states.
+
+        Args:
+            heights: Height z [m] by member.
+
+        Returns:
+            Grains with centres above the height of their member, and the ids of all its grains.
+        """
+        with self.reading(heights):
+            return {member: BedTop.of(self.bed(member), height) for member, height in heights.items()}
 
     def end_state(self, member: Member) -> EndState:
         """Return the state of a member that ends here, copied from the device.

@@ -8,7 +8,7 @@ import numpy as np
 from labbook.filling.placed import Placed
 from labbook.filling.placing import APART, free
 from labbook.filling.room import Room
-from labbook.scene import Bodies, Grains, Packing, Spherocylinders
+from labbook.scene import BedTop, Grains, Packing, Spherocylinders
 from labbook.scene.orientation import axes, random_turns
 
 Draw = Callable[[int, np.ndarray], np.ndarray]
@@ -47,13 +47,15 @@ class Search:
 
     Attributes:
         radius: Radius [m] of each entering grain, shape [n].
-        there: Grains in the bed that may be in the way.
+        there: Grains in the bed that may be in the way, those above its height.
+        radius_there: Their radii [m], shape [m].
         rng: Generator of orientations of rods.
         draw: Draws centres.
     """
 
     radius: np.ndarray
-    there: Packing
+    there: BedTop
+    radius_there: np.ndarray
     rng: np.random.Generator
     draw: Draw
 
@@ -74,7 +76,7 @@ def entering(room: Room, grains: Grains, searches: Sequence[Search], rounds: int
     own = np.repeat(beds, [len(search.radius) for search in searches])
     there = [search.there for search in searches]
     n, ends = len(own), np.searchsorted(own, np.arange(len(searches) + 1))
-    radii = [*(search.radius for search in searches), *(Bodies.of(grains, bed).radius for bed in there)]
+    radii = [*(search.radius for search in searches), *(search.radius_there for search in searches)]
     reach = np.concatenate(radii) * APART
     x = np.concatenate([np.empty((n, 3)), *(bed.x for bed in there)])
     q, a = None, None
@@ -83,7 +85,7 @@ def entering(room: Room, grains: Grains, searches: Sequence[Search], rounds: int
         q = np.concatenate([np.empty((n, 4)), *turns])
         a = np.concatenate([np.empty((n, 3)), axes(q[n:])])
     # a fourth coordinate separates the beds: grains of different beds are never neighbours in the tree
-    bed_of = np.concatenate([own, np.repeat(beds, [len(bed) for bed in there])])
+    bed_of = np.concatenate([own, np.repeat(beds, [len(bed.x) for bed in there])])
     apart = bed_of[:, None] * (4 * (float(reach.max()) + half))
     waiting, placed, above = np.arange(n), np.arange(n, len(x)), Placed(np.hstack([x, apart])[n:])
     for k in range(rounds):

@@ -15,9 +15,12 @@ from labbook.filling.entering import Search, entering
 from labbook.filling.placing import APART, STARTS
 from labbook.filling.pouring import Inflow, Pouring
 from labbook.filling.room import PlacingError, Room
-from labbook.scene import Bodies, Packing, Scene
+from labbook.scene import BedTop, Bodies, Packing, Scene
 
 _TRIES = 400
+_BELOW = 0.501
+"""Distance below the level, in lengths of a grain, from which on grains of the bed may be in the way: centres of fed
+grains are half a length above it or more, and centres of grains that touch are no more than a length apart."""
 _ROOM = 4.0
 """Least distance between the highest grain of the bed and the upper end of the side walls, in lengths of a grain."""
 
@@ -52,16 +55,18 @@ class Feeder:
                 f"the bed reaches up to {self.level * 1e3:.4g} mm, and the side walls to {self._roof * 1e3:.4g} mm: no "
                 f"room for fed grains; raise container.height by {_ROOM:g} grains or more, or use fewer grains"
             )
+        self.floor = self.level - _BELOW * self._length
+        """Height z [m] above which grains of the bed may be in the way."""
         self._rows = np.full(int(start.ids.max()) + 1, -1)
         self._rows[start.ids] = np.arange(len(start))
 
-    def missing(self, there: Packing) -> np.ndarray:
+    def missing(self, there: BedTop) -> np.ndarray:
         """Rows of the start whose grains have left, in their order."""
         absent = np.ones(len(self.start), bool)
-        absent[self._rows[there.ids]] = False
+        absent[self._rows[there.present]] = False
         return np.flatnonzero(absent)
 
-    def search(self, rows: np.ndarray, there: Packing, beat: int) -> Search:
+    def search(self, rows: np.ndarray, there: BedTop, beat: int) -> Search:
         """Search for places of the grains `rows`; draws depend on beat and seed alone."""
         rng, level, roof, length = np.random.default_rng([*self._key, beat]), self.level, self._roof, self._length
 
@@ -70,16 +75,16 @@ class Feeder:
             top = min(level + (1 + k / 4) * length, roof - length / 2)
             return self.room.draw_each(rng, reach, max(top, low), low)
 
-        return Search(self._radius[rows], there.part(there.x[:, 2] > level - length), rng, draw)
+        return Search(self._radius[rows], there, self._radius[self._rows[there.ids]], rng, draw)
 
 
 @dataclass(frozen=True, eq=False)
 class Refill:
-    """A bed that lacks grains after a beat, and its source of grains. `left`: mask of the grains that have left and do
-    not come back, by id; None: none has."""
+    """A bed that lacks grains after a beat, and its source of grains. `there`: its grains above the feeder's `floor`.
+    `left`: mask of the grains that have left and do not come back, by id; None: none has."""
 
     feeder: Feeder | Inflow | Pouring
-    there: Packing
+    there: BedTop
     beat: int
     left: np.ndarray | None = None
 

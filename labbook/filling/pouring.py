@@ -8,7 +8,7 @@ import numpy as np
 from labbook.filling.entering import Search, entering
 from labbook.filling.placing import APART, assort
 from labbook.filling.room import PlacingError, Room
-from labbook.scene import Bodies, Packing, Scene, Spheres, Spherocylinders
+from labbook.scene import BedTop, Bodies, Packing, Scene, Spheres, Spherocylinders
 from labbook.scene.bodies import masses
 from labbook.scene.stream import Stream
 
@@ -61,6 +61,9 @@ class Pouring:
         sides = [(first - clear, last + clear) for first, last in (self._room.x, self._room.y)]
         self._low = np.maximum(stream.low, [*(side[0] for side in sides), -math.inf])
         self._high = np.minimum(stream.high, [*(side[1] for side in sides), math.inf])
+        self._near = 2 * (grains.radius + grains.half_length)
+        self.floor = float(self._low[2]) - self._near
+        """Height z [m] above which grains of the bed may be in the way."""
         for axis, width in zip("xyz", self._high - self._low, strict=True):
             if width < 2 * (clear + grains.half_length):
                 reason = f"between the walls, the region of the stream is narrower than a grain along {axis}"
@@ -89,14 +92,14 @@ class Pouring:
     def first(self) -> Packing:
         """Return the first grains. Raises PlacingError if none finds a place."""
         nobody = self.every.part(np.zeros(0, np.int64))
-        grains = self.entering(nobody, self.order[: self.due(0)], 0)
+        grains = self.entering(BedTop.of(nobody), self.order[: self.due(0)], 0)
         if grains is None:
             raise PlacingError(
                 "no grain finds a place in the region of the stream; move fill.stream.low and high between the walls"
             )
         return grains
 
-    def returning(self, there: Packing, beat: int, left: np.ndarray | None = None) -> Packing | None:
+    def returning(self, there: BedTop, beat: int, left: np.ndarray | None = None) -> Packing | None:
         """Return the grains that enter a bed after this beat; None if none does. Grains without a place wait.
 
         Args:
@@ -104,9 +107,8 @@ class Pouring:
             beat: Number of the beat.
             left: Mask of the grains that have left, by id; None: none has.
         """
-        assert there.ids is not None
         due = self.order[: self.due(beat)]
-        waiting = due[~np.isin(due, there.ids)]
+        waiting = due[~np.isin(due, there.present)]
         waiting = waiting if left is None else waiting[~left[waiting]]
         return self.entering(there, waiting, beat) if len(waiting) else None
 
@@ -131,7 +133,7 @@ class Pouring:
             **own,
         )
 
-    def entering(self, there: Packing, rows: np.ndarray, beat: int) -> Packing | None:
+    def entering(self, there: BedTop, rows: np.ndarray, beat: int) -> Packing | None:
         """Place those of the grains `rows` that find a place in a bed; None if none does."""
         stream, rng = self._stream, np.random.default_rng([*self._key, beat])
         half = self._scene.grains.half_length
@@ -140,10 +142,10 @@ class Pouring:
         def draw(_: int, reach: np.ndarray) -> np.ndarray:
             return rng.uniform(low + reach[:, None], high - reach[:, None])
 
-        near = 2 * (self._scene.grains.radius + half)
-        close = np.all((there.x > self._low - near) & (there.x < self._high + near), axis=1)
-        bed = there.part(np.flatnonzero(close))
-        [places] = entering(self._room, self._scene.grains, [Search(self._radius[rows], bed, rng, draw)], _TRIES)
+        close = np.all((there.x > self._low - self._near) & (there.x < self._high + self._near), axis=1)
+        bed = there.part(close)
+        search = Search(self._radius[rows], bed, self._radius[bed.ids], rng, draw)
+        [places] = entering(self._room, self._scene.grains, [search], _TRIES)
         return places.packing(self.every, rows, stream.velocity) if len(places.rows) else None
 
 
@@ -156,11 +158,12 @@ class Inflow:
         assert scene.feed.stream is not None
         assert start.ids is not None
         self._pouring = Pouring(scene.close(), scene.feed.stream, seed, beat, start.renumbered(np.argsort(start.ids)))
+        self.floor = self._pouring.floor
+        """Height z [m] above which grains of the bed may be in the way."""
 
-    def returning(self, there: Packing, beat: int) -> Packing | None:
+    def returning(self, there: BedTop, beat: int) -> Packing | None:
         """Return the grains that enter again after this beat; None if none does. The others stay outside."""
-        assert there.ids is not None
-        waiting = self._pouring.order[~np.isin(self._pouring.order, there.ids)]
+        waiting = self._pouring.order[~np.isin(self._pouring.order, there.present)]
         rows = waiting[: self._pouring.number(beat)]
         return self._pouring.entering(there, rows, beat) if len(rows) else None
 

@@ -153,11 +153,13 @@ class Room:
             top: Largest z [m].
             low: Smallest z [m]; None: where the grain touches the bottom.
         """
-        nearer = (self.clearance - clearance)[:, None] * (1, 0 if self.flat else 1, 1)
-        lower = np.array([self.x[0], self.y[0], self.bottom + self.clearance]) - nearer
-        if low is not None:
-            lower[:, 2] = low
-        upper = np.array([self.x[1], self.y[1], top]) + nearer * (1, 1, 0)
+        nearer = self.clearance - clearance
+        lower, upper = np.empty((2, len(clearance), 3))
+        lower[:, 0], upper[:, 0] = self.x[0] - nearer, self.x[1] + nearer
+        lower[:, 2], upper[:, 2] = self.bottom + self.clearance - nearer if low is None else low, top
+        if self.flat:
+            nearer = 0.0
+        lower[:, 1], upper[:, 1] = self.y[0] - nearer, self.y[1] + nearer
         return rng.uniform(lower, upper)
 
     def tops(self, volume: float, solid: float, densest: float = DENSEST) -> Iterator[float]:

@@ -58,7 +58,7 @@ from labbook.plan.demand import Demand
 from labbook.run.frame_rows import BeforeOpening, frame_rows
 from labbook.run.job import BeatCost, Job, JobContext, JobFailed, JobOutput, LabEntry, failure
 from labbook.run.ledger import ledger
-from labbook.scene import Packing
+from labbook.scene import BedTop, Packing
 from labbook.scene.quantities import percent
 from labbook.scene.timescales import stop_time
 from labbook.stats.stopping import looks
@@ -325,13 +325,19 @@ class DischargeJob(Job):
             return False
         return self.status.grains < self.scene.grains.count
 
-    def refill(self, bed: Packing) -> Refill:
+    @property
+    def floor(self) -> float:
+        """Height z [m] above which grains of the bed may be in the way of those that are fed."""
+        assert self._feeder is not None
+        return self._feeder.floor
+
+    def refill(self, bed: BedTop) -> Refill:
         """Return the bed with the source of the grains that it has lost, or that enter by the stream of the filling."""
         assert self._feeder is not None
         if not isinstance(self._feeder, Pouring):
             return Refill(self._feeder, bed, self._beat_number)
         present = np.zeros(self.scene.grains.count, bool)
-        present[bed.ids] = True
+        present[bed.present] = True
         self._stream_is_over = bool((present | self._left).all())
         return Refill(self._feeder, bed, self._beat_number, self._left)
 

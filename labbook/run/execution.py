@@ -18,7 +18,6 @@ from labbook.run.job_queue import KINDS, JobQueue, StartedJob
 from labbook.run.live import Publisher
 from labbook.run.stopping import StopRequest
 from labbook.run.watch import ActiveJob, Meter, View
-from labbook.scene import Packing
 
 CHECKPOINT_EVERY = 20.0
 """Wall time between saves of a job [s], the most that a kill loses. It is longer where saving would take too much
@@ -230,20 +229,16 @@ class Execution:
 
         Only the beds that are needed are read, all in one go: reading one alone takes longer than many of its steps.
         """
-
-        def beds(members: Sequence[Member]) -> Mapping[Member, Packing]:
-            with ensemble.reading(members):
-                return {member: ensemble.bed(member) for member in members}
-
-        beds_to_feed = beds([member for member, job in jobs.items() if job.lacks_grains])
-        refills = zip(
-            beds_to_feed, refill([jobs[member].refill(bed) for member, bed in beds_to_feed.items()]), strict=True
-        )
+        tops = ensemble.tops({member: job.floor for member, job in jobs.items() if job.lacks_grains})
+        refills = zip(tops, refill([jobs[member].refill(top) for member, top in tops.items()]), strict=True)
         entering = {member: grains for member, grains in refills if grains is not None}
         ensemble.put_back_all(entering)
         for member, grains in entering.items():
             jobs[member].refilled(grains)
-        for member, bed in beds([member for member, job in jobs.items() if job.pauses]).items():
+        pausing = [member for member, job in jobs.items() if job.pauses]
+        with ensemble.reading(pausing):
+            beds = [ensemble.bed(member) for member in pausing]
+        for member, bed in zip(pausing, beds, strict=True):
             jobs[member].intervene(ensemble, member, bed)
 
     def _trace(self, worker: EnsembleWorker, new: int, result: BeatResult) -> None:

@@ -28,7 +28,7 @@ from labbook.plan.demand import Demand, PackingsOf
 from labbook.plan.forecast import fill_time, settling_time
 from labbook.run.job import BeatCost, Job, JobContext, JobFailed, JobOutput, LabEntry, failure
 from labbook.run.ledger import ledger
-from labbook.scene import Packing, Scene, Spheres
+from labbook.scene import BedTop, Packing, Scene, Spheres
 from labbook.scene.timescales import collision
 
 _LOOK_INTERVAL = 20  # beats: a look copies the state of a member from its device
@@ -209,7 +209,13 @@ class FillJob(Job):
         """True while grains of a stream have still to enter, after a good beat."""
         return self._pours and self._end_time != 0 and self._has_advanced and self.status.grains == self._entered_before
 
-    def refill(self, bed: Packing) -> Refill:
+    @property
+    def floor(self) -> float:
+        """Height z [m] above which grains of the bed may be in the way of the stream."""
+        assert self._pouring is not None
+        return self._pouring.floor
+
+    def refill(self, bed: BedTop) -> Refill:
         """Return the bed with the stream whose grains enter after this beat."""
         assert self._pouring is not None
         return Refill(self._pouring, bed, self.status.step // self.numerics.steps_per_beat)

@@ -19,8 +19,7 @@ from labbook.lab.packings import PackingRecord
 from labbook.lab.provenance import now, provenance
 from labbook.lab.records import Session, Unreadable
 from labbook.plan.demand import Demand
-from labbook.scene import Scene
-from labbook.scene.packing import Packing
+from labbook.scene import BedTop, Packing, Scene
 from labbook.study.extensions import used_by_runs
 
 
@@ -243,8 +242,13 @@ class Job(ABC):
         """True if grains are put into the member after this beat."""
         return False
 
-    def refill(self, bed: Packing) -> Refill:
-        """Return the bed with the source of new grains. Only called if the job lacks grains."""
+    @property
+    def floor(self) -> float:
+        """Height z [m] above which grains of the bed may be in the way of new ones. Only if the job lacks grains."""
+        raise NotImplementedError
+
+    def refill(self, bed: BedTop) -> Refill:
+        """Return the bed above the floor with the source of new grains. Only called if the job lacks grains."""
         raise NotImplementedError
 
     def refilled(self, grains: Packing) -> None:

@@ -1,5 +1,6 @@
 """Scene of a simulation: grains, contact law, container, walls and gravity, as frozen types in SI units."""
 
+from labbook.scene.bed_top import BedTop
 from labbook.scene.bodies import Bodies
 from labbook.scene.contact import (
     CONTACT_LAWS,
@@ -27,6 +28,7 @@ from labbook.scene.wedge_hopper import WedgeHopper
 
 __all__ = [
     "CONTACT_LAWS",
+    "BedTop",
     "Between",
     "Bodies",
     "Box",

@@ -85,8 +85,8 @@ class Packing:
             array = getattr(self, name)
             if array is None:
                 continue
-            bad = ~np.isfinite(array).all(axis=1)
-            if bad.any():
+            if not np.isfinite(array).all():
+                bad = ~np.isfinite(array).all(axis=1)
                 raise ValueError(f"packing: {name} is not finite in row {int(np.argmax(bad))}")
 
     def _check_springs(self, n: int) -> None:

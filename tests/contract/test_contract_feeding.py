@@ -10,7 +10,7 @@ from labbook.checks.verify.mixture import graded_hopper
 from labbook.checks.verify.stand import rows_of
 from labbook.checks.verify.symmetry import DT
 from labbook.filling import Feeder, Refill, place, refill, start_of_discharge
-from labbook.scene import CylinderSilo, Feed, LinearSpringDashpot, Packing, Scene, Spherocylinders
+from labbook.scene import BedTop, CylinderSilo, Feed, LinearSpringDashpot, Packing, Scene, Spherocylinders
 
 BEATS = 24
 MOTION = ("x", "v", "omega")
@@ -27,7 +27,9 @@ def go_on(ensemble, member, fed: Feeder, beats) -> list[int]:
     many = []
     for beat in beats:
         ensemble.advance(1)
-        back = refill([Refill(fed, ensemble.packing(member), beat)])[0]
+        top = ensemble.tops({member: fed.floor})[member]
+        check_top(ensemble.packing(member), top, fed.floor)
+        back = refill([Refill(fed, top, beat)])[0]
         if back is not None:
             ensemble.put_back(member, back)
         many.append(0 if back is None else len(back))
@@ -165,6 +167,34 @@ def test_put_back_together_members_have_the_bits_of_one_after_another(silo):
     for one, other in zip(*ends, strict=True):
         assert identical(one, other)
     assert len({len(end) for end in ends[0]}) == 3, "each has other grains"
+
+
+def check_top(bed: Packing, top: BedTop, height: float) -> None:
+    """Compare what is read of a bed's top with its packing, whatever the order of grains."""
+    expected = BedTop.of(bed, height)
+    first, second = np.argsort(expected.ids), np.argsort(top.ids)
+    assert np.array_equal(np.sort(top.present), np.sort(expected.present))
+    assert np.array_equal(top.ids[second], expected.ids[first])
+    assert np.array_equal(top.x[second], expected.x[first])
+    assert (top.q is None) == (expected.q is None)
+    assert top.q is None or (expected.q is not None and np.array_equal(top.q[second], expected.q[first]))
+
+
+def test_the_top_of_a_bed_has_the_grains_of_its_packing(silo):
+    """Of several beds, each with a height of its own, before and after a grain returns to one of them."""
+    with silo.ensemble() as ensemble:
+        members = [silo.admit(ensemble) for _ in range(3)]
+        ensemble.advance(12)
+        beds = [ensemble.packing(member) for member in members]
+        middle = float(np.median(beds[0].x[:, 2]))
+        heights = dict(zip(members, (middle, -np.inf, np.inf), strict=True))
+        for member, bed in zip(members, beds, strict=True):
+            check_top(bed, ensemble.tops(heights)[member], heights[member])
+        x, away = np.array([[0.0, 0.0, 0.12]]), np.setdiff1d(silo.start.ids, beds[0].ids)[:1]
+        ensemble.put_back(members[0], Packing(x=x, v=0 * x, omega=0 * x, ids=away))
+        top = ensemble.tops(heights)[members[0]]
+        check_top(ensemble.packing(members[0]), top, middle)
+        assert np.isin(away, top.ids).all()
 
 
 def test_what_is_read_after_it_is_not_what_was_read_before(silo):

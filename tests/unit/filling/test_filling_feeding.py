@@ -13,6 +13,7 @@ from scipy.spatial import KDTree
 
 from labbook.filling import Feeder, PlacingError, Refill, place, refill
 from labbook.scene import (
+    BedTop,
     ConicalSilo,
     CylinderSilo,
     Feed,
@@ -57,7 +58,7 @@ SCENES = [
 
 
 def returning(feeder: Feeder, there: Packing, beat: int) -> Packing | None:
-    return refill([Refill(feeder, there, beat)])[0]
+    return refill([Refill(feeder, BedTop.of(there, feeder.floor), beat)])[0]
 
 
 @pytest.mark.parametrize(("scene", "fill"), SCENES)
@@ -112,11 +113,11 @@ def test_beds_that_are_refilled_together_do_not_see_each_other(scene):
     for seed, within in [(1, scene), (2, scene), (3, fed(ROUND)), (4, scene)]:
         start = place(within.close(), "rain", seed)
         there = start if seed == 4 else without(start, np.arange(0, len(start), 1 + seed))
-        beds.append(Refill(Feeder(within, start, "rain", seed), there, 7))
+        beds.append(Refill(Feeder(within, start, "rain", seed), BedTop.of(there), 7))
     together = refill(beds)
     assert [grains is None for grains in together] == [False, False, False, True]
     for bed, grains in zip(beds[:3], together, strict=False):
-        alone = returning(bed.feeder, bed.there, bed.beat)
+        alone = refill([bed])[0]
         assert np.array_equal(grains.x, alone.x)
         assert np.array_equal(grains.ids, alone.ids)
         assert grains.q is None or np.array_equal(grains.q, alone.q)

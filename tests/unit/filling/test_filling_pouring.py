@@ -12,7 +12,18 @@ from pydantic import ValidationError
 from scipy.spatial import KDTree
 
 from labbook.filling import Inflow, PlacingError, Pouring, place
-from labbook.scene import ConicalSilo, Feed, HertzMindlin, Kind, Packing, Scene, Spheres, Spherocylinders, Uniform
+from labbook.scene import (
+    BedTop,
+    ConicalSilo,
+    Feed,
+    HertzMindlin,
+    Kind,
+    Packing,
+    Scene,
+    Spheres,
+    Spherocylinders,
+    Uniform,
+)
 from labbook.scene.orientation import axes
 from labbook.scene.stream import Stream
 
@@ -43,7 +54,7 @@ def poured(grains, flow: Stream, seed: int = 1) -> list[Packing]:
         if len(there) == grains.count:
             return entered
         away = Packing(there.x - (0, 0, 1.0), there.v, there.omega, there.q, there.ids, there.diameter, there.kind)
-        new = pouring.returning(away, beat)
+        new = pouring.returning(BedTop.of(away), beat)
         if new is not None:
             entered.append(new)
             there = joined(entered)
@@ -136,9 +147,9 @@ def test_grains_that_left_enter_again_at_the_rate():
     silo = scene(EQUAL, feed=Feed(kind="rate", stream=stream(rate)))
     bed = place(silo.close(), "gas", 1)
     inflow = Inflow(silo, bed, 1, BEAT)
-    assert inflow.returning(bed, 3) is None, "nobody waits"
+    assert inflow.returning(BedTop.of(bed), 3) is None, "nobody waits"
     few = bed.part(np.arange(EQUAL.count) < 20)
-    many = [inflow.returning(few, beat) for beat in range(1, 101)]
+    many = [inflow.returning(BedTop.of(few), beat) for beat in range(1, 101)]
     brought = sum(len(part) for part in many if part is not None)
     assert brought == pytest.approx(rate * 100 * BEAT / mass, abs=1)
     assert all((part.ids >= 20).all() for part in many if part is not None)
@@ -159,7 +170,7 @@ def test_a_bed_is_stored_with_the_grains_that_have_still_to_enter(grains):
     later = Pouring(scene(grains).close(), stream(0.02), 1, BEAT, turned, since=10.0)
     left = np.zeros(grains.count, bool)
     left[stored.ids[stored.waiting][:5]] = True
-    entering = later.returning(there, 1, left)
+    entering = later.returning(BedTop.of(there), 1, left)
     assert entering is not None
     assert not np.isin(entering.ids, there.ids).any()
     assert not left[entering.ids].any()
