@@ -217,17 +217,15 @@ class Calibrate(Goal):
         return [*(self._at(*candidates[index]) for index in picks), *rest]
 
     def _lacks_beds(self, inference: Inference) -> bool:
-        """True if beds that points share make most of an emulator's variance, and the variance is still too large.
+        """True if beds that points share make most of the variance of the emulator that is worst.
 
-        Only further beds lower that part. Where the emulator is good enough already, they would be runs for nothing.
+        Only further beds lower that part. The other emulators wait for their turn: beds lower nothing else, and one
+        that is good enough may have nearly all of its variance from beds.
         """
-        draws, conditions = inference.draws(), self.conditions
-        for quantity, share in inference.shares.items():
-            _, covariance = inference.joint(quantity, draws, conditions)
-            mean = float(np.diagonal(covariance, axis1=1, axis2=2).mean())
-            if share > ALLOWED_SHARE and inference.observed[quantity].of_bed_means > 0.5 * mean:
-                return True
-        return False
+        quantity = max(inference.shares, key=lambda name: inference.shares[name])
+        _, covariance = inference.joint(quantity, inference.draws(), self.conditions)
+        mean = float(np.diagonal(covariance, axis1=1, axis2=2).mean())
+        return inference.shares[quantity] > ALLOWED_SHARE and inference.observed[quantity].of_bed_means > 0.5 * mean
 
     def _central(self, inference: Inference, trials: Sequence[Trial]) -> tuple[dict[str, float], int]:
         """Find the point of the runs nearest to the mean of the posterior, and its number of beds."""
