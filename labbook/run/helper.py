@@ -75,7 +75,8 @@ class HelperProcess:
     def begin(self) -> None:
         """Begin a run: hand over what may have changed since the last one. Raises HelperLost if the process has
         ended."""
-        self.call(_begin, _environment(), attached.places())
+        self._send((_begin, (_environment(), attached.places())))
+        self._answer()
 
     @property
     def is_idle(self) -> bool:
