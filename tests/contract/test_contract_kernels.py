@@ -103,8 +103,8 @@ def moved(silo, stand, scene: Scene, start: Packing) -> tuple[Packing, bool]:
         return ensemble.packing(member), bool((contacts["wall"] >= 0).any())
 
 
-RARE = {"silo", *SCENES} - {"free"}
-"""Scenes whose own kernels take twenty seconds to a minute to compile: in the ring."""
+RARE = {*SCENES}
+"""Scenes whose own kernels no other test needs, and which take twenty seconds to a minute to compile: in the ring."""
 
 
 @pytest.mark.parametrize(
