@@ -16,7 +16,7 @@ from labbook_numba import Backend, domains
 
 from labbook.backend import Failed
 from labbook.backend.numerics import Numerics
-from labbook.backend.probes import Contacts, Crossing, Ledger, Sample
+from labbook.backend.probes import Contacts, Crossing, Sample
 from labbook.checks.verify.symmetry import DT, hopper
 from labbook.filling.opening import start_of_discharge
 from labbook.filling.placing import place
@@ -26,7 +26,7 @@ pytestmark = pytest.mark.compiles
 
 GRAINS = 400
 BEATS = 16
-PROBES = (Crossing(), Ledger(), Sample(), Contacts(every=4))
+PROBES = (Crossing(), Sample(), Contacts(every=4))
 
 
 @pytest.fixture(autouse=True)
