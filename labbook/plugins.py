@@ -9,6 +9,8 @@ A measure of another package stands in its `pyproject.toml`:
 the class itself (`labbook.scene.model.TaggedModels`). It is loaded when its registry is first used.
 """
 
+import os
+import sys
 from collections.abc import Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass, field
@@ -131,6 +133,13 @@ def blamed(error: BaseException) -> ExtensionError | None:
 
 _loaded: dict[str, list[Extension]] = {}
 """By top-level package: the extensions whose code this process has imported."""
+
+
+def loaded_sources() -> tuple[tuple[str, int], ...]:
+    """List the files of extensions that this process has imported, each with the time of its last change [ns]."""
+    modules = [module for name, module in sys.modules.copy().items() if _package_of(name) in _loaded]
+    files = {file for module in modules if (file := getattr(module, "__file__", None)) is not None}
+    return tuple((file, os.stat(file).st_mtime_ns) for file in sorted(files) if os.path.exists(file))
 
 
 def _package_of(module: str) -> str:

@@ -31,8 +31,10 @@ FILES = {
         *("test_bench_elongation", "test_fields_packing"),
         *("test_numba_guards", "test_numba_mesh", "test_numba_plain", "test_numba_threads"),
     ),
-    "warp-double-cpu": ("test_warp_rods",),
-    "warp-mixed-cpu": ("test_warp_meshes",),
+    "warp-mixed-cpu": (
+        *("test_warp_guards", "test_warp_meshes", "test_warp_moving"),
+        *("test_warp_rods", "test_warp_room", "test_warp_several"),
+    ),
     "studies": ("test_api_tutorial", "test_bench_backend", "test_compare_backends"),
 }
 """Further files that share kernels with one another, or with tests of a stand."""

@@ -185,10 +185,16 @@ def is_oriented(scene: Scene) -> bool:
 
 
 def planes(scene: Scene, probes: Sequence[Probe]) -> tuple[float, float]:
-    """Height z [m] of the plane whose crossings are recorded, and height below which grains are dropped."""
+    """Height z [m] of the plane whose crossings are recorded, and height below which grains are dropped.
+
+    Without an outlet the latter is minus infinity: kernels that drop grains all the same find none.
+    """
     crossed = [probe.plane for probe in probes if isinstance(probe, Crossing)]
-    bottom, size = scene.outlet if scene.sink is None else scene.sink, scene.grains.extent
-    drop = 0.0 if bottom is None else min([bottom, *crossed]) - FALL * size
+    if scene.outlet is None:
+        drop = -math.inf
+    else:
+        bottom = scene.outlet if scene.sink is None else scene.sink
+        drop = min([bottom, *crossed]) - FALL * scene.grains.extent
     return (crossed[0] if crossed else 0.0), drop
 
 

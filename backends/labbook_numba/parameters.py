@@ -28,7 +28,6 @@ def parameters(scene: Scene, numerics: Numerics, probes: Sequence[Probe], wall_n
     plane, drop = features.planes(scene, probes)
     # at minus infinity, kernels that record crossings all the same find none
     plane = plane if any(isinstance(probe, Crossing) for probe in probes) else -inf
-    drop = drop if scene.outlet is not None else -inf
     pair_c = features.pair_table(scene, numerics)
     walls = features.wall_tables(scene, numerics)
     rolling_stiffness, rolling_damping = scene.contact.rolling_spring

@@ -123,9 +123,8 @@ class Run(Standing):
         features_by_name = features(scene, numerics, probes)
         self._friction, self._rolling = bool(features_by_name["FRICTION"]), bool(features_by_name["ROLLING_SPRING"])
         crossed = any(isinstance(probe, Crossing) for probe in probes)
-        plane, drop = planes(scene, probes)
+        plane, self._drop = planes(scene, probes)
         self._plane = plane if crossed else -np.inf
-        self._drop = drop if scene.outlet is not None else -np.inf
         self._crossed: list[tuple[float, ...]] = []
         with self._law() as law:
             scale, sorts = numerics.stiffness_scale, range(len(scene.grains.species))

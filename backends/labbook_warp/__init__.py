@@ -29,25 +29,27 @@ class Backend(DemBackend):
         moving_parts=True,
     )
 
-    def __init__(self, lanes: int | None = None):
+    def __init__(self, lanes: int | None = None, *, wide: bool = False):
         """Make a backend.
 
         Args:
             lanes: threads a grain on a GPU: 1, 2, 4 or 8; None: the fastest number. Where several share a rod, they are
                 at least as many as its parts that may touch a wall: four, or two if all walls are planes.
+            wide: compile in all features that a scene of the same law and shape may need. Tests on a processor share
+                kernels by it; no run of a study uses it.
 
         Raises:
             ValueError: another number of threads.
         """
         if lanes not in (None, 1, 2, 4, 8):
             raise ValueError(f"{lanes} threads a grain are not possible: take 1, 2, 4 or 8")
-        self._lanes = lanes
+        self._lanes, self._wide = lanes, wide
 
     def specialise(self, scene: Scene, numerics: Numerics, probes: Sequence[Probe] = ()) -> Spec:
         """Return the features compiled in. Raises Unsupported."""
         from labbook_warp.spec import specialise
 
-        return specialise(self.capabilities, scene, numerics, probes)
+        return specialise(self.capabilities, scene, numerics, probes, self._wide)
 
     def open(self, spec: Spec, slots: int | None = None, device: str = "cpu"):
         """Return an ensemble that grows with its members. Raises Unsupported for a missing device."""

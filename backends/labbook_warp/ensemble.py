@@ -20,7 +20,7 @@ from labbook_warp.kernels.words import MOST_GRAINS, NO_FAILURE, NO_NUMBER
 from labbook_warp.reading import ReadableRun
 from labbook_warp.report import Report
 from labbook_warp.run import Run
-from labbook_warp.spec import specialise
+from labbook_warp.spec import most_parts, specialise
 from labbook_warp.stage import Stage
 from labbook_warp.stored import check
 from labbook_warp.traffic import weigh
@@ -41,7 +41,8 @@ class Ensemble(ensemble.Ensemble[ReadableRun]):
         self._view = DeviceView(self._stage)
 
     def _specialise(self, scene: Scene, numerics: Numerics) -> Spec:
-        return specialise(self._can, scene, numerics, self._spec.probes)
+        # springs at walls lie as the kernels of this ensemble have them, which may have further kinds of walls in
+        return specialise(self._can, scene, numerics, self._spec.probes, parts=most_parts(self._spec))
 
     def _begin(self, scene: Scene, numerics: Numerics, start: Packing | Checkpoint) -> ReadableRun:
         if isinstance(start, Checkpoint):

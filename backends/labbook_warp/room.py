@@ -9,7 +9,7 @@ from labbook_dem.mesh import MESH_CONTACTS
 from labbook_dem.shapes import SHAPES as PHYSICS
 
 from labbook.backend import Overflow, Spec
-from labbook.backend.probes import Contacts, Crossing, Dissipation
+from labbook.backend.probes import Contacts, Dissipation
 from labbook.scene import Scene
 from labbook_warp import devices
 from labbook_warp.build import kernels
@@ -137,8 +137,8 @@ def lanes(sizes: Sizes, device: wp.Device, requested: int | None) -> int:
 
 
 def records_crossings(spec: Spec) -> bool:
-    """True if crossings are recorded."""
-    return any(isinstance(probe, Crossing) for probe in spec.probes)
+    """True if kernels record crossings, whether a probe reads them or not."""
+    return bool(spec.feature("CROSSING"))
 
 
 def largest(spec: Spec, scene: Scene) -> Sizes:

@@ -23,8 +23,23 @@ def plate_parts(spec: Spec) -> int:
     return dispatch.most_parts(spec.feature("walls")) if spec.feature("ORIENTED") else 1
 
 
-def specialise(capabilities: Capabilities, scene: Scene, numerics: Numerics, probes: Sequence[Probe]) -> Spec:
+def specialise(
+    capabilities: Capabilities,
+    scene: Scene,
+    numerics: Numerics,
+    probes: Sequence[Probe],
+    wide: bool = False,
+    parts: int | None = None,
+) -> Spec:
     """Features compiled in. LISTED: there are more walls than a grain has entries for.
+
+    Args:
+        capabilities: of the backend.
+        scene: what is simulated.
+        numerics: time step, precision.
+        probes: what is recorded.
+        wide: compile in the superset of features (`labbook_dem.features.superset`).
+        parts: contacts that a grain may have with one wall; None: as many as the kinds of walls compiled in have.
 
     Raises:
         Unsupported: the backend lacks a feature, or has too few numbers for the grains.
@@ -32,6 +47,6 @@ def specialise(capabilities: Capabilities, scene: Scene, numerics: Numerics, pro
     if scene.grains.count > MOST_GRAINS:
         remedy = f"the backend warp numbers at most {MOST_GRAINS} grains; use fewer, or the backend numba"
         raise Unsupported("grains.count", remedy)
-    spec = features.specialise(capabilities, scene, numerics, probes)
-    listed = len(scene.container.walls()) * most_parts(spec) > MOST_CONTACTS
+    spec = features.specialise(capabilities, scene, numerics, probes, wide)
+    listed = len(scene.container.walls()) * (parts or most_parts(spec)) > MOST_CONTACTS
     return replace(spec, features=tuple(sorted((*spec.features, ("LISTED", listed)))))

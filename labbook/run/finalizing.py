@@ -18,7 +18,7 @@ from labbook.backend import EndState
 from labbook.filling import place
 from labbook.run.ensemble_worker import WorkerThread
 from labbook.run.fill import FillJob
-from labbook.run.helper import HelperLost, HelperProcess
+from labbook.run.helper import HelperLost, HelperProcess, idle_helpers
 from labbook.run.job import Job, JobFailed, JobOutput, LabEntry
 from labbook.run.job_queue import EndedJob, JobQueue, PlacingPool
 from labbook.scene import Packing, Scene
@@ -57,7 +57,7 @@ class Finalizer:
 
     def _start(self) -> None:
         with suppress(HelperLost):  # whoever needs it tries again
-            self._helper = self._helper or HelperProcess()
+            self._helper = self._helper or idle_helpers.take()
 
     def close(self, job: Job, verdict: str, end_state: EndState) -> "Future[LabEntry]":
         """Submit a job whose last state is `end_state`: write and measure it. Packings come first, since runs wait for
@@ -72,7 +72,7 @@ class Finalizer:
     def _place(self, closed: Scene, kind: str, seed: int) -> Packing:
         if not self._alone:
             try:
-                self._helper = self._helper or HelperProcess()
+                self._helper = self._helper or idle_helpers.take()
                 return self._helper.call(place, closed, kind, seed)
             except HelperLost as problem:
                 self._continue_alone(f"seed {seed}: placed", problem)
@@ -88,7 +88,7 @@ class Finalizer:
         is_written = False
         if (self._closed > 1 or self._helper is not None) and not self._alone:
             try:
-                self._helper = self._helper or HelperProcess()
+                self._helper = self._helper or idle_helpers.take()
                 self._helper.put(output)
                 is_written = True
                 return self._helper.entry()
@@ -100,8 +100,8 @@ class Finalizer:
         return output.entry()
 
     def end(self) -> None:
-        """End the thread and its helper after their present tasks."""
-        self._thread.end(lambda: None if self._helper is None else self._helper.end())
+        """End the thread after its present tasks; its helper is kept for later runs."""
+        self._thread.end(lambda: None if self._helper is None else idle_helpers.put_back(self._helper))
 
 
 class FinalizerPool:

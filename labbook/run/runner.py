@@ -18,6 +18,7 @@ from labbook.plan.plan import Plan, Planner
 from labbook.plan.possible import check
 from labbook.run.execution import CHECKPOINT_EVERY, Execution
 from labbook.run.finalizing import Finalizer, FinalizerPool
+from labbook.run.helper import MAX_HELPERS
 from labbook.run.job import JobContext
 from labbook.run.job_queue import PLACE_AHEAD_GRAINS, JobQueue
 from labbook.run.live import Publisher
@@ -26,9 +27,6 @@ from labbook.run.stopping import StopRequest
 from labbook.run.summary import Summary
 from labbook.run.watch import NullWatcher, Watcher
 from labbook.study import Study
-
-_MAX_FINALIZERS = 15
-"""Maximum number of threads that place grains, and write and measure ended jobs."""
 
 
 @dataclass(eq=False)
@@ -150,7 +148,7 @@ class Runner:
 
         If much is missing their helper processes start now, while the study is planned.
         """
-        threads = 1 if self.device == "cpu" else min(_MAX_FINALIZERS, cores())
+        threads = 1 if self.device == "cpu" else min(MAX_HELPERS, cores())
         finalizers = [Finalizer(alone=threads == 1) for _ in range(threads)]
         points = self.study.points
         runs = fewest_runs(self.study) * len(points) if self.repeats is None else sum(map(len, self.repeats.values()))

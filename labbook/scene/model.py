@@ -28,9 +28,7 @@ class Model(BaseModel):
     """Frozen description in SI units; an unknown key is an error."""
 
     # built when first used: only then are the models known that a `TaggedModels` is among
-    model_config = ConfigDict(
-        frozen=True, extra="forbid", allow_inf_nan=False, use_attribute_docstrings=True, defer_build=True
-    )
+    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False, defer_build=True)
     spellings: ClassVar["type[Model] | None"] = None
     """Keys that it takes beside its fields: other ways to write them."""
 

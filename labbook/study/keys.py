@@ -1,12 +1,16 @@
 """The keys of a study: what each takes and means, read off the models that validate them."""
 
+import ast
+import inspect
 import math
 import re
+import sys
 import types
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from difflib import SequenceMatcher, get_close_matches
 from functools import lru_cache
+from itertools import pairwise
 from typing import Annotated, Any, Literal, Union, get_args, get_origin
 
 import annotated_types
@@ -109,19 +113,48 @@ class Key:
         return EXAMPLES.get(self.unit or "", f"1 {self.unit}")
 
 
+def meaning(model: type[Model], field: str) -> str:
+    """Meaning of a field in words: the docstring below it, in the model or in the base that states the field.
+
+    The source is parsed here, where a study or a page asks for keys. Pydantic would do it in every process, for each
+    class (`use_attribute_docstrings`): a sixth of the time in which labbook is imported.
+    """
+    for kind in model.__mro__:
+        if field in vars(kind).get("__annotations__", ()):
+            return _docstrings(kind.__module__).get((kind.__name__, field), "")
+    return ""
+
+
+@lru_cache(maxsize=256)
+def _docstrings(module: str) -> Mapping[tuple[str, str], str]:
+    """Docstrings of the fields of a module's classes, by class and field; none where it has no source."""
+    try:
+        tree = ast.parse(inspect.getsource(sys.modules[module]))
+    except (OSError, TypeError):
+        return {}
+    return {
+        (node.name, field.target.id): " ".join(text.value.value.split())
+        for node in tree.body
+        if isinstance(node, ast.ClassDef)
+        for field, text in pairwise(node.body)
+        if isinstance(field, ast.AnnAssign) and isinstance(field.target, ast.Name)
+        if isinstance(text, ast.Expr) and isinstance(text.value, ast.Constant) and isinstance(text.value.value, str)
+    }
+
+
 def walk(model: type[Model], prefix: str = "", of: str = "") -> Iterator[Key]:
     """The keys of `model`, their names beginning with `prefix`; `of`: the choice that all of them belong to."""
     for name, field in model.model_fields.items():
         base, metadata = _unwrap(field.annotation, list(field.metadata))
         if any(isinstance(mark, Internal) for mark in metadata):
             continue
-        yield from _field(f"{prefix}{name}", field, base, metadata, of)
+        yield from _field(f"{prefix}{name}", field, base, metadata, of, meaning(model, name))
     if model.spellings is not None:
         own = {f"{prefix}{name}" for name in model.model_fields}
         yield from (replace(key, default="none") for key in walk(model.spellings, prefix, of) if key.name not in own)
 
 
-def _field(name: str, field: FieldInfo, base: Any, metadata: list[Any], of: str) -> Iterator[Key]:
+def _field(name: str, field: FieldInfo, base: Any, metadata: list[Any], of: str, meaning: str) -> Iterator[Key]:
     marks = [field.discriminator, *(mark.discriminator for mark in metadata if isinstance(mark, FieldInfo))]
     discriminator = next((mark for mark in marks if mark is not None), None)
     choice = next((mark for mark in metadata if isinstance(mark, TaggedModels)), None)
@@ -140,7 +173,7 @@ def _field(name: str, field: FieldInfo, base: Any, metadata: list[Any], of: str)
     elif get_origin(base) is tuple and get_args(base)[-1] is Ellipsis and _is_model(get_args(base)[0]):
         yield from walk(get_args(base)[0], f"{name}[].", of)
     else:
-        yield _leaf(name, field, base, metadata, of)
+        yield _leaf(name, field, base, metadata, of, meaning)
 
 
 def _union(name: str, discriminator: str, members: list[Any]) -> Iterator[Key]:
@@ -169,12 +202,12 @@ def _same_everywhere(field: str, members: list[Any]) -> bool:
     first = members[0].model_fields[field]
     return all(
         member.model_fields[field].annotation == first.annotation
-        and member.model_fields[field].description == first.description
+        and meaning(member, field) == meaning(members[0], field)
         for member in members
     )
 
 
-def _leaf(name: str, field: FieldInfo, base: Any, metadata: list[Any], of: str) -> Key:
+def _leaf(name: str, field: FieldInfo, base: Any, metadata: list[Any], of: str, meaning: str) -> Key:
     length, word = "", next((mark for mark in metadata if isinstance(mark, OrWord)), None)
     if word is not None:
         base, metadata = _unwrap(word.number, metadata)
@@ -196,7 +229,7 @@ def _leaf(name: str, field: FieldInfo, base: Any, metadata: list[Any], of: str) 
         (_limits(metadata) + (f" or {word.word}" if word is not None else "")).strip(),
         choices,
         None if any(isinstance(mark, Required) for mark in metadata) else _default(field, unit),
-        " ".join((field.description or ("Time integrator; the only choice." if len(choices) == 1 else "")).split()),
+        meaning or ("Time integrator; the only choice." if len(choices) == 1 else ""),
         of,
     )
 

@@ -9,7 +9,7 @@ from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from pathlib import Path
 
-from labbook.study.keys import Key, all_keys
+from labbook.study.keys import Key, all_keys, meaning
 from labbook.study.schema import Fill
 
 _MARKED = re.compile(r"(<!-- keys ([a-z_ ]+) -->\n).*?(<!-- end -->)", re.DOTALL)
@@ -45,8 +45,7 @@ def documented_keys() -> Iterator[Key]:
         elif inner not in listed:
             listed.add(inner)
             name = inner.removesuffix(".")
-            meaning = Fill.model_fields[name.partition(".")[2]].description or ""
-            yield Key(name, f"as `{AGAIN[inner]}`", default="none", meaning=" ".join(meaning.split()))
+            yield Key(name, f"as `{AGAIN[inner]}`", default="none", meaning=meaning(Fill, name.partition(".")[2]))
 
 
 def _merged(keys: Sequence[Key]) -> list[Key]:

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from stands import Bundled, stands, where
+from stands import Bundled, sharing, stands, where
 
 from labbook.backend import Checkpoint, Ensemble, Member
 from labbook.backend.numerics import Numerics
@@ -30,7 +30,7 @@ def in_the_ring(stand: Bundled):
     return pytest.param(*found.values, id=found.id, marks=[*found.marks, *[pytest.mark.ring] * stand.second])
 
 
-@pytest.fixture(scope="session", params=[in_the_ring(stand) for stand in stands()])
+@pytest.fixture(scope="session", params=[in_the_ring(sharing(stand)) for stand in stands()])
 def stand(request) -> Bundled:
     return request.param
 

@@ -1,7 +1,7 @@
 """Kernels with all features in, which tests share, move grains as those that have in only what a scene needs.
 
-All other tests of the contract and all cases hold the CPU backend to account on the former; users' runs are of the
-latter. The scenes here leave out, between them, every feature that may be left out.
+All other tests of the contract hold the compiled backends to account on the former, on a processor; users' runs are of
+the latter. The scenes here leave out, between them, every feature that may be left out.
 """
 
 from dataclasses import replace
@@ -103,8 +103,8 @@ def moved(silo, stand, scene: Scene, start: Packing) -> tuple[Packing, bool]:
         return ensemble.packing(member), bool((contacts["wall"] >= 0).any())
 
 
-RARE = {"silo", *SCENES} - {"free"}
-"""Scenes whose own kernels take twenty seconds to a minute to compile: in the ring."""
+RARE = {*SCENES}
+"""Scenes whose own kernels no other test needs, and which take twenty seconds to a minute to compile: in the ring."""
 
 
 @pytest.mark.parametrize(

@@ -71,6 +71,15 @@ def stands() -> list[Bundled]:
     return found
 
 
+def sharing(stand: Bundled) -> Bundled:
+    """The stand with kernels that tests share, on a processor: with all features in. On a GPU kernels are compiled for
+    each scene, in tests as in users' runs."""
+    if stand.wide or stand.device != "cpu" or stand.part < 1:
+        return stand
+    backend: Any = type(stand.backend)
+    return replace(stand, backend=backend(wide=True), wide=True)
+
+
 def specialised(stand: Bundled) -> Bundled:
     """The stand with kernels that have in only what each scene needs, as in users' runs."""
     return replace(stand, backend=load(stand.backend.capabilities.name), wide=False)

@@ -79,8 +79,8 @@ LONG = {
     "rolling-spring-rests",
     # flow-height and the contract have the outlet
     *("rolling-spring-mobilised", "flow-outlet"),
-    # test_dem_laws and test_dem_one_source have the functions of these laws, hertz-printed its kernels
-    *(f"{case}-{law}" for law in ("hertz-lammps", "hertz-liggghts") for case in ("impacts", "sliding")),
+    # test_dem_one_source compiles the functions of these laws; kernels call them as those of hertz-mindlin
+    *(f"{case}-hertz-{of}" for of in ("lammps", "liggghts", "printed") for case in ("impacts", "sliding")),
     # a hundred turns, and balances at every step; test_numba_mesh has a box that does all of this beside the reference
     *("moving-turntable", "moving-balance"),
     # kernels of rods at meshes are compiled for these only; test_dem_mesh_rods has their contacts

@@ -309,7 +309,7 @@ def test_one_value_is_no_range(tmp_path):
 
 
 @pytest.mark.slow
-def test_from_yaml_to_the_report(tmp_path):
+def test_from_yaml_to_the_report(tmp_path, one_format):
     """On the toy backend, where 0.6 rho sqrt(g) (D - 1.4 d)^1.5 over the depth is 28 g/s at 20 mm."""
     path, lab = asked(tmp_path, FIND.replace("60 runs", "{runs: 60, device_time: 1 h}")), tmp_path / "lab"
     planned = labbook("plan", path, "--lab", lab, "--backend", "toy").output

@@ -159,7 +159,7 @@ def test_a_range_below_the_law_is_refused(tmp_path):
 
 
 @pytest.mark.slow
-def test_from_yaml_to_the_report(tmp_path):
+def test_from_yaml_to_the_report(tmp_path, one_format):
     """On the toy backend, whose outlets follow Beverloo's law with C = 0.6, of the grains' density, and k = 1.4."""
     path, lab = asked(tmp_path, "{fit: {beverloo: {C_particle: 20 %, k: 20 %}}}"), tmp_path / "lab"
     study = load(path)

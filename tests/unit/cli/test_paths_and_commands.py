@@ -23,7 +23,7 @@ def home(tmp_path, monkeypatch):
 
 
 @pytest.mark.slow
-def test_a_tilde_is_the_home_folder_in_every_path(home):
+def test_a_tilde_is_the_home_folder_in_every_path(home, one_format):
     asked = study(home, "fit: [beverloo]", orifices="[24]")
     assert labbook.load("~/toy.yaml") == asked
     assert asked.save("~/copy.yaml") == home / "copy.yaml"

@@ -43,7 +43,7 @@ VERBS = (
 
 @pytest.mark.slow
 @pytest.mark.parametrize("verb", VERBS, ids=" ".join)
-def test_every_verb_prints_on_a_terminal_of_ascii(place, tmp_path, monkeypatch, verb):
+def test_every_verb_prints_on_a_terminal_of_ascii(place, tmp_path, monkeypatch, one_format, verb):
     folder, path = place
     monkeypatch.chdir(tmp_path)
     names = {"STUDY": str(path), "OTHER": str(folder / "other"), "KEY": sorted((folder / "lab/runs").iterdir())[0].name}

@@ -99,7 +99,7 @@ def test_who_only_looks_evaluates_nothing(made, counted):
     assert not counted
 
 
-def test_over_all_verbs_a_run_is_measured_once(tmp_path, counted):
+def test_over_all_verbs_a_run_is_measured_once(tmp_path, counted, one_format):
     path = asked(tmp_path)
     there = ("--lab", tmp_path / "lab", "--backend", "toy")
     labbook("run", path, *there)

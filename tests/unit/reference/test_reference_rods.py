@@ -7,10 +7,9 @@ import numpy as np
 import pytest
 from labbook_reference.member import Run
 from rods_in_silo import ROUNDING, D, advanced, numerics, silo, trough
-from stands import stands, where
+from stands import Bundled, sharing, stands, where
 
 from labbook.backend.probes import Contacts, Ledger, Sample
-from labbook.checks.verify.stand import Stand
 from labbook.filling.placing import place
 from labbook.scene import Frustum, HertzMindlin, Plane, Primitives, Scene, Strip, SurfaceMotion, Wall
 from labbook.scene.orientation import axes, distances
@@ -28,38 +27,43 @@ RIGHT = 1e-9  # m, to which distances of rods are right, in either precision: te
 PROBES = Contacts(), Sample(fields=("x", "q")), Ledger()
 
 
-def compiled_once(scene: Scene) -> Scene:
+def compiled_once(scene: Scene, stand: Bundled) -> Scene:
     """The scene with one law, an outlet and every kind of wall, of which one turns.
 
-    A backend so compiles one set of kernels for all of them.
+    A backend so compiles one set of kernels for all of them. In its first precision it shares them with the contract of
+    rods, which has linear springs; in the other one the law is that of Hertz.
     """
     hertz = HertzMindlin(shear_modulus=2e6, poisson_ratio=0.25, friction=0.5, rolling_friction=0.01, restitution=0.5)
     walls = scene.container.walls()
     has = {wall.shape.kind for wall in walls}
     further = [wall for wall in BEYOND_REACH if wall.shape.kind not in has]
     return scene.model_copy(
-        update={"contact": hertz, "container": Primitives(parts=(*walls, *further, RING), outlet_plane=-FAR)}
+        update={
+            "contact": hertz if stand.second else scene.contact,
+            "container": Primitives(parts=(*walls, *further, RING), outlet_plane=-FAR),
+        }
     )
 
 
-def run(stand: Stand, scene: Scene, start: Packing, beats: int, **further):
+def run(stand: Bundled, scene: Scene, start: Packing, beats: int, **further):
     """One member, advanced: its packing and rows."""
     how = numerics(stand.precision, overlap_limit=1.0, **further)
     return advanced(stand.backend, scene, how, start, beats, PROBES, stand.device)
 
 
 @pytest.fixture(
-    scope="module", params=[where(stand, once=True) for stand in stands() if stand.device == "cpu" and stand.lists]
+    scope="module",
+    params=[where(sharing(stand), once=True) for stand in stands() if stand.device == "cpu" and stand.lists],
 )
-def stand(request) -> Stand:
+def stand(request) -> Bundled:
     return request.param
 
 
 @pytest.fixture(scope="module")
-def bed(stand: Stand) -> Packing:
+def bed(stand: Bundled) -> Packing:
     """Rods that have fallen into the closed silo and still move."""
     closed = silo(40).close()
-    return run(stand, compiled_once(closed), place(closed, "gas", 1), 100)[0]
+    return run(stand, compiled_once(closed, stand), place(closed, "gas", 1), 100)[0]
 
 
 def spring_by_contact(packing: Packing, scene: Scene) -> dict[tuple, np.ndarray]:
@@ -81,7 +85,7 @@ def test_rods_move_as_in_the_reference(stand, scene, bed):
         pairs=np.zeros((0, 2), np.int64), pair_spring=np.zeros((0, 3)), wall_grain=np.zeros(0, np.int64),
         wall_name=np.zeros(0, "U40"), wall_spring=np.zeros((0, 3)), wall_part=np.zeros(0, np.int64),
     )  # fmt: skip
-    scene = compiled_once(scene)
+    scene = compiled_once(scene, stand)
     touched = edges = 0
     how = numerics("double", overlap_limit=1.0, steps_per_beat=1)
     plain = Run.started(labbook_reference.Backend.capabilities, scene, how, (), start)
@@ -108,7 +112,7 @@ def test_rods_move_as_in_the_reference(stand, scene, bed):
 @pytest.mark.slow
 def test_all_pairs_that_touch_are_listed(stand, bed):
     """Rows of contacts against the distances of all pairs."""
-    _, tables = run(stand, compiled_once(silo(40).close()), bed, 8)
+    _, tables = run(stand, compiled_once(silo(40).close(), stand), bed, 8)
     contacts, sample, ledger = (tables[probe] for probe in PROBES)
     assert ledger["rebuilds"][-1] > ledger["rebuilds"][0]
     seen = 0

@@ -30,7 +30,7 @@ def test_a_batch_has_map_and_layers(tmp_path):
     assert "residence_map" in results.figures()
 
 
-def test_a_fed_bed_has_a_distribution(tmp_path):
+def test_a_fed_bed_has_a_distribution(tmp_path, one_format):
     changes = {"orifices": "[24]", "count": 60, "replicates": 1}
     asked = study(tmp_path, "feed: {kind: reinject}", "stop: {max_time: 0.8 s}", **changes)
     results = results_of(asked.change({"numerics.steps_per_beat": 2000, **MEASURE}), tmp_path / "lab")

@@ -19,7 +19,7 @@ from labbook.lab.runs import picture
 from labbook.plan.plan import Planner
 from labbook.run import discharge, execution, finalizing, job_queue, runner
 from labbook.run.discharge import DischargeJob, RunOutput
-from labbook.run.helper import HelperLost, HelperProcess
+from labbook.run.helper import HelperLost, HelperProcess, idle_helpers
 from labbook.run.job import JobFailed, JobOutput, LabEntry
 from labbook.run.watch import NullWatcher
 
@@ -167,7 +167,7 @@ def test_a_disk_that_is_full_ends_all_and_the_next_command_goes_on(tmp_path, tog
     asked = study(tmp_path)
     with monkeypatch.context() as patch:
         patch.setattr("labbook.run.discharge.PICTURE", "/dev/full")
-        patch.setattr(finalizing, "HelperProcess", unable)
+        patch.setattr(idle_helpers, "take", unable)
         with pytest.raises(DiskFull):
             carry_out(asked, tmp_path / "lab", workers=1)
     assert not list((tmp_path / "lab").glob("runs/*"))

@@ -7,7 +7,8 @@ import pytest
 
 pytest.importorskip("warp")
 
-from labbook_warp import Backend, stage
+from labbook_warp import stage
+from rods_on_warp import sharing
 
 from labbook.backend import Failed
 from labbook.backend.numerics import Numerics
@@ -27,7 +28,7 @@ def spheres(x: Sequence[Sequence[float]], v: Sequence[Sequence[float]], dt: floa
     floor = Wall(name="floor", shape=Plane(point=(0, 0, 0), normal=(0, 0, 1)))
     scene = Scene(grains=grains, contact=law, container=Primitives(parts=(floor,)))
     how = Numerics.model_validate({"dt": dt, "precision": precision, "steps_per_beat": 100})
-    backend = Backend()
+    backend = sharing()
     start = Packing(x=np.array(x) * D, v=np.array(v) * D, omega=np.zeros((len(x), 3)))
     ensemble = backend.open(backend.specialise(scene, how), 1, "cpu")
     ensemble.admit(scene, how, start)

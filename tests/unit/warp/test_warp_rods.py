@@ -12,7 +12,7 @@ pytest.importorskip("warp")
 import warp as wp
 from labbook_warp import Backend, room, stage
 from rods_in_silo import DENSITY, PRECISIONS, ROUNDING, D, law, numerics, silo, trough
-from rods_on_warp import run
+from rods_on_warp import run, sharing
 
 from labbook.backend import Failed
 from labbook.backend.probes import Crossing, Ledger
@@ -103,7 +103,7 @@ def test_bits_do_not_depend_on_the_company(precision, bed):
     alone, tables = run(scene, how, start, 30, probes)
     assert len(tables[Crossing()]["id"]) > 3
     assert tables[Ledger()]["rebuilds"][-1] > tables[Ledger()]["rebuilds"][0]
-    backend = Backend()
+    backend = sharing()
     ensemble = backend.open(backend.specialise(scene, how, probes), 1)
     slow = scene.model_copy(update={"gravity": 5.0})
     first = ensemble.admit(slow, how.model_copy(update={"dt": 4e-6}), start)
@@ -146,7 +146,7 @@ def test_forces_too_large_to_be_counted_are_caught(spin, precision, bed):
     scene, how = silo(40).close(), numerics(precision)
     omega = bed.omega.copy()
     omega[np.unique(bed.pairs)] = spin
-    backend = Backend()
+    backend = sharing()
     ensemble = backend.open(backend.specialise(scene, how, []), 1, "cpu")
     ensemble.admit(scene, how, replace(bed, omega=omega))
     (event,) = ensemble.advance(1)
@@ -196,7 +196,7 @@ def test_a_beat_that_is_put_back_leaves_no_trace(precision, bed, monkeypatch):
     monkeypatch.setattr(stage, "collect", late)
     monkeypatch.setattr(stage.Stage, "check_more_often", lambda _: None)
     monkeypatch.setattr(room, "NEAR", 2)
-    backend = Backend()
+    backend = sharing()
     ensemble = backend.open(backend.specialise(scene, how), 1)
     fails = ensemble.admit(scene, how.model_copy(update={"overlap_limit": 1e-4}), start)
     members = ensemble.admit(scene, how, start), ensemble.admit(small, how, smaller)
@@ -214,7 +214,7 @@ def test_threads_that_share_a_grain_find_the_same_neighbours(bed, monkeypatch):
     found = []
     for lanes in (1, 4):
         monkeypatch.setattr(room, "lanes", lambda *_, lanes=lanes: lanes)
-        backend, scene, how = Backend(), silo(40).close(), numerics("double")
+        backend, scene, how = sharing(), silo(40).close(), numerics("double")
         ensemble = backend.open(backend.specialise(scene, how, [Ledger()]))
         ensemble.admit(scene, how, bed)
         ensemble._stage.seat()

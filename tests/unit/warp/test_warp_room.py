@@ -12,7 +12,7 @@ from labbook_warp import Backend, copies, devices, room, stage
 from labbook_warp.arrays import Arrays
 from labbook_warp.layout import memory
 from rods_in_silo import DENSITY, D, numerics, silo
-from rods_on_warp import run
+from rods_on_warp import run, sharing
 
 from labbook.backend import Unsupported
 from labbook.backend.probes import Contacts, Crossing, Ledger, Sample, Slab
@@ -92,7 +92,7 @@ def test_memory_that_is_not_there_is_an_error_that_says_so(monkeypatch, seated):
 
     scene = fan(grains=40).close()
     numerics = FAN_STEP.model_copy(update={"precision": "mixed"})
-    backend = Backend()
+    backend = sharing()
     ensemble = backend.open(backend.specialise(scene, numerics))
     for seed in range(seated):
         ensemble.admit(scene, numerics, place(scene, "gas", seed))
@@ -109,7 +109,7 @@ def test_memory_that_is_not_there_is_an_error_that_says_so(monkeypatch, seated):
 def test_a_member_brings_along_how_long_its_lists_had_to_be(monkeypatch, rods):
     """Lists that have grown are taken up by an ensemble that has not met a crowd yet; also beside another member."""
     scene = cylinder(rods=rods, grains=40)
-    backend, how = Backend(), FAN_STEP.model_copy(update={"precision": "mixed"})
+    backend, how = sharing(), FAN_STEP.model_copy(update={"precision": "mixed"})
     spec = backend.specialise(scene, how, PROBES)
     bed = place(scene.close(), "gas", 1)
     monkeypatch.setattr(room, "NEAR", 21)

@@ -13,10 +13,10 @@ from stands import identical
 pytest.importorskip("warp")
 
 import warp as wp
-from labbook_warp import Backend, arrays, stage
+from labbook_warp import arrays, stage
 from labbook_warp.beat import Beat
 from rods_in_silo import DENSITY, PRECISIONS, D, numerics, silo
-from rods_on_warp import run
+from rods_on_warp import run, sharing
 
 from labbook.backend import Failed
 from labbook.backend.numerics import Numerics
@@ -56,7 +56,7 @@ class End(NamedTuple):
 
 def together(members: Sequence[tuple[Scene, Packing]], how: Numerics, lanes: int, device: str, beats: int) -> End:
     """Members side by side; after a while one more that fails."""
-    backend, (scene, start) = Backend(lanes=lanes), members[0]
+    backend, (scene, start) = sharing(device, lanes), members[0]
     ensemble = backend.open(backend.specialise(scene, how, [Crossing()]), len(members) + 1, device)
     admitted = [ensemble.admit(each, how, packing) for each, packing in members]
     events = list(ensemble.advance(beats // 2))
@@ -75,7 +75,7 @@ def test_members_that_are_read_together_give_the_rows_that_each_gives_alone(monk
     probes = (Sample(fields=("x", "v", "omega")), *inside, Ledger(every=2))
 
     def rows() -> dict:
-        backend = Backend()
+        backend = sharing()
         ensemble = backend.open(backend.specialise(scene, how, probes), 3, "cpu")
         for start in starts:
             ensemble.admit(scene, how, start)
@@ -106,7 +106,7 @@ def test_members_that_are_seated_together_are_as_those_seated_one_by_one(scene, 
     ends = []
     for several in (2, 10**9):
         monkeypatch.setattr(arrays, "SEVERAL", several)
-        backend = Backend()
+        backend = sharing()
         ensemble = backend.open(backend.specialise(scene, how, [Crossing()]), 1, "cpu")
         members = [ensemble.admit(scene, how, start) for start in starts]
         ensemble.advance(1)
@@ -123,7 +123,7 @@ def test_members_that_are_seated_together_are_as_those_seated_one_by_one(scene, 
 def test_members_that_end_together_are_read_in_one_copy_of_each_array(scene, monkeypatch):
     how, copies = numerics("mixed"), []
     start = falling(scene, how, "cpu")
-    backend = Backend()
+    backend = sharing()
     ensemble = backend.open(backend.specialise(scene, how, [Crossing()]), 6, "cpu")
     members = [ensemble.admit(scene, how, start) for _ in range(6)]
     ensemble.advance(1)
@@ -158,7 +158,7 @@ def test_grains_come_back_into_several_members_with_the_copies_of_one(monkeypatc
     assert whole.ids is not None
     start = Packing(x=whole.x[:57], v=whole.v[:57], omega=whole.omega[:57], ids=whole.ids[:57])
     back = Packing(x=whole.x[57:] + np.array([0, 0, 0.1]), v=whole.v[57:], omega=whole.omega[57:], ids=whole.ids[57:])
-    backend = Backend()
+    backend = sharing()
     ensemble = backend.open(backend.specialise(scene, how, [Crossing()]), 6, "cpu")
     members = [ensemble.admit(scene, how, start) for _ in range(6)]
     ensemble.advance(1)
@@ -184,7 +184,7 @@ def test_grains_that_get_free_rows_move_as_after_rows_were_closed_up(monkeypatch
     """The quick way to put grains back, the one that moves all of the state, and the quick one after which springs
     found no room in their lists, leave the same bits."""
     scene, how = of_spheres(60), numerics("mixed")
-    whole, backend, ends = falling(scene, how, "cpu"), Backend(), []
+    whole, backend, ends = falling(scene, how, "cpu"), sharing(), []
     assert whole.ids is not None
     start = Packing(x=whole.x[:57], v=whole.v[:57], omega=whole.omega[:57], ids=whole.ids[:57])
     back = Packing(x=whole.x[57:] + np.array([0, 0, 0.1]), v=whole.v[57:], omega=whole.omega[57:], ids=whole.ids[57:])
@@ -226,7 +226,7 @@ def test_members_that_come_together_are_written_in_one_copy_of_each_array(monkey
     starts = [place(scene.close(), "gas", seed) for seed in range(1, 14)]
     copies, copy = [], arrays.wp.copy
     counted = SimpleNamespace(**{**vars(arrays.wp), "copy": lambda *given: copies.append(given) or copy(*given)})
-    backend, counts, ends = Backend(), {}, {}
+    backend, counts, ends = sharing(), {}, {}
     for number, together in ((2, True), (4, True), (4, False)):
         ensemble = backend.open(backend.specialise(scene, how), 12, "cpu")
         members = [ensemble.admit(scene, how, start) for start in starts[:9]]
@@ -254,7 +254,7 @@ def test_graphs_are_captured_anew_where_the_material_may_be_another():
     """They hold it, if all members share one."""
     scene, how = of_spheres(5), numerics("mixed")
     start = place(scene.close(), "gas", 1)
-    backend = Backend()
+    backend = sharing()
     ensemble = backend.open(backend.specialise(scene, how), 3, "cpu")
     members = [ensemble.admit(scene, how, start)]
     ensemble.advance(1)
@@ -278,7 +278,7 @@ def test_checks_that_became_frequent_become_less_frequent_again(monkeypatch):
     scene, how = of_spheres(60), numerics("mixed")
     start, ends, often = falling(scene, how, "cpu"), [], []
     for late in (False, True):
-        backend = Backend()
+        backend = sharing()
         ensemble = backend.open(backend.specialise(scene, how, [Crossing()]), 1, "cpu")
         member = ensemble.admit(scene, how, start)
         ensemble.advance(1)
@@ -322,7 +322,7 @@ def test_beats_that_are_taken_again_give_their_frames_once(device, monkeypatch, 
 
         monkeypatch.setattr(stage, "collect", late)
         monkeypatch.setattr(stage.Stage, "check_more_often", lambda _: None)
-        backend = Backend()
+        backend = sharing(device)
         ensemble = backend.open(backend.specialise(scene, how, [Crossing(), film]), 3, device)
         members = [ensemble.admit(scene, how, start)]
         ensemble.advance(2)
@@ -405,7 +405,7 @@ def test_as_many_threads_as_fit_wait_for_one_another_and_more_do_not(a_gpu, monk
     size, blocks = wp.get_suggested_block_size(first.kernels.step, a_gpu)
     room = size * blocks // (32 * 8)
     for members in (room, room + 1):
-        backend = Backend(lanes=8)
+        backend = sharing(a_gpu, 8)
         ensemble = backend.open(backend.specialise(scene, how), members, a_gpu)
         admitted = [ensemble.admit(scene, how, bed) for _ in range(members)]
         assert not ensemble.advance(3)
