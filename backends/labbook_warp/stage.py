@@ -181,14 +181,14 @@ class Stage:
         arrays.back_up()
         parts, rows = list[dict[str, np.ndarray]](), list[np.ndarray]()
         before = {run: (run.rows, run.left, run.ids, run.past_work) for run in runs}
-        taken = dict[Run, np.ndarray]()
+        reused = dict[Run, np.ndarray]()
         for run, grains, half_v in returning:
             assert grains.ids is not None
             plane, _ = features.planes(run.scene, run.probes)
             parts.append(transfer.entering(arrays, run.scene, grains, half_v, plane))
-            own, taken[run] = run.takes(grains.ids)
+            own, reused[run] = run.takes(grains.ids)
             rows.append(run.slot * cap + own)
-        self._count_work(taken)
+        self._count_work(reused)
         together = {name: np.concatenate([part[name] for part in parts]) for name in parts[0]}
         write_rows(arrays, np.concatenate(rows), together)
         self._send_left()
@@ -201,12 +201,12 @@ class Stage:
             self._has_changed(run)
         return True
 
-    def _count_work(self, taken: Mapping[Run, np.ndarray]) -> None:
-        """Add the work on grains that had the rows `taken` to that on grains without a row."""
+    def _count_work(self, reused: Mapping[Run, np.ndarray]) -> None:
+        """Add the work on grains that had the rows `reused` to that on grains without a row."""
         if self.arrays.module.LEDGER:
-            cap, sizes = self._sizes.cap, [len(rows) for rows in taken.values()]
-            work = read_rows(self.arrays.system.work, np.concatenate([run.slot * cap + taken[run] for run in taken]))
-            for run, own in zip(taken, np.split(work, np.cumsum(sizes)[:-1]), strict=True):
+            cap, sizes = self._sizes.cap, [len(rows) for rows in reused.values()]
+            work = read_rows(self.arrays.system.work, np.concatenate([run.slot * cap + reused[run] for run in reused]))
+            for run, own in zip(reused, np.split(work, np.cumsum(sizes)[:-1]), strict=True):
                 run.past_work = np.concatenate([run.past_work, own[own != 0]])
 
     def _send_left(self) -> None:
