@@ -7,6 +7,7 @@ by the cores.
 
     python benchmarks/many_beds.py --backend warp --device cuda:0 --beds 128 1024 10000 --out many.json
     python benchmarks/many_beds.py --grains 200 --beds 200
+    python benchmarks/many_beds.py --backend warp --device cuda:0 --grains 2000 --beds 128 --fill dense --fed 2
 
 `--trace FOLDER` writes a line a turn of an ensemble to a file for each study: what waited for what.
 """
@@ -35,8 +36,8 @@ container: {{kind: wedge-hopper, width: {width:g} mm, thickness: 12 mm, height: 
   orifice: 24 mm}}
 {fill}
 replicates: {beds}
-window: {{start: 0.15, end: 0.6}}
-numerics: {{precision: {precision}}}
+{ending}
+numerics: {{precision: {precision}{beat}}}
 measure: [flow_rate]
 """
 WIDTH = 0.06  # m
@@ -61,18 +62,27 @@ print(json.dumps({"stepping": done.stepping, "work": done.work_done, "preparing"
 """
 
 
-def study(beds: int, grains: int, precision: str, fill: str) -> str:
+UNFED = "window: {start: 0.15, end: 0.6}"
+FED = "feed: {{kind: reinject}}\nrestart: {{kind: break}}\nstop: {{max_time: {time} s}}"
+
+
+def study(beds: int, args: argparse.Namespace) -> str:
     """The study as YAML; its hopper is wider where there are more grains."""
+    grains, fill = args.grains, args.fill
     width = WIDTH * max(1.0, (grains / 1000) ** 0.5)
     stated = f"fill: {{kind: {fill}}}" if fill else ""
     sizes = {"width": 1e3 * width, "height": 8e3 * width}
-    return STUDY.format(beds=beds, grains=grains, precision=precision, fill=stated, **sizes)
+    ending = FED.format(time=args.fed) if args.fed else UNFED
+    beat = f", steps_per_beat: {args.steps_per_beat}" if args.steps_per_beat else ""
+    return STUDY.format(
+        beds=beds, grains=grains, precision=args.precision, fill=stated, ending=ending, beat=beat, **sizes
+    )
 
 
 def measured(folder: Path, beds: int, args: argparse.Namespace) -> dict[str, Any]:
     """Times of one study, and the files that it leaves."""
     file, lab = folder / f"many-{beds}.yaml", folder / f"lab-{beds}"
-    file.write_text(study(beds, args.grains, args.precision, args.fill), encoding="utf-8")
+    file.write_text(study(beds, args), encoding="utf-8")
     trace = args.trace / f"turns-{beds}.txt" if args.trace else ""
     command = [sys.executable, "-c", RUN, str(file), str(lab), args.backend, args.device, str(trace)]
     begun = time.perf_counter()
@@ -112,6 +122,8 @@ def main() -> None:
     parser.add_argument("--grains", type=int, default=1000)
     parser.add_argument("--precision", default="mixed")
     parser.add_argument("--fill", default="", help="kind of the filling, if not the usual one")
+    parser.add_argument("--fed", type=float, default=0.0, help="feed the beds for this time [s]; 0: let them run empty")
+    parser.add_argument("--steps-per-beat", type=int, default=0, help="steps of a beat, if not the usual number")
     parser.add_argument("--folder", type=Path, help="folder for the labs; default: a temporary one")
     parser.add_argument("--out", type=Path)
     parser.add_argument("--trace", type=Path, help="folder for a line a turn")
@@ -133,6 +145,7 @@ def main() -> None:
                 about = {"what": "many small beds", "measured": datetime.now(UTC).strftime("%Y-%m-%d")}
                 about |= {"hardware": hardware(), "backend": args.backend, "device": args.device}
                 about |= {"grains": args.grains, "precision": args.precision, "fill": args.fill or "usual"}
+                about |= {"fed": args.fed, "steps_per_beat": args.steps_per_beat or "usual"}
                 args.out.write_text(json.dumps(about | {"rows": rows}, indent=1) + "\n", encoding="utf-8")
 
 

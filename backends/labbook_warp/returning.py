@@ -107,9 +107,12 @@ def write_rows(arrays: Arrays, rows: np.ndarray, values: Mapping[str, np.ndarray
     Args:
         arrays: arrays of the members.
         rows: rows, counted through all slots, shape [n].
-        values: values by the name of the array, shape [n, ...].
+        values: values by the name of the array, shape [n, ...]; all other such arrays become zero.
     """
-    targets = {name: arrays.p if name == "p" else getattr(arrays.system, name) for name in values}
+    names = ("p", *(name for name, entries in arrays.state.items() if entries == "one"))
+    targets = {name: arrays.p if name == "p" else getattr(arrays.system, name) for name in names}
+    zeros = {name: np.zeros((len(rows), getattr(array.dtype, "_length_", 1))) for name, array in targets.items()}
+    values = zeros | dict(values)
     blocks = [np.ascontiguousarray(block, _numbers(targets[name])) for name, block in values.items()]
     parts = [rows.astype(np.int32), *(block.view(np.int32).ravel() for block in blocks)]
     source = wp.array(np.concatenate(parts), dtype=wp.int32, device=arrays.device)
@@ -131,6 +134,26 @@ def _write(
     """Copy words to rows of `width` words; `source` begins with the rows, and has the words from `first` on."""
     k = wp.tid()
     target[source[k // width] * width + k % width] = source[first + k]
+
+
+def read_rows(array: Any, rows: np.ndarray) -> np.ndarray:
+    """Read rows, counted through all slots, of a device array with one number in double precision a row."""
+    if not len(rows):
+        return np.zeros(0)
+    out = wp.empty(len(rows), dtype=wp.float64, device=array.device)
+    wp.launch(
+        _gather, len(rows), [array, wp.array(rows, dtype=wp.int32, device=array.device), out], device=array.device
+    )
+    return fetch(out)
+
+
+@wp.kernel(enable_backward=False)
+def _gather(
+    source: wp.array(dtype=wp.float64), rows: wp.array(dtype=wp.int32), out: wp.array(dtype=wp.float64)
+):  # fmt: skip
+    """Copy the numbers in these rows."""
+    k = wp.tid()
+    out[k] = source[rows[k]]
 
 
 def _numbers(array: Any) -> Any:

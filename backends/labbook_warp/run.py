@@ -50,6 +50,11 @@ class Run:
     """Numbers of cells along x, y, z."""
     ids: np.ndarray = field(default_factory=lambda: np.zeros(0, np.int64))
     """Ids of the grains by row; shorter than `rows` until they are read from the device."""
+    free: np.ndarray = field(default_factory=lambda: np.zeros(0, np.int64))
+    """Rows whose grain left before the last beat: no list refers to them any more, and another grain may take them."""
+    empty: np.ndarray = field(default_factory=lambda: np.zeros(0, bool))
+    """Mask of the rows whose grain had left when they were last read, at the step `read_at`."""
+    read_at: int = -1
     crossed: np.ndarray = field(default_factory=lambda: np.zeros((0, 12)))
     """Rows of crossings of the last beat."""
 
@@ -70,10 +75,35 @@ class Run:
         arrays = stored.arrays
         self.rows, self.left, self.past_work = len(arrays["ids"]), 0, arrays["past_work"]
         self.ids = arrays["ids"].astype(np.int64)
+        self.free, self.empty, self.read_at = np.zeros(0, np.int64), np.zeros(0, bool), -1
         self.near = len(arrays["nbr"])
         self.step, self.rebuilds = int(arrays["step"]), int(arrays["rebuilds"])
         deep, speed2 = arrays.get("most", (NOT_RECORDED, NOT_RECORDED))
         self.start_extremes = float(deep), float(speed2)
+
+    def note_empty(self, empty: np.ndarray) -> None:
+        """Note the rows whose grain has left by now, a mask of shape [rows]."""
+        if self.step != self.read_at:
+            self.free = np.flatnonzero(empty[: len(self.empty)] & self.empty)
+            self.empty, self.read_at = empty.copy(), self.step
+
+    def takes(self, grains: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Give rows to these grains: free ones, then some behind the others.
+
+        Args:
+            grains: ids, shape [n].
+
+        Returns:
+            All their rows, shape [n], and those of them that other grains had.
+        """
+        again, self.free = self.free[: len(grains)], self.free[len(grains) :]
+        behind = self.rows + np.arange(len(grains) - len(again))
+        rows = np.concatenate([again, behind])
+        self.ids = np.concatenate([self.ids, np.zeros(len(behind), np.int64)])
+        self.ids[rows] = grains
+        self.empty[again] = False
+        self.rows, self.left = self.rows + len(behind), self.left - len(again)
+        return rows, again
 
     @property
     def grains(self) -> int:

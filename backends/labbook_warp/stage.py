@@ -24,7 +24,7 @@ from labbook_warp.meshes import MeshTables
 from labbook_warp.parameters import cell_size, material, place, same_material
 from labbook_warp.poses import PoseTables
 from labbook_warp.report import Report, collect
-from labbook_warp.returning import write_rows
+from labbook_warp.returning import read_rows, write_rows
 from labbook_warp.run import Run
 
 MAX_INTERVAL, MIN_INTERVAL = 50, 1
@@ -144,10 +144,10 @@ class Stage:
         self._has_changed()
 
     def put_back(self, returning: Sequence[tuple[Run, Packing, np.ndarray]]) -> None:
-        """Insert grains that left a member again, in rows behind the others.
+        """Insert grains that left a member again, in rows of others that have left or behind all rows.
 
-        If no rows are free, those of grains that left are closed up, and some are added, so that this is not necessary
-        after each beat: it moves all of a member's state to the host and back.
+        If too few rows are free, those of grains that left are closed up, and some are added, so that this is not
+        necessary after each beat: it moves all of a member's state to the host and back.
 
         Args:
             returning: members, their grains, and velocities [m/s] half a step before, shape [grains, 3].
@@ -157,7 +157,11 @@ class Stage:
         """
         self.seat()
         self.read_ids()
-        fits = [back for back in returning if back[0].rows + len(back[1]) <= self._sizes.cap]
+        fits = [
+            (run, grains, half_v)
+            for run, grains, half_v in returning
+            if run.rows + len(grains) - len(run.free) <= self._sizes.cap
+        ]
         if fits and not self._append(fits):
             fits = []
         appended = {run for run, _, _ in fits}
@@ -176,24 +180,41 @@ class Stage:
         arrays, runs, cap = self.arrays, [run for run, _, _ in returning], self._sizes.cap
         arrays.back_up()
         parts, rows = list[dict[str, np.ndarray]](), list[np.ndarray]()
+        before = {run: (run.rows, run.left, run.ids, run.past_work) for run in runs}
+        reused = dict[Run, np.ndarray]()
         for run, grains, half_v in returning:
             assert grains.ids is not None
             plane, _ = features.planes(run.scene, run.probes)
             parts.append(transfer.entering(arrays, run.scene, grains, half_v, plane))
-            rows.append(run.slot * cap + run.rows + np.arange(len(grains)))
-            run.rows += len(grains)
-            run.ids = np.concatenate([run.ids, grains.ids])
+            own, reused[run] = run.takes(grains.ids)
+            rows.append(run.slot * cap + own)
+        self._count_work(reused)
         together = {name: np.concatenate([part[name] for part in parts]) for name in parts[0]}
         write_rows(arrays, np.concatenate(rows), together)
+        self._send_left()
         if any(self._lists(runs)):
-            for run, grains, _ in returning:
-                run.rows -= len(grains)
-                run.ids = run.ids[: run.rows]
+            for run, (run.rows, run.left, run.ids, run.past_work) in before.items():
+                run.free = run.free[:0]
                 arrays.restore(run.slot)
             return False
         for run in runs:
             self._has_changed(run)
         return True
+
+    def _count_work(self, reused: Mapping[Run, np.ndarray]) -> None:
+        """Add the work on grains that had the rows `reused` to that on grains without a row."""
+        if self.arrays.module.LEDGER:
+            cap, sizes = self._sizes.cap, [len(rows) for rows in reused.values()]
+            work = read_rows(self.arrays.system.work, np.concatenate([run.slot * cap + reused[run] for run in reused]))
+            for run, own in zip(reused, np.split(work, np.cumsum(sizes)[:-1]), strict=True):
+                run.past_work = np.concatenate([run.past_work, own[own != 0]])
+
+    def _send_left(self) -> None:
+        """Write the numbers of grains that have left, of all members, to the device."""
+        left = np.zeros(self._sizes.slots, np.int32)
+        for slot, run in self._seated.items():
+            left[slot] = run.left
+        self.arrays.system.left.assign(left)
 
     def _close_up_with(self, returning: Sequence[tuple[Run, Packing, np.ndarray]]) -> None:
         """Insert grains into members and close up the rows of grains that left, with one copy of each array for all
@@ -508,7 +529,9 @@ class Stage:
 
     def bad_value(self, run: Run, grain: int) -> float:
         """Return the overlap [m] or speed [m/s] with which a grain failed."""
-        row = int(np.flatnonzero(self.arrays.read("ids", run.slot, run.rows) == grain)[-1])
+        rows = np.flatnonzero(self.arrays.read("ids", run.slot, run.rows) == grain)
+        x = self.arrays.of_slot(run.slot, run.rows).states().x[rows]
+        row = int(rows[np.argmax(x[:, 2])])  # other rows with its id are of when it left
         return float(fetch(self.arrays.system.bad, run.slot * self._sizes.cap + row, 1)[0])
 
     def extremes(self) -> np.ndarray:

@@ -171,7 +171,9 @@ class DeviceView:
         self.stage.seat()
         if self._tops is None or self.stage.changed_since(self._tops_version, run.slot):
             self._tops = self._read_tops({})
-        return run.ids[~self._tops.left[run.slot, : run.rows]]
+        empty = self._tops.left[run.slot, : run.rows]
+        run.note_empty(empty)
+        return run.ids[~empty]
 
     def _read_tops(self, heights: Mapping[Run, float]) -> Tops:
         stage = self.stage

@@ -183,9 +183,11 @@ class EnsembleWorker:
                 np.searchsorted(member_index[order], [m.index for m in by_member], side) for side in ("left", "right")
             )
             columns = {name: np.asarray(column)[order] for name, column in table.items() if name != "member"}
-            for (member, tables), a, b in zip(by_member.items(), first, end, strict=True):
+            no_rows = {name: column[:0] for name, column in columns.items()}
+            for (member, tables), a, b in zip(by_member.items(), first.tolist(), end.tolist(), strict=True):
                 if probe in self.jobs[member].probes:
-                    tables[probe] = {name: column[a:b] for name, column in columns.items()}
+                    rows = {name: column[a:b] for name, column in columns.items()} if a < b else no_rows
+                    tables[probe] = rows
         return by_member
 
     def change_scene(self, member: Member) -> None:

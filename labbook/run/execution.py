@@ -24,7 +24,7 @@ CHECKPOINT_EVERY = 20.0
 time."""
 _STOP_INTERVAL = 0.2  # s: how often a wait looks whether it was asked to stop
 _WAKE_INTERVAL = 0.05  # s: how often a wait looks whether jobs were closed, or grains placed
-_REPORT_SHARE = 0.05  # of the main thread's time may go into telling how it goes
+_REPORT_SHARE = 0.02  # of the main thread's time may go into telling how it goes
 _SAVING_SHARE = 0.05  # part of the time since the start, at most, that goes into saving the members of an ensemble
 _SAVING_ALLOWANCE = 1.0  # s of saving that are allowed from the start
 _MOST_UNSAVED = 2**28  # bytes of rows of a job that wait in memory for its next save

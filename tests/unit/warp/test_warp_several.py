@@ -220,6 +220,39 @@ def test_grains_that_get_free_rows_move_as_after_rows_were_closed_up(monkeypatch
     assert bits[0] == bits[1] == bits[2]
 
 
+def test_grains_take_rows_of_those_that_left(monkeypatch):
+    """A bed that loses many more grains than it has rows to spare keeps its rows. Its motion and the work of its
+    contacts are those of a bed whose rows are closed up at each return."""
+    scene, how, ends = of_spheres(60), numerics("mixed", dt=2e-5, steps_per_beat=100), []
+    bed, backend, append = falling(scene, how, "cpu"), Backend(), stage.Stage._append
+    start = Packing(x=bed.x, v=bed.v - [0, 0, 0.5], omega=bed.omega, ids=bed.ids)
+    assert start.ids is not None
+    for takes_rows in (True, False):
+        monkeypatch.setattr(stage.Stage, "_append", append if takes_rows else lambda *_: False)
+        probes = [Crossing(), Ledger(every=2)]
+        ensemble = backend.open(backend.specialise(scene, how, probes), 2, "cpu")
+        members = [ensemble.admit(scene, how, start) for _ in range(2)]
+        returned, rows = 0, []
+        for beat in range(60):
+            assert not ensemble.advance(1)
+            present = ensemble.tops({members[0]: np.inf})[members[0]].present
+            away = np.setdiff1d(start.ids, present)[:2]
+            x = np.array([[0.016 * k - 0.008, 0.009 * (beat % 3 - 1), 0.1] for k in range(len(away))]).reshape(-1, 3)
+            v = np.tile([0.0, 0.0, -1.5], (len(away), 1))
+            ensemble.put_back_all({members[0]: Packing(x=x, v=v, omega=0 * x, ids=away)} if len(away) else {})
+            returned += len(away)
+            rows.append(ensemble._runs[members[0]].rows)
+        ledger = ensemble.drain()[probes[1]]
+        ends.append((*map(ensemble.packing, members), ledger["contact_work"]))
+        assert returned > 25
+        assert not takes_rows or max(rows) <= 64, "32 rows more than grains would be the next size"
+        ensemble.close()
+    (fed, other, work), (closed_up, same, same_work) = ends
+    assert identical(fed, closed_up)
+    assert identical(other, same)
+    assert np.array_equal(work, same_work)
+
+
 def test_members_that_come_together_are_written_in_one_copy_of_each_array(monkeypatch):
     """Slots that others have left are filled again; the state of those who stay is not touched."""
     scene, how = of_spheres(5), numerics("mixed")
