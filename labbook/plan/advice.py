@@ -433,7 +433,9 @@ def _too_few_outlets(plan: Plan) -> Iterator[str]:
     outlets: dict[tuple, set[float]] = defaultdict(set)
     for point in plan.study.points:
         other_keys = tuple((key, value) for key, value in point.at.items() if key != "container.orifice")
-        outlets[other_keys].add(float(getattr(point.scene.container, "orifice", math.nan)))
+        several = point.scene.container.outlets if len(point.scene.container.outlets) > 1 else ()
+        widths = [outlet.width for outlet in several]
+        outlets[other_keys].update(widths or [float(getattr(point.scene.container, "orifice", math.nan))])
     fewest = min(map(len, outlets.values()))
     underdetermined = [name for name in plan.study.fit if name in LAWS and len(LAWS[name].free) >= fewest]
     if underdetermined:

@@ -254,6 +254,19 @@ class ContainerShape(Model, ABC):
         """Form of the only outlet; None with several, or of an unknown width."""
         return self.outlets[0].form if len(self.outlets) == 1 else None
 
+    def outlet_of(self, x: np.ndarray) -> np.ndarray:
+        """Find the outlet of grains in the outlets' plane: the one whose lid is nearest.
+
+        Args:
+            x: Centres of grains [m], shape [n, 3].
+
+        Returns:
+            Index of its outlet for each grain, shape [n].
+        """
+        lids = [outlet.lid for outlet in self.outlets]
+        away = [np.full(len(x), math.inf) if lid is None else np.abs(lid.distance(x)) for lid in lids]
+        return np.argmin(away, axis=0)
+
     def lets_out(self, x: np.ndarray, slack: float = 0.0) -> np.ndarray:
         """Select grains that pass the outlet's plane within an outlet.
 
