@@ -14,7 +14,7 @@ _FULL = 1e-3
 """Part of its bounding box that a rectangle may lack, and of the depth of a container that a slot may."""
 
 
-class Opening(NamedTuple):
+class OutletForm(NamedTuple):
     """Opening that a lid covers.
 
     Attributes:
@@ -28,7 +28,7 @@ class Opening(NamedTuple):
     centre: float = 0.0
 
 
-def opening(lid: WallShape, depth: float) -> Opening:
+def opening(lid: WallShape, depth: float) -> OutletForm:
     """Describe the opening that a lid covers, as seen from above.
 
     Args:
@@ -41,16 +41,16 @@ def opening(lid: WallShape, depth: float) -> Opening:
     """
     if isinstance(lid, Strip):
         (left, _), (right, _) = lid.start, lid.end
-        return Opening("slot", abs(right - left), (left + right) / 2)
+        return OutletForm("slot", abs(right - left), (left + right) / 2)
     if isinstance(lid, Frustum) and lid.lower[0] == 0:
-        return Opening("hole", 2 * lid.upper[0])
+        return OutletForm("hole", 2 * lid.upper[0])
     if isinstance(lid, TriangleMesh):
         area, (wide, deep, _) = _area_from_above(lid), lid.bounds.size
         middle = (lid.bounds.low[0] + lid.bounds.high[0]) / 2
         if deep >= depth * (1 - _FULL) and area >= wide * deep * (1 - _FULL):
-            return Opening("slot", wide, middle)
-        return Opening("hole", math.sqrt(4 * area / math.pi), middle)
-    return Opening()
+            return OutletForm("slot", wide, middle)
+        return OutletForm("hole", math.sqrt(4 * area / math.pi), middle)
+    return OutletForm()
 
 
 def depth_between(walls: Iterable[Wall]) -> float:

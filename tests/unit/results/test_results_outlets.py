@@ -153,6 +153,9 @@ def test_an_outlet_that_stops_for_good_is_told_from_an_end(study):
     run = RunData(scene, Numerics(dt=1e-5), 1, start, "finished", 6.0, {"crossing": table})
     arrays = MEASURES["clogging"].evaluate(run, Window(start=0.0, end=1.0)).arrays
     narrow, middle, wide = (Avalanches.of(arrays, place) for place in range(3))
+    assert narrow is not None
+    assert middle is not None
+    assert wide is not None
     assert (narrow.grains.tolist(), narrow.stopped.tolist(), narrow.end.tolist()) == ([100], [True], [1.0])
     assert (wide.grains.tolist(), wide.stopped.tolist()) == ([600], [False])
     assert (middle.grains.tolist(), middle.stopped.tolist()) == ([0], [True]), "never flowed"
