@@ -14,9 +14,10 @@ _LENGTHS = ("width", "diameter", "height", "thickness", "orifice", "gap")
 def mesh_lines(scenes: Iterable[Scene]) -> list[str]:
     """Describe the meshes of scenes, each once, and how full closed containers are."""
     scenes = list(scenes)
+    smallest = min((min(grain.diameter for grain in scene.grains.smallest()) for scene in scenes), default=0.0)
     meshes = {(part.name, part.shape): None for scene in scenes for part in scene.container.parts
               if isinstance(part.shape, TriangleMesh)}  # fmt: skip
-    lines = [line for name, mesh in sorted(meshes, key=lambda named: named[0]) for line in _lines(name, mesh)]
+    lines = [line for name, mesh in sorted(meshes, key=lambda named: named[0]) for line in _lines(name, mesh, smallest)]
     return [*lines, *dict.fromkeys(line for scene in scenes for line in _filled(scene))]
 
 
@@ -38,9 +39,10 @@ def _filled(scene: Scene) -> Iterator[str]:
         )
 
 
-def _lines(name: str, mesh: TriangleMesh) -> Iterator[str]:
+def _lines(name: str, mesh: TriangleMesh, smallest: float) -> Iterator[str]:
+    """Lines on one mesh; holes through which no grain of the diameter `smallest` [m] fits are no outlets."""
     yield f"Mesh {name}: {mesh.summary}"
-    for hole in outlets(mesh.surface):
+    for hole in (hole for hole in outlets(mesh.surface) if hole.diameter >= smallest):
         area, diameter, z = 1e4 * hole.area, 1e3 * hole.diameter, 1e3 * hole.z
         yield f"Mesh {name}: outlet at z = {z:.4g} mm of {area:.4g} cm^2, as a circle of {diameter:.4g} mm"
     near = likeness(mesh)
