@@ -88,7 +88,7 @@ def insert(sides: int = 96) -> np.ndarray:
     for turn in (0.3, 0.3 + 2 * math.pi / 3, 0.3 + 4 * math.pi / 3):
         along, across = (np.array([math.cos(t), math.sin(t), 0.0]) for t in (turn, turn + math.pi / 2))
         ring = 2.0 * np.array([(math.cos(t), math.sin(t)) for t in 2 * math.pi * np.arange(12) / 12])
-        rows = [[r * along + u * across + np.array([0, 0, 76.0 + w]) for u, w in ring] for r in (25.0, 34.0, 43.0)]
+        rows = [[r * along + u * across + np.array([0, 0, 76.0 + w]) for u, w in ring] for r in (25.0, 40.0, 60.0)]
         struts.append(grid(np.array(rows), closed=True))
     return np.concatenate([cone, *struts])
 

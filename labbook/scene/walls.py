@@ -77,7 +77,7 @@ class Plane(WallShape):
         return self.point[2] if self._across == 2 else -math.inf
 
     @property
-    def prismaticabove_line(self) -> float:
+    def prismatic_above(self) -> float:
         """Height -infinite, or infinite of an inclined plane."""
         return -math.inf if self.normal[2] == 0 or self._across == 2 else math.inf
 
@@ -164,7 +164,7 @@ class Strip(WallShape):
         return self.bounds.low[2]
 
     @property
-    def prismaticabove_line(self) -> float:
+    def prismatic_above(self) -> float:
         """Height z [m] of the lower edge of an upright strip, else of the upper one."""
         return (min if self.start[0] == self.end[0] else max)(self.start[1], self.end[1])
 
@@ -272,7 +272,7 @@ class Frustum(WallShape):
         return self.bounds.low[2]
 
     @property
-    def prismaticabove_line(self) -> float:
+    def prismatic_above(self) -> float:
         """Height z [m] of the lower edge of a cylinder, else of the upper one."""
         return (min if self.lower[0] == self.upper[0] else max)(self.lower[1], self.upper[1])
 

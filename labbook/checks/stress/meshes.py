@@ -71,10 +71,18 @@ def _meshes(stand: Stand) -> Iterator[Ending]:
 
 
 def _beside(stand: Stand) -> Iterator[Ending]:
-    """Past the free edge of a sheet, and past a corner of it, a grain falls freely: triangles end at their edges."""
-    sheet = of_triangles(np.array([[-FAR, -FAR, 0], [0, -FAR, 0], [0, FAR, 0], [-FAR, FAR, 0]]), [[0, 1, 2], [0, 2, 3]])
-    here = scene(1, linear(**SOFT["linear"]), Primitives(parts=(sheet,)), G)
-    for part, x, y in (("past an edge", 1.001 * R, 0.3 * R), ("past a corner", 0.8 * R, FAR + 0.8 * R)):
+    """Past the free edge or a corner of a sheet, or a needle, a grain falls freely: triangles end at their edges."""
+    sheet = of_triangles(
+        np.array([[-FAR, -FAR, 0], [0, -FAR, 0], [0, FAR, 0], [-FAR, FAR, 0]]), np.array([[0, 1, 2], [0, 2, 3]])
+    )
+    thin = 1e-4 * D
+    needle = of_triangles(np.array([[0, 0, 0], [-FAR, thin, 0], [-FAR, -thin, 0]]), np.array([[0, 1, 2]]))
+    for part, wall, x, y in (
+        ("past an edge", sheet, 1.001 * R, 0.3 * R),
+        ("past a corner", sheet, 0.8 * R, FAR + 0.8 * R),
+        ("past the tip of a needle", needle, 1.001 * R, 0.0),
+    ):
+        here = scene(1, linear(**SOFT["linear"]), Primitives(parts=(wall,)), G)
         motion = sound(follow(stand, MemberStart(here, DT["linear"], grains_at([x, y, R])), 10, 1000))
         time = motion.status.step * DT["linear"]
         off = np.abs(motion.end.x[0] - [x, y, R - G * time**2 / 2]).max() / D
@@ -153,8 +161,11 @@ def _fast(stand: Stand) -> Iterator[Ending]:
 CASES = [
     StressCase(
         name="meshes",
-        attempt="a sphere dropped onto a vertex of 50 triangles, an edge of three, slivers; a fast one at a sheet",
-        oracle="symmetry; energy does not grow; static balance; elastic bounce; the overlap guard",
+        attempt="a sphere dropped onto a vertex of 50 triangles, an edge of three, slivers, repeated and torn "
+        "triangles, sheets close together; a fast one at a sheet; one past a free edge; one that rolls over edges; "
+        "one in a box",
+        oracle="symmetry; energy does not grow; static balance; elastic bounce; the overlap guard; free fall; the same "
+        "box of planes",
         run=_meshes,
     ),
 ]

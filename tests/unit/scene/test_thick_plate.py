@@ -173,6 +173,7 @@ def test_pictures_have_the_lip():
     for container in CONTAINERS:
         for plate in plates(container):
             mesh = plate.mesh(box)
+            assert mesh is not None
             assert np.abs(plate.distance(mesh.vertices)).max() < 1e-9
             assert plate.section()
             assert plate.mirrored().mirrored() == plate
