@@ -442,7 +442,10 @@ def _too_few_outlets(plan: Plan) -> Iterator[str]:
         needed = max(len(LAWS[name].free) for name in underdetermined) + 1
         parameters = ", ".join(f"{name} has {len(LAWS[name].free)} parameters" for name in underdetermined)
         reason = f"{fewest} {'orifice is' if fewest == 1 else 'orifices are'} too few: {parameters}"
-        yield _warning(plan.study.path, "fit", reason, f"sweep {needed} or more values of container.orifice")
+        several = any(len(point.scene.container.outlets) > 1 for point in plan.study.points)
+        remedy = f"give {needed} or more lids unlike widths" if several else ""
+        remedy = remedy or f"sweep {needed} or more values of container.orifice"
+        yield _warning(plan.study.path, "fit", reason, remedy)
 
 
 def _large_recordings(plan: Plan) -> Iterator[str]:
