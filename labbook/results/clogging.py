@@ -172,7 +172,8 @@ class PointClogging:
         """Numbers by the names of columns: stops, probability with both intervals, flow while flowing and, of agitated
         silos, the tail of the times between grains."""
         q, (low, high), flowing = self.probability, self.over_beds, self.flowing
-        row: Row = {"width_ratio": self.width, "stops": q.events if q else 0, "grains": q.exposure if q else 0.0}
+        row: Row = {"outlet": self.result.outlet.name} if isinstance(self.result, OutletResult) else {}
+        row |= {"width_ratio": self.width, "stops": q.events if q else 0, "grains": q.exposure if q else 0.0}
         if q is not None:
             row |= {"probability": q.value, "low": q.low, "high": q.high, "low_over_beds": low, "high_over_beds": high}
         row["hazard_p"] = self.hazard.p if self.hazard is not None else math.nan

@@ -168,6 +168,7 @@ def test_reports_and_tables_have_the_outlets(results, tmp_path):
     assert section.title == "Flow rate against orifice"
     assert clogging_sections(results, tmp_path)
     table = frames(results, ("clogging",))["clogging"]
+    assert table["outlet"].tolist() == ["narrow", "middle", "wide"]
     assert table["width_ratio"].tolist() == pytest.approx([6, 8, 12])
 
 
