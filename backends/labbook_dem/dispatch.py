@@ -92,6 +92,7 @@ def functions(kinds: Sequence[str], rods: bool, at: str, looks_first: bool = Fal
     nowhere = f"wide({NOWHERE})"
     parts = [_function("wall_distance", "x: wide3", kinds, "distance", f"{nowhere}, {away}", at)]
     if rods:
+        kinds = [kind for kind in kinds if hasattr(WALLS[kind], f"{identifier(kind)}_rod")]
         edged = [kind for kind in kinds if WALLS[kind].PARTS > 2]
         together = [kind for kind in kinds if finds_edges_together(kind)]
         edges = "met: wide, on: wide, other: wide, back: wide"

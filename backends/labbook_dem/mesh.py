@@ -10,7 +10,8 @@ a line and d a direction, (x - p) . d is positive or not.
 
 The conditions of neighbours hold the same numbers, so that they decide from the same bits. Where the foot of the
 centre lies on an edge or vertex to round-off, both sides or none would count. So conditions hold within 1e-5 R, and
-contacts whose points are less than 1e-3 R apart are one, the deepest.
+contacts whose points are less than 1e-3 R apart are one, the deepest. At a needle, whose sides meet at a small angle, a
+place beyond the tip is that close to both sides: there conditions hold within a smaller distance.
 
 Springs belong to features: a contact takes over that of the contact of the same grain that ended in this step on a
 feature with a vertex in common, as where a grain rolls over the edge of a triangle.
@@ -34,8 +35,9 @@ MESH_CONTACTS = 8
 OVER = -1
 """Number of contacts where there are more."""
 # columns of a feature: kind, patch, first condition and behind the last, a point and a unit vector, its vertices
-F_KIND, F_PATCH, F_FIRST, F_LAST, F_POINT, F_UNIT, F_VERTICES = 0, 1, 2, 3, 4, 7, 10
-FEATURE_COLUMNS = 13
+# (from the last on), and before these the part of 1e-5 R within which its conditions hold
+F_KIND, F_PATCH, F_FIRST, F_LAST, F_POINT, F_UNIT, F_SLACK, F_VERTICES = 0, 1, 2, 3, 4, 7, 10, 11
+FEATURE_COLUMNS = 14
 FACE, EDGE, VERTEX = 0, 1, 2
 # columns of a condition: a point, a direction, and 1 or -1 for positive or not
 C_POINT, C_ALONG, C_SENSE = 0, 3, 6
@@ -50,6 +52,8 @@ SPRING_KEY = 3
 """Column of a row of springs that holds the feature."""
 _FLAT = 1e-6  # |t x t'| of two triangles in one plane
 _NONE = -1.0
+_NEEDLE = 0.01
+"""Sine of half the sharpest angle of a triangle, below which it is a needle."""
 
 
 @func
@@ -164,7 +168,7 @@ def mesh_contacts(
         away = mesh_away(features, f, x)
         touches = mesh_within(away, radius)
         if touches and entry >= 0:
-            touches = mesh_holds(features, conditions, f, x, wide(1e-5) * radius)
+            touches = mesh_holds(features, conditions, f, x, wide(1e-5) * radius * features[f, F_SLACK])
         if touches:
             distance, normal = mesh_normal(away)
             count = mesh_put(contacts, count, f, radius - distance, normal, radius)
@@ -364,7 +368,9 @@ def mesh_table(shape: TriangleMesh) -> MeshTable:
     features[:, F_LAST] = np.cumsum(count)
     features[:, F_FIRST] = features[:, F_LAST] - count
     features[:, F_POINT:F_UNIT] = np.concatenate([vertices[corners[:, 0]], p[bent], vertices[tips]])
-    features[:, F_UNIT:F_VERTICES] = np.concatenate([surface.normals, along[bent], np.zeros((len(tips), 3))])
+    features[:, F_UNIT:F_SLACK] = np.concatenate([surface.normals, along[bent], np.zeros((len(tips), 3))])
+    features[:, F_SLACK] = 1.0
+    features[: len(corners), F_SLACK] = _slack(surface)
     names = np.concatenate([corners, edges[bent][:, [0, 1, 1]], np.repeat(tips[:, None], 3, axis=1)])
     features[:, F_VERTICES:] = names
     low, high = vertices[names].min(axis=1), vertices[names].max(axis=1)
@@ -383,6 +389,18 @@ def _inward(surface: Triangles, along: np.ndarray) -> np.ndarray:
     l = along[of]
     t = opposite - np.einsum("msk,msk->ms", opposite, l)[..., None] * l
     return t / np.linalg.norm(t, axis=2)[..., None]
+
+
+def _slack(surface: Triangles) -> np.ndarray:
+    """Part of 1e-5 R within which the conditions of each face hold, shape [m].
+
+    At a corner of angle a, conditions that hold within w reach w / sin(a/2) beyond it: at most 1e-3 R with this part.
+    """
+    sides = np.roll(surface.places, -1, axis=1) - surface.places
+    back = -np.roll(sides, 1, axis=1)
+    across, along = np.linalg.norm(np.cross(sides, back), axis=2), np.einsum("msk,msk->ms", sides, back)
+    sharpest = np.arctan2(across, along).min(axis=1)
+    return np.minimum(1.0, np.sin(sharpest / 2) / _NEEDLE)
 
 
 def _patches(triangles: int, left: np.ndarray, right: np.ndarray, joined: np.ndarray) -> np.ndarray:

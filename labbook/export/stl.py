@@ -47,10 +47,7 @@ def wall_files(container: Container, within: Bounds, facets: int = AROUND) -> di
     for wall in container.walls():
         name, mesh = wall.name, wall.shape.mesh(within)
         if "axial" in wall.shape.symmetries and (lines := _profile(wall.shape.section(), within.high[2])):
-            frustums = [Mesh.turned(line, facets) for line in lines]
-            first = 2 * facets * np.arange(len(lines))
-            triangles = [mesh.triangles + k for mesh, k in zip(frustums, first, strict=True)]
-            mesh = Mesh(np.concatenate([mesh.vertices for mesh in frustums]), np.concatenate(triangles))
+            mesh = Mesh.joined([Mesh.turned(line, facets) for line in lines])
             radius = max(end[0] for line in lines for end in line)
             name = f"{name} ({facets} corners, sagitta {sagitta(radius, facets):.3g} m)"
         if mesh is not None:

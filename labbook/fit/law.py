@@ -8,6 +8,7 @@ from typing import ClassVar, Literal
 
 import numpy as np
 
+from labbook.scene.lids import depth_between
 from labbook.scene.scene import Scene
 
 
@@ -42,7 +43,8 @@ class Context:
         """
         density = scene.grains.mean_density
         diameter = (6 * scene.grains.mass / (math.pi * density)) ** (1 / 3)  # of a sphere of the grains' volume
-        thickness = float(getattr(scene.container, "thickness", math.nan))
+        deep = scene.container.front_to_back
+        thickness = deep if math.isfinite(deep) else depth_between(scene.container.walls())
         bulk = None if packing_fraction is None else packing_fraction * density
         return cls(diameter, density, bulk, thickness, scene.gravity)
 

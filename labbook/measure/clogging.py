@@ -2,8 +2,8 @@
 
 import itertools
 import math
-from collections.abc import Mapping
-from dataclasses import dataclass
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -11,8 +11,10 @@ from labbook.backend.numerics import Numerics
 from labbook.backend.probes import Crossing, Probe
 from labbook.measure.data import RunData
 from labbook.measure.measure import Evaluation, Measure, MeasureError, Quantity, Window
-from labbook.measure.series import crossings, mean_mass
-from labbook.scene import Scene
+from labbook.measure.scales import gap
+from labbook.measure.series import crossed_outlets, crossings, mean_mass
+from labbook.scene import Outlet, Scene
+from labbook.scene.lids import depth_between
 from labbook.stats import Measured
 
 NAME = "clogging"
@@ -45,9 +47,17 @@ class Avalanches:
     end: np.ndarray
 
     @classmethod
-    def of(cls, arrays: Mapping[str, np.ndarray]) -> "Avalanches | None":
-        """Read the avalanches from the arrays of an evaluation; None if they could not be measured."""
-        return cls(**{name: arrays[name] for name in cls.__dataclass_fields__}) if "stopped" in arrays else None
+    def of(cls, arrays: Mapping[str, np.ndarray], outlet: int | None = None) -> "Avalanches | None":
+        """Read the avalanches from the arrays of an evaluation; None if they could not be measured.
+
+        Args:
+            arrays: Arrays of the evaluation.
+            outlet: Index of an outlet, of a container with several.
+        """
+        if "stopped" not in arrays:
+            return None
+        rows = slice(None) if outlet is None else arrays["outlet"] == outlet
+        return cls(**{name: arrays[name][rows] for name in cls.__dataclass_fields__})
 
     @property
     def stops(self) -> int:
@@ -62,7 +72,10 @@ class Clogging(Measure):
     their grains count, and no stop. Without `feed` an avalanche is also censored at the end of the window, before the
     bed runs out.
 
-    Quantities:
+    Each of several outlets has avalanches of its own. A pause without a grain that is longer than `window.gap` is a
+    stop of this outlet. The flow through others may end it, and then another avalanche begins.
+
+    Quantities (of several outlets with the name of each, as in `clogging_probability_NAME`):
         clogging_probability: Stops over grains that left, both beyond the transient of each start; the maximum of the
             likelihood of avalanches with a constant probability, some of them censored.
         clogging_stops: Number of stops beyond the transient.
@@ -70,11 +83,12 @@ class Clogging(Measure):
 
     Arrays:
         grains, stopped, counted, mass, time, begin, end: Those of `Avalanches`.
-        waits: Times between grains [s], where walls move.
+        outlet: Index of the outlet of each, of a container with several.
+        waits: Times between grains [s], where walls move and there is one outlet.
         wait_ended: False of the last of these, which is censored by the end of the run.
 
     Raises:
-        MeasureError: The container does not have exactly one outlet.
+        MeasureError: The container has no outlet, or an outlet of unknown width.
     """
 
     name = NAME
@@ -93,52 +107,89 @@ class Clogging(Measure):
     )
 
     def check(self, scene: Scene) -> None:
-        if scene.container.outlet_plane is None or len(scene.container.outlets) != 1:
-            reason = f"{NAME} needs one outlet, and the container ({scene.container.kind}) has "
-            reason += f"{len(scene.container.outlets) or 'none'}"
-            raise MeasureError(reason, f"take {NAME} out of measure, or use a container with one outlet")
+        outlets = scene.container.outlets
+        if not outlets or not all(math.isfinite(outlet.width) for outlet in outlets):
+            lack = "an outlet of unknown width" if outlets else "none"
+            reason = f"{NAME} needs outlets of a known width, and the container ({scene.container.kind}) has {lack}"
+            remedy = f"take {NAME} out of measure, or use a hopper or silo, or walls with several lids"
+            raise MeasureError(reason, remedy)
+
+    def quantities(self, scene: Scene) -> tuple[Quantity, ...]:
+        outlets = scene.container.outlets
+        if len(outlets) < 2:
+            return self.declared
+        return tuple(_through(quantity, outlet) for outlet in outlets for quantity in self.declared)
 
     def probes(self, scene: Scene, numerics: Numerics) -> tuple[Probe, ...]:
         self.check(scene)
-        plane = scene.container.outlet_plane
-        assert plane is not None
-        return (Crossing(plane),)
+        return (Crossing(scene.container.outlets[0].plane),)
 
     def evaluate(self, run: RunData, window: Window) -> Evaluation:
         self.check(run.scene)
-        flows = avalanches(run, window)
-        arrays = {**vars(flows), **waits(run)}
-        k, passed = flows.stops, int(flows.counted.sum())
-        first = transient(run.scene)
-        where = f"after the first {first} grains of each start"
-        how = "stops over grains (censored); error of a Poisson count"
-        if not passed:
-            note = f"no avalanche is longer than the transient of {first} grains"
-            return Evaluation((Measured(PROBABILITY, math.nan, math.nan, 0, where, how, "", note),), arrays)
+        outlets = run.scene.container.outlets
+        if len(outlets) < 2:
+            flows = avalanches(run, window)
+            return Evaluation(tuple(_numbers(run, flows)), {**vars(flows), **waits(run)})
+        of_outlets = [avalanches(run, window, place) for place in range(len(outlets))]
         numbers = [
-            Measured(PROBABILITY, k / passed, math.sqrt(k) / passed, passed, where, how, ""),
-            Measured(STOPS, k, math.nan, 1, where, "counted", ""),
+            replace(number, quantity=number.quantity + outlet_suffix(outlet))
+            for place, (outlet, flows) in enumerate(zip(outlets, of_outlets, strict=True))
+            for number in _numbers(run, flows, place)
         ]
-        time = float(flows.time.sum())
-        speed = -float(np.mean(np.asarray(run.tables["crossing"]["vz"], float)))
-        if time > 0 and speed > 0:
-            exchange = passed / time * run.scene.grains.equivalent_diameter / speed
-            how = "grain rate times d over the speed of the grains at the outlet"
-            numbers.append(Measured(EXCHANGE, exchange, math.nan, passed, where, how, ""))
-        return Evaluation(tuple(numbers), arrays)
+        joined = {name: np.concatenate([vars(flows)[name] for flows in of_outlets]) for name in vars(of_outlets[0])}
+        index = np.repeat(np.arange(len(outlets)), [len(flows.grains) for flows in of_outlets])
+        return Evaluation(tuple(numbers), {**joined, "outlet": index})
 
 
-def width_ratio(scene: Scene) -> float:
-    """Ratio D/d of the only outlet, with the diameter of spheres of the grains' volume."""
-    return scene.container.outlets[0].width / scene.grains.equivalent_diameter
+def outlet_suffix(outlet: Outlet) -> str:
+    """Suffix of quantities of one of several outlets."""
+    return f"_{outlet.name}"
 
 
-def dimension(scene: Scene) -> int:
-    """Dimension of the region above the outlet in which arches form: 3 of a hole, 2 of a slot."""
-    return 3 if scene.container.outlet_form == "hole" else 2
+def _through(quantity: Quantity, outlet: Outlet) -> Quantity:
+    """Declare a quantity of one of several outlets."""
+    return replace(
+        quantity,
+        name=quantity.name + outlet_suffix(outlet),
+        symbol=f"{quantity.symbol} of {outlet.name}",
+        meaning=f"{quantity.meaning}, through {outlet.name}",
+    )
 
 
-def transient(scene: Scene, opening: bool = False) -> int:
+def _numbers(run: RunData, flows: Avalanches, place: int = 0) -> Iterator[Measured]:
+    """Yield the quantities of avalanches through the outlet of an index."""
+    k, passed = flows.stops, int(flows.counted.sum())
+    first = transient(run.scene, place=place)
+    where = f"after the first {first} grains of each start"
+    how = "stops over grains (censored); error of a Poisson count"
+    if not passed:
+        note = f"no avalanche is longer than the transient of {first} grains"
+        yield Measured(PROBABILITY, math.nan, math.nan, 0, where, how, "", note)
+        return
+    yield Measured(PROBABILITY, k / passed, math.sqrt(k) / passed, passed, where, how, "")
+    yield Measured(STOPS, k, math.nan, 1, where, "counted", "")
+    time, velocity = float(flows.time.sum()), np.asarray(run.tables["crossing"]["vz"], float)
+    if len(run.scene.container.outlets) > 1:
+        order = np.argsort(run.tables["crossing"]["time"], kind="stable")
+        velocity = velocity[order][crossed_outlets(run) == place]
+    speed = -float(np.mean(velocity))
+    if time > 0 and speed > 0:
+        exchange = passed / time * run.scene.grains.equivalent_diameter / speed
+        how = "grain rate times d over the speed of the grains at the outlet"
+        yield Measured(EXCHANGE, exchange, math.nan, passed, where, how, "")
+
+
+def width_ratio(scene: Scene, place: int = 0) -> float:
+    """Ratio D/d of the outlet of an index, with the diameter of spheres of the grains' volume."""
+    return scene.container.outlets[place].width / scene.grains.equivalent_diameter
+
+
+def dimension(scene: Scene, place: int = 0) -> int:
+    """Dimension of the region above the outlet of an index in which arches form: 3 of a hole, 2 of a slot."""
+    return 3 if scene.container.outlets[place].form == "hole" else 2
+
+
+def transient(scene: Scene, opening: bool = False, place: int = 0) -> int:
     """Number of grains of the transient of a start, which do not count.
 
     These are about the grains in the half ball, or half disc, of the outlet's width above it, which were at rest under
@@ -148,19 +199,23 @@ def transient(scene: Scene, opening: bool = False) -> int:
         scene: The scene.
         opening: The start is the opening, whose transient is twice as long: a bed that has never flowed stops more
             often within it (docs/results/clogging-layer.md).
+        place: Index of the outlet.
     """
-    x, depth = width_ratio(scene), 1.0
-    if dimension(scene) == 2:
-        depth = max(1.0, scene.container.front_to_back / scene.grains.equivalent_diameter)
-    return math.ceil(DENSE * x ** dimension(scene) / 2 * depth * (2 if opening else 1))
+    x, of, depth = width_ratio(scene, place), dimension(scene, place), 1.0
+    if of == 2:
+        deep = scene.container.front_to_back
+        deep = depth_between(scene.container.walls()) if math.isinf(deep) else deep
+        depth = max(1.0, deep / scene.grains.equivalent_diameter) if math.isfinite(deep) else 1.0
+    return math.ceil(DENSE * x**of / 2 * depth * (2 if opening else 1))
 
 
-def avalanches(run: RunData, window: Window) -> Avalanches:
+def avalanches(run: RunData, window: Window, place: int | None = None) -> Avalanches:
     """Divide the grains that left into avalanches.
 
     Args:
         run: With its crossings and, of a scene with `restart`, its restarts.
         window: Its end censors avalanches of a bed that is not fed.
+        place: Index of one of several outlets, whose pauses longer than `window.gap` are stops.
 
     Returns:
         The avalanches; one that was restarted in vain is left out.
@@ -169,23 +224,58 @@ def avalanches(run: RunData, window: Window) -> Avalanches:
         MeasureError: The run recorded no crossings.
     """
     times, weights = crossings(run)
-    restarts = np.asarray(run.tables.get("restart", {}).get("time", ()), float)
     limit, last = _limit(run, window, weights), run.outcome == "clogged"
-    edges = np.concatenate([[0], np.searchsorted(times, restarts, "right"), [len(times)]]).astype(int)
-    begins = np.concatenate([[0.0], restarts])
+    if place is None:
+        begins = np.concatenate([[0.0], np.asarray(run.tables.get("restart", {}).get("time", ()), float)])
+    else:
+        # the outlet is observed until the window of the whole outflow ends
+        end = float(times[limit - 1]) if 0 < limit < len(times) else run.duration
+        last = last and limit == len(times)
+        mask = crossed_outlets(run) == place
+        mask &= times <= end
+        times, weights, limit = times[mask], weights[mask], int(mask.sum())
+        begins, last = _starts(times, _opening(run.scene, place), end, gap(run.scene, window), last)
+    edges = np.concatenate(
+        [[0], np.searchsorted(times, begins[1:], "right" if place is None else "left"), [len(times)]]
+    )
     rows = []
-    for place, (low, high) in enumerate(itertools.pairwise(edges)):
-        ends_here = place < len(restarts) or last
-        if (place and low == high) or low > limit:  # a restart in vain, or one after the end of the window
+    for count, (low, high) in enumerate(itertools.pairwise(edges.astype(int))):
+        ends_here = count < len(begins) - 1 or last
+        # a restart in vain, or one after the end of the window
+        if (count and low == high) or low > limit:
             continue
-        cut, first = min(high, limit), transient(run.scene, opening=place == 0)
+        cut, first = min(high, limit), transient(run.scene, opening=count == 0, place=place or 0)
         counted = max(0, cut - low - first)
         time = float(times[cut - 1] - times[low + first - 1]) if counted else 0.0
         mass = float(weights[cut - counted : cut].sum()) * mean_mass(run)
-        end = float(times[cut - 1]) if cut > low else float(begins[place])
-        rows.append((cut - low, ends_here and cut == high, counted, mass, time, begins[place], end))
+        end = float(times[cut - 1]) if cut > low else float(begins[count])
+        rows.append((cut - low, ends_here and cut == high, counted, mass, time, begins[count], end))
     grains, stopped, counted, mass, time, begin, end = (np.array(column) for column in zip(*rows, strict=True))
     return Avalanches(grains, stopped, counted, mass, time, begin, end)
+
+
+def _opening(scene: Scene, place: int) -> float:
+    """Time [s] at which one of several outlets opens."""
+    name = scene.container.outlets[place].name
+    return next((part.removal or 0.0 for part in scene.container.parts if part.name == name), 0.0)
+
+
+def _starts(times: np.ndarray, opening: float, end: float, longest: float, clogged: bool) -> tuple[np.ndarray, bool]:
+    """Find the starts of the flow through one of several outlets.
+
+    Args:
+        times: Ascending times of its crossings [s], shape [n].
+        opening: Time at which it opens [s].
+        end: Time until which it is observed [s].
+        longest: Longest pause that is no stop [s].
+        clogged: No outlet flowed any more at the end.
+
+    Returns:
+        Times of the starts [s], the opening first, and true if a stop ends the last avalanche.
+    """
+    before = np.concatenate([[opening], times])
+    again = times[np.diff(before) > longest]
+    return np.concatenate([[opening], again]), clogged or end - float(before[-1]) > longest
 
 
 def agitated(scene: Scene) -> bool:

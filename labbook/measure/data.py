@@ -42,12 +42,19 @@ class RunData:
         """Return the columns of a table by name.
 
         Where grains differ, rows of single grains also have the `radius` [m] and `mass` [kg] of the grain, and where
-        there are kinds the name of its `kind`.
+        there are kinds the name of its `kind`. Crossings of a container with several outlets have the name of the
+        `outlet`.
 
         Raises:
             KeyError: The run has no such table.
         """
         columns, grains = self.tables[table], self.scene.grains
+        outlets = self.scene.container.outlets
+        if table == "crossing" and len(outlets) > 1:
+            through = self.scene.container.outlet_of(
+                np.column_stack([np.asarray(columns[axis], float) for axis in "xyz"])
+            )
+            columns = {**columns, "outlet": np.array([outlet.name for outlet in outlets])[through]}
         if "id" not in columns or not grains.varied:
             return columns
         bodies, grain = Bodies.of(grains, self.start), self.start.rows(np.asarray(columns["id"]))

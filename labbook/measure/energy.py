@@ -99,7 +99,7 @@ class EnergyBalance(Measure):
             raise MeasureError(reason, "take energy out of measure, or leave out feed")
         if scene.sink is not None:
             reason = "energy is the balance of what lies above the outlet, and this container goes on below it"
-            raise MeasureError(reason, "take energy out of measure, or leave out container.sink")
+            raise MeasureError(reason, "take energy out of measure, or leave out container.sink and container.lip")
         if scene.gravity == 0:
             reason = "energy is sampled at a multiple of sqrt(d/g), and there is no gravity"
             raise MeasureError(reason, "take energy out of measure, or use a gravity above 0 m/s^2")

@@ -2,8 +2,6 @@
 
 import math
 
-import numpy as np
-
 from labbook.backend.numerics import Numerics
 from labbook.backend.probes import Crossing, Probe
 from labbook.measure.data import RunData
@@ -18,7 +16,7 @@ from labbook.measure.measure import (
     window_in_words,
 )
 from labbook.measure.scales import gap
-from labbook.measure.series import crossings, mean_mass
+from labbook.measure.series import crossed_outlets, crossings, mean_mass
 from labbook.measure.steady import BLOCKS, FEWEST, TimeWindow, outflow, steady_flow
 from labbook.scene import Outlet, Scene
 from labbook.stats import Measured
@@ -80,19 +78,6 @@ class OutletRates(Measure):
             value, error = mean_mass(run) * outlet_flow.rate, mean_mass(run) * outlet_flow.error
             numbers.append(Measured(name, value, error, outlet_flow.n_effective, where, how, "kg/s", ""))
         return Evaluation(tuple(numbers), {"outlet": through})
-
-
-def crossed_outlets(run: RunData) -> np.ndarray:
-    """Find the outlet of each grain that left: the one whose lid is nearest.
-
-    Returns:
-        Its index among the container's outlets, in the order of the times of crossings, shape [n].
-    """
-    table = run.tables["crossing"]
-    x = np.column_stack([np.asarray(table[axis], float) for axis in "xyz"])
-    x = x[np.argsort(table["time"], kind="stable")]
-    lids = [outlet.lid for outlet in run.scene.container.outlets]
-    return np.argmin([np.full(len(x), math.inf) if lid is None else np.abs(lid.distance(x)) for lid in lids], axis=0)
 
 
 def _rate(outlet: Outlet) -> Quantity:

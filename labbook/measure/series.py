@@ -33,6 +33,17 @@ def passages(grains: Grains, start: Packing, table: Table) -> tuple[np.ndarray, 
     return times, mass[start.rows(np.asarray(table["id"])[order])] / mass.mean()
 
 
+def crossed_outlets(run: RunData) -> np.ndarray:
+    """Find the outlet of each grain that left: the one whose lid is nearest.
+
+    Returns:
+        Its index among the container's outlets, in the order of `crossings`, shape [n].
+    """
+    table = run.tables["crossing"]
+    x = np.column_stack([np.asarray(table[axis], float) for axis in "xyz"])
+    return run.scene.container.outlet_of(x[np.argsort(table["time"], kind="stable")])
+
+
 def mean_mass(run: RunData) -> float:
     """Mean mass [kg] of the grains at the start."""
     return float(np.mean(masses(run.scene.grains, run.start)))

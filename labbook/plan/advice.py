@@ -433,14 +433,19 @@ def _too_few_outlets(plan: Plan) -> Iterator[str]:
     outlets: dict[tuple, set[float]] = defaultdict(set)
     for point in plan.study.points:
         other_keys = tuple((key, value) for key, value in point.at.items() if key != "container.orifice")
-        outlets[other_keys].add(float(getattr(point.scene.container, "orifice", math.nan)))
+        several = point.scene.container.outlets if len(point.scene.container.outlets) > 1 else ()
+        widths = [outlet.width for outlet in several]
+        outlets[other_keys].update(widths or [float(getattr(point.scene.container, "orifice", math.nan))])
     fewest = min(map(len, outlets.values()))
     underdetermined = [name for name in plan.study.fit if name in LAWS and len(LAWS[name].free) >= fewest]
     if underdetermined:
         needed = max(len(LAWS[name].free) for name in underdetermined) + 1
         parameters = ", ".join(f"{name} has {len(LAWS[name].free)} parameters" for name in underdetermined)
         reason = f"{fewest} {'orifice is' if fewest == 1 else 'orifices are'} too few: {parameters}"
-        yield _warning(plan.study.path, "fit", reason, f"sweep {needed} or more values of container.orifice")
+        several = any(len(point.scene.container.outlets) > 1 for point in plan.study.points)
+        remedy = f"give {needed} or more lids unlike widths" if several else ""
+        remedy = remedy or f"sweep {needed} or more values of container.orifice"
+        yield _warning(plan.study.path, "fit", reason, remedy)
 
 
 def _large_recordings(plan: Plan) -> Iterator[str]:

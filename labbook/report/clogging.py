@@ -125,14 +125,16 @@ def _short(value: float) -> str:
 
 
 def _transients(series: SeriesClogging) -> str:
-    scenes = [point.result.point.scene for point in series.points]
-    after = "" if all(scene.restart is None for scene in scenes) else f", and {_range(scenes, False)} of each restart"
+    scenes = [(point.result.point.scene, point.place or 0) for point in series.points]
+    after = (
+        "" if all(scene.restart is None for scene, _ in scenes) else f", and {_range(scenes, False)} of each restart"
+    )
     return f"{_range(scenes, True)} grains of each opening{after}"
 
 
-def _range(scenes: Sequence[Scene], opening: bool) -> str:
-    """Smallest and largest transient of scenes."""
-    first = sorted({transient(scene, opening) for scene in scenes})
+def _range(scenes: Sequence[tuple[Scene, int]], opening: bool) -> str:
+    """Smallest and largest transient of scenes and indices of their outlets."""
+    first = sorted({transient(scene, opening, place) for scene, place in scenes})
     return " to ".join(dict.fromkeys((str(first[0]), str(first[-1]))))
 
 

@@ -97,11 +97,11 @@ def of_series(results: StudyResults, series: Series) -> dict[str, Draw]:
 def of_points(series: Series) -> dict[str, Draw]:
     """Figures with a panel or a curve for each point of a series, by name, as functions that draw them."""
     drawings: dict[str, Draw] = {}
-    if any(run.trace is not None for result in series.points for run in result.runs):
+    if any(run.trace is not None for result in series.whole_points for run in result.runs):
         drawings["flow_over_time"] = Drawing(
             lambda: figures.flow_against_time(series), lambda: flow_caption(series), "flow"
         )
-    if any(run.recorded for result in series.points for run in result.runs):
+    if any(run.recorded for result in series.whole_points for run in result.runs):
         drawings["patterns"] = Drawing(lambda: _patterns(series), lambda: PATTERNS)
         drawings["acceleration"] = Drawing(
             lambda: _acceleration(series), lambda: acceleration_caption(_accelerations(series)), "accelerations"
@@ -117,14 +117,14 @@ def _map(results: StudyResults) -> "Figure":
 
 
 def _patterns(series: Series) -> "Figure":
-    patterns = [one[0] for one in map(flow_patterns, series.points) if one]
+    patterns = [one[0] for one in map(flow_patterns, series.whole_points) if one]
     if not patterns:
         raise NothingToShow("patterns: too few frames were recorded within the window; record more often")
     return figures.flow_patterns(patterns)
 
 
 def _accelerations(series: Series) -> list[tuple[PointResult, AccelerationProfile]]:
-    return [(result, profile) for result in series.points if (profile := acceleration(result)) is not None]
+    return [(result, profile) for result in series.whole_points if (profile := acceleration(result)) is not None]
 
 
 def _acceleration(series: Series) -> "Figure":

@@ -1,7 +1,7 @@
 """Sections of the page for each series: figures with their captions, and tables."""
 
 import math
-from collections.abc import Sequence
+from collections.abc import Hashable, Sequence
 from pathlib import Path
 
 from labbook.fields.pattern import SLOW
@@ -60,7 +60,7 @@ def _series(results: StudyResults, index: int, folder: Path) -> Section:
 
 def _together(results: StudyResults, series: Sequence[Series], folder: Path, suffix: str) -> Section:
     """Points that are series by themselves, in one section."""
-    points = tuple(one.points[0] for one in series)
+    points = tuple(one.whole_points[0] for one in series)
     whole = series_of_points(points)
     problems = dict.fromkeys(problem for one in series for problem in one.problems)
     patterns, lacking = _patterns_if_they_can_be(results, whole, folder, suffix, "")
@@ -86,18 +86,18 @@ def fit_caption(series: Series) -> str:
     return f"{_POINTS}{fits}{marks(series.points, series.flagged if series.fits else frozenset())}"
 
 
-def marks(points: Sequence[PointResult], flagged: frozenset[int] = frozenset()) -> str:
+def marks(points: Sequence[PointResult], flagged: frozenset[Hashable] = frozenset()) -> str:
     """Legend of hollow points, dashed bars and crosses, as far as a figure of these points has any.
 
     Args:
         points: Points of the figure.
-        flagged: Indices of points that lie outside a law's range or have no plateau.
+        flagged: Identities of points that lie outside a law's range or have no plateau.
 
     Returns:
         Sentences for a caption, each after a space.
     """
     with_flow = [one for one in points if one.flow_rate is not None]
-    outside = any(one.point.index in flagged for one in with_flow)
+    outside = any(one.identity in flagged for one in with_flow)
     text = ""
     if any(one.hollow for one in with_flow) or outside:
         text += f" Hollow: {'outside a law’s range, or ' if outside else ''}with a remark in the table"
@@ -121,7 +121,7 @@ def _patterns_if_they_can_be(
 ) -> tuple[list[Block], list[str]]:
     """Flow patterns of points that no paper shows in a section of its own, and sentences on missing figures."""
     elsewhere = beds_shown_by_all(results)
-    points = [one for one in series.points if id(one) not in elsewhere]
+    points = [one for one in series.whole_points if id(one) not in elsewhere]
     blocks, lacking = [], []
     try:
         blocks += _patterns(points, folder, suffix, where)
@@ -157,7 +157,7 @@ def acceleration_caption(profiles: Sequence[tuple[PointResult, AccelerationProfi
 def overview_caption(fitted: Sequence[Series]) -> str:
     """Caption of the flow rates of all series."""
     lines = _FIRST_LAW if any(one.fits for one in fitted) else ""
-    flagged = frozenset[int]().union(*(one.flagged for one in fitted))
+    flagged = frozenset[Hashable]().union(*(one.flagged for one in fitted))
     marked = marks([result for one in fitted for result in one.points], flagged)
     return f"{_OVERVIEW}{_BESIDE if side_by_side(fitted) else ''}{lines}{marked}"
 

@@ -14,6 +14,7 @@ from labbook.results.display import Notation
 from labbook.results.study import StudyResults
 from labbook.scene import attached
 from labbook.scene.quantities import span
+from labbook.scene.walls import AT_REST, Frustum, Plane, Strip, WallShape
 from labbook.study import Point
 from labbook.study.keys import find
 from labbook.study.schema import AUTO
@@ -114,12 +115,27 @@ def _plain(point: Point, part: str) -> Any:
         if wall.shape.summary:  # in place of coordinates of thousands of vertices
             numbers = {key: value for key, value in plain["shape"].items() if not isinstance(value, str)}
             plain["shape"] = {"kind": wall.shape.kind, "surface": wall.shape.summary, **numbers}
+        elif (words := _shape(wall.shape)) is not None:
+            plain["shape"] = words
+        if wall.motion == AT_REST:
+            del plain["motion"]
     if zones := point.scene.container.zones:
         dumped["container"]["zones"] = {zone.name: f"{_corner(zone.low)} to {_corner(zone.high)} mm" for zone in zones}
     return dumped.get(part)
 
 
-def _corner(point: tuple[float, float, float]) -> str:
+def _shape(shape: WallShape) -> str | None:
+    """Name and places of a plane, a strip or a frustum; None of other walls."""
+    if isinstance(shape, Plane):
+        return f"plane at {_corner(shape.point)} mm, normal ({', '.join(f'{part:g}' for part in shape.normal)})"
+    if isinstance(shape, Strip):
+        return f"strip {_corner(shape.start)} to {_corner(shape.end)} mm"
+    if isinstance(shape, Frustum):
+        return f"frustum {_corner(shape.lower)} to {_corner(shape.upper)} mm"
+    return None
+
+
+def _corner(point: tuple[float, ...]) -> str:
     return f"({', '.join(f'{1e3 * part:g}' for part in point)})"
 
 
@@ -132,8 +148,10 @@ def _leaves(value: Any, name: str) -> Iterator[tuple[str, float | str | bool | N
         yield name, f"({len(value)} values)"
     elif isinstance(value, list):
         for place, inner in enumerate(value):
-            own = inner.get("name", place) if isinstance(inner, Mapping) else place
-            yield from _leaves(inner, f"{name}.{own}")
+            named = isinstance(inner, Mapping) and "name" in inner
+            own = inner["name"] if named else place
+            rest = {key: content for key, content in inner.items() if key != "name"} if named else inner
+            yield from _leaves(rest, f"{name}.{own}")
     else:
         yield name, value
 

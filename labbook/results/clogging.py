@@ -10,7 +10,8 @@ import numpy as np
 from labbook.fit import FitError
 from labbook.fit.clogging import AVALANCHE_LAWS, DECADES, AvalancheFit, fit_avalanches, preferred
 from labbook.measure import scales
-from labbook.measure.clogging import EXCHANGE, PROBABILITY, Avalanches, Clogging, dimension, width_ratio
+from labbook.measure.clogging import EXCHANGE, PROBABILITY, Avalanches, Clogging, dimension, outlet_suffix, width_ratio
+from labbook.results.outlets import OutletResult
 from labbook.results.paper import Row
 from labbook.results.points import PointResult, RunResult
 from labbook.results.series import Series
@@ -41,10 +42,10 @@ FEW_BEDS = 32
 
 @dataclass(frozen=True, eq=False)
 class PointClogging:
-    """Clogging at a point that has avalanches.
+    """Clogging at a point, or at one of several outlets of it, that has avalanches.
 
     Attributes:
-        result: The point.
+        result: The point, or its outlet.
         runs: Its runs, each with its avalanches.
     """
 
@@ -52,14 +53,24 @@ class PointClogging:
     runs: tuple[tuple[RunResult, Avalanches], ...]
 
     @property
+    def place(self) -> int | None:
+        """Index of one of several outlets; None of a point with one."""
+        return self.result.place if isinstance(self.result, OutletResult) else None
+
+    @property
+    def suffix(self) -> str:
+        """Suffix of its quantities: empty of a point with one outlet."""
+        return outlet_suffix(self.result.outlet) if isinstance(self.result, OutletResult) else ""
+
+    @property
     def width(self) -> float:
         """D/d, with the diameter of spheres of the grains' volume."""
-        return width_ratio(self.result.point.scene)
+        return width_ratio(self.result.point.scene, self.place or 0)
 
     @property
     def probability(self) -> PooledRate | None:
         """Probability per grain that the flow stops; None where no grain left beyond a transient."""
-        pooled = self.result.pooled.get(PROBABILITY)
+        pooled = self.result.pooled.get(PROBABILITY + self.suffix)
         return pooled if isinstance(pooled, PooledRate) else None
 
     @cached_property
@@ -122,6 +133,8 @@ class PointClogging:
     @cached_property
     def times(self) -> tuple[np.ndarray, np.ndarray] | None:
         """Times between grains [s] of an agitated silo, and if a grain ended each; None of others."""
+        if self.place is not None:
+            return None
         of_runs = [waits for run, _ in self.runs if (waits := run.waits) is not None]
         if not of_runs:
             return None
@@ -159,7 +172,8 @@ class PointClogging:
         """Numbers by the names of columns: stops, probability with both intervals, flow while flowing and, of agitated
         silos, the tail of the times between grains."""
         q, (low, high), flowing = self.probability, self.over_beds, self.flowing
-        row: Row = {"width_ratio": self.width, "stops": q.events if q else 0, "grains": q.exposure if q else 0.0}
+        row: Row = {"outlet": self.result.outlet.name} if isinstance(self.result, OutletResult) else {}
+        row |= {"width_ratio": self.width, "stops": q.events if q else 0, "grains": q.exposure if q else 0.0}
         if q is not None:
             row |= {"probability": q.value, "low": q.low, "high": q.high, "low_over_beds": low, "high_over_beds": high}
         row["hazard_p"] = self.hazard.p if self.hazard is not None else math.nan
@@ -184,7 +198,7 @@ class PointClogging:
     @property
     def preceding(self) -> float:
         """Part of the states of flow that precede a stop, F = 1 / (1 + ⟨s⟩/s_m); NaN where it is not known."""
-        q, exchange = self.probability, self.result.pooled.get(EXCHANGE)
+        q, exchange = self.probability, self.result.pooled.get(EXCHANGE + self.suffix)
         if q is None or exchange is None or q.bound:
             return math.nan
         return 1 / (1 + 1 / (q.value * exchange.value))
@@ -260,8 +274,9 @@ class SeriesClogging:
 
 
 def clogging_of(result: PointResult) -> PointClogging | None:
-    """Clogging at a point; None where it was not measured, or no run counts."""
-    runs = tuple((run, own) for run in result.runs if (own := run.avalanches) is not None)
+    """Clogging at a point, or at one of several outlets of it; None where it was not measured, or no run counts."""
+    place = result.place if isinstance(result, OutletResult) else None
+    runs = tuple((run, own) for run in result.runs if (own := run.avalanches_of(place)) is not None)
     return PointClogging(result, runs) if runs else None
 
 
@@ -282,7 +297,7 @@ def _fits(points: Sequence[PointClogging]) -> tuple[tuple[AvalancheFit, ...], tu
     if len({width for width, *_ in counts}) < 2:
         return (), ()
     widths, stops, grains = (list(column) for column in zip(*counts, strict=True))
-    fits, problems, of = [], [], dimension(points[0].result.point.scene)
+    fits, problems, of = [], [], dimension(points[0].result.point.scene, points[0].place or 0)
     for law in AVALANCHE_LAWS:
         try:
             fits.append(fit_avalanches(law, widths, stops, grains, of))

@@ -40,6 +40,8 @@ _MM, _DEGREE = 1e3, 180 / math.pi
 
 KEYS = {
     "container.orifice": Notation("D", "mm", _MM),
+    "container.lip.radius": Notation("lip radius", "mm", _MM),
+    "container.lip.thickness": Notation("lip thickness", "mm", _MM),
     "container.angle": Notation("angle", "deg", _DEGREE),
     "container.gap": Notation("gap", "mm", _MM),
     "container.width": Notation("width", "mm", _MM),

@@ -338,7 +338,7 @@ def _fitted(series: Series, law: str) -> Sequence[PointResult]:
     """The points that a law was fitted to."""
     if law in series.further:
         return series.further[law].points
-    return [one for one in series.points if one.point.index in series.used]
+    return [one for one in series.points if one.identity in series.used]
 
 
 def _bands(results: StudyResults) -> Iterator[Row]:
@@ -353,7 +353,7 @@ def _bands(results: StudyResults) -> Iterator[Row]:
 
 def _resting(results: StudyResults, points: Sequence[PointResult]) -> Row:
     """The points that a number rests on, and whether runs of theirs are stale."""
-    numbers = sorted(result.point.index + 1 for result in points)
+    numbers = sorted({result.point.index + 1 for result in points})
     stale = any(results.stale_because(run) for result in points for run in result.runs)
     return {"points": ", ".join(map(str, numbers)), "stale": stale}
 

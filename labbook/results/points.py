@@ -166,12 +166,20 @@ class RunResult:
             return None
         return Trace.of(self.evaluation(FlowRate()))
 
-    @cached_property
-    def avalanches(self) -> Avalanches | None:
-        """Avalanches of the run, where `clogging` was measured and the run counts."""
+    def avalanches_of(self, outlet: int | None = None) -> Avalanches | None:
+        """Avalanches of the run, where `clogging` was measured and the run counts.
+
+        Args:
+            outlet: Index of one of several outlets.
+        """
         if Clogging.name not in self.measures or not self.counted:
             return None
-        return Avalanches.of(self.evaluation(Clogging()).arrays)
+        return Avalanches.of(self.evaluation(Clogging()).arrays, outlet)
+
+    @property
+    def avalanches(self) -> Avalanches | None:
+        """Avalanches of a run with one outlet, where `clogging` was measured and the run counts."""
+        return self.avalanches_of()
 
     @cached_property
     def waits(self) -> tuple[np.ndarray, np.ndarray] | None:
@@ -224,6 +232,21 @@ class PointResult:
     tolerance: float | None
     requested: int
     along: Mapping[str, float | str] = field(default_factory=dict)
+
+    @property
+    def of_point(self) -> "PointResult":
+        """The point itself; of an outlet that of all its outlets."""
+        return self
+
+    @property
+    def identity(self) -> int | tuple[int, str]:
+        """Index of the point, which no other of its series has."""
+        return self.point.index
+
+    @property
+    def outlet_form(self) -> str | None:
+        """Form of the only outlet, `slot` or `hole`; None if it is not known."""
+        return self.point.scene.container.outlet_form
 
     @property
     def label(self) -> str:
@@ -425,6 +448,7 @@ def pooled_point(study: Study, point: Point, extra: frozenset[str], runs: tuple[
     """A point with its numbers pooled over beds, of the runs that count."""
     rule = stopping_rule(study)
     declared = [one for measure in MEASURES.values() for one in measure.declared]
+    declared += [one for name in study.measure for one in MEASURES[name].quantities(point.scene)]
     unpooled = {one.name for one in declared if not one.pooled}
     rates = {one.name for one in declared if one.estimator == "rate"}
     values: dict[str, list[tuple[int, Measured]]] = {}

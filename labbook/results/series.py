@@ -1,7 +1,7 @@
 """Series: points that differ only in their orifice, and the laws fitted to their flow rates."""
 
 import math
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Hashable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from types import MappingProxyType
 from typing import ClassVar, Literal
@@ -11,6 +11,7 @@ import numpy as np
 from labbook.fit import LAWS, Context, FitError, FitResult, Parameter, contenders, fit
 from labbook.plugins import ExtensionError
 from labbook.results import display
+from labbook.results.outlets import by_outlet
 from labbook.results.points import ORIFICE, PointResult, names_scene
 
 PACKING_FRACTION = "packing_fraction"
@@ -61,8 +62,8 @@ class Series:
         at: Swept values that all points share [SI or word], without the orifice.
         points: The points, in order of their orifice.
         fits: Fitted laws by name.
-        used: Indices of the fitted points.
-        flagged: Indices of fitted points outside a law's range or without steady flow.
+        used: Identities of the fitted points.
+        flagged: Identities of fitted points outside a law's range or without steady flow.
         contenders: Laws among which the data do not decide; a single one is preferred. Empty with fewer than two fits.
         problems: Reasons that laws could not be fitted.
         unset: Keys that are swept elsewhere in the study and not set here.
@@ -72,8 +73,8 @@ class Series:
     at: Mapping[str, float | str]
     points: tuple[PointResult, ...]
     fits: Mapping[str, FitResult]
-    used: frozenset[int]
-    flagged: frozenset[int]
+    used: frozenset[Hashable]
+    flagged: frozenset[Hashable]
     contenders: tuple[str, ...]
     problems: tuple[str, ...]
     unset: tuple[str, ...] = ()
@@ -108,7 +109,12 @@ class Series:
     @property
     def outlet(self) -> Literal["slot", "hole"]:
         """Form of the outlet."""
-        return self.points[0].point.scene.container.outlet_form or "hole"
+        return "slot" if self.points[0].outlet_form == "slot" else "hole"
+
+    @property
+    def whole_points(self) -> tuple[PointResult, ...]:
+        """The points, each once: a point of several outlets is in the series with each of them."""
+        return tuple(dict.fromkeys(result.of_point for result in self.points))
 
     @property
     def diameters(self) -> list[float]:
@@ -160,15 +166,17 @@ def series_of(
     points: Sequence[PointResult], laws: Sequence[str], further: Mapping[str, FitTo] = MappingProxyType({})
 ) -> tuple[Series, ...]:
     """Group points by what was swept beside the orifice, and fit `laws` to each group: those of the flow rate, and of
-    others those that `further` has."""
-    groups: dict[tuple[tuple[str, float | str], ...], list[PointResult]] = {}
-    for result in points:
+    others those that `further` has. Each of several outlets of a point counts as a point."""
+    groups: dict[tuple[tuple[tuple[str, float | str], ...], str | None], list[PointResult]] = {}
+    for result in by_outlet(points):
         if math.isfinite(result.orifice):
             key = tuple((k, v) for k, v in result.at.items() if k != ORIFICE)
-            groups.setdefault(key, []).append(result)
-    ordered = sorted(groups.items(), key=lambda item: [(isinstance(v, str), v) for _, v in item[0]])
-    names = dict.fromkeys(name for key in groups for name, _ in key)
-    all_series = (_series(dict(key), sorted(group, key=lambda r: r.orifice), laws, further) for key, group in ordered)
+            groups.setdefault((key, result.outlet_form), []).append(result)
+    ordered = sorted(groups.items(), key=lambda item: [(isinstance(v, str), v) for _, v in item[0][0]])
+    names = dict.fromkeys(name for key, _ in groups for name, _ in key)
+    all_series = (
+        _series(dict(key), sorted(group, key=lambda r: r.orifice), laws, further) for (key, _), group in ordered
+    )
     return tuple(replace(one, unset=tuple(name for name in names if name not in one.at)) for one in all_series)
 
 
@@ -182,7 +190,7 @@ def _series(
     replicates = np.array([pooled.n for _, pooled in used])
     fits: dict[str, FitResult] = {}
     problems = []
-    outlet = points[0].point.scene.container.outlet_form
+    outlet = points[0].outlet_form
     for name in (law for law in laws if law in LAWS):
         if LAWS[name].outlet not in (outlet, "any"):
             problems.append(f"{display.law(name)}: it is a law for a {LAWS[name].outlet}, and this is a {outlet}")
@@ -203,9 +211,9 @@ def _series(
     outside = np.zeros(len(used), bool)
     for law_fit in fits.values():
         outside |= law_fit.outside
-    flagged = {r.point.index for (r, _), out in zip(used, outside, strict=True) if out or r.trending}
+    flagged = {r.identity for (r, _), out in zip(used, outside, strict=True) if out or r.trending}
     left = contenders(list(fits.values())) if len(fits) > 1 else ()
-    indices = frozenset(result.point.index for result, _ in used)
+    indices = frozenset(result.identity for result, _ in used)
     return Series(
         dict(at),
         tuple(points),

@@ -9,6 +9,7 @@ from pydantic import Field, StrictBool
 
 from labbook.scene.container_shape import CACHE_SIZE, ContainerShape, Outlet, Parts, plane_wall
 from labbook.scene.geometry import Bounds, Segment
+from labbook.scene.lids import depth_between, opening
 from labbook.scene.model import InternalFlag
 from labbook.scene.quantities import Coordinate, Length
 from labbook.scene.round_silos import ConicalSilo, CylinderSilo
@@ -125,9 +126,10 @@ class Primitives(ContainerShape):
 
     @property
     def outlets(self) -> tuple[Outlet, ...]:
-        """One outlet at `outlet_plane`, or one for each of several lids, with its name.
+        """One outlet at `outlet_plane`, or one for each of several lids, with its name, form and width.
 
-        Lids are parts that open in that plane or little above it. They count as several if they lie apart.
+        Lids are parts that open in that plane or little above it. They count as several if they lie apart. Nothing is
+        said of the size of a single outlet.
         """
         if self.outlet_plane is None:
             return ()
@@ -135,7 +137,8 @@ class Primitives(ContainerShape):
         apart = [lid for k, lid in enumerate(lids) if not any(_touch(lid.shape, earlier.shape) for earlier in lids[:k])]
         if len(apart) < 2:
             return (Outlet("outlet", self.outlet_plane),)
-        return tuple(Outlet(lid.name, self.outlet_plane, lid=lid.shape) for lid in apart)
+        depth = depth_between(self.parts)
+        return tuple(Outlet(lid.name, self.outlet_plane, *opening(lid.shape, depth), lid=lid.shape) for lid in apart)
 
     @property
     def _lids(self) -> list[Wall]:

@@ -155,6 +155,8 @@ class ContainerShape(Model, ABC):
             refuse([Fault("parts", "two walls have the same name", "give each wall its own name")])
         if self.sink == BELOW_PARTS:
             object.__setattr__(self, "sink", min([*map(_lowest, self.parts), self._outlet_height or 0.0]))
+        if (below := self.edge_height) > 0:  # the scene goes on at least to the lower end of the edge
+            object.__setattr__(self, "sink", min(self.sink or 0.0, (self._outlet_height or 0.0) - below))
         refuse(self._faults_below())
         return self
 
@@ -179,6 +181,11 @@ class ContainerShape(Model, ABC):
         elif sink is not None and sink > height:
             reason = f"a sink at z = {1e3 * sink:g} mm lies above the outlet"
             yield Fault("sink", reason, f"use a height below {1e3 * height:g} mm")
+
+    @property
+    def edge_height(self) -> float:
+        """Height [m] of the outlet's edge below its plane; 0 of a thin plate."""
+        return 0.0
 
     @property
     def _outlet_height(self) -> float | None:
@@ -253,6 +260,19 @@ class ContainerShape(Model, ABC):
     def outlet_form(self) -> Literal["slot", "hole"] | None:
         """Form of the only outlet; None with several, or of an unknown width."""
         return self.outlets[0].form if len(self.outlets) == 1 else None
+
+    def outlet_of(self, x: np.ndarray) -> np.ndarray:
+        """Find the outlet of grains in the outlets' plane: the one whose lid is nearest.
+
+        Args:
+            x: Centres of grains [m], shape [n, 3].
+
+        Returns:
+            Index of its outlet for each grain, shape [n].
+        """
+        lids = [outlet.lid for outlet in self.outlets]
+        away = [np.full(len(x), math.inf) if lid is None else np.abs(lid.distance(x)) for lid in lids]
+        return np.argmin(away, axis=0)
 
     def lets_out(self, x: np.ndarray, slack: float = 0.0) -> np.ndarray:
         """Select grains that pass the outlet's plane within an outlet.

@@ -5,7 +5,7 @@ negative on one side. Extent, mesh and section of a wall that states no more are
 """
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -15,6 +15,8 @@ Point3 = tuple[float, float, float]
 Segment = tuple[Point2, Point2]
 Distance = Callable[[np.ndarray], np.ndarray]
 
+AROUND = 96
+"""Corners of a circle in meshes."""
 CELLS = 48
 """Cells of the longest side of the grid on which a surface is sought."""
 _FAR = 1e6  # m: from here a bounded surface is a point, to 1e-8 m for one of 0.1 m
@@ -90,6 +92,21 @@ class Mesh:
         return cls(corners, fan, (np.array([*corners, corners[0]]),) if outlined else ())
 
     @classmethod
+    def joined(cls, meshes: "Sequence[Mesh]") -> "Mesh":
+        """Join meshes to one.
+
+        Args:
+            meshes: Meshes, at least one.
+
+        Returns:
+            Mesh of all of their triangles and outlines.
+        """
+        first = np.cumsum([0, *(len(mesh.vertices) for mesh in meshes)])
+        triangles = [mesh.triangles + k for mesh, k in zip(meshes, first, strict=False)]
+        outlines = tuple(line for mesh in meshes for line in mesh.outlines)
+        return cls(np.concatenate([mesh.vertices for mesh in meshes]), np.concatenate(triangles), outlines)
+
+    @classmethod
     def turned(cls, line: Segment, corners: int) -> "Mesh":
         """Turn a line about the z axis.
 
@@ -127,6 +144,36 @@ class Mesh:
             if ends[0] != ends[1]:
                 lines.append((ends[0], ends[1]))
         return tuple(lines)
+
+
+def from_segment(section: np.ndarray, start: Point2, end: Point2) -> np.ndarray:
+    """Compute the distance from a line in a section.
+
+    Args:
+        section: Points (u, z) [m], shape [n, 2].
+        start: One end of the line [m].
+        end: The other end [m].
+
+    Returns:
+        Distances from the nearest point of the line [m], shape [n].
+    """
+    along, at = np.array(end) - start, section - start
+    part = np.minimum(np.maximum(at @ along / (along @ along), 0), 1)
+    # by hand: norm along so short an axis takes most of the time of a filling's start
+    return np.sqrt((at[:, 0] - part * along[0]) ** 2 + (at[:, 1] - part * along[1]) ** 2)
+
+
+def above_line(start: Point2, end: Point2, u: np.ndarray, z: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Masks of the points (u, z) [m] straight above the line from `start` to `end`, and straight below it, shape [n].
+
+    No point is above or below an upright line.
+    """
+    run, rise = end[0] - start[0], end[1] - start[1]
+    if run == 0:
+        return np.zeros(len(u), bool), np.zeros(len(u), bool)
+    part = (u - start[0]) / run
+    beside, above = (part >= 0) & (part <= 1), z - start[1] > part * rise
+    return beside & above, beside & ~above
 
 
 def extent(distance: Distance) -> Bounds:

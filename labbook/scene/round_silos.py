@@ -13,7 +13,8 @@ from labbook.scene.container_shape import CACHE_SIZE, FLAT, ContainerShape, Outl
 from labbook.scene.geometry import Bounds
 from labbook.scene.model import Fault, InternalFlag, refuse
 from labbook.scene.quantities import Angle, Frequency, Length
-from labbook.scene.walls import Frustum, SurfaceMotion, Symmetry, Wall
+from labbook.scene.thick_plate import OptionalLip
+from labbook.scene.walls import AT_REST, Frustum, SurfaceMotion, Symmetry, Wall
 
 
 class RoundSilo(ContainerShape, ABC):
@@ -26,6 +27,7 @@ class RoundSilo(ContainerShape, ABC):
         diameter: float
         height: float
         orifice: float
+        lip: OptionalLip
 
     @property
     def outlet_plane(self) -> float:
@@ -61,7 +63,34 @@ class RoundSilo(ContainerShape, ABC):
 
     def lets_out(self, x: np.ndarray, slack: float = 0.0) -> np.ndarray:
         """Mask of centres within the outlet, whose size is exact."""
-        return np.hypot(x[:, 0], x[:, 1]) <= self.orifice / 2
+        wider = 0.0 if self.lip is None else self.lip.widening(self._bottom_angle)
+        return np.hypot(x[:, 0], x[:, 1]) <= self.orifice / 2 + wider
+
+    @property
+    def edge_height(self) -> float:
+        """Height [m] of the lip below the outlet's plane; 0 without one."""
+        return 0.0 if self.lip is None or self.closed else self.lip.height(self._bottom_angle)
+
+    @property
+    def _bottom_angle(self) -> float:
+        """Angle of the bottom from the vertical [rad]."""
+        return math.pi / 2
+
+    def _faults_of_lip(self, angle: float) -> Iterator[Fault]:
+        """Faults of a lip; a thin one is taken away."""
+        if self.lip is None or self.orifice >= self.diameter:
+            return
+        if self.lip.is_thin:
+            object.__setattr__(self, "lip", None)
+        else:
+            yield from self.lip.faults(angle, (self.diameter - self.orifice) / 2 / math.sin(angle))
+
+    def _bottom(self, rim: tuple[float, float], upper: tuple[float, float], motion: SurfaceMotion = AT_REST) -> Wall:
+        """Bottom from its rim at the outlet to the cylinder, with the lip if there is one."""
+        if self.lip is None:
+            return frustum_wall("bottom", rim, upper, motion)
+        shape = self.lip.plate(upper, rim, turned=True)
+        return Wall.of(name="bottom", shape=shape, motion=motion, opens=None, moves=None)
 
 
 class CylinderSilo(RoundSilo):
@@ -77,7 +106,9 @@ class CylinderSilo(RoundSilo):
     height: Length
     """Height of the cylinder above the outlet; grains may start above it."""
     orifice: Length
-    """Diameter D of the outlet, less than the cylinder's."""
+    """Diameter D of the outlet, less than the cylinder's; with a lip at its narrowest."""
+    lip: OptionalLip = None
+    """Rounded or thick edge of the outlet; none: the bottom is a thin plate."""
     rotation: Frequency = 0.0
     """Rotation frequency f of the bottom after the opening; positive is counter-clockwise seen from above."""
     closed: InternalFlag = False
@@ -86,7 +117,7 @@ class CylinderSilo(RoundSilo):
 
     @model_validator(mode="after")
     def _is_possible(self):
-        refuse(_orifice_faults(self.orifice, self.diameter))
+        refuse([*_orifice_faults(self.orifice, self.diameter), *self._faults_of_lip(math.pi / 2)])
         return self
 
     def volume_below(self, z: float) -> float:
@@ -104,7 +135,7 @@ class CylinderSilo(RoundSilo):
     def close(self, surface_motion: bool = False) -> "CylinderSilo":
         """Close the silo: it has no outlet, and its bottom turns only with `surface_motion`."""
         rotation = self.rotation if surface_motion else 0.0
-        return self._closed(surface_motion, orifice=self.diameter / 2, rotation=rotation)
+        return self._closed(surface_motion, orifice=self.diameter / 2, rotation=rotation, lip=None)
 
     @lru_cache(maxsize=CACHE_SIZE)  # noqa: B019  (at most so many)
     def walls(self) -> tuple[Wall, ...]:
@@ -114,7 +145,7 @@ class CylinderSilo(RoundSilo):
         turning = SurfaceMotion(spin=2 * math.pi * self.rotation)
         own = (
             frustum_wall("side", (radius, 0.0), (radius, top)),
-            frustum_wall("bottom", (hole, 0.0), (radius, 0.0), turning),
+            self._bottom((hole, 0.0), (radius, 0.0), turning),
         )
         return self._with_parts(own)
 
@@ -132,7 +163,9 @@ class ConicalSilo(RoundSilo):
     angle: Angle
     """Angle of the cone from the vertical, at least 1 deg and less than 90 deg."""
     orifice: Length
-    """Diameter D of the outlet, less than the cylinder's."""
+    """Diameter D of the outlet, less than the cylinder's; with a lip at its narrowest."""
+    lip: OptionalLip = None
+    """Rounded or thick edge of the outlet; none: the cone is a thin plate."""
     closed: InternalFlag = False
     parts: Parts = ()
     """Walls that are listed one by one, beside those that the kind has of itself."""
@@ -151,6 +184,13 @@ class ConicalSilo(RoundSilo):
             rise = f"{self.rise * 1e3:g} mm"
             reason = f"the cone rises {rise} and leaves no cylinder"
             yield Fault("height", reason, f"make the silo higher than {rise}, or the angle larger")
+        else:
+            yield from self._faults_of_lip(self.angle)
+
+    @property
+    def _bottom_angle(self) -> float:
+        """Angle of the cone from the vertical [rad]."""
+        return self.angle
 
     @property
     def rise(self) -> float:
@@ -175,7 +215,7 @@ class ConicalSilo(RoundSilo):
 
     def close(self, surface_motion: bool = False) -> "ConicalSilo":
         """Close the silo with a lid over its outlet."""
-        return self._closed(surface_motion)
+        return self._closed(surface_motion, lip=None)
 
     @lru_cache(maxsize=CACHE_SIZE)  # noqa: B019  (at most so many)
     def walls(self) -> tuple[Wall, ...]:
@@ -184,7 +224,7 @@ class ConicalSilo(RoundSilo):
         top = 2000 * self.diameter if self.closed else self.height
         walls = (
             frustum_wall("side", (radius, rise), (radius, top)),
-            frustum_wall("bottom", (hole, 0.0), (radius, rise)),
+            self._bottom((hole, 0.0), (radius, rise)),
         )
         return self._with_parts((*walls, frustum_wall("lid", (0.0, 0.0), (hole, 0.0))) if self.closed else walls)
 

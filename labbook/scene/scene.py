@@ -67,6 +67,13 @@ class Scene(Model):
             if size < d:
                 reason = f"the {key} ({size * 1e3:g} mm) is less than the grain diameter"
                 yield Fault(f"container.{key}", reason, f"make it {1.01 * d * 1e3:g} mm (1.01 d) or more")
+        if self.grains.half_length > 0:
+            for wall in c.walls():
+                if wall.shape.spheres_only:
+                    key = "container.lip" if getattr(c, "lip", None) is not None else "container.parts"
+                    reason = f"the wall {wall.name} is a {wall.shape.kind}, which has no contacts with rods"
+                    yield Fault(key, reason, "use spheres, or leave it out")
+                    break
         for part in c.parts:
             if isinstance(part.shape, TriangleMesh):
                 yield from self._faults_of_size(part.name, max(part.shape.bounds.size) / d)

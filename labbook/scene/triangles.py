@@ -18,6 +18,8 @@ WELD = 1e-6
 """Distance, as a fraction of the diagonal of the box around a surface, below which two vertices are one."""
 _AT_ONCE = 400_000  # pairs of points and triangles in memory
 _SLACK = 1 + 1e-9  # of bounds, against round-off
+_BESIDE = 1e-6
+"""Distance from a triangle, as a fraction of the longest side of the box, at which its inner side is sought."""
 _PIECES = 32
 """Diagonal of a surface over the radius of the largest ball around a piece of it."""
 
@@ -109,6 +111,18 @@ class Triangles:
         """Sum of the areas of its triangles [m^2]."""
         a, b, c = np.moveaxis(self.places, 1, 0)
         return float(np.linalg.norm(np.cross(b - a, c - a), axis=1).sum() / 2)
+
+    @cached_property
+    def volume(self) -> float:
+        """Volume within the closed surface [m^3], by the divergence theorem; NaN of an open one."""
+        if not self.closed:
+            return math.nan
+        middle, outwards = self.places.mean(axis=1), self.normals.copy()
+        step = _BESIDE * max(self.bounds.size)
+        outwards[self.inside(middle + step * outwards)] *= -1  # triangles are of arbitrary sense
+        a, b, c = np.moveaxis(self.places, 1, 0)
+        areas = np.linalg.norm(np.cross(b - a, c - a), axis=1) / 2
+        return float((_dot(middle - middle.mean(axis=0), outwards) * areas).sum() / 3)
 
     @property
     def bounds(self) -> Bounds:

@@ -51,6 +51,8 @@ class WallShape(Model, ABC):
     """Version of its formulas, raised with each change of results: older runs and packings are then stale."""
     changes: ClassVar[Mapping[int, str]] = {}
     """Change by each version, in a few words; `plan` shows it."""
+    spheres_only: ClassVar[bool] = False
+    """True if it has no contacts with rods."""
     half_space: ClassVar[bool] = False
     """True if it bounds a half-space: of two points that keep a distance, all between them keep it too."""
     if TYPE_CHECKING:  # a field of each shape

@@ -11,40 +11,17 @@ from typing import Annotated, ClassVar, Literal
 import numpy as np
 from pydantic import Field, ValidationInfo, model_validator
 
-from labbook.scene.geometry import Bounds, Mesh, Segment
+from labbook.scene.geometry import AROUND, Bounds, Mesh, Segment, above_line, from_segment
 from labbook.scene.mesh import TriangleMesh
 from labbook.scene.model import Fault, Model, OrWord, TaggedModels, refuse
 from labbook.scene.part_motion import PartMotion, Poses
 from labbook.scene.quantities import Coordinate, Duration, Ratio
+from labbook.scene.thick_plate import ThickPlate
 from labbook.scene.wall_shape import AT_REST, SurfaceMotion, Symmetry, WallShape
 
 Point3 = tuple[Coordinate, Coordinate, Coordinate]
 Point2 = tuple[Coordinate, Coordinate]
 Direction = Ratio
-AROUND = 96
-"""Corners of a circle in meshes."""
-
-
-def _from_segment(section: np.ndarray, start: Point2, end: Point2) -> np.ndarray:
-    along, at = np.array(end) - start, section - start
-    part = np.minimum(np.maximum(at @ along / (along @ along), 0), 1)
-    # by hand: norm along so short an axis takes most of the time of a filling's start
-    return np.sqrt((at[:, 0] - part * along[0]) ** 2 + (at[:, 1] - part * along[1]) ** 2)
-
-
-def _above(start: Point2, end: Point2, u: np.ndarray, z: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Masks of the points (u, z) [m] straight above the line from `start` to `end`, and straight below it, shape [n].
-
-    No point is above or below an upright line.
-    """
-    run, rise = end[0] - start[0], end[1] - start[1]
-    if run == 0:
-        return np.zeros(len(u), bool), np.zeros(len(u), bool)
-    part = (u - start[0]) / run
-    beside, above = (part >= 0) & (part <= 1), z - start[1] > part * rise
-    return beside & above, beside & ~above
-
-
 _STRAIGHT = 1e-9  # of a strip's length: how far off its line a point may lie
 
 
@@ -163,7 +140,7 @@ class Strip(WallShape):
 
     def distance(self, x: np.ndarray) -> np.ndarray:
         """Distance [m] of points x, shape [n, 3], from the nearest point of the plate."""
-        return _from_segment(x[:, [0, 2]], self.start, self.end)
+        return from_segment(x[:, [0, 2]], self.start, self.end)
 
     def normal_speed(self, motion: SurfaceMotion) -> float:
         """Speed along the normal [m/s]: infinite with a spin, unless the strip is horizontal."""
@@ -193,11 +170,11 @@ class Strip(WallShape):
 
     def carries(self, x: np.ndarray) -> np.ndarray:
         """Mask of points straight above the strip, shape [n]."""
-        return _above(self.start, self.end, x[:, 0], x[:, 2])[0]
+        return above_line(self.start, self.end, x[:, 0], x[:, 2])[0]
 
     def covers(self, x: np.ndarray) -> np.ndarray:
         """Mask of points straight below the strip, shape [n]."""
-        return _above(self.start, self.end, x[:, 0], x[:, 2])[1]
+        return above_line(self.start, self.end, x[:, 0], x[:, 2])[1]
 
     def section(self, within: Bounds | None = None) -> tuple[Segment, ...]:
         """Line from edge to edge (x, z) [m], as a whole."""
@@ -215,12 +192,17 @@ class Strip(WallShape):
         return Mesh.polygon(corners, outlined=True)
 
     def continued(self, successor: WallShape, x: np.ndarray) -> np.ndarray:
-        """Mask of grains whose foot on this strip lies on `successor`, a strip on the same line, shape [n]."""
-        if not isinstance(successor, Strip):
+        """Mask of grains whose foot on this strip lies on `successor`, shape [n]: a strip on the same line, or a thick
+        plate with its upper side there."""
+        if isinstance(successor, Strip):
+            ends = successor.start, successor.end
+        elif isinstance(successor, ThickPlate) and not successor.turned:
+            ends = successor.upper_side
+        else:
             return np.zeros(len(x), bool)
         start, along = np.array(self.start), np.array(self.end) - self.start
         foot = start + ((x[:, [0, 2]] - start) @ along / (along @ along))[:, None] * along
-        begin, run = np.array(successor.start), np.array(successor.end) - successor.start
+        begin, run = np.array(ends[0]), np.array(ends[1]) - ends[0]
         length = run @ run
         if abs(along[0] * run[1] - along[1] * run[0]) >= _STRAIGHT * np.sqrt(length * (along @ along)):
             return np.zeros(len(x), bool)
@@ -265,7 +247,7 @@ class Frustum(WallShape):
 
     def distance(self, x: np.ndarray) -> np.ndarray:
         """Distance [m] of points x, shape [n, 3], from the nearest point of the plate."""
-        return _from_segment(np.stack([np.hypot(x[:, 0], x[:, 1]), x[:, 2]], axis=1), self.lower, self.upper)
+        return from_segment(np.stack([np.hypot(x[:, 0], x[:, 1]), x[:, 2]], axis=1), self.lower, self.upper)
 
     def normal_speed(self, motion: SurfaceMotion) -> float:
         """Speed along the normal [m/s]: 0 of a spin; upright also of a velocity along z, flat along x and y."""
@@ -301,11 +283,11 @@ class Frustum(WallShape):
 
     def carries(self, x: np.ndarray) -> np.ndarray:
         """Mask of points straight above the frustum, shape [n]."""
-        return _above(self.lower, self.upper, np.hypot(x[:, 0], x[:, 1]), x[:, 2])[0]
+        return above_line(self.lower, self.upper, np.hypot(x[:, 0], x[:, 1]), x[:, 2])[0]
 
     def covers(self, x: np.ndarray) -> np.ndarray:
         """Mask of points straight below the frustum, shape [n]."""
-        return _above(self.lower, self.upper, np.hypot(x[:, 0], x[:, 1]), x[:, 2])[1]
+        return above_line(self.lower, self.upper, np.hypot(x[:, 0], x[:, 1]), x[:, 2])[1]
 
     def section(self, within: Bounds | None = None) -> tuple[Segment, ...]:
         """Line (x, z) [m] on either side of the axis, each as a whole."""
@@ -331,7 +313,7 @@ class Frustum(WallShape):
         return self
 
 
-WALL_SHAPES = TaggedModels("kind", "labbook.walls", WallShape, (Plane, Strip, Frustum, TriangleMesh))
+WALL_SHAPES = TaggedModels("kind", "labbook.walls", WallShape, (Plane, Strip, Frustum, TriangleMesh, ThickPlate))
 """Walls that containers are made of, and that a study can name in `container.parts`."""
 
 AnyShape = Annotated[WallShape, WALL_SHAPES]

@@ -12,7 +12,11 @@ from labbook.scene.container_shape import CACHE_SIZE, FLAT, ContainerShape, Outl
 from labbook.scene.geometry import Bounds
 from labbook.scene.model import Fault, InternalFlag, refuse
 from labbook.scene.quantities import Angle, Distance, Length, told_apart
-from labbook.scene.walls import Strip, Symmetry, Wall
+from labbook.scene.thick_plate import OptionalLip
+from labbook.scene.walls import AT_REST, Strip, Symmetry, Wall
+
+_NO_PLATE = 1e-12
+"""Part of the width below which a bottom plate is none."""
 
 
 class WedgeHopper(ContainerShape):
@@ -46,7 +50,9 @@ class WedgeHopper(ContainerShape):
     angle: Angle = math.pi / 2
     """Angle α of the bottom from the vertical, 1 to 90 deg: 90 deg is flat, 15 deg a steep funnel."""
     orifice: Length
-    """Width D of the outlet, less than the width of the hopper."""
+    """Width D of the outlet, less than the width of the hopper; with a lip at its narrowest."""
+    lip: OptionalLip = None
+    """Rounded or thick edges of the outlet; none: the bottom plates are thin."""
     gap: Distance | None = None
     """Gap s from the left side wall to the near edge of the outlet, at most (L - D)/2; none: centred."""
     closed: InternalFlag = False
@@ -80,6 +86,13 @@ class WedgeHopper(ContainerShape):
             rise = f"{max(self._rises) * 1e3:g} mm"
             reason = f"the inclined bottom rises {rise} and leaves no side wall"
             yield Fault("height", reason, f"make the hopper higher than {rise}, or the angle larger")
+        elif angle_fits and self.lip is not None:
+            if self.lip.is_thin:
+                object.__setattr__(self, "lip", None)
+            else:
+                sides = (self.width / 2 + self.outlet[0], self.width / 2 - self.outlet[1])
+                shortest = min(side for side in sides if side > _NO_PLATE * self.width)
+                yield from self.lip.faults(self.angle, shortest / math.sin(self.angle))
 
     @property
     def flat(self) -> bool:
@@ -177,14 +190,28 @@ class WedgeHopper(ContainerShape):
 
     def lets_out(self, x: np.ndarray, slack: float = 0.0) -> np.ndarray:
         """Mask of centres within the outlet, whose size is exact."""
+        wider = 0.0 if self.lip is None else self.lip.widening(self.angle)
         left, right = self.outlet
-        return (x[:, 0] >= left) & (x[:, 0] <= right) & (np.abs(x[:, 1]) <= self.thickness / 2)
+        across = (x[:, 0] >= left - wider) & (x[:, 0] <= right + wider)
+        return across & (np.abs(x[:, 1]) <= self.thickness / 2)
+
+    @property
+    def edge_height(self) -> float:
+        """Height [m] of the lip below the outlet's plane; 0 without one."""
+        return 0.0 if self.lip is None or self.closed else self.lip.height(self.angle)
+
+    def _plate(self, name: str, far: tuple[float, float], edge: tuple[float, float]) -> Wall:
+        """Plate of the bottom, from the side wall to the outlet, with the lip if there is one."""
+        if self.lip is None:
+            return strip_wall(name, far, edge)
+        shape = self.lip.plate(far, edge, turned=False)
+        return Wall.of(name=name, shape=shape, motion=AT_REST, opens=None, moves=None)
 
     def close(self, surface_motion: bool = False) -> "WedgeHopper":
         """Close the hopper with a lid; a flat bottom becomes one plate, without an outlet."""
         if self.flat:
-            return self._closed(surface_motion, orifice=self.width / 2, gap=None, angle=math.pi / 2)
-        return self._closed(surface_motion)
+            return self._closed(surface_motion, orifice=self.width / 2, gap=None, angle=math.pi / 2, lip=None)
+        return self._closed(surface_motion, lip=None)
 
     @lru_cache(maxsize=CACHE_SIZE)  # noqa: B019  (at most so many)
     def walls(self) -> tuple[Wall, ...]:
@@ -199,9 +226,13 @@ class WedgeHopper(ContainerShape):
         ]
         if self.closed and self.flat:
             return self._with_parts((*walls, strip_wall("bottom", (-half, 0.0), (half, 0.0))))
-        if left > -half * (1 - 1e-12):  # a gap of 0 has no left plate
-            walls.append(strip_wall("bottom-left", (-half, rise_left), (left, 0.0)))
-        walls.append(strip_wall("bottom-right", (right, 0.0), (half, rise_right)))
+        if left > -half * (1 - _NO_PLATE):  # a gap of 0 has no left plate
+            walls.append(self._plate("bottom-left", (-half, rise_left), (left, 0.0)))
+        walls.append(
+            strip_wall("bottom-right", (right, 0.0), (half, rise_right))
+            if self.lip is None
+            else self._plate("bottom-right", (half, rise_right), (right, 0.0))
+        )
         if self.closed:
             walls.append(strip_wall("lid", (left, 0.0), (right, 0.0)))
         return self._with_parts(tuple(walls))

@@ -7,6 +7,7 @@ from labbook.filling import PlacingError, Pouring, from_file
 from labbook.filling.placing import STARTS
 from labbook.fit import LAWS
 from labbook.measure import MEASURES, MeasureError
+from labbook.measure.outlets import OutletRates
 from labbook.scene.container_shape import ContainerShape
 from labbook.scene.model import Fault
 from labbook.scene.quantities import told_apart
@@ -38,9 +39,17 @@ def unfittable(source: StudyText, settings: Settings, points: Sequence[Point]) -
 
     def why(name: str, scene: Scene) -> tuple[str, str] | None:
         of, outlet = LAWS[name].outlet, scene.container.outlet_form
+        if len(scene.container.outlets) > 1 and OutletRates.name in settings.measure:
+            forms = {one.form for one in scene.container.outlets if one.form is not None}
+            if forms if of == "any" else of in forms:
+                return None
+            outlet = min(forms, default=None)
         if outlet is None:
             reason = f"{name} needs the orifice of a hopper or silo, but the container is {scene.container.kind}"
-            return reason, f"remove {name} from fit, or use a hopper or silo"
+            return (
+                reason,
+                f"remove {name} from fit, or use a hopper or silo, or several lids with measure: [flow_rate, outlets]",
+            )
         if of in (outlet, "any"):
             return None
         family = name.removesuffix("_3d")
@@ -110,6 +119,14 @@ def unfed(source: StudyText, settings: Settings, points: Sequence[Point], window
         reason = f"{never}: the window opens after the start-up, by mass, and closes when the run ends"
         remedy = "leave it out, or state window.start alone"
         yield Problem(source.path, source.line(("window", key)), f"window.{key}", reason, remedy)
+
+
+def undivided(source: StudyText, settings: Settings, points: Sequence[Point]) -> Iterator[Problem]:
+    """An `accuracy.clogging` of a container with several outlets, each of which has its own probability."""
+    if settings.accuracy.clogging is not None and any(len(point.scene.container.outlets) > 1 for point in points):
+        reason = "the container has several outlets, each with its own probability of a stop"
+        remedy = "leave it out, and state replicates"
+        yield Problem(source.path, source.line(("accuracy", "clogging")), "accuracy.clogging", reason, remedy)
 
 
 def unbroken(source: StudyText, settings: Settings, points: Sequence[Point]) -> Iterator[Problem]:

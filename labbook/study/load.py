@@ -17,7 +17,16 @@ from labbook.fit import LAWS
 from labbook.measure import MEASURES
 from labbook.scene.attached import StudyFolder
 from labbook.study.absent import absent
-from labbook.study.applicable import unadaptable, unbroken, undischarged, unfed, unfillable, unfittable, unmeasurable
+from labbook.study.applicable import (
+    unadaptable,
+    unbroken,
+    undischarged,
+    undivided,
+    unfed,
+    unfillable,
+    unfittable,
+    unmeasurable,
+)
 from labbook.study.calibrate import CalibrateReader
 from labbook.study.explain import complaints
 from labbook.study.habits import habit
@@ -282,6 +291,7 @@ def _resolved(source: StudyText, calibration_file: Path | None = None) -> Study:
         problems += unfillable(source, settings, points)
         problems += undischarged(source, settings, points)
         problems += unbroken(source, settings, points)
+        problems += undivided(source, settings, points)
         problems += unadaptable(source, settings, points)
     window, stop = resolved(settings, points) if settings is not None and points else (None, None)
     if settings is not None and window is not None:

@@ -20,7 +20,8 @@ Swept = TypedDict("Swept", {
     "contact.tension": object, "contact.normal_stiffness": object, "contact.tangential_stiffness": object,
     "contact.contact_time": object, "contact.largest_overlap": object, "contact.impact_speed": object,
     "container.kind": object, "container.sink": object, "container.width": object, "container.height": object,
-    "container.thickness": object, "container.angle": object, "container.orifice": object, "container.gap": object,
+    "container.thickness": object, "container.angle": object, "container.orifice": object,
+    "container.lip.radius": object, "container.lip.thickness": object, "container.gap": object,
     "container.diameter": object, "container.rotation": object, "container.depth": object, "container.lid": object,
     "container.outlet_plane": object, "walls.all.friction": object, "walls.all.rolling_friction": object,
     "walls.all.restitution": object, "walls.all.youngs_modulus": object, "walls.all.shear_modulus": object,
@@ -68,7 +69,8 @@ Changed = TypedDict("Changed", {
     "contact.normal_stiffness": object, "contact.tangential_stiffness": object, "contact.contact_time": object,
     "contact.largest_overlap": object, "contact.impact_speed": object, "container.kind": object,
     "container.sink": object, "container.width": object, "container.height": object, "container.thickness": object,
-    "container.angle": object, "container.orifice": object, "container.gap": object, "container.diameter": object,
+    "container.angle": object, "container.orifice": object, "container.lip.radius": object,
+    "container.lip.thickness": object, "container.gap": object, "container.diameter": object,
     "container.rotation": object, "container.depth": object, "container.lid": object,
     "container.outlet_plane": object, "walls.all.friction": object, "walls.all.rolling_friction": object,
     "walls.all.restitution": object, "walls.all.youngs_modulus": object, "walls.all.shear_modulus": object,
@@ -108,9 +110,10 @@ Changed = TypedDict("Changed", {
     "sweep.contact.contact_time": object, "sweep.contact.largest_overlap": object,
     "sweep.contact.impact_speed": object, "sweep.container.kind": object, "sweep.container.sink": object,
     "sweep.container.width": object, "sweep.container.height": object, "sweep.container.thickness": object,
-    "sweep.container.angle": object, "sweep.container.orifice": object, "sweep.container.gap": object,
-    "sweep.container.diameter": object, "sweep.container.rotation": object, "sweep.container.depth": object,
-    "sweep.container.lid": object, "sweep.container.outlet_plane": object, "sweep.walls.all.friction": object,
+    "sweep.container.angle": object, "sweep.container.orifice": object, "sweep.container.lip.radius": object,
+    "sweep.container.lip.thickness": object, "sweep.container.gap": object, "sweep.container.diameter": object,
+    "sweep.container.rotation": object, "sweep.container.depth": object, "sweep.container.lid": object,
+    "sweep.container.outlet_plane": object, "sweep.walls.all.friction": object,
     "sweep.walls.all.rolling_friction": object, "sweep.walls.all.restitution": object,
     "sweep.walls.all.youngs_modulus": object, "sweep.walls.all.shear_modulus": object,
     "sweep.walls.all.poisson_ratio": object, "sweep.walls.all.normal_stiffness": object, "sweep.gravity": object,
@@ -398,14 +401,25 @@ class ContainerZonesKeys(TypedDict, total=False):
     """Upper corner [m]."""
 
 
+class ContainerLipKeys(TypedDict, total=False):
+    """Section `container.lip`."""
+
+    radius: object
+    """Radius of the rounded edge; 0: it is sharp [m]. Range: of at least 0."""
+    thickness: object
+    """Height of the edge from the outlet's plane to its lower end, also rounded; none: as little as the radius
+    allows, twice the radius of a flat bottom [m]. Range: above 0."""
+
+
 class ContainerPartsShapeKeys(TypedDict, total=False):
     """Section `container.parts[].shape`."""
 
-    kind: Literal["plane", "strip", "frustum", "mesh"] | object
+    kind: Literal["plane", "strip", "frustum", "mesh", "thick-plate"] | object
     """`plane`: The half-space behind an infinite plane; `normal` points to the grains; `strip`: A thin plate: the
     segment from `start` to `end` in the x-z plane [m], infinite along y; `frustum`: A thin plate round the vertical
     axis x = y = 0: a segment in the plane of radius and height, rotated about it; `mesh`: A surface of triangles
-    from a file. Both sides of it are walls, so it may be a thin sheet."""
+    from a file. Both sides of it are walls, so it may be a thin sheet; `thick-plate`: All points within `radius` of
+    a middle line, which goes from `far` to `edge` and then down to `foot`."""
     point: object
     """A point of the plane [m]."""
     normal: object
@@ -435,6 +449,17 @@ class ContainerPartsShapeKeys(TypedDict, total=False):
     """Place of the file's origin [m]."""
     allow: Literal["non-manifold", "t-junctions", "intersections"] | object
     """Flaws to accept: non-manifold, t-junctions or intersections."""
+    far: object
+    """x, or radius, and z of the end of the middle line that is away from the edge [m]."""
+    edge: object
+    """x, or radius, and z of the bend at the edge [m]."""
+    foot: object
+    """x, or radius, and z of the lower end of the edge; that of `edge` if there is no more of it [m]."""
+    radius: object
+    """Distance of the surface from the middle line, which is the radius of the rounded edge; 0: a sharp edge [m].
+    Range: of at least 0."""
+    turned: object
+    """Rotated about the vertical axis, as the bottom of a cylinder."""
 
 
 class ContainerPartsMotionKeys(TypedDict, total=False):
@@ -527,10 +552,11 @@ class ContainerKeys(TypedDict, total=False):
 
     kind: conical-silo: Angle of the cone from the vertical, at least 1 deg and less than 90 deg [rad]."""
     orifice: object
-    """kind: wedge-hopper: Width D of the outlet, less than the width of the hopper [m]. Range: above 0.
+    """kind: wedge-hopper: Width D of the outlet, less than the width of the hopper; with a lip at its narrowest
+    [m]. Range: above 0.
 
-    kind: cylinder-silo or kind: conical-silo: Diameter D of the outlet, less than the cylinder's [m]. Range: above
-    0."""
+    kind: cylinder-silo or kind: conical-silo: Diameter D of the outlet, less than the cylinder's; with a lip at its
+    narrowest [m]. Range: above 0."""
     gap: object
     """Gap s from the left side wall to the near edge of the outlet, at most (L - D)/2; none: centred [m]. Range: of
     at least 0."""
@@ -546,6 +572,7 @@ class ContainerKeys(TypedDict, total=False):
     """Height z at which grains count as discharged; none: there is no outlet [m]."""
     planes: Sequence[ContainerPlanesKeys | object] | object
     zones: Sequence[ContainerZonesKeys | object] | object
+    lip: ContainerLipKeys | object
     parts: Sequence[ContainerPartsKeys | object] | object
 
 
@@ -781,9 +808,10 @@ KEYS = """\
         [m], rotation [Hz], depth [m], lid, outlet_plane [m]
     container.planes[]: name, z [m]
     container.zones[]: name, low [m], high [m]
+    container.lip: radius [m], thickness [m]
     container.parts[]: name, opens [s]
     container.parts[].shape: kind, point [m], normal, start [m], end [m], lower [m], upper [m], smooth [rad],
-        encloses, file, unit, scale, rotate [rad], at [m], allow
+        encloses, file, unit, scale, rotate [rad], at [m], allow, far [m], edge [m], foot [m], radius [m], turned
     container.parts[].motion: velocity [m/s], spin [rad/s]
     container.parts[].moves: velocity [m/s]
     container.parts[].moves.rotation: axis, origin [m], rate [rad/s]

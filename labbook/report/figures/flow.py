@@ -32,9 +32,9 @@ def flow_against_time(series: Series) -> "Figure":
     """
     from matplotlib.figure import Figure
 
-    grid = _grid(series.points)
-    columns = len(grid.across) if grid else min(_COLUMNS, len(series.points))
-    rows = len(grid.down) if grid else math.ceil(len(series.points) / columns)
+    grid = _grid(series.whole_points)
+    columns = len(grid.across) if grid else min(_COLUMNS, len(series.whole_points))
+    rows = len(grid.down) if grid else math.ceil(len(series.whole_points) / columns)
     with house():
         width = PAGE if grid else PAGE * max(columns, 3) / _COLUMNS
         figure = Figure(figsize=(width, (14 + 34 * rows) * MILLIMETRE))
@@ -44,12 +44,12 @@ def flow_against_time(series: Series) -> "Figure":
         if grid:
             _fill_grid(axes, grid)
         else:
-            for ax, result in zip(axes.flat, series.points, strict=False):
+            for ax, result in zip(axes.flat, series.whole_points, strict=False):
                 _draw(ax, result)
-                title = result.label_without({*series.at, *series.along}) or f"D = {result.orifice * 1e3:g} mm"
-                heading = verbatim(f"{title}, {result.remark}" if result.remark else title)
+                title = result.label_without({*series.at, *series.along}) or _width(result)
+                heading = verbatim(", ".join(filter(None, (title, result.remark))))
                 ax.set_title(_broken(heading), fontsize=7.5 if len(heading) <= _TITLE else 6.5)
-            for ax in axes.flat[len(series.points) :]:
+            for ax in axes.flat[len(series.whole_points) :]:
                 ax.set_axis_off()
         for ax in axes.flat:
             ax.set_xlim(left=0)
@@ -128,9 +128,14 @@ class PanelContent:
     interval: bool
 
 
+def _width(result: PointResult) -> str:
+    """`D = 18 mm`; empty for several outlets, or one of unknown width."""
+    return f"D = {result.orifice * 1e3:g} mm" if math.isfinite(result.orifice) else ""
+
+
 def panel_content(series: Series) -> PanelContent:
     """Parts that the panels of these points have. A mean is drawn within its window only."""
-    with_window = [one for one in series.points if _windows(one)]
+    with_window = [one for one in series.whole_points if _windows(one)]
     means = [one.flow_rate for one in with_window if one.flow_rate is not None]
     return PanelContent(bool(with_window), bool(means), any(math.isfinite(one.half_width) for one in means))
 

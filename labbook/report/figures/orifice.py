@@ -1,7 +1,7 @@
 """W^{2/3} (of a hole W^{2/5}) against D with fits, bands and residuals: a straight line where Beverloo's law holds."""
 
 import math
-from collections.abc import Sequence
+from collections.abc import Hashable, Sequence
 from itertools import cycle
 from typing import TYPE_CHECKING, Any
 
@@ -261,7 +261,7 @@ def _their_law(
 def _points(
     ax: "Axes",
     points: Sequence[PointResult],
-    flagged: frozenset[int],
+    flagged: frozenset[Hashable],
     power: float,
     *,
     color: str,
@@ -277,7 +277,7 @@ def _points(
         if (pooled := result.flow_rate) is not None:
             low, value, high = _scaled(np.array([pooled.low, pooled.value, pooled.high]), power)
             ends = (low, high) if math.isfinite(pooled.half_width) else (-math.inf, math.inf)
-            hollow = result.hollow or result.point.index in flagged
+            hollow = result.hollow or result.identity in flagged
             point(ax, result.orifice * 1e3 + shift, value, ends, color=color, hollow=hollow, marker=marker, zorder=3)
     places = [(one.orifice * 1e3 + shift, one.lacking if words else "") for one in points if one.flow_rate is None]
     crosses(ax, places, color)
@@ -285,7 +285,7 @@ def _points(
 
 def _residuals(ax: "Axes", series: Series, law: str, color: str, place: int) -> None:
     offset = 0.35 * (place - (len(series.fits) - 1) / 2)  # mm: side by side, not on top of each other
-    hollow = {one.orifice for one in series.points if one.hollow or one.point.index in series.flagged}
+    hollow = {one.orifice for one in series.points if one.hollow or one.identity in series.flagged}
     for residual in series.residuals(law):
         x, value, half, error = (
             residual.orifice * 1e3 + offset,

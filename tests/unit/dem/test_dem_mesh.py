@@ -57,6 +57,20 @@ def test_a_corner_of_three_planes_is_touched_once_each():
         assert depths == pytest.approx(sorted(1 - x[near]), abs=1e-12)
 
 
+@pytest.mark.parametrize("width", [1e-1, 1e-3, 3e-5])
+def test_a_needle_ends_at_its_tip(width):
+    """Its sides differ by less than the slack of conditions far beyond the tip."""
+    needle = mesh([[0, 0, 0], [-10, width / 2, 0], [-10, -width / 2, 0]], [[0, 1, 2]])
+    for beyond in (0.01, 0.3, 0.9, 1.5):
+        found = contacts(needle, (beyond, 0.0, 0.6))
+        expected = [math.hypot(beyond, 0.6)] if math.hypot(beyond, 0.6) < 1 else []
+        assert [distance for _, distance, _, _ in found] == pytest.approx(expected, abs=1e-6), beyond
+    for inside in (-0.5, -3.0, -9.0):
+        assert [distance for _, distance, _, _ in contacts(needle, (inside, 0.0, 0.6))] == pytest.approx(
+            [0.6], abs=1e-9
+        )
+
+
 def test_the_normal_turns_continuously_over_a_ridge():
     slope = 0.5
     roof = mesh(

@@ -173,6 +173,7 @@ def test_all_of_the_physics_is_compared():
     assert {"labbook_dem.laws.hertz.normal", "labbook_dem.laws.linear.normal"} <= names
     for wall in ("plane", "strip", "frustum"):
         assert {f"labbook_dem.walls.{wall}.{wall}_distance", f"labbook_dem.walls.{wall}.{wall}_rod"} <= names
+    assert "labbook_dem.walls.thick_plate.thick_plate_distance" in names
     assert {"labbook_dem.rods.rod_on_rod", "labbook_dem.segments.closest", "labbook_dem.rotation.turn"} <= names
     assert {"labbook_dem.motion.kick", "labbook_dem.contact.slip", "labbook_dem.contact.rolling"} <= names
 

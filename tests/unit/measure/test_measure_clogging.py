@@ -100,5 +100,5 @@ def test_a_run_without_a_grain_is_a_stop_within_the_transient():
 
 
 def test_a_container_without_an_outlet_is_refused():
-    with pytest.raises(MeasureError, match="needs one outlet, and the container \\(box\\) has none"):
+    with pytest.raises(MeasureError, match="needs outlets of a known width, and the container \\(box\\) has none"):
         MEASURE.check(scene_of(Box(width=0.1, depth=0.1, height=0.1)))

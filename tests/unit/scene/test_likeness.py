@@ -7,6 +7,7 @@ import pytest
 
 from labbook.plan.meshes import mesh_lines
 from labbook.scene import (
+    Box,
     ConicalSilo,
     CylinderSilo,
     HertzMindlin,
@@ -123,3 +124,19 @@ def test_a_plan_says_so():
     assert "as a circle of 39.77 mm" in lines[1]
     assert "{kind: conical-silo, diameter: 100 mm, height: 300 mm, orifice: 40 mm, angle: 36.87 deg}" in lines[2]
     assert "within 0.428 mm of" in lines[2]
+
+
+def test_a_plan_says_how_full_a_closed_container_is():
+    """A drum of 24 sides, radius 50 mm and length 40 mm, with 1000 grains of 4 mm: volumes by their formulas."""
+    drum = turned_profile([(0.0, 0.0), (0.05, 0.0), (0.05, 0.04), (0.0, 0.04)], 24)
+    assert drum.surface.closed
+    part = Wall(name="drum", shape=TriangleMesh.of_surface(drum.surface, encloses=True))
+    grains = Spheres(diameter=4e-3, density=2500, count=1000)
+    law = HertzMindlin(shear_modulus=1e7, poisson_ratio=0.25)
+    (*_, line) = mesh_lines([Scene(grains=grains, contact=law, container=Primitives(parts=(part,)))])
+    volume = 24 / 2 * math.sin(2 * math.pi / 24) * 0.05**2 * 0.04
+    share = 1000 * math.pi / 6 * 4e-3**3 / volume
+    assert f"Grains take {100 * share:.3g} % of the {1e3 * volume:.4g} l within drum" in line
+    assert f"packing fraction 0.55 takes {100 * share / 0.55:.3g} %" in line
+    box = Scene(grains=grains, contact=law, container=Box(width=0.1, depth=0.1, height=0.1, lid=True))
+    assert "Grains take 3.35 % of the 1 l within the box" in mesh_lines([box])[0]

@@ -116,3 +116,11 @@ def test_flaws_are_told_with_their_place():
     assert flaw.at == pytest.approx((0.2, 0.2, 0.0)) or flaw.at[0] + flaw.at[1] == pytest.approx(2.0)
 
     assert not list(cube(turned=True).flaws())
+
+
+def test_volumes_of_closed_surfaces():
+    """A cube of 1 m, in any orientation and far away, and a square frame of 4 x 4 x 2 m with a hole of 2 x 2 m."""
+    assert cube().volume == pytest.approx(1, rel=1e-12)
+    assert cube(turned=True).moved(lambda places: places + 50).volume == pytest.approx(1, rel=1e-9)
+    assert Triangles.welded(*_frame())[0].volume == pytest.approx(4 * 4 * 2 - 2 * 2 * 2, rel=1e-12)
+    assert math.isnan(Triangles.welded(CUBE, FACES[:-1])[0].volume)

@@ -79,10 +79,18 @@ WEDGE = {
     "angle": "1 rad",
     "orifice": "0.02 m",
     "gap": "0.01 m",
+    "lip": {"radius": "0.002 m", "thickness": "0.008 m"},
 }
 CYLINDER = {"kind": "cylinder-silo", "diameter": "0.1 m", "height": "0.4 m", "orifice": "0.03 m", "rotation": "1 Hz"}
 PLANE = {"kind": "plane", "point": ["0.01 m", "0.02 m", "-0.3 m"], "normal": [0, 0, 1]}
 FRUSTUM = {"kind": "frustum", "lower": ["0.01 m", "0 m"], "upper": ["0.05 m", "0.04 m"]}
+THICK = {
+    "kind": "thick-plate",
+    "far": ["0.045 m", "0.05 m"],
+    "edge": ["0.04 m", "0.04 m"],
+    "foot": ["0.04 m", "0.03 m"],
+}
+THICK |= {"radius": "0.002 m", "turned": True}
 STRIP = {"kind": "strip", "start": ["-0.05 m", "0.1 m"], "end": ["-0.04 m", "0.2 m"]}
 
 MESH = {"kind": "mesh", "file": "tetrahedron.obj", "unit": "mm", "smooth": "0.2 rad"}
@@ -188,7 +196,12 @@ STUDIES: dict[str, dict[str, Any]] = {
     "poured": {
         "grains": GRAINS,
         "contact": HERTZ,
-        "container": {**CYLINDER, "sink": "-0.2 m", "planes": [{"name": "below", "z": "-0.1 m"}]},
+        "container": {
+            **CYLINDER,
+            "sink": "-0.2 m",
+            "planes": [{"name": "below", "z": "-0.1 m"}],
+            "parts": [{"name": "ledge", "shape": THICK}],
+        },
         "feed": {"kind": "rate", "stream": STREAM},
         "fill": {"kind": "stream", "stream": STREAM, "until": "2 s"},
         "stop": {"max_time": "10 s"},
