@@ -125,7 +125,9 @@ def marks(page: Page) -> Locator:
 
 def test_a_study_is_found_and_opened(page):
     page.goto("/")
-    expect(page.locator("article.card:not([aria-busy])")).to_have_count(2)
+    expect(page.locator("article.card:not([aria-busy])")).to_have_count(
+        2, timeout=60 * MS
+    )  # the first request fits laws
     expect(page.locator("article.card.broken")).to_have_count(0)
     expect(page.locator(f"#card-{STUDY} img")).to_have_count(POINTS)
     page.get_by_role("link", name=STUDY, exact=True).click()

@@ -313,7 +313,7 @@
       if (curve.window && curves.length === 1) shapes.push({ type: "rect", layer: "below", xref: "x", yref: "paper", x0: curve.window[0], x1: curve.window[1], y0: 0, y1: 1, fillcolor: alpha(colour, 0.13), line: { width: 0 } });
       if (curve.mean && curve.window && curve.mean[0] !== null) traces.push({ type: "scatter", mode: "lines", x: curve.window, y: [curve.mean[0] * 1e3, curve.mean[0] * 1e3], line: { color: colour, width: 2.5, dash: "dot" }, hovertemplate: `mean of the window: ${said(curve.mean[0] * 1e3)} ± ${said(curve.mean[1] === null ? null : curve.mean[1] * 1e3)} g/s (one standard error)<extra></extra>`, showlegend: false, legendgroup: `g${group}` });
     });
-    Plotly.react(holder, traces, layout(t, { shapes, height: 340, xaxis: { title: { text: "t [s]" } }, yaxis: { title: { text: "W [g/s]" }, rangemode: "tozero" } }), CONFIG);
+    Plotly.react(holder, traces, layout(t, { shapes, height: 340, xaxis: { title: { text: "t [s]" }, rangemode: "tozero" }, yaxis: { title: { text: "W [g/s]" }, rangemode: "tozero" } }), CONFIG);
     holder.dataset.points = curves.length;
     if (labbook.once(holder, "listening")) {
       holder.on("plotly_hover", (event) => {
