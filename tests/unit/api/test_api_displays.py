@@ -146,6 +146,6 @@ def test_a_result_shows_its_next_figure_where_the_first_has_nothing_to_show(foun
         raise gallery.NothingToShow("map: too few points")
 
     monkeypatch.setattr(
-        gallery, "of_series", lambda results, series, of=gallery.of_series: {"map": nothing, **of(results, series)}
+        gallery, "of_series", lambda results, series, of=gallery.of_series: {"first": nothing, **of(results, series)}
     )
     assert "data:image/png;base64," in found._repr_html_()
