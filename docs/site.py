@@ -37,6 +37,8 @@ GROUPS = {
 PAPERS_FIRST = ("Fan et al. 2023", "Pongó et al. 2022", "Dosta et al. 2024", "Silos")
 CARDS = "<!-- cards of all results -->"
 """Where the page of results has its cards."""
+LOOPS = "loops"
+"""Folder of beds in motion, by study (docs/loops.py)."""
 COPIES = "files"
 """Folder of the site for other files of the repository that pages link to."""
 _LINK = re.compile(r"(!?\[[^\]]*\])\(([^)#\s]+)(#[^)\s]*)?\)")
@@ -113,7 +115,11 @@ def _outside(file: File) -> list[str]:
 
 def _gallery() -> str:
     """Every study that ships, papers first, as cards: container and grains of its first point, and its result."""
-    parts = ["# Gallery", "Every study that ships. Pictures are sections through the container of the first point."]
+    parts = [
+        "# Gallery",
+        "Every study that ships. Beds in motion show the first point with few grains, in a smaller container. "
+        "Other pictures are sections through its container; where the system asks for less motion, all are.",
+    ]
     results = _results()
     for title, stems in _groups(sorted(path.stem for path in (ROOT / "studies").glob("*.yaml"))).items():
         parts += [f"## {title}", '<div class="cards" markdown>']
@@ -125,13 +131,22 @@ def _gallery() -> str:
             parts += [
                 '<div class="card" markdown>',
                 f"### {study.name}",
-                f'<div class="scene">{study.points[0].scene.svg()}</div>',
+                *_scene(study),
                 f"{study.about}. Sweeps {swept}: {points} points, {runs} runs. [Study file](../studies/{stem}.yaml)",
                 *(result.shown("results/") if result is not None else []),
                 "</div>",
             ]
         parts.append("</div>")
     return "\n\n".join(parts) + "\n"
+
+
+def _scene(study: labbook.Study) -> list[str]:
+    """The bed of the first point: in motion where there is a loop, and a drawing for who asks for less motion."""
+    drawing = f'<div class="scene">{study.points[0].scene.svg()}</div>'
+    if not (ROOT / "docs" / LOOPS / f"{study.name}.webp").is_file():
+        return [drawing]
+    loop = f'<img loading="lazy" alt="The bed in motion" src="{LOOPS}/{study.name}.webp">'
+    return [f'<div class="loop">{loop}</div>', drawing.replace('class="scene"', 'class="scene still"')]
 
 
 def _groups(stems: Sequence[str]) -> dict[str, list[str]]:

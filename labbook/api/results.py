@@ -3,6 +3,7 @@
 import math
 from base64 import b64encode
 from collections.abc import Callable, Mapping
+from contextlib import suppress
 from dataclasses import dataclass, field
 from functools import cached_property
 from html import escape
@@ -376,20 +377,23 @@ class Results(StudyResults):
         if not self.points:
             return escape(repr(self))
         lines = "".join(f"<div>{escape(line)}</div>" for line in page.summary(self))
-        return f"<div><b>{escape(self.study.name)}</b></div>{lines}{_html(tables.flow_table(self))}{self._picture()}"
+        return f"<div><b>{escape(self.study.name)}</b></div>{lines}{_html(tables.flow_table(self))}{self._pictures()}"
 
-    def _picture(self) -> str:
-        """The first figure of all, as the notebook's own: of several series the one that shows them all."""
+    def _pictures(self) -> str:
+        """The first figure of all, as the notebook's own: of several series the one that shows them all, and beside it
+        the map of two swept keys."""
         figures = {**(gallery.of_results(self) if len(self.series) > 1 else {})}
         for series in self.series[:1]:
             figures |= gallery.of_series(self, series)
-        for draw in figures.values():
-            try:
-                data, size = style.for_a_screen(draw())
-            except gallery.NothingToShow:  # the points do not determine a map: the next one
+        map_figure, pictures = figures.pop("map", None), list[str]()
+        for draw in (*figures.values(), *([map_figure] if map_figure is not None else [])):
+            if pictures and draw is not map_figure:
                 continue
-            return f'<img width="{size["width"]}" src="data:image/png;base64,{b64encode(data).decode()}"/>'
-        return ""
+            with suppress(gallery.NothingToShow):  # the points do not determine a map
+                data, size = style.for_a_screen(draw())
+                source = f"data:image/png;base64,{b64encode(data).decode()}"
+                pictures.append(f'<img width="{size["width"]}" src="{source}"/>')
+        return f'<div style="display:flex;flex-wrap:wrap;align-items:flex-start">{"".join(pictures)}</div>'
 
 
 def _html(shown: tables.Table) -> str:

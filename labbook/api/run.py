@@ -28,6 +28,22 @@ _ORDER = ("id", "i", "j", "wall", "step", *UNITS)
 """Of the columns of a table."""
 
 
+class FilmPath(type(Path())):
+    """Path of a film, which a notebook plays."""
+
+    def _repr_html_(self) -> str:
+        if (size := self.stat().st_size) > _LARGEST_FILM:
+            return html.lines([f"{self}: {size / 1e6:.3g} MB, too large for a notebook"])
+        kind = self.suffix.lower().removeprefix(".")
+        source = f"data:{'video' if kind == 'mp4' else 'image'}/{kind};base64,{b64encode(self.read_bytes()).decode()}"
+        if kind == "mp4":
+            return f'<video controls loop style="max-width:100%" src="{source}"></video>'
+        return f'<img alt="Film" style="max-width:100%" src="{source}"/>'
+
+
+_LARGEST_FILM = 20e6  # bytes: a notebook keeps what it shows
+
+
 @dataclass(frozen=True, eq=False, repr=False)
 class Run(RunResult):
     """A finished run: its outcome, its measurements, and its recorded tables.
@@ -124,7 +140,7 @@ class Run(RunResult):
             size: Pixels of the longer side of the bed.
 
         Returns:
-            The file.
+            The file, which a notebook plays.
 
         Raises:
             NotRecorded: The run kept no frames.
@@ -136,7 +152,7 @@ class Run(RunResult):
         out = (
             path_of(self.place.folder / "films", record, name, point, f"-{colour}.webp") if path is None else Path(path)
         )
-        return film(shot_of_run(self.folder, colour, name, point), out, seconds=seconds, size=size).path
+        return FilmPath(film(shot_of_run(self.folder, colour, name, point), out, seconds=seconds, size=size).path)
 
     def view(self) -> None:
         """Open the rerun viewer and wait until it is closed. Raises NotRecorded, ViewerMissing or ViewerFailed."""

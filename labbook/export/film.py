@@ -356,7 +356,13 @@ class Camera:
 
     def pixels(self, frame: Frame) -> np.ndarray:
         """RGB bytes of a frame, shape [height, width, 3], on the background of films."""
-        pixels = render(
+        pixels = self.rgba(frame)
+        part = pixels[..., 3:].astype(np.float32) / 255
+        return np.rint(pixels[..., :3] * part + np.array(BACKGROUND, np.float32) * (1 - part)).astype(np.uint8)
+
+    def rgba(self, frame: Frame) -> np.ndarray:
+        """RGBA bytes of a frame, shape [height, width, 4]."""
+        return render(
             self.scene,
             self.start,
             packing_of(self.start, frame),
@@ -366,8 +372,6 @@ class Camera:
             strokes=self._strokes(frame),
             finest=_FINE,
         )
-        part = pixels[..., 3:].astype(np.float32) / 255
-        return np.rint(pixels[..., :3] * part + np.array(BACKGROUND, np.float32) * (1 - part)).astype(np.uint8)
 
     def _walls(self, time: float) -> list[Segment]:
         """Lines of the walls at a time [s]."""

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from labbook import html
+from labbook.chart import Chart
 from labbook.fit.band import half_width, law_error
 from labbook.fit.law import Context, Law
 from labbook.fit.profile import Minimum, derivative
@@ -150,7 +151,27 @@ class FitResult:
         goodness = f"χ² = {self.chi2:.3g} with {self.dof} degrees of freedom, p = {self.p_value:.2g}"
         notes = (goodness, *(f"note: {note}" for note in self.notes))
         heads = ("parameter", "name", "value ± error", f"{percent(self.confidence)} interval", "unit")
-        return html.titled(f"{self.law.name}: {self.law.formula}", html.table(heads, rows, notes))
+        table = f"<div>{html.table(heads, rows, notes)}</div>"
+        content = f'<div style="display:flex;flex-wrap:wrap;gap:1.5em">{table}<div>{self._chart()}</div></div>'
+        return html.titled(f"{self.law.name}: {self.law.formula}", content)
+
+    def _chart(self) -> str:
+        """Points with standard errors and the law with its band, over the fitted orifices."""
+        low, high = float(self.D.min()), float(self.D.max())
+        margin = 0.05 * (high - low)
+        D = np.linspace(low, high, 100)
+        W, *ends = (1e3 * one for one in self.band(D))
+        above = self.W * (1 + np.where(np.isfinite(self.relative_error), self.relative_error, 0.0))
+        chart = Chart("D [mm]", "W [g/s]", (1e3 * (low - margin), 1e3 * (high + margin)), 1.05e3 * float(above.max()))
+        D_mm = (1e3 * D).tolist()
+        chart.band(D_mm, *(end.tolist() for end in ends))
+        chart.curve(D_mm, W.tolist())
+        for at, rate, error, outside in zip(self.D, self.W, self.relative_error, self.outside, strict=True):
+            reach = float(error) if math.isfinite(error) else 0.0
+            chart.point(1e3 * at, 1e3 * rate, 1e3 * rate * (1 - reach), 1e3 * rate * (1 + reach), bool(outside))
+        caption = f"bars: standard errors; band: {percent(self.confidence)} interval of the law"
+        hollow = ["hollow: outside the range of the law"] if self.outside.any() else []
+        return chart.svg() + html.lines([caption, *hollow])
 
     def __repr__(self) -> str:
         lines = [f"<{self.law.name}: {self.law.formula}>"]

@@ -11,6 +11,7 @@ import numpy as np
 from labbook import html
 from labbook.backend.numerics import Numerics
 from labbook.backend.probes import Crossing, Probe
+from labbook.chart import Chart
 from labbook.measure.data import RunData
 from labbook.measure.measure import (
     Evaluation,
@@ -151,23 +152,12 @@ class Trace:
 
     def _repr_html_(self) -> str:
         """Draw the curve from 0 on both axes, with the window shaded."""
-        end, top = float(self.time[-1]) or 1.0, float(self.rate.max()) or 1.0
-        points = " ".join(
-            f"{t / end * _WIDTH:.1f},{(1 - w / top) * _HEIGHT:.1f}" for t, w in zip(self.time, self.rate, strict=True)
-        )
-        shade = ""
+        chart = Chart("t [s]", "W [g/s]", (0.0, float(self.time[-1])), 1e3 * float(self.rate.max()))
         if self.window is not None:
-            left, right = (at / end * _WIDTH for at in self.window)
-            shade = f'<rect x="{left:.1f}" y="0" width="{right - left:.1f}" height="{_HEIGHT}" fill="#8884"/>'
-        figure = (
-            f'<svg width="{_WIDTH}" height="{_HEIGHT}" viewBox="0 0 {_WIDTH} {_HEIGHT}" style="border:1px solid #888">'
-            f'{shade}<polyline points="{points}" fill="none" stroke="#1f77b4" stroke-width="1.5"/></svg>'
-        )
-        axes = f"across: 0 to {end:.3g} s; upwards: 0 to {top * 1e3:.4g} g/s; shaded: the window of the mean"
-        return html.titled("Flow rate W(t)", figure, html.lines([axes]))
-
-
-_WIDTH, _HEIGHT = 480, 160  # px of a drawing of W(t)
+            chart.shade(*self.window)
+        chart.curve(self.time.tolist(), (1e3 * self.rate).tolist())
+        notes = ["shaded: the window of the mean"] if self.window is not None else ["no window, so no mean"]
+        return html.titled("Flow rate W(t)", chart.svg(), html.lines(notes))
 
 
 def merge_notes(notes: Mapping[str, int]) -> dict[str, int]:

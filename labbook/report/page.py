@@ -84,7 +84,9 @@ def _today() -> date:
 
 def _flow_rates(results: StudyResults, folder: Path) -> list[Section]:
     """The table of all points and every series; a series that is the only one goes first, as its figure shows them."""
-    table = Section("Flow rates", (tables.flow_table(results),))
+    flowing = tables.flowing_table(results)
+    clogged = (Folded(tables.CLOGGED, (flowing,)),) if flowing is not None else ()
+    table = Section("Flow rates", (tables.flow_table(results), *clogged))
     series = series_sections(results, folder)
     return [*series, table] if len(results.series) == 1 else [table, *series]
 

@@ -203,10 +203,12 @@ def beside_title(title: str) -> Literal["outside upper right", "outside lower ce
 def legend_columns(labels: Sequence[str], width: float = PAGE) -> int:
     """Columns of a legend that fit into a figure of this width [inch], four at most."""
     across = int(_LINE * width / PAGE)
-    return max(1, min(len(labels), 4, across // (max(map(len, labels), default=1) + 6)))
+    return max(1, min(len(labels), 4, across // (max(map(len, labels), default=1) + _HANDLE)))
 
 
-_SHORT, _LINE = 44, 130  # characters: of a title that leaves room for a legend, and of a line of legends across a page
+_SHORT, _LINE, _HANDLE = 44, 130, 8
+"""Characters: of a title that leaves room for a legend, of a line of legends across a page, and of the line of an entry
+with the space around it."""
 
 
 def verbatim(text: str) -> str:

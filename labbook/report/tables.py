@@ -27,6 +27,8 @@ CONVENTIONS = (
     "the scatter between replicates."
 )
 SEVERAL = "Beds are the replicates: each counts by the mean over its discharges."
+CLOGGED = "Clogged runs while they flowed"
+"""Title of `flowing_table`."""
 ALONE = "For points with one fed run: from the scatter within the run, by Student’s t on its blocks."
 
 
@@ -50,7 +52,7 @@ def flow_table(results: StudyResults) -> Table:
     swept = _swept(results)
     quantities = _measured(results, of_flow=True)
     flow = [one for one in quantities if one.quantity == FLOW_RATE]
-    other_quantities = [one for one in quantities if one.quantity != FLOW_RATE]
+    other_quantities = [one for one in quantities if one.quantity != FLOW_RATE and not _is_flowing(one)]
     rows = []
     for result in results.points:
         pooled = result.flow_rate
@@ -76,6 +78,21 @@ def flow_table(results: StudyResults) -> Table:
     return Table(headings, tuple(rows), frozenset({len(headings) - 1}), notes=notes)
 
 
+def flowing_table(results: StudyResults) -> Table | None:
+    """Points with clogged runs: rates of these runs while grains still left; None without any."""
+    swept = _swept(results)
+    quantities = [one for one in _measured(results, of_flow=True) if _is_flowing(one)]
+    names = {one.quantity for one in quantities}
+    rows = tuple(
+        (*_at(result, swept), *_cells(result, quantities)) for result in results.points if names & result.pooled.keys()
+    )
+    return Table(_headings(swept, quantities), rows, frozenset()) if rows else None
+
+
+def _is_flowing(measured: Measured) -> bool:
+    return measured.quantity.endswith(FLOWING)
+
+
 def _interval(pooled: Pooled, scale: float) -> str:
     """`66.5 to 73.4 (±4.9 %)`, or `unknown`."""
     if not math.isfinite(pooled.half_width):
@@ -85,12 +102,34 @@ def _interval(pooled: Pooled, scale: float) -> str:
 
 
 def further_table(results: StudyResults) -> Table | None:
-    """Every point: whatever else was measured, pooled over replicates; None if nothing was."""
+    """Every point: whatever else was measured, pooled over replicates; None if nothing was. Points with the same
+    numbers, as those that share packings, stand in one row."""
     swept, measured = _swept(results), _measured(results, of_flow=False)
     if not measured:
         return None
-    rows = tuple((*_at(result, swept), *_cells(result, measured)) for result in results.points)
+    groups: dict[tuple[str, ...], list[tuple[str, ...]]] = {}
+    for result in results.points:
+        groups.setdefault(_cells(result, measured), []).append(_at(result, swept))
+    rows = tuple((*at, *cells) for cells, places in groups.items() for at in _together(places))
     return Table(_headings(swept, measured), rows, frozenset())
+
+
+def _together(places: Sequence[tuple[str, ...]]) -> list[tuple[str, ...]]:
+    """One row for places that are all combinations of the values of their keys, `18, 21, 24` of one key; else a row for
+    each."""
+    values = [list(dict.fromkeys(column)) for column in zip(*places, strict=True)]
+    if len(places) == 1 or math.prod(map(len, values)) != len(set(places)):
+        return list(places)
+    return [tuple(_listed(each) for each in values)]
+
+
+def _listed(values: Sequence[str]) -> str:
+    """All values, or the first and the last of many with their number."""
+    few = len(values) <= _FEW
+    return ", ".join(values) if few else f"{values[0]} to {values[-1]} ({len(values)} values)"
+
+
+_FEW = 6
 
 
 def _swept(results: StudyResults) -> list[str]:

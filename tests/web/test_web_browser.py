@@ -125,7 +125,9 @@ def marks(page: Page) -> Locator:
 
 def test_a_study_is_found_and_opened(page):
     page.goto("/")
-    expect(page.locator("article.card:not([aria-busy])")).to_have_count(2)
+    expect(page.locator("article.card:not([aria-busy])")).to_have_count(
+        2, timeout=60 * MS
+    )  # the first request fits laws
     expect(page.locator("article.card.broken")).to_have_count(0)
     expect(page.locator(f"#card-{STUDY} img")).to_have_count(POINTS)
     page.get_by_role("link", name=STUDY, exact=True).click()
@@ -715,7 +717,10 @@ def test_the_chart_draws_what_its_note_says(chromium, base):
         expect(page.locator("#chart-note")).to_contain_text("Crosses on the lower edge: 2 without a number.")
         drawn = page.evaluate("document.getElementById('chart').data")
         crosses = [one for one in drawn if one.get("marker", {}).get("symbol") == "x-thin"]
-        assert [(one["yaxis"], one["x"], one["y"]) for one in crosses] == [("y3", [8], [0])] * 2
+        assert [(one["yaxis"], one["y"]) for one in crosses] == [("y3", [0])] * 2
+        (first,), (second,) = (one["x"] for one in crosses)
+        assert first < 8 < second, "side by side"
+        assert first * second == pytest.approx(8**2), "as far to the left as to the right on this scale"
         legend = [one for one in drawn if one.get("meta") == "legend"]
         assert [one["showlegend"] for one in legend] == [True, True]
         assert all(isinstance(one["marker"]["color"], str) and one["x"] == [None] for one in legend)
@@ -723,6 +728,14 @@ def test_the_chart_draws_what_its_note_says(chromium, base):
         assert all(re.search(r"W = [\d.]+ \([\d.]+ to [\d.]+, 95 %\), n = 2 g/s", text) for text in hovers)
         scales = page.locator("select[name=scale] option")
         expect(scales).to_have_text(["linear", "logarithmic", "W to the power 2/3"])
+        page.goto(f"/study/{PLANE}")
+        expect(page.locator("#chart-note")).to_contain_text("Points at one value stand side by side.")
+        drawn = page.evaluate("document.getElementById('chart').data")
+        curves = [one["x"] for one in drawn if one.get("customdata") and one["marker"]["symbol"] != "x-thin"]
+        assert np.mean(curves, axis=0) == pytest.approx([24, 30])
+        assert (np.diff(curves, axis=0) > 0.01 * (30 - 8)).all(), "about the width of a marker"
+        page.goto(f"/study/{STUDY}")
+        expect(page.locator("#chart-note")).not_to_contain_text("side by side")
         page.goto(f"/study/{PLANE}?y=flow_rate_drift&scale=power")
         expect(page.locator("select[name=scale] option", has_text="power")).to_have_count(0)
         page.goto(f"/compare?item=study:{PLANE}&item=study:{STUDY}")
@@ -747,3 +760,32 @@ def test_a_film_plays_beside_its_tile(chromium, lab, tmp_path):
         expect(film_shown).to_have_attribute("src", f"/run/{record.run_key[:16]}/film.webp")
         page.keyboard.press("Escape")
         expect(film_shown).to_have_count(0)
+
+
+def test_beds_of_a_card_move_while_the_pointer_is_on_it(chromium, lab):
+    """Once by themselves, for five seconds, and then only there; not at all for who asks for less motion. The beds of
+    runs without frames stand still."""
+    recorded = {path.parent.name[:16] for path in lab.glob("runs/*/recording.npz")}
+    with serving(lab) as base, opened(chromium, base) as page:
+        page.goto("/")
+        card = page.locator(f"#card-{STUDY}")
+        beds = card.locator("img")
+        expect(card).to_have_attribute("data-moving", "", timeout=60 * MS)
+        shown = [str(bed.get_attribute("src")) for bed in beds.all()]
+        keys = [one.split("/")[2] for one in shown]
+        assert [one.endswith("/loop.webp") for one in shown] == [key in recorded for key in keys]
+        assert any(key in recorded for key in keys)
+        expect(card).not_to_have_attribute("data-moving", "", timeout=20 * MS)
+        assert [bed.get_attribute("src") for bed in beds.all()] == [f"/run/{key}/picture.png" for key in keys]
+        card.hover()
+        expect(card).to_have_attribute("data-moving", "")
+        page.mouse.move(2, 2)
+        expect(card).not_to_have_attribute("data-moving", "")
+        context = chromium.new_context(base_url=base, viewport=DESKTOP, reduced_motion="reduce")
+        still = context.new_page()
+        still.goto("/")
+        still.locator(f"#card-{STUDY} img").first.wait_for()
+        still.locator(f"#card-{STUDY}").hover()
+        still.wait_for_timeout(2 * MS)
+        assert still.locator("[data-moving]").count() == 0
+        context.close()

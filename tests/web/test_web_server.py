@@ -5,7 +5,9 @@ import math
 import re
 import socket
 import sqlite3
+from base64 import b64decode
 from functools import partial
+from io import BytesIO
 from pathlib import Path
 from typing import Any
 
@@ -15,7 +17,9 @@ import pytest
 from labbook_web.page import with_units
 from labbook_web.pages import runs as runs_page
 from labbook_web.pages.curves import caption
+from labbook_web.pages.lab import columns_of
 from labbook_web.serve import serve
+from PIL import Image
 from toy_lab import WINDOW, carry_out, labbook, study_file
 from toy_web import ORIFICES, REPLICATES, Read, client, everything, keys_of, listing, make, pages, twin_table, twins
 
@@ -102,7 +106,7 @@ def test_links_of_all_pages_lead_to_pages(done, asked):
     found.discard("")
     assert any(one.startswith("/run/") for one in found)
     for link in found:
-        if link.endswith(("/viewer", ".rrd", "film.webp")):
+        if link.endswith(("/viewer", ".rrd", "film.webp", "loop.webp")):
             continue  # asks for the viewer, which tests in a browser open, or for a film (below)
         assert asked.get(link).status_code in (200, 301), link
 
@@ -288,6 +292,40 @@ def test_a_film_is_made_when_it_is_asked_for_and_kept(copied, tmp_path, monkeypa
     assert app.get(f"/run/{key[:16]}/film.webp").content == first.content + b"kept"
     assert app.get(f"/run/{other[:16]}/film.webp").status_code == 404
     assert "film.webp" not in app.get(f"/run/{other[:16]}").text
+
+
+def test_beds_of_a_card_that_were_recorded_have_loops(copied, tmp_path, monkeypatch):
+    monkeypatch.setenv("LABBOOK_CACHE", str(tmp_path))
+    recorded = {path.parent.name[:16] for path in (copied / "lab").glob("runs/*/recording.npz")}
+    app = client(copied / "lab")
+    card = app.get(f"/card/{STUDY}").text
+    beds = re.findall(r'<img src="/run/(\w+)/picture.png"[^>]*?(data-loop="[^"]*")?>', card)
+    assert {key for key, loop in beds if loop} == {key for key, _ in beds} & recorded != set()
+    key = min(key for key, loop in beds if loop)
+    answer = app.get(f"/run/{key}/loop.webp")
+    assert answer.headers["content-type"] == "image/webp"
+    assert Image.open(BytesIO(answer.content)).info["loop"] == 0
+    assert [path.read_bytes() for path in (tmp_path / "web/loops").iterdir()] == [answer.content]
+    other = next(key for key in keys_of(copied / "lab") if key[:16] not in recorded)
+    assert app.get(f"/run/{other[:16]}/loop.webp").status_code == 404
+
+
+@pytest.mark.parametrize(
+    ("beds", "shape", "columns"), [(6, 0.3, 6), (6, 1.0, 3), (6, 3.0, 2), (1, 1.0, 1), (2, 0.5, 2)]
+)
+def test_beds_of_a_card_are_as_large_as_they_can_be(beds, shape, columns):
+    """Upright ones in a row, wide ones below one another."""
+    assert columns_of(beds, shape) == columns
+
+
+def test_a_study_without_runs_is_drawn_on_its_card(tmp_path):
+    path = study_file(tmp_path)
+    app = client(tmp_path / "lab", [path])
+    (address,) = re.findall(r'<div class="beds sketch"[^>]*><img src="([^"]*)"', app.get(f"/card/{STUDY}").text)
+    kind, _, content = address.partition(";base64,")
+    assert kind == "data:image/svg+xml"
+    assert b64decode(content).startswith(b"<svg")
+    assert "What is simulated" in app.get(f"/study/{STUDY}").text
 
 
 def test_a_run_without_a_picture_is_sketched(copied):

@@ -55,7 +55,7 @@ def linked(page: Path) -> list[Path]:
     found = []
     for link in read.links("href", "src"):
         parts = urlsplit(link)
-        if not parts.path:
+        if not parts.path or parts.scheme == "data":
             continue  # within the page
         assert not parts.scheme, (page, link)
         assert not parts.netloc, (page, link)

@@ -106,6 +106,7 @@ class App:
             Route("/beside/{key}/viewer", self._in_thread(self._viewer)),
             Route("/beside/{key}/recording.rrd", self._in_thread(self._recording)),
             Route("/run/{key}/film.webp", self._in_thread(self._film)),
+            Route("/run/{key}/loop.webp", self._in_thread(self._loop)),
             Route("/run/{key}/recording.rrd", self._in_thread(self._recording)),
             Route("/run/{key}/file/{file}", self._in_thread(self._file)),
             Route("/viewer/{version}/{file:path}", self._in_thread(self._viewer_file)),
@@ -295,9 +296,16 @@ class App:
         return list(dict.fromkeys(key_of(self.store, hexadecimal(key)) for key in keys))
 
     def _film(self, request: Request) -> Response:
+        return self._moving(request, viewer.film)
+
+    def _loop(self, request: Request) -> Response:
+        return self._moving(request, viewer.loop)
+
+    def _moving(self, request: Request, make: Callable[[Path], Path]) -> Response:
+        """Answer with a run in motion: a WebP that `make` finds or draws."""
         key = key_of(self.store, hex_of(request))
         try:
-            path = viewer.film(self.store.lab.run(key))
+            path = make(self.store.lab.run(key))
         except NotRecorded as error:
             raise NotFound(str(error)) from error
         return FileResponse(path, media_type="image/webp", headers={"cache-control": "private, max-age=60"})

@@ -124,9 +124,10 @@ class _Writer:
             if "htmx" not in name:
                 self._file(f"static/{name}", asset(name) or b"")
         links = self._links("index")
-        cards = {
-            one.name: _raw(part("card.html.j2", links, **card(self._store, one))) for one in self._store.listings()
-        }
+        contexts = {one.name: card(self._store, one) for one in self._store.listings()}
+        for tile in (tile for context in contexts.values() for tile in context.get("beds", ()) if tile.recorded):
+            self._file(f"run/{tile.run[:16]}/loop.webp", viewer.loop(self._store.lab.run(tile.run)).read_bytes())
+        cards = {name: _raw(part("card.html.j2", links, **context)) for name, context in contexts.items()}
         counts: dict[str, int] = {}
         for entry in self._contents.values():
             for outcome, number in outcomes(entry.results).items():

@@ -21,6 +21,7 @@ from pathlib import Path
 from labbook.export.entities import CLOCK
 from labbook.export.film import of_run, shows, source_of_film
 from labbook.export.frames import NotRecorded
+from labbook.export.loop import loop_of_run, source_of_loop
 from labbook.export.recording import middle_of, of_runs, path_of, recording_id
 from labbook.export.viewer import viewer_command
 from labbook.lab import RunRecord
@@ -35,6 +36,8 @@ _TIMEOUT = 60.0  # s, for the viewer's own server to answer
 _RETRY_INTERVAL = 0.1  # s between two attempts
 _CACHE_SIZE = 60
 """Largest number of cached recordings, and of films; the least recently used are deleted first."""
+_LOOPS = 600
+"""Largest number of cached loops, of some 100 kB each."""
 _NO_FRAMES = "the run kept no frames; to keep some, add `record: {every: 10 ms}` to the study and run it"
 _KEY_DIGITS = 16  # digits of a key in the name of a file
 _viewer_lock, _film_lock = threading.Lock(), threading.Lock()
@@ -198,9 +201,22 @@ def stored_film(folder: Path) -> Path | None:
     return path if shows(path, source_of_film(record)) else None
 
 
-def _evict(folder: Path, ending: str = ".rrd") -> None:
+def loop(folder: Path) -> Path:
+    """Path of the cached loop (.webp) of a run, made at the first use. Raises as `film`."""
+    record = RunRecord.read(folder)
+    if record.coverage.recording is None:
+        raise NotRecorded(_NO_FRAMES)
+    path = cache_folder() / "loops" / f"{source_of_loop(record)}.webp"
+    with _film_lock:
+        loop_of_run(folder, path)
+        _evict(path.parent, ".webp", _LOOPS)
+        os.utime(path)
+    return path
+
+
+def _evict(folder: Path, ending: str = ".rrd", limit: int = _CACHE_SIZE) -> None:
     files = sorted(folder.glob(f"*{ending}"), key=lambda path: path.stat().st_mtime, reverse=True)
-    for path in files[_CACHE_SIZE:]:
+    for path in files[limit:]:
         path.unlink(missing_ok=True)
 
 

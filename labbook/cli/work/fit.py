@@ -37,6 +37,8 @@ def show(results: Results, as_json: bool) -> None:
     for sentence in summary(results):
         console.print(sentence, markup=False)
     print_table(console, tables.flow_table(results), "Flow rates")
+    if (flowing := tables.flowing_table(results)) is not None:
+        print_table(console, flowing, tables.CLOGGED)
     if results.numerical:
         print_table(console, numerical_table(results.numerical), "Do numerics matter?")
     further = tables.further_table(results)

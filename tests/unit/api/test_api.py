@@ -350,6 +350,22 @@ def test_results_of_several_series_show_the_overview(found, monkeypatch):
     assert drawn == [0]
 
 
+def test_results_of_two_keys_show_their_map_beside_the_first_figure(found, monkeypatch):
+    from labbook.report import gallery
+
+    def draw():
+        return found.plot("flow_rate")
+
+    def nothing():
+        raise gallery.NothingToShow("map: too few points")
+
+    several = replace(found, series=(*found.series, *found.series))
+    for of_map, pictures in ((draw, 2), (nothing, 1)):
+        drawings = {"overview": draw, "map": of_map, "against_x": nothing}
+        monkeypatch.setattr(gallery, "of_results", lambda results, drawings=drawings: drawings)
+        assert several._repr_html_().count("data:image/png;base64,") == pictures
+
+
 def test_a_lab_without_runs_says_so(tmp_path):
     lab = labbook.Lab(tmp_path / "none", "toy")
     with pytest.warns(labbook.LabWarning, match="there is no lab"):

@@ -1,12 +1,16 @@
 """What a notebook shows of labs, points, runs, traces and fits."""
 
 import re
+from base64 import b64encode
 from html.parser import HTMLParser
+from pathlib import Path
 
+import numpy as np
 import pytest
 from toy_lab import study
 
 import labbook
+from labbook.api.run import FilmPath
 from labbook.html import table
 
 FITTED = ("fit: [beverloo]",)
@@ -66,6 +70,8 @@ def test_a_fit_names_its_parameters_as_pages_do(found):
     fit = found.fit("beverloo")
     assert fit.symbols["C_particle"] == "C (grain density)"
     assert fit.symbols.keys() == fit.parameters.keys()
+    assert fit._repr_html_().count("<circle") == len(fit.D) == 4
+    assert "band: 95 % interval of the law" in words(fit)
     assert {"C (grain density)", "k"} <= set(re.findall(r"<td>([^<]*)</td>", fit._repr_html_()))
     assert "C_particle, shown as C (grain density), = " in repr(fit)
     assert list(fit.frame()["symbol"]) == list(fit.symbols.values())
@@ -89,12 +95,30 @@ def test_points_traces_and_labs_have_a_display(found):
     assert "2 finished" in words(result)
     assert "<svg" in found.study.points[1]._repr_html_()
     assert "orifice 21 mm" in words(found.study.points[1])
-    assert f"0 to {trace.rate.max() * 1e3:.4g} g/s" in words(trace)
+    assert "t [s] W [g/s] shaded: the window of the mean" in words(trace)
+    drawn = [
+        float(pair.split(",")[1]) for pair in re.findall(r'polyline points="([^"]*)"', trace._repr_html_())[0].split()
+    ]
+    heights = max(drawn) - np.array(drawn)  # pixels of SVG count downwards
+    assert heights / heights.max() * np.ptp(trace.rate) == pytest.approx(
+        trace.rate - trace.rate.min(), abs=2e-3 * trace.rate.max()
+    )
     assert len(repr(trace)) < 200
     assert words(trace) in words(found.run(2))
     lab = labbook.Lab(found.place.folder, found.backend)
     assert "toy-study toy finished 8" in words(lab)
     assert "8 runs" in words(lab)
+
+
+@pytest.mark.parametrize(("name", "element"), [("a.webp", "<img "), ("a.gif", "<img "), ("a.mp4", "<video ")])
+def test_a_film_plays_in_a_notebook(name, element, tmp_path):
+    content = b"a film"
+    path = FilmPath(tmp_path / name)
+    path.write_bytes(content)
+    shown = path._repr_html_()
+    assert shown.startswith(element)
+    assert b64encode(content).decode() in shown
+    assert isinstance(path, Path)
 
 
 def test_what_people_wrote_is_text():
@@ -122,6 +146,6 @@ def test_a_result_shows_its_next_figure_where_the_first_has_nothing_to_show(foun
         raise gallery.NothingToShow("map: too few points")
 
     monkeypatch.setattr(
-        gallery, "of_series", lambda results, series, of=gallery.of_series: {"map": nothing, **of(results, series)}
+        gallery, "of_series", lambda results, series, of=gallery.of_series: {"first": nothing, **of(results, series)}
     )
     assert "data:image/png;base64," in found._repr_html_()

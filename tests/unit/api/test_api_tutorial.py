@@ -68,7 +68,7 @@ def test_the_tutorial_holds_on_the_cpu(tmp_path, monkeypatch, one_format):
 
 
 def test_the_tutorial_was_run_and_is_small():
-    assert (ROOT / "docs/tutorial.ipynb").stat().st_size < 500_000
+    assert (ROOT / "docs/tutorial.ipynb").stat().st_size < 700_000  # of which the film is a third
     for cell in CELLS:
         if cell["cell_type"] == "code":
             assert cell["execution_count"]

@@ -42,7 +42,22 @@ def test_the_gallery_shows_every_study(site):
     for path in (ROOT / "studies").glob("*.yaml"):
         assert re.search(f'<h3 id="{re.escape(path.stem)}">', gallery), path.name
         assert (site / "files/studies" / path.name).exists()
-    assert gallery.count('<div class="scene"') == len(list((ROOT / "studies").glob("*.yaml")))
+    assert gallery.count('<div class="scene') == len(list((ROOT / "studies").glob("*.yaml")))
+
+
+def test_beds_of_the_gallery_move_but_not_for_who_asks_for_less_motion(site):
+    gallery = (site / "gallery.html").read_text(encoding="utf-8")
+    loops = sorted((ROOT / "docs/loops").glob("*.webp"))
+    assert loops
+    for path in loops:
+        assert path.stat().st_size <= 80_000, path.name
+        card = gallery.split(f'<h3 id="{path.stem}">')[1].split("<h3")[0]
+        (source,) = re.findall(r'<div class="loop"><img [^>]*src="([^"]*)"', card)
+        assert (site / source).read_bytes() == path.read_bytes()
+        assert '<div class="scene still"><svg' in card
+    rules = re.findall(r"@media \(prefers-reduced-motion: reduce\) \{(.*)\}", (site / "site.css").read_text("utf-8"))
+    assert ".card .loop { display: none; }" in rules[0]
+    assert ".card .scene.still { display: block; }" in rules[0]
 
 
 def test_cards_have_the_figure_and_the_claim_of_their_page_and_papers_come_first(site):

@@ -342,6 +342,7 @@ def test_runs_that_all_clogged_are_reported_without_a_fit(synthetic, tmp_path):
     text = " ".join(read(write(analyse(synthetic.study_of(points), runs), tmp_path)).text)
     assert "2 of 2 clogged" in text
     assert "W of clogged runs while flowing" in text
+    assert "Clogged runs while they flowed" in text
 
 
 @pytest.mark.usefixtures("one_format")

@@ -65,6 +65,19 @@ def test_flow_and_packing_are_shown_for_every_point(analysis):
     assert all(len(row) == len(rates.headings) for row in rates.rows)
 
 
+def test_points_with_the_same_further_numbers_stand_in_one_row(analysis, monkeypatch):
+    """Points that share packings have one packing fraction; many values are named by the first and the last. Points
+    that are not all combinations of their keys keep a row each."""
+    places = [("15", "0.1"), ("15", "0.5"), ("18", "0.1"), ("18", "0.5"), ("21", "0.5")]
+    assert tables._together(places[:4]) == [("15, 18", "0.1, 0.5")]
+    assert tables._together(places) == places
+    assert tables._together([(str(one),) for one in range(9)]) == [("0 to 8 (9 values)",)]
+    monkeypatch.setattr(tables, "_cells", lambda result, measured: tuple("1" for _ in measured))
+    table = tables.further_table(analysis)
+    assert table is not None
+    assert [row[0] for row in table.rows] == ["18 to 60 (8 values)"]
+
+
 def test_too_few_grains_are_told_once_a_point_and_w_keeps_its_column(synthetic):
     """Of 80 grains fewer than 60 pass within the window."""
     points = [synthetic.point(0, 0.03, count=80), synthetic.point(1, 0.036, count=80)]

@@ -1,6 +1,8 @@
 """The first page: the studies of a lab as cards, what is running now, and how runs ended."""
 
+from base64 import b64encode
 from collections.abc import Mapping, Sequence
+from struct import unpack
 from typing import Any
 
 import pandas as pd
@@ -10,13 +12,15 @@ from labbook.commands import command
 from labbook.lab import LabError
 from labbook.lab.catalogue import SUSPECT
 from labbook.lab.journal import unfinished
+from labbook.lab.runs import picture_content
 from labbook.plan.demand import fewest_runs
 from labbook.report.result_box import concerns, headline
 from labbook.run.live import Running
+from labbook.scene import drawing
 from labbook.scene.quantities import duration
 from labbook.study import StudyError
 from labbook_web.page import Page
-from labbook_web.pages.sheet import extremes
+from labbook_web.pages.sheet import Tile, extremes
 from labbook_web.pages.tiles import value_range
 from labbook_web.store import LabStore, NotFound, StudyContents, StudyListing
 
@@ -66,7 +70,7 @@ def lab_page(store: LabStore, query: Mapping[str, str], cards: int | None = None
 
 def card(store: LabStore, listing: StudyListing) -> dict[str, Any]:
     """Context of the card of a study: beds, progress, outcomes and result; or the reason why it cannot be read."""
-    context: dict[str, Any] = {"listing": listing, "problem": listing.problem, "contents": None}
+    context: dict[str, Any] = {"listing": listing, "problem": listing.problem, "contents": None, "sketch": ""}
     context["command"] = command("web", f"{listing.name}.yaml", lab=store.lab.folder)
     if listing.path is None or listing.problem:
         return context
@@ -76,16 +80,55 @@ def card(store: LabStore, listing: StudyListing) -> dict[str, Any]:
     except (StudyError, LabError, NotFound) as problem:
         return {**context, "problem": str(problem)}
     results = contents.results
+    beds = contents.cached("beds", lambda: extremes(results, _BEDS))
     return {
         **context,
         "contents": contents,
-        "beds": contents.cached("beds", lambda: extremes(results, _BEDS)),
+        "beds": beds,
+        "columns": columns_of(len(beds), _shape(store, beds)) if beds else 0,
+        "sketch": "" if beds else contents.cached("sketch", lambda: _sketch(contents)),
         "range": contents.cached("range", lambda: value_range(results)),
         "headline": headline(results) if any(series.fits for series in results.series) else "",
         "concerns": contents.cached("concerns", lambda: concerns(results)) if results.points else [],
         "progress": progress(contents, processes),
         "outcomes": outcomes(results),
     }
+
+
+def columns_of(beds: int, shape: float) -> int:
+    """Number of columns of a card in which beds are largest.
+
+    Args:
+        beds: Number of beds, at least 1.
+        shape: Width of a bed over its height.
+    """
+
+    def height(columns: int) -> float:
+        rows = -(-beds // columns)
+        return min(_BOX[0] / columns / shape, _BOX[1] / rows - _NUMBER)
+
+    return max(range(1, beds + 1), key=height)
+
+
+_BOX, _NUMBER = (380.0, 236.0), 20.0
+"""Width and height of the beds of a card, and height of the number below a bed [pixels]."""
+
+
+def _shape(store: LabStore, beds: Sequence[Tile]) -> float:
+    """Width over height of the picture of the first bed that has one; 1 without."""
+    for tile in beds:
+        content = picture_content(store.lab.run(tile.run)) if tile.run else None
+        if content is not None:
+            width, height = unpack(">II", content[16:24])  # of the header of a PNG
+            return width / height
+    return 1.0
+
+
+def _sketch(contents: StudyContents) -> str:
+    """Address with the drawing of the first point, for a study without runs; empty where nothing can be drawn."""
+    scene = contents.study.points[0].scene
+    sketch = drawing.svg(scene.grains, scene.container, sized=False)
+    return f"data:image/svg+xml;base64,{b64encode(sketch.encode()).decode('ascii')}" if sketch else ""
 
 
 def progress(contents: StudyContents, running: Sequence[Running]) -> dict[str, Any]:

@@ -27,6 +27,7 @@ class Tile:
         value: Its mean, or the reason why it has none.
         part: Position of the mean between the smallest, 0, and the largest, 1; None without a mean.
         film: The lab has a film of the run.
+        recorded: The run kept frames, so that its bed can be shown in motion.
     """
 
     point: int
@@ -36,6 +37,7 @@ class Tile:
     value: str = ""
     part: float | None = None
     film: bool = False
+    recorded: bool = False
 
 
 @dataclass(frozen=True)
@@ -185,9 +187,9 @@ class _TileFactory:
         if pooled is not None:
             value = display.number(pooled.value, max(pooled.error, abs(pooled.value) / _DIGITS), self.unit.scale)
             part = (pooled.value - self._low) / (self._high - self._low) if self._high > self._low else 0.5
-        film_run = next((run for run in result.runs if self._filmed(result, run)), None)
-        key = (film_run or result.runs[0]).run_key
-        return Tile(index + 1, label, key, result.remark, value, part, film_run is not None)
+        run = min(result.runs, key=lambda run: (not self._filmed(result, run), not run.recorded))
+        film = self._filmed(result, run)
+        return Tile(index + 1, label, run.run_key, result.remark, value, part, film, run.recorded)
 
     def _filmed(self, result: PointResult, run: RunResult) -> bool:
         """True if the lab has a film of the run for this study."""

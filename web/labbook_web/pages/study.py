@@ -118,6 +118,8 @@ def _context(contents: StudyContents) -> dict[str, Any]:
         "outcomes": outcomes(results),
         "flow": tables.flow_table(results) if results.points else None,
         "further": tables.further_table(results),
+        "flowing": tables.flowing_table(results),
+        "clogged_title": tables.CLOGGED,
         "fits": _fits(results),
         "comparisons": tables.comparison_table(results.comparisons) if results.comparisons else None,
         "comparisons_digest": tables.digest_table(results.comparisons),

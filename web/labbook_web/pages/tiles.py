@@ -18,6 +18,8 @@ from labbook_web.pages.sheet import leading, unit_of
 
 _SENTENCES = 3
 """Largest number of sentences of a tile; the rest is folded."""
+_LONGEST = 160
+"""Characters of a sentence on laws, such as of many series, from which on it is folded."""
 _STOPS = 3
 """Largest number of clogged points that a tile links."""
 
@@ -117,14 +119,15 @@ def tiles(results: StudyResults, progress: Mapping[str, Any], surface: DesignSur
     findings = [*conclusions(results), *(effects(results) if not rows else [])]
     lacking = unfinished(results) if progress["running"] else []
     nothing = no_number(results)
+    short = [row for row in findings if len(row[1]) <= _LONGEST][:_SENTENCES]
     sentences = [text for text in concerns(results) if text not in (*lacking, nothing)]
     return Tiles(
         value_range(results),
         nothing,
         rows,
         surface.verdict if surface is not None and len(surface.factors) > 1 else "",
-        tuple(findings[:_SENTENCES]),
-        tuple(findings[_SENTENCES:]),
+        tuple(short),
+        tuple(row for row in findings if row not in short),
         tuple(sentences[:_SENTENCES]),
         tuple(sentences[_SENTENCES:]),
         _stops(results),

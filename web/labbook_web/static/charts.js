@@ -118,6 +118,17 @@
     };
   }
 
+  // Steps between neighbouring curves at one abscissa, so that no point covers another: of all of a panel together a
+  // third of the distance to the next abscissa at most, as in the report's figures. On a logarithmic axis in decades.
+  function apart(curves, together, log, words = 0) {
+    const all = curves.flatMap((xs) => [...new Set(xs)]), values = [...new Set(all)].map((x) => (log ? Math.log10(x) : x)).sort((a, b) => a - b);
+    if (values.length === all.length || !values.every(Number.isFinite)) return 0;
+    const extent = words || values[values.length - 1] - values[0];
+    if (values.length < 2) return words ? 0.012 : log ? 0.01 : Math.abs(values[0]) / 50 || 0.02;
+    const nearest = Math.min(...values.slice(1).map((x, k) => x - values[k]));
+    return Math.min(0.012 * extent, nearest / 3 / together);
+  }
+
   const nth = (letter, place) => letter + (place ? place + 1 : "");
 
   function panelAxes(shape, panels, titles) {
@@ -162,6 +173,11 @@
       const numeric = !several && !panels && list.length > t.colours.length;
       const colour = (at) => (panels ? (panels.curves > t.colours.length ? VIRIDIS[Math.round(((VIRIDIS.length - 1) * panels.curve(list[at])) / (panels.curves - 1))] : t.colours[panels.curve(list[at])]) : numeric ? VIRIDIS[Math.round(((VIRIDIS.length - 1) * at) / (list.length - 1))] : t.colours[at % t.colours.length]);
       const fitted = X.orifice && state.y === "flow_rate";
+      // Words stand at whole numbers, so that points at one word can stand side by side as well.
+      const words = X.words ? [...new Set(list.flatMap((group) => group.points.filter(shown).map((point) => (state.x === "" ? point.label : point.at[state.x]))))] : [];
+      const abscissa = (point) => (state.x === "" ? words.indexOf(point.label) : X.words ? words.indexOf(point.at[state.x]) : point.at[state.x] * X.scale);
+      const together = panels ? panels.curves : list.length, step = apart(list.map((group) => group.points.filter(shown).map(abscissa)), together, log && !X.words, words.length);
+      const beside = (x, curve, of = together, by = step) => (log && !X.words ? x * 10 ** (by * (curve - (of - 1) / 2)) : x + by * (curve - (of - 1) / 2));
       let residuals = false, lacking = 0, marks = 0;
       const told = new Set();
       list.forEach((group, at) => {
@@ -169,7 +185,7 @@
         const axes = panels ? { xaxis: nth("x", place_), yaxis: nth("y", place_) } : {}, cluster = panels ? `c${curve}` : `g${at}`;
         const keys = group.study.keys, rest = panels ? group.rest.filter(([key]) => key !== panels.key) : group.rest, name = [several ? group.study.label : "", called(rest, keys)].filter(Boolean).join(": ") || (several ? group.study.label : Y.label);
         const here = group.points.filter((point) => point.values[state.y] && point.values[state.y][0] !== null && shown(point));
-        const x = (point) => (state.x === "" ? point.label : X.words ? point.at[state.x] : point.at[state.x] * X.scale);
+        const x = (point) => beside(abscissa(point), curve);
         if (!X.words) here.sort((a, b) => x(a) - x(b));
         const value = (point, k) => point.values[state.y][k];
         const end = (point, k) => (value(point, k) === null ? null : raised(value(point, k) * Y.scale));
@@ -198,6 +214,7 @@
           else traces.push({ type: "scatter", mode: "markers", cliponaxis: false, yaxis: "y3", x: none.map(x), y: none.map(() => 0), customdata: none.map((point) => [point.n, group.study.study]), marker: { symbol: "x-thin", size: 10, line: { color: colour(at), width: 2.5 } }, showlegend: false, legendgroup: cluster, hovertemplate: none.map((point) => `<b>${pretty(point.label)}</b><br>no ${pretty(Y.label)}: ${escape(point.remark || "not measured")}<extra></extra>`) });
         }
         if (!fitted) return;
+        const laws = Object.keys(known.laws).filter((law) => !state.off.includes(law));
         const inside = new Set(group.points.map((point) => point.n));
         for (const series of group.study.series) {
           if (!series.points.some((n) => inside.has(n))) continue;
@@ -212,9 +229,11 @@
             traces.push({ ...axes, type: "scatter", mode: "lines", name: pretty(fit.label), meta: "fit", x, y: scaled(fit.value), line: { color: paint, width: 2, dash: DASHES[place % DASHES.length] }, legendgroup: list.length > 1 ? cluster : `l${law}`, showlegend: list.length === 1, hovertemplate: `${pretty(fit.label)}: ${pretty(fit.parameters)}<extra></extra>` });
             if (panels) return; // no room for residuals
             residuals = true;
-            traces.push({ type: "scatter", mode: "markers", x: fit.at.map((value) => value * X.scale), y: fit.residuals, yaxis: "y2", marker: { size: 0.1, color: paint }, error_y: { type: "data", array: fit.errors, color: alpha(paint, 0.5), thickness: 6, width: 0 }, legendgroup: list.length > 1 ? cluster : `l${law}`, showlegend: false, hoverinfo: "skip" });
-            fit.half_widths.forEach((half, k) => { if (half === null) open.push({ x: fit.at[k] * X.scale, y: fit.residuals[k], color: paint, yref: "y2" }); });
-            traces.push({ type: "scatter", mode: "markers", meta: "residual", x: fit.at.map((value) => value * X.scale), y: fit.residuals, yaxis: "y2", marker: { color: paint, size: 7, symbol: SYMBOLS[(list.length > 1 ? at : place + 1) % SYMBOLS.length] }, error_y: { type: "data", array: fit.half_widths.map((half) => half || 0), color: paint, thickness: 1.2, width: 3 }, legendgroup: list.length > 1 ? cluster : `l${law}`, showlegend: false, hovertemplate: `${pretty(fit.label)}: %{y:.2f} %<extra></extra>` });
+            const own = apart(laws.map(() => fit.at.map((value) => value * X.scale)), laws.length, log);
+            const at_ = fit.at.map((value) => beside(beside(value * X.scale, curve), laws.indexOf(law), laws.length, list.length > 1 ? 0 : own));
+            traces.push({ type: "scatter", mode: "markers", x: at_, y: fit.residuals, yaxis: "y2", marker: { size: 0.1, color: paint }, error_y: { type: "data", array: fit.errors, color: alpha(paint, 0.5), thickness: 6, width: 0 }, legendgroup: list.length > 1 ? cluster : `l${law}`, showlegend: false, hoverinfo: "skip" });
+            fit.half_widths.forEach((half, k) => { if (half === null) open.push({ x: at_[k], y: fit.residuals[k], color: paint, yref: "y2" }); });
+            traces.push({ type: "scatter", mode: "markers", meta: "residual", x: at_, y: fit.residuals, yaxis: "y2", marker: { color: paint, size: 7, symbol: SYMBOLS[(list.length > 1 ? at : place + 1) % SYMBOLS.length] }, error_y: { type: "data", array: fit.half_widths.map((half) => half || 0), color: paint, thickness: 1.2, width: 3 }, legendgroup: list.length > 1 ? cluster : `l${law}`, showlegend: false, hovertemplate: `${pretty(fit.label)}: %{y:.2f} %<extra></extra>` });
           });
         }
       });
@@ -222,7 +241,7 @@
         const theirs = study.references.filter((one) => one.quantity === state.y);
         const at = new Map(study.points.map((point) => [point.n, point]));
         const here = theirs.filter((one) => at.has(one.point) && (state.x === "" || at.get(one.point).at[state.x] !== undefined));
-        if (here.length) traces.push({ type: "scatter", mode: "markers", name: escape(study.source), meta: "reference", x: here.map((one) => (state.x === "" ? at.get(one.point).label : X.words ? at.get(one.point).at[state.x] : at.get(one.point).at[state.x] * X.scale)), y: here.map((one) => raised(one.value * Y.scale)), marker: { symbol: "diamond-open", size: 13, color: t.ink, line: { width: 2 } }, hovertemplate: `${escape(study.source)}: %{y:.4g}<extra></extra>` });
+        if (here.length) traces.push({ type: "scatter", mode: "markers", name: escape(study.source), meta: "reference", x: here.map((one) => abscissa(at.get(one.point))), y: here.map((one) => raised(one.value * Y.scale)), marker: { symbol: "diamond-open", size: 13, color: t.ink, line: { width: 2 } }, hovertemplate: `${escape(study.source)}: %{y:.4g}<extra></extra>` });
       }
       if (list.length > 1 && (residuals || (panels && fitted))) {
         Object.entries(known.laws).forEach(([law, label], place) => {
@@ -231,7 +250,7 @@
       }
       const yTitle = power === 1 ? heading(Y) : `(${heading(Y)})<sup>${state.scale === "power" ? "2/3" : "2/5"}</sup>`;
       const shape = layout(t, {
-        xaxis: { title: { text: state.x === "" ? "" : heading(X) }, type: X.words ? "category" : log ? "log" : "linear" },
+        xaxis: { title: { text: state.x === "" ? "" : heading(X) }, type: log && !X.words ? "log" : "linear", ...(X.words ? { tickvals: words.map((_, place) => place), ticktext: words.map(pretty), range: [-0.5, words.length - 0.5], zeroline: false } : {}) },
         yaxis: { title: { text: yTitle }, type: log ? "log" : "linear", domain: residuals ? [0.3, 1] : [0, 1], rangemode: log || Y.label.includes("drift") ? "normal" : "tozero" },
       });
       if (residuals) shape.yaxis2 = { ...shape.yaxis, type: "linear", title: { text: "residual [%]" }, domain: [0, 0.2], rangemode: "normal", zeroline: true, zerolinecolor: t.soft };
@@ -254,6 +273,7 @@
       if (every.some((one) => one.lacking)) bits.push("Preliminary: laws are drawn when all runs are there.");
       if (dropped.length) bits.push(`Not drawn, without ${X.label}: ${dropped.map((one) => one.label || one.study).join(", ")}.`);
       if (fitted && list.length > 4 && residuals) bits.push(`With ${list.length} curves, bands are not drawn.`);
+      if (step && list.length > 1) bits.push("Points at one value stand side by side.");
       if (residuals) bits.push("Residuals: thin bars are 95 % intervals, thick ones the standard errors that fit and test use.");
       if (marks) bits.push("Hollow points have a remark or rest on one run.");
       if (open.length) bits.push("Dotted bars: one run, the interval is unknown.");
@@ -293,7 +313,7 @@
       if (curve.window && curves.length === 1) shapes.push({ type: "rect", layer: "below", xref: "x", yref: "paper", x0: curve.window[0], x1: curve.window[1], y0: 0, y1: 1, fillcolor: alpha(colour, 0.13), line: { width: 0 } });
       if (curve.mean && curve.window && curve.mean[0] !== null) traces.push({ type: "scatter", mode: "lines", x: curve.window, y: [curve.mean[0] * 1e3, curve.mean[0] * 1e3], line: { color: colour, width: 2.5, dash: "dot" }, hovertemplate: `mean of the window: ${said(curve.mean[0] * 1e3)} ± ${said(curve.mean[1] === null ? null : curve.mean[1] * 1e3)} g/s (one standard error)<extra></extra>`, showlegend: false, legendgroup: `g${group}` });
     });
-    Plotly.react(holder, traces, layout(t, { shapes, height: 340, xaxis: { title: { text: "t [s]" } }, yaxis: { title: { text: "W [g/s]" }, rangemode: "tozero" } }), CONFIG);
+    Plotly.react(holder, traces, layout(t, { shapes, height: 340, xaxis: { title: { text: "t [s]" }, rangemode: "tozero" }, yaxis: { title: { text: "W [g/s]" }, rangemode: "tozero" } }), CONFIG);
     holder.dataset.points = curves.length;
     if (labbook.once(holder, "listening")) {
       holder.on("plotly_hover", (event) => {
@@ -314,10 +334,22 @@
     if (labbook.once(holder, "listening")) scheme.addEventListener("change", () => drawLedger(holder, ledger));
   }
 
+  // Numbers of a chart in SI, a row for each time.
+  const TABLES = {
+    curves: ({ curves }) => [["run", "time [s]", "flow_rate [kg/s]", "in_window"], ...curves.flatMap((curve) => curve.time.map((t, k) => [curve.label, t, curve.rate[k], Boolean(curve.window) && t >= curve.window[0] && t <= curve.window[1]]))],
+    ledger: ({ ledger }) => [["time [s]", "kinetic [J]", "potential [J]", "work_of_contacts [J]", "largest_overlap [d]"], ...ledger.time.map((t, k) => [t, ledger.kinetic[k], ledger.potential[k], ledger.work[k], ledger.overlap[k]])],
+  };
+  const cell = (value) => (/[",\n]/.test(value) ? `"${String(value).replace(/"/g, '""')}"` : value === null ? "" : String(value));
+
   // A chart as it is drawn, on the colour of the page.
   document.addEventListener("click", (event) => {
     const button = event.target.closest("button.plot"), chart = button && document.getElementById(button.dataset.plot);
     if (!chart || !chart.layout) return;
+    if (button.dataset.kind === "csv") {
+      const rows = TABLES[chart.id](labbook.data()).map((row) => row.map(cell).join(","));
+      labbook.save(new Blob([rows.join("\n") + "\n"], { type: "text/csv" }), `${button.dataset.file}.csv`);
+      return;
+    }
     const width = chart.clientWidth, height = chart.clientHeight, file = `${button.dataset.file}.${button.dataset.kind}`;
     const figure = { data: chart.data, layout: { ...chart.layout, paper_bgcolor: theme().paper, plot_bgcolor: theme().paper }, config: CONFIG };
     Plotly.toImage(figure, { format: "svg", width, height }).then((address) => {

@@ -220,8 +220,43 @@ function films(root) {
   document.addEventListener("keydown", escape);
 }
 
+// Beds of a card move together: once for five seconds when the card comes into view, and as long as the pointer or the
+// focus is on it. Loops are loaded one after the other, as a server may have to draw them.
+const moved = new Set();
+let loading = Promise.resolve();
+function motion(root) {
+  if (matchMedia("(prefers-reduced-motion: reduce)").matches) return;
+  for (const card of root.querySelectorAll(".card")) {
+    const beds = [...card.querySelectorAll("img[data-loop]")];
+    if (!beds.length || !labbook.once(card, "moves")) continue;
+    let ready = null, within = false, waits = 0;
+    const load = () => ready || (ready = Promise.all(beds.map((bed) => (loading = loading.then(() => {
+      const loop = new Image();
+      loop.src = bed.dataset.loop;
+      return loop.decode().catch(() => bed.removeAttribute("data-loop"));
+    })))));
+    const show = (name) => { for (const bed of beds) if (bed.dataset.loop) { bed.dataset.still ||= bed.getAttribute("src"); bed.src = bed.dataset[name]; } card.toggleAttribute("data-moving", name === "loop"); };
+    const rest = () => { clearTimeout(waits); if (!within && card.hasAttribute("data-moving")) show("still"); };
+    const enter = () => { within = true; load().then(() => { if (within && !card.hasAttribute("data-moving")) show("loop"); }); };
+    const leave = () => { within = card.matches(":hover, :focus-within"); rest(); };
+    card.addEventListener("pointerenter", enter);
+    card.addEventListener("focusin", enter);
+    card.addEventListener("pointerleave", leave);
+    card.addEventListener("focusout", () => setTimeout(leave));
+    if (moved.has(card.id)) continue; // shown anew while its study runs
+    const seen = new IntersectionObserver((entries) => {
+      if (!entries.some((entry) => entry.isIntersecting)) return;
+      seen.disconnect();
+      moved.add(card.id);
+      load().then(() => { if (card.isConnected && !card.hasAttribute("data-moving")) { show("loop"); waits = setTimeout(rest, 5000); } });
+    }, { threshold: 0.6 });
+    seen.observe(card);
+  }
+}
+
 labbook.ready((root) => {
   films(root);
+  motion(root);
   for (const table of root.querySelectorAll("table[data-sortable]")) if (labbook.once(table, "sorting")) sortable(table);
   const field = document.getElementById("points-find");
   if (labbook.once(field, "filtering")) {
