@@ -15,7 +15,7 @@ from labbook.backend.numerics import Numerics
 from labbook.backend.probes import Crossing, Ledger, Probe, Table, Traction, empty_table
 from labbook.scene import Scene
 from labbook.scene.packing import Packing
-from labbook.scene.quantities import span, told_apart
+from labbook.scene.quantities import format_distinct, span
 from labbook_dem.features import covers, specialise
 from labbook_dem.ledger import kinetic, status
 from labbook_dem.mesh import TOO_MANY
@@ -308,13 +308,13 @@ def explain(guard: str, grain: int, step: int, value: float, scene: Scene, numer
     if guard == "overlap" and math.isinf(value):
         return f"{where}: {TOO_MANY}"
     if guard == "overlap":
-        overlap, limit = told_apart(value / scene.grains.finest, numerics.overlap_limit)
+        overlap, limit = format_distinct(value / scene.grains.finest, numerics.overlap_limit)
         return (
             f"{where} overlaps by {overlap} d, more than numerics.overlap_limit "
             f"({limit}); use a smaller numerics.dt or stiffer grains, or raise the limit"
         )
     if guard == "speed":
-        speed, limit = told_apart(value, numerics.speed_limit)
+        speed, limit = format_distinct(value, numerics.speed_limit)
         return (
             f"{where} moves at {speed} m/s, faster than numerics.speed_limit ({limit} m/s); "
             "use a smaller numerics.dt, or raise the limit if grains may be this fast"

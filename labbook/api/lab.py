@@ -398,5 +398,5 @@ def _in_python() -> Iterator[None]:
     except Unsupported as problem:
         if by_a_verb():
             raise
-        remedy = _OPTION.sub(lambda found: f"{found[1]}={found[2]!r}", problem.remedy).replace("--", "")
+        remedy = _OPTION.sub(lambda match: f"{match[1]}={match[2]!r}", problem.remedy).replace("--", "")
         raise Unsupported(problem.key.removeprefix("--"), remedy) from problem

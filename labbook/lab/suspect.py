@@ -7,7 +7,7 @@ A suspect run is kept and shown with the reason. It is left out of all means and
 import math
 
 from labbook.lab.records import RunLedger
-from labbook.scene.quantities import told_apart
+from labbook.scene.quantities import format_distinct
 
 DEEPEST = 0.1
 """Largest overlap of a run that is not suspect [diameters].
@@ -43,7 +43,7 @@ def suspicion(ledger: RunLedger | None) -> str:
         return ""
     reasons = []
     if ledger.overlap is not None and ledger.overlap > DEEPEST:
-        overlap, threshold = told_apart(ledger.overlap, DEEPEST)
+        overlap, threshold = format_distinct(ledger.overlap, DEEPEST)
         reasons.append(f"grains overlap by {overlap} d, more than {threshold} d")
     limit = FASTEST * (ledger.expected_speed or math.inf)  # a filling has none: no speed is too high
     if ledger.speed is not None and ledger.speed > limit:

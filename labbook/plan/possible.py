@@ -14,7 +14,7 @@ from labbook.filling.placing import STARTS
 from labbook.filling.room import PlacingError, Room
 from labbook.plan.demand import Conflict, PointDemand
 from labbook.scene import Scene, TriangleMesh, Wall
-from labbook.scene.quantities import span, told_apart
+from labbook.scene.quantities import format_distinct, span
 
 
 def check(backend: Backend, device: str, points: Iterable[PointDemand]) -> None:
@@ -99,7 +99,7 @@ def _surface_too_fast(shared: PointDemand) -> str | None:
         reach = _reach(scene, wall)
         if wall.speed(reach) <= limit:
             continue
-        speed, bound = told_apart(wall.speed(reach), limit)
+        speed, bound = format_distinct(wall.speed(reach), limit)
         key, remedy = "container.parts[].motion", "use a slower motion"
         if wall.moves is not None:
             return (

@@ -21,18 +21,18 @@ class Wrong:
 
 
 @dataclass(frozen=True)
-class Asked:
+class QuantityContext:
     """Context in which a reference names a quantity.
 
     Args:
         scenes: One scene of each kind, among the points that the reference speaks of.
         units: SI units of the quantities that the study measures there, by name.
-        stated: True for a statement, which gives a range instead of a number.
+        is_statement: True for a statement, which gives a range instead of a number.
     """
 
     scenes: tuple[Scene, ...]
     units: Mapping[str, str]
-    stated: bool = False
+    is_statement: bool = False
 
 
 class Vocabulary:
@@ -63,19 +63,19 @@ class Vocabulary:
         """All words that its quantities begin with."""
         return tuple(dict.fromkeys((*self.fits, *self.heads, *(one.name.partition(".")[0] for one in self.declared))))
 
-    def unit(self, quantity: str, asked: Asked) -> str | Wrong | None:
+    def unit(self, quantity: str, context: QuantityContext) -> str | Wrong | None:
         """SI unit of a quantity that a reference names.
 
         Args:
             quantity: Name in the reference.
-            asked: Scenes and measured quantities.
+            context: Scenes and measured quantities.
 
         Returns:
             The unit; Wrong if the quantity is not available; None if it is not one of this paper.
         """
         head, _, tail = quantity.partition(".")
         units = {one.name: one.unit for one in self.declared if one.name.startswith(f"{head}.")}
-        if not units or tail in asked.units:  # a measure may share its name with a fit
+        if not units or tail in context.units:  # a measure may share its name with a fit
             return None
         return units[quantity] if quantity in units else none_such(quantity, units)
 
