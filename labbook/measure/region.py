@@ -117,6 +117,7 @@ class Region:
         cut = near.only(~whole)
         assert cut.axis is not None
         assert isinstance(cut.radius, float)
+        # only rods that a face may cut are clipped: each takes 288 lines
         clipped = rod_in_box(cut.x, cut.axis, cut.radius, cut.half_length, self.low, self.high)
         return float(near.volumes[whole].sum() + clipped.sum())
 

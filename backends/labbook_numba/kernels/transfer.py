@@ -56,6 +56,7 @@ from labbook_numba.squeeze import exchange, squeeze, squeeze_places
 @kernel
 def fill_up(i, j, slot, count, ghost, spare):
     """Pad the `count` contacts of the block by the row `ghost` and the list entry `spare`."""
+    # whole registers without a shorter last pass: results of the padding go to the row of a ghost, which nothing reads
     for t in range(count, count + uint64(8)):
         i[t] = ghost
         j[t] = ghost
@@ -128,6 +129,7 @@ def gather_grains(g, i, b, count, of_mesh):
 def gather_springs(spring, slot, b, count, half_dt):
     """Copy springs and the time to advance them by: those of new contacts are zero, and advance by half a step."""
     for t in range(uint64(0), count, uint64(8)):
+        # a factor of 0 or 1 instead of a branch, which would keep the loop out of SIMD registers
         has_spring = eight_at(b, HELD + t)
         x, y, z, _ = columns(rows_at(spring, slot, t, SPRING, uint64(0)))
         put(b, SX + t, x * has_spring)
@@ -136,6 +138,7 @@ def gather_springs(spring, slot, b, count, half_dt):
         if ROLLING_SPRING:
             gx, gy, gz, _ = columns(rows_at(spring, slot, t, SPRING, ROLL))
             put_vectors(b, GX + t, gx * has_spring, gy * has_spring, gz * has_spring)
+        # a new contact began within the last step, on average half a step ago
         put(b, DT + t, has_spring * half_dt + spread(half_dt))
 
 
