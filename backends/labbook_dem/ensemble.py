@@ -46,7 +46,7 @@ class Standing(Readable):
     @property
     @abstractmethod
     def grains(self) -> int:
-        """Grains that have not left."""
+        """Number of grains that have not left."""
 
     @abstractmethod
     def checkpoint(self) -> Checkpoint:

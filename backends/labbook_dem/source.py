@@ -91,6 +91,7 @@ def module_text(module: ModuleType) -> str:
 
 
 def _marked(node: ast.FunctionDef | ast.ClassDef) -> bool:
+    """True if marked for a compiler. Raises ValueError for a mark beside another decorator."""
     names = [ast.unparse(decorator) for decorator in node.decorator_list]
     if MARKS.isdisjoint(names):
         return False

@@ -136,6 +136,7 @@ class Run(Standing):
             }
 
     def _law(self):
+        """Return the context in which the formulas are those of the scene's contact law."""
         contact = self.scene.contact
         return choose(contact.law, twist=contact.rolling == "full", springs=contact.rolling_model == "epsd")
 
@@ -248,7 +249,7 @@ class Run(Standing):
 
     @property
     def grains(self) -> int:
-        """Grains that have not left."""
+        """Number of grains that have not left."""
         return len(self.x)
 
     def beat(self) -> None:

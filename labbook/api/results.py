@@ -379,7 +379,7 @@ class Results(StudyResults):
         return f"<div><b>{escape(self.study.name)}</b></div>{lines}{_html(tables.flow_table(self))}{self._picture()}"
 
     def _picture(self) -> str:
-        """The first figure of all, as the notebook's own: of several series the one that shows them all."""
+        """HTML image of the first figure that can be drawn; of several series, of one that shows them all."""
         figures = {**(gallery.of_results(self) if len(self.series) > 1 else {})}
         for series in self.series[:1]:
             figures |= gallery.of_series(self, series)
@@ -392,6 +392,6 @@ class Results(StudyResults):
         return ""
 
 
-def _html(shown: tables.Table) -> str:
+def _html(table: tables.Table) -> str:
     """A table of a report as a notebook shows it."""
-    return html.table(shown.headings, shown.rows, shown.notes)
+    return html.table(table.headings, table.rows, table.notes)

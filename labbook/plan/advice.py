@@ -87,6 +87,7 @@ def forewarn(study: Study, catalogue: Catalogue, backend: Backend, device: str) 
 
 
 def _make_plan(study: Study, catalogue: Catalogue, backend: Backend, device: str, measured: bool) -> Plan:
+    """Return the plan with its forecast and warnings, without a pilot."""
     planner = Planner(study, catalogue, backend.capabilities)
     device, *other_devices = parse_devices(device, backend)
     for other_device in other_devices:
@@ -226,6 +227,7 @@ def _height(item: Item, lab: LabFolder) -> float | None:
 
 
 def _too_low(file: Path, end: float, lowest: dict[PointDemand, tuple[float, float | None]]) -> str:
+    """Text of the warning that the bed falls to `stop.fill_height` before the window ends."""
     shared, (reached, height) = min(lowest.items(), key=lambda entry: entry[1][0])
     stop, height_now = shared.stop.fill_height, height or shared.height_ahead
     assert stop is not None
@@ -567,6 +569,7 @@ def _warning(
     at: Sequence[tuple[PointDemand, Outline]] = (),
     points: Iterable[object] = (),
 ) -> str:
+    """Text of a warning: file, key, reason, points (if only some of `points` have it), remedy."""
     points_text = f" (at {_label_list(shared for shared, _ in at)})" if 0 < len(at) < len(list(points)) else ""
     return f"{file}: {key}: {reason}{points_text}\n    remedy: {remedy}"
 

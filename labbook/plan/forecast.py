@@ -269,16 +269,16 @@ class _Speeds:
     def _find(self, shape: str, precision: str) -> StepCost:
         rate = rate_of(self._name, self._device, shape, precision)
         # on a GPU the speed of one run says little: others shared the device with it
-        alone = self._device.partition(":")[0] == "cpu"
-        recorded = self._recorded().get(shape, []) if alone else []
+        on_cpu = self._device.partition(":")[0] == "cpu"
+        recorded = self._recorded().get(shape, []) if on_cpu else []
         if recorded:
             self._bases[f"median of {len(recorded)} runs on this machine"] = None
             return StepCost(0, 1 / median(recorded), rate.compiling, "")
         if rate.source:
-            rate, basis = self._scaled(rate, alone)
+            rate, basis = self._scaled(rate, on_cpu)
         else:
             basis = f"{DEFAULT_SPEED:.0e} grain-steps/s per worker assumed"
-        self._bases[f"{basis}, as this lab has no such run of this machine yet" if alone else basis] = None
+        self._bases[f"{basis}, as this lab has no such run of this machine yet" if on_cpu else basis] = None
         return rate
 
     def _scaled(self, rate: StepCost, on_cpu: bool) -> tuple[StepCost, str]:
@@ -309,6 +309,7 @@ class _Speeds:
         return self._by_shape
 
     def _shape(self, key: str) -> str | None:
+        """Shape of grains of a run; None if its record is unreadable."""
         try:
             return RunRecord.read(self._catalogue.lab.run(key)).scene.grains.shape
         except Unreadable:

@@ -101,7 +101,7 @@ def _ending_in(name: str, keys: Sequence[str]) -> list[str]:
 
 
 def has(at: Mapping[str, float | str], wanted: Mapping[str, float | str]) -> bool:
-    """Decide if swept values are the wanted ones, of those keys that these have."""
+    """True if swept values have all wanted values; a wanted key that is not swept does not match."""
     return all(_equal(at.get(key), value) for key, value in wanted.items())
 
 

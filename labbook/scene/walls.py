@@ -26,6 +26,7 @@ AROUND = 96
 
 
 def _from_segment(section: np.ndarray, start: Point2, end: Point2) -> np.ndarray:
+    """Distances [m] of points of a section, shape [n, 2], from a segment."""
     along, at = np.array(end) - start, section - start
     part = np.minimum(np.maximum(at @ along / (along @ along), 0), 1)
     # by hand: norm along so short an axis takes most of the time of a filling's start

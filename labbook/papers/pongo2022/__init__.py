@@ -86,14 +86,14 @@ def _rows(results: StudyResults) -> Iterator[Row]:
     for curve in rotations_of(results):
         for k, result in enumerate(curve.points):
             for quantity in result.pooled if k else ():
-                ratio = curve.ratio(quantity, k) if _positive(curve.points[0], quantity) else None
+                ratio = curve.ratio(quantity, k) if _has_ratio(curve.points[0], quantity) else None
                 if ratio is not None:
                     ends = {"low": ratio.low, "high": ratio.high, "confidence": ratio.confidence}
                     numbers = {"ratio": ratio.value, "error": ratio.error, **ends, "pairs": ratio.n}
                     yield {"shape": curve.shape, **result.at, "quantity": quantity, **numbers}
 
 
-def _positive(at_rest, quantity: str) -> bool:
+def _has_ratio(at_rest, quantity: str) -> bool:
     """True if a ratio to the value at rest is meaningful: a drift or a waiting time may be 0."""
     pooled = at_rest.pooled.get(quantity)
     return pooled is not None and pooled.value != 0 and not quantity.startswith("flow_rate_drift")
