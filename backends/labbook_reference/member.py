@@ -363,7 +363,7 @@ class Run(Standing):
         return total
 
     def _move_parts(self) -> None:
-        """Move parts to their poses of now; distances of grains from them are then computed anew."""
+        """Move parts to their poses of now; distances of grains from them are then computed again."""
         self._at_walls.move_to(self.step)
         self.clear[list(self._at_walls.frames)] = 0.0
 

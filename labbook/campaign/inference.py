@@ -348,7 +348,7 @@ class Inference:
         clogged, runs = self.clogged()
         if clogged > CLOGGED * runs:
             return (
-                f"{clogged} of {runs} runs with likely parameters clogged, so that the others are no fair sample: "
+                f"{clogged} of {runs} runs with likely parameters clogged, so the others are a biased sample: "
                 "measure at wider outlets"
             )
         if self.share > 0.25:

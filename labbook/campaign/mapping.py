@@ -144,7 +144,7 @@ class Map(Goal):
         values, _ = self._values(study, trials)
         clogged = sum(trial.outcome == "clogged" for trial in trials)
         if clogged > CLOGGED * len(trials):
-            reason = f"{clogged} of {len(trials)} runs clogged, so that the others are no fair sample"
+            reason = f"{clogged} of {len(trials)} runs clogged, so the others are a biased sample"
             return Step(Proposal.end(f"{reason}; sweep a range without clogging"))
         if values.repeats < FEWEST_REPEATS or values.points < 2 * len(self.over):
             reason = (

@@ -194,9 +194,9 @@ def read_checkpoint(path: Path, limit: float = MAX_TABLE_BYTES) -> Checkpoint:
         meta = json.loads(str(arrays.pop(_METADATA)))
         backend, version = meta["engine"], meta["cache_version"]
     except (ValueError, KeyError, TypeError, RecursionError) as error:
-        raise ValueError(f"{path}: not a checkpoint: it does not say of which backend it is") from error
+        raise ValueError(f"{path}: not a checkpoint: it does not name its backend") from error
     if not isinstance(backend, str) or type(version) is not int:
-        raise ValueError(f"{path}: not a checkpoint: it does not say of which backend it is")
+        raise ValueError(f"{path}: not a checkpoint: it does not name its backend")
     return Checkpoint(backend, version, arrays)
 
 

@@ -44,8 +44,8 @@ class Arch(Measure):
     The arch of a layer over a slot is the strongest short chain of contacts between grains that rest on the bottom at
     either side of the outlet. The chain minimises the sum of 1 + 2 / (F / mg + 0.3) over its contacts, F being the
     force of a contact. The dome over a hole, or over a slot of a deeper hopper, is the union of such chains in vertical
-    planes: through the axis of the hole, a diameter apart at its rim, or across the slot, a diameter apart. Grains of a
-    chain lie within a diameter of its plane.
+    planes. These go through the axis of the hole, a diameter apart at its rim, or across the slot, a diameter apart.
+    Grains of a chain lie within a diameter of its plane.
 
     Contacts of the whole bed are recorded: use it for small beds.
 

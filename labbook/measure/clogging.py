@@ -163,7 +163,7 @@ def avalanches(run: RunData, window: Window) -> Avalanches:
         window: Its end censors avalanches of a bed that is not fed.
 
     Returns:
-        The avalanches; one that was restarted in vain is left out.
+        The avalanches, without those whose restart failed.
 
     Raises:
         MeasureError: The run recorded no crossings.

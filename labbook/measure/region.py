@@ -200,10 +200,10 @@ def least_extent(grains: Grains) -> float:
 def bulk(scene: Scene, packing: Packing) -> Region | Annulus:
     """Find the bulk of a packing.
 
-    It is 3 d (of rods at least their length) from the side walls, above the highest point of the bottom and below the
-    surface, which is the lowest of the heights of columns 3 d wide. Between front and back walls less than 2 d apart it
-    is as thick as the container; otherwise it keeps its distance from them as well. In a round silo it is a cylinder
-    about the axis.
+    It is 3 d (for rods at least their length) from the side walls, above the highest point of the bottom and below the
+    surface. The surface is the lowest of the heights of columns 3 d wide. Between front and back walls less than 2 d
+    apart it is as thick as the container; otherwise it keeps its distance from them as well. In a round silo it is a
+    cylinder about the axis.
 
     Raises:
         MeasureError: The bulk of this kind of container is not known.

@@ -219,7 +219,7 @@ class WallStress(Measure):
     """Measure normal and shear stress on walls by height, on level walls by radius or x, with forces and torques.
 
     Quantities ending in `_flow` are those in the window of the flow rate, in closed containers in the second half of
-    the run; the others are of the bed at rest, before the opening and with the lid in place.
+    the run. The others are those of the bed at rest, before the opening and with the lid in place.
 
     Quantities:
         weight_balance, weight_balance_flow: Vertical forces of all walls, in flow with the momentum of the outflow,

@@ -143,8 +143,8 @@ def _moves_badly(shared: PointDemand) -> str | None:
         if vibration is not None and dt * vibration.frequency * STEPS_OF_A_PERIOD > 1:
             period = span(1 / vibration.frequency)
             return (
-                f"container.parts[].moves.vibration: the part {wall.name} vibrates with a period of {period}, of which "
-                f"numerics.dt ({span(dt)}) is more than a part of {STEPS_OF_A_PERIOD}\n    remedy: use a smaller "
+                f"container.parts[].moves.vibration: the part {wall.name} vibrates with a period of {period}; "
+                f"numerics.dt ({span(dt)}) is more than 1/{STEPS_OF_A_PERIOD} of it\n    remedy: use a smaller "
                 "numerics.dt or a lower frequency"
             )
         outside = moves_out(shared.scene, wall, shared.stop.max_time)

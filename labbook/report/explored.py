@@ -14,8 +14,8 @@ from labbook.results.surface import NoSurface
 from labbook.scene.quantities import duration, percent
 
 SHARES = (
-    "Share: part of the variance of {quantity} over the swept range, all values alike. Change: from the smallest to "
-    "the largest value of the key, the others averaged. Intervals are 95 %."
+    "Share: part of the variance of {quantity} over the swept range, all values with equal weight. "
+    "Change: from the smallest to the largest value of the key, the others averaged. Intervals are 95 %."
 )
 GAINS = (
     "Interval: 95 %, of the surface at the design. Gain: part of the surface’s mean variance that the runs remove, "

@@ -208,8 +208,8 @@ def _replicates(results: StudyResults) -> str:
     total, points = (f"{n} {what}{'' if n == 1 else 's'}" for n, what in ((sum(runs), "run"), (len(runs), "point")))
     number = results.study.discharges_per_bed
     beds = "" if number == 1 else f", each a bed with {number} discharges"
-    beds = ", each a bed with as many discharges as are cheapest" if number == AUTO else beds
-    return f"{total} of {points}, {per_point} at each; asked: {results.study.replicates}{beds}"
+    beds = ", each a bed with the cheapest number of discharges" if number == AUTO else beds
+    return f"{total} of {points}, {per_point} at each; requested: {results.study.replicates}{beds}"
 
 
 def _discharges(results: StudyResults) -> Iterator[str]:

@@ -32,7 +32,7 @@ from labbook.stats.survival import (
     tail_goodness,
 )
 
-ALIKE = 0.1
+CORRELATED = 0.1
 """Rank correlation within packings above which discharges of one packing are no repeats."""
 _RARE = 0.01
 FEW_BEDS = 32
@@ -233,9 +233,9 @@ class SeriesClogging:
                 sentences.append(
                     f"The hazard is not constant at {label} (p = {p:.1g}), so that q depends on the transient left out."
                 )
-            if point.within_beds.value > ALIKE and point.within_beds.low > 0:
+            if point.within_beds.value > CORRELATED and point.within_beds.low > 0:
                 sentences.append(
-                    f"First avalanches of one packing are alike at {label} (rank correlation "
+                    f"First avalanches of one packing are correlated at {label} (rank correlation "
                     f"{point.within_beds.value:.2f}): use more replicates instead of discharges_per_bed."
                 )
         return sentences
@@ -255,7 +255,9 @@ class SeriesClogging:
         )
         text += "-2 ln of the likelihood"
         text += " (AICc needs more outlets)" if any(math.isnan(fit.aicc) for fit in self.fits) else ""
-        short = f" The mean avalanche covers {self.decades:.1f} decades; the laws need {DECADES:g} to be told apart."
+        short = (
+            f" The mean avalanche covers {self.decades:.1f} decades; {DECADES:g} are needed to distinguish the laws."
+        )
         return f"{text}.{short if self.decades < DECADES else ''}"
 
 

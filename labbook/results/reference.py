@@ -174,9 +174,9 @@ def agreement(comparisons: Sequence[Comparison], source: str) -> str:
     return f"{text} The largest difference is in {name}{where}: {difference}, {side} the 95 % interval{runs}."
 
 
-def sought(quantity: str, asked: Mapping[str, float | str]) -> Comparison:
-    """A comparison without numbers: of a quantity at the asked values."""
-    return Comparison(quantity, asked, display.label(asked), math.nan, None, None)
+def sought(quantity: str, at: Mapping[str, float | str]) -> Comparison:
+    """A comparison without numbers, of a quantity at swept values."""
+    return Comparison(quantity, at, display.label(at), math.nan, None, None)
 
 
 def entry_of(

@@ -42,7 +42,7 @@ def point_at(points: Sequence[Point], at: Mapping[str, Any]) -> Point:
 
 
 def series_at(series: Sequence[Series], at: Mapping[str, Any] | None, like: Point) -> Series:
-    """The series with these values of the keys by which series are told apart.
+    """The series with these values of the keys in which series differ.
 
     Args:
         series: all series of a study.
@@ -68,7 +68,7 @@ def series_at(series: Sequence[Series], at: Mapping[str, Any] | None, like: Poin
 
 
 def _series_key(series: Sequence[Series], name: str) -> str:
-    """The key with this name, or the only one that ends with it, among those by which series are told apart.
+    """The key with this name, or the only one that ends with it, among those in which series differ.
 
     Raises:
         LookupError: no key has this name, or several end with it.
@@ -81,10 +81,10 @@ def _series_key(series: Sequence[Series], name: str) -> str:
         raise LookupError(f"at: {name} may be {' or '.join(names)}")
     if name == ORIFICE or ORIFICE.endswith(f".{name}"):
         raise LookupError(
-            f"at: {ORIFICE} is the axis of every series and tells none apart; "
-            + (f"series are told apart by {', '.join(keys)}" if keys else "there is one series: leave out `at`")
+            f"at: {ORIFICE} is the axis of every series and selects none; "
+            + (f"series differ in {', '.join(keys)}" if keys else "there is one series: leave out `at`")
         )
-    raise LookupError(f"at: series are not told apart by {name}; {instead(name, keys)}")
+    raise LookupError(f"at: series do not differ in {name}; {instead(name, keys)}")
 
 
 def key_named(name: str, keys: Sequence[str]) -> str:

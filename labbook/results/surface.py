@@ -2,7 +2,7 @@
 
 The law of the study is used if the points allow it. If not, the quantity is interpolated (`labbook.stats.response`).
 Neither goes beyond the swept range. Points at which more than a fifth of the runs clogged are left out: the others are
-no fair sample.
+a biased sample.
 """
 
 import math
@@ -252,7 +252,7 @@ def _fixed(points: Sequence[PointResult], key: str, at: Mapping[str, Any]) -> di
 
 
 def is_clogged(point: PointResult) -> bool:
-    """Decide if so many runs of a point clogged that the others are no fair sample."""
+    """Decide if so many runs of a point clogged that the others are a biased sample."""
     return point.outcomes["clogged"] > CLOGGED * len(point.runs)
 
 

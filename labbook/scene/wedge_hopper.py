@@ -73,7 +73,7 @@ class WedgeHopper(ContainerShape):
             gap, bound = format_distinct(self.gap * 1e3, limit * 1e3, digits=6)
             reason = f"a gap of {gap} mm is beyond (L - D)/2 = {bound} mm"
             mirrored = 2 * limit - self.gap
-            mirror = f", or {mirrored * 1e3:g} mm, of which it is the mirror image" if mirrored >= 0 else ""
+            mirror = f", or {mirrored * 1e3:g} mm, its mirror image" if mirrored >= 0 else ""
             yield Fault("gap", reason, f"use at most {limit * 1e3:g} mm{mirror}")
             return
         if angle_fits and max(self._rises) >= self.height:

@@ -146,8 +146,8 @@ def gather_springs(spring, slot, b, count, half_dt):
 def scatter_forces(loads, i, j, b, count, pairs):
     """Add forces and torques to the grains, to j only for `pairs`.
 
-    Those on j come first: a list that ascends in i, then j, has a grain as j before it has it as i, so that the order
-    of each sum is that of the list, wherever the groups of eight begin.
+    Those on j come first. A list that ascends in i, then j, has a grain as j before it has it as i. So the order of
+    each sum is that of the list, wherever the groups of eight begin.
     """
     zero = spread(0.0)
     for t in range(uint64(0), count, uint64(8)):

@@ -50,8 +50,8 @@ def flow_against_orifice(series: Series, comparisons: Sequence[Comparison] = (),
     them, and below it the residuals in percent, if anything was fitted: with the standard errors that the test uses
     (thick) and their own 95 % intervals (thin).
 
-    Points outside a law's range or with a remark are hollow, crosses at the foot are outlets without a flow rate;
-    diamonds are flow rates of the reference, with 95 % intervals where it states errors. A bar on the axis is k d of
+    Points outside a law's range or with a remark are hollow. Crosses at the foot are outlets without a flow rate.
+    Diamonds are flow rates of the reference, with 95 % intervals where it states errors. A bar on the axis is k d of
     Beverloo's law, where its line meets zero, with the 95 % interval.
     """
     from matplotlib.figure import Figure
