@@ -100,6 +100,7 @@ class Settling:
     def after(self, kinetic: float) -> bool:
         """Count a beat with this kinetic energy per grain; return True at the beat that makes the member settled."""
         self.beats_below = self.beats_below + 1 if kinetic < self.below else 0
+        # Equal, not at least: a member that stays at rest gives the event once.
         return self.beats_below == self.beats
 
 
@@ -222,6 +223,7 @@ class Ensemble(backend.Ensemble, Generic[R]):
             return [Failed(member, failure.guard, failure.step, failure.grain, failure.message)]
         if run.grains == 0:
             return [Emptied(member, run.time)]
+        # The kinetic energy is a sum over all grains: it is computed only for members whose rest is looked for.
         settling = self._settling.get(member)
         return [Settled(member, run.time)] if settling and settling.after(run.status().kinetic) else []
 
@@ -232,6 +234,7 @@ class Ensemble(backend.Ensemble, Generic[R]):
 
     def drain(self) -> Mapping[Probe, Table]:
         """Return the rows since the last drain, of every declared probe."""
+        # Tables of probes without a row are there too, with their columns: readers need not know which were due.
         rows, self._rows = self._rows, defaultdict(list)
         return {
             probe: _joined(rows[probe] or [empty_table(probe, self._spec.feature("ORIENTED"))])

@@ -102,6 +102,8 @@ class OutletProfile:
     def outlets(self, radius: float) -> Mapping[str, "ProfileAcross"]:
         """Return the profiles by each of DEFINITIONS, for grains of a `radius` [m]."""
         return {
+            # Centres stay a radius away from the edges: nearer to them the area fraction falls by geometry, whatever
+            # the flow. Crossings have no such margin, since a centre either crosses there or does not.
             COVERAGE: ProfileAcross(
                 self.R, self.edges, self.area_fraction, self.flux, 1 - radius / self.R, self.counted
             ),

@@ -168,6 +168,7 @@ class Annulus:
         if near.axis is None:
             return float(sphere_in_ring(near.x, near.radius, self.inner, self.outer, self.low, self.high).sum())
         off, z = np.hypot(near.x[:, 0], near.x[:, 1]), near.x[:, 2]
+        # Without an inner face, rods on the axis are whole too.
         within = (off <= self.outer - reach) & ((off >= self.inner + reach) | (self.inner == 0))
         whole = within & (z >= self.low + reach) & (z <= self.high - reach)
         cut = near.only(~whole)

@@ -159,8 +159,10 @@ FitTo = Callable[[Sequence[PointResult]], FurtherFit]
 def series_of(
     points: Sequence[PointResult], laws: Sequence[str], further: Mapping[str, FitTo] = MappingProxyType({})
 ) -> tuple[Series, ...]:
-    """Group points by what was swept beside the orifice, and fit `laws` to each group: those of the flow rate, and of
-    others those that `further` has."""
+    """Group points by the swept keys other than the orifice, and fit `laws` to each group.
+
+    Laws are those of the flow rate and those of `further`; other names are skipped.
+    """
     groups: dict[tuple[tuple[str, float | str], ...], list[PointResult]] = {}
     for result in points:
         if math.isfinite(result.orifice):

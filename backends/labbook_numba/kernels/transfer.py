@@ -193,10 +193,10 @@ def squeeze_vectors(b, place, vectors, touching):
 
 @func
 def squeeze_entries(b, slot, count, depth, has_spring, k, touching, in_list):
-    """Store `depth`, flag of a spring and index of the touching ones of the list entries k..k + 8.
+    """Store `depth`, flag of a spring and index of those list entries k..k + 8 that touch.
 
-    depth: values of DEPTH; in_list: mask of the eight that are in the list. The touching ones have a spring from now
-    on, the others have not.
+    depth: values of DEPTH; in_list: mask of the eight that are in the list. Entries that touch have a spring from now
+    on, the others have none.
     """
     squeeze(b, DEPTH + count, depth, touching)
     if FRICTION:
