@@ -96,7 +96,7 @@ NOTHING = "No design would narrow the surface by 2 % with twice the beds of the 
 
 def runs_and_time(designs: tuple[NextRuns, ...]) -> str:
     """`18 runs, about 53 s`."""
-    runs, seconds = sum(one.runs for one in designs), sum(one.seconds for one in designs)
+    runs, seconds = sum(design.runs for design in designs), sum(design.seconds for design in designs)
     return f"{runs} runs" + ("" if math.isnan(seconds) else f", about {duration(seconds)}")
 
 

@@ -61,8 +61,8 @@ def differences(points: Sequence[Point]) -> list[tuple[str, tuple[str, ...]]]:
         for point in points
     ]  # fmt: skip
     rows = []
-    for name in dict.fromkeys(name for one in values for name in one):
-        of_points = [one.get(name) for one in values]
+    for name in dict.fromkeys(name for settings in values for name in settings):
+        of_points = [settings.get(name) for settings in values]
         if name not in _HIDDEN and any(value != of_points[0] for value in of_points):
             rows.append((name, tuple(_valued(name, value) for value in of_points)))
     return rows
@@ -80,7 +80,7 @@ def _valued(name: str, value: float | str | bool | None) -> str:
 def _common(points: Sequence[Point], part: str) -> str:
     """All of a part of the scene that is the same at every point."""
     values = [_with_youngs_moduli(dict(_leaves(_plain(point, part), part))) for point in points]
-    shared = {name: value for name, value in values[0].items() if all(one.get(name) == value for one in values)}
+    shared = {name: value for name, value in values[0].items() if all(other.get(name) == value for other in values)}
     swept = {name for point in points for name in point.at}
     first = f"{part}.{_FIRST.get(part, '')}"
     texts = [str(shared[first])] if first in shared else []

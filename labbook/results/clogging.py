@@ -218,7 +218,7 @@ class SeriesClogging:
     @property
     def decades(self) -> float:
         """Decades of the mean avalanche between the outlets with stops."""
-        means = [one.mean_avalanche[0] for one in self.points]
+        means = [result.mean_avalanche[0] for result in self.points]
         finite = [mean for mean in means if math.isfinite(mean)]
         return math.log10(max(finite) / min(finite)) if finite else 0.0
 
@@ -273,14 +273,14 @@ def clogging(results: StudyResults) -> tuple[SeriesClogging, ...]:
         return ()
     every = []
     for series in results.series:
-        points = tuple(one for result in series.points if (one := clogging_of(result)) is not None)
+        points = tuple(clogging for result in series.points if (clogging := clogging_of(result)) is not None)
         if points:
             every.append(SeriesClogging(series, points, *_fits(points)))
     return tuple(every)
 
 
 def _fits(points: Sequence[PointClogging]) -> tuple[tuple[AvalancheFit, ...], tuple[str, ...]]:
-    counts = [(one.width, q.events, q.exposure) for one in points if (q := one.probability) is not None]
+    counts = [(result.width, q.events, q.exposure) for result in points if (q := result.probability) is not None]
     if len({width for width, *_ in counts}) < 2:
         return (), ()
     widths, stops, grains = (list(column) for column in zip(*counts, strict=True))

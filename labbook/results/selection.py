@@ -58,10 +58,10 @@ def series_at(series: Sequence[Series], at: Mapping[str, Any] | None, like: Poin
     for key, value in (at or {}).items():
         name = _series_key(series, str(key))
         values[name] = value_of_key(name, value, like)
-    matches = [one for one in series if has(one.at, values)]
+    matches = [each_series for each_series in series if has(each_series.at, values)]
     if len(matches) == 1:
         return matches[0]
-    there = "; ".join(listed([_as_text(one.at) for one in series]))
+    there = "; ".join(listed([_as_text(each_series.at) for each_series in series]))
     if at:
         raise LookupError(f"{len(matches)} series are at {dict(at)}; there are: {there}")
     raise LookupError(f"the study has several series: say which by `at`; there are: {there}")
@@ -73,7 +73,7 @@ def _series_key(series: Sequence[Series], name: str) -> str:
     Raises:
         LookupError: no key has this name, or several end with it.
     """
-    keys = list(dict.fromkeys(key for one in series for key in one.at))
+    keys = list(dict.fromkeys(key for each_series in series for key in each_series.at))
     names = _ending_in(name, keys)
     if len(names) == 1:
         return names[0]
@@ -107,7 +107,7 @@ def has(at: Mapping[str, float | str], wanted: Mapping[str, float | str]) -> boo
 
 def value_of_key(key: str, value: Any, point: Point) -> float | str:
     """A value of a key in SI, or the word that it is; text is read as a study's, with its unit."""
-    key_with_unit = next((one for one in find_keys(key) if one.unit is not None), None)
+    key_with_unit = next((candidate for candidate in find_keys(key) if candidate.unit is not None), None)
     if isinstance(value, str) and key_with_unit is not None:
         return parse(value, key_with_unit.unit, point.scene.grains.diameter)
     return value if isinstance(value, str) else float(value)

@@ -119,7 +119,7 @@ def unbroken(source: StudyText, settings: Settings, points: Sequence[Point]) -> 
         reason = ""
         if settings.stop.still and point.scene.restart is not None:
             reason = "a still outlet ends the run, before its arch is broken"
-        elif settings.stop.still and [math.isfinite(one.width) for one in point.scene.container.outlets] != [True]:
+        elif settings.stop.still and [math.isfinite(o.width) for o in point.scene.container.outlets] != [True]:
             reason = "the container has not one outlet of a known width"
         if reason:
             yield Problem(source.path, source.line(("stop", "still")), "stop.still", reason, "leave it out")
@@ -328,5 +328,10 @@ def _kind(scene: Scene) -> tuple:
 
 
 def _units_of(measures: Iterable[str], scenes: Iterable[Scene]) -> dict[str, str]:
-    named = [MEASURES[name] for name in measures if name in MEASURES]
-    return {one.name: one.unit for scene in scenes for measure in named for one in measure.quantities(scene)}
+    known_measures = [MEASURES[name] for name in measures if name in MEASURES]
+    return {
+        quantity.name: quantity.unit
+        for scene in scenes
+        for measure in known_measures
+        for quantity in measure.quantities(scene)
+    }
