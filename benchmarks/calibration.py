@@ -4,7 +4,7 @@
     python benchmarks/calibration.py entries FOLDER --out labbook/accuracy/calibration.json
 
 `run` makes one scene after another, and writes FOLDER/STUDY-SCENE.csv as soon as all runs of a scene are finished: runs
-that end first flow fast, so that a part of them is no fair sample. Scenes with a file are skipped: a campaign may go on
+that end first flow fast, so that a part of them is a biased sample. Scenes with a file are skipped: a campaign may go
 on another machine, and several may share FOLDER, each with `--scenes` of its own. `labbook pilot` does the same in one
 go, with the runs in a lab.
 

@@ -79,7 +79,11 @@ class Bench:
         return self.runs[key]
 
     def evaluate(self, generation: Generation):
-        return tuple(self.run(one.at, seed) for one in generation.assignments for seed in range(1, one.replicates + 1))
+        return tuple(
+            self.run(setting.at, seed)
+            for setting in generation.assignments
+            for seed in range(1, setting.replicates + 1)
+        )
 
     def campaign(self, goal) -> Campaign:
         campaign = Campaign(goal, self.study)
@@ -94,14 +98,14 @@ class Bench:
 PRIORS = {FRICTION: Prior(low=0.1, high=0.9), ROLLING: Prior(low=0.001, high=0.1, logarithmic=True)}
 
 
-def both(at):
+def flow_and_fraction(at):
     """Flow rate and packing fraction with their scatter."""
     mu, rolling = at[FRICTION], at[ROLLING]
     return {"flow_rate": (flow(mu, rolling, at[OUTLET]), SCATTER), "packing_fraction": (fraction(mu, rolling), 0.004)}
 
 
-def measured(truth, rng, error=MEASURED, discrepancy=0.0) -> tuple[Measurement, ...]:
-    """Measured values of `both` at all outlets, and the packing fraction at the last."""
+def draw_measurements(truth, rng, error=MEASURED, discrepancy=0.0) -> tuple[Measurement, ...]:
+    """Measured values of `flow_and_fraction` at all outlets, and the packing fraction at the last."""
     values = []
     for D in OUTLETS:
         value = flow(truth[0], truth[1], D) * math.exp(math.hypot(error, discrepancy) * rng.normal())
@@ -111,41 +115,41 @@ def measured(truth, rng, error=MEASURED, discrepancy=0.0) -> tuple[Measurement, 
 
 
 def coverage(repeats: int, stops: float = 0.0, discrepancy: float = 0.0) -> dict[str, float]:
-    """Calibrate again and again."""
+    """Calibrate to `repeats` drawn truths, and count how often regions and intervals hold them."""
     rng = np.random.default_rng(3)
-    inside, held, runs, ends, ranks, kept, shares, widths = [], [], [], [], [], [], [], []
+    in_region, in_intervals, runs, complete, ranks, promises, shares, widths = [], [], [], [], [], [], [], []
     for number in range(repeats):
         u = rng.uniform(size=2)
         goal = Calibrate(parameters=PRIORS, measurements=(), discrepancy=discrepancy, accuracy={})
-        truth = [float(axis.value(one)) for axis, one in zip(goal.axes, u, strict=True)]
-        goal = goal.model_copy(update={"measurements": measured(truth, rng, discrepancy=discrepancy)})
-        bench = Bench(both, [number, 5], stops)
+        truth = [float(axis.value(x)) for axis, x in zip(goal.axes, u, strict=True)]
+        goal = goal.model_copy(update={"measurements": draw_measurements(truth, rng, discrepancy=discrepancy)})
+        bench = Bench(flow_and_fraction, [number, 5], stops)
         campaign = bench.campaign(goal)
         inference: Inference = goal.infer(bench.study, bench.trials)
         posterior = inference.posterior
         density = math.exp(float(inference.log_likelihood(u[None])[0]) - inference._largest)
-        inside.append(density >= posterior.threshold(0.95))
+        in_region.append(density >= posterior.threshold(0.95))
         low, high = posterior.quantiles(np.array([0.025, 0.975]))
-        held.append((low <= u) & (u <= high))
+        in_intervals.append((low <= u) & (u <= high))
         draws = posterior.samples(99, rng)
         likelihoods = inference.log_likelihood(np.vstack([u, draws]))
         ranks.append([*(draws < u).sum(axis=0), int((likelihoods[1:] < likelihoods[0]).sum())])
         runs.append(len(bench.trials))
         shares.append(inference.share)
         widths.append(np.sqrt(np.diag(posterior.covariance) / np.diag(inference.exact.covariance)))
-        kept.append("Promise kept" in (campaign.ended or ""))
-        ends.append(not inference.lacking())
+        promises.append("Promise kept" in (campaign.ended or ""))
+        complete.append(not inference.lacking())
         if number % 20 == 19:
-            print(f"{number + 1}: region {np.mean(inside):.3f}, runs {np.mean(runs):.0f}", flush=True)
+            print(f"{number + 1}: region {np.mean(in_region):.3f}, runs {np.mean(runs):.0f}", flush=True)
     from scipy.stats import chi2
 
-    figures = {"repeats": repeats, "region": np.mean(inside), "runs": np.mean(runs), "most runs": np.max(runs),
-               "share": np.mean(shares), "answers": np.mean(ends), "promise kept": np.mean(kept)}  # fmt: skip
+    figures = {"repeats": repeats, "region": np.mean(in_region), "runs": np.mean(runs), "most runs": np.max(runs),
+               "share": np.mean(shares), "answers": np.mean(complete), "promise kept": np.mean(promises)}  # fmt: skip
     for index, name in enumerate((FRICTION, ROLLING)):
-        figures[f"interval of {name}"] = np.mean([one[index] for one in held])
-        figures[f"sd of {name} over that of an exact emulator"] = np.mean([one[index] for one in widths])
+        figures[f"interval of {name}"] = np.mean([inside[index] for inside in in_intervals])
+        figures[f"sd of {name} over that of an exact emulator"] = np.mean([width[index] for width in widths])
     for index, name in enumerate((FRICTION, ROLLING, "log-likelihood")):
-        counts = np.histogram([one[index] for one in ranks], bins=20, range=(-0.5, 99.5))[0]
+        counts = np.histogram([rank[index] for rank in ranks], bins=20, range=(-0.5, 99.5))[0]
         expected = repeats / 20
         figures[f"p of ranks, {name}"] = chi2.sf(((counts - expected) ** 2 / expected).sum(), 19)
     return {name: float(value) for name, value in figures.items()}
@@ -164,9 +168,9 @@ def hopper(at):
 
 
 def maps(repeats: int, error: float = 0.02) -> dict[str, float]:
-    """Map a flow rate over three keys again and again. A promise is kept if the map is off by no more than the error on
+    """Map a flow rate over three keys `repeats` times. A promise is kept if the map is off by no more than the error on
     95 % of 1024 settings all over the range."""
-    kept, tested, runs, shares = [], [], [], []
+    within_error, passed, runs, shares = [], [], [], []
     goal = Map(quantity="flow_rate", error=error, over=KEYS, on=0.95)
     for number in range(repeats):
         bench = Bench(hopper, [number, 8])
@@ -174,8 +178,8 @@ def maps(repeats: int, error: float = 0.02) -> dict[str, float]:
         ends = zip(*(RANGES[key] for key in KEYS), strict=True)
         bench.study.points = [SimpleNamespace(at=dict(zip(KEYS, end, strict=True)), scene=scene) for end in ends]
         campaign = bench.campaign(goal)
-        held = len(campaign.generations[-1].assignments)
-        emulator, _, trend = goal.emulator(bench.study, bench.trials[:-held])
+        test_count = len(campaign.generations[-1].assignments)
+        emulator, _, trend = goal.emulator(bench.study, bench.trials[:-test_count])
         units = sobol(1024, 3, stream=11)
         truth = []
         for u in units:
@@ -183,12 +187,12 @@ def maps(repeats: int, error: float = 0.02) -> dict[str, float]:
             truth.append(math.log(hopper(at)["flow_rate"][0]) - trend.at(at))
         off = np.abs(np.expm1(emulator.at(units)[0] - truth))
         shares.append(float(np.mean(off <= error)))
-        kept.append(shares[-1] >= 0.95)
-        tested.append("Promise kept" in (campaign.ended or ""))
+        within_error.append(shares[-1] >= 0.95)
+        passed.append("Promise kept" in (campaign.ended or ""))
         runs.append(len(bench.trials))
         if number % 20 == 19:
-            print(f"{number + 1}: kept {np.sum(kept)}, runs {np.mean(runs):.0f}", flush=True)
-    figures = {"repeats": repeats, "kept": np.sum(kept), "test passed": np.sum(tested), "runs": np.mean(runs),
+            print(f"{number + 1}: kept {np.sum(within_error)}, runs {np.mean(runs):.0f}", flush=True)
+    figures = {"repeats": repeats, "kept": np.sum(within_error), "test passed": np.sum(passed), "runs": np.mean(runs),
                "most runs": np.max(runs), "share within the error": np.mean(shares)}  # fmt: skip
     return {name: float(value) for name, value in figures.items()}
 
@@ -241,16 +245,16 @@ def twins(
                  "error": f"{np.std(beds, ddof=1) / math.sqrt(len(beds))!s} kg/s"}  # fmt: skip
         values[float(point.point.at[FRICTION])].append(entry)
     jobs = [(number, mu, values[mu], lab, backend, device, batch, grains) for number, mu in enumerate(frictions)]
-    ends = [_calibrated(*jobs[0])]  # the first one makes the runs that all have in common
+    ends = [_calibrate_twin(*jobs[0])]  # the first one makes the runs that all have in common
     with ProcessPoolExecutor(at_once, mp_context=get_context("spawn")) as pool:
-        ends += pool.map(_calibrated, *zip(*jobs[1:], strict=True)) if len(jobs) > 1 else ()
+        ends += pool.map(_calibrate_twin, *zip(*jobs[1:], strict=True)) if len(jobs) > 1 else ()
     inside, predicted, runs, kept = zip(*ends, strict=True)
     figures = {"twins": repeats, "inside": np.sum(inside), "predicted": np.sum(predicted), "runs": np.mean(runs),
                "promise kept": np.sum(kept)}  # fmt: skip
     return {name: float(value) for name, value in figures.items()}
 
 
-def _calibrated(
+def _calibrate_twin(
     number: int,
     friction: float,
     values: list[dict[str, Any]],

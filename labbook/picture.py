@@ -1,9 +1,9 @@
 """A small picture of a bed of grains: coloured layers of the settled bed, and how they were deformed since.
 
 Grains have the colour of the horizontal layer in which they stood when the bed was at rest, as in experiments with
-coloured layers; those of several kinds have a colour a kind, dark and light by turns from layer to layer. The view is
-orthographic, from the front (along y). Round silos and deep beds are cut in the plane y = 0: what stands before it is
-left out. The background is transparent.
+coloured layers. Grains of several kinds have a colour for each kind, alternately dark and light from layer to layer.
+The view is orthographic, from the front (along y). Round silos and deep beds are cut in the plane y = 0: what stands
+before it is left out. The background is transparent.
 
 Every pixel belongs to the grain whose surface is nearest there (a z-buffer); it is shaded after all grains are known.
 """

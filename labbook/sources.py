@@ -110,23 +110,24 @@ def _source(key: str, authors: Iterable[str] = (), **fields: Any) -> Source:
     return Source(key, authors=tuple(authors), **fields)
 
 
-def _behind(part: str) -> Mapping[str, tuple[str, ...]]:
+def _sources_behind(part: str) -> Mapping[str, tuple[str, ...]]:
+    """Keys of sources of each name in one table `behind` of sources.toml."""
     return {name: tuple(keys) for name, keys in _DATA["behind"][part].items()}
 
 
 SOURCES: Mapping[str, Source] = {key: _source(key, **fields) for key, fields in _DATA["sources"].items()}
 """All publications, by key."""
-CONTACT_LAWS = _behind("contact_laws")
+CONTACT_LAWS = _sources_behind("contact_laws")
 """Keys of the sources of contact laws."""
-ROLLING_MODELS = _behind("rolling_models")
+ROLLING_MODELS = _sources_behind("rolling_models")
 """Keys of the sources of models of rolling friction."""
-MEASURES = _behind("measures")
+MEASURES = _sources_behind("measures")
 """Keys of the sources of measures; none for definitions of labbook's own."""
-PAPER_FITS = _behind("paper_fits")
+PAPER_FITS = _sources_behind("paper_fits")
 """Keys of the sources of fits that papers add. Laws of flow name theirs as `source`."""
-STARTS = _behind("starts")
+STARTS = _sources_behind("starts")
 """Keys of the sources of starts of a filling; none for those of labbook's own."""
-METHODS = _behind("methods")
+METHODS = _sources_behind("methods")
 """Keys of the sources of methods that a study uses without naming them."""
 
 _YEAR = re.compile(r"\b(?:1[89]|20)\d\d\b")
@@ -148,6 +149,7 @@ def named_in(text: str) -> tuple[Source, ...]:
 
 
 def _names(part: str, source: Source) -> bool:
+    """True if a text has the surname and the year of a source."""
     surname = folded(source.authors[0]).split()[-1]
     return re.search(rf"\b{re.escape(surname)}\b.*?\b{source.year}\b", part, re.DOTALL) is not None
 

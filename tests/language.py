@@ -1,4 +1,4 @@
-"""Count names and docstrings that are hard to read, room by room; neither count may grow.
+"""Count names and docstrings that are hard to read, room by room; neither count may grow, nor pass a ceiling.
 
     python tests/language.py            compare with language.json; `make lint` runs this
     python tests/language.py --list     print each place (further arguments: rooms, such as labbook/run)
@@ -8,13 +8,16 @@ names      Pronouns, and participles used as nouns (`WORDS`): functions, classes
            scopes of more than three lines. Underscores around a name, and capitals, do not count.
 docstrings Those whose first word is relative (`OPENINGS`), of modules, classes, functions and variables (a string in
            the line below).
+
+The ceilings (`CEILINGS`) are shares of the whole tree, with names of scopes of any length: they hold even if somebody
+writes higher counts into the file.
 """
 
 import ast
 import json
 import re
 import sys
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -36,6 +39,8 @@ OPENINGS = frozenset(
     its they as if so
     """.split()  # noqa: SIM905
 )
+CEILINGS = {"names": 1.5, "docstrings": 3.0}
+"""Largest shares [%] of all names, in scopes of any length, and of all docstrings."""
 FUNCTIONS = (ast.FunctionDef, ast.AsyncFunctionDef)
 SCOPES = (ast.ClassDef, *FUNCTIONS, ast.Lambda, ast.ListComp, ast.SetComp, ast.DictComp, ast.GeneratorExp)
 
@@ -58,7 +63,7 @@ class Place:
 def places(source: str) -> list[Place]:
     """Everything in a module that counts, in the order of lines."""
     tree, length = ast.parse(source), len(source.splitlines())
-    names = (Place("names", line, name) for line, name in _names(tree, length) if name.strip("_").lower() in WORDS)
+    names = (Place("names", line, name) for line, name in _names(tree, length) if _unclear(name))
     texts = (
         Place("docstrings", line, text.strip().split("\n")[0]) for line, text in _docstrings(tree) if _relative(text)
     )
@@ -113,6 +118,10 @@ def _docstrings(tree: ast.AST) -> Iterator[tuple[int, str]]:
                 yield statement.lineno, text
 
 
+def _unclear(name: str) -> bool:
+    return name.strip("_").lower() in WORDS
+
+
 def _relative(text: str) -> bool:
     word = re.match(r"\W*([A-Za-z]+)", text)
     return word is not None and word[1].lower() in OPENINGS
@@ -137,6 +146,20 @@ def counts() -> dict[str, dict[str, int]]:
     return totals
 
 
+def shares(sources: Iterable[str]) -> dict[str, float]:
+    """Share [%] of all names, in scopes of any length, and of all docstrings that are hard to read."""
+    names: list[bool] = []
+    docstrings: list[bool] = []
+    for source in sources:
+        tree = ast.parse(source)
+        names += [_unclear(name) for node in ast.walk(tree) for _, name in _bound(node)]
+        docstrings += [_relative(text) for _, text in _docstrings(tree)]
+    return {
+        kind: 100 * sum(unclear) / max(1, len(unclear))
+        for kind, unclear in (("names", names), ("docstrings", docstrings))
+    }
+
+
 def compare(now: dict[str, dict[str, int]], allowed: dict[str, dict[str, int]]) -> tuple[list[str], list[str]]:
     """Sentences about counts that grew, and about counts that fell. A room that is not listed may have none."""
     grown, fallen = [], []
@@ -158,7 +181,7 @@ def write(totals: dict[str, dict[str, int]]) -> None:
 
 
 def main(arguments: list[str]) -> int:
-    """Carry out the command line; the exit status is 1 if a count grew."""
+    """Carry out the command line; the exit status is 1 if a count grew or a share passes its ceiling."""
     if arguments[:1] == ["--list"]:
         for path in (
             path for room, modules in rooms().items() if room in (arguments[1:] or [room]) for path in modules
@@ -175,6 +198,12 @@ def main(arguments: list[str]) -> int:
         print(f"{COUNTS.name}: {total}")
         return 0
     grown, fallen = compare(now, json.loads(COUNTS.read_text(encoding="utf-8")))
+    parts = shares(path.read_text(encoding="utf-8") for modules in rooms().values() for path in modules)
+    grown += [
+        f"{share:.2f} % of all {kind}, {CEILINGS[kind]} % allowed"
+        for kind, share in parts.items()
+        if share > CEILINGS[kind]
+    ]
     for line in grown:
         print(f"language: {line}")
     if grown:
@@ -183,7 +212,10 @@ def main(arguments: list[str]) -> int:
         print("language: fewer than before, keep it so: python tests/language.py --write")
         print("\n".join(f"  {line}" for line in fallen))
     else:
-        print(f"language: {total}, as before")
+        print(
+            f"language: {total}, as before; with short scopes "
+            + ", ".join(f"{share:.1f} % of {kind}" for kind, share in parts.items())
+        )
     return bool(grown)
 
 

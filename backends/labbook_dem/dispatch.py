@@ -59,7 +59,9 @@ def _of_wall(kind: str, operation: str) -> tuple[tuple[str, str], ...]:
     for name, of in wall_parameters:
         if of not in _TAKES:
             types = ", ".join(_TAKES)
-            raise BrokenPlugin(f"the wall {kind}: {name} of {function} is no number of a wall; annotate it {types}")
+            raise BrokenPlugin(
+                f"the wall {kind}: {name} of {function} is not annotated as a number of a wall; annotate it {types}"
+            )
     if operation != "distance" and [of for _, of in wall_parameters] != [of for _, of in _of_wall(kind, "distance")]:
         raise BrokenPlugin(
             f"the wall {kind}: {function} takes other numbers than {identifier(kind)}_distance; let them agree"

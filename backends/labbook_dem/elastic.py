@@ -52,6 +52,7 @@ def _pairs(scene: Scene, numerics: Numerics, packing: Packing) -> np.ndarray:
     if len(packing) < 2:
         return np.empty((0, 9))
     close = KDTree(packing.x).query_pairs(2 * (float(bodies.radius.max()) + half), output_type="ndarray")
+    # Sorted: the tree gives pairs in an order of its own, and rows of a file must not depend on it.
     i, j = close[np.lexsort((close[:, 1], close[:, 0]))].T
     away = between = packing.x[i] - packing.x[j]
     if is_oriented(scene) and packing.q is not None:
@@ -60,6 +61,7 @@ def _pairs(scene: Scene, numerics: Numerics, packing: Packing) -> np.ndarray:
         away = between + s[:, None] * a[i] - t[:, None] * a[j]
     apart = np.linalg.norm(away, axis=1)
     overlap = bodies.radius[i] + bodies.radius[j] - apart
+    # Two grains at one place have no direction of their force.
     touching = (overlap > 0) & (apart > 0)
     i, j, away, between, apart, overlap = (of[touching] for of in (i, j, away, between, apart, overlap))
     with choose(scene.contact.law) as law:
@@ -93,6 +95,8 @@ def _walls(scene: Scene, numerics: Numerics, packing: Packing, time: float):
             if wall.is_posed:
                 pose = wall.poses(np.array([time]))
                 x = (x - pose.shift[0]) @ pose.turn[0]
+            # Contacts in plain Python are slow: only grains near the wall are looked at, by the distance of all at
+            # once.
             for i in np.flatnonzero(wall.shape.distance(x) < reach).tolist():
                 at, a = (vec3(*array[i].tolist()) for array in (packing.x, axis))
                 own = float(bodies.radius[i]), float(bodies.mass[i]), 1.0, int(bodies.kind[i])

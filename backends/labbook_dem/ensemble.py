@@ -15,7 +15,7 @@ from labbook.backend.numerics import Numerics
 from labbook.backend.probes import Crossing, Ledger, Probe, Table, Traction, empty_table
 from labbook.scene import Scene
 from labbook.scene.packing import Packing
-from labbook.scene.quantities import span, told_apart
+from labbook.scene.quantities import format_distinct, span
 from labbook_dem.features import covers, specialise
 from labbook_dem.ledger import kinetic, status
 from labbook_dem.mesh import TOO_MANY
@@ -46,7 +46,7 @@ class Standing(Readable):
     @property
     @abstractmethod
     def grains(self) -> int:
-        """Grains that have not left."""
+        """Number of grains that have not left."""
 
     @abstractmethod
     def checkpoint(self) -> Checkpoint:
@@ -100,6 +100,7 @@ class Settling:
     def after(self, kinetic: float) -> bool:
         """Count a beat with this kinetic energy per grain; return True at the beat that makes the member settled."""
         self.beats_below = self.beats_below + 1 if kinetic < self.below else 0
+        # Equal, not at least: a member that stays at rest gives the event once.
         return self.beats_below == self.beats
 
 
@@ -222,6 +223,7 @@ class Ensemble(backend.Ensemble, Generic[R]):
             return [Failed(member, failure.guard, failure.step, failure.grain, failure.message)]
         if run.grains == 0:
             return [Emptied(member, run.time)]
+        # The kinetic energy is a sum over all grains: it is computed only for members whose rest is looked for.
         settling = self._settling.get(member)
         return [Settled(member, run.time)] if settling and settling.after(run.status().kinetic) else []
 
@@ -232,6 +234,7 @@ class Ensemble(backend.Ensemble, Generic[R]):
 
     def drain(self) -> Mapping[Probe, Table]:
         """Return the rows since the last drain, of every declared probe."""
+        # Tables of probes without a row are there too, with their columns: readers need not know which were due.
         rows, self._rows = self._rows, defaultdict(list)
         return {
             probe: _joined(rows[probe] or [empty_table(probe, self._spec.feature("ORIENTED"))])
@@ -308,13 +311,13 @@ def explain(guard: str, grain: int, step: int, value: float, scene: Scene, numer
     if guard == "overlap" and math.isinf(value):
         return f"{where}: {TOO_MANY}"
     if guard == "overlap":
-        overlap, limit = told_apart(value / scene.grains.finest, numerics.overlap_limit)
+        overlap, limit = format_distinct(value / scene.grains.finest, numerics.overlap_limit)
         return (
             f"{where} overlaps by {overlap} d, more than numerics.overlap_limit "
             f"({limit}); use a smaller numerics.dt or stiffer grains, or raise the limit"
         )
     if guard == "speed":
-        speed, limit = told_apart(value, numerics.speed_limit)
+        speed, limit = format_distinct(value, numerics.speed_limit)
         return (
             f"{where} moves at {speed} m/s, faster than numerics.speed_limit ({limit} m/s); "
             "use a smaller numerics.dt, or raise the limit if grains may be this fast"

@@ -70,6 +70,7 @@ def load(name: str, text: str, folder: Path) -> ModuleType:
     spec = importlib.util.spec_from_file_location(name, path)
     assert spec is not None
     module = importlib.util.module_from_spec(spec)
+    # Before it is executed: Numba and Warp look a module up by its name while its decorators run.
     sys.modules[name] = module
     try:
         exec(compile(text, str(path), "exec", dont_inherit=True), vars(module))

@@ -70,6 +70,7 @@ def totals(
     angular = _sum(mass, np.cross(x, v)) + _sum(grains.inertia, m)
     return {
         "kinetic": energy,
+        # fsum: the energy of a bed is a large sum of which small changes count, whatever the order of the grains
         "potential": float(weight) * math.fsum(x[:, 2]) if bodies is None else math.fsum(weight * x[:, 2]),
         "contact_work": work + kinetic_gain - gravity_work,
         "mass": scene.grains.mass * len(x) if bodies is None else math.fsum(bodies.mass),
@@ -98,6 +99,7 @@ def contact_power(
         contacts: rows of the probe `Contacts`: i, j, wall, force on i [N], branch vector [m], shape [k, 9].
         time: at which parts that move are looked at [s].
     """
+    # Contacts with walls have j = -1: the row they get is any, and `of_pair` masks it below.
     order = np.argsort(ids)
     wall, force, branch = contacts[:, 2].astype(np.int64), contacts[:, 3:6], contacts[:, 6:9]
     i, j = (order[np.searchsorted(ids, contacts[:, side], sorter=order).clip(max=len(ids) - 1)] for side in (0, 1))

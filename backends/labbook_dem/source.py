@@ -51,6 +51,7 @@ def named_numbers(modules: Sequence[ModuleType]) -> dict[str, int]:
     """
     numbers: dict[str, int] = {}
     for module in modules:
+        # Sorted: the generated text, and so the folder of its compiled code, must not depend on the order of a set.
         for name in sorted(_capitals(module_text(module))):
             value = vars(module).get(name)
             if type(value) is int and numbers.setdefault(name, value) != value:
@@ -91,6 +92,7 @@ def module_text(module: ModuleType) -> str:
 
 
 def _marked(node: ast.FunctionDef | ast.ClassDef) -> bool:
+    """True if marked for a compiler. Raises ValueError for a mark beside another decorator."""
     names = [ast.unparse(decorator) for decorator in node.decorator_list]
     if MARKS.isdisjoint(names):
         return False
@@ -103,6 +105,7 @@ def without(text: str, switch: str) -> str:
     """Source without the branches `if SWITCH:`; what follows their `else` takes their place."""
     branches = [node for node in ast.walk(ast.parse(text)) if isinstance(node, ast.If)]
     lines = text.split("\n")
+    # From the last branch to the first, so that line numbers of those before stay valid.
     for node in sorted(branches, key=lambda node: node.lineno, reverse=True):
         if isinstance(node.test, ast.Name) and node.test.id == switch:
             alternative = lines[node.orelse[0].lineno - 1 : node.end_lineno] if node.orelse else []

@@ -1,7 +1,7 @@
 """Contacts of two spheres, or a sphere and a wall: from positions and velocities to forces and torques.
 
-Every expression is odd or even under an exchange of the two spheres, term by term, so that a backend that computes a
-contact twice, once for each sphere, gets opposite forces to the last bit.
+Every expression is odd or even under an exchange of the two spheres, term by term. So a backend that computes a contact
+twice, once for each sphere, gets opposite forces to the last bit.
 """
 
 from labbook_dem.chosen import normal, respond

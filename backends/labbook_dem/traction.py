@@ -101,10 +101,12 @@ class BinTable(NamedTuple):
 
     def rows(self, sums: np.ndarray) -> Mapping[str, np.ndarray]:
         """Columns of a probe's rows from `sums`, whole numbers of shape [total, SUMS]."""
+        # The first bin has a row even if nothing touches a wall: a reading without rows could not be told from none.
         touched = np.flatnonzero((sums[:, 0] > 0) | (np.arange(self.total) == 0))
         wall = np.repeat(np.arange(len(self.bins)), [one.count for one in self.bins])
         table = {"wall": wall[touched], "bin": touched - self.numbers[wall[touched], 4].astype(np.int64)}
         for name, column in zip(TRACTION_SUMS, sums[touched].T, strict=True):
+            # f*, normal, along and across are forces; t* and the others are torques.
             whole = name in ("contacts", "sliding")
             table[name] = column if whole else column * (self.force if name[0] in "fna" else self.torque)
         return table

@@ -1,9 +1,8 @@
 """From features to compiled kernels: one generated module a specialisation, cached on disk.
 
 Numba's own cache does not notice an edited law in an imported module, and never hits for closures. So each
-specialisation is written as a module of its own, in a folder named by a hash of everything it consists of: the sources
-of physics and kernels, the features, and the versions of Python, Numba and llvmlite. Numba caches its compiled code
-beside it, by type of CPU.
+specialisation is written as a module of its own. Its folder is named by a hash of the sources of physics and kernels,
+the features, and the versions of Python, Numba and llvmlite. Numba caches its compiled code beside it, by type of CPU.
 """
 
 import ctypes

@@ -131,7 +131,7 @@ class Run(Standing):
 
     @property
     def grains(self) -> int:
-        """Grains that have not left."""
+        """Number of grains that have not left."""
         return int(self.state.count[S.GRAINS])
 
     def beat(self, threads: int = 1) -> None:

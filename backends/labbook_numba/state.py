@@ -134,7 +134,7 @@ class State(NamedTuple):
     near: np.ndarray
     speed2: np.ndarray
     speed_bits: np.ndarray
-    # at meshes: features near each entry, which are found anew with the lists; contacts of one of them
+    # at meshes: features near each entry, which are found again with the lists; contacts of one of them
     mesh_first: np.ndarray
     mesh_near: np.ndarray
     touch: np.ndarray

@@ -135,6 +135,7 @@ class Run(Standing):
             }
 
     def _law(self):
+        """Return the context in which the formulas are those of the scene's contact law."""
         contact = self.scene.contact
         return choose(contact.law, twist=contact.rolling == "full", springs=contact.rolling_model == "epsd")
 
@@ -247,7 +248,7 @@ class Run(Standing):
 
     @property
     def grains(self) -> int:
-        """Grains that have not left."""
+        """Number of grains that have not left."""
         return len(self.x)
 
     def beat(self) -> None:
@@ -361,7 +362,7 @@ class Run(Standing):
         return total
 
     def _move_parts(self) -> None:
-        """Move parts to their poses of now; distances of grains from them are then computed anew."""
+        """Move parts to their poses of now; distances of grains from them are then computed again."""
         self._at_walls.move_to(self.step)
         self.clear[list(self._at_walls.frames)] = 0.0
 

@@ -143,6 +143,7 @@ class Arrays:
         numbers = np.zeros(self.sizes.slots, np.int32)
         for slot, count in rows.items():
             numbers[slot] = count
+        # Most beats have the rows of the one before, and need no copy to the device.
         if self._rows is None or not np.array_equal(numbers, self._rows):
             self.system.rows.assign(numbers)
             self._rows = numbers

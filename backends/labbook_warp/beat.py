@@ -115,6 +115,7 @@ class Beat:
             launches()
             return
         if key not in self._graphs:
+            # Loaded before: a module that is loaded during a capture ends it, since that allocates memory.
             wp.load_module(self.kernels, device=self.device, block_dim=THREADS)
             with wp.ScopedCapture(device=self.device, force_module_load=False) as capture:
                 launches()
@@ -141,6 +142,8 @@ class Beat:
             self._launch_steps(first, some, 0, self._slots)
             return
         main = self.device.stream
+        # Both streams begin after what was launched before, and the main one goes on after both. Events order them on
+        # the device, in a captured graph too.
         begin = main.record_event()
         for k, stream in enumerate(self._streams):
             slot, end = (n * self._slots // len(self._streams) for n in (k, k + 1))
@@ -152,6 +155,7 @@ class Beat:
     def _launch_steps(self, first: int, some: int, slot: int, slots: int) -> None:
         """Take these steps with the members in `slots` slots from `slot` on."""
         here, there = self.arrays.p, self.arrays.q
+        # Several steps in one launch need all of its threads on the device at once: then they wait for each other.
         at_once = some if self._several else 1
         threads = slots * self.arrays.sizes.cap * self.lanes
         for sub in range(first, first + some, at_once):
@@ -164,6 +168,7 @@ class Beat:
     def _if_flagged(self, launch: Callable[[], None]) -> None:
         flag = self.arrays.system.any_flag
         if self.device.is_cuda:
+            # A conditional node of the graph: the device reads the flag, and the host need not wait for it.
             wp.capture_if(flag, on_true=launch)
         elif flag.numpy()[0]:
             launch()
@@ -242,6 +247,7 @@ class Beat:
         counter = wp.zeros(1, dtype=wp.int32, device=self.device)
         out = wp.zeros(width * capacity, dtype=wp.float64, device=self.device)
         self._launch(kernel, self._rows, self.arrays.p, *inputs, counter, out)
+        # Only appended rows come to the host: the array has room for the largest number.
         count = int(fetch(counter)[0])
         return fetch(out, 0, width * count).reshape(-1, width)
 

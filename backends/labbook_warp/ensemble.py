@@ -139,6 +139,7 @@ class Ensemble(ensemble.Ensemble[ReadableRun]):
         return self._stage.beat(runs, sorted(due), look)
 
     def _set_failure(self, run: Run, word: int) -> None:
+        # The step stands in the highest bits: the smallest word, which kernels keep, is of the first failure.
         step, guard, grain = word >> 26, GUARDS[word >> 24 & 3], word & (MOST_GRAINS - 1)
         value = self._stage.bad_value(run, grain)
         value = math.inf if value > NO_NUMBER else value

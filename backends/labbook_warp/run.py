@@ -59,6 +59,7 @@ class Run:
     """Rows of crossings of the last beat."""
 
     def __post_init__(self):
+        """Set names of walls, number of grains, counters of a checkpoint, and lattice of cells."""
         self.names = [wall.name for wall in self.scene.container.walls()]
         if isinstance(self.begin, Checkpoint):
             self.takes_up(self.begin)
@@ -107,7 +108,7 @@ class Run:
 
     @property
     def grains(self) -> int:
-        """Grains that have not left."""
+        """Number of grains that have not left."""
         return self.rows - self.left
 
     @property

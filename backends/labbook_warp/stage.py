@@ -559,7 +559,7 @@ class Stage:
 
 
 def usual_check(runs: Sequence[Run]) -> int:
-    """Steps between two checks if no list was late, even: the smallest interval of all members."""
+    """Steps between two checks as long as no list was late: the smallest interval of all members, an even number."""
     return min(check_interval(run.scene, run.numerics) for run in runs)
 
 

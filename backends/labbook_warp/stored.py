@@ -79,6 +79,7 @@ def check(can: Capabilities, spec: Spec, scene: Scene, numerics: Numerics, store
 
 
 def _check_lists(arrays: Mapping[str, np.ndarray], scene: Scene, n: int, near: int, parts: int) -> None:
+    # Kernels check no bounds: an index of a damaged file would read memory of others.
     count = len(scene.container.walls())
     if len(arrays["wall_spring"]) < (walls := min(count, MOST_CONTACTS // parts) * parts):
         raise ValueError(f"wall_spring is of {len(arrays['wall_spring'])} walls, not of {walls}")

@@ -279,7 +279,7 @@ class Lab:
         file = self._calibration_file(study)
         if study.source and not os.access(file.parent, os.W_OK):
             raise PermissionError(errno.EACCES, "the calibration of its pilot cannot be written there", str(file))
-        effects = [one.effects for one in effects_of_numerics(self, runs, progress)]
+        effects = [effect.effects for effect in effects_of_numerics(self, runs, progress)]
         extend(file, effects) if seeds is None else write(file, effects)
         return study.calibrated(file)
 
@@ -352,10 +352,10 @@ class Lab:
                 counts, packings = catalogue.studies(), catalogue.packing_count()
         except LabError as error:
             return escape(f"<Lab {self.folder} on {self.backend}, {self.device}: {error}>")
-        rows = [(one.study or "–", one.backend, one.outcome, str(one.runs)) for one in counts]
+        rows = [(count.study or "–", count.backend, count.outcome, str(count.runs)) for count in counts]
         listed = html.table(("study", "backend", "outcome", "runs"), rows[:_ROWS]) if rows else ""
         rest = [f"and {len(rows) - _ROWS} more rows"] if len(rows) > _ROWS else []
-        runs = sum(one.runs for one in counts)
+        runs = sum(count.runs for count in counts)
         totals = f"{runs} run{'' if runs == 1 else 's'}, {packings} packing{'' if packings == 1 else 's'}"
         return html.titled(f"Lab {self.folder} on {self.backend}, {self.device}: {totals}", listed, html.lines(rest))
 
@@ -398,5 +398,5 @@ def _in_python() -> Iterator[None]:
     except Unsupported as problem:
         if by_a_verb():
             raise
-        remedy = _OPTION.sub(lambda found: f"{found[1]}={found[2]!r}", problem.remedy).replace("--", "")
+        remedy = _OPTION.sub(lambda match: f"{match[1]}={match[2]!r}", problem.remedy).replace("--", "")
         raise Unsupported(problem.key.removeprefix("--"), remedy) from problem

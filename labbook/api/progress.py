@@ -21,7 +21,7 @@ class Quiet(NullWatcher):
 
 
 def watching(progress: bool | Watcher) -> AbstractContextManager[Watcher]:
-    """The watcher of runs that `progress` stands for: a bar, nothing, or itself."""
+    """Return a context that yields the watcher `progress` stands for: a bar, a silent one, or itself."""
     if not isinstance(progress, bool):
         return nullcontext(progress)
     if not progress:

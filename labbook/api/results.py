@@ -86,12 +86,19 @@ class Results(StudyResults):
             numbers = {name: one for run in result.runs for name, one in run.measured.items() if name in result.pooled}
             for name, number in numbers.items():
                 units |= {f"{name}{end}": number.unit for end in _ENDS}
-            n = row[f"{FLOW_RATE}_n"] if measured else max((one.n for one in result.pooled.values()), default=0)
+            n = (
+                row[f"{FLOW_RATE}_n"]
+                if measured
+                else max((pooled_value.n for pooled_value in result.pooled.values()), default=0)
+            )
             rows.append({**row, "runs": len(result.runs), "replicates": n, "remark": result.remark})
         swept = dict.fromkeys(key for point in self.study.points for key in point.at)
         empty = ["point", *swept, *rates, "runs", "replicates", "remark"]
         frame = pd.DataFrame(rows, columns=None if rows else empty)
-        for name in (f"{one}_n" for one in dict.fromkeys(one for result in self.points for one in result.pooled)):
+        for name in (
+            f"{quantity}_n"
+            for quantity in dict.fromkeys(quantity for result in self.points for quantity in result.pooled)
+        ):
             frame[name] = frame[name].fillna(0).astype(int)  # of points that lack it
         frame.attrs = {"study": self.study.name, "units": units}
         return frame
@@ -203,7 +210,7 @@ class Results(StudyResults):
             Their names.
         """
         series = self.series if at is None else (series_at(self.series, at, self.study.points[0]),)
-        own = [name for one in series for name in gallery.of_series(self, one)]
+        own = [name for each_series in series for name in gallery.of_series(self, each_series)]
         shared = [*gallery.of_results(self)]
         return tuple(dict.fromkeys([*own, *shared] if len(series) == 1 else [*shared, *own]))
 
@@ -396,6 +403,6 @@ class Results(StudyResults):
         return f'<div style="display:flex;flex-wrap:wrap;align-items:flex-start">{"".join(pictures)}</div>'
 
 
-def _html(shown: tables.Table) -> str:
+def _html(table: tables.Table) -> str:
     """A table of a report as a notebook shows it."""
-    return html.table(shown.headings, shown.rows, shown.notes)
+    return html.table(table.headings, table.rows, table.notes)

@@ -68,8 +68,8 @@ class Run(RunResult):
 
     @property
     def picture(self) -> Path | None:
-        """The picture (PNG) of its bed in the middle of the window, or at its end if that came before; None without
-        one."""
+        """Path of the picture (PNG) of its bed in the middle of the window, or at its end if that came before; None
+        without one."""
         return picture(self.folder)
 
     @property

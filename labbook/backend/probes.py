@@ -72,7 +72,7 @@ class Film:
         return max(math.ceil(steps) - steps, steps - math.floor(steps)) / steps
 
     def as_often(self, requested: "Film") -> bool:
-        """True if frames are as frequent as those of `requested`, within UNEVEN."""
+        """True if frames are at least as frequent as those of `requested`, within UNEVEN."""
         return self.every <= requested.every * (1 + UNEVEN)
 
 

@@ -206,6 +206,8 @@ class Calibrate(Goal):
             ])  # fmt: skip
             covariances.append(inference.emulators[quantity].covariance(settings))
             noises.append(inference.observed[quantity].variance)
+            # errors of the emulator count in units of the error of each measurement; conditions without one have no
+            # weight
             weight = {
                 place(entry.at): 1 / inference.variance(entry)
                 for entry in self.measurements
@@ -245,8 +247,10 @@ class Calibrate(Goal):
         """Select parameter sets that fill the region of the posterior, shape [number, p]."""
         posterior = inference.posterior
         inside = posterior.places[posterior.region(REGION)]
+        # seeded by the number of runs: a resumed campaign proposes the same
         rng = np.random.default_rng([stream, 7])
         sets = inside[np.linspace(0, len(inside) - 1, number).round().astype(int)]
+        # anywhere within their cells of the grid: else every round would choose from the same settings
         return np.clip(sets + posterior.cell * rng.uniform(-0.5, 0.5, sets.shape), 0, 1)
 
     def _held_out(self, inference: Inference, trials: Sequence[Trial], progress: str) -> Step:

@@ -294,6 +294,7 @@ class FitLaw(Goal):
         """Expected number of beds before there is any, by the law with the parameters of Beverloo's at k = 1.4."""
         law, context = LAWS[self.law], Context.of(study.points[0].scene, 0.6)
         D = np.array(self._start(study))
+        # Z, the depth of a slot, is NaN for a hole
         W = context.unit_flow * (D / context.d - 1.4) ** (1.5 if context.Z == context.Z else 2.5)
         needed, _ = self._needed(law, law.start(D, W, context), context, D, SCATTER, student(0.95, math.inf))
         return max(len(D) * self.beds, math.ceil(needed))

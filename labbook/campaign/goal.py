@@ -148,6 +148,7 @@ class Goal(Strategy):
         return replace(proposal, reason=f"{proposal.reason}; {used}")
 
     def _proposal(self, study: Any, generations: Sequence[Generation]) -> Proposal:
+        # computed again instead of stored: the history alone decides, also after a restart
         if generations and self._next(study, generations[:-1]).holds_out:
             trials = _trials(generations[:-1])
             return Proposal.end(self.verdict(study, trials, self.withheld(trials, generations[-1].trials or ())))
@@ -242,6 +243,7 @@ class Goal(Strategy):
             return f"{self.budget} runs"
         if self.device_time is not None:
             used = DeviceTime.of(trials)
+            # further beds are expected to take the mean time of those so far
             if used.beds and used.total * (1 + beds / used.beds) > self.device_time:
                 return f"{duration(self.device_time)} of device time"
         return ""

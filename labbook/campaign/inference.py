@@ -209,6 +209,7 @@ class Inference:
     def _log_likelihood(self, places: np.ndarray, emulated: bool) -> np.ndarray:
         total = np.zeros(len(places))
         for quantity, group in self._groups.items():
+            # errors of the emulator at one parameter set are correlated across conditions: they do not average out
             mean, covariance = self.joint(quantity, places, [entry.at for entry in group])
             of_data = np.diag([self.variance(entry) for entry in group])
             total += _log_normal(self._targets(group) - mean, covariance * emulated + of_data)
@@ -311,6 +312,7 @@ class Inference:
         draws = self.draws()
         mean, covariance = self.joint(quantity, draws, [at])
         variance = covariance[:, 0, 0] + (self.discrepancy**2 if entry is None else self.variance(entry))
+        # not the stream of `draws`: noise and parameters have to be independent
         logs = mean[:, 0] + np.sqrt(variance) * np.random.default_rng(1).normal(size=len(draws))
         ends = np.exp(np.quantile(logs, _INTERVAL) + self.trends[quantity].at(at))
         return Prediction(quantity, at, Interval(*map(float, ends)), entry and entry.value, entry and entry.error)
@@ -334,6 +336,7 @@ class Inference:
                 cross = off.T @ response / len(draws)
                 noise = error**2 + self.discrepancy**2 + float(spread[:, index, index].mean())
                 variance = float(response @ response) / len(draws) + noise
+                # with a response linear in the parameters, the determinant of their covariance falls by 1 - explained
                 explained = float(cross @ np.linalg.solve(covariance, cross)) / variance
                 experiments.append(Experiment(quantity, at, error, 1 / math.sqrt(max(1 - explained, 1e-9))))
         return sorted(experiments, key=lambda entry: -entry.gain)
@@ -352,7 +355,7 @@ class Inference:
         clogged, runs = self.clogged()
         if clogged > CLOGGED * runs:
             return (
-                f"{clogged} of {runs} runs with likely parameters clogged, so that the others are no fair sample: "
+                f"{clogged} of {runs} runs with likely parameters clogged, so the others are a biased sample: "
                 "measure at wider outlets"
             )
         if self.share > ALLOWED_SHARE:

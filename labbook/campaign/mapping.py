@@ -115,6 +115,7 @@ class Map(Goal):
     def plan_rule(self, study: Any) -> str:
         """State the end of the campaign, and the expected number of runs."""
         d = len(self.over)
+        # four runs for each coefficient of a surface of second order, times (scatter / allowed standard error)^2
         needed = math.ceil(2 * (d + 1) * (d + 2) * (_NORMAL * SCATTER / self.error) ** 2)
         expected = max(_BEDS * len(self.first(study)), needed) + _TESTING
         return (
@@ -143,13 +144,14 @@ class Map(Goal):
         values, _ = self._values(study, trials)
         clogged = sum(trial.outcome == "clogged" for trial in trials)
         if clogged > CLOGGED * len(trials):
-            reason = f"{clogged} of {len(trials)} runs clogged, so that the others are no fair sample"
+            reason = f"{clogged} of {len(trials)} runs clogged, so the others are a biased sample"
             return Step(Proposal.end(f"{reason}; sweep a range without clogging"))
         if values.repeats < FEWEST_REPEATS or values.points < 2 * len(self.over):
             reason = (
                 f"{self.quantity} has a value in {len(values.values)} of {len(trials)} runs, too few for an emulator"
             )
             return Step(Proposal.end(f"{reason}; change `sweep`"))
+        # the settings below are the same at each call: a campaign that is resumed has to come to the same end
         emulator = values.emulator()
         _, errors = emulator.at(sobol(_PLACES, len(self.over), stream=5))
         reached = float(np.mean(_NORMAL * errors <= math.log1p(self.error)))
@@ -162,6 +164,7 @@ class Map(Goal):
         if not self.is_limited and len(trials) + BATCH > LIMIT:
             reason = f"{LIMIT} runs are made without a stated budget, and the promise is not reached"
             return Step(Proposal.end(f"{reason}: {progress}"))
+        # runs of one seed share their packing: this part of the variance falls with the number of seeds only
         if values.of_bed_means > 0.5 * (math.log1p(self.error) / _NORMAL) ** 2:
             middle = min(trials, key=lambda trial: (self._off(study, trial), trial.key))
             beds = max(trial.seed for trial in trials if place(trial.at) == place(middle.at))
@@ -199,6 +202,7 @@ class Map(Goal):
             if trial.outcome == "clogged" or not value > 0:
                 continue
             mean, error = emulator.at(np.array([[float(axis.unit(float(trial.at[axis.key]))) for axis in axes]]))
+            # a single run deviates from the map by the error of the map, its own noise and the contribution of its bed
             spread = math.sqrt(float(error[0]) ** 2 + values.variance + values.of_beds)
             residuals.append((math.log(value) - trend.at(trial.at) - float(mean[0])) / spread)
         if len(residuals) < _TESTING // 2:

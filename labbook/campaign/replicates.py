@@ -19,7 +19,7 @@ class Replicates(Strategy):
     Replicates are beds, and all have as many discharges. Where `filling` is known, their number is the cheapest one: it
     only rises, by further discharges of the beds that there are.
 
-    It waits for all runs so far, since replicates that end first may flow fast: no fair sample.
+    It waits for all runs so far, since replicates that end first may be biased towards fast flow.
 
     Args:
         rule: Stopping rule, which also gives the number of replicates to add.

@@ -65,6 +65,8 @@ def sobol(number: int, dimensions: int, skip: int = 0, stream: int = 0) -> np.nd
     """
     from scipy.stats import qmc
 
+    # a shift of the whole sequence (Cranley & Patterson 1976) keeps it nested, so that `skip` continues it, and moves
+    # its first point away from the corner 0
     engine = qmc.Sobol(dimensions, scramble=False)
     points = engine.random_base2(max(1, math.ceil(math.log2(skip + number))))[skip : skip + number]
     return (points + np.random.default_rng([stream, dimensions]).uniform(size=dimensions)) % 1

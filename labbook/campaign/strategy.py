@@ -176,7 +176,7 @@ class Strategy(Model, ABC):
 
     Attributes:
         name: Name under `adapt` in studies.
-        version: Version; raise it when proposals change. Campaigns of an older version then start anew; finished runs
+        version: Version; raise it when proposals change. Campaigns of an older version then start again; finished runs
             are not repeated.
         ahead: Generations in flight beside the oldest incomplete one; with 1 a device has work meanwhile. A strategy
             that needs the results of all answers `Proposal.wait`.

@@ -209,6 +209,7 @@ class Transition(Goal):
             x = float(trial.at[self.key])
             stops, exposure = counts.get(x, (0.0, 0.0))
             grains = trial.numbers.get(f"{PROBABILITY}{EXPOSURE}", 0.0)
+            # a stop without exposure lies within the transients
             counts[x] = stops + (trial.numbers.get(COUNT, 0.0) if grains else 0.0), exposure + grains
         return counts
 
@@ -222,6 +223,7 @@ class Transition(Goal):
         stops, exposures = np.array([*counts.values()]).T
         log_q = self._log_q(study, x, positions)
         likelihood = (stops * log_q - exposures * np.exp(log_q)).sum(axis=-1)
+        # the largest is subtracted, as likelihoods of thousands of grains underflow; the prior is uniform on the grid
         posterior = np.exp(likelihood - likelihood.max())
         return positions, posterior / posterior.sum()
 
@@ -247,6 +249,7 @@ class Transition(Goal):
     @property
     def _level(self) -> float:
         """ln q at the transition: 1 - (1 - q)^N is the probability."""
+        # q is near 1e-3 for 1000 grains: differences from 1 would lose digits
         return math.log(-math.expm1(math.log1p(-self.clogging) / self.grains))
 
     def _width(self, points: Sequence[Any]) -> float:

@@ -281,6 +281,7 @@ class Meeting:
         raise LabError(f"{self._folder.parent}: no other labbook doctor --peer came within {patience:g} s")
 
     def _there(self) -> dict[str, bytes]:
+        """Contents of the `.here` files of all processes, by name of process; its own is among them."""
         contents = {}
         for name in os.listdir(self._folder):
             if name.endswith(".here"):

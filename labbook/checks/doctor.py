@@ -138,7 +138,7 @@ def _test_on(backend: Backend, device: str) -> BackendHealth:
     except Exception as error:  # whatever a backend does wrong is what a doctor is for
         return BackendHealth(can.name, device, False, _reason(error), precisions=precisions, laws=laws)
     works = abs(restitution - TARGET) < 0.01
-    note = f"self-test: a bounce gave back e = {restitution:.3f} (asked {TARGET}), in {spent:.1f} s"
+    note = f"self-test: a bounce had e = {restitution:.3f} (expected {TARGET}), in {spent:.1f} s"
     return BackendHealth(can.name, device, works, note, precisions=precisions, laws=laws)
 
 

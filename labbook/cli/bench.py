@@ -14,7 +14,7 @@ def register(app: typer.Typer) -> None:
 
     @app.command()
     def bench(
-        what: Annotated[
+        benchmark: Annotated[
             Literal["speed", "accuracy", "skips"],
             typer.Argument(help="speed: grain-steps per second; accuracy: errors by dt; skips: time saved."),
         ] = "speed",
@@ -56,17 +56,17 @@ def register(app: typer.Typer) -> None:
             "accuracy": {"--repeats": repeats, "--full": full or None},
             "skips": {"--quick": quick or None, "--full": full or None},
         }
-        for name, value in of_others[what].items():
+        for name, value in of_others[benchmark].items():
             if value is not None:
-                raise typer.BadParameter(f"it does not apply to {what}; leave it out", param_hint=name)
+                raise typer.BadParameter(f"it does not apply to {benchmark}; leave it out", param_hint=name)
         try:
             with saying("preparing") as say:
-                if what == "speed":
+                if benchmark == "speed":
                     from labbook.checks.bench import speed
 
                     extent = "quick" if quick else "full" if full else "usual"
                     result = speed.run(backend, repeats or 5, say, extent)
-                elif what == "skips":
+                elif benchmark == "skips":
                     from labbook.checks.bench import skips
 
                     result = skips.run(backend, repeats or 5, device or "cpu", precision or "double", say)
@@ -85,7 +85,7 @@ def register(app: typer.Typer) -> None:
         if as_json:
             print(text)
         else:
-            {"speed": _show_speed, "accuracy": _show_accuracy, "skips": _show_skips}[what](result)
+            {"speed": _show_speed, "accuracy": _show_accuracy, "skips": _show_skips}[benchmark](result)
 
 
 def _show_speed(result) -> None:

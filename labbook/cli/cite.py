@@ -28,11 +28,11 @@ def register(app: typer.Typer) -> None:
         definition = read_study(study)
         sources = bibliography(definition)
         if as_json:
-            cited = [{**one.source.plain, "for": list(one.uses)} for one in sources.citations]
+            cited = [{**citation.source.plain, "for": list(citation.uses)} for citation in sources.citations]
             plain = {"study": definition.name, "sources": cited, "without_source": list(sources.unsourced)}
             typer.echo(json.dumps(plain, indent=2, allow_nan=False))
         elif bibtex:
-            say("\n\n".join(one.source.bibtex for one in sources.citations))
+            say("\n\n".join(citation.source.bibtex for citation in sources.citations))
         else:
             _show(definition.name, sources)
         if sources.unsourced and not as_json:

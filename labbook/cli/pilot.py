@@ -58,9 +58,9 @@ def register(app: typer.Typer) -> None:
                 fail(problem)
             except NotCalibrated as problem:
                 fail(f"{study.name} cannot be calibrated: {problem}")
-        write(path, [one.effects for one in effects])
+        write(path, [result.effects for result in effects])
         console = screen(highlight=False, markup=False)
-        for line in (line for one in effects for line in one.lines()):
+        for line in (line for result in effects for line in result.lines()):
             console.print(line, soft_wrap=True)
         console.print(f"Written: {path}", soft_wrap=True)
         name = path.name if path.resolve().parent == studies[0].resolve().parent else path

@@ -137,7 +137,7 @@ def _show(listed, rates: "Mapping[str, float]") -> None:
     if twice:
         names = ", ".join(sorted({study for study, _ in twice}))
         console.print(
-            f"Runs of different studies with one name ({names}): their points are told apart by the key of the scene",
+            f"Runs of different studies with one name ({names}): the key of the scene distinguishes their points",
             markup=False,
         )
     for problem in problems:

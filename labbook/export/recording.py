@@ -181,7 +181,7 @@ def file_name(point: int, seed: int, discharge: int = 1) -> str:
 def of_run(folder: Path, lab: Path, study: str | None = None, point: Point | None = None) -> Path:
     """Make the recording of a finished run, lab/recordings/STUDY/point-1-seed-1-BACKEND.rrd, unless it is there.
 
-    It is made anew if a recording of another run or of an older version has that name.
+    It is made again if a recording of another run or of an older version has that name.
 
     Args:
         folder: Folder of the run.
@@ -284,7 +284,7 @@ def holds(path: Path, source: str) -> bool:
 
     try:
         return [entry.recording_id for entry in RrdReader(path).recordings()] == [identity]
-    except (RuntimeError, OSError):  # it is no recording, or not all of one: written anew
+    except (RuntimeError, OSError):  # it is no recording, or not all of one: written again
         return False
 
 

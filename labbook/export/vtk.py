@@ -149,7 +149,7 @@ def _lattice(grid) -> tuple[list[float], list[float], list[int]]:
 
 
 def _attributes(n: int, scalars: Mapping, vectors: Mapping, tensors: Mapping, real: str) -> list[str | bytes]:
-    """Arrays of points or cells. `real`: type of the numbers that are not whole."""
+    """Arrays of points or cells. `real`: type of floating-point numbers."""
     parts: list[str | bytes] = []
     for kind, group, size in (("SCALARS", scalars, 1), ("VECTORS", vectors, 3), ("TENSORS", tensors, 9)):
         for name, array in group.items():

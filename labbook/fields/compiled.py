@@ -40,7 +40,10 @@ def _erf(x, table, slope):
 
 @njit(cache=True)
 def _spread(x, values, scale, low, step, omega, reach, ex, out):
-    """Add `scale` times the Gaussian about x times values [F] to out [F, nz, ny, nx]; the Gaussian's sum over cells."""
+    """Add scale · Gaussian about x · values [F] to out [F, nz, ny, nx], and return 0.
+
+    With scale 0 nothing is added, and the sum of the Gaussian over cells is returned: the scale that normalizes it.
+    """
     nz, ny, nx = out.shape[1:]
     flat = step[1] == 0
     j0, j1 = (0, 1) if flat else _cells(x[1], reach, low[1], step[1], ny)

@@ -112,12 +112,12 @@ def coarse_grain(
 ) -> Fields:
     """Fields of `grains` (and stress of `contacts`) with a Gaussian of width `omega` [m], cut off at 4 omega.
 
-    Walls and other boundaries: nothing is done about them unless `normalised`. Kernels reach over them; densities and
-    stresses fall off within 4 omega of a wall (to a half at it), while velocities, orientations and other ratios do
-    not; forces of walls act where they touch, and the stress of a wall's contact spreads from there to the centre. With
-    `normalised` the kernel of each grain is scaled to sum to 1 over the grid, so that mass is conserved to round-off:
-    what would reach beyond the grid, which should then end at the walls, counts within it. Stresses are never scaled:
-    their divergence balances gravity as they are. Cells should be no wider than omega.
+    Walls and other boundaries are ignored unless `normalised`. Kernels reach over them: densities and stresses fall off
+    within 4 omega of a wall (to a half at it), while velocities, orientations and other ratios do not. Forces of walls
+    act at the contact point, and the stress of a wall's contact spreads from there to the centre. With `normalised` the
+    kernel of each grain is scaled to sum to 1 over the grid, so that mass is conserved to round-off. The grid should
+    then end at the walls. Stresses are never scaled: their divergence balances gravity as they are. Cells should be no
+    wider than omega.
     """
     compiled = _compiled()
     used = threads or compiled.threads()

@@ -86,7 +86,7 @@ def _table(sha256: str) -> GrainTable:
 
 
 def _kinds(grains: Grains, table: GrainTable, here: str) -> np.ndarray | Fault:
-    """Find the kind of each grain: indices into `grains.kinds`, shape [n]."""
+    """Indices into `grains.kinds`, shape [n]; or the Fault of a file that does not tell them."""
     names = [kind.name for kind in grains.kinds]
     if not names:
         return np.zeros(len(table), np.int64)

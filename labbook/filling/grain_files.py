@@ -114,7 +114,7 @@ def _number(line: int, name: str, text: str) -> float:
     try:
         return float(text)
     except ValueError:
-        raise GrainFileError(f"line {line}: {name}: {text.strip()[:40]!r} is no number") from None
+        raise GrainFileError(f"line {line}: {name}: {text.strip()[:40]!r} is not a number") from None
 
 
 def _column(heading: str) -> tuple[str, float]:

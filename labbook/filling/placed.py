@@ -3,7 +3,7 @@
 import numpy as np
 
 REBUILT = 0.25
-"""Number of added points, as a part of the points in the large tree, above which that tree is built anew."""
+"""Number of added points, as a part of the points in the large tree, above which that tree is built again."""
 
 
 class Placed:

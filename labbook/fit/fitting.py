@@ -9,7 +9,7 @@ from labbook.fit.law import Context, Law
 from labbook.fit.profile import LowerMinimum, Minimum, interval, minimise
 from labbook.fit.result import FitError, FitResult, Parameter, widened
 from labbook.fit.weights import Weights, pooled_weights
-from labbook.scene.quantities import told_apart
+from labbook.scene.quantities import format_distinct
 from labbook.stats.choice import aicc, best_laws, deviance
 from labbook.stats.pooling import student
 
@@ -180,7 +180,7 @@ def _p_value(chi2: float, dof: int, weights: Weights) -> float:
 def _notes(law: Law, D, outside, weights: Weights, p_value: float, dof: int, context: Context) -> tuple[str, ...]:
     notes = []
     if outside.any():
-        worst = ", ".join(told_apart(ratio, law.least_ratio)[0] for ratio in D[outside] / context.d)
+        worst = ", ".join(format_distinct(ratio, law.least_ratio)[0] for ratio in D[outside] / context.d)
         notes.append(f"D/d = {worst} is below {law.least_ratio:g}, where the law is not meant to hold")
     if weights.degrees_of_freedom == 0:
         notes.append("no replicates: the errors are taken from the scatter about the law")

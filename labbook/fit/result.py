@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 NOT_DETERMINED = "not determined"
 """Text in place of a parameter that the data do not determine."""
 _WIDE = 10.0
-"""Width of an interval, in values, from which on a parameter is not determined."""
+"""Width of an interval, in units of its value, from which on a parameter is not determined."""
 _FAR = 2.0
 """Factor beyond the fitted orifices from which a prediction is extrapolated far."""
 
@@ -56,7 +56,7 @@ class Parameter:
             about_zero: A value compatible with zero is a result too, whatever the width of its interval.
 
         Returns:
-            True if the interval has both ends and is at most ten values wide.
+            True if the interval has both ends and is at most ten times as wide as the value.
         """
         width = self.high - self.low
         return math.isfinite(width) and (about_zero or width <= _WIDE * abs(self.value))

@@ -142,7 +142,7 @@ class Journal:
         self._saved_files: set[str] = set()
 
     def restore(self) -> Saved | None:
-        """Read the last save; None if there is none. Raises Unreadable if it is damaged."""
+        """Read the last save, and remove files that it does not name; None if there is none. Raises Unreadable."""
         progress = Progress.read(self.folder)
         if progress is None:
             return None

@@ -123,6 +123,7 @@ def _entries(folder: Path) -> list[str]:
 
 
 def _merge_packing(index: Index, lab: LabFolder, theirs: Path) -> bool:
+    """Copy a packing, unless there is a readable local one; True if copied."""
     fingerprint = _fingerprint(theirs)
     record = PackingRecord.read(theirs)
     key = record.packing_key
@@ -143,6 +144,7 @@ def _merge_packing(index: Index, lab: LabFolder, theirs: Path) -> bool:
 
 
 def _merge_run(index: Index, lab: LabFolder, theirs: Path) -> bool:
+    """Copy a run, unless the local one is as good; True if copied."""
     fingerprint = _fingerprint(theirs)
     record = RunRecord.read(theirs)
     key = record.run_key

@@ -7,15 +7,15 @@ A suspect run is kept and shown with the reason. It is left out of all means and
 import math
 
 from labbook.lab.records import RunLedger
-from labbook.scene.quantities import told_apart
+from labbook.scene.quantities import format_distinct
 
 DEEPEST = 0.1
 """Largest overlap of a run that is not suspect [diameters].
 
 Contact laws hold for small overlaps: at a tenth of d, the contact circle of two spheres by Hertz has a third of their
-radius. Runs of studies/quickstart.yaml reach 3.4 to 5.2 % (G = 2 MPa); 1000 grains as soft as 1 MPa 3.4 to 4.9 %, and
-of 0.2 MPa 8.6 to 10.6 %; rods of studies/pongo2022-small.yaml 1.3 to 5.7 %. The guard `numerics.overlap_limit` stops
-runs at 25 % by default.
+radius. Runs of studies/quickstart.yaml (G = 2 MPa) reach 3.4 to 5.2 %. 1000 grains with 1 MPa reach 3.4 to 4.9 %, and
+with 0.2 MPa 8.6 to 10.6 %. Rods of studies/pongo2022-small.yaml reach 1.3 to 5.7 %. The guard `numerics.overlap_limit`
+stops runs at 25 % by default.
 """
 FASTEST = 3.0
 """Largest speed of a run that is not suspect, in units of its free-fall speed (`RunLedger.expected_speed`).
@@ -43,7 +43,7 @@ def suspicion(ledger: RunLedger | None) -> str:
         return ""
     reasons = []
     if ledger.overlap is not None and ledger.overlap > DEEPEST:
-        overlap, threshold = told_apart(ledger.overlap, DEEPEST)
+        overlap, threshold = format_distinct(ledger.overlap, DEEPEST)
         reasons.append(f"grains overlap by {overlap} d, more than {threshold} d")
     limit = FASTEST * (ledger.expected_speed or math.inf)  # a filling has none: no speed is too high
     if ledger.speed is not None and ledger.speed > limit:

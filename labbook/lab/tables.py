@@ -16,7 +16,7 @@ from labbook.backend.numerics import Numerics
 from labbook.backend.probes import Above, Crossing, Dissipation, Film, Ledger, Probe, Table, columns
 from labbook.lab.folder import open_file, write_bytes
 from labbook.scene import Scene, Spheres
-from labbook.scene.quantities import told_apart
+from labbook.scene.quantities import format_distinct
 from labbook.scene.wall_bins import all_walls
 
 MAX_TABLE_BYTES = 2.0**34
@@ -65,7 +65,7 @@ class Stored(Mapping[str, np.ndarray]):
                 self._entries = {entry.filename.removesuffix(".npy"): entry for entry in self._archive.infolist()}
                 declared = sum(entry.file_size for entry in self._archive.infolist())
                 if declared > max_bytes:
-                    size, limit = told_apart(declared, max_bytes, of_limit=3)
+                    size, limit = format_distinct(declared, max_bytes, of_limit=3)
                     raise ValueError(f"it declares {size} bytes, more than the allowed {limit}")
         except BaseException:
             self._file.close()
@@ -194,9 +194,9 @@ def read_checkpoint(path: Path, limit: float = MAX_TABLE_BYTES) -> Checkpoint:
         meta = json.loads(str(arrays.pop(_METADATA)))
         backend, version = meta["engine"], meta["cache_version"]
     except (ValueError, KeyError, TypeError, RecursionError) as error:
-        raise ValueError(f"{path}: not a checkpoint: it does not say of which backend it is") from error
+        raise ValueError(f"{path}: not a checkpoint: it does not name its backend") from error
     if not isinstance(backend, str) or type(version) is not int:
-        raise ValueError(f"{path}: not a checkpoint: it does not say of which backend it is")
+        raise ValueError(f"{path}: not a checkpoint: it does not name its backend")
     return Checkpoint(backend, version, arrays)
 
 

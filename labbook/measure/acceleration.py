@@ -121,9 +121,10 @@ def acceleration_profile(
     near = np.zeros((len(time), columns), bool)
     near[first, ids] = (abs(off) if planar else np.hypot(off, sample["y"])) <= radius
     start = near[starts] & ((time >= begin) & (time <= end))[starts, None]
+    # a grain that is higher than before has left and was fed back between both frames
     later = np.where(height[ends] > height[starts] + radius, np.nan, v[ends])
     absent = np.isnan(later) & start
-    for back in range(1, int((ends - starts).max()) + 1):  # the latest row that there is
+    for back in range(1, int((ends - starts).max()) + 1):  # of a grain that has left, its latest row
         row = np.maximum(ends - back, starts)
         earlier = v[row] - gravity * (time[ends] - time[row])[:, None]
         earlier[height[row] > height[starts] + radius] = np.nan

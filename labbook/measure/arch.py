@@ -44,8 +44,8 @@ class Arch(Measure):
     The arch of a layer over a slot is the strongest short chain of contacts between grains that rest on the bottom at
     either side of the outlet. The chain minimises the sum of 1 + 2 / (F / mg + 0.3) over its contacts, F being the
     force of a contact. The dome over a hole, or over a slot of a deeper hopper, is the union of such chains in vertical
-    planes: through the axis of the hole, a diameter apart at its rim, or across the slot, a diameter apart. Grains of a
-    chain lie within a diameter of its plane.
+    planes. These go through the axis of the hole, a diameter apart at its rim, or across the slot, a diameter apart.
+    Grains of a chain lie within a diameter of its plane.
 
     Contacts of the whole bed are recorded: use it for small beds.
 
@@ -191,6 +191,7 @@ def stopped_beds(run: RunData) -> Iterator[StoppedBed]:
 def _stopped_bed(run: RunData, begin: float, end: float) -> StoppedBed | None:
     """Take the bed in the last frame between two times [s]; None without a frame or a chain."""
     contacts, sample = run.tables["contacts"], run.tables["sample"]
+    # the last frame may be taken at the end itself: 1e-12 for round-off
     within = (sample["time"] >= begin) & (sample["time"] <= end * (1 + 1e-12))
     if not within.any():
         return None
@@ -243,6 +244,8 @@ def planes_of(scene: Scene) -> list[ChainPlane]:
     """Planes in which chains over the outlet are looked for: of a layer one, that of the layer."""
     outlet, d = scene.container.outlets[0], scene.grains.diameter
     if outlet.form == "hole":
+        # each plane meets the rim twice, so that half of it is divided; 1e-9: a whole number stays one in spite of
+        # round-off
         count = math.ceil(math.pi / 2 * outlet.width / (_APART * d) - 1e-9)
         angles = math.pi / count * np.arange(count)
         return [ChainPlane((math.cos(a), math.sin(a)), (outlet.centre, 0.0), _APART * d) for a in angles.tolist()]

@@ -127,6 +127,7 @@ def lens(distance: np.ndarray, radius: np.ndarray, around: float) -> np.ndarray:
     small = np.where(cut, r, 1.0)
     # distance of the common chord from either centre, over the radius there
     a = np.clip((s**2 + small**2 - R**2) / (2 * s * small), -1, 1)
+    # 1e-300: the inner radius of a ring may be 0
     b = np.clip((s**2 + R**2 - small**2) / (2 * s * max(R, 1e-300)), -1, 1)
     segments = small**2 * (np.arccos(a) - a * np.sqrt(1 - a**2)) + R**2 * (np.arccos(b) - b * np.sqrt(1 - b**2))
     return np.where(cut, segments, np.where(distance >= R + r, 0.0, whole))
@@ -235,6 +236,7 @@ def _lines(axis: np.ndarray, radius: float, half_length: float):
     The distance of a line from the axis is r sin(a). The angles a are Gaussian nodes, in which the length of a line,
     2 (half_length + r cos(a)), is smooth: the lines of a whole rod add up to its volume.
     """
+    # a coordinate axis far from that of the rod: a cross product of nearly parallel vectors loses digits
     helper = np.where(np.abs(axis[:, :1]) < 0.6, np.array([1.0, 0, 0]), np.array([0, 1.0, 0]))
     normal = np.cross(axis, helper)
     normal /= np.linalg.norm(normal, axis=1)[:, None]
@@ -244,6 +246,8 @@ def _lines(axis: np.ndarray, radius: float, half_length: float):
     weights = np.pi / 4 * weights * np.sin(polar) * np.cos(polar) * radius**2 * 2 * np.pi / _ANGLES
     for ring, (angle, weight) in enumerate(zip(polar, weights, strict=True)):
         off, reach = radius * np.sin(angle), half_length + radius * np.cos(angle)
+        # every second ring is turned by half a step, so that a face along the rod does not cut lines of all rings at
+        # once
         for turn in 2 * np.pi * (np.arange(_ANGLES) + (ring % 2) / 2) / _ANGLES:
             yield off * (np.cos(turn) * normal + np.sin(turn) * binormal), reach, weight
 

@@ -218,7 +218,7 @@ def avalanches(run: RunData, window: Window, place: int | None = None) -> Avalan
         place: Index of one of several outlets, whose pauses longer than `window.gap` are stops.
 
     Returns:
-        The avalanches; one that was restarted in vain is left out.
+        The avalanches, without those whose restart failed.
 
     Raises:
         MeasureError: The run recorded no crossings.

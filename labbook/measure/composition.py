@@ -153,6 +153,7 @@ def permutation_p(
     of_class = [mass[group == k] for k in range(classes)]
     once = len(np.unique(rows)) == len(rows)  # no grain has come back
     if once and all(len(masses) and np.ptp(masses) <= 1e-12 * masses[0] for masses in of_class):
+        # with equal masses within a class only numbers of grains matter: a thousand permutations cost nothing
         counts = _shuffled_counts(np.array([len(masses) for masses in of_class]), np.diff(edges), rng, shuffles)
         null = _unevenness(counts * np.array([masses[0] for masses in of_class])[:, None])
     else:
@@ -330,6 +331,7 @@ class Composition(Measure):
         by = "variance over bins less that of a random bed; error from seeds only"
         for name, value in zip(names, segregation(mass, group, shares, count), strict=True):
             yield Measured(_index(name).name, float(value), math.nan, bins, where, by, "")
+        # seeded by the run: an evaluation that is made again gives the same p
         rng = np.random.default_rng([self.seed, run.seed])
         p = permutation_p(mass, group, rows, len(names), rng, SHUFFLES)
         yield Measured("segregation_p", p, math.nan, SHUFFLES, where, f"{SHUFFLES} permutations of the labels", "")

@@ -211,6 +211,7 @@ def _crossed(run: RunData) -> dict[str, np.ndarray]:
     if not _splits(run.scene):
         q, w = (np.column_stack([np.asarray(table[name], float) for name in names.split()])
                 for names in ("qw qx qy qz", "wx wy wz"))  # fmt: skip
+        # the inertia of `bodies` is that across the rod; about its axis it is smaller
         about_axis = np.sum(axes(q) * w, axis=1) ** 2
         kinetic += 0.5 * (run.scene.grains.inertia_axis - bodies.inertia[grain]) * about_axis
     return {**columns, "mass": bodies.mass[grain], "kinetic": kinetic}

@@ -214,6 +214,7 @@ def _rates(
     where = f"{covered} ({flow.begin:.4g} s to {flow.end:.4g} s)"
     how, wider = f"crossings; error from {BLOCKS} blocks of equally many grains", 1.0
     if run.scene.feed is not None and flow.error > 0:
+        # a fed bed may be the only run of its point: no scatter between seeds corrects an error that is too small
         how, wider = f"{how}, or from the autocorrelation if that is larger", flow.larger_error / flow.error
     note = "; ".join(_notes(flow, run, window))
     n, of_grains = flow.n_effective / wider**2, flow.grain_n_effective / wider**2
@@ -254,6 +255,7 @@ def _notes(flow: SteadyFlow, run: RunData, window: Window) -> list[str]:
     elif window.timed:
         short = run.duration < window.end * (1 - 1e-12)
     else:
+        # masses are discrete: the next grain would have passed the end; half a grain more for unequal ones
         short = flow.fraction[1] < window.end - 1.5 * flow.heaviest
     if short:
         notes.append(ENDED.format(run.outcome))

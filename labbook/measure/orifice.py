@@ -110,6 +110,7 @@ class OrificeMeans(Measure):
         self.check(scene)
         outlet, reach = round_outlet(scene, NAME), CUTOFF * omega_of(scene)
         R, plane = outlet.width / 2, outlet.plane
+        # accelerations are taken within D/4 of the axis; grains at the edge need a row in both frames of a pair
         core = min(R + reach, R / 2 + scene.grains.equivalent_diameter)
         low, high = plane - reach, plane + layer(scene, window) + reach
         every, again = _beats(scene, numerics, interval(scene, window))

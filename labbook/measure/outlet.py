@@ -2,14 +2,14 @@
 
 The area fraction phi(x) is the part of the time during which x is covered by a grain: by its disc in the x-z plane,
 which cuts the line z = 0 in a chord of half length sqrt(r^2 - z^2). The velocity is v(x) = sum chord v / sum chord, so
-that phi v is the mean of v wherever and whenever the line is covered. A disc of diameter d that passes sweeps
-int dt v 2 sqrt(r^2 - z^2) = int dz 2 sqrt(r^2 - z^2) = pi r^2 of phi v, however its speed changes on the way; with
-(2/3) d rho_p pi r^2 = rho_p (4/3) pi r^3 this is its mass, and (2/3) d rho_p int(phi v dx) = W exactly.
+that phi v is the mean of v wherever and whenever the line is covered. A disc of diameter d that passes adds int dt v 2
+sqrt(r^2 - z^2) = int dz 2 sqrt(r^2 - z^2) = pi r^2 to phi v, whatever its speed on the way. With (2/3) d rho_p pi r^2 =
+rho_p (4/3) pi r^3 this is its mass, and (2/3) d rho_p int(phi v dx) = W exactly.
 
-Frames of the grains near the line estimate these means without bias. The passages of centres through the line, which
-are recorded too, would give phi only with the speed at z = 0 held for the whole body: a grain that rolls over an edge
-at 0.15 m/s doubles its speed within its own radius, and the balance would then close for any speeds at all. These
-passages are what some papers take all the same: v the mean over the grains that cross, phi what then makes up the flow.
+Frames of the grains near the line estimate these means without bias. The passages of centres through the line are
+recorded too. They would give phi only if the whole body kept the speed that it has at z = 0. But a grain that rolls
+over an edge at 0.15 m/s doubles its speed within its own radius, and the balance would close for any speeds. Some
+papers nevertheless use these passages: v is the mean over the grains that cross, and phi follows from the flow.
 """
 
 import math
@@ -102,6 +102,8 @@ class OutletProfile:
     def outlets(self, radius: float) -> Mapping[str, "ProfileAcross"]:
         """Return the profiles by each of DEFINITIONS, for grains of a `radius` [m]."""
         return {
+            # Centres stay a radius away from the edges: nearer to them the area fraction falls by geometry, whatever
+            # the flow. Crossings have no such margin, since a centre either crosses there or does not.
             COVERAGE: ProfileAcross(
                 self.R, self.edges, self.area_fraction, self.flux, 1 - radius / self.R, self.counted
             ),

@@ -205,5 +205,7 @@ def _order(packing: Packing, region: Region, cells: list[Region], where: str) ->
     how = "Delaunay neighbours in the x-z plane"
     return [
         Measured("hexatic_local", float(abs(psi[inside]).mean()), error, len(means), where, how, ""),
+        # Without an error between cells: the size of a mean of few numbers is biased upwards, the more the fewer they
+        # are.
         Measured("hexatic_global", float(abs(psi[inside].mean())), math.nan, math.nan, where, how, ""),
     ]

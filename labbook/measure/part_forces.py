@@ -109,6 +109,7 @@ def _forces(run: RunData) -> PartForces:
     time = steps * run.numerics.dt
     sums = np.zeros((len(steps), len(walls), 6))
     for column, name in enumerate(("fx", "fy", "fz", "tx", "ty", "tz")):
+        # add.at: several bins of a wall add to one place, of which an assignment would keep the last.
         np.add.at(sums[..., column], (frame, np.asarray(table["wall"])), np.asarray(table[name], float))
     force, torque = sums[:, parts, :3], sums[:, parts, 3:]
     power, about_origin = np.zeros(force.shape[:2]), np.zeros_like(torque)
@@ -116,6 +117,8 @@ def _forces(run: RunData) -> PartForces:
         moves = walls[number].moves
         assert moves is not None
         poses = moves.poses(time)
+        # Force and torque are about the origin of space, and `velocity` is that of the part there: so their sum is the
+        # power, wherever the axis of the part is.
         power[:, place] = np.sum(force[:, place] * poses.velocity + torque[:, place] * poses.spin, axis=1)
         about_origin[:, place] = torque[:, place] - np.cross(poses.origin, force[:, place])
     names = np.array([walls[number].name for number in parts], "U40")
@@ -133,6 +136,7 @@ def _numbers(run: RunData, record: PartForces, window: Window) -> Iterator[Measu
         if moves.velocity is not None and any(moves.velocity):
             series[DRAG] = -record.force[:, place] @ (np.array(moves.velocity) / math.hypot(*moves.velocity))
         if moves.rotation is not None:
+            # With the sense of the rotation, so that a torque that resists is positive.
             axis = np.array(moves.rotation.axis) * math.copysign(1.0, moves.rotation.rate)
             series[TORQUE] = -record.torque[:, place] @ (axis / np.linalg.norm(axis))
         for quantity in _of_part(part):

@@ -36,7 +36,7 @@ class PlaneRates(Measure):
 
     Quantities:
         flow_rate_NAME: Change of the mass above the plane NAME over the window [kg/s], with an error from twelve parts
-            of it, or from as many as were sampled; of a run that clogged it ends in `_flowing`.
+            of it, or from all samples if there are fewer. For a run that clogged the name ends in `_flowing`.
         mass_below_NAME: Mass that is below the plane at the last sample or has left, also that in a bin [kg].
 
     Arrays:

@@ -82,6 +82,7 @@ def _index(to_wall: np.ndarray, middle: np.ndarray, speed: np.ndarray, d: float)
     """Mean velocity at the wall over that in the middle of one band; NaN of too few grains."""
     if not len(to_wall):
         return math.nan
+    # From the outermost grain of the band, not from the container: the wall of a hopper is inclined.
     wall = to_wall > to_wall.max() - AT_WALL * d
     if wall.sum() < _FEWEST or middle.sum() < _FEWEST:
         return math.nan

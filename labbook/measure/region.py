@@ -117,6 +117,7 @@ class Region:
         cut = near.only(~whole)
         assert cut.axis is not None
         assert isinstance(cut.radius, float)
+        # only rods that a face may cut are clipped: each takes 288 lines
         clipped = rod_in_box(cut.x, cut.axis, cut.radius, cut.half_length, self.low, self.high)
         return float(near.volumes[whole].sum() + clipped.sum())
 
@@ -167,6 +168,7 @@ class Annulus:
         if near.axis is None:
             return float(sphere_in_ring(near.x, near.radius, self.inner, self.outer, self.low, self.high).sum())
         off, z = np.hypot(near.x[:, 0], near.x[:, 1]), near.x[:, 2]
+        # Without an inner face, rods on the axis are whole too.
         within = (off <= self.outer - reach) & ((off >= self.inner + reach) | (self.inner == 0))
         whole = within & (z >= self.low + reach) & (z <= self.high - reach)
         cut = near.only(~whole)
@@ -199,10 +201,10 @@ def least_extent(grains: Grains) -> float:
 def bulk(scene: Scene, packing: Packing) -> Region | Annulus:
     """Find the bulk of a packing.
 
-    It is 3 d (of rods at least their length) from the side walls, above the highest point of the bottom and below the
-    surface, which is the lowest of the heights of columns 3 d wide. Between front and back walls less than 2 d apart it
-    is as thick as the container; otherwise it keeps its distance from them as well. In a round silo it is a cylinder
-    about the axis.
+    It is 3 d (for rods at least their length) from the side walls, above the highest point of the bottom and below the
+    surface. The surface is the lowest of the heights of columns 3 d wide. Between front and back walls less than 2 d
+    apart it is as thick as the container; otherwise it keeps its distance from them as well. In a round silo it is a
+    cylinder about the axis.
 
     Raises:
         MeasureError: The bulk of this kind of container is not known.

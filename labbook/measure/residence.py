@@ -133,6 +133,7 @@ def peclet(variance: float) -> float:
     def spread(pe: float) -> float:
         return 2 / pe + 2 * math.expm1(-pe) / pe**2
 
+    # beyond these ends both terms cancel to round-off
     low, high = 1e-3, 1e9
     if not spread(high) < variance < spread(low):
         return math.nan
@@ -233,6 +234,7 @@ def _curve(age: np.ndarray, longer: np.ndarray) -> dict[str, np.ndarray]:
 
 def _batch(run: RunData) -> dict[str, np.ndarray]:
     """Arrays of a `ResidenceMap`, and of `OutflowShares` of initial layers."""
+    # raises MeasureError for a run without recorded crossings
     crossing_times(run)
     table = run.tables["crossing"]
     order = np.argsort(table["time"], kind="stable")
@@ -262,6 +264,7 @@ def _map(scene: Scene, x: np.ndarray, left: np.ndarray) -> ResidenceMap:
     grains = np.bincount(cell, minlength=shape[0] * shape[1])
     begin, median = np.cumsum(grains) - grains, np.full(len(grains), math.nan)
     filled = grains > 0
+    # both middle values; of an odd number they are the same one
     low, high = (left[order][(begin + (grains - odd) // 2)[filled]] for odd in (1, 0))
     median[filled] = (low + high) / 2
     edges = [edge * (np.arange(n + 1) + start) for n, start in ((shape[1], first), (shape[0], lowest))]

@@ -189,6 +189,7 @@ class WallStresses:
             mask = self.wall == number
             below = np.concatenate([[0.0], np.cumsum(force[mask, 1])])
             edges = np.append(self.low[mask], self.high[mask][-1])
+            # linear within a bin: half of the shear of a bin is above its middle
             carried += below[-1] - np.interp(self.middle, edges, below)
         return np.where(self.on_upright, (weight_above - carried) / self.section, math.nan)
 
@@ -218,7 +219,7 @@ class WallStress(Measure):
     """Measure normal and shear stress on walls by height, on level walls by radius or x, with forces and torques.
 
     Quantities ending in `_flow` are those in the window of the flow rate, in closed containers in the second half of
-    the run; the others are of the bed at rest, before the opening and with the lid in place.
+    the run. The others are those of the bed at rest, before the opening and with the lid in place.
 
     Quantities:
         weight_balance, weight_balance_flow: Vertical forces of all walls, in flow with the momentum of the outflow,
@@ -300,6 +301,7 @@ class _Frames:
         self.time = steps * run.numerics.dt
         self.sums = np.zeros((len(steps), int(first[-1]), len(TRACTION_SUMS)))
         counts = np.array([bins.count for bins in self.bins])
+        # a contact at the end of a wall may round into a bin beyond the last
         place = first[table["wall"]] + np.minimum(table["bin"], counts[table["wall"]] - 1)
         for name, column in _SUM.items():
             np.add.at(self.sums[:, :, column], (frame, place), np.asarray(table[name], float))
@@ -332,10 +334,12 @@ def _stresses(run: RunData, frames: _Frames, within: np.ndarray, window: tuple[f
     upright = np.array([is_upright(wall) for wall in frames.walls])
     friction = np.array([scene.surface(wall).friction for wall in frames.walls])
     area = np.concatenate([areas(scene.container, w, b) for w, b in zip(frames.walls, frames.bins, strict=True)])
+    # at rest the lid is in place, and level walls have more area
     closed = scene.container.close()
     standing = {wall.name: wall for wall in (*frames.walls, *closed.walls())}
     pairs = zip(frames.walls, frames.bins, strict=True)
     rest_area = np.concatenate([areas(closed, standing[wall.name], b) for wall, b in pairs])
+    # walls without friction carry no weight, and do not count in Janssen's perimeter
     section, perimeter = _section(scene, frames, upright & (friction > 0))
     above = _WeightAbove(run)
     middle = np.array([b.low + (k + 0.5) * b.size for b, k in bins])
@@ -448,6 +452,7 @@ def _mean(sums: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     length = len(sums) // BLOCKS
     if length < 2:
         return sums.mean(axis=0), none
+    # frames that fill no block are left out at the begin
     blocks = sums[len(sums) - length * BLOCKS :].reshape(BLOCKS, length, *sums.shape[1:]).mean(axis=1)
     return sums.mean(axis=0), blocks.std(axis=0, ddof=1) / math.sqrt(BLOCKS)
 
@@ -465,6 +470,7 @@ def _moving(time: np.ndarray, values: np.ndarray, tau: float) -> tuple[np.ndarra
 
 
 def _peak(time: np.ndarray, sums: np.ndarray, upright: np.ndarray, tau: float) -> float:
+    # the peak of the sum, not the sum of peaks: bins have their peaks at different times
     _, means = _moving(time, sums[:, upright, _SUM["normal"]].sum(axis=1), tau)
     return float(means.max()) if len(means) else math.nan
 
@@ -552,6 +558,7 @@ def _balance(record: WallStresses, run: RunData) -> float:
         if (stream := run.scene.feed.stream) is not None:  # as much enters as leaves, at this velocity
             momentum += float(mass[flowing].sum()) / (end - begin) * stream.velocity[2]
         return (force + momentum) / _fed_weight(run, begin, end) - 1
+    # a grain is missing from its passage on: its share of the window is its share of the lost weight
     left = run.scene.gravity * float((mass * np.clip(end - time, 0, end - begin)).sum()) / (end - begin)
     return (force + momentum) / (record.weight - left) - 1
 

@@ -27,7 +27,7 @@ from labbook.plan.plan import QUANTITY, Item, Plan, Planner
 from labbook.plan.possible import check, leak_of
 from labbook.scene import ContactLaw, CylinderSilo, Scene
 from labbook.scene.contact import Softer
-from labbook.scene.quantities import percent, size, span, told_apart
+from labbook.scene.quantities import format_distinct, percent, size, span
 from labbook.study import Point, Study
 from labbook.study.applicable import undamped
 from labbook.study.pilot import first_needed
@@ -87,23 +87,24 @@ def forewarn(study: Study, catalogue: Catalogue, backend: Backend, device: str) 
 
 
 def _make_plan(study: Study, catalogue: Catalogue, backend: Backend, device: str, measured: bool) -> Plan:
+    """Return the plan with its forecast and warnings, without a pilot."""
     planner = Planner(study, catalogue, backend.capabilities)
     device, *other_devices = parse_devices(device, backend)
     for other_device in other_devices:
         check(backend, other_device, planner.points[:1])
     check(backend, device, planner.points)
     plan = planner.plan()
-    lanes = cores() if device == "cpu" else 1
+    workers = cores() if device == "cpu" else 1
     machine = provenance(device)["machine"]
     members = slots(backend, device, plan.points)
-    prediction = forecast(plan, catalogue, machine, device, lanes, backend, members, measured)
+    prediction = forecast(plan, catalogue, machine, device, workers, backend, members, measured)
     if other_devices:
         # Devices share the work in proportion to their speeds, and each of them compiles.
         first, *other_speeds = speeds((device, *other_devices), backend, [point.shared for point in plan.points])
         compiling = prediction.compiling
         seconds = (prediction.seconds - compiling) * first / (first + sum(other_speeds)) + compiling
-        lanes = prediction.lanes + sum(cores() if other == "cpu" else 1 for other in other_devices)
-        prediction = replace(prediction, seconds=seconds, lanes=lanes)
+        workers = prediction.workers + sum(cores() if other == "cpu" else 1 for other in other_devices)
+        prediction = replace(prediction, seconds=seconds, workers=workers)
     reason = unready(backend) if plan.todo else ""
     unready_warning = (f"{reason}; until then labbook run refuses",) if reason else ()
     warnings = (*unready_warning, *cut_short(plan, catalogue.lab), *advice(plan, prediction.seconds))
@@ -171,17 +172,17 @@ def limits(study: Study) -> tuple[str, ...]:
     return tuple(itertools.chain(*warnings))
 
 
-def too_large(plan: Plan, lanes: int, available: float) -> str | None:
-    """Explain why `lanes` runs at once exceed the `available` memory [bytes]; None if they fit."""
+def too_large(plan: Plan, workers: int, available: float) -> str | None:
+    """Explain why `workers` runs at once exceed the `available` memory [bytes]; None if they fit."""
     if not plan.todo:
         return None
     largest = max((point.shared for point in plan.points), key=lambda shared: outline(shared).memory)
-    runs = max(1, min(lanes, len(plan.todo)))
+    runs = max(1, min(workers, len(plan.todo)))
     needed = outline(largest).memory * runs
     if needed <= available:
         return None
     count, several = largest.scene.grains.count, f"{runs} runs at once of " if runs > 1 else ""
-    takes, has = told_apart(needed / 1e9, available / 1e9, of_limit=3)
+    takes, has = format_distinct(needed / 1e9, available / 1e9, of_limit=3)
     reason = f"{several}{count} grains take about {takes} GB of memory, and this machine has {has} GB"
     fits = available / needed * count
     step = 10 ** math.floor(math.log10(fits))
@@ -226,6 +227,7 @@ def _height(item: Item, lab: LabFolder) -> float | None:
 
 
 def _too_low(file: Path, end: float, lowest: dict[PointDemand, tuple[float, float | None]]) -> str:
+    """Text of the warning that the bed falls to `stop.fill_height` before the window ends."""
     shared, (reached, height) = min(lowest.items(), key=lambda entry: entry[1][0])
     stop, height_now = shared.stop.fill_height, height or shared.height_ahead
     assert stop is not None
@@ -233,7 +235,7 @@ def _too_low(file: Path, end: float, lowest: dict[PointDemand, tuple[float, floa
     start = shared.study.window.start
     earlier = f" a window.end below {reached:.2f}," if reached > start + 0.01 else ""
     tense = "is" if height else f"will be, at a packing fraction of {PACKED},"
-    fallen, _ = told_apart(100 * reached, 100 * end, digits=2)
+    fallen, _ = format_distinct(100 * reached, 100 * end, digits=2)
     reason = (
         f"the bed {tense} {height_now * 1e3:.3g} mm high and has fallen to {stop * 1e3:.4g} mm "
         f"with {fallen} % discharged, before the window ends (window.end, {end:g}), at {_label_list(lowest)}"
@@ -252,7 +254,7 @@ def _narrow(file: Path, points: Sequence[tuple[PointDemand, Outline]]) -> Iterat
         rods = shared.scene.grains.half_length > 0
         unit = "lengths of a rod" if rods else "diameters of a grain"
         least = NARROW[shared.scene.grains.shape]
-        ratio, bound = told_apart(shape.ratio or 0.0, least, digits=2)
+        ratio, bound = format_distinct(shape.ratio or 0.0, least, digits=2)
         unit = "length of a rod" if rods and ratio == "1" else "diameter of a grain" if ratio == "1" else unit
         reason = f"the outlet is {ratio} {unit} wide ({shape.extent * 1e3:.3g} mm), and below {bound} it often clogs"
         enough = math.ceil(least * shape.extent * 1e4 * (1 - 1e-9)) / 10  # mm
@@ -268,7 +270,7 @@ def _overfull(file: Path, points: Sequence[tuple[PointDemand, Outline]]) -> Iter
     if overfull:
         shared, shape = max(overfull, key=lambda pair: pair[1].height or 0)
         height, top = shape.height or 0.0, float(getattr(shared.scene.container, "height", math.inf))
-        high, walls = told_apart(height * 1e3, top * 1e3)
+        high, walls = format_distinct(height * 1e3, top * 1e3)
         stand = f"the grains will stand about {high} mm high, at a packing fraction of {PACKED}"
         reason = f"{stand}, above the walls ({walls} mm)"
         remedy = f"make the container {float(f'{1.1e3 * height:.3g}'):g} mm high or more, or lower grains.count"
@@ -332,7 +334,7 @@ def _narrow_rings(study: Study) -> Iterator[str]:
     narrow_rings = [ring for ring in rings if ring[0] < RING * (1 - 1e-9)]
     if narrow_rings and "flow_rate" in study.measure:
         width, point, silo = min(narrow_rings, key=lambda ring: ring[0])
-        rows, bound = told_apart(width, RING, digits=3)
+        rows, bound = format_distinct(width, RING, digits=3)
         reason = (
             f"the bottom around the outlet of {1e3 * silo.orifice:g} mm is {rows} diameters of a grain wide: below "
             f"{bound} W depends on rows of grains at the wall, scatters, and is not smooth in the outlet"
@@ -572,6 +574,7 @@ def _warning(
     at: Sequence[tuple[PointDemand, Outline]] = (),
     points: Iterable[object] = (),
 ) -> str:
+    """Text of a warning: file, key, reason, points (if only some of `points` have it), remedy."""
     points_text = f" (at {_label_list(shared for shared, _ in at)})" if 0 < len(at) < len(list(points)) else ""
     return f"{file}: {key}: {reason}{points_text}\n    remedy: {remedy}"
 

@@ -77,11 +77,11 @@ def shortfall(
     if stop.fed:
         precision = "" if stop.precise is None else f" or a flow rate to {percent(stop.precise.flow_rate)}"
         required = f"{stop.max_time:.4g} s{precision}, stall {stop.stall:.4g} s"
-        return f"{outcome} after {coverage.duration:.4g} s; asked: {required}"
+        return f"{outcome} after {coverage.duration:.4g} s; requested: {required}"
     ending = "out of time" if outcome in ("time-limit", "interrupted") else outcome  # the latter in older indexes
     return (
         f"{ending} after {coverage.duration:.4g} s with {percent(coverage.discharged, '.1f')} discharged; "
-        f"asked: {percent(stop.discharged)}, {stop.max_time:.4g} s, stall {stop.stall:.4g} s"
+        f"requested: {percent(stop.discharged)}, {stop.max_time:.4g} s, stall {stop.stall:.4g} s"
     )
 
 

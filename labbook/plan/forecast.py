@@ -23,7 +23,7 @@ from labbook.scene.timescales import largest_stable_step
 from labbook.scene.wall_bins import bins_of_walls
 
 DEFAULT_SPEED = 5e6
-"""Speed that is assumed for an unknown backend [grain-steps/s, per lane]."""
+"""Speed that is assumed for an unknown backend [grain-steps/s, per worker]."""
 CACHED = 50_000
 """Number of grains above which a scene exceeds a processor's caches."""
 _CACHE_FACTOR = 1.9
@@ -32,7 +32,7 @@ _CACHE_FACTOR = 1.9
 
 @dataclass(frozen=True)
 class StepCost:
-    """Cost of one step of a lane.
+    """Cost of one step of a worker.
 
     Args:
         step: Cost of starting a step [s].
@@ -134,7 +134,7 @@ def forecast(
     catalogue: Catalogue,
     machine: str,
     device: str,
-    lanes: int,
+    workers: int,
     backend: Backend | None = None,
     members: float = math.inf,
     measured: bool = True,
@@ -144,21 +144,21 @@ def forecast(
     Speeds are those of runs in this lab on this machine. Without any, they are those of a reference machine, scaled by
     the present speed of this one: cores by `labbook.backend.machine.pace`, a GPU by its bandwidth.
 
-    On a processor each lane computes one run. On other devices the members of one Spec are stepped together, and a step
-    costs its start plus its grains. Compiling comes first, one Spec after another.
+    On a processor each worker computes one run. On other devices the members of one Spec are stepped together, and a
+    step costs its start plus its grains. Compiling comes first, one Spec after another.
 
     Args:
         plan: The plan.
         catalogue: Index of the lab.
         machine: Processor and device, as in the provenance of runs.
         device: Device.
-        lanes: Number of lanes.
+        workers: Number of workers.
         backend: Backend that gives Specs and bandwidth; None: unknown.
         members: Maximum number of members at once.
         measured: Measure the present speed of this machine.
     """
     on_cpu = device.partition(":")[0] == "cpu"
-    busy = max(1, min(lanes, len(plan.todo))) if on_cpu else 1
+    busy = max(1, min(workers, len(plan.todo))) if on_cpu else 1
     speeds = _Speeds(catalogue, plan.backend.name, machine, device, busy, backend, measured)
     fill_times = catalogue.settling()
     specs = _Specs(backend)
@@ -184,7 +184,7 @@ def forecast(
     }
     compiling = sum(batch.rate.compiling for batch in uncached.values())
     if on_cpu:
-        # Work spread evenly over lanes, but never less than the longest filling with its discharge, one after another.
+        # Work spread evenly over workers, but never less than the longest filling followed by its discharge.
         seconds = max(cost / busy, longest)
     else:
         waves = (math.ceil(batch.members / members) if members < math.inf else 1 for batch in batches.values())
@@ -269,16 +269,16 @@ class _Speeds:
     def _find(self, shape: str, precision: str) -> StepCost:
         rate = rate_of(self._name, self._device, shape, precision)
         # on a GPU the speed of one run says little: others shared the device with it
-        alone = self._device.partition(":")[0] == "cpu"
-        recorded = self._recorded().get(shape, []) if alone else []
+        on_cpu = self._device.partition(":")[0] == "cpu"
+        recorded = self._recorded().get(shape, []) if on_cpu else []
         if recorded:
             self._bases[f"median of {len(recorded)} runs on this machine"] = None
             return StepCost(0, 1 / median(recorded), rate.compiling, "")
         if rate.source:
-            rate, basis = self._scaled(rate, alone)
+            rate, basis = self._scaled(rate, on_cpu)
         else:
-            basis = f"{DEFAULT_SPEED:.0e} grain-steps/s per lane assumed"
-        self._bases[f"{basis}, as this lab has no such run of this machine yet" if alone else basis] = None
+            basis = f"{DEFAULT_SPEED:.0e} grain-steps/s per worker assumed"
+        self._bases[f"{basis}, as this lab has no such run of this machine yet" if on_cpu else basis] = None
         return rate
 
     def _scaled(self, rate: StepCost, on_cpu: bool) -> tuple[StepCost, str]:
@@ -286,8 +286,8 @@ class _Speeds:
         basis = f"speed of {rate.source}"
         if on_cpu and self._measured:
             current = pace(self._threads)
-            lane = f"each of {self._threads} lanes" if self._threads > 1 else "the lane"
-            shares = f"a core is {current.core:.2g} times as fast, and {lane} gets {100 * current.share:.0f} % of one"
+            worker = f"each of {self._threads} workers" if self._threads > 1 else "the worker"
+            shares = f"a core is {current.core:.2g} times as fast, and {worker} gets {100 * current.share:.0f} % of one"
             return rate.at(
                 current.core * current.share
             ), f"{basis} times {current.core * current.share:.2g}, measured now: {shares}"
@@ -309,6 +309,7 @@ class _Speeds:
         return self._by_shape
 
     def _shape(self, key: str) -> str | None:
+        """Shape of grains of a run; None if its record is unreadable."""
         try:
             return RunRecord.read(self._catalogue.lab.run(key)).scene.grains.shape
         except Unreadable:

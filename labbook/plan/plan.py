@@ -138,8 +138,8 @@ class Forecast:
         seconds: Wall time [s].
         disk: Disk space [bytes].
         grain_steps: Number of grain-steps.
-        speed: Grain-steps per second of one lane.
-        lanes: Number of lanes.
+        speed: Grain-steps per second of one worker.
+        workers: Number of workers: ensembles that are stepped at the same time.
         basis: Basis of the speed, in words.
         compiling: Part of the time [s] for Specs with which no run of this study has been made.
         sets: Number of these Specs.
@@ -149,10 +149,15 @@ class Forecast:
     disk: float
     grain_steps: float
     speed: float
-    lanes: int
+    workers: int
     basis: str
     compiling: float = 0.0
     sets: int = 0
+
+    @property
+    def lanes(self) -> int:
+        """Number of workers, under the name that scripts and `labbook plan --json` use."""
+        return self.workers
 
 
 @dataclass(frozen=True, eq=False)
@@ -304,7 +309,7 @@ class Plan:
     def _cost(self, ahead: Forecast) -> str:
         making = f"{len(self.fillings)} packing{'' if len(self.fillings) == 1 else 's'} to make"
         packings = making if self.fillings else "all packings are done"
-        cost = f"about {duration(ahead.seconds)} on {ahead.lanes} lane{'' if ahead.lanes == 1 else 's'}"
+        cost = f"about {duration(ahead.seconds)} on {ahead.workers} worker{'' if ahead.workers == 1 else 's'}"
         return f"{packings}; {cost} ({ahead.basis}), {size(ahead.disk)} on disk"
 
     def _numerics_lines(self) -> list[str]:

@@ -14,7 +14,7 @@ from labbook.filling.placing import STARTS
 from labbook.filling.room import PlacingError, Room
 from labbook.plan.demand import Conflict, PointDemand
 from labbook.scene import Scene, TriangleMesh, Wall
-from labbook.scene.quantities import span, told_apart
+from labbook.scene.quantities import format_distinct, span
 
 
 def check(backend: Backend, device: str, points: Iterable[PointDemand]) -> None:
@@ -99,7 +99,7 @@ def _surface_too_fast(shared: PointDemand) -> str | None:
         reach = _reach(scene, wall)
         if wall.speed(reach) <= limit:
             continue
-        speed, bound = told_apart(wall.speed(reach), limit)
+        speed, bound = format_distinct(wall.speed(reach), limit)
         key, remedy = "container.parts[].motion", "use a slower motion"
         if wall.moves is not None:
             return (
@@ -143,8 +143,8 @@ def _moves_badly(shared: PointDemand) -> str | None:
         if vibration is not None and dt * vibration.frequency * STEPS_OF_A_PERIOD > 1:
             period = span(1 / vibration.frequency)
             return (
-                f"container.parts[].moves.vibration: the part {wall.name} vibrates with a period of {period}, of which "
-                f"numerics.dt ({span(dt)}) is more than a part of {STEPS_OF_A_PERIOD}\n    remedy: use a smaller "
+                f"container.parts[].moves.vibration: the part {wall.name} vibrates with a period of {period}; "
+                f"numerics.dt ({span(dt)}) is more than 1/{STEPS_OF_A_PERIOD} of it\n    remedy: use a smaller "
                 "numerics.dt or a lower frequency"
             )
         outside = moves_out(shared.scene, wall, shared.stop.max_time)

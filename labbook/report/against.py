@@ -204,7 +204,7 @@ def against_caption(comparison: Against) -> str:
         frozenset({False}): "of independent runs (Welch)",
     }.get(frozenset(pairs), "from pairs of runs that start from the same packing, or of independent runs (Welch)")
     ratios = [place.ratio for line in comparison.lines for place in line.places if place.ratio is not None]
-    with_intervals = "with 95 % intervals " if any(math.isfinite(one.half_width) for one in ratios) else ""
+    with_intervals = "with 95 % intervals " if any(math.isfinite(ratio.half_width) for ratio in ratios) else ""
     below = f" Below: over {name} at {_first(comparison)}, {with_intervals}{how}." if ratios else ""
     text = f"Above: {name} with 95 % intervals.{below}"
     places = [place.result for line in comparison.lines for place in line.places]

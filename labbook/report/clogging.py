@@ -151,7 +151,8 @@ _TABLE = (
     "q is the probability that a grain is the last before a stop: stops over grains, both beyond the first "
     "{transient}. Runs that ended without a stop are censored: their grains count. Interval of q: exact for a Poisson "
     "count; over packings: bootstrap. F is the part of the states of flow that precede a stop, 1/(1 + ⟨s⟩/s_m) "
-    "(form as quoted from Thomas and Durian 2015), with s_m grains leaving while one falls by d at the outlet. W is "
+    "(form as quoted from Thomas and Durian 2015). s_m is the number of grains that leave while one falls by d at the "
+    "outlet. W is "
     "the mean of replicates that did not clog. W, flowing: mass over time of flow of all replicates, clogged ones up "
     "to their stop, which is not biased to those that flow on."
 )

@@ -14,8 +14,8 @@ from labbook.results.surface import NoSurface
 from labbook.scene.quantities import duration, percent
 
 SHARES = (
-    "Share: part of the variance of {quantity} over the swept range, all values alike. Change: from the smallest to "
-    "the largest value of the key, the others averaged. Intervals are 95 %."
+    "Share: part of the variance of {quantity} over the swept range, all values with equal weight. "
+    "Change: from the smallest to the largest value of the key, the others averaged. Intervals are 95 %."
 )
 GAINS = (
     "Interval: 95 %, of the surface at the design. Gain: part of the surface’s mean variance that the runs remove, "
@@ -96,7 +96,7 @@ NOTHING = "No design would narrow the surface by 2 % with twice the beds of the 
 
 def runs_and_time(designs: tuple[NextRuns, ...]) -> str:
     """`18 runs, about 53 s`."""
-    runs, seconds = sum(one.runs for one in designs), sum(one.seconds for one in designs)
+    runs, seconds = sum(design.runs for design in designs), sum(design.seconds for design in designs)
     return f"{runs} runs" + ("" if math.isnan(seconds) else f", about {duration(seconds)}")
 
 

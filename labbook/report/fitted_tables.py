@@ -35,9 +35,9 @@ def _together(law: str, fit: FitResult, comparisons: Mapping[str, Comparison], s
     Parameters fitted to a measurement are left out: their errors are correlated, and the test has no covariance.
     """
     reported = fit.law.reported(fit.context)
-    published = {name: one for name, one in comparisons.items() if not one.measured}
+    published = {name: comparison for name, comparison in comparisons.items() if not comparison.measured}
     names = [
-        [one.name for one in reported if one.free == free and one.name in published]
+        [parameter.name for parameter in reported if parameter.free == free and parameter.name in published]
         for free in range(len(fit.law.free))
     ]
     for group in itertools.product(*names) if len(names) > 1 else ():
@@ -66,7 +66,7 @@ def parameter_table(
     if not any(theirs):
         return Table(headings, tuple(rows), notes=notes)
     rows = [(*row, *_beside(one)) for row, one in zip(rows, theirs, strict=True)]
-    far = frozenset(k for k, one in enumerate(theirs) if one is not None and one.inside is False)
+    far = frozenset(k for k, comparison in enumerate(theirs) if comparison is not None and comparison.inside is False)
     return Table((*headings, source, INSIDE), tuple(rows), marked=far, notes=notes)
 
 

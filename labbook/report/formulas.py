@@ -57,7 +57,7 @@ class _Reader:
         return f"<mrow>{parts}</mrow>"
 
     def _until(self, end: str) -> str:
-        """Items up to the token `end`, which is taken too; the empty one: up to the last."""
+        """MathML of the items up to the token `end`, which is consumed, or up to the last if `end` is empty."""
         parts: list[str] = []
         while self._left:
             token = self._left.pop()

@@ -53,8 +53,8 @@ class NothingToShow(LookupError):
 def of_results(results: StudyResults) -> dict[str, Draw]:
     """Figures that show several series at once, by name, as functions that draw them."""
     drawings: dict[str, Draw] = {}
-    fitted = [one for one in results.series if one.used]
-    if len(fitted) > 1 and len({result.orifice for one in fitted for result in one.points}) > 1:
+    fitted = [each_series for each_series in results.series if each_series.used]
+    if len(fitted) > 1 and len({result.orifice for each_series in fitted for result in each_series.points}) > 1:
         drawings["overview"] = Drawing(lambda: figures.overview(fitted), lambda: overview_caption(fitted), "points")
     if explored.mapped(results):
         drawings["map"] = Drawing(lambda: _map(results), lambda: explored.CAPTION, "points")
@@ -117,7 +117,7 @@ def _map(results: StudyResults) -> "Figure":
 
 
 def _patterns(series: Series) -> "Figure":
-    patterns = [one[0] for one in map(flow_patterns, series.whole_points) if one]
+    patterns = [pattern[0] for pattern in map(flow_patterns, series.whole_points) if pattern]
     if not patterns:
         raise NothingToShow("patterns: too few frames were recorded within the window; record more often")
     return figures.flow_patterns(patterns)

@@ -94,8 +94,8 @@ def _flow_rates(results: StudyResults, folder: Path) -> list[Section]:
 def _overview(results: StudyResults, folder: Path) -> list[Section]:
     """All series in one picture, and fitted parameters against what else was swept."""
     pictures: list[Picture] = []
-    fitted = [one for one in results.series if one.used]
-    if len(fitted) > 1 and len({result.orifice for one in fitted for result in one.points}) > 1:
+    fitted = [each_series for each_series in results.series if each_series.used]
+    if len(fitted) > 1 and len({result.orifice for each_series in fitted for result in each_series.points}) > 1:
         figure = figures.overview(fitted)  # against one orifice there is nothing to see
         alt = "a power of W against orifice, all series"
         pictures.append(picture(figure, folder / "overview", alt, overview_caption(fitted)))
@@ -108,13 +108,21 @@ def _overview(results: StudyResults, folder: Path) -> list[Section]:
 def _trends(results: StudyResults, folder: Path) -> list[Picture]:
     """Fitted parameters of every law against the key that takes most values, if it takes several."""
     values = {
-        name: {one.at[name] for one in results.series if name in one.at} for one in results.series for name in one.at
+        name: {each_series.at[name] for each_series in results.series if name in each_series.at}
+        for swept_series in results.series
+        for name in swept_series.at
     }
     numbers = {name: len(found) for name, found in values.items() if not any(isinstance(v, str) for v in found)}
     key = max(numbers, key=lambda name: numbers[name], default="")
     pictures = []
-    for law in dict.fromkeys(law for one in results.series for law in (*one.fits, *one.further)):
-        places = {one.at[key] for one in results.series if one.parameters(law) and key in one.at}
+    for law in dict.fromkeys(
+        law for each_series in results.series for law in (*each_series.fits, *each_series.further)
+    ):
+        places = {
+            each_series.at[key]
+            for each_series in results.series
+            if each_series.parameters(law) and key in each_series.at
+        }
         if len(places) > 1:
             figure = figures.parameters_against(key, law, results.series, results.comparisons)
             called = law.replace("_", " ")

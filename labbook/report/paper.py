@@ -193,7 +193,7 @@ def beds_shown_by_all(results: StudyResults) -> set[int]:
     points = set[int]()
     for paper in papers():
         with suppress(ExtensionError), calling(paper):  # its sections say so, and the page shows these beds
-            points |= {id(one) for one in paper.shows_beds_of(results)}
+            points |= {id(result) for result in paper.shows_beds_of(results)}
     return points
 
 

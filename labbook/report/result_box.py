@@ -54,11 +54,11 @@ def summary(results: StudyResults) -> list[str]:
 def headline(results: StudyResults) -> str:
     """Main finding in a line, for lists of studies: parameters of the first fitted law and the preferred law, else the
     range of the flow rates. Empty without finished runs."""
-    fitted = [one for one in results.series if one.fits]
+    fitted = [each_series for each_series in results.series if each_series.fits]
     if fitted:
         law = next(iter(fitted[0].fits))
-        parameters = _parameters(law, [one for one in fitted if law in one.fits]).rstrip(".")
-        judged = dict.fromkeys(one.verdict.rstrip(".") for one in fitted if one.verdict)
+        parameters = _parameters(law, [each_series for each_series in fitted if law in each_series.fits]).rstrip(".")
+        judged = dict.fromkeys(each_series.verdict.rstrip(".") for each_series in fitted if each_series.verdict)
         verdict = f"; {next(iter(judged))}" if len(judged) == 1 else "; series differ in the law" if judged else ""
         return f"{display.law(law)}: {parameters}{verdict}."
     return next((text for _, text in _flow_rates(results)), "")
@@ -84,8 +84,8 @@ def _findings(results: StudyResults) -> list[Row]:
 def effects(results: StudyResults) -> list[Row]:
     """Changes of the flow rate with each swept key, in lines of a term and a sentence."""
     tested = numerics_summed_up(results.numerical)
-    swept = [one for one in found_against(results) if not (tested and one.key.startswith(NUMERICS))]
-    return [(_term(one.key), text) for one in swept for text in changes(one)]
+    swept = [against for against in found_against(results) if not (tested and against.key.startswith(NUMERICS))]
+    return [(_term(against.key), text) for against in swept for text in changes(against)]
 
 
 def conclusions(results: StudyResults) -> list[Row]:
@@ -145,7 +145,7 @@ def interval_widths(measured: Sequence[PointResult], quantity: str) -> str:
     """`95 % intervals of ±1.7 % to ±7 %; none at 2 points with one run`: relative half widths at points that have the
     quantity."""
     widths = [result.pooled[quantity].relative for result in measured]
-    finite = sorted(one for one in widths if math.isfinite(one))
+    finite = sorted(width for width in widths if math.isfinite(width))
     single = "bed" if any(len(result.runs) > len(result.beds) for result in measured) else "run"
     if not finite:
         return f"one {single} per point: no errors"
@@ -159,11 +159,11 @@ def interval_widths(measured: Sequence[PointResult], quantity: str) -> str:
 def _fits(results: StudyResults) -> list[Row]:
     """Parameters of each law with intervals, and which law the data prefer."""
     rows: list[Row] = []
-    fitted = [one for one in results.series if one.fits]
-    for law in dict.fromkeys(law for one in fitted for law in one.fits):
-        mine = [one for one in fitted if law in one.fits]
+    fitted = [each_series for each_series in results.series if each_series.fits]
+    for law in dict.fromkeys(law for each_series in fitted for law in each_series.fits):
+        mine = [each_series for each_series in fitted if law in each_series.fits]
         rows.append((display.law(law), _parameters(law, mine)))
-    verdicts = {one.label: one.verdict for one in fitted if one.verdict}
+    verdicts = {each_series.label: each_series.verdict for each_series in fitted if each_series.verdict}
     if len(set(verdicts.values())) == 1:
         rows.append(("Law", next(iter(verdicts.values()))))
     elif verdicts:
@@ -172,19 +172,20 @@ def _fits(results: StudyResults) -> list[Row]:
 
 
 def _parameters(law: str, series: Sequence[Series]) -> str:
-    names = list(dict.fromkeys(name for one in series for name in one.fits[law].parameters))
+    names = list(dict.fromkeys(name for each_series in series for name in each_series.fits[law].parameters))
     names = [name for name in names if name in _LEADING.get(law, names)]
     if len(series) <= _APART:
-        texts = [_of_series(law, names, one, len(series) > 1) for one in series]
+        texts = [_of_series(law, names, each_series, len(series) > 1) for each_series in series]
         return f"{'; '.join(texts)}."
     parts = []
     for name in names:
         notation = display.quantity(f"{law}.{name}")
-        ordered = sorted((one.fits[law].parameters[name] for one in series if name in one.fits[law].parameters),
-                       key=lambda parameter: parameter.value)  # fmt: skip
-        ends = [display.with_error(one.value, one.error, notation.scale) for one in (ordered[0], ordered[-1])]
+        fits = [each_series.fits[law] for each_series in series]
+        values = (fit.parameters[name] for fit in fits if name in fit.parameters)
+        ordered = sorted(values, key=lambda parameter: parameter.value)
+        ends = [display.with_error(end.value, end.error, notation.scale) for end in (ordered[0], ordered[-1])]
         parts.append(f"{notation.name} = {ends[0]} to {ends[1]} {notation.unit}".rstrip())
-    missed = [one for one in series if _misses(one.fits[law])]
+    missed = [each_series for each_series in series if _misses(each_series.fits[law])]
     misfits = (
         f"; misses the points of {len(missed)} of {len(series)} series by more than their errors" if missed else ""
     )
@@ -220,7 +221,9 @@ def unfinished(results: StudyResults) -> list[str]:
         extra = redundant(results.study.points)
         names = [display.label(point.at, extra) for point in results.missing]
         sentences.append(f"Points without a finished run: {_listed(names)}.")
-    partial = [f"{one.label} ({len(one.runs)} of {one.requested})" for one in results.points if one.partial]
+    partial = [
+        f"{result.label} ({len(result.runs)} of {result.requested})" for result in results.points if result.partial
+    ]
     if partial:
         sentences.append(f"Missing runs at {_listed(partial)}: runs that finish first are biased to fast flow.")
     return sentences
@@ -237,16 +240,16 @@ def concerns(results: StudyResults) -> list[str]:
     if results.unevaluated:
         sentences.append(_unevaluated(results))
     for how in ("clogged", "diverged"):
-        ended = [(one, one.outcomes[how]) for one in points if one.outcomes[how]]
+        ended = [(point, point.outcomes[how]) for point in points if point.outcomes[how]]
         if ended:
             places = [f"{one.label or 'the only point'} ({n} of {len(one.runs)})" for one, n in ended]
             sentences.append(f"{_count(sum(n for _, n in ended), 'run')} {how}: {_listed(places)}.")
     sentences.append(_no_flow(results))
-    suspects = [(one, run) for one in points for run in one.suspect]
+    suspects = [(point, run) for point in points for run in point.suspect]
     if suspects:
         verb = "is" if len(suspects) == 1 else "are"
         fate = "counted all the same (accuracy.count_suspect)" if study.accuracy.count_suspect else "left out"
-        why = [f"{one.label or 'the only point'}, {run.repeat}: {run.suspect}" for one, run in suspects]
+        why = [f"{point.label or 'the only point'}, {run.repeat}: {run.suspect}" for point, run in suspects]
         sentences.append(f"{_count(len(suspects), 'run')} {verb} suspect and {fate}: {_listed(why)}.")
     sentences += _imprecise(results)
     sentences += _few_stops(results)
@@ -273,7 +276,7 @@ def concerns(results: StudyResults) -> list[str]:
 
 def _stale(results: StudyResults) -> list[str]:
     """Reasons that runs are stale, a sentence each."""
-    total = sum(len(one.runs) for one in results.points)
+    total = sum(len(result.runs) for result in results.points)
     return [
         f"{n} of {_count(total, 'run')} {'is' if n == 1 else 'are'} stale: {why}. labbook run makes "
         f"{'it' if n == 1 else 'them'} again."
@@ -310,7 +313,9 @@ def no_number(results: StudyResults) -> str:
     runs = [run for result in results.points for run in result.runs]
     if not any(run.counted for run in runs):
         return "No number: every run diverged or is suspect."
-    notes = [one.note for run in runs for one in run.measured.values() if math.isnan(one.value) and one.note]
+    notes = [
+        number.note for run in runs for number in run.measured.values() if math.isnan(number.value) and number.note
+    ]
     if notes:
         return f"No run gave a number: {notes[0]}."
     return _unmeasured(results) if results.unmeasured else "No run gave a number."
@@ -321,7 +326,7 @@ def _no_flow(results: StudyResults) -> str:
     points = results.points
     reasons = [
         f"at {_listed(_labels(points, lambda one, why=why: one.no_flow == why))}: {why}"
-        for why in dict.fromkeys(one.no_flow for one in points if one.no_flow)
+        for why in dict.fromkeys(result.no_flow for result in points if result.no_flow)
     ]
     return f"No flow rate {'; '.join(reasons)}." if reasons else ""
 
@@ -338,7 +343,9 @@ def _unmeasured(results: StudyResults) -> str:
 
 def _clogging(results: StudyResults) -> list[Row]:
     """The largest and the smallest probability of a stop per grain, with their intervals."""
-    rates = [(q, one.label) for one in results.points if isinstance(q := one.pooled.get(PROBABILITY), PooledRate)]
+    rates = [
+        (q, result.label) for result in results.points if isinstance(q := result.pooled.get(PROBABILITY), PooledRate)
+    ]
     if not rates:
         return []
     rates.sort(key=lambda pair: pair[0].high)
@@ -369,7 +376,7 @@ def _imprecise(results: StudyResults) -> list[str]:
 
 
 def _labels(points: Sequence[PointResult], wanted: Callable[[PointResult], bool]) -> list[str]:
-    return [one.label or "the only point" for one in points if wanted(one)]
+    return [result.label or "the only point" for result in points if wanted(result)]
 
 
 def _listed(names: Sequence[str]) -> str:

@@ -24,9 +24,15 @@ from labbook.scene.quantities import value_range
 
 def series_sections(results: StudyResults, folder: Path) -> list[Section]:
     """Figures, tables and remarks of every series. Single points to which no law is fitted share theirs."""
-    alone = [one for one in results.series if len(one.points) == 1 and not one.fits and not one.further]
+    alone = [
+        each_series
+        for each_series in results.series
+        if len(each_series.points) == 1 and not each_series.fits and not each_series.further
+    ]
     merged = alone if len(alone) > 1 else []
-    sections = [_series(results, k, folder) for k, one in enumerate(results.series) if one not in merged]
+    sections = [
+        _series(results, k, folder) for k, each_series in enumerate(results.series) if each_series not in merged
+    ]
     if merged:
         sections.append(_together(results, merged, folder, "-points" if sections else ""))
     if len(sections) < 2:
@@ -60,9 +66,9 @@ def _series(results: StudyResults, index: int, folder: Path) -> Section:
 
 def _together(results: StudyResults, series: Sequence[Series], folder: Path, suffix: str) -> Section:
     """Points that are series by themselves, in one section."""
-    points = tuple(one.whole_points[0] for one in series)
+    points = tuple(each_series.whole_points[0] for each_series in series)
     whole = series_of_points(points)
-    problems = dict.fromkeys(problem for one in series for problem in one.problems)
+    problems = dict.fromkeys(problem for each_series in series for problem in each_series.problems)
     patterns, lacking = _patterns_if_they_can_be(results, whole, folder, suffix, "")
     blocks: list[Block] = [Prose(f"Not fitted: {problem}.", note=True) for problem in problems]
     blocks += [Prose(text, note=True) for text in lacking]
@@ -96,13 +102,13 @@ def marks(points: Sequence[PointResult], flagged: frozenset[Hashable] = frozense
     Returns:
         Sentences for a caption, each after a space.
     """
-    with_flow = [one for one in points if one.flow_rate is not None]
-    outside = any(one.identity in flagged for one in with_flow)
+    with_flow = [result for result in points if result.flow_rate is not None]
+    outside = any(result.identity in flagged for result in with_flow)
     text = ""
-    if any(one.hollow for one in with_flow) or outside:
+    if any(result.hollow for result in with_flow) or outside:
         text += f" Hollow: {'outside a law’s range, or ' if outside else ''}with a remark in the table"
         text += "; they take part in the fit." if outside else "."
-    if any(one.flow_rate and not math.isfinite(one.flow_rate.half_width) for one in with_flow):
+    if any(result.flow_rate and not math.isfinite(result.flow_rate.half_width) for result in with_flow):
         text += " Dashed bar: one run, the interval is unknown."
     return text + (" Cross at the foot: no flow rate." if len(with_flow) < len(points) else "")
 
@@ -121,7 +127,7 @@ def _patterns_if_they_can_be(
 ) -> tuple[list[Block], list[str]]:
     """Flow patterns of points that no paper shows in a section of its own, and sentences on missing figures."""
     elsewhere = beds_shown_by_all(results)
-    points = [one for one in series.whole_points if id(one) not in elsewhere]
+    points = [result for result in series.whole_points if id(result) not in elsewhere]
     blocks, lacking = [], []
     try:
         blocks += _patterns(points, folder, suffix, where)
@@ -131,12 +137,12 @@ def _patterns_if_they_can_be(
 
 
 def _patterns(points: Sequence[PointResult], folder: Path, suffix: str, where: str) -> list[Block]:
-    patterns = [one for one in map(flow_patterns, points) if one]
+    patterns = [pattern for pattern in map(flow_patterns, points) if pattern]
     if not patterns:
         return []
-    figure = figures.flow_patterns([one[0] for one in patterns])
+    figure = figures.flow_patterns([pattern[0] for pattern in patterns])
     block = picture(figure, folder / f"patterns{suffix}", f"how the beds flow{where}", PATTERNS)
-    table = orifice_table([(one[0].result, pooled_means(one)) for one in patterns])
+    table = orifice_table([(pattern[0].result, pooled_means(pattern)) for pattern in patterns])
     return [Section("How the beds flow", (block, table))]
 
 
@@ -156,9 +162,9 @@ def acceleration_caption(profiles: Sequence[tuple[PointResult, AccelerationProfi
 
 def overview_caption(fitted: Sequence[Series]) -> str:
     """Caption of the flow rates of all series."""
-    lines = _FIRST_LAW if any(one.fits for one in fitted) else ""
-    flagged = frozenset[Hashable]().union(*(one.flagged for one in fitted))
-    marked = marks([result for one in fitted for result in one.points], flagged)
+    lines = _FIRST_LAW if any(each_series.fits for each_series in fitted) else ""
+    flagged = frozenset[Hashable]().union(*(each_series.flagged for each_series in fitted))
+    marked = marks([result for each_series in fitted for result in each_series.points], flagged)
     return f"{_OVERVIEW}{_BESIDE if side_by_side(fitted) else ''}{lines}{marked}"
 
 

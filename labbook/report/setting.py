@@ -62,8 +62,8 @@ def differences(points: Sequence[Point]) -> list[tuple[str, tuple[str, ...]]]:
         for point in points
     ]  # fmt: skip
     rows = []
-    for name in dict.fromkeys(name for one in values for name in one):
-        of_points = [one.get(name) for one in values]
+    for name in dict.fromkeys(name for settings in values for name in settings):
+        of_points = [settings.get(name) for settings in values]
         if name not in _HIDDEN and any(value != of_points[0] for value in of_points):
             rows.append((name, tuple(_valued(name, value) for value in of_points)))
     return rows
@@ -81,7 +81,7 @@ def _valued(name: str, value: float | str | bool | None) -> str:
 def _common(points: Sequence[Point], part: str) -> str:
     """All of a part of the scene that is the same at every point."""
     values = [_with_youngs_moduli(dict(_leaves(_plain(point, part), part))) for point in points]
-    shared = {name: value for name, value in values[0].items() if all(one.get(name) == value for one in values)}
+    shared = {name: value for name, value in values[0].items() if all(other.get(name) == value for other in values)}
     swept = {name for point in points for name in point.at}
     first = f"{part}.{_FIRST.get(part, '')}"
     texts = [str(shared[first])] if first in shared else []
@@ -226,8 +226,8 @@ def _replicates(results: StudyResults) -> str:
     total, points = (f"{n} {what}{'' if n == 1 else 's'}" for n, what in ((sum(runs), "run"), (len(runs), "point")))
     number = results.study.discharges_per_bed
     beds = "" if number == 1 else f", each a bed with {number} discharges"
-    beds = ", each a bed with as many discharges as are cheapest" if number == AUTO else beds
-    return f"{total} of {points}, {per_point} at each; asked: {results.study.replicates}{beds}"
+    beds = ", each a bed with the cheapest number of discharges" if number == AUTO else beds
+    return f"{total} of {points}, {per_point} at each; requested: {results.study.replicates}{beds}"
 
 
 def _discharges(results: StudyResults) -> Iterator[str]:

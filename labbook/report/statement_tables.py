@@ -56,8 +56,8 @@ def statement_digest(judged: Sequence[Judged]) -> Table | None:
     rows, marked = [], set()
     for place, (statement, group) in enumerate(groups):
         verdict = at_all(group)
-        there = sum(one.verdict == verdict for one in group)
-        ordered = sorted((one for one in group if one.ours is not None), key=lambda one: one.ours or 0.0)
+        there = sum(member.verdict == verdict for member in group)
+        ordered = sorted((member for member in group if member.ours is not None), key=lambda one: one.ours or 0.0)
         ours = [_number(one) for one in (*ordered[:1], *ordered[-1:])]
         where = "" if len(group) == 1 else f" at all {there}" if there == len(group) else f" at {there} of {len(group)}"
         rows.append((statement.says, _range_text(statement), " to ".join(dict.fromkeys(ours)) or "–", verdict + where))

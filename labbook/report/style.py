@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 
 INK, FAINT = "#1a1a1a", "#8a8a8a"
 COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#000000")
-"""Okabe and Ito 2008: told apart with any kind of colour vision."""
+"""Okabe and Ito 2008: distinguishable with any kind of colour vision."""
 MARKERS = ("o", "s", "^", "D", "v", "P", "X")
 DASHES = ("-", "--", "-.", ":", (0, (6, 1, 1, 1, 1, 1)), (0, (8, 2)), (0, (1, 3)))
 

@@ -51,8 +51,8 @@ def flow_table(results: StudyResults) -> Table:
     """Every point: what was swept, its pooled flow rate with errors, and what a reader must know of it."""
     swept = _swept(results)
     quantities = _measured(results, of_flow=True)
-    flow = [one for one in quantities if one.quantity == FLOW_RATE]
-    other_quantities = [one for one in quantities if one.quantity != FLOW_RATE and not _is_flowing(one)]
+    flow = [column for column in quantities if column.quantity == FLOW_RATE]
+    other_quantities = [column for column in quantities if column.quantity != FLOW_RATE and not _is_flowing(column)]
     rows = []
     for result in results.points:
         pooled = result.flow_rate
@@ -239,8 +239,8 @@ def digest_table(comparisons: Sequence[Comparison]) -> Table | None:
         return None
     rows = []
     for quantity, group in groups.items():
-        close = sum(one.inside is True for one in group)
-        sizes = sorted(abs(one.relative) for one in group if math.isfinite(one.relative))
+        close = sum(member.inside is True for member in group)
+        sizes = sorted(abs(member.relative) for member in group if math.isfinite(member.relative))
         middle = percent(statistics.median(sizes)) if sizes else "–"
         largest = percent(sizes[-1]) if sizes else "–"
         rows.append((display.quantity(quantity).name, str(len(group)), str(close), middle, largest))
@@ -333,7 +333,7 @@ def provenance_table(results: StudyResults) -> Table:
             distinct = list(dict.fromkeys("not known" if v is None else str(v) for v in values))
             text = "; ".join(distinct[:6]) + (f"; and {len(distinct) - 6} more" if len(distinct) > 6 else "")
         rows.append((name.replace("_", " "), text))
-    rows += [(f"analysis: {one.use}", one.made_by) for one in used_by_analysis(results.study)]
+    rows += [(f"analysis: {package.use}", package.made_by) for package in used_by_analysis(results.study)]
     return Table(("fact", "of the runs"), tuple(rows), frozenset({0, 1}))
 
 

@@ -145,9 +145,9 @@ def overshoot(walls: PooledWalls) -> str:
     every = ", ".join(f"{peak:.3g} ({tau:g})" for tau, peak in zip(FILTERS, peaks, strict=True) if math.isfinite(peak))
     largest, mean = peaks[FILTERS.index(FILTER)], opening.mean(axis=0).max()
     return (
-        f"After the opening the normal force on upright walls, as a moving mean over {FILTER:g} √(d*/g), has its peak "
-        f"at {largest:.3g} of that at rest (mean of the peaks) or {mean:.3g} (peak of the mean). Mean of the peaks for "
-        f"other times of the mean [√(d*/g)]: {every}."
+        f"After the opening the normal force on upright walls has a peak of {largest:.3g} of that at rest (mean of the "
+        f"peaks) or {mean:.3g} (peak of the mean). The force is a moving mean over {FILTER:g} √(d*/g). "
+        f"Mean of the peaks for other times of the mean [√(d*/g)]: {every}."
     )
 
 

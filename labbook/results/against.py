@@ -113,7 +113,7 @@ def against(
     """
     keys = dict.fromkeys(name for result in points for name in result.at if name != ORIFICE)
     comparisons = (_of_key(key, points, quantity, (over or {}).get(key)) for key in keys)
-    return tuple(one for one in comparisons if len(one.values) > 1)
+    return tuple(comparison for comparison in comparisons if len(comparison.values) > 1)
 
 
 def rows(comparisons: Sequence[Against]) -> Iterator[dict[str, Any]]:

@@ -108,8 +108,8 @@ def point_budgets(results: StudyResults) -> tuple[Budget, ...]:
 
 
 def _of_points(results: StudyResults, quantity: str) -> Iterator[Budget]:
-    there = [(one, one.pooled[quantity]) for one in results.points if quantity in one.pooled]
-    values = [(one.at, pooled.value) for one, pooled in there]
+    there = [(point, point.pooled[quantity]) for point in results.points if quantity in point.pooled]
+    values = [(point.at, pooled.value) for point, pooled in there]
     for result, pooled in there:
         shares = [_seeds(pooled)]
         if quantity == FLOW_RATE:
@@ -206,19 +206,21 @@ def _without(at: Mapping[str, float | str], source: Source) -> dict[str, float |
 
 def summed_up(budget_list: Sequence[Budget], quantity: str = FLOW_RATE) -> str:
     """The budget of a quantity in a sentence: that of its only point, or the largest part of every source and where."""
-    budget_list = [one for one in budget_list if one.quantity == quantity]
+    budget_list = [budget for budget in budget_list if budget.quantity == quantity]
     if len(budget_list) == 1:
         return f"{budget_list[0].line}."
     parts = []
     for source in SOURCES:
-        of_source = [(share.part, one) for one in budget_list for share in one.shares if share.source == source]
+        of_source = [
+            (share.part, budget) for budget in budget_list for share in budget.shares if share.source == source
+        ]
         largest = max(
-            ((part, one) for part, one in of_source if part is not None), key=lambda pair: pair[0], default=None
+            ((part, budget) for part, budget in of_source if part is not None), key=lambda pair: pair[0], default=None
         )
         if largest is not None:
             part, of = largest[0], largest[1].of.label
             parts.append(f"{source} up to {percent(part, '.2g')} ({of})" if part else f"{source} 0 % everywhere")
-    lacking = [source for source in SOURCES if any(s.source == source for one in budget_list for s in one.shares)]
-    lacking = [source for source in lacking if all(source in one.unmeasured for one in budget_list)]
+    lacking = [source for source in SOURCES if any(s.source == source for budget in budget_list for s in budget.shares)]
+    lacking = [source for source in lacking if all(source in budget.unmeasured for budget in budget_list)]
     text = "; ".join([*parts, *([f"{NOT_MEASURED}: {', '.join(lacking)}"] if lacking else [])])
     return f"Of {budget_list[0].name}: {text}." if text else ""

@@ -91,7 +91,7 @@ class Calibrated:
         return [
             f"{here.law}, D/d = {here.ratio:.3g}, friction {here.friction:g}, restitution {here.restitution:g}, "
             f"rolling friction {here.rolling:g}: {self.slopes.runs} runs from {self.slopes.beds} beds",
-            *(one.line() for one in self.changes),
+            *(change.line() for change in self.changes),
             *slope_lines,
             *bend,
             *rounded,
@@ -117,8 +117,8 @@ def calibrate(name: str, points: Sequence[PointResult]) -> tuple[Calibrated, ...
     scenes: dict[str, list[PointResult]] = defaultdict(list)
     for result in points:
         scenes[_place(result)].append(result)
-    makers = sorted({f"{run.backend} version {run.cache_version}" for one in points for run in one.runs})
-    runs = sum(len(counted(one, FLOW_RATE)) for one in points)
+    makers = sorted({f"{run.backend} version {run.cache_version}" for point in points for run in point.runs})
+    runs = sum(len(counted(point, FLOW_RATE)) for point in points)
     source = f"{name}, {runs} runs on {', '.join(makers)}, {datetime.now(UTC):%Y-%m-%d}"
     calibrated, reasons = [], []
     for some in scenes.values():
@@ -128,18 +128,19 @@ def calibrate(name: str, points: Sequence[PointResult]) -> tuple[Calibrated, ...
             reasons.append(f"{some[0].label}: {reason}")
     if not calibrated:
         raise NotCalibrated(reasons[0])
-    bends = curved([one.slopes.curvature_p for _, one in calibrated])
+    bends = curved([calibration.slopes.curvature_p for _, calibration in calibrated])
     return tuple(
-        _scene(some, source, bend) if bend else one for (some, one), bend in zip(calibrated, bends, strict=True)
+        _scene(of_scene, source, bend) if bend else calibration
+        for (of_scene, calibration), bend in zip(calibrated, bends, strict=True)
     )
 
 
 def _scene(points: Sequence[PointResult], source: str, bend: bool = False) -> Calibrated:
     """Of one scene with several numerics. Raises ValueError for too few runs, or for those by an older law."""
-    if outdated := next((run.outdated for one in points for run in one.runs if run.outdated), ""):
+    if outdated := next((run.outdated for result in points for run in result.runs if run.outdated), ""):
         raise ValueError(f"its runs are stale ({outdated}); labbook run makes them again")
-    numerics = {one.point.index: flow_and_filling(one.point) for one in points}
-    observed = [run for one in points for run in _observed(one, *numerics[one.point.index])]
+    numerics = {result.point.index: flow_and_filling(result.point) for result in points}
+    observed = [run for result in points for run in _observed(result, *numerics[result.point.index])]
     slopes, effects = effects_of_scene(observed, list(numerics.values()), source, bend)
     return Calibrated(slopes, tuple(_changes(points, numerics, slopes)), effects)
 
@@ -180,7 +181,7 @@ def flow_and_filling(point: Point) -> tuple[Groups, Groups]:
     """The dimensionless groups of a point's flow and of its filling. Raises NotCalibrated."""
     scene, numerics = point.scene, point.numerics
     own = point.fill.numerics or numerics
-    flow, filled = (groups(scene, one.dt, one.stiffness_scale) for one in (numerics, own))
+    flow, filled = (groups(scene, chosen.dt, chosen.stiffness_scale) for chosen in (numerics, own))
     if flow is None or filled is None:
         raise NotCalibrated("scenes with such an outlet, bed or materials cannot be calibrated")
     return flow, filled

@@ -33,7 +33,7 @@ from labbook.stats.survival import (
     tail_goodness,
 )
 
-ALIKE = 0.1
+CORRELATED = 0.1
 """Rank correlation within packings above which discharges of one packing are no repeats."""
 _RARE = 0.01
 FEW_BEDS = 32
@@ -232,7 +232,7 @@ class SeriesClogging:
     @property
     def decades(self) -> float:
         """Decades of the mean avalanche between the outlets with stops."""
-        means = [one.mean_avalanche[0] for one in self.points]
+        means = [result.mean_avalanche[0] for result in self.points]
         finite = [mean for mean in means if math.isfinite(mean)]
         return math.log10(max(finite) / min(finite)) if finite else 0.0
 
@@ -247,9 +247,9 @@ class SeriesClogging:
                 sentences.append(
                     f"The hazard is not constant at {label} (p = {p:.1g}), so that q depends on the transient left out."
                 )
-            if point.within_beds.value > ALIKE and point.within_beds.low > 0:
+            if point.within_beds.value > CORRELATED and point.within_beds.low > 0:
                 sentences.append(
-                    f"First avalanches of one packing are alike at {label} (rank correlation "
+                    f"First avalanches of one packing are correlated at {label} (rank correlation "
                     f"{point.within_beds.value:.2f}): use more replicates instead of discharges_per_bed."
                 )
         return sentences
@@ -269,7 +269,9 @@ class SeriesClogging:
         )
         text += "-2 ln of the likelihood"
         text += " (AICc needs more outlets)" if any(math.isnan(fit.aicc) for fit in self.fits) else ""
-        short = f" The mean avalanche covers {self.decades:.1f} decades; the laws need {DECADES:g} to be told apart."
+        short = (
+            f" The mean avalanche covers {self.decades:.1f} decades; {DECADES:g} are needed to distinguish the laws."
+        )
         return f"{text}.{short if self.decades < DECADES else ''}"
 
 
@@ -286,14 +288,14 @@ def clogging(results: StudyResults) -> tuple[SeriesClogging, ...]:
         return ()
     every = []
     for series in results.series:
-        points = tuple(one for result in series.points if (one := clogging_of(result)) is not None)
+        points = tuple(clogging for result in series.points if (clogging := clogging_of(result)) is not None)
         if points:
             every.append(SeriesClogging(series, points, *_fits(points)))
     return tuple(every)
 
 
 def _fits(points: Sequence[PointClogging]) -> tuple[tuple[AvalancheFit, ...], tuple[str, ...]]:
-    counts = [(one.width, q.events, q.exposure) for one in points if (q := one.probability) is not None]
+    counts = [(result.width, q.events, q.exposure) for result in points if (q := result.probability) is not None]
     if len({width for width, *_ in counts}) < 2:
         return (), ()
     widths, stops, grains = (list(column) for column in zip(*counts, strict=True))

@@ -77,8 +77,13 @@ def key(name: str) -> Notation:
 def _declared() -> dict[str, Notation]:
     """Notations that measures, laws and papers declare, by quantity; a superscript is written ^(...)."""
     declaring = (*MEASURES.values(), FlowPattern(), FlowRegime(), *PAPERS.values())
-    declared = (one for source in declaring for one in source.declared)
-    notations = {one.name: Notation(one.symbol, one.shown or one.unit, one.scale, one.about_zero) for one in declared}
+    declared = (declaration for source in declaring for declaration in source.declared)
+    notations = {
+        declaration.name: Notation(
+            declaration.symbol, declaration.shown or declaration.unit, declaration.scale, declaration.about_zero
+        )
+        for declaration in declared
+    }
     for law in LAWS.values():
         for parameter in law.parameters.values():
             notations[f"{law.name}.{parameter.name}"] = Notation(
@@ -159,7 +164,7 @@ def with_error(value: float, error: float, scale: float = 1.0) -> str:
 
 def with_interval(pooled: Pooled, scale: float = 1.0) -> str:
     """`70.0 (66.5 to 73.4, 95 %), n = 3`: a mean with its interval, to the digits that its error asks for."""
-    value, low, high = (number(one, pooled.error, scale) for one in (pooled.value, pooled.low, pooled.high))
+    value, low, high = (number(end, pooled.error, scale) for end in (pooled.value, pooled.low, pooled.high))
     finite = math.isfinite(pooled.half_width)
     interval = f"{low} to {high}, {percent(pooled.confidence)}" if finite else "interval unknown"
     return f"{value} ({interval}), n = {pooled.n}"

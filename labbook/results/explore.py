@@ -75,7 +75,7 @@ class Factor:
 
     def scaled(self, values: Any) -> np.ndarray:
         """Scale values of the key [SI]."""
-        x, low, high = (self._coordinate(one) for one in (values, self.low, self.high))
+        x, low, high = (self._coordinate(end) for end in (values, self.low, self.high))
         return 2 * (x - low) / (high - low) - 1
 
     def value(self, scaled: Any) -> np.ndarray:
@@ -184,9 +184,9 @@ class DesignSurface:
         if self.curve is not None:
             return self.curve.method
         name = display.quantity(self.quantity, self.unit).name
-        scales = [f"ln {display.key(one.key).name}" if one.logarithmic else display.key(one.key).name
-                  for one in self.factors]  # fmt: skip
-        beds = sum(len(by_seed(one, self.quantity)) for one in self.points)
+        scales = [f"ln {display.key(factor.key).name}" if factor.logarithmic else display.key(factor.key).name
+                  for factor in self.factors]  # fmt: skip
+        beds = sum(len(by_seed(result, self.quantity)) for result in self.points)
         lack = "" if math.isnan(self.fit.lack_of_fit) else f", lack of fit p = {self.fit.lack_of_fit:.2g}"
         misses = ": it misses the points by more than their errors" if self.fit.lack_of_fit < 0.05 else ""
         return (
@@ -253,8 +253,8 @@ class DesignSurface:
             reached = f"{self.quantity} is {_range(reason.smallest, reason.largest, unit)}{where}"
             remedy = f"{reason} of {display.key(key).name}" if reason.several else f"not reached: {reached}"
             raise NoSurface(f"{wish} is {remedy}") from None
-        value, low, high = (float(factor.value(one)) if math.isfinite(one) else one
-                            for one in (setting.value, setting.low, setting.high))  # fmt: skip
+        value, low, high = (float(factor.value(x)) if math.isfinite(x) else x
+                            for x in (setting.value, setting.low, setting.high))  # fmt: skip
         method = f"{self.method}{f'; {display.label(fixed_values)}' if fixed_values else ''}"
         return DesignValue(key, value, low, high, self.quantity, number, method, self.notes)
 
@@ -283,7 +283,9 @@ class DesignSurface:
         """The key that matters most, if the intervals tell it."""
         if len(self.factors) < 2:
             return ""
-        first, second = sorted((one for one in self.influences if one.key), key=lambda one: -one.share)[:2]
+        first, second = sorted(
+            (influence for influence in self.influences if influence.key), key=lambda influence: -influence.share
+        )[:2]
         if first.low > second.high:
             name = display.spoken(first.key)
             return f"{name[:1].upper()}{name[1:]} matters most."
@@ -297,9 +299,9 @@ class DesignSurface:
         are the points, and designs halfway between swept values. Clogged points are left out.
         """
         beds_at = self._beds()
-        excluded = {self._place(one) for one in self.left_out if all(key in one.at for key in self.keys)}
-        designs = np.array([one for one in self._candidates() if tuple(one.round(9)) not in excluded])
-        before = np.array([beds_at.get(tuple(one.round(9)), (0, None))[0] for one in designs])
+        excluded = {self._place(result) for result in self.left_out if all(key in result.at for key in self.keys)}
+        designs = np.array([candidate for candidate in self._candidates() if tuple(candidate.round(9)) not in excluded])
+        before = np.array([beds_at.get(tuple(design.round(9)), (0, None))[0] for design in designs])
         seconds = self._seconds(designs)
         current, proposals = self.fit, list[NextRuns]()
         for _ in range(PROPOSALS):
@@ -311,11 +313,15 @@ class DesignSurface:
                 break
             u, beds = designs[best], int(self.beds_then - before[best])
             _, point = beds_at.get(tuple(u.round(9)), (0, None))
-            at = {one.key: _shown_value(float(one.value(x)), one) if point is None else float(point.at[one.key])
-                  for one, x in zip(self.factors, u, strict=True)}  # fmt: skip
+            at = {
+                factor.key: _shown_value(float(factor.value(x)), factor)
+                if point is None
+                else float(point.at[factor.key])
+                for factor, x in zip(self.factors, u, strict=True)
+            }
             then = current.with_beds(u, int(before[best]), self.beds_then)
-            halves = [float(one.at(u[None])[1][0]) for one in (current, then)]
-            halves = [math.expm1(one) if self.logarithmic else one for one in halves]
+            halves = [float(fit.at(u[None])[1][0]) for fit in (current, then)]
+            halves = [math.expm1(half) if self.logarithmic else half for half in halves]
             number = None if point is None else point.point.index + 1
             runs, time = round(beds * self._runs_per_bed), float(seconds[best] * beds)
             proposals.append(NextRuns(at, number, self.beds_then, runs, time, float(gains[best]), *halves))
@@ -332,7 +338,7 @@ class DesignSurface:
         """The study of the next runs as YAML; empty if none is worth its time."""
         if not self.next_runs:
             return ""
-        points = [{**self.at, **one.at} for one in self.next_runs]
+        points = [{**self.at, **proposal.at} for proposal in self.next_runs]
         name = f"{self.results.study.name}-next"
         return "".join(study_at(self.results.study, points, name, self.beds_then))
 
@@ -361,11 +367,11 @@ class DesignSurface:
     @property
     def keys(self) -> tuple[str, ...]:
         """The keys."""
-        return tuple(one.key for one in self.factors)
+        return tuple(factor.key for factor in self.factors)
 
     def scaled(self, values: np.ndarray) -> np.ndarray:
         """Scale m designs [SI], shape [m, k]."""
-        return np.stack([one.scaled(values[:, place]) for place, one in enumerate(self.factors)], axis=1)
+        return np.stack([factor.scaled(values[:, place]) for place, factor in enumerate(self.factors)], axis=1)
 
     def band(self, scaled: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Compute the polynomial surface [SI] at m scaled designs, and the ends of its 95 % interval."""
@@ -390,7 +396,7 @@ class DesignSurface:
 
     def _beds(self) -> dict[tuple[float, ...], tuple[int, PointResult]]:
         """Number of beds of each point, by its scaled place."""
-        return {self._place(one): (len(by_seed(one, self.quantity)), one) for one in self.points}
+        return {self._place(result): (len(by_seed(result, self.quantity)), result) for result in self.points}
 
     def _candidates(self) -> np.ndarray:
         """Designs within the hull: swept values and those halfway between; of many keys fewer of these."""
@@ -405,11 +411,11 @@ class DesignSurface:
 
     @property
     def _runs_per_bed(self) -> float:
-        return sum(len(one.runs) for one in self.points) / max(1, sum(len(one.beds) for one in self.points))
+        return sum(len(result.runs) for result in self.points) / max(1, sum(len(result.beds) for result in self.points))
 
     def _seconds(self, designs: np.ndarray) -> np.ndarray:
         """Device time [s] of a bed at each design: of stored runs, log-linear in the scaled keys."""
-        costs = [(self._place(one), run.cost) for one in self.points for run in one.runs if run.cost > 0]
+        costs = [(self._place(result), run.cost) for result in self.points for run in result.runs if run.cost > 0]
         if not costs:
             return np.full(len(designs), math.nan)
         places, seconds = (np.array(column) for column in zip(*costs, strict=True))
@@ -440,21 +446,21 @@ def explore(results: StudyResults, quantity: str = FLOW_RATE, at: Mapping[str, A
         name: value_of_key(name, value, results.points[0].point)
         for name, value in ((key_named(str(name), choices), value) for name, value in (at or {}).items())
     }
-    there = [one for one in results.points if has(one.at, fixed)]
-    if several := [name for name in choices if len({one.at.get(name) for one in there}) > 1]:
+    there = [result for result in results.points if has(result.at, fixed)]
+    if several := [name for name in choices if len({result.at.get(name) for result in there}) > 1]:
         raise LookupError(f"at: give a value of {' and '.join(several)}")
-    complete = [one for one in there if all(key in one.at for key in keys)]
-    usable = [one for one in complete if one.pooled.get(quantity) is not None and not is_clogged(one)]
-    left_out = tuple(one for one in there if one not in usable)
-    notes = tuple(filter(None, (remark_on(one, quantity, one in usable) for one in there)))
-    varied = [key for key in keys if len({one.at[key] for one in usable}) > 1]
+    complete = [result for result in there if all(key in result.at for key in keys)]
+    usable = [result for result in complete if result.pooled.get(quantity) is not None and not is_clogged(result)]
+    left_out = tuple(result for result in there if result not in usable)
+    notes = tuple(filter(None, (remark_on(result, quantity, result in usable) for result in there)))
+    varied = [key for key in keys if len({result.at[key] for result in usable}) > 1]
     if len(varied) < len(keys) or len(usable) < 2:
         lacking = " and ".join(key for key in keys if key not in varied) or "no key"
         raise NoSurface(f"{quantity} is known at fewer than two values of {lacking}{_because(notes)}")
-    factors = tuple(Factor.of(key, [float(one.at[key]) for one in usable]) for key in keys)
+    factors = tuple(Factor.of(key, [float(result.at[key]) for result in usable]) for key in keys)
     unit = next(run.measured[quantity].unit for run in usable[0].runs if quantity in run.measured)
-    runs = [(one, value, seed) for one in usable for seed, value in by_seed(one, quantity).items()]
-    values = np.array([[float(one.at[key]) for key in keys] for one, _, _ in runs])
+    runs = [(result, value, seed) for result in usable for seed, value in by_seed(result, quantity).items()]
+    values = np.array([[float(result.at[key]) for key in keys] for result, _, _ in runs])
     y, seeds = np.array([value for _, value, _ in runs]), [seed for _, _, seed in runs]
     logarithmic = bool((y > 0).all())
     trends = [(place, trend) for place, factor in enumerate(factors) if logarithmic
@@ -462,7 +468,7 @@ def explore(results: StudyResults, quantity: str = FLOW_RATE, at: Mapping[str, A
     place, trend = trends[0] if trends else (-1, None)
     y = np.log(y) if logarithmic else y
     try:
-        u = np.stack([one.scaled(values[:, k]) for k, one in enumerate(factors)], axis=1)
+        u = np.stack([factor.scaled(values[:, k]) for k, factor in enumerate(factors)], axis=1)
         fit = Polynomial.of(u, y - trend(values[:, place]) if trend is not None else y, seeds)
     except ValueError as problem:
         raise NoSurface(f"{quantity}: {problem}{_because(notes)}") from None
@@ -490,12 +496,12 @@ def inverse(
     keys, choices = swept_keys(results.points)
     if over is not None and at and len(keys) > 1:
         key = key_named(over, (*keys, *choices))
-        by_key = {key_named(str(name), (*keys, *choices)): one for name, one in at.items()}
+        by_key = {key_named(str(name), (*keys, *choices)): setting for name, setting in at.items()}
         like = results.points[0].point
-        fixed = {name: value_of_key(name, one, like) for name, one in by_key.items()}
-        if key in keys and {*keys} <= {key, *fixed} and not any(has(one.at, fixed) for one in results.points):
-            design = explore(results, quantity, {name: one for name, one in fixed.items() if name in choices})
-            return design.inverse(value, key, {name: one for name, one in fixed.items() if name in keys})
+        fixed = {name: value_of_key(name, setting, like) for name, setting in by_key.items()}
+        if key in keys and {*keys} <= {key, *fixed} and not any(has(result.at, fixed) for result in results.points):
+            design = explore(results, quantity, {name: x for name, x in fixed.items() if name in choices})
+            return design.inverse(value, key, {name: x for name, x in fixed.items() if name in keys})
     return surface(results, quantity, over, at).inverse(value)
 
 
@@ -507,13 +513,13 @@ def swept_keys(points: Sequence[PointResult | Point]) -> tuple[tuple[str, ...], 
             values.setdefault(name, set()).add(value)
     several = {name: of for name, of in values.items() if len(of) > 1}
     keys = tuple(
-        name for name, of in several.items() if names_scene(name) and not any(isinstance(one, str) for one in of)
+        name for name, of in several.items() if names_scene(name) and not any(isinstance(entry, str) for entry in of)
     )
     return keys, tuple(name for name in values if name not in keys)
 
 
 def _trend(quantity: str, factor: Factor, points: Sequence[PointResult]) -> OutletTrend | None:
-    found = {trend_of_outlets(quantity, factor.key, one.point.scene, factor.low) for one in points}
+    found = {trend_of_outlets(quantity, factor.key, result.point.scene, factor.low) for result in points}
     return found.pop() if len(found) == 1 else None
 
 

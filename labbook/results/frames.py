@@ -170,7 +170,7 @@ def _with_units(results: StudyResults, name: str, frame: "pd.DataFrame") -> "pd.
     """With the name of the study and the SI units of its columns in `attrs`."""
     columns = {**_UNITS, **{table: of for paper in analyses() for table, of in paper.columns.items()}}
     units = {**results.study.units, **columns.get(name, {})}
-    frame.attrs = {"study": results.study.name, "units": {one: units[one] for one in frame if one in units}}
+    frame.attrs = {"study": results.study.name, "units": {column: units[column] for column in frame if column in units}}
     return frame
 
 
@@ -248,7 +248,9 @@ def _points(results: StudyResults) -> Iterator[Row]:
                 "confidence": pooled.confidence,
                 "unit": measured[0].unit,
                 "replicates": pooled.n,
-                "n_effective": math.fsum(one.n_effective for one in measured if math.isfinite(one.n_effective)),
+                "n_effective": math.fsum(
+                    number.n_effective for number in measured if math.isfinite(number.n_effective)
+                ),
                 "window_start": _window_start(results, result),
                 "window_end": results.study.window.end,
                 **({"window_unit": "s"} if results.study.window.timed else {}),
@@ -338,7 +340,7 @@ def _fitted(series: Series, law: str) -> Sequence[PointResult]:
     """The points that a law was fitted to."""
     if law in series.further:
         return series.further[law].points
-    return [one for one in series.points if one.identity in series.used]
+    return [result for result in series.points if result.identity in series.used]
 
 
 def _bands(results: StudyResults) -> Iterator[Row]:
@@ -390,7 +392,7 @@ def _along(outlets: Sequence[ProfileAcross]) -> Iterator[Row]:
     middle = (first.edges[1:] + first.edges[:-1]) / 2
     columns: dict[str, np.ndarray] = {"x_star": middle, "x": middle * first.R, "fitted": first.inside}
     for name in ("area_fraction", "velocity"):
-        seeds = np.array([getattr(one, name) for one in outlets])
+        seeds = np.array([getattr(outlet, name) for outlet in outlets])
         columns[name] = seeds.mean(axis=0)
         columns[f"{name}_error"] = seeds.std(axis=0, ddof=1) / n**0.5 if n > 1 else np.full(len(middle), np.nan)
     for values in zip(*columns.values(), strict=True):

@@ -69,7 +69,7 @@ def numerical(
     """
     by_index = {result.point.index: result for result in points}
     comparisons = []
-    for key in dict.fromkeys(name for one in points for name in one.at if name.startswith(NUMERICS)):
+    for key in dict.fromkeys(name for result in points for name in result.at if name.startswith(NUMERICS)):
         groups: dict[tuple, list[Point]] = {}
         for point in (point for point in study_points if key in point.at):
             groups.setdefault(tuple((k, v) for k, v in point.at.items() if k != key), []).append(point)
@@ -97,11 +97,13 @@ def _against(key: str, first: PointResult, second: PointResult, margin: float | 
 
 def summed_up(comparisons: Sequence[Numerical]) -> str:
     """Findings of all tests in a sentence; empty if nothing was tested."""
-    tested = [one for one in comparisons if one.finding]
-    margins = [one.margin for one in tested if one.margin is not None]
+    tested = [comparison for comparison in comparisons if comparison.finding]
+    margins = [comparison.margin for comparison in tested if comparison.margin is not None]
     if not margins:
         return ""
-    equivalent, beyond = (sum(one.finding == finding for one in tested) for finding in ("equivalent", "different"))
+    equivalent, beyond = (
+        sum(comparison.finding == finding for comparison in tested) for finding in ("equivalent", "different")
+    )
     excess = f", a larger difference in {beyond}" if beyond else ""
     of = f"{len(tested)} comparison{'' if len(tested) == 1 else 's'}"
     return f"Numerics: the same flow rate within ±{percent(margins[0])} is shown in {equivalent} of {of}{excess}."

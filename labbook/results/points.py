@@ -435,9 +435,9 @@ def swept(point: Point, extra: frozenset[str]) -> dict[str, float | str]:
 
 def followers(points: Sequence[PointResult], key: str) -> tuple[str, ...]:
     """Swept keys that change with `key` and are known as soon as it is: a diameter that is given for every length."""
-    valued = [({**one.at, **one.along}, value) for one in points if (value := one.at.get(key)) is not None]
+    valued = [({**result.at, **result.along}, value) for result in points if (value := result.at.get(key)) is not None]
     following = []
-    for name in dict.fromkeys(name for one in points for name in one.along):
+    for name in dict.fromkeys(name for result in points for name in result.along):
         pairs = {(value, known.get(name)) for known, value in valued}
         if len(pairs) == len({value for value, _ in pairs}) and len({other for _, other in pairs}) > 1:
             following.append(name)
@@ -447,10 +447,9 @@ def followers(points: Sequence[PointResult], key: str) -> tuple[str, ...]:
 def pooled_point(study: Study, point: Point, extra: frozenset[str], runs: tuple[RunResult, ...]) -> PointResult:
     """A point with its numbers pooled over beds, of the runs that count."""
     rule = stopping_rule(study)
-    declared = [one for measure in MEASURES.values() for one in measure.declared]
-    declared += [one for name in study.measure for one in MEASURES[name].quantities(point.scene)]
-    unpooled = {one.name for one in declared if not one.pooled}
-    rates = {one.name for one in declared if one.estimator == "rate"}
+    declared = [quantity for measure in MEASURES.values() for quantity in measure.declared]
+    unpooled = {quantity.name for quantity in declared if not quantity.pooled}
+    rates = {quantity.name for quantity in declared if quantity.estimator == "rate"}
     values: dict[str, list[tuple[int, Measured]]] = {}
     for run in runs:
         for name, measured in run.measured.items():
@@ -477,6 +476,6 @@ def _of_one_run(runs: tuple[RunResult, ...]) -> dict[str, Pooled]:
     """Flow rates of the only run of a fed bed, which is long enough to tell its own error."""
     names = (FLOW_RATE, "grain_rate")
     rates_of_run = [run.measured[name] for run in runs for name in names if run.counted and name in run.measured]
-    finite = [one for one in rates_of_run if math.isfinite(one.value)]
+    finite = [rate for rate in rates_of_run if math.isfinite(rate.value)]
     t = student(0.95, BLOCKS - 1)
-    return {one.quantity: Pooled(one.value, one.error, t * one.error, 1) for one in finite}
+    return {rate.quantity: Pooled(rate.value, rate.error, t * rate.error, 1) for rate in finite}

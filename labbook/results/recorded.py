@@ -135,7 +135,7 @@ def acceleration(result: PointResult) -> AccelerationProfile | None:
 def pooled_means(patterns: list[Flowing]) -> dict[str, Pooled]:
     """Means above the orifice and the stagnant part of the bed, pooled over recorded runs; where the point measured
     `orifice`, its means are those of all runs."""
-    rows = [one.orifice for one in patterns]
+    rows = [pattern.orifice for pattern in patterns]
     measured = patterns[0].result.pooled if patterns else {}
     names = dict.fromkeys(name for row in rows for name in row)
     means = {name: pool([row[name] for row in rows if name in row]) for name in names}
@@ -155,5 +155,9 @@ def _of_run(result: PointResult, run: RunResult) -> Flowing | None:
     bed = Bed.of(evaluation)
     if bed is None:
         return None
-    means = {one.quantity.removeprefix("orifice."): one.value for one in evaluation.numbers if math.isfinite(one.value)}
+    means = {
+        number.quantity.removeprefix("orifice."): number.value
+        for number in evaluation.numbers
+        if math.isfinite(number.value)
+    }
     return Flowing(result, bed, means)

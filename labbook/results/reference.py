@@ -94,7 +94,10 @@ def compare(
         for entry in reference.entries
         for comparison in entry_of(entry.quantity, entry.at, points, series, own)
     )
-    return (*published, *(one for each in series for one in _of_measured_fits(reference, each)))
+    return (
+        *published,
+        *(comparison for one_series in series for comparison in _of_measured_fits(reference, one_series)),
+    )
 
 
 def measured_fit(reference: Reference, law: str, series: Series) -> FitResult | None:
@@ -149,7 +152,7 @@ def at_series(comparisons: Sequence[Comparison], law: str, series: Series) -> di
 
 def of_reference(comparisons: Sequence[Comparison], law: str, series: Series) -> dict[str, float]:
     """Parameters of `law` (or a further fit) that the reference states for a series, by name, in SI."""
-    return {name: one.reference for name, one in at_series(comparisons, law, series).items()}
+    return {name: comparison.reference for name, comparison in at_series(comparisons, law, series).items()}
 
 
 def agreement(comparisons: Sequence[Comparison], source: str) -> str:
@@ -174,9 +177,9 @@ def agreement(comparisons: Sequence[Comparison], source: str) -> str:
     return f"{text} The largest difference is in {name}{where}: {difference}, {side} the 95 % interval{runs}."
 
 
-def sought(quantity: str, asked: Mapping[str, float | str]) -> Comparison:
-    """A comparison without numbers: of a quantity at the asked values."""
-    return Comparison(quantity, asked, display.label(asked), math.nan, None, None)
+def sought(quantity: str, at: Mapping[str, float | str]) -> Comparison:
+    """A comparison without numbers, of a quantity at swept values."""
+    return Comparison(quantity, at, display.label(at), math.nan, None, None)
 
 
 def entry_of(
@@ -206,7 +209,7 @@ def entry_of(
         comparisons += of_papers
     elif of_fit(name):
         at = {name: value for name, value in conditions.items() if name != ORIFICE}
-        for fitted_series in (one for one in series if matches(at, one.points[0].point)):
+        for fitted_series in (each_series for each_series in series if matches(at, each_series.points[0].point)):
             there = replace(
                 base, at=fitted_series.at or at, label=fitted_series.label or base.label, points=fitted_series.points
             )
@@ -229,7 +232,7 @@ def _merged(comparisons: Sequence[Comparison], points: int) -> list[Comparison]:
             common = {name: value for name, value in first.at.items() if all(c.at.get(name) == value for c in group)}
             place = f" at {display.label(common)}" if common else ""
             label = "all points" if len(group) == points else f"{len(group)} points{place}"
-            first = replace(first, at=common, label=label, points=tuple(one for c in group for one in c.points))
+            first = replace(first, at=common, label=label, points=tuple(result for c in group for result in c.points))
         merged.append(first)
     return merged
 

@@ -42,7 +42,7 @@ def point_at(points: Sequence[Point], at: Mapping[str, Any]) -> Point:
 
 
 def series_at(series: Sequence[Series], at: Mapping[str, Any] | None, like: Point) -> Series:
-    """The series with these values of the keys by which series are told apart.
+    """The series with these values of the keys in which series differ.
 
     Args:
         series: all series of a study.
@@ -58,22 +58,22 @@ def series_at(series: Sequence[Series], at: Mapping[str, Any] | None, like: Poin
     for key, value in (at or {}).items():
         name = _series_key(series, str(key))
         values[name] = value_of_key(name, value, like)
-    matches = [one for one in series if has(one.at, values)]
+    matches = [each_series for each_series in series if has(each_series.at, values)]
     if len(matches) == 1:
         return matches[0]
-    there = "; ".join(listed([_as_text(one.at) for one in series]))
+    there = "; ".join(listed([_as_text(each_series.at) for each_series in series]))
     if at:
         raise LookupError(f"{len(matches)} series are at {dict(at)}; there are: {there}")
     raise LookupError(f"the study has several series: say which by `at`; there are: {there}")
 
 
 def _series_key(series: Sequence[Series], name: str) -> str:
-    """The key with this name, or the only one that ends with it, among those by which series are told apart.
+    """The key with this name, or the only one that ends with it, among those in which series differ.
 
     Raises:
         LookupError: no key has this name, or several end with it.
     """
-    keys = list(dict.fromkeys(key for one in series for key in one.at))
+    keys = list(dict.fromkeys(key for each_series in series for key in each_series.at))
     names = _ending_in(name, keys)
     if len(names) == 1:
         return names[0]
@@ -81,10 +81,10 @@ def _series_key(series: Sequence[Series], name: str) -> str:
         raise LookupError(f"at: {name} may be {' or '.join(names)}")
     if name == ORIFICE or ORIFICE.endswith(f".{name}"):
         raise LookupError(
-            f"at: {ORIFICE} is the axis of every series and tells none apart; "
-            + (f"series are told apart by {', '.join(keys)}" if keys else "there is one series: leave out `at`")
+            f"at: {ORIFICE} is the axis of every series and selects none; "
+            + (f"series differ in {', '.join(keys)}" if keys else "there is one series: leave out `at`")
         )
-    raise LookupError(f"at: series are not told apart by {name}; {instead(name, keys)}")
+    raise LookupError(f"at: series do not differ in {name}; {instead(name, keys)}")
 
 
 def key_named(name: str, keys: Sequence[str]) -> str:
@@ -101,13 +101,13 @@ def _ending_in(name: str, keys: Sequence[str]) -> list[str]:
 
 
 def has(at: Mapping[str, float | str], wanted: Mapping[str, float | str]) -> bool:
-    """Decide if swept values are the wanted ones, of those keys that these have."""
+    """True if swept values have all wanted values; a wanted key that is not swept does not match."""
     return all(_equal(at.get(key), value) for key, value in wanted.items())
 
 
 def value_of_key(key: str, value: Any, point: Point) -> float | str:
     """A value of a key in SI, or the word that it is; text is read as a study's, with its unit."""
-    key_with_unit = next((one for one in find_keys(key) if one.unit is not None), None)
+    key_with_unit = next((candidate for candidate in find_keys(key) if candidate.unit is not None), None)
     if isinstance(value, str) and key_with_unit is not None:
         return parse(value, key_with_unit.unit, point.scene.grains.diameter)
     return value if isinstance(value, str) else float(value)

@@ -98,7 +98,7 @@ class Series:
         return {
             name: value
             for name, value in first.items()
-            if names_scene(name) and all(one.along.get(name) == value for one in self.points)
+            if names_scene(name) and all(result.along.get(name) == value for result in self.points)
         }
 
     def label_without(self, key: str) -> str:
@@ -137,7 +137,7 @@ class Series:
         return tuple(
             Residual(
                 orifice,
-                *(float(one) for one in (pooled.value / of_law - 1, pooled.half_width / of_law, error / of_law)),
+                *(float(number) for number in (pooled.value / of_law - 1, pooled.half_width / of_law, error / of_law)),
             )
             for (orifice, pooled), of_law, error in zip(measured, expected, errors, strict=True)
         )
@@ -177,7 +177,10 @@ def series_of(
     all_series = (
         _series(dict(key), sorted(group, key=lambda r: r.orifice), laws, further) for (key, _), group in ordered
     )
-    return tuple(replace(one, unset=tuple(name for name in names if name not in one.at)) for one in all_series)
+    return tuple(
+        replace(each_series, unset=tuple(name for name in names if name not in each_series.at))
+        for each_series in all_series
+    )
 
 
 def _series(

@@ -128,8 +128,8 @@ def _run_from(run: RunResult, start: StartResult) -> _RunFrom:
 def parameters_at(starts: Sequence[AtStart], series: Series, law: str, name: str) -> list[tuple[AtStart, Parameter]]:
     """A fitted parameter of a series for each start that has it."""
     moved = [(at, at.of(series)) for at in starts]
-    return [(at, parameters[name]) for at, one in moved
-            if one is not None and name in (parameters := one.parameters(law))]  # fmt: skip
+    return [(at, parameters[name]) for at, moved_series in moved
+            if moved_series is not None and name in (parameters := moved_series.parameters(law))]  # fmt: skip
 
 
 def window_share(results: StudyResults, series: Series, law: str, name: str) -> tuple[float, str] | None:

@@ -71,7 +71,11 @@ def judge(
     """Every statement of the reference, for each series or point that it speaks of, or as papers judge it."""
     if reference is None:
         return ()
-    return tuple(one for statement in reference.statements for one in _judge(statement, points, series, own, judged))
+    return tuple(
+        judged_statement
+        for statement in reference.statements
+        for judged_statement in _judge(statement, points, series, own, judged)
+    )
 
 
 def summed_up(judged: Sequence[Judged], source: str) -> str:
@@ -90,12 +94,12 @@ def summed_up(judged: Sequence[Judged], source: str) -> str:
 
 def by_statement(judged: Sequence[Judged]) -> list[tuple[Statement, list[Judged]]]:
     """Group judgements by statement, in the order of the statements."""
-    return [(statement, list(group)) for statement, group in groupby(judged, lambda one: one.statement)]
+    return [(statement, list(group)) for statement, group in groupby(judged, lambda result: result.statement)]
 
 
 def at_all(places: Iterable[Judged]) -> Verdict:
     """The verdict on a statement that speaks of several places."""
-    verdicts = {one.verdict for one in places}
+    verdicts = {place.verdict for place in places}
     if "does not hold" in verdicts:
         return "does not hold"
     return "undecided" if "undecided" in verdicts else "holds"

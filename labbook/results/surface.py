@@ -2,7 +2,7 @@
 
 The law of the study is used if the points allow it. If not, the quantity is interpolated (`labbook.stats.response`).
 Neither goes beyond the swept range. Points at which more than a fifth of the runs clogged are left out: the others are
-no fair sample.
+a biased sample.
 """
 
 import math
@@ -70,7 +70,7 @@ class DesignValue:
 
     def __repr__(self) -> str:
         return "\n".join(
-            (f"<DesignValue: {self.sentence}>", f"  {self.method}", *(f"  note: {one}" for one in self.notes))
+            (f"<DesignValue: {self.sentence}>", f"  {self.method}", *(f"  note: {note}" for note in self.notes))
         )
 
 
@@ -111,7 +111,7 @@ class ResponseSurface:
             NoSurface: A value is outside the range.
         """
         single = isinstance(values, str) or not np.ndim(values)
-        x = np.array([value_of_key(self.key, one, self._like) for one in ([values] if single else values)], float)
+        x = np.array([value_of_key(self.key, text, self._like) for text in ([values] if single else values)], float)
         beyond = x[(x < self.low * (1 - 1e-9)) | (x > self.high * (1 + 1e-9))]
         if len(beyond):
             place = display.setting(self.key, float(beyond[0]))
@@ -177,10 +177,10 @@ def surface(
     """
     key = _key(results.points, over)
     fixed = _fixed(results.points, key, at or {})
-    there = [one for one in results.points if has(one.at, fixed) and key in one.at]
-    usable = [one for one in there if one.pooled.get(quantity) is not None and not is_clogged(one)]
-    notes = tuple(filter(None, (remark_on(one, quantity, one in usable) for one in there)))
-    places = sorted({float(one.at[key]) for one in usable})
+    there = [result for result in results.points if has(result.at, fixed) and key in result.at]
+    usable = [result for result in there if result.pooled.get(quantity) is not None and not is_clogged(result)]
+    notes = tuple(filter(None, (remark_on(result, quantity, result in usable) for result in there)))
+    places = sorted({float(result.at[key]) for result in usable})
     if len(places) < 2:
         why = f" ({'; '.join(notes)})" if notes else ""
         raise NoSurface(f"{quantity} is known at {len(places)} values of {key}, and a surface needs {FEWEST}{why}")
@@ -191,7 +191,9 @@ def surface(
         p = "" if math.isnan(law.p_value) else f", lack of fit p = {law.p_value:.2g}"
         method = f"{display.law(law.law.name)} fitted to {len(law.D)} points{p}"
         return ResponseSurface(*head, method, notes, law)
-    runs = [(float(one.at[key]), value, seed) for one in usable for seed, value in by_seed(one, quantity).items()]
+    runs = [
+        (float(result.at[key]), value, seed) for result in usable for seed, value in by_seed(result, quantity).items()
+    ]
     x, y, seeds = (np.array(column) for column in zip(*runs, strict=True))
     if len({*seeds.tolist()}) < 2:
         raise NoSurface(
@@ -216,10 +218,10 @@ def _law(results: StudyResults, usable: Sequence[PointResult], key: str, quantit
     if key != ORIFICE or quantity != FLOW_RATE or not results.study.fit:
         return None, ""
     (series,) = series_of(usable, results.study.fit)
-    allowed = [one for one in series.fits.values() if not one.p_value < MISFIT]
+    allowed = [fit for fit in series.fits.values() if not fit.p_value < MISFIT]
     if allowed:
-        return min(allowed, key=lambda one: math.inf if math.isnan(one.aicc) else one.aicc), ""
-    misses = (f"{display.law(law)} misses the points, p = {one.p_value:.2g}" for law, one in series.fits.items())
+        return min(allowed, key=lambda fit: math.inf if math.isnan(fit.aicc) else fit.aicc), ""
+    misses = (f"{display.law(law)} misses the points, p = {fit.p_value:.2g}" for law, fit in series.fits.items())
     return None, "; ".join((*misses, *series.problems))
 
 
@@ -228,7 +230,7 @@ def _key(points: Sequence[PointResult], over: str | None) -> str:
     for result in points:
         for name, value in result.at.items():
             values.setdefault(name, set()).add(value)
-    keys = [name for name, of in values.items() if len(of) > 1 and not any(isinstance(one, str) for one in of)]
+    keys = [name for name, of in values.items() if len(of) > 1 and not any(isinstance(entry, str) for entry in of)]
     if over is not None:
         return key_named(over, keys)
     physical = [name for name in keys if not name.startswith(NUMERICS)]
@@ -240,11 +242,11 @@ def _key(points: Sequence[PointResult], over: str | None) -> str:
 
 def _fixed(points: Sequence[PointResult], key: str, at: Mapping[str, Any]) -> dict[str, float | str]:
     """Values of the keys beside `key`, all of which have to be known."""
-    neighbours = list(dict.fromkeys(name for one in points for name in one.at if name != key))
+    neighbours = list(dict.fromkeys(name for result in points for name in result.at if name != key))
     fixed = {name: value_of_key(name, value, points[0].point) for name, value in
              ((key_named(str(name), neighbours), value) for name, value in at.items())}  # fmt: skip
-    there = [one for one in points if has(one.at, fixed)]
-    several = [name for name in neighbours if len({one.at.get(name) for one in there}) > 1]
+    there = [result for result in points if has(result.at, fixed)]
+    several = [name for name in neighbours if len({result.at.get(name) for result in there}) > 1]
     if several or not there:
         lacking = f"give a value of {' and '.join(several)}" if several else "no point has these values"
         raise LookupError(f"at: {lacking}")
@@ -252,7 +254,7 @@ def _fixed(points: Sequence[PointResult], key: str, at: Mapping[str, Any]) -> di
 
 
 def is_clogged(point: PointResult) -> bool:
-    """Decide if so many runs of a point clogged that the others are no fair sample."""
+    """Decide if so many runs of a point clogged that the others are a biased sample."""
     return point.outcomes["clogged"] > CLOGGED * len(point.runs)
 
 

@@ -208,6 +208,7 @@ class PooledWalls:
 
     @cached_property
     def _jackknife(self) -> dict[str, list[dict[str, JanssenFit]]]:
+        """Fits without one seed each, by state of the bed: filled by `_without_one` when first needed."""
         return {}
 
     def profile(self, beds: Sequence[int], when: str = "rest") -> WallProfile:

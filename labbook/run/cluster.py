@@ -48,7 +48,7 @@ _MAX_LOSSES = 20
 """Maximum number of times that a task is repeated after its worker was lost: it may be the cause."""
 _POLL_INTERVAL = 0.5  # s
 STOP_INTERVAL, _VIEW_INTERVAL = 2.0, 2.0  # s
-_GATHER_TIME = 60.0  # s that workers have to give back what they have when they are asked to stop
+_GATHER_TIME = 60.0  # s that workers have to return their results when a stop is requested
 
 Files = dict[str, bytes]
 

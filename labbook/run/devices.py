@@ -198,9 +198,9 @@ class MultiDeviceRunner:
         finally:
             catalogue.close()
         problems = tuple(dict.fromkeys(problem for end in ends for problem in end["problems"]))
-        run_worker = sum(end["work"] for end in ends)
+        work_done = sum(end["work"] for end in ends)
         preparing = min((end["preparing"] for end in ends), default=0.0)
-        summary = Summary(tally, plan.points, stopped, wall, run_worker, problems, False, holds, preparing=preparing)
+        summary = Summary(tally, plan.points, stopped, wall, work_done, problems, False, holds, preparing=preparing)
         return replace(summary, study=plan.study, campaign=plan.campaign)
 
 

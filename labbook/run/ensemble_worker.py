@@ -1,4 +1,4 @@
-"""Workers: an ensemble with the thread that steps it (a lane in the documentation).
+"""Workers: an ensemble with the thread that steps it.
 
 On a CPU every core has a worker with one member, so that no run waits for another at the end of a beat. A GPU has a
 worker for fillings and one for runs, each with all members of a Spec. They share a thread, in which their beats
@@ -50,7 +50,7 @@ _LAST_PRIORITY = 1 << 30
 class WorkerThread:
     """A daemon thread that runs submitted tasks one after another."""
 
-    def __init__(self, name: str = "labbook-lane") -> None:
+    def __init__(self, name: str = "labbook-worker") -> None:
         self._calls: PriorityQueue[tuple[int, int, Callable[[], None] | None]] = PriorityQueue()
         self._number = count()
         threading.Thread(target=self._work, name=name, daemon=True).start()

@@ -346,7 +346,7 @@ class Job(ABC):
             self.unsaved += sum(column.nbytes for column in table.values())
 
     def save(self, ensemble: Ensemble, member: Member) -> None:
-        """Write an exact checkpoint and the rows up to it. Raises DiskFull."""
+        """Write an exact checkpoint and the rows up to it, if `may_save` is set. Raises DiskFull."""
         if self.may_save:
             self._write(ensemble.checkpoint(member))
 

@@ -99,7 +99,7 @@ class JobQueue:
 
     Args:
         context: Lab, backend and device.
-        planner: Plans points anew as results arrive.
+        planner: Plans points again as results arrive.
         index: Index of the lab, to which ended jobs are added.
         observe: Measures and window of the study.
         packings_only: Make only the packings of the runs.

@@ -83,7 +83,7 @@ class StudyFolder:
             _paths.setdefault(key, (self.folder / file).absolute())
 
     def again(self) -> "StudyFolder":
-        """Make the same folder anew, to attach files as they are now."""
+        """Make the same folder again, to attach files as they are now."""
         return StudyFolder(self.folder, self.listed)
 
     def attach(self, name: str) -> str:

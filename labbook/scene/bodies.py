@@ -41,12 +41,12 @@ class Bodies:
             return cls(radius, mass, inertia, np.zeros(n, np.int64))
         kind = np.zeros(n, np.int64) if packing.kind is None else packing.kind
         if packing.kind is None and kinds > 1:
-            raise ValueError(f"packing: it has no kinds of grains, and the scene has {kinds}; fill it anew")
+            raise ValueError(f"packing: it has no kinds of grains, and the scene has {kinds}; fill it again")
         if len(kind) and not (kind.min() >= 0 and kind.max() < kinds):
-            raise ValueError(f"packing: kinds of grains are not from 0 to {kinds - 1}; fill it anew")
+            raise ValueError(f"packing: kinds of grains are not from 0 to {kinds - 1}; fill it again")
         diameter = np.full(n, grains.diameter) if packing.diameter is None else packing.diameter
         if len(diameter) and not (diameter.min() > 0 and diameter.max() <= grains.diameter):
-            raise ValueError(f"packing: diameters are not above 0 and up to d = {grains.diameter:g} m; fill it anew")
+            raise ValueError(f"packing: diameters are not above 0 and up to d = {grains.diameter:g} m; fill it again")
         return cls.sized(grains, diameter, kind)
 
     @classmethod

@@ -426,10 +426,10 @@ class HertzPrinted(Tensile):
     """Fan et al. 2023, eqs 6 to 8, literally: no limit on the total friction force.
 
     Friction is F_t^e = mu F_n^e (1 - (1 - min(s, s_max)/s_max)^{3/2}) with a dashpot that vanishes at s_max. The spring
-    goes on growing while the contact slides, so that a reversal first has to take all of that back, and pushes on its
-    way: without rolling resistance grains never come to rest, and have to be filled by another law (`fill.contact`).
-    It pushes with mu F_n^e of now, not of when the contact slid, which can give energy away: a wedged grain may be shot
-    to ten times the speed of free fall.
+    keeps growing while the contact slides. A reversal must first undo this growth, and the spring pushes meanwhile.
+    Without rolling resistance grains therefore never come to rest, and beds have to be filled by another law
+    (`fill.contact`). The spring pushes with the present mu F_n^e, not with that during the sliding, which can add
+    energy: a wedged grain may reach ten times the speed of free fall.
     """
 
     law: Literal["hertz-printed"] = "hertz-printed"
@@ -528,7 +528,7 @@ class LinearSpringDashpot(Dashpot):
     # what is stored and hashed is the stiffness alone, so that a run is the same by whichever way it is stated
     contact_time: Annotated[Duration | None, Field(exclude=True)] = None
     """Duration t_c of a collision of two of the lightest grains, instead of `normal_stiffness`: k_n = m (π² + ln² e)/(2
-    t_c²), the contact time of a spring and dashpot whose force may pull, with the mass m of a grain."""
+    t_c²) with the mass m of a grain. This is the contact time of a spring and dashpot whose force may pull."""
     largest_overlap: Annotated[Length | None, Field(exclude=True)] = None
     """Largest overlap δ in a collision of two of the heaviest grains without damping, instead of `normal_stiffness`:
     k_n = m v²/(2 δ²) with the mass m of a grain and v the `impact_speed`."""

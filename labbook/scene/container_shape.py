@@ -1,8 +1,8 @@
 """Base of all containers: the geometry that filling, pictures, recordings and measures use.
 
-Each container knows its walls when open and when closed. A closed container's outlet carries a lid and its
-side walls reach up as far as a filling needs, so that flat-bottomed silos that differ only in their outlets
-are the same closed container, and share packings.
+Each container knows its walls when open and when closed. A closed container's outlet carries a lid, and its side walls
+reach up as far as a filling needs. So flat-bottomed silos that differ only in their outlets are the same closed
+container, and share packings.
 """
 
 import math

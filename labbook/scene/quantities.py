@@ -93,7 +93,7 @@ def parse(text: str, unit: str | None, diameter: float | None = None) -> float:
     return float(number * Decimal(f"{factor:.15g}"))
 
 
-def told_apart(value: float, limit: float, digits: int = 3, of_limit: int = 6) -> tuple[str, str]:
+def format_distinct(value: float, limit: float, digits: int = 3, of_limit: int = 6) -> tuple[str, str]:
     """Write a value beyond a limit and the limit so that a reader sees which is larger.
 
     Numbers from 1e-4 to 1e6 are written out.

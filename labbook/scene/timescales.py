@@ -126,12 +126,12 @@ def largest_stable_step(scene: Scene) -> float:
     which are the first to fail.
 
     Rolling springs count as those of friction do. Between grains of radius R they turn a grain as a friction spring of
-    k_r/R^2 = c mu_r^2 k_n/4 would, with c = k_r/(k_n mu_r^2 R_r^2): more than one of 2/7 k_n only for mu_r above 0.71
-    where c = 2.25, so that friction's are the stiffer ones almost always. They do not add up: where neighbours turn
-    alike they stretch friction springs alone, and where they turn against each other rolling springs alone. The dashpot
-    2 eta_r sqrt(I_r k_r) likewise is one of the damping ratio eta_r mu_r sqrt(0.35 c) at the distance R. Beds of 300
-    spheres with mu_r from 0.3 to 2 and eta_r from 0 to 1 came to rest at 0.9 of this limit. Those with a dashpot did
-    not at 1.3 of it.
+    k_r/R^2 = c mu_r^2 k_n/4 would, with c = k_r/(k_n mu_r^2 R_r^2). For c = 2.25 this exceeds a friction spring of 2/7
+    k_n only for mu_r above 0.71, so friction springs are almost always the stiffer ones. They do not add up: neighbours
+    that turn in the same sense stretch friction springs only, and neighbours that turn in opposite senses stretch
+    rolling springs only. The dashpot 2 eta_r sqrt(I_r k_r) likewise is one of the damping ratio eta_r mu_r sqrt(0.35 c)
+    at the distance R. Beds of 300 spheres with mu_r from 0.3 to 2 and eta_r from 0 to 1 came to rest at 0.9 of this
+    limit. Those with a dashpot did not at 1.3 of it.
 
     Args:
         scene: Scene.

@@ -11,7 +11,7 @@ from pydantic import model_validator
 from labbook.scene.container_shape import CACHE_SIZE, FLAT, ContainerShape, Outlet, Parts, plane_wall, strip_wall
 from labbook.scene.geometry import Bounds
 from labbook.scene.model import Fault, InternalFlag, refuse
-from labbook.scene.quantities import Angle, Distance, Length, told_apart
+from labbook.scene.quantities import Angle, Distance, Length, format_distinct
 from labbook.scene.thick_plate import OptionalLip
 from labbook.scene.walls import AT_REST, Strip, Symmetry, Wall
 
@@ -76,10 +76,10 @@ class WedgeHopper(ContainerShape):
             yield Fault("orifice", reason, "make the orifice smaller or the hopper wider")
             return
         if self.gap is not None and self.gap > limit * (1 + 1e-12):
-            gap, bound = told_apart(self.gap * 1e3, limit * 1e3, digits=6)
+            gap, bound = format_distinct(self.gap * 1e3, limit * 1e3, digits=6)
             reason = f"a gap of {gap} mm is beyond (L - D)/2 = {bound} mm"
             mirrored = 2 * limit - self.gap
-            mirror = f", or {mirrored * 1e3:g} mm, of which it is the mirror image" if mirrored >= 0 else ""
+            mirror = f", or {mirrored * 1e3:g} mm, its mirror image" if mirrored >= 0 else ""
             yield Fault("gap", reason, f"use at most {limit * 1e3:g} mm{mirror}")
             return
         if angle_fits and max(self._rises) >= self.height:

@@ -21,7 +21,7 @@ def bootstrap_all(
     """Estimate statistics with errors by a hierarchical bootstrap over replicates.
 
     Whole replicates (seeds) are drawn with replacement within each point. Data within a replicate stay together:
-    drawing them anew would count their noise twice (Davison & Hinkley, Bootstrap Methods, 1997, section 3.8).
+    drawing them again would count their noise twice (Davison & Hinkley, Bootstrap Methods, 1997, section 3.8).
 
     Args:
         points: Replicates of each point, of any type (numbers, series).

@@ -77,8 +77,8 @@ def shares(beds: Beds) -> Shares:
     """Split the variance of runs into that of beds and that of flows.
 
     The share of the bed is its posterior mean. The likelihood is the F distribution of the ratio of mean squares
-    between and within beds (one-way analysis of variance of normal numbers), and the prior is that of other scenes,
-    which matters while beds are few. The scatter is the most likely one for that share.
+    between and within beds (one-way analysis of variance of normal numbers). The prior is that of other scenes, which
+    matters while beds are few. The scatter is the most likely one for that share.
 
     Args:
         beds: Values of the discharges of each bed.

@@ -258,7 +258,9 @@ def _hull(designs: np.ndarray) -> np.ndarray:
     try:
         equations = ConvexHull(designs).equations
     except (QhullError, ValueError):
-        raise ValueError("the designs lie on a line or a plane, so that the keys cannot be told apart") from None
+        raise ValueError(
+            "the designs lie on a line or a plane, so that the effects of the keys cannot be separated"
+        ) from None
     return np.unique(equations.round(12), axis=0)
 
 

@@ -27,7 +27,7 @@ def paired_ratio(
     """
     x, y = np.asarray(above, float), np.asarray(below, float)
     if len(x) != len(y) or not len(x):
-        raise ValueError(f"a ratio of pairs needs as many values above as below, not {len(x)} and {len(y)}")
+        raise ValueError(f"a ratio of pairs needs equally many values above and below, not {len(x)} and {len(y)}")
     middle = float(y.mean())
     if middle == 0:
         raise ValueError("a ratio needs a denominator that is not zero")

@@ -10,11 +10,11 @@ from labbook.measure import MEASURES, MeasureError
 from labbook.measure.outlets import OutletRates
 from labbook.scene.container_shape import ContainerShape
 from labbook.scene.model import Fault
-from labbook.scene.quantities import told_apart
+from labbook.scene.quantities import format_distinct
 from labbook.scene.scene import Scene
 from labbook.scene.timescales import gravity_time, stop_time
 from labbook.scene.wall_bins import is_upright
-from labbook.study.paper import PAPERS, Asked, Wrong, none_such
+from labbook.study.paper import PAPERS, QuantityContext, Wrong, none_such
 from labbook.study.point import Point
 from labbook.study.problems import Problem
 from labbook.study.schema import STALL, Settings, Window
@@ -136,7 +136,7 @@ def unbroken(source: StudyText, settings: Settings, points: Sequence[Point]) -> 
         reason = ""
         if settings.stop.still and point.scene.restart is not None:
             reason = "a still outlet ends the run, before its arch is broken"
-        elif settings.stop.still and [math.isfinite(one.width) for one in point.scene.container.outlets] != [True]:
+        elif settings.stop.still and [math.isfinite(o.width) for o in point.scene.container.outlets] != [True]:
             reason = "the container has not one outlet of a known width"
         if reason:
             yield Problem(source.path, source.line(("stop", "still")), "stop.still", reason, "leave it out")
@@ -244,7 +244,7 @@ def _too_high(scene: Scene, stop: float | None) -> Iterator[tuple[str, str, str]
         return
     highest = scene.grains.count * scene.grains.volume / (LOOSEST * area)
     if stop >= highest:
-        height, upper = told_apart(stop * 1e3, highest * 1e3, digits=6, of_limit=3)
+        height, upper = format_distinct(stop * 1e3, highest * 1e3, digits=6, of_limit=3)
         bound = f"at most {upper} mm, at a packing fraction of {LOOSEST:g}"
         reason = f"{height} mm is above any bed of these grains ({bound})"
         yield "stop.fill_height", reason, f"use less than {highest / 2 * 1e3:.3g} mm, or more grains"
@@ -327,7 +327,7 @@ def unit_of(quantity: str, settings: Settings, scenes: Iterable[Scene], is_state
     name = tail or head
     if name in units and (not tail or head in settings.measure):
         return units[name]
-    context = Asked(kinds, units, is_statement)
+    context = QuantityContext(kinds, units, is_statement)
     for paper in PAPERS.values():
         if (unit := paper.unit(quantity, context)) is not None:
             return unit
@@ -345,5 +345,10 @@ def _kind(scene: Scene) -> tuple:
 
 
 def _units_of(measures: Iterable[str], scenes: Iterable[Scene]) -> dict[str, str]:
-    named = [MEASURES[name] for name in measures if name in MEASURES]
-    return {one.name: one.unit for scene in scenes for measure in named for one in measure.quantities(scene)}
+    known_measures = [MEASURES[name] for name in measures if name in MEASURES]
+    return {
+        quantity.name: quantity.unit
+        for scene in scenes
+        for measure in known_measures
+        for quantity in measure.quantities(scene)
+    }

@@ -164,7 +164,10 @@ class CalibrateReader:
         name = entry.quantity.rpartition(".")[2]
         measures = [MEASURES[one] for one in self._settings.measure if one in MEASURES]
         pooled = {
-            one.name for measure in measures for one in measure.declared if one.pooled and one.estimator == "mean"
+            quantity.name
+            for measure in measures
+            for quantity in measure.declared
+            if quantity.pooled and quantity.estimator == "mean"
         }
         if name not in pooled:
             return "this is no quantity of the runs", f"measured values may be of {', '.join(sorted(pooled))}"

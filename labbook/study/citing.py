@@ -171,7 +171,7 @@ def _rolls(scene: Scene) -> bool:
 
 
 def _hexatic(scene: Scene) -> bool:
-    return any(one.name.startswith("hexatic") for one in MEASURES["packing"].quantities(scene))
+    return any(quantity.name.startswith("hexatic") for quantity in MEASURES["packing"].quantities(scene))
 
 
 def _compares_angles(study: Study) -> bool:

@@ -26,7 +26,7 @@ def used_by_analysis(study: Study) -> tuple[Extension, ...]:
     and quantities."""
     reference = study.reference
     quantities = () if reference is None else (*reference.entries, *reference.statements)
-    words = {*study.fit, *(one.quantity.partition(".")[0] for one in quantities)}
+    words = {*study.fit, *(quantity.quantity.partition(".")[0] for quantity in quantities)}
     measures = (one for name, one in MEASURES.extensions.items() if name in study.measure)
     laws = (one for name, one in LAWS.extensions.items() if name in words)
     papers = (one for name, one in PAPERS.extensions.items() if words.intersection(PAPERS[name].words))

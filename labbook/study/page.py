@@ -58,7 +58,7 @@ def _merged(keys: Sequence[Key]) -> list[Key]:
 
 def _joined(of: Sequence[str]) -> str:
     what = of[0].partition(": ")[0]
-    return ", ".join([of[0], *(one.removeprefix(f"{what}: ") for one in of[1:])])
+    return ", ".join([of[0], *(text.removeprefix(f"{what}: ") for text in of[1:])])
 
 
 def _row(key: Key) -> str:

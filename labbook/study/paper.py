@@ -21,18 +21,18 @@ class Wrong:
 
 
 @dataclass(frozen=True)
-class Asked:
+class QuantityContext:
     """Context in which a reference names a quantity.
 
     Args:
         scenes: One scene of each kind, among the points that the reference speaks of.
         units: SI units of the quantities that the study measures there, by name.
-        stated: True for a statement, which gives a range instead of a number.
+        is_statement: True for a statement, which gives a range instead of a number.
     """
 
     scenes: tuple[Scene, ...]
     units: Mapping[str, str]
-    stated: bool = False
+    is_statement: bool = False
 
 
 class Vocabulary:
@@ -61,21 +61,27 @@ class Vocabulary:
     @property
     def words(self) -> tuple[str, ...]:
         """All words that its quantities begin with."""
-        return tuple(dict.fromkeys((*self.fits, *self.heads, *(one.name.partition(".")[0] for one in self.declared))))
+        return tuple(
+            dict.fromkeys((*self.fits, *self.heads, *(quantity.name.partition(".")[0] for quantity in self.declared)))
+        )
 
-    def unit(self, quantity: str, asked: Asked) -> str | Wrong | None:
+    def unit(self, quantity: str, context: QuantityContext) -> str | Wrong | None:
         """SI unit of a quantity that a reference names.
 
         Args:
             quantity: Name in the reference.
-            asked: Scenes and measured quantities.
+            context: Scenes and measured quantities.
 
         Returns:
             The unit; Wrong if the quantity is not available; None if it is not one of this paper.
         """
         head, _, tail = quantity.partition(".")
-        units = {one.name: one.unit for one in self.declared if one.name.startswith(f"{head}.")}
-        if not units or tail in asked.units:  # a measure may share its name with a fit
+        units = {
+            declaration.name: declaration.unit
+            for declaration in self.declared
+            if declaration.name.startswith(f"{head}.")
+        }
+        if not units or tail in context.units:  # a measure may share its name with a fit
             return None
         return units[quantity] if quantity in units else none_such(quantity, units)
 
@@ -105,7 +111,7 @@ def of_fit(quantity: str) -> bool:
     """
     head = quantity.partition(".")[0]
     papers = (paper for paper in PAPERS.values() if head in paper.fits)
-    return head in LAWS or any(one.name == quantity for paper in papers for one in paper.declared)
+    return head in LAWS or any(declaration.name == quantity for paper in papers for declaration in paper.declared)
 
 
 def none_such(quantity: str, candidates: Iterable[str]) -> Wrong:

@@ -158,8 +158,8 @@ def _label(assignment: Assignment) -> str:
 
 
 def _short_names(keys: Iterable[str]) -> dict[str, str]:
-    """`orifice` for container.orifice, unless another key ends alike; what walls and fillings have of their own is
-    called by its whole name, since grains have a friction, too."""
+    """`orifice` for container.orifice, unless another key has the same ending. Keys of walls and fillings are called by
+    their whole names, since grains have a friction, too."""
     names = list(keys)
     leaves = [name.rpartition(".")[2] for name in names]
     plain = [leaves.count(leaf) == 1 and not name.startswith(_OWN) for name, leaf in zip(names, leaves, strict=True)]

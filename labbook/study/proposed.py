@@ -28,26 +28,27 @@ def with_points(study: Study, assignments: Sequence[Assignment]) -> Study:
         StudyError: A point cannot be.
     """
     by_place = {place(point.at): point for point in study.points}
-    new = [one for one in assignments if place(one.at) not in by_place]
-    all_points = by_place | {place(one.at): point for one, point in zip(new, _read(study, new), strict=True)}
+    new = [assignment for assignment in assignments if place(assignment.at) not in by_place]
+    all_points = by_place | {
+        place(assignment.at): point for assignment, point in zip(new, _read(study, new), strict=True)
+    }
     points = (
-        replace(all_points[place(one.at)], index=index, replicates=one.replicates)
-        for index, one in enumerate(assignments)
+        replace(all_points[place(assignment.at)], index=index, replicates=assignment.replicates)
+        for index, assignment in enumerate(assignments)
     )
     return replace(study, points=tuple(points))
 
 
 def _read(study: Study, assignments: Sequence[Assignment]) -> tuple[Point, ...]:
     """Points that the study does not state, read as if it did."""
-    return study.change(_changes(study, [one.at for one in assignments])).points if assignments else ()
+    return study.change(_changes(study, [assignment.at for assignment in assignments])).points if assignments else ()
 
 
 def _changes(study: Study, points: Sequence[Mapping[str, float | str]]) -> dict[str, Any]:
     """Changes of a study that give it these points, and leave their keys of runs as they are."""
     changes: dict[str, Any] = {"points": [written_at(at) for at in points], "adapt": None}
-    changes |= {
-        key: None for key in ("sweep", "reference", "calibrate") if key in study.definition
-    }  # they may speak of others
+    # these sections may name points that the new study does not have
+    changes |= {key: None for key in ("sweep", "reference", "calibrate") if key in study.definition}
     if not (study.window.timed or study.fed):  # with these points alone the window could be another one
         ends = {"start": study.window.opening, "end": study.window.end}
         changes["window"] = {**study.definition.get("window", {}), **ends}

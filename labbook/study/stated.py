@@ -371,8 +371,8 @@ class ContactKeys(TypedDict, total=False):
     """Ratio k_t/k_n of tangential to normal stiffness. Range: in (0, 10]."""
     contact_time: object
     """Duration t_c of a collision of two of the lightest grains, instead of `normal_stiffness`: k_n = m (π² + ln²
-    e)/(2 t_c²), the contact time of a spring and dashpot whose force may pull, with the mass m of a grain [s].
-    Range: above 0."""
+    e)/(2 t_c²) with the mass m of a grain. This is the contact time of a spring and dashpot whose force may pull
+    [s]. Range: above 0."""
     largest_overlap: object
     """Largest overlap δ in a collision of two of the heaviest grains without damping, instead of
     `normal_stiffness`: k_n = m v²/(2 δ²) with the mass m of a grain and v the `impact_speed` [m]. Range: above 0."""

@@ -5,7 +5,7 @@ import re
 
 from labbook.accuracy.choosing import WITHIN
 from labbook.filling.placing import column
-from labbook.scene.quantities import parse, told_apart
+from labbook.scene.quantities import format_distinct, parse
 from labbook.scene.scene import Scene
 from labbook.scene.timescales import TIME_SCALES, collision, largest_stable_step
 from labbook.study.problems import instead
@@ -50,7 +50,7 @@ def resolve(value: object, scene: Scene, stiffness_scale: float, closed: Scene |
             raise TimeStepError(str(error), remedy) from None
     if not 0 < step <= limit:
         part = limit / collision(scaled)
-        step_text, limit_text = told_apart(step, limit, of_limit=3)
+        step_text, limit_text = format_distinct(step, limit, of_limit=3)
         reason = f"a step of {step_text} s is not between 0 and {limit_text} s, above which beds do not come to rest"
         remedy = f"use at most {_rounded_down(part):g} collision, or leave numerics.dt out"
         raise TimeStepError(reason, remedy, clash=True)

@@ -29,6 +29,7 @@ def inertia_of(body, i, inertia):
 @func
 def rolling_inertia(inertia, slender):
     """Smallest moment of inertia [kg m^2], which limits rolling resistance: for rods, that about the axis."""
+    # a torque about the axis would turn a rod fastest, and limits the stable step of rolling resistance
     return real(inertia / (wide(1.0) + slender))
 
 

@@ -72,7 +72,7 @@ def may_touch(features, conditions, f, x, a, half, radius, moves):
 
 @func
 def placed_at(st: State, w, i):
-    """Place and axis of grain i, in the frame of wall w; of spheres the axis is of no meaning."""
+    """Position and axis of grain i in the frame of wall w; for spheres the axis has no meaning."""
     x = load(st.grains, i, X)
     a = x
     if ORIENTED:
@@ -100,8 +100,11 @@ def near_mesh(st: State, p: Params, w, i, moves):
 
 @entry
 def list_features(st: State, p: Params, first, near):
-    """Fill the lists of features that may be touched before the next rebuild, of each entry near a mesh, ascending;
-    their length, also where `near` is shorter."""
+    """List the features that each entry near a mesh may touch before the next rebuild, in ascending order.
+
+    Returns the needed length of `near`, even if it is shorter: features beyond its end are counted only.
+    """
+    # wider than `near_mesh` by rounding errors: each grain that it listed has a feature here
     moves = wide(1.0000002) * p.mesh_moves
     features, conditions = p.mesh_features, p.mesh_conditions
     rows = 0
@@ -128,14 +131,14 @@ def list_features(st: State, p: Params, first, near):
 
 @kernel
 def contacts_at(st: State, p: Params, k, x, radius):
-    """Contacts of entry k, near a mesh, in whose frame its grain is at x, into st.touch; how many there are."""
+    """Write the contacts of entry k with its mesh to st.touch; return their number. x: position in the mesh's frame."""
     first, last = int(st.mesh_first[k]), int(st.mesh_first[k + 1])
     return mesh_contacts(p.mesh_features, p.mesh_conditions, st.mesh_near, first, last, x, radius, st.touch)
 
 
 @func
 def put_normal(b, count, pose, now, w, motion, x, radius, overlap, normal, dt, step):
-    """Bring overlap and normal of a contact with mesh w, and its velocities, into the block, as number `count`."""
+    """Write overlap, normal and surface velocities of a contact with mesh w to the block, as contact number `count`."""
     if POSES:
         normal = outwards(pose, now, w, normal)
     put_vector(b, NX + count, normal)
@@ -152,7 +155,7 @@ def put_normal(b, count, pose, now, w, motion, x, radius, overlap, normal, dt, s
 
 @func
 def put_spring(b, i, slot, j, count, grain, row, feature, older):
-    """Bring the grain of a contact, and the row of its spring, into the block."""
+    """Write the grain of a contact, the row of its spring and its feature to the block, as contact number `count`."""
     i[count] = grain
     if FRICTION:
         b[HELD + count] = older
@@ -162,10 +165,10 @@ def put_spring(b, i, slot, j, count, grain, row, feature, older):
 
 @kernel
 def pack_mesh(st: State, p: Params, w, k, last, b, i, slot):
-    """Bring contacts of the entries from k on with mesh w into the block, as many as fit; how many contacts there are,
-    and the entry that is next.
+    """Write the contacts of the entries from k on with mesh w to the block, until it is full.
 
-    Arrays are taken out of the records once: records of so many arrays are dear to pass on.
+    Returns the number of contacts, and the first entry that did not fit. Arrays are taken out of the records once:
+    passing a record of many arrays to a function costs time.
     """
     count = uint64(0)
     touch, spring, bits, j = st.touch, st.wall_spring, st.wall_held, st.block_j
@@ -175,6 +178,7 @@ def pack_mesh(st: State, p: Params, w, k, last, b, i, slot):
     step = st.count[STEP]
     if POSES:
         now = pose_now(st)
+    # an entry may have MESH_CONTACTS contacts, and its springs are found together: it is never split between blocks
     while k < last and count + uint64(MESH_CONTACTS) <= BLOCK:
         grain = listed[k]
         x = load(grains, grain, X)
@@ -202,7 +206,7 @@ def pack_mesh(st: State, p: Params, w, k, last, b, i, slot):
             rows = mesh_contacts(features, conditions, near, begin, end, at, radius, touch)
             if rows == OVER:
                 rows = 1
-                touch[0, K_OVERLAP] = np.inf  # which no guard lets pass
+                touch[0, K_OVERLAP] = np.inf  # more contacts than there is room for: the guard stops the run
             if FRICTION:
                 bits[k] = mesh_places(features, touch, rows, before, spring, base)
             for n in range(rows):

@@ -35,10 +35,12 @@ def move(st: State, p: Params, kick_dt, dt):
         v = kick(row_at(g, at + V), a, kick_dt)
         put_row(g, at + V, v)
         put_row(g, at + X, drift(row_at(g, at + X), v, dt))
+        # the normal dashpot takes velocities at the time of the positions
         put_row(g, at + U, predict(v, a, dt))
         turn_acc = row_at(loads, load + T) * inverse_inertia
         st.speed2[i] = turn_grain(g, i, turn_acc, v, p.slender, p.half, kick_dt, dt)
         put_row(loads, load + F, weight)
         put_row(loads, load + T, zero)
         if OUTLET and g[i, X + 2] < p.drop:
+            # a leaver falls freely and fast: it shall not cause rebuilds or meet the guard
             st.speed2[i] = wide(0.0)

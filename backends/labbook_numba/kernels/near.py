@@ -28,6 +28,8 @@ def near_pairs(st: State, p: Params, pair_i, pair_j, cell, head, next_grain):
                             # beyond the capacity pairs are only counted, for the size of the next attempt
                             if count < capacity:
                                 k = count
+                                # insertion sort, as a grain has some ten neighbours; sorted lists fix the order of each
+                                # sum of forces
                                 while k > start and pair_j[k - 1] > j:
                                     pair_j[k] = pair_j[k - 1]
                                     k -= 1
@@ -41,6 +43,7 @@ def near_pairs(st: State, p: Params, pair_i, pair_j, cell, head, next_grain):
 @kernel
 def near_walls(st: State, p: Params, first, grain):
     """List the grains that could touch a wall before the next rebuild, wall by wall; return their number."""
+    # until the next rebuild a grain moves half a skin at most: two approach by a skin, one and a wall by half of it
     half_skin = wide(0.5) * p.skin
     count = 0
     first[0] = 0

@@ -96,6 +96,7 @@ def listed_forces(st: State, p: Params, pair_i, pair_j, valid, spring, first, en
             scatter_springs(spring, slot, b, count)
         touching += count
         overlap = largest_depth(b, st.bits, count)
+        # so written that NaN counts as the largest overlap, and reaches the guard
         if not overlap <= largest_overlap:
             largest_overlap = overlap
             if not largest_overlap <= p.overlap_limit:

@@ -25,8 +25,11 @@ from labbook_numba.state import Params, State
 
 @kernel
 def measure_rod_at_mesh(st: State, p: Params, w, k):
-    """Distance, unit normal and place on the rod of each contact of entry k at mesh w, to st.near at the place of its
-    spring; which touch, and which have an older spring, as bits. Contacts are left in st.touch."""
+    """Measure the contacts of the rod of entry k with mesh w.
+
+    Distance, unit normal and position along the rod go to st.near, at the place of the spring; the contacts stay in
+    st.touch. Returns the mask of touching places, and that of places with an older spring.
+    """
     i = st.wall_grain[k]
     near, touch = st.near, st.touch
     x, a = placed_at(st, w, i)
@@ -36,7 +39,7 @@ def measure_rod_at_mesh(st: State, p: Params, w, k):
     )  # fmt: skip
     if count == OVER:
         count = 1
-        touch[0, K_OVERLAP] = np.inf  # which no guard lets pass
+        touch[0, K_OVERLAP] = np.inf  # more contacts than there is room for: the guard stops the run
     for n in range(count):
         touch[n, K_PLACE] = n
         touch[n, K_OLDER] = wide(0.0)
@@ -62,10 +65,11 @@ def measure_rod_at_mesh(st: State, p: Params, w, k):
 
 @kernel
 def key_rod_springs(st: State, k, now):
-    """Write the features of the contacts in st.touch, as many as there are bits, beside their springs."""
+    """Write the features of the contacts in st.touch beside their springs; now: mask with a bit for each contact."""
     n = 0
     while now != 0:
         row = int64(k) * int64(WALL_PARTS) + int64(st.touch[n, K_PLACE])
         st.wall_spring[row, SPRING_KEY] = st.touch[n, K_FEATURE]
+        # clears the lowest bit: one turn for each contact
         now &= now - 1
         n += 1

@@ -38,6 +38,7 @@ def gather_rods(grains, pair_i, pair_j, near, first, count):
 def closest_points(b, count, half, reach2):
     """Replace branches and axes of near pairs by branch, levers and overlap2 (diameter^2 - r^2) at their closest
     points."""
+    # without a branch for pairs that do not touch: SIMD registers compute all pairs faster than a loop skips some
     for t in range(whole(count)):
         axis_i = wide3(b[KX + t], b[KY + t], b[KZ + t])
         axis_j = wide3(b[LX + t], b[LY + t], b[LZ + t])

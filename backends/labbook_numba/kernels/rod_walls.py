@@ -111,8 +111,10 @@ def wall_contact(st: State, p: Params, w, i, part, spring, dt, rate):
 @func
 def heritage(spring, k, part, before, now, is_mesh, older):
     """Spring that a part inherits, and 1 if there is one, else 0; at a mesh its own spring, if that is `older`."""
+    # a turning rod may shift its contact from one part to another: the friction spring goes on there
     source = heir(part, before, now)
     if MESHES:
+        # springs of meshes belong to a feature of the mesh, and are found by its number
         own_part = part if has(older, part) else -1
         source = own_part if is_mesh else source
     valid = wide(1.0) if source >= 0 else wide(0.0)
@@ -172,6 +174,7 @@ def wall_forces(st: State, p: Params):
                         st.wall_spring[k * WALL_PARTS + part, 2] = new_spring.z
                     touching += 1
                     overlap = p.radius - st.near[part * 5]
+                    # so written that NaN counts as the largest overlap
                     if not overlap <= st.sums[MAX_OVERLAP]:
                         st.sums[MAX_OVERLAP] = overlap
                         if not overlap <= p.overlap_limit:

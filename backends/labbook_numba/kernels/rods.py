@@ -65,6 +65,7 @@ def turn_grain(g, i, turn_acc, v, slender, half, kick_dt, dt):
     a = axis(qw, qx, qy, qz)
     store(g, i, A, a)
     store(g, i, W, spin(m, a, slender))
+    # the normal dashpot needs the spin at the time of the positions; the leapfrog has it half a step before
     put_row(g, at + P, predict(row_at(g, at + M), turn_acc, dt))
     store(g, i, P, spin(load(g, i, P), a, slender))
     rate = wide3(m.y * a.z - m.z * a.y, m.z * a.x - m.x * a.z, m.x * a.y - m.y * a.x)
@@ -80,6 +81,7 @@ def contact_work(st: State, p: Params, kick_dt):
     for i in range(uint64(st.count[GRAINS])):
         force = load(st.loads, i, F)
         torque = load(st.loads, i, T)
+        # mean velocities of the kick, as for spheres; loads hold the weight too, whose work is taken off
         v = load(st.grains, i, V) + force * (half / p.mass)
         m = load(st.grains, i, M) + torque * (half / p.inertia)
         work += dot(force, v) + p.mass * p.gravity * v.z + dot(torque, spin(m, load(st.grains, i, A), p.slender))

@@ -43,6 +43,7 @@ def pack_pairs(grains, body, near, pair_i, pair_j, has_spring, b, block_i, block
         x, y, z, _ = columns(rows_at(grains, pair_i, k, GRAIN, X) - rows_at(grains, pair_j, k, GRAIN, X))
         overlap2 = eight_reaches(body, pair_i, pair_j, k, reach2) - (x * x + y * y + z * z)
         in_list = first_of(last - k)
+        # squares are compared: most listed pairs do not touch, and need no square root
         touching = both(positive(overlap2), in_list)
         squeeze_vectors(b, NX + count, (x, y, z), touching)
         squeeze_entries(b, slot, count, overlap2, has_spring, k, touching, in_list)

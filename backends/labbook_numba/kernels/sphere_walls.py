@@ -79,6 +79,7 @@ def measure_walls(grains, body, wall_grain, near, walls, kind, motion, w, k, cou
     for t in range(uint64(0), count, uint64(8)):
         x, y, z, _ = columns(rows_at(grains, wall_grain, k + t, GRAIN, X))
         put_vectors(near, XX + t, x, y, z)
+    # positions are in columns now, so that the distances are computed without an indirect address
     numbers = wall_numbers(walls, w)
     for t in range(whole(count)):
         x = wide3(near[XX + t], near[XY + t], near[XZ + t])
@@ -96,7 +97,7 @@ def measure_walls(grains, body, wall_grain, near, walls, kind, motion, w, k, cou
 
 @kernel
 def pack_walls(near, wall_grain, held, b, i, slot, k, near_count):
-    """Bring those of the measured near grains that touch into the block; how many they are."""
+    """Copy the touching ones of the measured near grains into the block; return their number."""
     count = uint64(0)
     for t in range(uint64(0), near_count, uint64(8)):
         overlap = eight_at(near, NEAR_OVERLAP + t)
@@ -115,7 +116,7 @@ def pack_walls(near, wall_grain, held, b, i, slot, k, near_count):
 def wall_law(b, count, coefficients, radius, mass, inertia, dt, spin, stiffness, damping):
     """Law stage of grain on wall. Unit normal in NX.., overlap in DEPTH; the wall turns with `spin` [rad/s].
 
-    radius, mass, inertia: of all, if they are alike. dt: step [s]. stiffness, damping: of rolling springs.
+    radius, mass, inertia: of all grains, if they are the same. dt: step [s]. stiffness, damping: of rolling springs.
     """
     c = reals(coefficients)
     rate = rolling_rate(inertia, dt)
@@ -138,7 +139,7 @@ def wall_law(b, count, coefficients, radius, mass, inertia, dt, spin, stiffness,
 
 @kernel
 def wall_forces(st: State, p: Params):
-    """Add the forces of walls on spheres to f and t; after `pair_forces`, whose totals it goes on with."""
+    """Add the forces of walls on spheres to loads; continues the totals of `pair_forces`."""
     b = st.block
     i = st.block_i
     slot = st.slot
@@ -200,6 +201,7 @@ def wall_forces(st: State, p: Params):
                         key_springs(st, slot, count)
             touching += count
             overlap = largest_depth(b, st.bits, count)
+            # so written that NaN counts as the largest overlap, and reaches the guard
             if not overlap <= deepest:
                 deepest = overlap
                 if not deepest <= p.overlap_limit:

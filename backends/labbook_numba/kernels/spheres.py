@@ -46,9 +46,11 @@ def contact_work(st: State, p: Params, kick_dt):
         mass = mass_of(st.body, i, p.mass)
         inertia = inertia_of(st.body, i, p.inertia)
         for c in range(3):
+            # loads hold the weight too, which is no contact
             gravity = -p.gravity if c == 2 else wide(0.0)
             force = loads[i, F + c]
             torque = loads[i, T + c]
+            # with the mean of both velocities the work is the change of kinetic energy by the kick, to rounding
             v = g[i, V + c] + wide(0.5) * kick_dt * force / mass
             w = g[i, W + c] + wide(0.5) * kick_dt * torque / inertia
             work += ((force - mass * gravity) * v + torque * w) * kick_dt

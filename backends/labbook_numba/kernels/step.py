@@ -66,6 +66,7 @@ def record_leavers(st: State, p: Params, dt):
             st.gone[i] = 1
             row = st.count[CROSSED]
             st.count[CROSSED] += 1
+            # positions drift with a constant velocity in a step, so that the time of passage is exact
             before = z - g[i, V + 2] * dt
             fraction = (before - p.plane) / (before - z) if before > z else wide(0.0)
             c = st.cross

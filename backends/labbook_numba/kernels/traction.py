@@ -33,6 +33,7 @@ def wall_sums(st: State, p: Params, bins, part, force_unit, torque_unit, rows, s
                 at = first + bin_of(along, bins[w, 1], bins[w, 2], int(bins[w, 3]), point)
                 torque = moment(point, force)
                 pressed, up, across = components(along, force, normal, point)
+                # integers, in quanta: their sums do not depend on the order of contacts or on the number of threads
                 sums[at, 0] += 1
                 sums[at, 1] += slides(force, normal, friction, part)
                 sums[at, 2] += np.rint(force.x / force_unit)

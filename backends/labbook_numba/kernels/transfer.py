@@ -56,6 +56,7 @@ from labbook_numba.squeeze import exchange, squeeze, squeeze_places
 @kernel
 def fill_up(i, j, slot, count, ghost, spare):
     """Pad the `count` contacts of the block by the row `ghost` and the list entry `spare`."""
+    # whole registers without a shorter last pass: results of the padding go to the row of a ghost, which nothing reads
     for t in range(count, count + uint64(8)):
         i[t] = ghost
         j[t] = ghost
@@ -128,6 +129,7 @@ def gather_grains(g, i, b, count, of_mesh):
 def gather_springs(spring, slot, b, count, half_dt):
     """Copy springs and the time to advance them by: those of new contacts are zero, and advance by half a step."""
     for t in range(uint64(0), count, uint64(8)):
+        # a factor of 0 or 1 instead of a branch, which would keep the loop out of SIMD registers
         has_spring = eight_at(b, HELD + t)
         x, y, z, _ = columns(rows_at(spring, slot, t, SPRING, uint64(0)))
         put(b, SX + t, x * has_spring)
@@ -136,6 +138,7 @@ def gather_springs(spring, slot, b, count, half_dt):
         if ROLLING_SPRING:
             gx, gy, gz, _ = columns(rows_at(spring, slot, t, SPRING, ROLL))
             put_vectors(b, GX + t, gx * has_spring, gy * has_spring, gz * has_spring)
+        # a new contact began within the last step, on average half a step ago
         put(b, DT + t, has_spring * half_dt + spread(half_dt))
 
 
@@ -143,8 +146,8 @@ def gather_springs(spring, slot, b, count, half_dt):
 def scatter_forces(loads, i, j, b, count, pairs):
     """Add forces and torques to the grains, to j only for `pairs`.
 
-    Those on j come first: a list that ascends in i, then j, has a grain as j before it has it as i, so that the order
-    of each sum is that of the list, wherever the groups of eight begin.
+    Those on j come first. A list that ascends in i, then j, has a grain as j before it has it as i. So the order of
+    each sum is that of the list, wherever the groups of eight begin.
     """
     zero = spread(0.0)
     for t in range(uint64(0), count, uint64(8)):
@@ -190,10 +193,10 @@ def squeeze_vectors(b, place, vectors, touching):
 
 @func
 def squeeze_entries(b, slot, count, depth, has_spring, k, touching, in_list):
-    """Store `depth`, flag of a spring and index of the touching ones of the list entries k..k + 8.
+    """Store `depth`, flag of a spring and index of those list entries k..k + 8 that touch.
 
-    depth: values of DEPTH; in_list: mask of the eight that are in the list. The touching ones have a spring from now
-    on, the others have not.
+    depth: values of DEPTH; in_list: mask of the eight that are in the list. Entries that touch have a spring from now
+    on, the others have none.
     """
     squeeze(b, DEPTH + count, depth, touching)
     if FRICTION:

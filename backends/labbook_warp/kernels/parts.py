@@ -78,7 +78,7 @@ def velocity_before(a: System, m: Material, wall: int, at: wide3):
 def lists_are_due(a: System, s: int, ahead: int):
     """True if parts may have moved by half a skin since lists were built, before so many steps more.
 
-    Lists are built anew whenever the number of the step passes a multiple of `pose_every`: that needs no memory.
+    Lists are built again whenever the number of the step passes a multiple of `pose_every`: that needs no memory.
     """
     now = a.pose_step[s]
     every = a.pose_every[s]

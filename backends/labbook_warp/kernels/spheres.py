@@ -177,7 +177,7 @@ def with_wall(a: System, m: Material, wall: int, at: int, has_spring: bool, g: G
 def at_surface(
     a: System, m: Material, wall: int, at: int, older: bool, g: Grain, overlap: real, distance: wide, normal: wide3
 ):  # fmt: skip
-    """Contact with a wall at a distance [m] along a unit normal; older: there is a spring at entry `at`."""
+    """Contact with a wall at a distance [m] along a unit normal; older: it touched before, with a spring at `at`."""
     c = Contact()
     b = body(a, m, g.index)
     c.touches = overlap > real(0.0)

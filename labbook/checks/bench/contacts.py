@@ -302,7 +302,7 @@ SITUATIONS: tuple[Situation, ...] = (
         lambda make: at_floor(make, _tangents()),
     ),
     Situation("spin at a wall", "a spinning sphere comes down on a plane", lambda make: at_floor(make, [0.0], SPINS)),
-    Situation("two with spin", "two spheres that spin alike meet head-on", _two_spinning),
+    Situation("two with spin", "two spheres with equal spins meet head-on", _two_spinning),
     Situation("unlike spheres", "a spinning sphere hits one five times as large", _unlike),
     Situation("sliding to rolling", "a sphere on a plane slides until it rolls", slowing),
     Situation("rods, end to end", "end of a rod on the end of another, aside and tilted", _end_to_end, True),

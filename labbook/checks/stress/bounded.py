@@ -25,7 +25,7 @@ class NamedBackend:
 
 
 def judge_isolated(cases: Sequence[StressCase], bench: NamedBackend) -> Generator[list[Row], None, None]:
-    """Yield the rows of each case, from a process that is started anew after a case hung or crashed it."""
+    """Yield the rows of each case, from a process that is started again after a case hung or crashed it."""
     pool = _pool()
     try:
         for case in cases:

@@ -91,7 +91,7 @@ LENGTH, TIME, MASS = 3.7, 1.9, 0.6
 
 
 def _units(stand: Stand) -> Iterator[Ending]:
-    """All numbers are rounded anew; collisions let that grow, so the motion is short."""
+    """All numbers are rounded again; collisions let that grow, so the motion is short."""
     stiffness = {"shear_modulus": MASS / (LENGTH * TIME**2), "normal_stiffness": MASS / TIME**2}
     for law in LAWS:
         (key, value), *_ = SOFT[law].items()

@@ -1,7 +1,7 @@
 """A sphere rolls off the edge of a plate: the edge is a contact like any other.
 
-Rigid bodies are the limit of stiff ones: where the normal force fades a soft contact lets go early (Fan's grains by 2 %
-of cos t), and the error falls with the root of the stiffness. So the grain here is 100 times stiffer than usual.
+Rigid bodies are the limit of stiff ones. Where the normal force decreases, a soft contact separates early (Fan's grains
+by 2 % of cos t). The error falls with the root of the stiffness. So the grain here is 100 times stiffer than usual.
 """
 
 import math

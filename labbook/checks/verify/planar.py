@@ -89,7 +89,7 @@ class PlanarLaw:
     """A contact law for a contact of effective `radius` [m] and `mass` [kg].
 
     Its forces act on the first body, along the normal and the tangent. In its methods vn and vt are relative velocities
-    [m/s], and s is the friction spring [m]. The formulas are those of docs/contact-laws.md, written anew.
+    [m/s], and s is the friction spring [m]. The formulas are those of docs/contact-laws.md, written again.
     """
 
     law: ContactLaw

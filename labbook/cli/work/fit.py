@@ -72,8 +72,8 @@ def show(results: Results, as_json: bool) -> None:
             console.print(line, markup=False)
     if digest := statement_digest(results.judged):
         print_table(console, digest, f"Statements of {results.source}")
-        if open_ones := [one for one in results.judged if one.verdict != "holds"]:
-            print_table(console, statement_table(open_ones), "Statements that do not hold or are undecided")
+        if not_holding := [judged for judged in results.judged if judged.verdict != "holds"]:
+            print_table(console, statement_table(not_holding), "Statements that do not hold or are undecided")
     elif results.judged:
         print_table(console, statement_table(results.judged), f"Statements of {results.source}")
     if results.comparisons:
@@ -83,7 +83,7 @@ def show(results: Results, as_json: bool) -> None:
 def answer(results: Results, want: str, over: str | None, at: Sequence[str], as_json: bool) -> None:
     """Print the value of a swept key that gives `want`, such as `flow_rate = 50 g/s`; `at`: values of other keys."""
     quantity, value = _assigned(want, "--want", "'flow_rate = 50 g/s'")
-    fixed = dict(_assigned(one, "--at", "'container.angle = 30 deg'") for one in at)
+    fixed = dict(_assigned(text, "--at", "'container.angle = 30 deg'") for text in at)
     try:
         design = results.inverse(quantity, value, over, fixed)
     except (LookupError, NoSurface, ValueError) as problem:
@@ -99,7 +99,7 @@ def answer(results: Results, want: str, over: str | None, at: Sequence[str], as_
 
 def show_explored(results: Results, quantity: str, at: Sequence[str], as_json: bool) -> None:
     """Print what matters for a quantity, and what to run next; `at`: values of keys that take words."""
-    fixed = dict(_assigned(one, "--at", "'contact.law = linear'") for one in at)
+    fixed = dict(_assigned(text, "--at", "'contact.law = linear'") for text in at)
     try:
         surface = results.explore(quantity, fixed)
     except (LookupError, NoSurface, ValueError) as problem:
@@ -121,8 +121,8 @@ def show_explored(results: Results, quantity: str, at: Sequence[str], as_json: b
 def as_plain(surface: DesignSurface) -> dict[str, object]:
     """Give what matters and what to run next to programs: SI, None for unknown numbers."""
 
-    def plain(one: Any, **more: float) -> dict[str, object]:
-        return {name: _finite(value) for name, value in (asdict(one) | more).items()}
+    def plain(row: Any, **derived: float) -> dict[str, object]:
+        return {name: _finite(value) for name, value in (asdict(row) | derived).items()}
 
     return {
         "study": surface.results.study.name,
@@ -133,8 +133,8 @@ def as_plain(surface: DesignSurface) -> dict[str, object]:
         "lack_of_fit": _finite(surface.fit.lack_of_fit),
         "notes": list(surface.notes),
         "verdict": surface.verdict,
-        "influences": [plain(one) for one in surface.influences],
-        "next": [plain(one, per_second=one.per_second) for one in surface.next_runs],
+        "influences": [plain(influence) for influence in surface.influences],
+        "next": [plain(runs, per_second=runs.per_second) for runs in surface.next_runs],
         "next_study": surface.next_study,
     }
 

@@ -45,8 +45,8 @@ def run(
             fail(f"--shard: {problem}")
     if cluster is not None and (shard is not None or base is not None):
         fail("--cluster: the workers share the whole study; leave out --shard and --base")
-    if expect is not None and (told_apart := unexpected(expect, definition, backend)):
-        fail(f"{told_apart} since the script was written: write the script again with labbook slurm")
+    if expect is not None and (difference := unexpected(expect, definition, backend)):
+        fail(f"{difference} since the script was written: write the script again with labbook slurm")
     console = screen(highlight=False, markup=False)
     summary = carry_out(definition, Lab(lab, backend, device), checkpoint_every, shard, base, cluster, pilot)
     with suppress(OSError):  # the terminal is gone: all is saved, and nobody reads it

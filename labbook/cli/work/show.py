@@ -62,6 +62,7 @@ def _noted(lab: LabFolder, key: str) -> tuple[Note, str | None]:
 
 
 def _ledger(ledger) -> str:
+    """Text of a ledger, with the reason if it is suspect."""
     why = suspicion(ledger)
     return ledger_summary(ledger) + (f"; suspect: {why}" if why else "")
 

@@ -8,8 +8,8 @@ Centred: v = v_c (1 - u^2)^a and phi = phi_c (1 - u^2)^b give
 
     W = (2/3) d rho_p phi_c v_c R beta(1/2, 1 + a + b),
 
-which with v_c = sqrt(2 g gamma R) is the printed eq 14 but for one letter: there phi_c is replaced by its limit phi_inf
-for wide outlets, so that narrow ones are overestimated.
+which with v_c = sqrt(2 g gamma R) is the printed eq 14 except for one letter. In print, phi_c is replaced by its limit
+phi_inf for wide outlets, so that the flow through narrow ones is overestimated.
 
 Eccentric: v = sqrt(2 g R) [delta1 u + eps1 (1 - u^2)^sigma1] and phi = phi_max [delta2 u + eps2 (1 - u^2)^sigma2]. The
 mixed terms are odd, int u^2 du = 2/3, and
@@ -17,7 +17,7 @@ mixed terms are odd, int u^2 du = 2/3, and
     W = (2/3) d rho_p phi_max sqrt(2 g R) R [(2/3) delta1 delta2 + eps1 eps2 beta(1/2, 1 + sigma1 + sigma2)].
 
 The printed eq 18 has beta(1, .) in place of beta(1/2, .), which is twice the integral over u^2 instead of u, and `v`
-for sqrt(2 g R); with delta = 0, eps1 = sqrt(gamma), eps2 = 1 it would then not give eq 14 back.
+for sqrt(2 g R). With delta = 0, eps1 = sqrt(gamma), eps2 = 1 it would not reduce to eq 14.
 """
 
 import math

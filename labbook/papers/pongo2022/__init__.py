@@ -17,7 +17,7 @@ from labbook.results.points import PointResult
 from labbook.results.statements import Judged
 from labbook.results.study import StudyResults
 from labbook.study import Statement
-from labbook.study.paper import Asked, Wrong, none_such
+from labbook.study.paper import QuantityContext, Wrong, none_such
 from labbook.study.problems import instead, quote
 
 
@@ -33,23 +33,23 @@ class Pongo2022(Paper):
     )
     columns: ClassVar = {"rotation": dict.fromkeys(("ratio", "error", "low", "high"), "")}
 
-    def unit(self, quantity: str, asked: Asked) -> str | Wrong | None:
+    def unit(self, quantity: str, context: QuantityContext) -> str | Wrong | None:
         """Unit of a feature: none for ratios, Hz for the frequency of a minimum."""
         head, _, tail = quantity.partition(".")
         name, _, feature = tail.partition(".")
         if head != TURNING:
             return None
-        if not asked.stated:
+        if not context.is_statement:
             return Wrong("what turning does is stated, not given as a number", "write `from` and `to` and `says`")
         if name in LAWS:
             names = [f"{TURNING}.{name}.{parameter}" for parameter in LAWS[name].parameters]
             return "" if quantity in names else none_such(quantity, names)
         if feature and feature not in FEATURES:
             return Wrong(f"a curve has no {quote(feature)}", instead(feature, FEATURES))
-        if all(scene.container.spin_key is None for scene in asked.scenes):
+        if all(scene.container.spin_key is None for scene in context.scenes):
             return Wrong("this container has no rotation", "leave it out, or use a cylinder-silo")
-        if name not in asked.units:
-            return none_such(quantity, [f"{TURNING}.{unit_of}" for unit_of in asked.units])
+        if name not in context.units:
+            return none_such(quantity, [f"{TURNING}.{unit_of}" for unit_of in context.units])
         return _UNITS.get(feature, "")
 
     def judged(self, results: StudyResults, statement: Statement) -> Sequence[Judged] | None:
@@ -86,14 +86,14 @@ def _rows(results: StudyResults) -> Iterator[Row]:
     for curve in rotations_of(results):
         for k, result in enumerate(curve.points):
             for quantity in result.pooled if k else ():
-                ratio = curve.ratio(quantity, k) if _positive(curve.points[0], quantity) else None
+                ratio = curve.ratio(quantity, k) if _has_ratio(curve.points[0], quantity) else None
                 if ratio is not None:
                     ends = {"low": ratio.low, "high": ratio.high, "confidence": ratio.confidence}
                     numbers = {"ratio": ratio.value, "error": ratio.error, **ends, "pairs": ratio.n}
                     yield {"shape": curve.shape, **result.at, "quantity": quantity, **numbers}
 
 
-def _positive(at_rest, quantity: str) -> bool:
+def _has_ratio(at_rest, quantity: str) -> bool:
     """True if a ratio to the value at rest is meaningful: a drift or a waiting time may be 0."""
     pooled = at_rest.pooled.get(quantity)
     return pooled is not None and pooled.value != 0 and not quantity.startswith("flow_rate_drift")

@@ -142,6 +142,7 @@ def drop_and_rise(curves: Sequence[Rotation]) -> "Figure":
 
 
 def _extreme(curve: Rotation, of: str):
+    """Flow rate at its minimum over that at rest (`drop`), or at the fastest rotation over the minimum."""
     lowest = curve.lowest()
     assert lowest is not None
     return curve.ratio(FLOW, lowest) if of == "drop" else curve.ratio(FLOW, len(curve.points) - 1, lowest)

@@ -160,6 +160,7 @@ def _along(statement: Statement, law: str, parameter: str, series: Sequence[Seri
 
 
 def _exchange(curve: Rotation, k: int) -> Pooled | None:
+    """Gain of O_rr over loss of O_zz, from rest to point k, paired by seeds."""
     values = [by_seed(curve.points[i], f"orifice_O_{c}{c}") for i in (0, k) for c in "rz"]
     seeds = sorted(set.intersection(*map(set, values)))
     if not seeds:

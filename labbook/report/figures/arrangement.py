@@ -41,11 +41,11 @@ class Arrangement:
 
     @property
     def together(self) -> int:
-        """Curves of the fullest panel."""
+        """Largest number of curves in one panel."""
         return max(self.places, default=0) + 1
 
     def rows(self, width: float) -> int:
-        """Lines that the legend takes in a figure of this width [inch]."""
+        """Number of lines that the legend takes in a figure of this width [inch]."""
         return math.ceil(len(self.entries) / legend_columns(tuple(self.entries), width)) if self.entries else 0
 
     def explain(self, figure: "Figure", **shape: Any) -> None:

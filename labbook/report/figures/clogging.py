@@ -56,7 +56,7 @@ def _hazard(ax: "Axes", point: PointClogging, place: int) -> None:
     assert curve is not None
     assert q is not None
     middle = (curve.edges[:-1] + curve.edges[1:]) / 2 * q.value * (1 + 0.02 * place)
-    rates = np.array([[one.value, one.low, one.high] for one in curve.rates]) / q.value
+    rates = np.array([[rate.value, rate.low, rate.high] for rate in curve.rates]) / q.value
     bars = np.array([rates[:, 0] - rates[:, 1], rates[:, 2] - rates[:, 0]])
     style = {"color": COLOURS[place], "marker": MARKERS[place], "markersize": 3, "linewidth": 0.7}
     ax.errorbar(middle, rates[:, 0], bars, linestyle="none", **style)

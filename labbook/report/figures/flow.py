@@ -74,17 +74,17 @@ class _Grid:
 
 def _grid(points: Sequence[PointResult]) -> _Grid | None:
     """The points by the two keys that they differ in; None if it is not two keys, or too many columns."""
-    keys = list(dict.fromkeys(key for one in points for key in one.at))
-    values = {key: list(dict.fromkeys(one.at[key] for one in points if key in one.at)) for key in keys}
+    keys = list(dict.fromkeys(key for result in points for key in result.at))
+    values = {key: list(dict.fromkeys(result.at[key] for result in points if key in result.at)) for key in keys}
     varied = [key for key in keys if len(values[key]) > 1]
-    if len(varied) != 2 or any(key not in one.at for key in varied for one in points):
+    if len(varied) != 2 or any(key not in result.at for key in varied for result in points):
         return None
     down, across = varied
     if len(values[across]) > _GRID:
         down, across = across, down
     if len(values[across]) > _GRID:
         return None
-    at = {(values[down].index(one.at[down]), values[across].index(one.at[across])): one for one in points}
+    at = {(values[down].index(result.at[down]), values[across].index(result.at[across])): result for result in points}
     if len(at) < len(points):
         return None
     rows, columns = (tuple(display.setting(key, value) for value in values[key]) for key in (down, across))
@@ -135,9 +135,9 @@ def _width(result: PointResult) -> str:
 
 def panel_content(series: Series) -> PanelContent:
     """Parts that the panels of these points have. A mean is drawn within its window only."""
-    with_window = [one for one in series.whole_points if _windows(one)]
-    means = [one.flow_rate for one in with_window if one.flow_rate is not None]
-    return PanelContent(bool(with_window), bool(means), any(math.isfinite(one.half_width) for one in means))
+    with_window = [result for result in series.whole_points if _windows(result)]
+    means = [result.flow_rate for result in with_window if result.flow_rate is not None]
+    return PanelContent(bool(with_window), bool(means), any(math.isfinite(mean.half_width) for mean in means))
 
 
 def _windows(result: PointResult) -> list[tuple[float, float]]:

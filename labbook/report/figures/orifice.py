@@ -50,8 +50,8 @@ def flow_against_orifice(series: Series, comparisons: Sequence[Comparison] = (),
     them, and below it the residuals in percent, if anything was fitted: with the standard errors that the test uses
     (thick) and their own 95 % intervals (thin).
 
-    Points outside a law's range or with a remark are hollow, crosses at the foot are outlets without a flow rate;
-    diamonds are flow rates of the reference, with 95 % intervals where it states errors. A bar on the axis is k d of
+    Points outside a law's range or with a remark are hollow. Crosses at the foot are outlets without a flow rate.
+    Diamonds are flow rates of the reference, with 95 % intervals where it states errors. A bar on the axis is k d of
     Beverloo's law, where its line meets zero, with the 95 % interval.
     """
     from matplotlib.figure import Figure
@@ -98,7 +98,7 @@ def overview(series: Sequence[Series]) -> "Figure":
     from matplotlib.figure import Figure
 
     power, power_text = _POWERS[series[0].outlet]
-    arrangement = arranged([one.at for one in series], [one.label for one in series])
+    arrangement = arranged([each_series.at for each_series in series], [each_series.label for each_series in series])
     panels = arrangement.panels
     across = 2 if len(panels) == 4 else min(_ACROSS, len(panels))
     down = math.ceil(len(panels) / across)
@@ -132,14 +132,14 @@ def overview(series: Sequence[Series]) -> "Figure":
 
 def side_by_side(series: Sequence[Series]) -> bool:
     """True if two series have a point at the same orifice."""
-    diameters = [D for one in series for D in set(one.diameters)]
+    diameters = [D for each_series in series for D in set(each_series.diameters)]
     return len(set(diameters)) < len(diameters)
 
 
 def _apart(series: Sequence[Series], together: int) -> float:
     """Distance [mm] of points of neighbouring series at one orifice; all `together` of a panel take a third of the
     distance to the next orifice at most."""
-    diameters = sorted({D * 1e3 for one in series for D in one.diameters})
+    diameters = sorted({D * 1e3 for each_series in series for D in each_series.diameters})
     if not side_by_side(series) or len(diameters) < 2:
         return 0.0
     nearest = float(np.diff(diameters).min())
@@ -285,7 +285,7 @@ def _points(
 
 def _residuals(ax: "Axes", series: Series, law: str, color: str, place: int) -> None:
     offset = 0.35 * (place - (len(series.fits) - 1) / 2)  # mm: side by side, not on top of each other
-    hollow = {one.orifice for one in series.points if one.hollow or one.identity in series.flagged}
+    hollow = {result.orifice for result in series.points if result.hollow or result.identity in series.flagged}
     for residual in series.residuals(law):
         x, value, half, error = (
             residual.orifice * 1e3 + offset,

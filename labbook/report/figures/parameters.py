@@ -24,12 +24,12 @@ def parameters_against(key: str, law: str, series: Sequence[Series], comparisons
     """
     from matplotlib.figure import Figure
 
-    fitted = [one for one in series if one.parameters(law) and key in one.at]
-    names = list(dict.fromkeys(p for one in fitted for p in one.parameters(law)))
+    fitted = [each_series for each_series in series if each_series.parameters(law) and key in each_series.at]
+    names = list(dict.fromkeys(p for each_series in fitted for p in each_series.parameters(law)))
     columns = min(len(names), 3 if len(names) % 2 else 2)
     rows = math.ceil(len(names) / columns)
-    members = {one.label_without(key): one for one in reversed(fitted)}
-    groups = list(dict.fromkeys(one.label_without(key) for one in fitted))
+    members = {each_series.label_without(key): each_series for each_series in reversed(fitted)}
+    groups = list(dict.fromkeys(each_series.label_without(key) for each_series in fitted))
     other_keys = [{name: value for name, value in members[group].at.items() if name != key} for group in groups]
     arrangement = arranged(other_keys, groups)
     looks = arrangement.looks if len(arrangement.panels) == 1 else tuple(look(k) for k in range(len(groups)))

@@ -34,7 +34,7 @@ def flow_patterns(patterns: Sequence[Flowing], titles: Sequence[str] = ()) -> "F
 
     columns = min(_COLUMNS, len(patterns))
     rows = math.ceil(len(patterns) / columns)
-    sections = [one.section() for one in patterns]
+    sections = [pattern.section() for pattern in patterns]
     highest = max(float(np.nanpercentile(speed_of(section), 99.5)) for section in sections)
     top = top_of(patterns)
     norm = PowerNorm(0.5, 0.0, highest)

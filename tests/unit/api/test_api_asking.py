@@ -58,9 +58,9 @@ def test_the_last_part_of_a_key_will_do(two):
     ("at", "said"),
     [
         ({"angle": "45 deg"}, r"0 series are at .*; there are: \{'container.angle': '60 deg'\}; "),
-        ({"container.orifice": "18 mm"}, "container.orifice is the axis of every series and tells none apart"),
-        ({"orifice": "18 mm"}, "series are told apart by container.angle"),
-        ({"contact.friction": 0.2}, "not told apart by contact.friction; known here: container.angle"),
+        ({"container.orifice": "18 mm"}, "container.orifice is the axis of every series and selects none"),
+        ({"orifice": "18 mm"}, "series differ in container.angle"),
+        ({"contact.friction": 0.2}, "series do not differ in contact.friction; known here: container.angle"),
         ({"container.angel": "60 deg"}, "did you mean container.angle"),
     ],
 )

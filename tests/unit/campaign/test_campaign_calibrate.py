@@ -7,7 +7,7 @@ import math
 
 import numpy as np
 import pytest
-from learning import FRICTION, OUTLET, PRIORS, ROLLING, Bench, both, coverage, measured
+from learning import FRICTION, OUTLET, PRIORS, ROLLING, Bench, coverage, draw_measurements, flow_and_fraction
 
 from labbook.campaign import Calibrate, Campaign, Generation, Inference, Measurement, NotInferred, Prior
 from labbook.campaign.campaign import Proposed
@@ -97,8 +97,8 @@ def test_sobol_indices_are_those_of_the_law(on_ridge):
 
 def test_there_is_no_answer_from_a_poor_emulator():
     """With the runs of the start and a measurement to 0.5 %, what is missing is said; the campaign goes on."""
-    bench = Bench(both, 1)
-    one = goal(measured(TRUTH, np.random.default_rng(1), error=0.005))
+    bench = Bench(flow_and_fraction, 1)
+    one = goal(draw_measurements(TRUTH, np.random.default_rng(1), error=0.005))
     (start,) = [Generation(0, one.start(bench.study).assignments, "")]
     inference = one.infer(bench.study, bench.evaluate(start))
     assert inference.share > 0.25
@@ -109,9 +109,9 @@ def test_there_is_no_answer_from_a_poor_emulator():
 @pytest.fixture(scope="module")
 def stopped() -> tuple[Bench, Calibrate, Campaign]:
     """A campaign a tenth of whose runs clog or diverge, with a measurement that is withheld."""
-    *outer, fraction = measured(TRUTH, np.random.default_rng(4))
+    *outer, fraction = draw_measurements(TRUTH, np.random.default_rng(4))
     held = outer[1].model_copy(update={"withheld": True})
-    bench = Bench(both, 2, stops=0.1)
+    bench = Bench(flow_and_fraction, 2, stops=0.1)
     one = goal((outer[0], held, outer[2], fraction), predict=(held.at,))
     return bench, one, bench.campaign(one)
 
@@ -136,12 +136,12 @@ def test_clogged_runs_at_likely_parameters_end_the_answer(stopped):
         trial if index % 2 else trial.__class__(trial.at, trial.seed, trial.key, "clogged")
         for index, trial in enumerate(bench.trials)
     ]
-    assert "clogged, so that the others are no fair sample" in one.infer(bench.study, stuck).lacking()
+    assert "clogged, so the others are a biased sample" in one.infer(bench.study, stuck).lacking()
 
 
 def test_too_few_values_are_told():
     bench = Bench(lambda at: {"flow_rate": (math.nan, 0.0)}, 1)
-    one = goal(measured(TRUTH, np.random.default_rng(1)))
+    one = goal(draw_measurements(TRUTH, np.random.default_rng(1)))
     campaign = bench.campaign(one)
     assert "flow_rate has a value in 0 of" in (campaign.ended or "")
     with pytest.raises(NotInferred, match="too few for an emulator"):
@@ -189,8 +189,8 @@ def test_beds_are_not_added_for_an_emulator_that_is_good_enough():
             numbers = trial.numbers | {"packing_fraction": 0.6 * math.exp(-0.5 * at[ROLLING] + 0.005 * shared[seed])}
             return trial.__class__(trial.at, seed, trial.key, trial.outcome, numbers)
 
-    bench = Packed(both, 1)
-    *rates, _ = measured(TRUTH, np.random.default_rng(3))
+    bench = Packed(flow_and_fraction, 1)
+    *rates, _ = draw_measurements(TRUTH, np.random.default_rng(3))
     one = goal((*rates, value("packing_fraction", 0.6, **rates[-1].at)))
     campaign = bench.campaign(one)
     assert not any("beds more at a likely point" in line for line in campaign.lines)

@@ -63,7 +63,7 @@ def test_every_generation_has_new_runs(mapped):
 
 def test_a_range_that_clogs_has_no_map():
     campaign = bench(stops=0.9).campaign(Map(quantity="flow_rate", error=0.05, over=KEYS, on=0.95))
-    assert "runs clogged, so that the others are no fair sample" in (campaign.ended or "")
+    assert "runs clogged, so the others are a biased sample" in (campaign.ended or "")
 
 
 def test_a_broken_promise_is_told(mapped):

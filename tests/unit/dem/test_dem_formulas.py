@@ -140,7 +140,9 @@ def test_a_wall_whose_numbers_do_not_fit_its_functions_is_told(wall):
     wall("centre: wide3, width: wide", "(0.0,) * 5")
     with pytest.raises(BrokenPlugin, match="gives 5 numbers, and 4 are taken"):
         dispatch.numbers(Mine())  # pyright: ignore[reportArgumentType]
-    with pytest.raises(BrokenPlugin, match=r"width of mine_distance is no number of a wall; annotate it wide"):
+    with pytest.raises(
+        BrokenPlugin, match=r"width of mine_distance is not annotated as a number of a wall; annotate it wide"
+    ):
         wall("centre: wide3, width: float", "(0.0,) * 4")
     with pytest.raises(BrokenPlugin, match="mine_rod takes other numbers than mine_distance"):
         wall("centre: wide3, width: wide", "(0.0,) * 4", rod="centre: wide3")

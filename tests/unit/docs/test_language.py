@@ -6,6 +6,8 @@ import language
 import pytest
 
 LONG = "\n".join(f"    x = {number}" for number in range(4))
+CLEAR = "".join(f'\n\ndef size{number}(n):\n    """Size."""\n    return n' for number in range(150))
+"""Modules with few other names are far below the ceilings."""
 
 
 @pytest.mark.parametrize(
@@ -63,13 +65,28 @@ def test_a_count_that_grows_is_named_and_a_new_room_may_have_none():
 
 def test_what_is_written_is_what_is_read(tmp_path, monkeypatch, capsys):
     module = tmp_path / "run.py"
-    module.write_text(f"def told(one):\n{LONG}")
+    module.write_text(f"def told(one):\n{LONG}{CLEAR}")
     monkeypatch.setattr(language, "COUNTS", tmp_path / "counts.json")
     monkeypatch.setattr(language, "rooms", lambda: {"labbook/run": [module]})
     assert language.main(["--write"]) == 0
     assert language.main([]) == 0
     assert "as before" in capsys.readouterr().out
     assert json.loads(language.COUNTS.read_text()) == {"labbook/run": {"names": 2, "docstrings": 0}}
-    module.write_text(f"def told(one, more):\n{LONG}")
+    module.write_text(f"def told(one, more):\n{LONG}{CLEAR}")
     assert language.main([]) == 1
     assert "language: labbook/run: 3 names, 2 allowed" in capsys.readouterr().out
+
+
+def test_a_share_above_its_ceiling_fails_whatever_the_file_allows(tmp_path, monkeypatch, capsys):
+    assert language.CEILINGS == {"names": 1.5, "docstrings": 3.0}
+    sources = [CLEAR + '\n\ndef size(one):\n    """What it is."""\n    return one']
+    assert language.shares(sources) == {"names": 100 / 302, "docstrings": 100 / 151}
+    module = tmp_path / "run.py"
+    module.write_text(CLEAR + 5 * '\n\ndef told(one):\n    """How it is."""\n    return one')
+    monkeypatch.setattr(language, "COUNTS", tmp_path / "counts.json")
+    monkeypatch.setattr(language, "rooms", lambda: {"labbook/run": [module]})
+    assert language.main(["--write"]) == 0
+    assert language.main([]) == 1
+    out = capsys.readouterr().out
+    assert "3.23 % of all names, 1.5 % allowed" in out
+    assert "3.23 % of all docstrings, 3.0 % allowed" in out

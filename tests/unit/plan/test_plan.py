@@ -148,7 +148,7 @@ def test_states_come_with_reasons(tmp_path):
     assert {item.outcome for item in made.items if item.state == "done"} == {"finished"}
     longer = plan(study(tmp_path, "stop: {discharged: 90 %}", replicates=1), lab)
     assert dict(longer.counts()) == {"partial": 2}
-    assert "asked: 90 %" in longer.items[0].reason
+    assert "requested: 90 %" in longer.items[0].reason
     filmed = plan(study(tmp_path, "record: {every: 4 ms}", replicates=1), lab)
     assert {(item.state, item.reason) for item in filmed.items} == {("partial", "not recorded")}
     stale = plan(study(tmp_path, replicates=1), lab, Backend(version=2).capabilities)

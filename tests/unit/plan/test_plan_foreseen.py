@@ -150,10 +150,10 @@ def test_a_forecast_without_runs_is_at_the_present_speed_of_the_cores(tmp_path, 
     assert ahead.seconds == pytest.approx(10 * reference.seconds)
     assert ahead.compiling == pytest.approx(10 * reference.compiling)
     assert ahead.speed == pytest.approx(reference.speed / 10)
-    wanted = "times 0.1, measured now: a core is 0.5 times as fast, and each of 2 lanes gets 20 % of one"
+    wanted = "times 0.1, measured now: a core is 0.5 times as fast, and each of 2 workers gets 20 % of one"
     assert wanted in ahead.basis
     alone = forecast.forecast(made, lab, "none", "cpu", 1, backend)
-    assert "the lane gets 20 %" in alone.basis
+    assert "the worker gets 20 %" in alone.basis
     assert set(threads) == {1, 2}
 
 

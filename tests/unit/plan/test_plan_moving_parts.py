@@ -69,7 +69,7 @@ def test_a_motion_has_units_as_everywhere(tmp_path):
         ("{rotation: {axis: [0, 0, 1], rate: 2000 rad/s}}", r"moves at up to 20 m/s"),
         (
             "{vibration: {direction: [0, 0, 1], amplitude: 0.01 mm, frequency: 2500 Hz}}",
-            r"vibrates with a period of 0.4 ms, .* more than a part of 50",
+            r"vibrates with a period of 0.4 ms; .* more than 1/50 of it",
         ),
         ("{velocity: [40 mm/s, 0 m/s, 0 m/s]}", r"part blade leaves the container at x = 30 mm, 0.5 s after"),
         ("{velocity: [0 m/s, 0 m/s, -10 mm/s]}", r"part blade leaves the container at z = 0 mm, 0.5 s after"),

@@ -8,7 +8,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from labbook.scene.quantities import parse, percent, told_apart
+from labbook.scene.quantities import format_distinct, parse, percent
 
 
 @pytest.mark.parametrize(
@@ -92,18 +92,18 @@ def test_numbers_survive(number):
 
 
 def test_a_value_beyond_a_limit_is_told_apart_from_it():
-    assert told_apart(0.0123456, 0.004) == ("0.0123", "0.004")
-    assert told_apart(4150.2, 200.0) == ("4150", "200")
-    assert told_apart(0.00400049, 0.004) == ("0.0040005", "0.004")
-    assert told_apart(4.996, 5, digits=2) == ("4.996", "5")
-    assert told_apart(33.64, 33.6, of_limit=3) == ("33.64", "33.6")
-    assert told_apart(0.004, 0.004) == ("0.004", "0.004")
+    assert format_distinct(0.0123456, 0.004) == ("0.0123", "0.004")
+    assert format_distinct(4150.2, 200.0) == ("4150", "200")
+    assert format_distinct(0.00400049, 0.004) == ("0.0040005", "0.004")
+    assert format_distinct(4.996, 5, digits=2) == ("4.996", "5")
+    assert format_distinct(33.64, 33.6, of_limit=3) == ("33.64", "33.6")
+    assert format_distinct(0.004, 0.004) == ("0.004", "0.004")
 
 
 @given(st.floats(1e-12, 1e12), st.floats(-1e-6, 1e-6))
 def test_what_is_told_of_a_value_beyond_a_limit_has_their_order(limit, more):
     value = limit * (1 + more)
-    shown, bound = map(float, told_apart(value, limit))
+    shown, bound = map(float, format_distinct(value, limit))
     assert (shown > bound, shown < bound) == (value > limit, value < limit)
 
 

@@ -20,7 +20,7 @@ def test_it_is_the_ratio_of_means_and_one_replicate_has_no_error():
     assert single.value == 0.5
     assert np.isnan(single.error)
     assert single.half_width == np.inf
-    with pytest.raises(ValueError, match="as many"):
+    with pytest.raises(ValueError, match="equally many"):
         paired_ratio([1.0], [2.0, 3.0])
     with pytest.raises(ValueError, match="zero"):
         paired_ratio([1.0, 2.0], [0.0, 0.0])

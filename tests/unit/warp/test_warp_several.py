@@ -224,7 +224,7 @@ def test_grains_take_rows_of_those_that_left(monkeypatch):
     """A bed that loses many more grains than it has rows to spare keeps its rows. Its motion and the work of its
     contacts are those of a bed whose rows are closed up at each return."""
     scene, how, ends = of_spheres(60), numerics("mixed", dt=2e-5, steps_per_beat=100), []
-    bed, backend, append = falling(scene, how, "cpu"), Backend(), stage.Stage._append
+    bed, backend, append = falling(scene, how, "cpu"), sharing(), stage.Stage._append
     start = Packing(x=bed.x, v=bed.v - [0, 0, 0.5], omega=bed.omega, ids=bed.ids)
     assert start.ids is not None
     for takes_rows in (True, False):

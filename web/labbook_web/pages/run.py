@@ -236,6 +236,7 @@ def point_of_run(record: RunRecord) -> Point:
 
 
 def _flat(facts: Mapping[str, Any], prefix: str = "") -> "list[tuple[str, str]]":
+    """Rows of name and text; a nested mapping is one row."""
     rows: list[tuple[str, str]] = []
     for name, value in facts.items():
         if isinstance(value, Mapping):

@@ -29,11 +29,11 @@
   }
 
   const CONFIG = { displaylogo: false, responsive: true, displayModeBar: false, showTips: false };
-  const heading = (shown) => (shown.unit ? `${pretty(shown.label)} [${pretty(shown.unit)}]` : pretty(shown.label));
+  const heading = (quantity) => (quantity.unit ? `${pretty(quantity.label)} [${pretty(quantity.unit)}]` : pretty(quantity.label));
   const pretty = (text) => escape(text).replace(/\^\(([^)]*)\)/g, "<sup>$1</sup>").replace(/\b(\w)_(\w+)/g, "$1<sub>$2</sub>");
   const escape = (text) => String(text).replace(/&/g, "&amp;").replace(/</g, "&lt;");
   const alpha = (colour, part) => colour + Math.round(255 * part).toString(16).padStart(2, "0");
-  const said = (value) => (value === null || value === undefined ? "–" : Number(value.toPrecision(5)).toString().replace("-", "−"));
+  const rounded = (value) => (value === null || value === undefined ? "–" : Number(value.toPrecision(5)).toString().replace("-", "−"));
 
   // ---- measured against swept
 
@@ -145,7 +145,7 @@
   }
 
   function called(rest, keys) {
-    return rest.map(([key, value]) => `${keys[key].label} = ${typeof value === "string" ? value : said(value * keys[key].scale)} ${keys[key].unit}`.trim()).join(", ");
+    return rest.map(([key, value]) => `${keys[key].label} = ${typeof value === "string" ? value : rounded(value * keys[key].scale)} ${keys[key].unit}`.trim()).join(", ");
   }
 
   function drawStudy(holder, form, note, data) {
@@ -311,7 +311,7 @@
       traces.push({ type: "scatter", mode: "lines", name: pretty(curve.group === undefined ? curve.label : curve.title), legendgroup: `g${group}`, x: curve.time, y: curve.rate.map((one) => one * 1e3), line: { color: colour, width: 1.6, shape: "hvh", dash: DASHES[group < 4 ? 0 : 1 + (group % 3)] }, hovertemplate: `<b>${pretty(curve.label)}</b><br>t = %{x:.3g} s, W = %{y:.4g} g/s<extra></extra>`, showlegend: curves.length > 1 && !named.has(group) });
       named.add(group);
       if (curve.window && curves.length === 1) shapes.push({ type: "rect", layer: "below", xref: "x", yref: "paper", x0: curve.window[0], x1: curve.window[1], y0: 0, y1: 1, fillcolor: alpha(colour, 0.13), line: { width: 0 } });
-      if (curve.mean && curve.window && curve.mean[0] !== null) traces.push({ type: "scatter", mode: "lines", x: curve.window, y: [curve.mean[0] * 1e3, curve.mean[0] * 1e3], line: { color: colour, width: 2.5, dash: "dot" }, hovertemplate: `mean of the window: ${said(curve.mean[0] * 1e3)} ± ${said(curve.mean[1] === null ? null : curve.mean[1] * 1e3)} g/s (one standard error)<extra></extra>`, showlegend: false, legendgroup: `g${group}` });
+      if (curve.mean && curve.window && curve.mean[0] !== null) traces.push({ type: "scatter", mode: "lines", x: curve.window, y: [curve.mean[0] * 1e3, curve.mean[0] * 1e3], line: { color: colour, width: 2.5, dash: "dot" }, hovertemplate: `mean of the window: ${rounded(curve.mean[0] * 1e3)} ± ${rounded(curve.mean[1] === null ? null : curve.mean[1] * 1e3)} g/s (one standard error)<extra></extra>`, showlegend: false, legendgroup: `g${group}` });
     });
     Plotly.react(holder, traces, layout(t, { shapes, height: 340, xaxis: { title: { text: "t [s]" }, rangemode: "tozero" }, yaxis: { title: { text: "W [g/s]" }, rangemode: "tozero" } }), CONFIG);
     holder.dataset.points = curves.length;

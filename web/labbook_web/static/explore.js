@@ -16,10 +16,10 @@
   const withUnit = (text, unit) => (unit ? `${text} ${unit}` : text);
 
   function node(name, attributes, ...children) {
-    const made = document.createElement(name);
-    for (const [key, value] of Object.entries(attributes)) made.setAttribute(key, value);
-    made.append(...children);
-    return made;
+    const element = document.createElement(name);
+    for (const [key, value] of Object.entries(attributes)) element.setAttribute(key, value);
+    element.append(...children);
+    return element;
   }
 
   function start(root, data) {
@@ -27,17 +27,17 @@
     const href = (n) => ("static" in form ? `point/${n}.html` : root.dataset.points.replace("/point/0", `/point/${n}`));
     let view = null, state = null;
 
-    function open(number, asked) {
+    function open(number, query) {
       view = data.views[number];
       // The first design is a simulated one, in the middle.
       const off = (point) => Math.hypot(...point.at.map((value, k) => surfaces.scaled(view.factors[k], value)));
-      const middle = view.points.filter((one) => one.used).sort((a, b) => off(a) - off(b))[0].at;
-      const given = (asked.at || "").split(",").map((one, k) => (one === "" || !view.factors[k] ? NaN : Number(one) / view.factors[k].scale));
+      const middle = view.points.filter((point) => point.used).sort((a, b) => off(a) - off(b))[0].at;
+      const requested = (query.at || "").split(",").map((text, k) => (text === "" || !view.factors[k] ? NaN : Number(text) / view.factors[k].scale));
       state = {
         view: number,
-        at: middle.map((one, k) => (Number.isFinite(given[k]) ? clamp(view.factors[k], given[k]) : one)),
-        want: asked.want && Number.isFinite(Number(asked.want)) ? Number(asked.want) / view.quantity.scale : rounded(surfaces.predict(view, middle)[0], view.quantity.scale),
-        over: key(asked.over, 0), x: key(asked.x, 0), y: key(asked.y, 1),
+        at: middle.map((value, k) => (Number.isFinite(requested[k]) ? clamp(view.factors[k], requested[k]) : value)),
+        want: query.want && Number.isFinite(Number(query.want)) ? Number(query.want) / view.quantity.scale : rounded(surfaces.predict(view, middle)[0], view.quantity.scale),
+        over: key(query.over, 0), x: key(query.x, 0), y: key(query.y, 1),
       };
       if (state.x === state.y && view.factors.length > 1) state.y = state.x === 0 ? 1 : 0;
       for (const part of document.querySelectorAll("[data-view]")) part.hidden = Number(part.dataset.view) !== number;
@@ -46,7 +46,7 @@
       draw();
     }
 
-    const key = (name, other) => { const at = view.factors.findIndex((one) => one.key === name); return at < 0 ? Math.min(other, view.factors.length - 1) : at; };
+    const key = (name, other) => { const at = view.factors.findIndex((factor) => factor.key === name); return at < 0 ? Math.min(other, view.factors.length - 1) : at; };
     const clamp = (factor, value) => Math.min(Math.max(value, factor.low), factor.high);
     const bounds = () => { const [low, high] = maps.range(view), room = 0.02 * (high - low); return [low - room, high + room]; };
 
@@ -85,10 +85,10 @@
     const setting = (factor, value) => withUnit(`${factor.label} = ${place(factor, value)}`, factor.unit);
 
     function draw() {
-      const shown = view.quantity, found = surfaces.predict(view, state.at);
-      get("value").textContent = found ? digits(found[0], found[1], found[2], shown.scale) : "–";
-      get("value-unit").textContent = shown.unit;
-      get("interval").textContent = found ? `95 %: ${digits(found[1], found[1], found[2], shown.scale)} to ${digits(found[2], found[1], found[2], shown.scale)} ${shown.unit}` : "This design is not between the points: no answer.";
+      const quantity = view.quantity, prediction = surfaces.predict(view, state.at);
+      get("value").textContent = prediction ? digits(prediction[0], prediction[1], prediction[2], quantity.scale) : "–";
+      get("value-unit").textContent = quantity.unit;
+      get("interval").textContent = prediction ? `95 %: ${digits(prediction[1], prediction[1], prediction[2], quantity.scale)} to ${digits(prediction[2], prediction[1], prediction[2], quantity.scale)} ${quantity.unit}` : "This design is not between the points: no answer.";
       view.factors.forEach((factor, k) => {
         const [range, exact] = get("sliders").children[k].querySelectorAll("input"), text = place(factor, state.at[k]);
         range.value = Math.round((surfaces.scaled(factor, state.at[k]) + 1) / 2 * STEPS);
@@ -97,19 +97,19 @@
       });
       const [low, high] = bounds();
       get("want").value = Math.round((state.want - low) / (high - low) * STEPS);
-      get("want").setAttribute("aria-valuetext", withUnit(maps.plain(state.want * shown.scale), shown.unit));
-      get("want-number").value = Number((state.want * shown.scale).toPrecision(5));
+      get("want").setAttribute("aria-valuetext", withUnit(maps.plain(state.want * quantity.scale), quantity.unit));
+      get("want-number").value = Number((state.want * quantity.scale).toPrecision(5));
       near();
       answers();
       study();
-      const moved = (values) => { state.at = values.map((one, k) => clamp(view.factors[k], rounded(one, view.factors[k].scale))); draw(); };
+      const moved = (values) => { state.at = values.map((value, k) => clamp(view.factors[k], rounded(value, view.factors[k].scale))); draw(); };
       (view.factors.length > 1 ? maps.map : maps.curve)(get("field"), view, state, href, moved);
       const axes = view.factors.length > 1 ? [state.x, state.y] : [0];
-      get("map-title").textContent = `${maps.heading(shown)} over ${axes.map((k) => view.factors[k].spoken).join(" and ")}`;
+      get("map-title").textContent = `${maps.heading(quantity)} over ${axes.map((k) => view.factors[k].spoken).join(" and ")}`;
       caption();
       labbook.set({
-        view: state.view || null, at: state.at.map((one, k) => Number((one * view.factors[k].scale).toPrecision(4))).join(","),
-        want: Number((state.want * shown.scale).toPrecision(5)), over: view.factors.length > 1 ? view.factors[state.over].key : null,
+        view: state.view || null, at: state.at.map((value, k) => Number((value * view.factors[k].scale).toPrecision(4))).join(","),
+        want: Number((state.want * quantity.scale).toPrecision(5)), over: view.factors.length > 1 ? view.factors[state.over].key : null,
         x: view.factors.length > 2 ? view.factors[state.x].key : null, y: view.factors.length > 2 ? view.factors[state.y].key : null,
       });
     }
@@ -117,40 +117,40 @@
     function near() {
       const u = view.factors.map((factor, k) => surfaces.scaled(factor, state.at[k]));
       const away = (point) => Math.hypot(...view.factors.map((factor, k) => surfaces.scaled(factor, point.at[k]) - u[k]));
-      const [point] = [...view.points].filter((one) => one.at.every((x) => typeof x === "number")).sort((a, b) => away(a) - away(b));
+      const [point] = [...view.points].filter((candidate) => candidate.at.every((x) => typeof x === "number")).sort((a, b) => away(a) - away(b));
       if (!point) return;
-      const shown = view.quantity, value = point.value && point.used ? `${digits(point.value[0], point.value[1], point.value[2], shown.scale)} ${shown.unit}`.trim() + (point.value[1] === null ? "" : ` (${digits(point.value[1], point.value[1], point.value[2], shown.scale)} to ${digits(point.value[2], point.value[1], point.value[2], shown.scale)})`) + `, n = ${point.value[3]}` : point.clogged || "no value";
+      const quantity = view.quantity, value = point.value && point.used ? `${digits(point.value[0], point.value[1], point.value[2], quantity.scale)} ${quantity.unit}`.trim() + (point.value[1] === null ? "" : ` (${digits(point.value[1], point.value[1], point.value[2], quantity.scale)} to ${digits(point.value[2], point.value[1], point.value[2], quantity.scale)})`) + `, n = ${point.value[3]}` : point.clogged || "no value";
       get("nearest").replaceChildren("Nearest simulated point: ", node("a", { href: href(point.n) }, `${point.n}`), ` (${point.label}): ${value}`);
     }
 
-    function said(answer, factor) {
+    function withInterval(answer, factor) {
       if (answer.value === undefined) return answer.why;
       const low = answer.low ?? factor.low, high = answer.high ?? factor.high, text = (value) => digits(value, low, high, factor.scale);
       return `${text(answer.value)} (${answer.low === null ? "below" : text(answer.low)} to ${answer.high === null ? "beyond" : text(answer.high)})`;
     }
 
     function answers() {
-      const factor = view.factors[state.over], shown = view.quantity, here = surfaces.inverse(view, state.want, state.over, state.at);
-      const wish = withUnit(`${shown.label} = ${maps.plain(state.want * shown.scale)}`, shown.unit);
-      const others = view.factors.filter((_, k) => k !== state.over).map((one) => setting(one, state.at[view.factors.indexOf(one)])).join(", ");
-      const where = others ? ` at ${others}` : "";
-      if (here.value === undefined) {
-        const reach = here.low === undefined ? "" : `: ${shown.label} is ${maps.plain(here.low * shown.scale)} to ${maps.plain(here.high * shown.scale)} ${shown.unit} there`.trimEnd();
-        get("answer").textContent = here.why.startsWith("at ") ? `${wish} is reached ${here.why} of ${factor.label}${where}.` : here.low === undefined ? `No points are near${where}.` : `${wish} is not reached${where}${reach}.`;
+      const factor = view.factors[state.over], quantity = view.quantity, answer = surfaces.inverse(view, state.want, state.over, state.at);
+      const wish = withUnit(`${quantity.label} = ${maps.plain(state.want * quantity.scale)}`, quantity.unit);
+      const fixedKeys = view.factors.filter((_, k) => k !== state.over).map((fixed) => setting(fixed, state.at[view.factors.indexOf(fixed)])).join(", ");
+      const where = fixedKeys ? ` at ${fixedKeys}` : "";
+      if (answer.value === undefined) {
+        const reach = answer.low === undefined ? "" : `: ${quantity.label} is ${maps.plain(answer.low * quantity.scale)} to ${maps.plain(answer.high * quantity.scale)} ${quantity.unit} there`.trimEnd();
+        get("answer").textContent = answer.why.startsWith("at ") ? `${wish} is reached ${answer.why} of ${factor.label}${where}.` : answer.low === undefined ? `No points are near${where}.` : `${wish} is not reached${where}${reach}.`;
       } else {
-        const open = here.low === null || here.high === null ? " The swept range does not bound the interval." : "";
-        get("answer").replaceChildren(`${wish} needs `, node("b", {}, withUnit(`${factor.label} = ${said(here, factor).split(" (")[0]}`, factor.unit)), ` (95 %: ${said(here, factor).split(" (")[1]}${where}.${open}`);
+        const open = answer.low === null || answer.high === null ? " The swept range does not bound the interval." : "";
+        get("answer").replaceChildren(`${wish} needs `, node("b", {}, withUnit(`${factor.label} = ${withInterval(answer, factor).split(" (")[0]}`, factor.unit)), ` (95 %: ${withInterval(answer, factor).split(" (")[1]}${where}.${open}`);
       }
       const table = get("answers");
       table.replaceChildren();
       if (view.factors.length < 2) return;
-      const rowed = state.over === state.y || view.factors.length < 2 ? state.x : state.y, other = view.factors[rowed];
-      const rows = other.values.filter((one) => one >= other.low * (1 - 1e-9) && one <= other.high * (1 + 1e-9)).map((value) => {
+      const rowIndex = state.over === state.y || view.factors.length < 2 ? state.x : state.y, rowFactor = view.factors[rowIndex];
+      const rows = rowFactor.values.filter((value) => value >= rowFactor.low * (1 - 1e-9) && value <= rowFactor.high * (1 + 1e-9)).map((value) => {
         const values = [...state.at];
-        values[rowed] = value;
-        return node("tr", {}, node("td", {}, place(other, value)), node("td", {}, said(surfaces.inverse(view, state.want, state.over, values), factor)));
+        values[rowIndex] = value;
+        return node("tr", {}, node("td", {}, place(rowFactor, value)), node("td", {}, withInterval(surfaces.inverse(view, state.want, state.over, values), factor)));
       });
-      const head = node("thead", {}, node("tr", {}, node("th", { scope: "col" }, maps.heading(other)), node("th", { scope: "col" }, `${maps.heading(factor)} (95 %)`)));
+      const head = node("thead", {}, node("tr", {}, node("th", { scope: "col" }, maps.heading(rowFactor)), node("th", { scope: "col" }, `${maps.heading(factor)} (95 %)`)));
       table.append(node("div", { class: "wide", role: "region", "aria-label": "Designs that give the wanted value", tabindex: 0 }, node("table", {}, head, node("tbody", {}, ...rows))));
     }
 
@@ -164,22 +164,22 @@
     }
 
     function caption() {
-      const left = view.points.filter((one) => !one.used).length, bits = [];
+      const excluded = view.points.filter((point) => !point.used).length, bits = [];
       if (view.factors.length > 1) {
         bits.push(`Circles are simulated points, filled by their own mean; an outer ring marks intervals wider than ±15 %. The light band has the designs whose 95 % interval holds ${maps.plain(state.want * view.quantity.scale)} ${view.quantity.unit}.`);
-        if (view.factors.length > 2) bits.push(`The map is at ${view.factors.map((one, k) => (k === state.x || k === state.y ? "" : setting(one, state.at[k]))).filter(Boolean).join(", ")}; points of the nearest value are drawn, fainter if they lie elsewhere.`);
+        if (view.factors.length > 2) bits.push(`The map is at ${view.factors.map((factor, k) => (k === state.x || k === state.y ? "" : setting(factor, state.at[k]))).filter(Boolean).join(", ")}; points of the nearest value are drawn, fainter if they lie elsewhere.`);
       } else bits.push("Bars are 95 % intervals of the points, the band that of the curve.");
-      if (left) bits.push(`Barred circles: ${left} ${left === 1 ? "point" : "points"} left out of the surface, clogged or without a value.`);
+      if (excluded) bits.push(`Barred circles: ${excluded} ${excluded === 1 ? "point" : "points"} left out of the surface, clogged or without a value.`);
       bits.push("Drag on the map to move the design; a click on a point leads to its runs.");
       get("caption").textContent = bits.join(" ");
     }
 
     get("want").addEventListener("input", () => { const [low, high] = bounds(); state.want = rounded(low + (high - low) * get("want").value / STEPS, view.quantity.scale); draw(); });
     get("want-number").addEventListener("change", () => { if (get("want-number").value !== "") { state.want = Number(get("want-number").value) / view.quantity.scale; draw(); } });
-    const select = get("view"), asked = Object.fromEntries(["view", "at", "want", "over", "x", "y"].map((name) => [name, labbook.get(name)]));
-    const number = Math.min(Math.max(Number(asked.view) || 0, 0), data.views.length - 1);
+    const select = get("view"), query = Object.fromEntries(["view", "at", "want", "over", "x", "y"].map((name) => [name, labbook.get(name)]));
+    const number = Math.min(Math.max(Number(query.view) || 0, 0), data.views.length - 1);
     if (select) { select.value = String(number); select.addEventListener("change", () => open(Number(select.value), {})); }
-    open(number, asked);
+    open(number, query);
     let seen = root.clientWidth;
     new ResizeObserver(() => { if (root.clientWidth !== seen) { seen = root.clientWidth; draw(); } }).observe(root);
   }

@@ -12,11 +12,11 @@ const labbook = {
   // The state of the page stands in its address, so that a link shows what one sees.
   get(name) { return new URLSearchParams(location.search).get(name); },
   set(values) {
-    const asked = new URLSearchParams(location.search);
+    const query = new URLSearchParams(location.search);
     for (const [name, value] of Object.entries(values)) {
-      if (value === null || value === "") asked.delete(name); else asked.set(name, value);
+      if (value === null || value === "") query.delete(name); else query.set(name, value);
     }
-    const text = asked.toString();
+    const text = query.toString();
     history.replaceState(history.state, "", location.pathname + (text ? "?" + text : "") + location.hash);
   },
   data() {
@@ -59,17 +59,17 @@ function sortable(table) {
     if (!button) return;
     button.addEventListener("click", () => sort(table, column, head.getAttribute("aria-sort") === "ascending" ? "descending" : "ascending", true));
   });
-  const wanted = table.id === "points" && labbook.get("sort");
-  if (wanted) {
-    const column = Number(wanted.replace("-", ""));
-    if (heads[column]) sort(table, column, wanted.startsWith("-") ? "descending" : "ascending", false);
+  const order = table.id === "points" && labbook.get("sort");
+  if (order) {
+    const column = Number(order.replace("-", ""));
+    if (heads[column]) sort(table, column, order.startsWith("-") ? "descending" : "ascending", false);
   }
 }
 
 function sort(table, column, order, keep) {
   const body = table.tBodies[0], sign = order === "ascending" ? 1 : -1;
   const rows = [...body.rows].map((row, place) => ({ row, place, text: row.cells[column].textContent.trim(), value: number(row.cells[column].textContent) }));
-  const numeric = rows.some((one) => !Number.isNaN(one.value));
+  const numeric = rows.some((entry) => !Number.isNaN(entry.value));
   rows.sort((a, b) => {
     if (numeric) {
       if (Number.isNaN(a.value) || Number.isNaN(b.value)) return Number.isNaN(a.value) - Number.isNaN(b.value) || a.place - b.place;
@@ -77,7 +77,7 @@ function sort(table, column, order, keep) {
     }
     return sign * a.text.localeCompare(b.text) || a.place - b.place;
   });
-  body.append(...rows.map((one) => one.row));
+  body.append(...rows.map((entry) => entry.row));
   for (const head of table.tHead.rows[0].cells) if (head.hasAttribute("aria-sort")) head.setAttribute("aria-sort", "none");
   table.tHead.rows[0].cells[column].setAttribute("aria-sort", order);
   if (keep && table.id === "points") labbook.set({ sort: (sign < 0 ? "-" : "") + column });
@@ -87,19 +87,19 @@ function filterPoints() {
   const table = document.getElementById("points"), field = document.getElementById("points-find");
   if (!table || labbook.dragging) return;
   const text = field.value.trim().toLowerCase(), rows = [...table.tBodies[0].rows];
-  let shown = 0;
+  let visible = 0;
   for (const row of rows) {
     const fits = row.textContent.toLowerCase().includes(text) && (!labbook.chosen || labbook.chosen.has(Number(row.dataset.point)));
     row.hidden = !fits;
-    shown += fits;
+    visible += fits;
   }
-  document.getElementById("points-count").textContent = shown === rows.length ? `${rows.length} points` : `${shown} of ${rows.length} points`;
+  document.getElementById("points-count").textContent = visible === rows.length ? `${rows.length} points` : `${visible} of ${rows.length} points`;
 }
 
 function comparing() {
   const button = document.querySelector("button.compare");
   if (!button) return;
-  const items = [...document.querySelectorAll("input.choose:checked")].map((one) => one.value);
+  const items = [...document.querySelectorAll("input.choose:checked")].map((box) => box.value);
   button.disabled = items.length < 2 || items.length > 6;
   button.title = items.length > 6 ? "six at most" : "";
 }
@@ -109,21 +109,21 @@ document.addEventListener("click", (event) => {
   // A permalink names what the chart shows, too.
   const permalink = event.target.closest("a.permalink");
   if (permalink) {
-    const asked = new URLSearchParams(location.search), kept = new URL(permalink.href);
-    for (const [name, value] of asked) if (name !== "as" && name !== "since") kept.searchParams.set(name, value);
-    permalink.href = kept.pathname + kept.search;
+    const query = new URLSearchParams(location.search), target = new URL(permalink.href);
+    for (const [name, value] of query) if (name !== "as" && name !== "since") target.searchParams.set(name, value);
+    permalink.href = target.pathname + target.search;
   }
   const compare = event.target.closest("button.compare");
   if (compare) {
-    const items = [...document.querySelectorAll("input.choose:checked")].map((one) => "item=" + encodeURIComponent(one.value));
+    const items = [...document.querySelectorAll("input.choose:checked")].map((box) => "item=" + encodeURIComponent(box.value));
     location.assign(compare.dataset.address + "?" + items.join("&"));
   }
   const save = event.target.closest("button.save");
   if (save) labbook.save(new Blob([save.dataset.save], { type: "text/yaml" }), save.dataset.file);
   const copy = event.target.closest("button.copy");
   if (copy) {
-    const said = copy.parentElement.querySelector(".copied");
-    const done = (text) => { if (said) said.textContent = text; };
+    const notice = copy.parentElement.querySelector(".copied");
+    const done = (text) => { if (notice) notice.textContent = text; };
     if (navigator.clipboard) {
       navigator.clipboard.writeText(copy.dataset.copy).then(() => done(copy.textContent + ": done"), () => done("The browser did not allow it."));
     } else done("Copying needs a secure address (https or localhost).");
@@ -138,12 +138,12 @@ function unfold() {
 window.addEventListener("hashchange", unfold);
 
 // What was opened stays open when the page is shown anew.
-let opened = [];
+let openParts = [];
 document.addEventListener("htmx:beforeSwap", (event) => {
-  if (event.detail.target && event.detail.target.id === "main") opened = [...document.querySelectorAll("main details[id]")].map((one) => [one.id, one.open]);
+  if (event.detail.target && event.detail.target.id === "main") openParts = [...document.querySelectorAll("main details[id]")].map((part) => [part.id, part.open]);
 });
 document.addEventListener("htmx:afterSettle", (event) => {
-  if (event.detail.target && event.detail.target.id === "main") for (const [id, open] of opened) { const part = document.getElementById(id); if (part) part.open = open; }
+  if (event.detail.target && event.detail.target.id === "main") for (const [id, open] of openParts) { const part = document.getElementById(id); if (part) part.open = open; }
 });
 
 // A page that shows a study which runs now is shown anew when more runs are there.
@@ -151,10 +151,10 @@ let lastDone = null, lastShown = performance.now();
 document.addEventListener("htmx:afterSettle", () => {
   const bar = document.querySelector("#chart") && document.querySelector(".progress[data-done]");
   const empty = document.querySelector(".panel.empty") && document.querySelector(".progress[data-done]");
-  const here = bar || empty;
-  if (!here) return;
-  const done = Number(here.dataset.done);
-  const later = performance.now() - lastShown > 5000 || !("running" in here.dataset); // the last time, at once
+  const progress = bar || empty;
+  if (!progress) return;
+  const done = Number(progress.dataset.done);
+  const later = performance.now() - lastShown > 5000 || !("running" in progress.dataset); // the last time, at once
   if (lastDone !== null && done > lastDone && later && !document.querySelector("form :focus")) {
     lastShown = performance.now();
     lastDone = done;
@@ -180,7 +180,7 @@ function viewers() {
     frame.removeAttribute("data-theme");
     const dark = matchMedia("(prefers-color-scheme: dark)").matches;
     frame.src = frame.getAttribute("src") + "&theme=" + (dark ? "dark" : "light");
-    if (frame.dataset.opens) openAt(frame, Uint8Array.from(atob(frame.dataset.opens), (one) => one.charCodeAt(0)));
+    if (frame.dataset.opens) openAt(frame, Uint8Array.from(atob(frame.dataset.opens), (character) => character.charCodeAt(0)));
   }
 }
 

@@ -3,47 +3,47 @@
 
 const maps = (() => {
   const VIRIDIS = ["#440154", "#46327e", "#365c8d", "#277f8e", "#1fa187", "#4ac16d", "#a0da39", "#fde725"]
-    .map((one) => [1, 3, 5].map((k) => parseInt(one.slice(k, k + 2), 16)));
+    .map((code) => [1, 3, 5].map((k) => parseInt(code.slice(k, k + 2), 16)));
   const BLOCK = 3, LARGE = 6, MANY = 30; // pixels of the map for each evaluation of the surface, and of one of more terms
   const WIDE = 0.15; // half width of an interval, over the value, from which on a point has a ring
   const SVG = "http://www.w3.org/2000/svg";
 
   function colour(part) {
     const place = Math.min(Math.max(part, 0), 1) * (VIRIDIS.length - 1), at = Math.min(Math.floor(place), VIRIDIS.length - 2);
-    return VIRIDIS[at].map((one, k) => Math.round(one + (place - at) * (VIRIDIS[at + 1][k] - one)));
+    return VIRIDIS[at].map((channel, k) => Math.round(channel + (place - at) * (VIRIDIS[at + 1][k] - channel)));
   }
 
   function element(parent, name, attributes, text) {
-    const made = document.createElementNS(SVG, name);
-    for (const [key, value] of Object.entries(attributes)) made.setAttribute(key, value);
-    if (text !== undefined) made.textContent = text;
-    parent.append(made);
-    return made;
+    const child = document.createElementNS(SVG, name);
+    for (const [key, value] of Object.entries(attributes)) child.setAttribute(key, value);
+    if (text !== undefined) child.textContent = text;
+    parent.append(child);
+    return child;
   }
 
   // Round numbers within a range, about `count` of them.
   function ticks(low, high, count) {
     const rough = (high - low) / count, power = 10 ** Math.floor(Math.log10(rough));
-    const step = [1, 2, 5, 10].map((one) => one * power).find((one) => one >= rough * 0.999);
-    const found = [];
-    for (let n = Math.ceil(low / step - 1e-9); n * step <= high + 1e-9 * step; n += 1) found.push(Number((n * step).toPrecision(12)));
-    return found;
+    const step = [1, 2, 5, 10].map((factor) => factor * power).find((factor) => factor >= rough * 0.999);
+    const values = [];
+    for (let n = Math.ceil(low / step - 1e-9); n * step <= high + 1e-9 * step; n += 1) values.push(Number((n * step).toPrecision(12)));
+    return values;
   }
 
   const plain = (value) => Number(value.toPrecision(4)).toString().replace("-", "−");
-  const heading = (one) => (one.unit ? `${one.label} [${one.unit}]` : one.label);
+  const heading = (quantity) => (quantity.unit ? `${quantity.label} [${quantity.unit}]` : quantity.label);
 
   // Ticks of a key: its swept values while they have room, else round numbers.
   function places(factor, length) {
-    const room = factor.values.length * 34 <= length ? factor.values : ticks(factor.low * factor.scale, factor.high * factor.scale, 5).map((one) => one / factor.scale);
-    return room.filter((one) => one > 0 || !factor.logarithmic);
+    const room = factor.values.length * 34 <= length ? factor.values : ticks(factor.low * factor.scale, factor.high * factor.scale, 5).map((value) => value / factor.scale);
+    return room.filter((value) => value > 0 || !factor.logarithmic);
   }
 
   // Ticks whose labels have room: those nearer than `room` pixels to the one before are left out.
   function apart(values, place, room) {
-    const shown = [];
-    for (const one of [...values].sort((a, b) => a - b)) if (!shown.length || Math.abs(place(one) - place(shown.at(-1))) >= room) shown.push(one);
-    return shown;
+    const labelled = [];
+    for (const value of [...values].sort((a, b) => a - b)) if (!labelled.length || Math.abs(place(value) - place(labelled.at(-1))) >= room) labelled.push(value);
+    return labelled;
   }
 
   function frame(holder, label) {
@@ -60,17 +60,17 @@ const maps = (() => {
 
   // Where the axes begin and end in scaled keys: room for points beyond the surface, such as clogged ones.
   function extent(factor) {
-    const all = factor.values.map((one) => surfaces.scaled(factor, one)).filter(Number.isFinite);
+    const all = factor.values.map((value) => surfaces.scaled(factor, value)).filter(Number.isFinite);
     const low = Math.min(-1, ...all), high = Math.max(1, ...all), room = 0.06 * (high - low);
     return [low - room, high + room];
   }
 
   function axes(svg, box, X, Y, x, y) {
     const { left, right, top, bottom } = box;
-    for (const one of x.ticks) element(svg, "line", { class: "axis", x1: X(one), x2: X(one), y1: bottom, y2: bottom + 4 });
-    for (const one of apart(x.ticks, X, 34)) element(svg, "text", { x: X(one), y: bottom + 18, "text-anchor": "middle" }, plain(one * x.scale));
-    for (const one of y.ticks) element(svg, "line", { class: "axis", x1: left - 4, x2: left, y1: Y(one), y2: Y(one) });
-    for (const one of apart(y.ticks, Y, 14)) element(svg, "text", { x: left - 7, y: Y(one) + 4, "text-anchor": "end" }, plain(one * y.scale));
+    for (const tick of x.ticks) element(svg, "line", { class: "axis", x1: X(tick), x2: X(tick), y1: bottom, y2: bottom + 4 });
+    for (const tick of apart(x.ticks, X, 34)) element(svg, "text", { x: X(tick), y: bottom + 18, "text-anchor": "middle" }, plain(tick * x.scale));
+    for (const tick of y.ticks) element(svg, "line", { class: "axis", x1: left - 4, x2: left, y1: Y(tick), y2: Y(tick) });
+    for (const tick of apart(y.ticks, Y, 14)) element(svg, "text", { x: left - 7, y: Y(tick) + 4, "text-anchor": "end" }, plain(tick * y.scale));
     element(svg, "path", { class: "axis", d: `M${left},${top}V${bottom}H${right}` });
     element(svg, "text", { x: (left + right) / 2, y: bottom + 37, "text-anchor": "middle" }, heading(x));
     element(svg, "text", { transform: `translate(13 ${(top + bottom) / 2}) rotate(-90)`, "text-anchor": "middle" }, heading(y));
@@ -83,8 +83,8 @@ const maps = (() => {
   }
 
   function linked(svg, view, point, href) {
-    const shown = view.quantity, said = (value) => plain(value * shown.scale);
-    const value = point.value === null ? "no value" : `${said(point.value[0])} ${shown.unit}` + (point.value[1] === null ? "" : ` (${said(point.value[1])} to ${said(point.value[2])}), n = ${point.value[3]}`);
+    const quantity = view.quantity, format = (value) => plain(value * quantity.scale);
+    const value = point.value === null ? "no value" : `${format(point.value[0])} ${quantity.unit}` + (point.value[1] === null ? "" : ` (${format(point.value[1])} to ${format(point.value[2])}), n = ${point.value[3]}`);
     const text = `Point ${point.n}: ${point.label}: ${value}${point.clogged ? `; ${point.clogged}` : ""}`;
     const link = element(svg, "a", { href: href(point.n), "aria-label": text, "data-point": point.n });
     element(link, "title", {}, text);
@@ -92,7 +92,7 @@ const maps = (() => {
   }
 
   const range = (view) => {
-    const values = view.points.filter((one) => one.used).map((one) => one.value[0]);
+    const values = view.points.filter((point) => point.used).map((point) => point.value[0]);
     return [Math.min(...values), Math.max(...values)];
   };
 
@@ -121,7 +121,7 @@ const maps = (() => {
         if (!surfaces.inside(view.surface, u)) continue;
         const [value, lower, upper] = surfaces.band(view, u), light = lower <= state.want && state.want <= upper ? 0.6 : 0;
         const rgb = colour(part(value)), at = 4 * (row * columns + column);
-        rgb.forEach((one, k) => { image.data[at + k] = one + light * (255 - one); });
+        rgb.forEach((channel, k) => { image.data[at + k] = channel + light * (255 - channel); });
         image.data[at + 3] = 255;
         drawn += 1;
       }
@@ -133,8 +133,8 @@ const maps = (() => {
     const hit = moved && element(svg, "rect", { class: "hit", x: box.left, y: box.top, width: box.right - box.left, height: box.bottom - box.top });
 
     // Of points at one place of the map the one that is nearest in the other keys is drawn, fainter if it is elsewhere.
-    const here = view.factors.map((factor, k) => surfaces.scaled(factor, state.at[k])), nearest = new Map();
-    const away = (point) => Math.hypot(...view.factors.map((factor, k) => (k === state.x || k === state.y ? 0 : surfaces.scaled(factor, point.at[k]) - here[k])));
+    const design = view.factors.map((factor, k) => surfaces.scaled(factor, state.at[k])), nearest = new Map();
+    const away = (point) => Math.hypot(...view.factors.map((factor, k) => (k === state.x || k === state.y ? 0 : surfaces.scaled(factor, point.at[k]) - design[k])));
     for (const point of view.points) {
       const id = `${point.at[state.x]} ${point.at[state.y]}`, other = nearest.get(id);
       if (!other || away(point) < away(other) - 1e-9) nearest.set(id, point);
@@ -158,7 +158,7 @@ const maps = (() => {
     for (let k = 0; k <= 12; k += 1) element(shades, "stop", { offset: k / 12, "stop-color": `rgb(${colour(k / 12)})` });
     element(svg, "rect", { x: box.right + 14, y: box.top, width: 12, height: box.bottom - box.top, fill: "url(#shades)" });
     const scale = view.quantity.scale;
-    for (const one of ticks(low * scale, high * scale, 5)) element(svg, "text", { x: box.right + 30, y: box.bottom - part(one / scale) * (box.bottom - box.top) + 4 }, plain(one));
+    for (const tick of ticks(low * scale, high * scale, 5)) element(svg, "text", { x: box.right + 30, y: box.bottom - part(tick / scale) * (box.bottom - box.top) + 4 }, plain(tick));
     holder.dataset.points = nearest.size;
     if (hit) drag(hit, svg, (px, py) => {
       const values = [...state.at];
@@ -174,15 +174,15 @@ const maps = (() => {
     const box = { left: 58, right: width - 14, top: 10, bottom: height - 46 }, factor = view.factors[0];
     const all = [factor.low, factor.high, ...factor.values], room = 0.04 * (Math.max(...all) - Math.min(...all));
     const x0 = Math.min(...all) - room, x1 = Math.max(...all) + room;
-    const s = view.surface, places_ = Array.from({ length: 129 }, (_, k) => factor.low + (factor.high - factor.low) * k / 128), values = places_.map((one) => surfaces.predict(view, [one]));
-    const tops = [...values.map((one) => one[2]), ...view.points.filter((one) => one.value).map((one) => one.value[2] ?? one.value[0])];
-    const bottoms = [...values.map((one) => one[1]), ...view.points.filter((one) => one.value).map((one) => one.value[1] ?? one.value[0])];
+    const s = view.surface, places_ = Array.from({ length: 129 }, (_, k) => factor.low + (factor.high - factor.low) * k / 128), values = places_.map((x) => surfaces.predict(view, [x]));
+    const tops = [...values.map((band) => band[2]), ...view.points.filter((point) => point.value).map((point) => point.value[2] ?? point.value[0])];
+    const bottoms = [...values.map((band) => band[1]), ...view.points.filter((point) => point.value).map((point) => point.value[1] ?? point.value[0])];
     const top = Math.max(...tops), least = Math.min(0, ...bottoms), y0 = least, y1 = top + 0.05 * (top - least);
     const X = (value) => box.left + (value - x0) / (x1 - x0) * (box.right - box.left), Y = (value) => box.bottom - (value - y0) / (y1 - y0) * (box.bottom - box.top);
-    const scale = view.quantity.scale, levels = ticks(y0 * scale, y1 * scale, 6).map((one) => one / scale);
-    for (const one of levels) element(svg, "line", { class: "grid", x1: box.left, x2: box.right, y1: Y(one), y2: Y(one) });
+    const scale = view.quantity.scale, levels = ticks(y0 * scale, y1 * scale, 6).map((tick) => tick / scale);
+    for (const level of levels) element(svg, "line", { class: "grid", x1: box.left, x2: box.right, y1: Y(level), y2: Y(level) });
     axes(svg, box, X, Y, { ...factor, ticks: places(factor, box.right - box.left) }, { ...view.quantity, ticks: levels });
-    const path = (index) => values.map((one, k) => `${X(places_[k]).toFixed(1)},${Y(one[index]).toFixed(1)}`);
+    const path = (index) => values.map((band, k) => `${X(places_[k]).toFixed(1)},${Y(band[index]).toFixed(1)}`);
     element(svg, "path", { class: "band", d: `M${path(1).join("L")}L${path(2).reverse().join("L")}Z` });
     element(svg, "path", { class: "law", d: `M${path(0).join("L")}` });
     const answer = surfaces.inverse(view, state.want, 0, state.at);
@@ -199,8 +199,8 @@ const maps = (() => {
       if (lower !== null) element(link, "path", { class: "bar-line", d: `M${x},${Y(lower)}V${Y(upper)}M${x - 3},${Y(lower)}h6M${x - 3},${Y(upper)}h6` });
       element(link, "circle", { class: "point", cx: x, cy: Y(value), r: 5.5, fill: "var(--accent)" });
     }
-    const here = surfaces.predict(view, state.at);
-    if (here) for (const name of ["halo", "core"]) element(svg, "path", { class: name, d: `M${X(state.at[0]) - 10},${Y(here[0])}h20M${X(state.at[0])},${Y(here[0]) - 10}v20`, "pointer-events": "none" });
+    const prediction = surfaces.predict(view, state.at);
+    if (prediction) for (const name of ["halo", "core"]) element(svg, "path", { class: name, d: `M${X(state.at[0]) - 10},${Y(prediction[0])}h20M${X(state.at[0])},${Y(prediction[0]) - 10}v20`, "pointer-events": "none" });
     holder.dataset.blocks = s ? values.length : 0;
     drag(hit, svg, (px) => moved([Math.min(Math.max(x0 + (px - box.left) / (box.right - box.left) * (x1 - x0), factor.low), factor.high)]));
   }
@@ -211,7 +211,7 @@ const maps = (() => {
       moved((event.clientX - seen.left) * box.width / seen.width, (event.clientY - seen.top) * box.height / seen.height);
     };
     hit.addEventListener("pointerdown", (event) => {
-      const move = (one) => tell(one), stop = () => { window.removeEventListener("pointermove", move); window.removeEventListener("pointerup", stop); };
+      const move = (motion) => tell(motion), stop = () => { window.removeEventListener("pointermove", move); window.removeEventListener("pointerup", stop); };
       window.addEventListener("pointermove", move); // the map is drawn anew while it is dragged
       window.addEventListener("pointerup", stop);
       tell(event);
@@ -243,8 +243,8 @@ document.addEventListener("click", (event) => {
   if (!holder) return;
   const svg = holder.querySelector("svg"), canvas = holder.querySelector("canvas"), copy = svg.cloneNode(true), box = svg.viewBox.baseVal;
   const from = [...svg.querySelectorAll("*")], to = [...copy.querySelectorAll("*")];
-  from.forEach((one, k) => { const style = getComputedStyle(one); for (const name of ["fill", "stroke", "stroke-width", "font-size", "font-family", "text-anchor", "opacity"]) to[k].setAttribute(name, style.getPropertyValue(name)); });
-  const node = (name, attributes) => { const made = document.createElementNS("http://www.w3.org/2000/svg", name); for (const [key, value] of Object.entries(attributes)) made.setAttribute(key, value); return made; };
+  from.forEach((source, k) => { const style = getComputedStyle(source); for (const name of ["fill", "stroke", "stroke-width", "font-size", "font-family", "text-anchor", "opacity"]) to[k].setAttribute(name, style.getPropertyValue(name)); });
+  const node = (name, attributes) => { const child = document.createElementNS("http://www.w3.org/2000/svg", name); for (const [key, value] of Object.entries(attributes)) child.setAttribute(key, value); return child; };
   const part = (name, length) => (parseFloat(canvas.style[name]) / 100) * length;
   if (canvas) copy.prepend(node("image", { href: canvas.toDataURL(), x: part("left", box.width), y: part("top", box.height), width: part("width", box.width), height: part("height", box.height), preserveAspectRatio: "none", opacity: getComputedStyle(canvas).opacity }));
   copy.prepend(node("rect", { width: box.width, height: box.height, fill: getComputedStyle(document.documentElement).getPropertyValue("--paper").trim() }));

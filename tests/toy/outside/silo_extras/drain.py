@@ -19,7 +19,7 @@ from labbook.results.series import FurtherFit, Series
 from labbook.results.statements import Judged
 from labbook.results.study import StudyResults
 from labbook.study import Statement
-from labbook.study.paper import Asked, Wrong
+from labbook.study.paper import QuantityContext, Wrong
 
 
 class DrainFit(FurtherFit):
@@ -51,10 +51,10 @@ class Drain(Paper):
         p = Parameter(-slope, -slope - 2 * error, -slope + 2 * error, error, "")
         return DrainFit({"p": p}, ("a straight line through logarithms",), tuple(points))
 
-    def unit(self, quantity: str, asked: Asked) -> str | Wrong | None:
+    def unit(self, quantity: str, context: QuantityContext) -> str | Wrong | None:
         if quantity == "drained.order":
-            return "" if asked.stated else Wrong("an order is no number", "write `from`, `to` and `says`")
-        return super().unit(quantity, asked)
+            return "" if context.is_statement else Wrong("an order is no number", "write `from`, `to` and `says`")
+        return super().unit(quantity, context)
 
     def compared(
         self, results: StudyResults, quantity: str, at: Mapping[str, float | str]
