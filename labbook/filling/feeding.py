@@ -42,9 +42,9 @@ class Feeder:
         self._radius, self._length = Bodies.of(scene.grains, start).radius, scene.grains.extent
         closed, clearance, flat = scene.container.close(), scene.grains.radius * APART, STARTS[fill].flat
         self.room = Room(closed, clearance, flat)
-        self.like = (closed, clearance, flat, scene.grains.half_length)
+        self.like = (closed, clearance, flat, scene.grains.form)
         """Equal for runs whose grains are placed in the same room by the same rules."""
-        self.level = float((start.x[:, 2] + self._radius).max()) + scene.grains.half_length
+        self.level = float((start.x[:, 2] + self._radius).max()) + scene.grains.overhang
         """Height z [m] above which grains are placed."""
         self._roof = scene.container.roof
         if self._roof - self.level < _ROOM * self._length:

@@ -11,7 +11,7 @@ from labbook.scene.contact import AnyLaw, ContactLaw, useless
 from labbook.scene.container import Container
 from labbook.scene.drawing import describe, svg
 from labbook.scene.feed import Feed
-from labbook.scene.grains import Grains, Spherocylinders
+from labbook.scene.grains import Grains
 from labbook.scene.material import Material
 from labbook.scene.mesh import TriangleMesh
 from labbook.scene.model import Fault, Model, refuse
@@ -88,8 +88,9 @@ class Scene(Model):
         Yields:
             Reasons against it.
         """
-        if law.rolling_model == "epsd" and isinstance(self.grains, Spherocylinders):
-            yield Fault("contact.rolling_model", "rods have no rolling springs", "use cdt, or spheres")
+        if law.rolling_model == "epsd" and self.grains.oriented:
+            reason = f"{self.grains.noun}s have no rolling springs"
+            yield Fault("contact.rolling_model", reason, "use cdt, or spheres")
         yield from self._faults_between_kinds(law)
         yield from self._faults_of_stiffness(law)
         yield from self._faults_of_ignored(law)
