@@ -71,7 +71,7 @@ LONG_BY_THE_REFERENCE = {
     *("rod-without-length", "turning-rim-impact", "energy-cycle-hertz-mindlin", "energy-cycle-linear"),
     *("unlike-stack-hertz-mindlin", "unlike-stack-linear", "energy-slide", "energy-parts"),
     "mesh-order",
-    *("clump-free-top", "clump-landing", "clump-momenta", "clump-of-one-sphere"),
+    *("clump-free-top", "clump-landing", "clump-momenta", "clump-bed-at-rest", "clump-of-one-sphere"),
 }
 """Cases that plain Python takes more than five seconds for: in the ring."""
 LONG = {

@@ -5,12 +5,12 @@ from dataclasses import replace
 
 import numpy as np
 
-from labbook.backend.probes import Ledger, Sample
+from labbook.backend.probes import Contacts, Ledger, Sample
 from labbook.checks.verify.case import Case, limited
 from labbook.checks.verify.materials import G, floor
 from labbook.checks.verify.stand import MemberStart, Stand, require
 from labbook.filling.placing import place
-from labbook.scene import Clumps, CylinderSilo, LinearSpringDashpot, Packing, Primitives, Scene, Spheres
+from labbook.scene import Box, Clumps, CylinderSilo, LinearSpringDashpot, Packing, Primitives, Scene, Spheres
 from labbook.scene.container import Container
 from labbook.scene.orientation import random_turns, rotated
 
@@ -230,6 +230,24 @@ def _conserves(stand: Stand) -> Mapping[str, float]:
     return {"momentum": float(drift[0] / scale[0]), "angular momentum": float(drift[1] / scale[1])}
 
 
+def _rests(stand: Stand) -> Mapping[str, float]:
+    """Let eight seeds fall into a narrow box: at the end the bottom and the sides carry their weight."""
+    n, box = 8, Box(width=2.2 * D, depth=2.2 * D, height=0.2)
+    law = {"normal_stiffness": 150, "friction": 0.5, "rolling_friction": 0.1, "restitution": 0.2}
+    scene, probe = clumps(SEED, n, box, gravity=G, **law), Contacts(every=20)
+    start = place(scene, "gas", 3)
+    start = replace(start, v=np.zeros_like(start.v))
+    motion = stand.run(MemberStart(scene, 5e-5, start), 20, 400, (probe,))
+    rows, weight = motion.rows(probe), n * SEED.mass * G
+    at_wall = rows["wall"] >= 0
+    require(int(np.sum(~at_wall)) >= n, "the seeds do not lie on one another")
+    forces = np.array([rows[name][at_wall].sum() for name in ("fx", "fy", "fz")])
+    return {
+        "energy": motion.status.kinetic,
+        "weight": float(np.abs(forces - [0.0, 0.0, weight]).max()) / weight,
+    }
+
+
 def _spheres_too(stand: Stand) -> Mapping[str, float]:
     """Drop clumps of one sphere and spheres into a silo, for a time in which round-off has not grown yet."""
     d, law = 6e-3, LinearSpringDashpot(normal_stiffness=200, friction=0.5, rolling_friction=0.01, restitution=0.5)
@@ -283,6 +301,13 @@ CASES = [
         source="Newton's third law",
         measures={"momentum": limited(1e-10, roundings=100), "angular momentum": limited(1e-10, roundings=100)},
         run=_conserves,
+    ),
+    Case(
+        name="clump-bed-at-rest",
+        statement="a bed of clumps comes to rest, and its walls carry its weight",
+        source="balance of forces; energy of a grain in m g d",
+        measures={"energy": limited(1e-6, roundings=10), "weight": limited(1e-3)},
+        run=_rests,
     ),
     Case(
         name="clump-of-one-sphere",
