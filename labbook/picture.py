@@ -17,6 +17,8 @@ import numpy as np
 
 from labbook.scene.bodies import Bodies
 from labbook.scene.geometry import Segment
+from labbook.scene.grains import Clumps, Spherocylinders
+from labbook.scene.hulls import sphere_centres
 from labbook.scene.orientation import axes
 from labbook.scene.packing import Packing
 from labbook.scene.scene import Scene
@@ -151,7 +153,7 @@ class Strokes:
 
 @dataclass(frozen=True, eq=False)
 class _Grains:
-    """Grains to draw.
+    """Grains to draw, or the spheres of clumps.
 
     Args:
         x: Centres [m], shape [n, 3].
@@ -190,14 +192,14 @@ def _visible_grains(scene: Scene, start: Packing, now: Packing, view: "Raster", 
     if not np.isin(now.ids, start.ids).all():
         raise ValueError("picture: grains are not those of the settled bed")
     grains, is_cut, plane = scene.grains, cut(scene, start), scene.container.outlet_plane
+    if now.q is None and not grains.round:
+        raise ValueError(f"picture: the {grains.noun}s have no orientations")
     half = None
-    if grains.half_length > 0:
-        if now.q is None:
-            raise ValueError("picture: the rods have no orientations")
+    if isinstance(grains, Spherocylinders) and now.q is not None and not grains.round:
         half = axes(now.q) * grains.half_length
-    reach = grains.radius + (0 if half is None else np.abs(half[:, 2]))
+    reach = grains.reach if isinstance(grains, Clumps) else grains.radius + (0 if half is None else np.abs(half[:, 2]))
     x, z, bottom = now.x[:, 0], now.x[:, 2], view.z - view.down / view.scale / 2
-    farthest = view.across / view.scale / 2 + grains.radius + grains.half_length
+    farthest = view.across / view.scale / 2 + grains.reach
     in_view = (np.abs(x - view.x) < farthest) & (z - reach < 2 * view.z - bottom) & (z + reach > bottom)
     if plane is not None:  # what falls out of the view is left out as a whole: halves of it would look like a floor
         in_view &= (z > plane) | (z - reach > bottom)
@@ -205,12 +207,19 @@ def _visible_grains(scene: Scene, start: Packing, now: Packing, view: "Raster", 
         in_view &= now.x[:, 1] >= 0
     indices = np.flatnonzero(in_view)
     rows = start.rows(now.ids[indices])
-    bodies = Bodies.of(grains, start)
+    x, radius = now.x[indices], Bodies.of(grains, start).radius[rows]
+    colour = layer_colours(scene, start, rows) if colour is None else colour[indices].astype(np.float32)
+    if isinstance(grains, Clumps) and now.q is not None:
+        x, spheres = sphere_centres(grains, x, now.q[indices]), len(grains.spheres)
+        radius, colour = (
+            np.tile([part.radius for part in grains.spheres], len(rows)),
+            np.repeat(colour, spheres, axis=0),
+        )
     return _Grains(
-        x=now.x[indices].astype(np.float32),
-        radius=bodies.radius[rows].astype(np.float32),
+        x=x.astype(np.float32),
+        radius=radius.astype(np.float32),
         half=None if half is None else half[indices].astype(np.float32),
-        colour=layer_colours(scene, start, rows) if colour is None else colour[indices].astype(np.float32),
+        colour=colour,
         front=front(scene, start),
         depth=_FADING * grains.diameter,
     )
@@ -228,9 +237,12 @@ def _of_kinds(kind: np.ndarray, layer: np.ndarray) -> np.ndarray:
 
 def _extent(scene: Scene, packing: Packing) -> tuple[np.ndarray, np.ndarray]:
     """Least and most x and z [m] of grains' surfaces."""
-    reach = scene.grains.radius
-    if packing.q is not None:
-        reach = reach + scene.grains.half_length * np.abs(axes(packing.q))[:, [0, 2]]
+    grains, q = scene.grains, packing.q
+    reach = grains.radius
+    if isinstance(grains, Spherocylinders) and q is not None:
+        reach = reach + grains.half_length * np.abs(axes(q))[:, [0, 2]]
+    elif isinstance(grains, Clumps):
+        reach = grains.reach
     return (packing.x[:, [0, 2]] - reach).min(axis=0), (packing.x[:, [0, 2]] + reach).max(axis=0)
 
 

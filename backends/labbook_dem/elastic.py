@@ -8,15 +8,11 @@ from scipy.spatial import KDTree
 
 from labbook.backend.numerics import Numerics
 from labbook.backend.probes import Contacts, Table, columns
-from labbook.scene import Bodies, Packing, Scene
-from labbook.scene.orientation import axes, nearest
+from labbook.scene import Bodies, Clumps, Packing, Scene, Spherocylinders
+from labbook.scene.orientation import axes, nearest, rotated
 from labbook_dem.chosen import choose
-from labbook_dem.features import is_oriented
-from labbook_dem.plain_walls import GrainState, PlainWalls
+from labbook_dem.plain_walls import PlainGrains, PlainWalls
 from labbook_dem.spheres import effective
-from labbook_dem.words import vec3
-
-_AT_REST = vec3(0.0, 0.0, 0.0)
 
 
 def elastic_forces(
@@ -47,23 +43,33 @@ def elastic_forces(
 
 def _pairs(scene: Scene, numerics: Numerics, packing: Packing) -> np.ndarray:
     """Rows of contacts between grains, shape [n, 9]: ids and wall, force [N], branch [m]."""
-    bodies, half, ids = Bodies.of(scene.grains, packing), scene.grains.half_length, packing.ids
+    bodies, grains, ids = Bodies.of(scene.grains, packing), scene.grains, packing.ids
     assert ids is not None
     if len(packing) < 2:
         return np.empty((0, 9))
-    close = KDTree(packing.x).query_pairs(2 * (float(bodies.radius.max()) + half), output_type="ndarray")
+    close = KDTree(packing.x).query_pairs(2 * (float(bodies.radius.max()) + grains.overhang), output_type="ndarray")
     # Sorted: the tree gives pairs in an order of its own, and rows of a file must not depend on it.
     i, j = close[np.lexsort((close[:, 1], close[:, 0]))].T
     away = between = packing.x[i] - packing.x[j]
-    if is_oriented(scene) and packing.q is not None:
+    own, partner = bodies.radius[i], bodies.radius[j]
+    if isinstance(grains, Spherocylinders) and packing.q is not None:
         a = axes(packing.q)
-        s, t = nearest(between, a[i], a[j], half)
+        s, t = nearest(between, a[i], a[j], grains.half_length)
         away = between + s[:, None] * a[i] - t[:, None] * a[j]
+    elif isinstance(grains, Clumps) and packing.q is not None:
+        levers = np.stack([rotated(packing.q, part.centre) for part in grains.spheres])
+        radii, n = np.array([part.radius for part in grains.spheres]), len(grains.spheres)
+        first, second = np.divmod(np.arange(n * n), n)
+        away = (between + levers[first][:, i] - levers[second][:, j]).reshape(-1, 3)
+        own, partner = (np.repeat(radii[places], len(i)) for places in (first, second))
+        i, j, between = np.tile(i, n * n), np.tile(j, n * n), np.tile(between, (n * n, 1))
     apart = np.linalg.norm(away, axis=1)
-    overlap = bodies.radius[i] + bodies.radius[j] - apart
+    overlap = own + partner - apart
     # Two grains at one place have no direction of their force.
     touching = (overlap > 0) & (apart > 0)
-    i, j, away, between, apart, overlap = (of[touching] for of in (i, j, away, between, apart, overlap))
+    i, j, away, between, apart, overlap, own, partner = (
+        of[touching] for of in (i, j, away, between, apart, overlap, own, partner)
+    )
     with choose(scene.contact.law) as law:
         kinds, scale = range(len(scene.grains.species)), numerics.stiffness_scale
         c = {
@@ -72,9 +78,8 @@ def _pairs(scene: Scene, numerics: Numerics, packing: Packing) -> np.ndarray:
             for n in kinds
         }
         pairs = zip(bodies.kind[i].tolist(), bodies.kind[j].tolist(), strict=True)
-        radius, mass = (
-            map(effective, of[i].tolist(), of[j].tolist()) for of in (bodies.radius, bodies.mass)
-        )  # fmt: skip
+        radius = map(effective, own.tolist(), partner.tolist())
+        mass = map(effective, bodies.mass[i].tolist(), bodies.mass[j].tolist())
         size = [  # laws are written for single contacts; all else is arrays
             law.normal(c[pair], *rest, 0.0) for pair, *rest in zip(pairs, radius, mass, overlap.tolist(), strict=True)
         ]
@@ -84,11 +89,11 @@ def _pairs(scene: Scene, numerics: Numerics, packing: Packing) -> np.ndarray:
 
 def _walls(scene: Scene, numerics: Numerics, packing: Packing, time: float):
     """Rows of contacts with walls."""
-    plain, bodies, ids = PlainWalls(scene, numerics), Bodies.of(scene.grains, packing), packing.ids
+    plain, ids, rest = PlainWalls(scene, numerics), packing.ids, np.zeros_like(packing.x)
     assert ids is not None
     plain.move_to(round(time / numerics.dt))
-    reach = bodies.radius + scene.grains.half_length
-    axis = axes(packing.q) if plain.rods and packing.q is not None else np.zeros_like(packing.x)
+    grains = PlainGrains.steady(scene.grains, packing, packing.q, rest, rest)
+    reach = grains.bodies.radius + scene.grains.overhang
     with choose(scene.contact.law) as law:
         for w, wall in enumerate(plain.walls):
             x = packing.x
@@ -98,11 +103,10 @@ def _walls(scene: Scene, numerics: Numerics, packing: Packing, time: float):
             # Contacts in plain Python are slow: only grains near the wall are looked at, by the distance of all at
             # once.
             for i in np.flatnonzero(wall.shape.distance(x) < reach).tolist():
-                at, a = (vec3(*array[i].tolist()) for array in (packing.x, axis))
-                own = float(bodies.radius[i]), float(bodies.mass[i]), 1.0, int(bodies.kind[i])
-                grain = GrainState(int(ids[i]), at, a, _AT_REST, _AT_REST, _AT_REST, _AT_REST, *own)
+                grain = grains.state(i)
                 for contact in plain.contacts(w, grain, {}, {}):
-                    size = law.normal(plain.coefficients(w, grain.kind), grain.radius, grain.mass, contact.overlap, 0.0)
+                    c = plain.coefficients(w, grain.kind)
+                    size = law.normal(c, contact.radius, grain.mass, contact.overlap, 0.0)
                     force = contact.normal * size
                     yield (
                         ids[i],

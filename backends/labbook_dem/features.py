@@ -200,14 +200,14 @@ def planes(scene: Scene, probes: Sequence[Probe]) -> tuple[float, float]:
 
 def capabilities(
     name: str, cache_version: int, precisions: frozenset[str], devices: tuple[str, ...], meshes: bool = False,
-    **switches: bool,
+    clumps: bool = False, **switches: bool,
 ):  # fmt: skip
-    """Capabilities of a backend with the formulas of this package: all laws, shapes and walls.
+    """Capabilities of a backend with the formulas of this package: all laws and walls, spheres and rods.
 
-    meshes: walls of triangles too; switches: further fields of `Capabilities`.
+    meshes: walls of triangles too; clumps: clumps too; switches: further fields of `Capabilities`.
     """
     walls: list[str] = [*WALLS, *([MESH] if meshes else [])]
-    laws, shapes = frozenset(LAWS), frozenset(SHAPES)
+    laws, shapes = frozenset(LAWS), frozenset(name for name in SHAPES if clumps or name != "clump")
     return Capabilities(
         name, cache_version, shapes, laws, frozenset(walls), precisions, devices, feeds=True, breaks=True, **switches
     )
@@ -252,6 +252,8 @@ def check(can: Capabilities, needs: Needs, precision: str, probes: Sequence[Prob
         if value not in supported:
             has = ", ".join(sorted(supported))
             state = f": state numerics: {{precision: {min(supported)}}}" if key == "numerics.precision" else ""
+            if value == "clump":
+                state = "; use --backend reference for few clumps, or spherocylinder for long grains"
             raise Unsupported(key, f"the backend {can.name} has no {value}; it has {has}{state}")
     if MESH in needs.walls and SHAPES[needs.grains.shape].oriented and not can.rods_at_meshes:
         reason = f"the backend {can.name} has no contacts of rods with a mesh"
@@ -268,12 +270,12 @@ def check(can: Capabilities, needs: Needs, precision: str, probes: Sequence[Prob
         raise Unsupported("grains", f"the backend {can.name} takes equal grains only; leave out sizes and kinds")
     for probe in probes:
         if isinstance(probe, Sample | Film) and "q" in probe.fields and not SHAPES[needs.grains.shape].oriented:
-            raise Unsupported("measure", "only rods have an orientation q; leave q out")
+            raise Unsupported("measure", "spheres have no orientation q; leave q out")
         if not isinstance(probe, Crossing | Film) and probe.every < 1:
             raise Unsupported("measure", "a probe is read once per beat at most; use every >= 1")
         if isinstance(probe, Film) and not 0 < probe.every < math.inf:
             raise Unsupported("measure", "the time between two frames of a film must be positive and finite")
-        if isinstance(probe, Dissipation) and needs.grains.half_length > 0:
+        if isinstance(probe, Dissipation) and not needs.grains.round:
             raise Unsupported("measure", "the power of contacts is measured of spheres only")
         if isinstance(probe, Traction) and not 0 < probe.size < math.inf:
             raise Unsupported("measure", "the width of bins of walls must be positive and finite")

@@ -7,15 +7,17 @@ import numpy as np
 
 from labbook.backend.numerics import Numerics
 from labbook.backend.probes import Table, Traction
-from labbook.scene import Bodies, Scene, TriangleMesh
+from labbook.scene import Bodies, Clumps, Grains, Scene, Spherocylinders, TriangleMesh
+from labbook.scene.grains import MOST_SPHERES
 from labbook.scene.orientation import axes
 from labbook.scene.packing import Packing
 from labbook_dem import rods, rotation, spheres
 from labbook_dem.chosen import choose
+from labbook_dem.clumps import from_body
 from labbook_dem.coefficients import MU
 from labbook_dem.contact import rolling_rate
 from labbook_dem.dispatch import PlainWall
-from labbook_dem.features import features, is_oriented
+from labbook_dem.features import features
 from labbook_dem.laws import LAWS
 from labbook_dem.mesh import PlainMesh
 from labbook_dem.mesh_rods import PlainRodMesh
@@ -28,12 +30,20 @@ NEW = -1
 PARTS = 4
 """Points at which a rod may touch a wall (`labbook_dem.walls`)."""
 Key = tuple[int, ...]
-"""Of a spring: ids of both grains, or id of the grain, place of the wall, and part."""
+"""Of a spring: ids of both grains, and of clumps the places of both spheres; or id of the grain, place of the wall, and
+part."""
+
+
+class Lever(NamedTuple):
+    """Sphere of a clump: branch to its centre from the centre of mass [m], and its radius [m]."""
+
+    branch: vec3
+    radius: float
 
 
 class GrainState(NamedTuple):
     """One grain. x [m]; axis: of a rod; velocities [m/s] v half a step before and u predicted; spins [rad/s] likewise,
-    `spin` and `soon`; inertia [kg m^2]: about the axis of a rod."""
+    `spin` and `soon`; inertia [kg m^2]: the smallest moment; spheres: of a clump."""
 
     name: int
     x: vec3
@@ -46,14 +56,85 @@ class GrainState(NamedTuple):
     mass: float
     inertia: float
     kind: int
+    spheres: tuple[Lever, ...] = ()
+
+
+class PlainGrains(NamedTuple):
+    """Grains of a scene, n of them, at one time.
+
+    Attributes:
+        grains: grains of the scene.
+        bodies: properties of each grain.
+        ids: ids, shape [n].
+        x: positions [m], shape [n, 3].
+        q: orientations, shape [n, 4]; None for spheres.
+        axis: axes of rods, zero for other grains, shape [n, 3].
+        u: predicted velocities [m/s], shape [n, 3].
+        v: velocities half a step before [m/s], shape [n, 3].
+        spin: angular velocities half a step before [rad/s], shape [n, 3].
+        soon: predicted ones [rad/s], shape [n, 3].
+    """
+
+    grains: Grains
+    bodies: Bodies
+    ids: np.ndarray
+    x: np.ndarray
+    q: np.ndarray | None
+    axis: np.ndarray
+    u: np.ndarray
+    v: np.ndarray
+    spin: np.ndarray
+    soon: np.ndarray
+
+    @classmethod
+    def steady(
+        cls, grains: Grains, packing: Packing, q: np.ndarray | None, v: np.ndarray, omega: np.ndarray
+    ) -> "PlainGrains":
+        """Grains of a packing with orientations q [n, 4], whose velocities v [m/s] and omega [rad/s], each of shape
+        [n, 3], do not change."""
+        assert packing.ids is not None
+        axis, bodies = axes_of(grains, packing.x, q), Bodies.of(grains, packing)
+        return cls(grains, bodies, packing.ids, packing.x, q, axis, v, v, omega, omega)
+
+    def state(self, i: int) -> GrainState:
+        """Grain in row i."""
+        bodies, grains = self.bodies, self.grains
+        vectors = (self.x, self.axis, self.u, self.v, self.spin, self.soon)
+        x, axis, u, v, w, y = (vec3(*array[i].tolist()) for array in vectors)
+        inertia = grains.inertia_axis if grains.oriented else float(bodies.inertia[i])
+        properties = float(bodies.radius[i]), float(bodies.mass[i]), inertia, int(bodies.kind[i])
+        return GrainState(int(self.ids[i]), x, axis, u, v, w, y, *properties, self.levers(i))
+
+    def levers(self, i: int) -> tuple[Lever, ...]:
+        """Spheres of the clump in row i; none of another grain."""
+        if not isinstance(self.grains, Clumps) or self.q is None:
+            return ()
+        w, x, y, z = self.q[i].tolist()
+        return tuple(Lever(from_body(w, x, y, z, vec3(*part.centre)), part.radius) for part in self.grains.spheres)
+
+
+def axes_of(grains: Grains, x: np.ndarray, q: np.ndarray | None) -> np.ndarray:
+    """Axes of rods, and zero for other grains, shape [n, 3], at positions x [n, 3] and orientations q [n, 4]."""
+    return axes(q) if q is not None and isinstance(grains, Spherocylinders) else np.zeros_like(x)
+
+
+class PartAtWall(NamedTuple):
+    """Part of a grain that touches a wall: distance of its centre [m], unit normal from the wall, branch to the centre
+    of the part from that of the grain [m], and radius of the part [m]."""
+
+    distance: float
+    normal: vec3
+    lever: vec3
+    radius: float
 
 
 class WallContact(NamedTuple):
-    """Contact of a part of a grain with a wall, with a mesh that of a feature: force [N], torque [N m], branch from its
-    centre [m], unit normal from the wall, and the springs of friction [m] and of rolling resistance [N m] as they are
-    now, with a part that moves in its frame."""
+    """Contact of a part of a grain with a wall, with a mesh that of a feature: its radius and overlap [m], force [N],
+    torque [N m], branch from the centre of the grain [m], unit normal from the wall, and the springs of friction [m]
+    and of rolling resistance [N m] as they are now, with a part that moves in its frame."""
 
     part: int
+    radius: float
     overlap: float
     force: vec3
     torque: vec3
@@ -112,8 +193,8 @@ class PlainWalls:
 
     def __init__(self, scene: Scene, numerics: Numerics):
         self.scene, self.numerics = scene, numerics
-        self.walls, self.rods = scene.container.walls(), is_oriented(scene)
-        of_triangles = PlainRodMesh if self.rods else PlainMesh
+        self.walls, self.grains = scene.container.walls(), scene.grains
+        of_triangles = PlainRodMesh if isinstance(self.grains, Spherocylinders) else PlainMesh
         self.plain = [
             of_triangles(wall.shape) if isinstance(wall.shape, TriangleMesh) else PlainWall(wall.shape)
             for wall in self.walls
@@ -142,61 +223,80 @@ class PlainWalls:
         """Contacts of a grain with wall w, one for each part that touches; springs and rolling: as they were."""
         plain = self.plain[w]
         if isinstance(plain, PlainMesh):
-            features = sorted(key[2] for key in springs if len(key) == 3 and key[:2] == (grain.name, w))
+            touched = sorted(key[2] for key in springs if len(key) == 3 and key[:2] == (grain.name, w))
             met, heirs = {}, {}
-            frame = self.frames.get(w)
-            for feature, distance, normal, s, older in self._at_mesh(plain, grain, features, frame):
-                normal = frame.outwards(normal) if frame is not None else normal
-                met[feature], heirs[feature] = (distance, normal, s), NEW if older is None else older
+            for part, touching, older in self._at_mesh(plain, grain, touched, self.frames.get(w)):
+                met[part], heirs[part] = touching, NEW if older is None else older
+        elif grain.spheres:
+            met = dict(self._met(plain, grain))
+            heirs = {part: part for part in met}
         else:
-            met = self._met(plain, grain)
+            met = dict(self._met(plain, grain))
             was = sum(1 << part for part in range(PARTS) if (grain.name, w, part) in springs)
             now = sum(1 << part for part in met)
             heirs = {part: rods.heir(part, was, now) for part in met}
         yield from self._acting(w, grain, met, heirs, springs, rolling)
 
     def _at_mesh(
-        self, plain: PlainMesh, grain: GrainState, features: list[int], frame: PartFrame | None
-    ) -> Iterator[tuple[int, float, vec3, float, int | None]]:
-        """Contacts of a grain with a mesh, as `PlainRodMesh.rod_contacts` gives them, in the frame of the mesh."""
-        x, axis = grain.x, grain.axis
-        if frame is not None:
-            x, axis = frame.place(x), frame.inwards(axis)
-        if isinstance(plain, PlainRodMesh):
-            yield from plain.rod_contacts(x, axis, self.scene.grains.half_length, grain.radius, features)
-        else:
-            for feature, distance, normal, older in plain.contacts(x, grain.radius, features):
-                yield feature, distance, normal, 0.0, older
+        self, plain: PlainMesh, grain: GrainState, touched: list[int], frame: PartFrame | None
+    ) -> Iterator[tuple[int, PartAtWall, int | None]]:
+        """Contacts of a grain with a mesh: part, where it is, and the part whose spring it has, of those in `touched`.
 
-    def _met(self, plain: PlainWall, grain: GrainState) -> dict[int, tuple[float, vec3, float]]:
-        """Of each part of a grain that touches a wall: distance [m], unit normal, and where on the segment [m]."""
-        radius, half = grain.radius, self.scene.grains.half_length
-        met = {}
-        for part in range(PARTS if self.rods else 1):
-            x = grain.x
-            distance, normal, s = (
-                plain.part(x, grain.axis, half, radius, part) if self.rods else (*plain.distance(x), 0.0)
-            )
+        The part of a clump is MOST_SPHERES times the feature plus the place of its sphere; of other grains the feature.
+        """
+
+        def inwards(x: vec3) -> vec3:
+            return x if frame is None else frame.place(x)
+
+        def outwards(normal: vec3) -> vec3:
+            return normal if frame is None else frame.outwards(normal)
+
+        grains = self.grains
+        if isinstance(plain, PlainRodMesh) and isinstance(grains, Spherocylinders):
+            axis = grain.axis if frame is None else frame.inwards(grain.axis)
+            contacts = plain.rod_contacts(inwards(grain.x), axis, grains.half_length, grain.radius, touched)
+            for feature, distance, normal, s, older in contacts:
+                yield feature, PartAtWall(distance, outwards(normal), grain.axis * s, grain.radius), older
+        for place, (lever, radius) in enumerate(grain.spheres):
+            own = [part // MOST_SPHERES for part in touched if part % MOST_SPHERES == place]
+            for feature, distance, normal, older in plain.contacts(inwards(grain.x + lever), radius, own):
+                touching = PartAtWall(distance, outwards(normal), lever, radius)
+                older_part = None if older is None else MOST_SPHERES * older + place
+                yield MOST_SPHERES * feature + place, touching, older_part
+        if not grains.oriented:
+            for feature, distance, normal, older in plain.contacts(inwards(grain.x), grain.radius, touched):
+                yield feature, PartAtWall(distance, outwards(normal), NONE, grain.radius), older
+
+    def _met(self, plain: PlainWall, grain: GrainState) -> Iterator[tuple[int, PartAtWall]]:
+        """Parts of a grain that touch a wall: ends and edges of a rod, spheres of a clump by their place, 0 of a
+        sphere."""
+        grains = self.grains
+        if isinstance(grains, Spherocylinders):
+            for part in range(PARTS):
+                distance, normal, s = plain.part(grain.x, grain.axis, grains.half_length, grain.radius, part)
+                if distance < grain.radius:
+                    yield part, PartAtWall(distance, normal, grain.axis * s, grain.radius)
+            return
+        for part, (lever, radius) in enumerate(grain.spheres or (Lever(NONE, grain.radius),)):
+            distance, normal = plain.distance(grain.x + lever if grain.spheres else grain.x)
             if distance < radius:
-                met[part] = distance, normal, s
-        return met
+                yield part, PartAtWall(distance, normal, lever, radius)
 
     def _acting(
-        self, w: int, grain: GrainState, met: Mapping[int, tuple[float, vec3, float]], heirs: Mapping[int, int],
+        self, w: int, grain: GrainState, met: Mapping[int, PartAtWall], heirs: Mapping[int, int],
         springs: Mapping[Key, vec3], rolling: Mapping[Key, vec3],
     ) -> Iterator[WallContact]:  # fmt: skip
         """Contacts of a grain with wall w at the parts `met`; heirs: of each, the part whose spring it goes on with."""
         if not met:
             return
-        wall, radius = self.walls[w], grain.radius
+        wall = self.walls[w]
         name, c = grain.name, self._c[w, grain.kind]
         turning, pushed = vec3(0.0, 0.0, wall.motion.spin), vec3(*wall.motion.velocity)
         frame = self.frames.get(w)
         rate, dt = rolling_rate(grain.inertia, self.numerics.dt), self.numerics.dt
-        for part, (distance, normal, s) in met.items():
+        for part, (distance, normal, lever, radius) in met.items():
             key = name, w, heirs[part]
             last, advance = (springs[key], dt) if key in springs else (NONE, 0.5 * dt)  # a new one began in the step
-            lever = grain.axis * s
             branch = lever - normal * distance
             at = grain.x + branch
             surface = pushed + vec3(-turning.z * at.y, turning.z * at.x, 0.0)
@@ -207,7 +307,7 @@ class PlainWalls:
             if frame is not None:
                 u, v = u - frame.speed(at), v - frame.speed_before(at)
             overlap, mass, turned = radius - distance, grain.mass, None
-            if self.rods:
+            if self.grains.oriented:  # an end of a rod and a sphere of a clump are spheres on levers
                 force, torque, spring = rods.rod_on_wall(
                     c, radius, mass, overlap, normal, lever, u, v, grain.soon, grain.spin, about, last, advance, rate
                 )
@@ -225,7 +325,7 @@ class PlainWalls:
                 torque = torque + roll
             if frame is not None:
                 spring, turned = frame.inwards(spring), None if turned is None else frame.inwards(turned)
-            yield WallContact(part, overlap, force, torque, branch, normal, spring, turned)
+            yield WallContact(part, radius, overlap, force, torque, branch, normal, spring, turned)
 
     def coefficients(self, w: int, kind: int) -> coefs:
         """Coefficients of contacts of wall w with grains of a kind."""
@@ -240,11 +340,11 @@ def at_rest(scene: Scene, numerics: Numerics, packing: Packing, probe: Traction)
     """Rows of `probe` for a packing in `scene`, before any step; `member`, `step` and `time` are 0."""
     plain, table = PlainWalls(scene, numerics), BinTable.of(scene, probe)
     sums = np.zeros((table.total, SUMS), np.int64)
-    bodies, places = Bodies.of(scene.grains, packing), {wall.name: w for w, wall in enumerate(plain.walls)}
-    reach = bodies.radius + scene.grains.half_length
+    places = {wall.name: w for w, wall in enumerate(plain.walls)}
     q = None if packing.q is None else packing.q / np.linalg.norm(packing.q, axis=1)[:, None]
-    axis = axes(q) if plain.rods and q is not None else np.zeros_like(packing.x)
     spin = rotation.spins(scene.grains, rotation.momenta(scene.grains, packing.omega, q), q)
+    grains = PlainGrains.steady(scene.grains, packing, q, packing.v, spin)
+    reach = grains.bodies.radius + scene.grains.overhang
     assert packing.ids is not None
     of_walls = packing.rolling[1]
     springs: dict[Key, vec3] = {}
@@ -258,10 +358,7 @@ def at_rest(scene: Scene, numerics: Numerics, packing: Packing, probe: Traction)
     with choose(law.law, twist=law.rolling == "full", springs=law.rolling_model == "epsd"):
         for w, wall in enumerate(plain.walls):
             for i in np.flatnonzero(wall.shape.distance(packing.x) < reach).tolist():
-                x, a, v, turns = (vec3(*array[i].tolist()) for array in (packing.x, axis, packing.v, spin))
-                inertia = scene.grains.inertia_axis if plain.rods else float(bodies.inertia[i])
-                own = float(bodies.radius[i]), float(bodies.mass[i]), inertia, int(bodies.kind[i])
-                grain = GrainState(int(packing.ids[i]), x, a, v, v, turns, turns, *own)
+                grain = grains.state(i)
                 for contact in plain.contacts(w, grain, springs, rolling):
                     add_touch(table, w, plain.touch(w, grain, contact), sums)
     rows = table.rows(sums)

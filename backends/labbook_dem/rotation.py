@@ -9,7 +9,7 @@ the orientation, as it kicks a sphere's spin (`labbook_dem.motion`).
 import numpy as np
 
 from labbook.scene import Grains
-from labbook.scene.orientation import axes
+from labbook.scene.orientation import axes, rotated
 from labbook_dem.words import dot, func, real, sqrt, vec3, wide, wide3
 
 
@@ -60,22 +60,33 @@ def turn(w: wide, x: wide, y: wide, z: wide, m: wide3, slender: wide, dt: wide):
 
 
 def slenderness(grains: Grains) -> float:
-    """I_t/I_a - 1: 0 for a sphere."""
+    """I_t/I_a - 1: 0 for a sphere. Of a clump, the middle moment over the smallest one, less 1."""
     return grains.inertia / grains.inertia_axis - 1
+
+
+def flatness(grains: Grains) -> float:
+    """Middle moment over the largest one, less 1: 0 for spheres and rods (`labbook_dem.clumps`)."""
+    return grains.inertia / grains.largest_inertia - 1
 
 
 def spins(grains: Grains, m: np.ndarray, q: np.ndarray | None) -> np.ndarray:
     """Angular velocities [rad/s] from reduced angular momenta m [n, 3] and orientations q [n, 4]; m if q is None."""
+    return _scaled(m, q, flatness(grains), slenderness(grains))
+
+
+def _scaled(vectors: np.ndarray, q: np.ndarray | None, flat: float, slender: float) -> np.ndarray:
+    """Vectors [n, 3] plus `flat` times their component along the x axis of the body, `slender` times that along z."""
     if q is None:
-        return m
+        return vectors
     a = axes(q)
-    return m + slenderness(grains) * np.sum(m * a, axis=1)[:, None] * a
+    scaled = vectors + slender * np.sum(vectors * a, axis=1)[:, None] * a
+    if flat == 0:
+        return scaled
+    first = rotated(q, (1.0, 0.0, 0.0))
+    return scaled + flat * np.sum(vectors * first, axis=1)[:, None] * first
 
 
 def momenta(grains: Grains, omega: np.ndarray, q: np.ndarray | None) -> np.ndarray:
     """Reduced angular momenta [rad/s] from angular velocities omega [n, 3] and orientations q [n, 4]; omega if q is
     None."""
-    if q is None:
-        return omega
-    a = axes(q)
-    return omega + (grains.inertia_axis / grains.inertia - 1) * np.sum(omega * a, axis=1)[:, None] * a
+    return _scaled(omega, q, grains.largest_inertia / grains.inertia - 1, grains.inertia_axis / grains.inertia - 1)

@@ -33,14 +33,14 @@ def parameters(scene: Scene, numerics: Numerics, probes: Sequence[Probe], wall_n
     rolling_stiffness, rolling_damping = scene.contact.rolling_spring
     skin = numerics.skin * d
     moves = features.mesh_moves(scene, numerics)
-    shapes, reach = shapes_of(scene.container.walls()), mesh_reach(grains.radius + grains.half_length, moves)
+    shapes, reach = shapes_of(scene.container.walls()), mesh_reach(grains.reach, moves)
     meshes = MeshGrids.of(shapes, [reach] * len(shapes), features.is_oriented(scene))
     spare = wall_numbers - walls.numbers.shape[1]
     return Params(
         c=tuple(pair_c[0].tolist()),
         pair_c=pair_c,
         radius=grains.radius,
-        half=grains.half_length,
+        half=grains.overhang,
         slender=slenderness(grains),
         mass=grains.mass,
         inertia=grains.inertia,

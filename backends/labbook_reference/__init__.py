@@ -30,6 +30,7 @@ class Backend(DemBackend):
         meshes=True,
         rods_at_meshes=True,
         moving_parts=True,
+        clumps=True,
     )
 
     def specialise(self, scene: Scene, numerics: Numerics, probes: Sequence[Probe] = ()) -> Spec:

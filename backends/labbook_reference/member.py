@@ -1,11 +1,12 @@
 """A member, stepped without optimisation: all pairs that may touch, all walls, one contact at a time."""
 
+import itertools
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
-from labbook_dem import motion, rods, rotation, segments, spheres
+from labbook_dem import clumps, motion, rods, rotation, segments, spheres
 from labbook_dem.chosen import choose
 from labbook_dem.contact import rolling_rate
 from labbook_dem.dispatch import PlainWall
@@ -14,7 +15,7 @@ from labbook_dem.ensemble import check_checkpoint as check_names
 from labbook_dem.features import features, is_oriented, planes, rolling_springs
 from labbook_dem.mesh import MESH_CONTACTS, PlainMesh, TooManyContacts, mesh_table
 from labbook_dem.mesh_rods import rod_table
-from labbook_dem.plain_walls import NONE, PARTS, GrainState, Key, PlainWalls
+from labbook_dem.plain_walls import NONE, PARTS, GrainState, Key, PlainGrains, PlainWalls, axes_of
 from labbook_dem.reading import CONTACT_COLUMNS, Grains, Inside, crossing_columns
 from labbook_dem.traction import SUMS, add_touch
 from labbook_dem.words import coefs, dot, vec3
@@ -23,8 +24,10 @@ from scipy.spatial import KDTree
 from labbook.backend import Capabilities, Checkpoint
 from labbook.backend.numerics import Numerics
 from labbook.backend.probes import Crossing, Probe, Traction
-from labbook.scene import Bodies, Scene, TriangleMesh
-from labbook.scene.orientation import axes, distances
+from labbook.scene import Bodies, Clumps, Scene, Spherocylinders, TriangleMesh
+from labbook.scene.grains import MOST_SPHERES
+from labbook.scene.hulls import overlapping
+from labbook.scene.orientation import axes
 from labbook.scene.packing import Packing
 
 LOST = vec3(np.nan, np.nan, np.nan)
@@ -115,9 +118,9 @@ class Run(Standing):
 
     def __init__(self, can: Capabilities, scene: Scene, numerics: Numerics, probes: Sequence[Probe]):
         self._can, self.scene, self.numerics, self.probes = can, scene, numerics, tuple(probes)
-        self.rods, self.walls = is_oriented(scene), scene.container.walls()
+        self.walls = scene.container.walls()
         self._at_walls = PlainWalls(scene, numerics)
-        self.slender = rotation.slenderness(scene.grains)
+        self.slender, self.flat = rotation.slenderness(scene.grains), rotation.flatness(scene.grains)
         self.failure: Failure | None = None
         self.frames = []
         features_by_name = features(scene, numerics, probes)
@@ -147,13 +150,16 @@ class Run(Standing):
     ) -> "Run":
         """Return a member at step 0 of a packing."""
         run = cls(can, scene, numerics, probes)
-        if run.rods and packing.q is None:
-            raise ValueError("rods cannot start from a packing without orientations q: it is one of spheres")
+        grains = scene.grains
+        if grains.oriented and packing.q is None:
+            raise ValueError(f"{grains.noun}s cannot start from a packing without orientations q: it is one of spheres")
+        if isinstance(grains, Clumps) and len(packing.pairs) and packing.pair_parts is None:
+            raise ValueError("clumps cannot start from a packing without pair_parts: it is not one of clumps")
         assert packing.ids is not None
         run.bodies, run.ids = Bodies.of(scene.grains, packing), packing.ids.copy()
         run.x, run.v, run.u = packing.x.copy(), packing.v.copy(), packing.v.copy()
         run.q = None
-        if run.rods and packing.q is not None:
+        if grains.oriented and packing.q is not None:
             run.q = packing.q / np.linalg.norm(packing.q, axis=1)[:, None]
         run.m = rotation.momenta(scene.grains, packing.omega.copy(), run.q)
         run.y = run.m.copy()
@@ -168,8 +174,9 @@ class Run(Standing):
     def _springs_of(self, packing: Packing, pair_springs: np.ndarray, wall_springs: np.ndarray) -> dict[Key, vec3]:
         ids, names = self.ids.tolist(), [wall.name for wall in self.walls]
         springs: dict[Key, vec3] = {}
-        for (i, j), vector in zip(packing.pairs.tolist(), pair_springs.tolist(), strict=True):
-            springs[ids[i], ids[j]] = vec3(*vector)
+        parts = [()] * len(packing.pairs) if packing.pair_parts is None else packing.pair_parts.tolist()
+        for (i, j), places, vector in zip(packing.pairs.tolist(), parts, pair_springs.tolist(), strict=True):
+            springs[ids[i], ids[j], *places] = vec3(*vector)
         at_walls = zip(packing.wall_grain, packing.wall_name, packing.wall_part, wall_springs, strict=True)
         for i, name, part, vector in at_walls:
             if name in names:
@@ -214,7 +221,7 @@ class Run(Standing):
         arrays |= {name: np.array(getattr(self, name)) for name in ("step", "touching", "work", "max_overlap", *NEWER)}
         if self.q is not None:
             arrays["q"] = self.q.copy()
-        for of, size in (("pair", 2), ("wall", 3)):
+        for of, size in (("pair", pair_key_length(self.scene)), ("wall", 3)):
             springs = {key: spring for key, spring in self.springs.items() if len(key) == size}
             arrays[f"{of}_key"] = np.array(list(springs), np.int64).reshape(-1, size)
             arrays[f"{of}_spring"] = np.array([_three(s) for s in springs.values()], float).reshape(-1, 3)
@@ -282,12 +289,16 @@ class Run(Standing):
         self.springs, self.rolling = forces.springs, forces.rolling
         self.clear -= np.linalg.norm(self.v, axis=1) * dt
         if self.q is not None:
-            orientations = []
-            for (w, x, y, z), m_i in zip(self.q.tolist(), self.m.tolist(), strict=True):
-                orientations.append(rotation.turn(w, x, y, z, vec3(*m_i), self.slender, dt))
-            self.q = np.array(orientations)
+            states = zip(self.q.tolist(), self.m.tolist(), strict=True)
+            self.q = np.array([self._turned(w, x, y, z, vec3(*m_i)) for (w, x, y, z), m_i in states])
         self.step += 1
         return self._guard() or self._leave()
+
+    def _turned(self, w: float, x: float, y: float, z: float, m: vec3) -> tuple[float, float, float, float]:
+        """Orientation after a step of free motion."""
+        if isinstance(self.scene.grains, Clumps):
+            return clumps.turn_clump(w, x, y, z, m, self.flat, self.slender, self.numerics.dt)
+        return rotation.turn(w, x, y, z, m, self.slender, self.numerics.dt)
 
     def _work(self, forces: Forces, v: np.ndarray, m: np.ndarray, dt: float) -> float:
         """Work [J] of contacts while grains are kicked, at their mean velocities."""
@@ -296,10 +307,13 @@ class Run(Standing):
         return float(np.sum((forces.f - weight) * v) + np.sum(forces.t * self._spins(m))) * dt
 
     def _guard(self) -> Failure | None:
-        """Return a failure if a grain, or the end of a rod, is too fast or not finite."""
-        speed = np.linalg.norm(self.v, axis=1)
-        if self.q is not None:
-            speed = speed + self.scene.grains.half_length * np.linalg.norm(np.cross(self.m, axes(self.q)), axis=1)
+        """Return a failure if a grain, the end of a rod or a sphere of a clump is too fast or not finite."""
+        speed, grains = np.linalg.norm(self.v, axis=1), self.scene.grains
+        if self.q is not None and isinstance(grains, Spherocylinders):
+            speed = speed + grains.half_length * np.linalg.norm(np.cross(self.m, axes(self.q)), axis=1)
+        elif isinstance(grains, Clumps):
+            farthest = max(float(np.linalg.norm(sphere.centre)) for sphere in grains.spheres)
+            speed = speed + farthest * np.linalg.norm(self._spins(self.m), axis=1)
         wrong = ~(speed <= self.numerics.speed_limit)
         if wrong.any():
             worst = int(np.argmax(wrong))
@@ -334,7 +348,7 @@ class Run(Standing):
             self.bodies = Bodies(*(array[stays] for array in vars(self.bodies).values()))
             there = set(self.ids.tolist())
             self.springs, self.rolling = (
-                {key: s for key, s in springs.items() if key[0] in there and (len(key) == 3 or key[1] in there)}
+                {key: s for key, s in springs.items() if key[0] in there and (is_wall(key) or key[1] in there)}
                 for springs in (self.springs, self.rolling)
             )
 
@@ -348,17 +362,16 @@ class Run(Standing):
             return total
         self._move_parts()
         with self._law():
-            a = axes(self.q) if self.q is not None else np.zeros_like(self.x)
-            spins = self._spins(self.m), self._spins(self.y)
-            for i, j in self._close(a):
+            now = self._now()
+            for i, j in self._close():
                 try:
-                    self._pair(total, i, j, a, *spins)
+                    self._pair(total, i, j, now)
                 except ArithmeticError:  # Python raises where processors give NaN: two grains in the same place
                     total.add(i, LOST, LOST)
                     total.add(j, LOST, LOST)
             for w, wall in enumerate(self._at_walls.plain):
                 for i in self._near(w, wall):
-                    self._wall(total, i, w, self._grain(i, a, *spins))
+                    self._wall(total, i, w, now.state(i))
         return total
 
     def _move_parts(self) -> None:
@@ -366,64 +379,87 @@ class Run(Standing):
         self._at_walls.move_to(self.step)
         self.clear[list(self._at_walls.frames)] = 0.0
 
-    def _close(self, a: np.ndarray) -> list[tuple[int, int]]:
-        """Pairs of grains that may touch: within reach, and for rods with axes `a` with close segments."""
-        radius, half = float(self.bodies.radius.max()), self.scene.grains.half_length
-        pairs = sorted(KDTree(self.x).query_pairs(2 * (radius + half)))
-        if not self.rods or not pairs:
+    def _now(self) -> PlainGrains:
+        """Collect what contacts read of the grains."""
+        spins = self._spins(self.m), self._spins(self.y)
+        axis = axes_of(self.scene.grains, self.x, self.q)
+        return PlainGrains(self.scene.grains, self.bodies, self.ids, self.x, self.q, axis, self.u, self.v, *spins)
+
+    def _close(self) -> list[tuple[int, int]]:
+        """Pairs of grains that may touch: within reach, and for rods and clumps with close segments or spheres."""
+        radius, grains, q = float(self.bodies.radius.max()), self.scene.grains, self.q
+        pairs = sorted(KDTree(self.x).query_pairs(2 * (radius + grains.overhang)))
+        if q is None or not pairs:
             return pairs
         i, j = np.array(pairs).T
         # the margin far exceeds the differences from the distances of `segments.closest`, which decide
-        near = distances(self.x[i] - self.x[j], a[i], a[j], half) < 2.001 * radius
+        near = overlapping(grains, self.x[i] - self.x[j], q[i], q[j], 2.001 * radius)
         return [pair for pair, meets in zip(pairs, near.tolist(), strict=True) if meets]
 
     def _near(self, w: int, wall: PlainWall | PlainMesh) -> list[int]:
         """Grains that may touch a wall; the others were farther away than they have moved since."""
-        half, near = self.scene.grains.half_length, []
+        overhang, near = self.scene.grains.overhang, []
         for i in np.flatnonzero(self.clear[w] <= 0).tolist():
             x, radius = vec3(*self.x[i].tolist()), float(self.bodies.radius[i])
             frame = self._at_walls.frames.get(w)
             distance, _normal = wall.distance(x if frame is None else frame.place(x))
-            self.clear[w, i] = distance - radius - half
+            self.clear[w, i] = distance - radius - overhang
             if self.clear[w, i] <= 0:
                 near.append(i)
         return near
 
-    def _pair(self, total: Forces, i: int, j: int, a: np.ndarray, spin: np.ndarray, soon: np.ndarray) -> None:
+    def _pair(self, total: Forces, i: int, j: int, now: PlainGrains) -> None:
         """Add the forces of grains i and j on each other, if they touch."""
         bodies, branch = self.bodies, vec3(*(self.x[i] - self.x[j]).tolist())
         u, v = vec3(*(self.u[i] - self.u[j]).tolist()), vec3(*(self.v[i] - self.v[j]).tolist())
         key = int(self.ids[i]), int(self.ids[j])
-        last, advance = self._spring(key)
         c: coefs = self._pair_c[int(bodies.kind[i]), int(bodies.kind[j])]
-        wi, wj = vec3(*spin[i].tolist()), vec3(*spin[j].tolist())
-        if not self.rods:
+        wi, wj, pi, pj = (vec3(*array[row].tolist()) for array in (now.spin, now.soon) for row in (i, j))
+        grains, mi, mj = self.scene.grains, float(bodies.mass[i]), float(bodies.mass[j])
+        if isinstance(grains, Clumps):
+            levers = [*enumerate(now.levers(i))], [*enumerate(now.levers(j))]
+            for (place_i, (lever_i, ri)), (place_j, (lever_j, rj)) in itertools.product(*levers):
+                away = branch + lever_i - lever_j
+                overlap2 = (ri + rj) * (ri + rj) - dot(away, away)
+                if overlap2 > 0:
+                    of_spheres = *key, place_i, place_j
+                    force, on_i, on_j, spring, overlap = clumps.clump_on_clump(
+                        c, ri, rj, mi, mj, away, overlap2, lever_i, lever_j, u, v, pi, pj, wi, wj,
+                        *self._spring(of_spheres), self._rate(i), self._rate(j),
+                    )  # fmt: skip
+                    self._touch(total, i, j, of_spheres, (force, on_i, on_j, spring, overlap), branch)
+        elif isinstance(grains, Spherocylinders):
+            ai, aj = vec3(*now.axis[i].tolist()), vec3(*now.axis[j].tolist())
+            s, t, nearest = segments.closest(branch, ai, aj, grains.half_length)
+            overlap2 = 4 * grains.radius * grains.radius - dot(nearest, nearest)
+            if overlap2 > 0:
+                contact = rods.rod_on_rod(
+                    c, grains.radius, grains.mass, nearest, overlap2, ai * s, aj * t, u, v, pi, pj, wi, wj,
+                    *self._spring(key), self._rate(i),
+                )  # fmt: skip
+                self._touch(total, i, j, key, contact, branch)
+        else:
             ri, rj = float(bodies.radius[i]), float(bodies.radius[j])
             overlap2 = (ri + rj) * (ri + rj) - dot(branch, branch)
             if not overlap2 > 0:
                 return
+            last, advance = self._spring(key)
             force, on_i, on_j, spring, overlap = spheres.sphere_on_sphere(
-                c, ri, rj, float(bodies.mass[i]), float(bodies.mass[j]), branch, overlap2, u, v, wi, wj, last, advance,
-                self._rate(i), self._rate(j),
-            )  # fmt: skip
+                c, ri, rj, mi, mj, branch, overlap2, u, v, wi, wj, last, advance, self._rate(i), self._rate(j)
+            )
             if self._rolling:
                 roll, total.rolling[key] = spheres.rolling_on_sphere(
-                    c, ri, rj, float(bodies.mass[i]), float(bodies.mass[j]), branch, overlap, force, wi, wj,
-                    self.rolling.get(key, NONE), advance, *self.scene.contact.rolling_spring,
+                    c, ri, rj, mi, mj, branch, overlap, force, wi, wj, self.rolling.get(key, NONE), advance,
+                    *self.scene.contact.rolling_spring,
                 )  # fmt: skip
                 on_i, on_j = on_i + roll, on_j - roll
-        else:
-            ai, aj = vec3(*a[i].tolist()), vec3(*a[j].tolist())
-            s, t, nearest = segments.closest(branch, ai, aj, self.scene.grains.half_length)
-            radius = self.scene.grains.radius
-            overlap2 = 4 * radius * radius - dot(nearest, nearest)
-            if not overlap2 > 0:
-                return
-            pi, pj = vec3(*soon[i].tolist()), vec3(*soon[j].tolist())
-            force, on_i, on_j, spring, overlap = rods.rod_on_rod(
-                c, radius, self.scene.grains.mass, nearest, overlap2, ai * s, aj * t, u, v, pi, pj, wi, wj, last,
-                advance, self._rate(i),
-            )  # fmt: skip
+            self._touch(total, i, j, key, (force, on_i, on_j, spring, overlap), branch)
+
+    def _touch(
+        self, total: Forces, i: int, j: int, key: Key, contact: tuple[vec3, vec3, vec3, vec3, float], branch: vec3
+    ) -> None:
+        """Add a contact of grains i and j: force and torque on i, torque on j, spring and overlap."""
+        force, on_i, on_j, spring, overlap = contact
         total.add(i, force, on_i)
         total.add(j, -force, on_j)
         total.contacts.append(TouchingPair(i, j, -1, overlap, force, -branch))
@@ -447,25 +483,16 @@ class Run(Standing):
             if self._friction:
                 total.springs[key] = contact.spring
 
-    def _grain(self, i: int, a: np.ndarray, spin: np.ndarray, soon: np.ndarray) -> GrainState:
-        """Grain i; a, spin and soon: axes, and spins half a step before and predicted, of all grains."""
-        bodies = self.bodies
-        x, axis, u, v, w, y = (vec3(*array[i].tolist()) for array in (self.x, a, self.u, self.v, spin, soon))
-        inertia = self.scene.grains.inertia_axis if self.rods else float(bodies.inertia[i])
-        properties = float(bodies.radius[i]), float(bodies.mass[i]), inertia, int(bodies.kind[i])
-        return GrainState(int(self.ids[i]), x, axis, u, v, w, y, *properties)
-
     def wall_sums(self, probe: Traction) -> np.ndarray:
         """See `labbook_dem.reading.Readable`."""
         table = self.bins[probe]
         sums = np.zeros((table.total, SUMS), np.int64)
-        a = axes(self.q) if self.q is not None else np.zeros_like(self.x)
-        spins = self._spins(self.m), self._spins(self.y)
+        now = self._now()
         self._move_parts()
         with self._law():
             for w, wall in enumerate(self._at_walls.plain):
                 for i in self._near(w, wall):
-                    grain = self._grain(i, a, *spins)
+                    grain = now.state(i)
                     for contact in self._at_walls.contacts(w, grain, self.springs, self.rolling):
                         add_touch(table, w, self._at_walls.touch(w, grain, contact), sums)
         return sums
@@ -476,7 +503,7 @@ class Run(Standing):
         return (self.springs[key], dt) if key in self.springs else (NONE, 0.5 * dt)
 
     def _rate(self, i: int) -> float:
-        inertia = self.scene.grains.inertia_axis if self.rods else float(self.bodies.inertia[i])
+        inertia = self.scene.grains.inertia_axis if self.scene.grains.oriented else float(self.bodies.inertia[i])
         return rolling_rate(inertia, self.numerics.dt)
 
     def _spins(self, m: np.ndarray) -> np.ndarray:
@@ -517,21 +544,22 @@ class Run(Standing):
     def crossings(self) -> np.ndarray:
         """Return the first passages since the last call."""
         rows, self._crossed = self._crossed, []
-        return np.array(rows, float).reshape(-1, len(crossing_columns(self.rods)))
+        return np.array(rows, float).reshape(-1, len(crossing_columns(self.scene.grains.oriented)))
 
     def packing(self) -> Packing:
         """The portable state."""
         v, w = self.whole_step()
         row = {name: k for k, name in enumerate(self.ids.tolist())}
-        pairs = {key: s for key, s in self.springs.items() if len(key) == 2}
-        walls = {key: s for key, s in self.springs.items() if len(key) == 3}
+        pairs = {key: s for key, s in self.springs.items() if not is_wall(key)}
+        walls = {key: s for key, s in self.springs.items() if is_wall(key)}
         return Packing(
             x=self.x.copy(),
             v=v,
             omega=w,
             q=None if self.q is None else self.q.copy(),
             ids=self.ids.copy(),
-            pairs=np.array([[row[i], row[j]] for i, j in pairs], np.int64).reshape(-1, 2),
+            pairs=np.array([[row[i], row[j]] for i, j, *_ in pairs], np.int64).reshape(-1, 2),
+            pair_parts=self._parts_of(pairs),
             pair_spring=np.array([_three(s) for s in pairs.values()], float).reshape(-1, 3),
             wall_grain=np.array([row[key[0]] for key in walls], np.int64),
             wall_name=np.array([self.walls[key[1]].name for key in walls], "U40"),
@@ -542,11 +570,27 @@ class Run(Standing):
             **(self.bodies.carried(self.scene.grains) if self.scene.grains.varied else {}),
         )
 
+    def _parts_of(self, pairs: Iterable[Key]) -> np.ndarray | None:
+        """Places of both spheres of contacts of clumps, shape [m, 2]; None for other grains."""
+        if not isinstance(self.scene.grains, Clumps):
+            return None
+        return np.array([key[2:] for key in pairs], np.int64).reshape(-1, 2)
+
     def _rolling_of(self, contacts: Iterable[Key]) -> np.ndarray | None:
         """Torques [N m] of the rolling springs of these contacts, shape [m, 3]; None without rolling springs."""
         if not self._rolling:
             return None
         return np.array([_three(self.rolling[key]) for key in contacts], float).reshape(-1, 3)
+
+
+def is_wall(key: Key) -> bool:
+    """True for the key of a spring at a wall."""
+    return len(key) == 3
+
+
+def pair_key_length(scene: Scene) -> int:
+    """Length of the keys of springs of pairs: two ids, and of clumps the places of two spheres."""
+    return 4 if isinstance(scene.grains, Clumps) else 2
 
 
 def check_checkpoint(can: Capabilities, scene: Scene, stored: Checkpoint) -> None:
@@ -564,7 +608,7 @@ def check_checkpoint(can: Capabilities, scene: Scene, stored: Checkpoint) -> Non
     shapes |= dict.fromkeys(("radius", "mass", "inertia"), ((n,), np.float64)) | {"gone": ((n,), np.bool_)}
     shapes |= dict.fromkeys(("ids", "kind"), ((n,), np.int64)) | {"q": ((n, 4), np.float64)}
     shapes |= dict.fromkeys(("step", "touching"), ((), np.int64)) | dict.fromkeys(("work", "max_overlap"), ((), float))
-    shapes |= {"pair_key": ((pairs, 2), np.int64), "pair_spring": ((pairs, 3), np.float64)}
+    shapes |= {"pair_key": ((pairs, pair_key_length(scene)), np.int64), "pair_spring": ((pairs, 3), np.float64)}
     shapes |= {"wall_key": ((walls, 3), np.int64), "wall_spring": ((walls, 3), np.float64)}
     shapes |= dict.fromkeys(NEWER, ((), float))
     shapes |= {"pair_rolling": ((pairs, 3), np.float64), "wall_rolling": ((walls, 3), np.float64)}
@@ -585,7 +629,9 @@ def check_checkpoint(can: Capabilities, scene: Scene, stored: Checkpoint) -> Non
     if not 0 <= int(arrays["step"]) < LONGEST:
         raise ValueError(f"it was saved at step {int(arrays['step'])}")
     meshes = [wall.shape for wall in scene.container.walls() if isinstance(wall.shape, TriangleMesh)]
-    most_contacts = n * (n + max(PARTS, MESH_CONTACTS) * len(scene.container.walls()))
+    spheres_of_grain = len(scene.grains.spheres) if isinstance(scene.grains, Clumps) else 1
+    at_walls = max(PARTS, MESH_CONTACTS) * len(scene.container.walls())
+    most_contacts = n * (n * spheres_of_grain**2 + spheres_of_grain * at_walls)
     if not 0 <= int(arrays["touching"]) <= most_contacts:
         raise ValueError(f"{int(arrays['touching'])} contacts are more than {n} grains can have")
     radius, kind = arrays["radius"], arrays["kind"]
@@ -594,10 +640,14 @@ def check_checkpoint(can: Capabilities, scene: Scene, stored: Checkpoint) -> Non
     if not ((kind >= 0) & (kind < kinds)).all():
         raise ValueError(f"kinds of grains are not from 0 to {kinds - 1}")
     wall, part = arrays["wall_key"][:, 1], arrays["wall_key"][:, 2]
-    if not (np.isin(arrays["pair_key"], ids).all() and np.isin(arrays["wall_key"][:, 0], ids).all()):
+    of_pairs, places = arrays["pair_key"][:, :2], arrays["pair_key"][:, 2:]
+    if not ((places >= 0) & (places < spheres_of_grain)).all():
+        raise ValueError("springs belong to spheres that clumps do not have")
+    if not (np.isin(of_pairs, ids).all() and np.isin(arrays["wall_key"][:, 0], ids).all()):
         raise ValueError("springs belong to grains that do not exist")
-    table = rod_table if is_oriented(scene) else mesh_table
+    table = rod_table if isinstance(scene.grains, Spherocylinders) else mesh_table
     most_parts = max([PARTS, *(len(table(shape).features) for shape in meshes)])
+    most_parts *= MOST_SPHERES if isinstance(scene.grains, Clumps) else 1
     if not ((wall >= 0) & (wall < len(scene.container.walls())) & (part >= 0) & (part < most_parts)).all():
         raise ValueError("springs are at walls that do not exist")
 

@@ -56,6 +56,6 @@ class MeshTables:
 def _keys(run: Run) -> list[Key | None]:
     """The mesh of each wall of a member."""
     grains = run.scene.grains
-    reach = mesh_reach(grains.radius + grains.half_length, mesh_moves(run.scene, run.numerics))
+    reach = mesh_reach(grains.reach, mesh_moves(run.scene, run.numerics))
     shapes = shapes_of(run.scene.container.walls())
     return [(shape, reach) if isinstance(shape, TriangleMesh) else None for shape in shapes]

@@ -33,13 +33,13 @@ def material(module: ModuleType, scene: Scene, numerics: Numerics) -> Any:
     record.radius, record.mass = r, grains.mass
     record.inertia_rate = rolling_rate(grains.inertia_axis, numerics.dt)
     record.reach, record.reach2, record.listed2, record.half_skin = r, d**2, (d + skin) ** 2, skin / 2
-    record.half, record.slenderness = grains.half_length, slenderness(grains)
+    record.half, record.slenderness = grains.overhang, slenderness(grains)
     record.centres2 = listing_distance(scene, numerics) ** 2
     record.inverse_mass, record.inverse_inertia = 1 / grains.mass, 1 / grains.inertia
     record.gravity, record.dt = scene.gravity, numerics.dt
     record.rolling_stiffness, record.rolling_damping = scene.contact.rolling_spring
     record.speed_limit2, record.overlap_limit = numerics.speed_limit**2, numerics.overlap_limit * scene.grains.finest
-    record.quantum_f, record.quantum_t = _quantum(force), _quantum(force * (r + grains.half_length))
+    record.quantum_f, record.quantum_t = _quantum(force), _quantum(force * (r + grains.overhang))
     record.per_quantum_f, record.per_quantum_t = 1 / record.quantum_f, 1 / record.quantum_t
     return record
 
@@ -83,7 +83,7 @@ def same_material(runs: Iterable[tuple[Scene, Numerics]]) -> bool:
 
 def listing_distance(scene: Scene, numerics: Numerics) -> float:
     """Largest distance [m] between the centres of listed neighbours."""
-    return scene.grains.diameter * (1 + numerics.skin) + 2 * scene.grains.half_length
+    return scene.grains.diameter * (1 + numerics.skin) + 2 * scene.grains.overhang
 
 
 def cell_size(scene: Scene, numerics: Numerics) -> float:

@@ -90,7 +90,7 @@ def steps_of_part(run: Run) -> int:
     scene, numerics = run.scene, run.numerics
     moves = mesh_moves(scene, numerics)
     grains = scene.grains
-    travel = part_speed(scene, mesh_reach(grains.radius + grains.half_length, moves)) * numerics.dt
+    travel = part_speed(scene, mesh_reach(grains.reach, moves)) * numerics.dt
     return max(1, int(SHARE * 0.5 * moves / travel)) if travel > 0 else NEVER
 
 

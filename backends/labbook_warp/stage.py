@@ -568,7 +568,7 @@ def check_interval(scene: Scene, numerics: Numerics) -> int:
     d = scene.grains.diameter
     speed = math.sqrt(6 * scene.gravity * d) or d / (1000 * numerics.dt)
     if features.has_moving_parts(scene):  # parts too
-        reach = mesh_reach(scene.grains.radius + scene.grains.half_length, features.mesh_moves(scene, numerics))
+        reach = mesh_reach(scene.grains.reach, features.mesh_moves(scene, numerics))
         speed = max(speed, features.part_speed(scene, reach))
     steps = int(0.1 * numerics.skin * d / (speed * numerics.dt))
     return max(MIN_INTERVAL, min(MAX_INTERVAL, 2 * (steps // 2)))

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from pydantic import TypeAdapter
 
-from labbook.scene import Grains, Spheres
+from labbook.scene import Grains
 from labbook.scene.model import canonical
 
 Table = Mapping[str, np.ndarray]
@@ -301,4 +301,4 @@ def _adapter(kind: type[Probe]) -> TypeAdapter[Probe]:
 
 def film_probe(every: float, grains: Grains) -> Film:
     """Return the probe that records a frame every `every` seconds; frames of rods include orientations."""
-    return Film(every, ("x", "v") if isinstance(grains, Spheres) else ("x", "v", "q"))
+    return Film(every, ("x", "v") if not grains.oriented else ("x", "v", "q"))

@@ -9,7 +9,7 @@ import numpy as np
 from labbook.export.colour_bar import speed_colours, speed_ticks, two_digits
 from labbook.export.frames import Frame, top_speed
 from labbook.picture import KIND_COLOURS, layer_colours
-from labbook.scene import Bodies, Packing, Scene, Spheres
+from labbook.scene import Bodies, Packing, Scene
 from labbook.scene.orientation import axes
 
 COLOURS = ("layers", "speed", "force", "species", "orientation")
@@ -74,7 +74,7 @@ class Colouring:
         """
         if by not in COLOURS:
             raise NoColouring(f"no colouring is called {by}; use one of {', '.join(COLOURS)}")
-        if by == "orientation" and isinstance(scene.grains, Spheres):
+        if by == "orientation" and not scene.grains.elongated:
             raise NoColouring("spheres have no orientation; use layers, speed or force")
         if by == "species" and not scene.grains.kinds:
             raise NoColouring("the grains are of one kind only; use layers, speed or force")

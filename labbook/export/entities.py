@@ -19,7 +19,8 @@ from labbook.fields.grids import Ring
 from labbook.measure.recorded import Bed
 from labbook.picture import layer_colours
 from labbook.results.display import with_error
-from labbook.scene import Bodies, Packing, Scene
+from labbook.scene import Bodies, Clumps, Grains, Packing, Scene, Spherocylinders
+from labbook.scene.hulls import sphere_centres
 from labbook.scene.orientation import axes
 
 CLOCK = "sim_time"
@@ -102,10 +103,12 @@ def log_grains(stream, root: str, scene: Scene, start: Packing, frames: Sequence
         by_speed = kind_colours(bodies.kind[rows], speed, fastest)
     colours = np.rint(255 * layer_colours(scene, start, rows)).astype(np.uint8)
     variants = {"speed": by_speed[:, :3]}
-    radius, half = scene.grains.radius, scene.grains.half_length
-    if half > 0:
-        q = np.concatenate([np.asarray(frame.q) for frame in frames])
+    grains, radius = scene.grains, scene.grains.radius
+    q = np.concatenate([np.asarray(frame.q) for frame in frames]) if grains.oriented else np.empty((0, 4))
+    if grains.elongated:
         variants["orientation"] = tilt_colours(np.abs(axes(q)[:, 2]))
+    if is_drawn_as_capsules(grains):
+        half = grains.overhang
         # The viewer draws as many capsules as there are lengths: each rod needs its own in every frame. Equal numbers
         # are packed when they are written, and cost less than a byte a rod.
         stream.log(f"{at}grains", rr.Capsules3D.from_fields(fill_mode="solid"), static=True)
@@ -116,6 +119,12 @@ def log_grains(stream, root: str, scene: Scene, start: Packing, frames: Sequence
             quaternions=q[:, [1, 2, 3, 0]],
             colors=colours,
         )
+    elif isinstance(grains, Clumps):  # every grain is as many points as it has spheres
+        spheres = len(grains.spheres)
+        counts, colours = [spheres * count for count in counts], np.repeat(colours, spheres, axis=0)
+        variants = {by: np.repeat(of_grains, spheres, axis=0) for by, of_grains in variants.items()}
+        sizes = np.tile([sphere.radius for sphere in grains.spheres], len(q)).astype(np.float32)
+        columns = rr.Points3D.columns(positions=sphere_centres(grains, positions, q), colors=colours, radii=sizes)
     elif start.diameter is None:
         stream.log(f"{at}grains", rr.Points3D.from_fields(radii=radius), static=True)
         columns = rr.Points3D.columns(positions=positions, colors=colours)
@@ -128,6 +137,11 @@ def log_grains(stream, root: str, scene: Scene, start: Packing, frames: Sequence
         sent += rr.DynamicArchetype.columns(archetype=by, components=packed).partition(counts)
     stream.send_columns(f"{at}grains", [clock], sent)
     log_walls(stream, root, scene, positions, times)
+
+
+def is_drawn_as_capsules(grains: Grains) -> bool:
+    """True for rods with a length; other grains are spheres to the viewer."""
+    return isinstance(grains, Spherocylinders) and not grains.round
 
 
 def log_walls(stream, root: str, scene: Scene, positions: np.ndarray, times: Sequence[float]) -> None:

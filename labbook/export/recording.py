@@ -362,7 +362,7 @@ def _send(stream, root: str, run: RecordedRun, fastest: float) -> None:
 def _tabs_of(runs: Sequence[RecordedRun]) -> dict[str, str]:
     """Names of tabs, with what `front_view` shows grains by; those that all runs have."""
     tabs = {"layers": "layers", "speed": "speed", "velocities": "velocities", "paths": "paths"}
-    if all(run.data.scene.grains.half_length > 0 for run in runs):
+    if all(run.data.scene.grains.elongated for run in runs):
         tabs["orientation"] = "orientation"
     if all(run.forces is not None for run in runs):
         tabs["forces"] = "forces"

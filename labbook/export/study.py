@@ -18,6 +18,9 @@ from labbook.results.points import PointResult
 from labbook.results.recorded import flow_patterns, kind_patterns
 from labbook.results.study import StudyResults
 from labbook.scene.bodies import kind_names
+from labbook.scene.grains import Clumps
+from labbook.scene.hulls import sphere_centres
+from labbook.scene.orientation import rotated
 
 Format = Literal["csv", "parquet"]
 
@@ -118,16 +121,30 @@ def _grains(result: PointResult, rows, folder: Path) -> list[Path]:
         def columns(names: str, now=now) -> np.ndarray:
             return np.column_stack([np.asarray(rows[name], float)[now] for name in names.split()])
 
-        rods = {"axis": axes(columns("qw qx qy qz")), "length": getattr(grains, "length", None)} if "qw" in rows else {}
+        x, vectors = columns("x y z"), {"velocity": columns("vx vy vz")}
+        radius = np.asarray(rows["radius"], float)[now] if "radius" in rows else grains.diameter / 2
+        numbers = {name: np.asarray(rows[name], int)[now] for name in ("id", "kind") if name in rows}
+        rods = {}
+        if isinstance(grains, Clumps):  # a point for each sphere
+            q, spheres = columns("qw qx qy qz"), len(grains.spheres)
+            vectors |= {"axis": axes(q), "first_axis": rotated(q, (1.0, 0.0, 0.0))}
+            vectors, numbers = (
+                {name: np.repeat(array, spheres, axis=0) for name, array in of.items()} for of in (vectors, numbers)
+            )
+            numbers["sphere"], radius = (
+                np.tile(of, len(x)) for of in (np.arange(spheres), [sphere.radius for sphere in grains.spheres])
+            )
+            x = sphere_centres(grains, x, q)
+        elif "qw" in rows:
+            rods = {"axis": axes(columns("qw qx qy qz")), "length": getattr(grains, "length", None)}
         path = folder / f"grains-{number:04d}.vtk"
-        integers = [name for name in ("id", "kind") if name in rows]
         write_grains(
             path,
             f"{result.label or 'the only point'}, t = {time:.6g} s{legend}",
-            columns("x y z"),
-            np.asarray(rows["radius"], float)[now] if "radius" in rows else grains.diameter / 2,
-            {"velocity": columns("vx vy vz")},
-            {name: np.asarray(rows[name], int)[now] for name in integers},
+            x,
+            radius,
+            vectors,
+            numbers,
             **rods,
             kinds=kinds.tolist(),
         )

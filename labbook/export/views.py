@@ -8,7 +8,7 @@ import numpy as np
 
 from labbook.export.colour_bar import BACKGROUND, colour_bar
 from labbook.export.colouring import PALE
-from labbook.export.entities import CLOCK, below, need_rerun
+from labbook.export.entities import CLOCK, below, is_drawn_as_capsules, need_rerun
 from labbook.export.frames import Frame
 from labbook.export.wall_shapes import wall_points
 from labbook.scene import Scene
@@ -43,7 +43,7 @@ def front_view(scene: Scene, frames: Sequence[Frame], *, origin: str = "", name:
     import rerun.blueprint as rrb
     from rerun.blueprint.encodings import VisualizerComponentMapping
 
-    shape = rr.Capsules3D if scene.grains.half_length > 0 else rr.Points3D
+    shape = rr.Capsules3D if is_drawn_as_capsules(scene.grains) else rr.Points3D
     grains, overrides = f"/{below(origin)}grains", dict[Any, Any]()
     if by not in _GRAIN_COLOURS:
         small = _SMALL * scene.grains.radius
@@ -83,7 +83,7 @@ def seen_from(scene: Scene, positions: np.ndarray) -> tuple[np.ndarray, np.ndarr
         Places [m] of the eye and of the point that it looks at, each of shape [3].
     """
     walls = wall_points(scene, positions)
-    reach = scene.grains.radius + scene.grains.half_length
+    reach = scene.grains.reach
     low = np.minimum(positions.min(axis=0) - reach, walls.min(axis=0, initial=np.inf))
     high = np.maximum(positions.max(axis=0) + reach, walls.max(axis=0, initial=-np.inf))
     middle = (low + high) / 2

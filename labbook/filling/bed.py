@@ -5,7 +5,7 @@ from collections.abc import Callable
 
 import numpy as np
 
-from labbook.scene import ContactLaw, Grains, Scene, Spherocylinders
+from labbook.scene import ContactLaw, Grains, Scene
 from labbook.scene.bodies import Bodies
 from labbook.scene.packing import Packing
 
@@ -14,14 +14,13 @@ PACKED = 0.55
 
 
 def unbraked(grains: Grains, contact: ContactLaw) -> bool:
-    """True if grains may roll without end: spheres without rolling friction, and rods, whatever theirs is."""
-    return isinstance(grains, Spherocylinders) or contact.rolling_friction == 0
+    """True if grains may roll without end: spheres without rolling friction; rods and clumps, whatever theirs is."""
+    return grains.oriented or contact.rolling_friction == 0
 
 
 def fastest_points(grains: Grains, packing: Packing) -> np.ndarray:
     """Upper bound of the speed of points of each grain [m/s], shape [n]: |v| + |omega| times half its length."""
-    reach = grains.radius + grains.half_length
-    return np.linalg.norm(packing.v, axis=1) + reach * np.linalg.norm(packing.omega, axis=1)
+    return np.linalg.norm(packing.v, axis=1) + grains.reach * np.linalg.norm(packing.omega, axis=1)
 
 
 def at_rest(scene: Scene, packing: Packing, below: float, moving: float) -> bool:

@@ -6,10 +6,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from labbook.filling.placed import Placed
-from labbook.filling.placing import APART, free
+from labbook.filling.placing import APART, clear_of_walls, free
 from labbook.filling.room import Room
-from labbook.scene import BedTop, Grains, Packing, Spherocylinders
-from labbook.scene.orientation import axes, random_turns
+from labbook.scene import BedTop, Grains, Packing
+from labbook.scene.orientation import random_turns
 
 Draw = Callable[[int, np.ndarray], np.ndarray]
 """Function that draws centres [m], shape [n, 3], in round k, for grains with a clearance `reach` [m], shape [n]."""
@@ -21,7 +21,7 @@ class Entering:
 
     Attributes:
         x: Centres [m].
-        q: Orientations of rods; None for spheres.
+        q: Orientations; None for spheres.
         rows: Indices of the grains that found a place.
     """
 
@@ -49,7 +49,7 @@ class Search:
         radius: Radius [m] of each entering grain, shape [n].
         there: Grains in the bed that may be in the way, those above its height.
         radius_there: Their radii [m], shape [m].
-        rng: Generator of orientations of rods.
+        rng: Generator of orientations.
         draw: Draws centres.
     """
 
@@ -68,25 +68,24 @@ def entering(room: Room, grains: Grains, searches: Sequence[Search], rounds: int
 
     Args:
         room: Inside of the containers.
-        grains: Grains of one of the scenes; rods of all have the same length.
+        grains: Grains of one of the scenes; all have the same shape and size, unless they are spheres.
         searches: Searches of all beds.
         rounds: Number of tries of each grain.
     """
-    half, beds = grains.half_length, np.arange(len(searches))
+    beds = np.arange(len(searches))
     own = np.repeat(beds, [len(search.radius) for search in searches])
     there = [search.there for search in searches]
     n, ends = len(own), np.searchsorted(own, np.arange(len(searches) + 1))
     radii = [*(search.radius for search in searches), *(search.radius_there for search in searches)]
     reach = np.concatenate(radii) * APART
     x = np.concatenate([np.empty((n, 3)), *(bed.x for bed in there)])
-    q, a = None, None
-    if isinstance(grains, Spherocylinders):
+    q = None
+    if grains.oriented:
         turns = [bed.q for bed in there if bed.q is not None]
         q = np.concatenate([np.empty((n, 4)), *turns])
-        a = np.concatenate([np.empty((n, 3)), axes(q[n:])])
     # a fourth coordinate separates the beds: grains of different beds are never neighbours in the tree
     bed_of = np.concatenate([own, np.repeat(beds, [len(bed.x) for bed in there])])
-    apart = bed_of[:, None] * (4 * (float(reach.max()) + half))
+    apart = bed_of[:, None] * (4 * (float(reach.max()) + grains.overhang))
     waiting, placed, above = np.arange(n), np.arange(n, len(x)), Placed(np.hstack([x, apart])[n:])
     for k in range(rounds):
         if not len(waiting):
@@ -97,13 +96,8 @@ def entering(room: Room, grains: Grains, searches: Sequence[Search], rounds: int
             x[mine] = search.draw(k, reach[mine])
             if q is not None:
                 q[mine] = random_turns(search.rng, len(mine))
-        if q is None or a is None:
-            inside = room.holds(x[waiting], reach[waiting])
-        else:
-            a[waiting] = axes(q[waiting])
-            tips = half * a[waiting]
-            inside = room.holds(x[waiting] + tips, reach[waiting]) & room.holds(x[waiting] - tips, reach[waiting])
-        new = free(x, reach, above, placed, waiting[inside], a, half, apart)
+        inside = clear_of_walls(room, grains, x[waiting], None if q is None else q[waiting], reach[waiting])
+        new = free(x, reach, above, placed, waiting[inside], None if q is None else (grains, q), apart)
         above.add(np.hstack([x[new], apart[new]]))
         placed, waiting = np.concatenate([placed, new]), np.setdiff1d(waiting, new, assume_unique=True)
     rows = np.setdiff1d(np.arange(n), waiting, assume_unique=True)

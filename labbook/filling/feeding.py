@@ -19,8 +19,8 @@ from labbook.scene import BedTop, Bodies, Packing, Scene
 
 _TRIES = 400
 _BELOW = 0.501
-"""Distance below the level, in lengths of a grain, from which on grains of the bed may be in the way: centres of fed
-grains are half a length above it or more, and centres of grains that touch are no more than a length apart."""
+"""Distance below the level, in units of twice the reach of a grain, from which on grains of the bed may be in the way: centres of fed
+grains are half a length above it or more, and centres of grains that touch are no more than twice the reach apart."""
 _ROOM = 4.0
 """Least distance between the highest grain of the bed and the upper end of the side walls, in lengths of a grain."""
 
@@ -45,9 +45,9 @@ class Feeder:
         self._radius, self._length = Bodies.of(scene.grains, start).radius, scene.grains.extent
         closed, clearance, flat = scene.container.close(), scene.grains.radius * APART, STARTS[fill].flat
         self.room = Room(closed, clearance, flat)
-        self.like = (closed, clearance, flat, scene.grains.half_length)
+        self.like = (closed, clearance, flat, scene.grains.form)
         """Equal for runs whose grains are placed in the same room by the same rules."""
-        self.level = float((start.x[:, 2] + self._radius).max()) + scene.grains.half_length
+        self.level = float((start.x[:, 2] + self._radius).max()) + scene.grains.overhang
         """Height z [m] above which grains are placed."""
         self._roof = scene.container.roof
         if self._roof - self.level < _ROOM * self._length:
@@ -55,7 +55,7 @@ class Feeder:
                 f"the bed reaches up to {self.level * 1e3:.4g} mm, and the side walls to {self._roof * 1e3:.4g} mm: no "
                 f"room for fed grains; raise container.height by {_ROOM:g} grains or more, or use fewer grains"
             )
-        self.floor = self.level - _BELOW * self._length
+        self.floor = self.level - _BELOW * 2 * scene.grains.reach
         """Height z [m] above which grains of the bed may be in the way."""
         self._rows = np.full(int(start.ids.max()) + 1, -1)
         self._rows[start.ids] = np.arange(len(start))

@@ -8,7 +8,7 @@ import numpy as np
 
 from labbook.filling.grain_files import GrainFileError, GrainTable, read_grains
 from labbook.filling.room import PlacingError, Room
-from labbook.scene import Container, Grains, Scene, Spheres
+from labbook.scene import Clumps, Container, Grains, Scene, Spheres
 from labbook.scene.attached import AttachedError, content, name
 from labbook.scene.model import Fault, once
 from labbook.scene.orientation import axes, distances, turned_to
@@ -102,7 +102,11 @@ def _kinds(grains: Grains, table: GrainTable, here: str) -> np.ndarray | Fault:
 
 def _faults(grains: Grains, table: GrainTable, kind: np.ndarray | Fault, here: str) -> Iterator[Fault]:
     """Yield reasons why the grains of a file are not those of the scene."""
-    n, rods = len(table), not isinstance(grains, Spheres)
+    n, rods = len(table), grains.oriented
+    if isinstance(grains, Clumps):
+        reason = "a file gives axes of rods, and no orientations of clumps"
+        yield Fault("fill.kind", reason, "use rain or gas")
+        return
     if n != grains.count:
         yield Fault("grains.count", f"{here} has {n} grains, and the study {grains.count}", f"use {n}")
     if rods and table.axis is None:
@@ -159,7 +163,7 @@ def _packing(grains: Grains, table: GrainTable, kind: np.ndarray | Fault, shift:
 
 def _misplaced(grains: Grains, container: Container, packing: Packing, here: str) -> Iterator[Fault]:
     """Yield faults of grains that lie outside the closed container, or overlap a wall or another grain too much."""
-    x, half = packing.x, grains.half_length
+    x, half = packing.x, grains.overhang
     diameter = np.full(len(x), grains.diameter) if packing.diameter is None else packing.diameter
     room, axis = Room(container, grains.radius), None if packing.q is None else axes(packing.q)
     ends = [x] if axis is None else [x + half * axis, x - half * axis]

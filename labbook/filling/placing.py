@@ -20,9 +20,10 @@ from labbook.filling.placed import Placed
 from labbook.filling.relaxing import Crowd
 from labbook.filling.room import DENSEST, JAMMED, Full, PlacingError, Room, first_come
 from labbook.plugins import Registry
-from labbook.scene import Scene, Spheres, Spherocylinders
+from labbook.scene import Clumps, Grains, Scene, Spheres, Spherocylinders
+from labbook.scene.hulls import bounding_spheres, overlapping
 from labbook.scene.model import Fault, once
-from labbook.scene.orientation import axes, distances, random_turns, turned_to
+from labbook.scene.orientation import random_turns, turned_to
 from labbook.scene.packing import Packing
 
 APART = 1 + 1e-6
@@ -119,15 +120,10 @@ class Column(Start):
     speed: ClassVar[float]
 
     def volume(self, closed: Scene) -> float:
-        """Volume [m^3] of the column: that of spheres at the density, times a factor for rods.
-
-        The factor is the excluded volume over that of spheres. Rods of random orientations exclude 4/3 pi d^3 + 2 pi l
-        d^2 + pi/2 l^2 d from one another, l = L - d (Onsager 1949).
-        """
+        """Volume [m^3] of the column: that of spheres at the density, times the crowding of grains."""
         grains = closed.grains
-        d, slender = grains.diameter, 2 * grains.half_length / grains.diameter
-        cube = grains.mean_cube if isinstance(grains, Spheres) else d**3
-        return grains.count * math.pi / 6 * cube / self.density * (1 + 1.5 * slender + 0.375 * slender**2)
+        cube = grains.mean_cube if isinstance(grains, Spheres) else grains.diameter**3
+        return grains.count * math.pi / 6 * cube / self.density * grains.crowding
 
     def place(self, closed: Scene, seed: int) -> Packing:
         """Place the grains; the seed decides positions, orientations, velocities, sizes and kinds.
@@ -193,7 +189,8 @@ class Planar(Rain):
         """Yield a fault unless grains are spheres between a front and a back wall that leave room for one layer."""
         container, d = scene.container, scene.grains.diameter
         if not isinstance(scene.grains, Spheres):
-            yield Fault("fill.kind", "a planar start takes spheres: rods turn out of the plane", "use rain or gas")
+            reason = f"a planar start takes spheres: {scene.grains.noun}s turn out of the plane"
+            yield Fault("fill.kind", reason, "use rain or gas")
         depth = container.front_to_back
         if math.isinf(depth):
             reason = f"a planar start needs a front and a back wall, and the container is {container.kind}"
@@ -228,6 +225,11 @@ class Dense(Start):
     layer: ClassVar[float] = 0.54
     """Solid fraction of a layer of grains in a container as thick as they are."""
 
+    def obstacles(self, scene: Scene) -> Iterator[Fault]:
+        """Yield a fault for clumps, which this start does not push apart."""
+        if isinstance(scene.grains, Clumps):
+            yield Fault("fill.kind", "a dense start takes spheres and rods, not clumps", "use rain or gas")
+
     def volume(self, closed: Scene) -> float:
         """Volume [m^3] of the grains at the density, wall effects of the front and back walls included."""
         grains = closed.grains
@@ -243,6 +245,7 @@ class Dense(Start):
         Raises PlacingError if the container has no sides, no room or no gravity.
         """
         room, grains = _room(closed, self), closed.grains
+        assert not isinstance(grains, Clumps)
         diameter, sort = None, None
         if isinstance(grains, Spheres) and grains.varied:
             diameter, sort = assort(grains, self.version, seed)
@@ -346,7 +349,7 @@ def no_room(closed: Scene, placed: int, top: float) -> PlacingError:
     grains, container = closed.grains, closed.container
     widths = [f"container.{key}" for key in container.widths]
     narrow = [
-        f"container.{key} ({size * 1e3:.4g} mm) to {grains.extent * 1e3:.4g} mm, the length of a rod, or more"
+        f"container.{key} ({size * 1e3:.4g} mm) to {grains.extent * 1e3:.4g} mm, the length of a {grains.noun}, or more"
         for key in container.widths
         if isinstance(size := getattr(container, key), float) and size < grains.extent
     ]
@@ -390,24 +393,40 @@ def _place_equal(
 ) -> tuple[np.ndarray, np.ndarray | None]:
     """Place grains of equal size: centres [m], shape [n, 3], and orientations of rods, shape [n, 4]. Raises Full."""
     grains = closed.grains
-    rods = isinstance(grains, Spherocylinders)
     there, q = Placed(np.empty((0, 3))), np.empty((0, 4))
     for _ in range(_ROUNDS):
         lacking = grains.count - len(there)
         if lacking == 0:
-            return there.x, q if rods else None
+            return there.x, q if grains.oriented else None
         trial = room.draw(rng, 2 * lacking + 16, top)
-        turns = random_turns(rng, len(trial)) if rods else np.empty((len(trial), 4))
-        if rods:
-            reach = grains.half_length * axes(turns)
-            fits = room.holds(trial + reach) & room.holds(trial - reach)
+        if grains.oriented:
+            turns = random_turns(rng, len(trial))
+            fits = clear_of_walls(room, grains, trial, turns)
             trial, turns = trial[fits], turns[fits]
-            free = _rods_apart(trial, turns, there, q, grains.half_length, grains.diameter * APART)
-            q = np.concatenate([q, turns[free]])[: grains.count]
+            apart = _apart_turned(grains, trial, turns, there, q)
+            q = np.concatenate([q, turns[apart]])[: grains.count]
         else:
-            free = _apart(trial, there, grains.diameter * APART)
-        there.add(trial[free][:lacking])
+            apart = _apart(trial, there, grains.diameter * APART)
+        there.add(trial[apart][:lacking])
     raise Full(len(there))
+
+
+def clear_of_walls(
+    room: Room, grains: Grains, x: np.ndarray, q: np.ndarray | None, clearance: np.ndarray | None = None
+) -> np.ndarray:
+    """Mark the grains that lie inside a room and clear of its walls.
+
+    Args:
+        room: The room.
+        grains: Grains of the scene.
+        x: Centres [m], shape [n, 3].
+        q: Orientations, shape [n, 4]; None for spheres.
+        clearance: Radius [m] that each keeps free, shape [n]; None: that of the room for all.
+    """
+    free = np.ones(len(x), bool)
+    for centres, part in bounding_spheres(grains, x, q):
+        free &= room.holds(centres, part * (room.clearance if clearance is None else clearance))
+    return free
 
 
 def _apart(trial: np.ndarray, there: Placed, distance: float) -> np.ndarray:
@@ -420,21 +439,20 @@ def _apart(trial: np.ndarray, there: Placed, distance: float) -> np.ndarray:
     return accepted
 
 
-def _rods_apart(
-    trial: np.ndarray, turns: np.ndarray, there: Placed, q: np.ndarray, half: float, distance: float
-) -> np.ndarray:
-    """Mark rods centred at `trial` as `_apart` does points; orientations are `turns`, and `q` of those in `there`."""
+def _apart_turned(grains: Grains, trial: np.ndarray, turns: np.ndarray, there: Placed, q: np.ndarray) -> np.ndarray:
+    """Mark grains centred at `trial` as `_apart` does points; orientations are `turns`, and `q` of those in `there`."""
     from scipy.spatial import KDTree
 
     accepted = np.ones(len(trial), bool)
     if len(trial) == 0:
         return accepted
-    a = axes(turns)
-    i, j = there.near(trial, 2 * half + distance)
-    accepted[j[distances(there.x[i] - trial[j], axes(q[i]), a[j], half) < distance]] = False
-    pairs = KDTree(trial).query_pairs(2 * half + distance, output_type="ndarray")
+    distance = grains.diameter * APART
+    farthest = 2 * grains.overhang + distance
+    i, j = there.near(trial, farthest)
+    accepted[j[overlapping(grains, there.x[i] - trial[j], q[i], turns[j], distance)]] = False
+    pairs = KDTree(trial).query_pairs(farthest, output_type="ndarray")
     i, j = pairs.T
-    first_come(accepted, pairs[distances(trial[i] - trial[j], a[i], a[j], half) < distance])
+    first_come(accepted, pairs[overlapping(grains, trial[i] - trial[j], turns[i], turns[j], distance)])
     return accepted
 
 
@@ -479,8 +497,7 @@ def free(
     there: Placed,
     placed: np.ndarray,
     trying: np.ndarray,
-    a: np.ndarray | None = None,
-    half: float = 0.0,
+    turned: tuple[Grains, np.ndarray] | None = None,
     apart: np.ndarray | None = None,
 ) -> np.ndarray:
     """Select those of the grains `trying`, in their order, that overlap neither `placed` grains nor each other.
@@ -491,8 +508,7 @@ def free(
         there: Centres of the placed grains.
         placed: Indices of the placed grains.
         trying: Indices of the grains to select from.
-        a: Axes of rods, shape [n, 3].
-        half: Half length of the segments of rods [m].
+        turned: Grains of the scene and their orientations, shape [n, 4], unless they are spheres.
         apart: Fourth coordinate [m], shape [n, 1], that separates beds; `there` has it too.
 
     Returns:
@@ -502,15 +518,18 @@ def free(
 
     if not len(trying):
         return trying
+    overhang = 0.0 if turned is None else turned[0].overhang
 
     def meet(first: np.ndarray, second: np.ndarray) -> np.ndarray:
-        branch = x[first] - x[second]
-        gap = np.linalg.norm(branch, axis=1) if a is None else distances(branch, a[first], a[second], half)
-        return gap < reach[first] + reach[second]
+        branch, clearance = x[first] - x[second], reach[first] + reach[second]
+        if turned is None:
+            return np.linalg.norm(branch, axis=1) < clearance
+        grains, q = turned
+        return overlapping(grains, branch, q[first], q[second], clearance)
 
-    accepted, farthest = np.ones(len(trying), bool), reach[trying].max() + half
+    accepted, farthest = np.ones(len(trying), bool), reach[trying].max() + overhang
     where = x[trying] if apart is None else np.hstack([x[trying], apart[trying]])
-    i, j = there.near(where, farthest + reach.max() + half)
+    i, j = there.near(where, farthest + reach.max() + overhang)
     accepted[j[meet(placed[i], trying[j])]] = False
     pairs = KDTree(where).query_pairs(2 * farthest, output_type="ndarray")
     first_come(accepted, pairs[meet(*trying[pairs].T)])

@@ -8,7 +8,7 @@ import numpy as np
 from labbook.filling.entering import Search, entering
 from labbook.filling.placing import APART, assort
 from labbook.filling.room import PlacingError, Room
-from labbook.scene import BedTop, Bodies, Packing, Scene, Spheres, Spherocylinders
+from labbook.scene import BedTop, Bodies, Packing, Scene, Spheres
 from labbook.scene.bodies import masses
 from labbook.scene.stream import Stream
 
@@ -50,7 +50,7 @@ class Pouring:
         diameter, kind = None, None
         if isinstance(grains, Spheres) and grains.varied:
             diameter, kind = assort(grains, VERSION, seed)
-        q = np.tile([1.0, 0, 0, 0], (grains.count, 1)) if isinstance(grains, Spherocylinders) else None
+        q = np.tile([1.0, 0, 0, 0], (grains.count, 1)) if grains.oriented else None
         self.every = every or Packing(x=none, v=none, omega=none, q=q, diameter=diameter, kind=kind)
         self.order = _order(scene, stream, self.every.kind, np.random.default_rng([VERSION, seed, 1]))
         mass = np.broadcast_to(masses(grains, self.every), grains.count)[self.order]
@@ -61,13 +61,13 @@ class Pouring:
         sides = [(first - clear, last + clear) for first, last in (self._room.x, self._room.y)]
         self._low = np.maximum(stream.low, [*(side[0] for side in sides), -math.inf])
         self._high = np.minimum(stream.high, [*(side[1] for side in sides), math.inf])
-        self._near = 2 * (grains.radius + grains.half_length)
+        self._near = 2 * grains.reach
         self.floor = float(self._low[2]) - self._near
         """Height z [m] above which grains of the bed may be in the way."""
         for axis, width in zip("xyz", self._high - self._low, strict=True):
-            if width < 2 * (clear + grains.half_length):
+            if width < 2 * (clear + grains.overhang):
                 reason = f"between the walls, the region of the stream is narrower than a grain along {axis}"
-                raise PlacingError(f"{reason}; make it {2e3 * (clear + grains.half_length):.4g} mm or more")
+                raise PlacingError(f"{reason}; make it {2e3 * (clear + grains.overhang):.4g} mm or more")
 
     @property
     def time(self) -> float:
@@ -136,7 +136,7 @@ class Pouring:
     def entering(self, there: BedTop, rows: np.ndarray, beat: int) -> Packing | None:
         """Place those of the grains `rows` that find a place in a bed; None if none does."""
         stream, rng = self._stream, np.random.default_rng([*self._key, beat])
-        half = self._scene.grains.half_length
+        half = self._scene.grains.overhang
         low, high = self._low + half, self._high - half
 
         def draw(_: int, reach: np.ndarray) -> np.ndarray:

@@ -18,7 +18,7 @@ from labbook.lab.folder import stamp
 from labbook.lab.identity import Filling
 from labbook.lab.records import FolderRecord, Measure, RunLedger, StoredBackend, StoredVersions, Text, Unreadable, Whole
 from labbook.lab.tables import MAX_TABLE_BYTES, read_table, write_table
-from labbook.scene import Bodies, Scene, Spheres
+from labbook.scene import Bodies, Scene
 from labbook.scene.packing import Packing
 
 ARRAYS = "packing.npz"
@@ -199,8 +199,8 @@ def fault_of(record: PackingRecord, packing: Packing) -> str | None:
         return f"{len(packing)} of {count} grains: the others were lost while the container was filled"
     if not (len(np.unique(ids)) == len(ids) > 0 and ids.min() >= 0 and ids.max() < count):
         return f"the ids of the grains are not different ones of 0 to {count - 1}"
-    if packing.q is None and not isinstance(grains, Spheres):
-        return "rods without orientations"
+    if packing.q is None and grains.oriented:
+        return f"{grains.noun}s without orientations"
     names = {wall.name for wall in record.scene.container.walls()}
     if undefined_walls := set(map(str, np.unique(packing.wall_name))) - names:
         return f"springs at walls that do not exist: {', '.join(sorted(undefined_walls))}"

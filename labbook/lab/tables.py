@@ -15,7 +15,7 @@ from labbook.backend import Checkpoint
 from labbook.backend.numerics import Numerics
 from labbook.backend.probes import Above, Crossing, Dissipation, Film, Ledger, Probe, Table, columns
 from labbook.lab.folder import open_file, write_bytes
-from labbook.scene import Scene, Spheres
+from labbook.scene import Scene
 from labbook.scene.quantities import format_distinct
 from labbook.scene.wall_bins import all_walls
 
@@ -123,7 +123,7 @@ def fault_of_rows(table: Table, probe: Probe, scene: Scene, numerics: Numerics, 
         numerics: Numerics of the run.
         steps: Number of steps of the run.
     """
-    kinds = columns(probe, rods=not isinstance(scene.grains, Spheres))
+    kinds = columns(probe, rods=scene.grains.oriented)
     del kinds["member"]
     if missing := [name for name in kinds if name not in table]:
         return f"no column {', '.join(missing)}"

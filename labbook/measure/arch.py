@@ -72,7 +72,7 @@ class Arch(Measure):
     def check(self, scene: Scene) -> None:
         outlets = scene.container.outlets
         single = len(outlets) == 1 and outlets[0].form is not None
-        if not (single and scene.grains.half_length == 0 and scene.gravity > 0):
+        if not (single and scene.grains.round and scene.gravity > 0):
             reason = f"{NAME} is made of chains of spheres that gravity presses on one slot or one round outlet"
             raise MeasureError(reason, f"take {NAME} out of measure, or use spheres and a container with one outlet")
 

@@ -51,7 +51,7 @@ def grains_between(scene: Scene, frames: Mapping[str, np.ndarray], begin: float,
         ValueError: No frame lies between these times.
     """
     grains = scene.grains
-    if not getattr(grains, "half_length", 0.0) > 0:
+    if not grains.elongated:
         frames = {name: column for name, column in frames.items() if name not in ("qw", "qx", "qy", "qz")}
     if not grains.varied:
         return grains_of(frames, grains.mass, grains.volume, begin, end)

@@ -23,7 +23,7 @@ from labbook.measure.measure import (
 )
 from labbook.measure.steady import outflow
 from labbook.scene import Bodies, Scene
-from labbook.scene.orientation import axes
+from labbook.scene.orientation import axes, rotated
 from labbook.stats import Measured
 from labbook.stats.correlation import block_mean
 
@@ -122,8 +122,8 @@ class EnergyBalance(Measure):
 
 
 def _splits(scene: Scene) -> bool:
-    """True for spheres. Contact points of rods are not known, so that the power of their contacts is not split."""
-    return scene.grains.half_length == 0
+    """True for spheres. Contact points of rods and clumps are not known, so that the power of contacts is not split."""
+    return scene.grains.round
 
 
 def _terms(run: RunData, window: Window, arrays: Mapping[str, np.ndarray]) -> Iterator[Measured]:
@@ -211,7 +211,10 @@ def _crossed(run: RunData) -> dict[str, np.ndarray]:
     if not _splits(run.scene):
         q, w = (np.column_stack([np.asarray(table[name], float) for name in names.split()])
                 for names in ("qw qx qy qz", "wx wy wz"))  # fmt: skip
-        # the inertia of `bodies` is that across the rod; about its axis it is smaller
-        about_axis = np.sum(axes(q) * w, axis=1) ** 2
-        kinetic += 0.5 * (run.scene.grains.inertia_axis - bodies.inertia[grain]) * about_axis
+        # the inertia of `bodies` is that across a rod: that about its axis is smaller, and of clumps that about the
+        # first axis is larger
+        about_axis, grains = np.sum(axes(q) * w, axis=1) ** 2, run.scene.grains
+        kinetic += 0.5 * (grains.inertia_axis - bodies.inertia[grain]) * about_axis
+        about_first = np.sum(rotated(q, (1.0, 0.0, 0.0)) * w, axis=1) ** 2
+        kinetic += 0.5 * (grains.largest_inertia - bodies.inertia[grain]) * about_first
     return {**columns, "mass": bodies.mass[grain], "kinetic": kinetic}

@@ -98,7 +98,7 @@ class OrificeMeans(Measure):
             raise MeasureError("orifice needs gravity", "take orifice out of measure, or use a gravity above 0 m/s^2")
 
     def quantities(self, scene: Scene) -> tuple[Quantity, ...]:
-        rods = scene.grains.half_length > 0
+        rods = scene.grains.elongated
         return tuple(
             quantity for quantity in self.declared if rods or quantity.name.removesuffix(FLOWING) not in _OF_RODS
         )

@@ -281,8 +281,8 @@ def _slot(scene: Scene) -> container.Outlet:
     if scene.container.outlet_form != "slot":
         reason = f"outlet_profiles needs the slot of a wedge-hopper, and the container is a {scene.container.kind}"
         raise MeasureError(reason, "take outlet_profiles out of measure, or use a wedge-hopper")
-    if scene.grains.half_length > 0:
-        reason = "outlet_profiles applies to spheres only, and these grains are rods"
+    if not scene.grains.round:
+        reason = f"outlet_profiles applies to spheres only, and these grains are {scene.grains.noun}s"
         raise MeasureError(reason, "take outlet_profiles out of measure, or use spheres")
     return scene.container.outlets[0]
 

@@ -34,16 +34,15 @@ _DENSER = 1.1
 """Height of a level bed with the packing fraction PACKED over that of the lowest columns of a dense bed, at most."""
 
 
-def packing_fraction(packing: Packing, diameter: float, region: Region | Annulus, half_length: float = 0.0) -> float:
+def packing_fraction(packing: Packing, grains: Grains, region: Region | Annulus) -> float:
     """Compute the volume of grains within a region over its volume; grains that its faces cut count in part.
 
     Args:
         packing: The packing.
-        diameter: Diameter of the grains [m]; of the largest where the packing has diameters of its own.
+        grains: Grains of the scene.
         region: The region.
-        half_length: Half length of the segment between the centres of the caps of rods [m].
     """
-    return region.filled(Outlines.of(packing, diameter, half_length)) / region.volume
+    return region.filled(Outlines.of(packing, grains)) / region.volume
 
 
 def area_fraction(packing: Packing, diameter: float, region: Region) -> float:
@@ -117,13 +116,13 @@ class PackingStructure(Measure):
             MeasureError: The bulk of this kind of container is not known.
         """
         self.check(scene)
-        d, half = scene.grains.diameter, scene.grains.half_length
+        d = scene.grains.diameter
         region = bulk(scene, packing)
         where = f"bulk, {_distance(scene.grains)} from walls, bottom and surface: {region}"
         if region.smaller_than(least_extent(scene.grains)):
             return self._too_small(scene, where)
         cells = region.cells(_CELLS)
-        fractions = np.array([packing_fraction(packing, d, cell, half) for cell in cells])
+        fractions = np.array([packing_fraction(packing, scene.grains, cell) for cell in cells])
         numbers = [_of_cells("packing_fraction", fractions, where, "volume of grains clipped to the bulk")]
         if isinstance(region, Region) and _layer(scene):
             parts = region.cells(_CELLS)
@@ -173,7 +172,7 @@ def _wider(scene: Scene) -> Iterator[tuple[str, str]]:
 
 def _layer(scene: Scene) -> bool:
     """True for spheres between a front and a back wall less than 2 d apart."""
-    return scene.container.front_to_back < 2 * scene.grains.diameter and scene.grains.half_length == 0
+    return scene.container.front_to_back < 2 * scene.grains.diameter and scene.grains.round
 
 
 def _distance(grains: Grains) -> str:
@@ -182,7 +181,7 @@ def _distance(grains: Grains) -> str:
 
 def _extent(grains: Grains) -> str:
     d, length = grains.diameter, grains.extent
-    return f"{SMALLEST:g} d" if length <= SMALLEST * d else f"a rod ({length * 1e3:.4g} mm)"
+    return f"{SMALLEST:g} d" if length <= SMALLEST * d else f"a {grains.noun} ({length * 1e3:.4g} mm)"
 
 
 def _of_cells(quantity: str, values: np.ndarray, where: str, how: str) -> Measured:

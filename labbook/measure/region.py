@@ -8,13 +8,14 @@ import numpy as np
 from labbook.fields import axes
 from labbook.measure.clipped import rod_in_box, rod_in_ring, sphere_in_box, sphere_in_ring
 from labbook.measure.measure import MeasureError
-from labbook.scene import Grains, Scene
+from labbook.scene import Clumps, Grains, Scene, Spherocylinders
+from labbook.scene.hulls import sphere_centres, upper_reach
 from labbook.scene.packing import Packing
 
 MARGIN = 3.0
-"""Grain diameters between the bulk and walls or surface; at least the length of a rod."""
+"""Grain diameters between the bulk and walls or surface; at least the length of a grain."""
 SMALLEST = 4.0
-"""Extent of the bulk in grain diameters below which it is too small to measure in; at least the length of a rod."""
+"""Extent of the bulk in grain diameters below which it is too small to measure in; at least the length of a grain."""
 _ALMOST = 1 - 1e-9
 """Part of an extent that counts as the whole of it: containers of 10 d are not narrower by round-off."""
 _COLUMN = 3.0
@@ -30,25 +31,34 @@ class Outlines:
         radius: Radii [m], shape [n], or one for all.
         axis: Unit vectors along rods, shape [n, 3]; None for spheres.
         half_length: Half length of the segment between the centres of the caps of rods [m].
+        part: Volume that counts of each outline, over its own: below 1 for overlapping spheres of clumps.
     """
 
     x: np.ndarray
     radius: np.ndarray | float
     axis: np.ndarray | None = None
     half_length: float = 0.0
+    part: float = 1.0
 
     @classmethod
-    def of(cls, packing: Packing, diameter: float, half_length: float = 0.0) -> "Outlines":
+    def of(cls, packing: Packing, grains: Grains) -> "Outlines":
         """Take the outlines of the grains of a packing.
+
+        Clumps are their spheres, of which each counts by the same part of its volume, so that they add up to the union.
+        So a clump that a face cuts counts too much or too little. Over all its places the mean is right.
 
         Args:
             packing: The packing.
-            diameter: Diameter of the largest grains [m].
-            half_length: Half length of the segment between the centres of the caps of rods [m].
+            grains: Grains of the scene.
         """
-        radius = diameter / 2 if packing.diameter is None else packing.diameter / 2
-        axis = axes(packing.q) if half_length > 0 and packing.q is not None else None
-        return cls(packing.x, radius, axis, half_length if axis is not None else 0.0)
+        q = packing.q
+        if isinstance(grains, Clumps) and q is not None:
+            radii = [sphere.radius for sphere in grains.spheres]
+            part = grains.volume / sum(4 / 3 * math.pi * r**3 for r in radii)
+            return cls(sphere_centres(grains, packing.x, q), np.tile(radii, len(packing)), part=part)
+        if isinstance(grains, Spherocylinders) and q is not None and not grains.round:
+            return cls(packing.x, grains.radius, axes(q), grains.half_length)
+        return cls(packing.x, grains.radius if packing.diameter is None else packing.diameter / 2)
 
     @property
     def reach(self) -> float:
@@ -59,12 +69,13 @@ class Outlines:
     def volumes(self) -> np.ndarray:
         """Volume of each grain [m^3], shape [n]."""
         r = np.broadcast_to(np.asarray(self.radius, float), len(self.x))
-        return math.pi * r**2 * 2 * self.half_length + 4 / 3 * math.pi * r**3
+        return self.part * (math.pi * r**2 * 2 * self.half_length + 4 / 3 * math.pi * r**3)
 
     def only(self, mask: np.ndarray) -> "Outlines":
         """Select grains by a mask, shape [n]."""
         radius = self.radius[mask] if isinstance(self.radius, np.ndarray) else self.radius
-        return Outlines(self.x[mask], radius, None if self.axis is None else self.axis[mask], self.half_length)
+        axis = None if self.axis is None else self.axis[mask]
+        return Outlines(self.x[mask], radius, axis, self.half_length, self.part)
 
 
 @dataclass(frozen=True)
@@ -112,7 +123,7 @@ class Region:
         low, high, reach = np.array(self.low), np.array(self.high), bodies.reach
         near = bodies.only(np.asarray(np.all((bodies.x > low - reach) & (bodies.x < high + reach), axis=1)))
         if near.axis is None:
-            return float(sphere_in_box(near.x, near.radius, self.low, self.high).sum())
+            return near.part * float(sphere_in_box(near.x, near.radius, self.low, self.high).sum())
         whole = np.asarray(np.all((near.x >= low + reach) & (near.x <= high - reach), axis=1))
         cut = near.only(~whole)
         assert cut.axis is not None
@@ -166,7 +177,8 @@ class Annulus:
         within = (off < self.outer + reach) & (off > self.inner - reach)
         near = bodies.only(within & (z > self.low - reach) & (z < self.high + reach))
         if near.axis is None:
-            return float(sphere_in_ring(near.x, near.radius, self.inner, self.outer, self.low, self.high).sum())
+            clipped = sphere_in_ring(near.x, near.radius, self.inner, self.outer, self.low, self.high)
+            return near.part * float(clipped.sum())
         off, z = np.hypot(near.x[:, 0], near.x[:, 1]), near.x[:, 2]
         # Without an inner face, rods on the axis are whole too.
         within = (off <= self.outer - reach) & ((off >= self.inner + reach) | (self.inner == 0))
@@ -264,9 +276,9 @@ def _sides(scene: Scene) -> _Sides:
 
 def _tops(scene: Scene, packing: Packing) -> np.ndarray:
     """Height [m] of the highest point of each grain."""
-    bodies = Outlines.of(packing, scene.grains.diameter, scene.grains.half_length)
-    upright = 0.0 if bodies.axis is None else bodies.half_length * np.abs(bodies.axis[:, 2])
-    return bodies.x[:, 2] + bodies.radius + upright
+    grains = scene.grains
+    radius = grains.radius if packing.diameter is None else packing.diameter / 2
+    return packing.x[:, 2] + upper_reach(grains, radius, packing.q)
 
 
 def _columns(scene: Scene, planar: bool) -> tuple[float, float]:

@@ -26,7 +26,8 @@ from labbook.measure.measure import (
     window_in_words,
 )
 from labbook.measure.steady import BLOCKS, outflow
-from labbook.scene import Bodies, Scene
+from labbook.scene import Bodies, Scene, Spherocylinders
+from labbook.scene.hulls import upper_reach
 from labbook.scene.timescales import gravity_time
 from labbook.scene.wall_bins import WallBins, all_walls, areas, bins_of_walls, is_upright
 from labbook.scene.walls import Wall
@@ -414,8 +415,12 @@ class _WeightAbove:
         self.gravity, self.weight = run.scene.gravity, bodies.mass * run.scene.gravity
         self.z, self.reach = start.x[:, 2], bodies.radius.copy()
         if start.q is not None:  # extent of a rod along z
-            w, x, y, z = (start.q / np.linalg.norm(start.q, axis=1)[:, None]).T
-            self.reach += grains.half_length * np.abs(w * w - x * x - y * y + z * z)
+            q = start.q / np.linalg.norm(start.q, axis=1)[:, None]
+            if isinstance(grains, Spherocylinders):
+                w, x, y, z = q.T
+                self.reach += grains.half_length * np.abs(w * w - x * x - y * y + z * z)
+            else:
+                self.reach = np.asarray(upper_reach(grains, bodies.radius, q))
         self.total = float(self.weight.sum())
 
     def __call__(self, heights: np.ndarray) -> np.ndarray:

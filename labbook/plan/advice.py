@@ -35,7 +35,7 @@ from labbook.study.problems import and_others
 from labbook.study.schema import AUTO
 from labbook.study.window import HIGH, high_until
 
-NARROW = {"sphere": 5.0, "spherocylinder": 3.0}
+NARROW = {"sphere": 5.0, "spherocylinder": 3.0, "clump": 3.0}
 """Outlet width, in largest dimensions of a grain, below which outlets often clog, by shape."""
 RING = 4.0
 """Width, in grain diameters, of the flat bottom around the hole of a cylinder below which W depends on single rows of
@@ -251,11 +251,11 @@ def _narrow(file: Path, points: Sequence[tuple[PointDemand, Outline]]) -> Iterat
     narrow_points = [(shared, shape) for shared, shape in points if is_narrow(shared, shape)]
     if narrow_points:
         shared, shape = min(narrow_points, key=lambda pair: pair[1].ratio or 0)
-        rods = shared.scene.grains.half_length > 0
-        unit = "lengths of a rod" if rods else "diameters of a grain"
+        rods, noun = not shared.scene.grains.round, shared.scene.grains.noun
+        unit = f"lengths of a {noun}" if rods else "diameters of a grain"
         least = NARROW[shared.scene.grains.shape]
         ratio, bound = format_distinct(shape.ratio or 0.0, least, digits=2)
-        unit = "length of a rod" if rods and ratio == "1" else "diameter of a grain" if ratio == "1" else unit
+        unit = f"length of a {noun}" if rods and ratio == "1" else "diameter of a grain" if ratio == "1" else unit
         reason = f"the outlet is {ratio} {unit} wide ({shape.extent * 1e3:.3g} mm), and below {bound} it often clogs"
         enough = math.ceil(least * shape.extent * 1e4 * (1 - 1e-9)) / 10  # mm
         yield _warning(file, "container.orifice", reason, f"use {enough:g} mm or more", narrow_points, points)

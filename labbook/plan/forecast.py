@@ -436,10 +436,11 @@ class Outline:
     memory: float
 
 
-BYTES = {"sphere": 800.0, "spherocylinder": 2200.0}
+BYTES = {"sphere": 800.0, "spherocylinder": 2200.0, "clump": 8000.0}
 """Maximum memory of a grain on the CPU backend, during placing and motion [bytes].
 
-Measured: 435 with 200 000 spheres, 1800 with 50 000 rods; lists and checkpoints grow beyond that.
+Measured: 435 with 200 000 spheres, 1800 with 50 000 rods; lists and checkpoints grow beyond that. That of clumps is a
+guess.
 """
 
 

@@ -148,9 +148,9 @@ def _leaves(value: Any, name: str) -> Iterator[tuple[str, float | str | bool | N
         yield name, f"({len(value)} values)"
     elif isinstance(value, list):
         for place, inner in enumerate(value):
-            named = isinstance(inner, Mapping) and "name" in inner
-            own = inner["name"] if named else place
-            rest = {key: content for key, content in inner.items() if key != "name"} if named else inner
+            has_name = isinstance(inner, Mapping) and "name" in inner
+            own = inner["name"] if has_name else place
+            rest = {key: content for key, content in inner.items() if key != "name"} if has_name else inner
             yield from _leaves(rest, f"{name}.{own}")
     else:
         yield name, value

@@ -14,7 +14,7 @@ from labbook.scene.contact import (
 from labbook.scene.container import Box, Container, Primitives
 from labbook.scene.container_shape import ContainerShape, Outlet
 from labbook.scene.feed import Feed
-from labbook.scene.grains import Grains, Kind, Spheres, Spherocylinders
+from labbook.scene.grains import Clumps, Grains, Kind, Spheres, Spherocylinders
 from labbook.scene.mesh import TriangleMesh
 from labbook.scene.packing import Packing
 from labbook.scene.part_motion import PartMotion, PartRotation, Vibration
@@ -32,6 +32,7 @@ __all__ = [
     "Between",
     "Bodies",
     "Box",
+    "Clumps",
     "ConicalSilo",
     "ContactLaw",
     "Container",

@@ -13,7 +13,7 @@ from labbook.scene.packing import Packing
 class Bodies:
     """Radius [m], mass [kg], moment of inertia [kg m^2] and kind of each grain, arrays of shape [n].
 
-    inertia: of rods, about an axis across them. kind: place in `grains.kinds`.
+    inertia: of rods about an axis across them, of clumps the middle principal moment. kind: place in `grains.kinds`.
     """
 
     radius: np.ndarray

@@ -14,7 +14,7 @@ from labbook.scene.quantities import Coefficient, Duration, Length, Pressure, Ra
 from labbook.scene.surface import Between, Restitution
 
 if TYPE_CHECKING:
-    from labbook.scene.grains import Spheres, Spherocylinders
+    from labbook.scene.grains import Grains
 
 Damping = Literal["clamped", "textbook", "printed"]
 Rolling = Literal["full", "rolling"]
@@ -485,7 +485,7 @@ class CollisionStiffness(Model):
             reason = "an overlap follows from the speed of the grains"
             yield Fault(missing_key, reason, "state largest_overlap and impact_speed, such as 0.01 d and 1 m/s")
 
-    def stiffness(self, grains: "Spheres | Spherocylinders | None") -> float:
+    def stiffness(self, grains: "Grains | None") -> float:
         """Compute k_n from a collision of two equal grains of the mass m, whose effective mass is m/2.
 
         Of the contact time t_c = pi sqrt(m/(2 k_n))/sqrt(1 - z^2) with z = |ln e|/sqrt(pi^2 + ln^2 e),

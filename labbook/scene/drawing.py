@@ -9,7 +9,7 @@ import numpy as np
 
 from labbook.scene.container import Container
 from labbook.scene.geometry import Bounds, Segment
-from labbook.scene.grains import Grains
+from labbook.scene.grains import Clumps, Grains, Spherocylinders
 
 WIDTH, HEIGHT = 300.0, 300.0
 """Largest size of the container [pixels]."""
@@ -72,9 +72,9 @@ def svg(grains: Grains, container: Container, sized: bool = True) -> str:
 
 def describe(grains: Grains, container: Container) -> str:
     """Describe a scene in a line: number, shape and size of grains, container and outlet."""
-    shape = "rods" if grains.half_length > 0 else "spheres"
+    shape = "spheres" if grains.round else f"{grains.noun}s"
     size = f"d = {_mm(grains.diameter)}"
-    if grains.half_length > 0:
+    if not grains.round:
         size += f", L = {_mm(grains.extent)}"
     orifice = getattr(container, "orifice", None)
     outlet = f", outlet {_mm(orifice)}" if orifice is not None else ""
@@ -121,7 +121,7 @@ def _pile(grains: Grains, container: Container, frame: _Frame) -> Iterator[_Grai
     while missing > 0 and volume > 0 and empty < _EMPTY:
         x = np.arange(left + (0.5 + row % 2 / 2) * grains.extent, right, 1.04 * grains.extent)
         free = np.ones(len(x), bool)
-        for end in (-grains.half_length, 0.0, grains.half_length):
+        for end in (-grains.overhang, 0.0, grains.overhang):
             points = np.column_stack([x + end, np.full((len(x), 2), (middle, z))])
             for wall in closed:
                 if wall.name not in panes:
@@ -142,7 +142,7 @@ def _pile(grains: Grains, container: Container, frame: _Frame) -> Iterator[_Grai
 def _rows(grains: Grains, container: Container) -> Iterator[_Grain]:
     """Grains of a bed in rows, and a few that fall from each outlet."""
     d = grains.equivalent_diameter if grains.varied else grains.diameter
-    long = d if grains.half_length == 0 else grains.extent
+    long = d if grains.round else grains.extent
     rng, left = np.random.default_rng(0), min(GRAIN_LIMIT, grains.count)
     high = float(getattr(container, "height", math.inf))
     level = _level(grains, container)
@@ -168,7 +168,7 @@ def _grain(grains: Grains, rng: np.random.Generator, x: float, z: float) -> _Gra
     kind = int(rng.choice(len(parts), p=[part.share / sum(p.share for p in parts) for part in parts]))
     radius = float(parts[kind].sizes.draw(rng, 1, grains.diameter)[0]) / 2
     shake = 0.06 * grains.diameter
-    tilt = float(rng.normal(0, 0.12)) if grains.half_length > 0 else 0.0
+    tilt = float(rng.normal(0, 0.12)) if grains.elongated else 0.0
     return x + float(rng.uniform(-shake, shake)), z + float(rng.uniform(-shake, shake)), radius, kind, tilt
 
 
@@ -191,19 +191,31 @@ def _level(grains: Grains, container: Container) -> float:
 def _bed(grains: Grains, pile: Iterable[_Grain], at: Pixels, scale: float) -> str:
     """SVG paths of the grains, one for each colour and size.
 
-    A path has strokes with round ends, of no length for spheres.
+    A path has strokes with round ends, of no length for spheres and those of clumps.
     """
-    half, strokes = grains.half_length * scale, defaultdict[tuple[str, str], list[str]](list)
+    clump = grains.spheres if isinstance(grains, Clumps) else ()
+    half = grains.half_length * scale if isinstance(grains, Spherocylinders) else 0.0
+    strokes = defaultdict[tuple[str, str], list[str]](list)
     for x, z, r, kind, tilt in pile:
         px, pz = at(x, z)
-        dx, dz = half * math.cos(tilt), half * math.sin(tilt)
-        look = _COLOURS[kind % len(_COLOURS)], f"{max(round(2 * r * scale * 4) / 4, _LEAST):g}"
-        step = f"l{2 * dx:.1f} {-2 * dz:.1f}" if half else "h0"
-        strokes[look].append(f"M{px - dx:.1f} {pz + dz:.1f}{step}")
+        cosine, sine = math.cos(tilt), math.sin(tilt)
+        for part in clump:  # the long axis lies, the shortest points at the viewer
+            along, up = part.centre[2] * scale, part.centre[1] * scale
+            to = f"M{px + along * cosine - up * sine:.1f} {pz - along * sine - up * cosine:.1f}h0"
+            strokes[_look(kind, part.radius, scale)].append(to)
+        if not clump:
+            dx, dz = half * cosine, half * sine
+            step = f"l{2 * dx:.1f} {-2 * dz:.1f}" if half else "h0"
+            strokes[_look(kind, r, scale)].append(f"M{px - dx:.1f} {pz + dz:.1f}{step}")
     return "".join(
         f'<path d="{"".join(moves)}" stroke="{colour}" stroke-width="{width}" stroke-linecap="round" fill="none"/>'
         for (colour, width), moves in strokes.items()
     )
+
+
+def _look(kind: int, radius: float, scale: float) -> tuple[str, str]:
+    """Colour and width of the stroke of a sphere or a rod."""
+    return _COLOURS[kind % len(_COLOURS)], f"{max(round(2 * radius * scale * 4) / 4, _LEAST):g}"
 
 
 def _line(start: tuple[float, float], end: tuple[float, float], colour: str = _INK, width: float = 1.5) -> str:

@@ -1,20 +1,24 @@
-"""Bodies that flow: spheres, equal or of several sizes and kinds, or equal rods.
+"""Bodies that flow: spheres, equal or of several sizes and kinds, equal rods, or equal clumps of spheres.
 
-Every shape knows its mass, its inertia and the segment that its surface is at a radius from: that of a sphere has the
-half length 0, and so a sphere is the spherocylinder whose length is its diameter.
+Every shape knows its mass, its moments of inertia and how far its surface reaches. A sphere and a rod also know the
+segment that the surface is at a radius from: that of a sphere has the half length 0, and so a sphere is the
+spherocylinder whose length is its diameter. A clump knows its spheres.
 """
 
+import itertools
 import math
+import operator
 from collections.abc import Iterator
 from dataclasses import dataclass
-from typing import Annotated, ClassVar, Literal
+from typing import TYPE_CHECKING, Annotated, ClassVar, Literal, Self
 
 from pydantic import Field, model_validator
 
 from labbook.scene.material import OwnMaterial, OwnModulus, OwnRatio
-from labbook.scene.model import Fault, Model, refuse
-from labbook.scene.quantities import Density, GrainLength, Length, Ratio, Whole, percent
+from labbook.scene.model import Fault, Model, once, refuse
+from labbook.scene.quantities import Density, GrainLength, GrainPoint, Length, Ratio, Whole, percent
 from labbook.scene.sizes import SMALLEST_PART, Equal, Sizes
+from labbook.scene.sphere_union import Triple, UnionProperties, union_properties
 
 Count = Annotated[Whole, Field(ge=1, le=100_000_000)]
 
@@ -58,6 +62,15 @@ class Species:
 
 class Spheres(Model):
     """Spheres, equal or of several sizes and materials."""
+
+    oriented: ClassVar[bool] = False
+    """True if grains have an orientation q."""
+    noun: ClassVar[str] = "sphere"
+    """Word for a grain in messages."""
+    round: ClassVar[bool] = True
+    """True if all grains are spheres in fact."""
+    elongated: ClassVar[bool] = False
+    """True if grains have a long axis: the z axis of their body frame."""
 
     shape: Literal["sphere"] = "sphere"
     diameter: Length
@@ -194,6 +207,31 @@ class Spheres(Model):
         return 0.0
 
     @property
+    def bare_spheres(self) -> float:
+        """Surface of a grain that others may touch, in surfaces of its spheres, as their contacts add up: 1."""
+        return 1.0
+
+    @property
+    def form(self) -> tuple:
+        """Numbers that decide the shape beside the diameter: none."""
+        return ()
+
+    @property
+    def overhang(self) -> float:
+        """Distance by which a grain reaches farther than a radius from its centre [m]: 0."""
+        return 0.0
+
+    @property
+    def reach(self) -> float:
+        """Largest distance of a surface from the centre of its grain [m]: r."""
+        return self.radius
+
+    @property
+    def crowding(self) -> float:
+        """Volume that a grain excludes over that of a sphere of its size: 1."""
+        return 1.0
+
+    @property
     def extent(self) -> float:
         """Length of the largest grains from end to end [m]: d."""
         return self.diameter
@@ -236,9 +274,51 @@ class Spheres(Model):
         """Moment of inertia about the grain's own axis [kg m^2]: the same as about any."""
         return self.inertia
 
+    @property
+    def largest_inertia(self) -> float:
+        """Largest moment of inertia [kg m^2]: the same as about any axis."""
+        return self.inertia
 
-class Spherocylinders(Model):
+
+class EqualGrains(Model):
+    """Grains that are all equal, and of a shape that has an orientation."""
+
+    oriented: ClassVar[bool] = True
+    varied: ClassVar[bool] = False
+    kinds: ClassVar[tuple[Kind, ...]] = ()
+
+    if TYPE_CHECKING:  # each shape states these among its fields, in the order of its docs
+        diameter: Length
+        density: Density
+
+    @property
+    def species(self) -> tuple[Species, ...]:
+        """Kind of the grains, which are all equal."""
+        return (Species(1.0, self.density, Equal(self.diameter)),)
+
+    def smallest(self) -> tuple[Self, ...]:
+        """Grains themselves, which are all equal."""
+        return (self,)
+
+    def largest(self) -> tuple[Self, ...]:
+        """Grains themselves, which are all equal."""
+        return (self,)
+
+    @property
+    def mean_density(self) -> float:
+        """Mass of all grains over their volume [kg/m^3]."""
+        return self.density
+
+    @property
+    def radius(self) -> float:
+        """Half of d [m]: of a rod the radius of cylinder and ends, of a clump that of its largest sphere."""
+        return self.diameter / 2
+
+
+class Spherocylinders(EqualGrains):
     """Equal rods: cylinders with hemispheres on both ends."""
+
+    noun: ClassVar[str] = "rod"
 
     shape: Literal["spherocylinder"] = "spherocylinder"
     diameter: Length
@@ -249,8 +329,6 @@ class Spherocylinders(Model):
     """Density ρ_p of the grains' material."""
     count: Count
     """Number of grains N."""
-    varied: ClassVar[bool] = False
-    kinds: ClassVar[tuple[Kind, ...]] = ()
 
     @model_validator(mode="after")
     def _is_possible(self):
@@ -264,29 +342,6 @@ class Spherocylinders(Model):
             yield Fault("length", reason, "make it at least 1 d, which is a sphere")
 
     @property
-    def species(self) -> tuple[Species, ...]:
-        """Kind of the rods, which are all equal."""
-        return (Species(1.0, self.density, Equal(self.diameter)),)
-
-    def smallest(self) -> tuple["Spherocylinders", ...]:
-        """Rods themselves, which are all equal."""
-        return (self,)
-
-    def largest(self) -> tuple["Spherocylinders", ...]:
-        """Rods themselves, which are all equal."""
-        return (self,)
-
-    @property
-    def mean_density(self) -> float:
-        """Mass of all grains over their volume [kg/m^3]."""
-        return self.density
-
-    @property
-    def radius(self) -> float:
-        """Radius of cylinder and ends [m]."""
-        return self.diameter / 2
-
-    @property
     def finest(self) -> float:
         """Diameter of the smallest rods [m], by which overlaps are judged: that of all."""
         return self.diameter
@@ -295,6 +350,46 @@ class Spherocylinders(Model):
     def half_length(self) -> float:
         """Half the length of the segment that the surface is a radius away from [m]: (L - d)/2."""
         return (self.length - self.diameter) / 2
+
+    @property
+    def round(self) -> bool:
+        """True for rods without length."""
+        return self.half_length == 0
+
+    @property
+    def elongated(self) -> bool:
+        """True unless rods are without length."""
+        return self.half_length > 0
+
+    @property
+    def bare_spheres(self) -> float:
+        """Surface of a grain in surfaces of its spheres, for the time step: 1, as the limit for rods was measured."""
+        return 1.0
+
+    @property
+    def form(self) -> tuple:
+        """Numbers that decide the shape beside the diameter: the half length [m]."""
+        return (self.half_length,)
+
+    @property
+    def overhang(self) -> float:
+        """Distance by which a rod reaches farther than a radius from its centre [m]: the half length."""
+        return self.half_length
+
+    @property
+    def reach(self) -> float:
+        """Largest distance of the surface from the centre [m]: L/2."""
+        return self.radius + self.half_length
+
+    @property
+    def crowding(self) -> float:
+        """Volume that a rod excludes, mean over orientations, over that of a sphere of diameter d.
+
+        Rods of random orientations exclude 4/3 pi d^3 + 2 pi l d^2 + pi/2 l^2 d from one another, l = L - d (Onsager
+        1949).
+        """
+        slender = 2 * self.half_length / self.diameter
+        return 1 + 1.5 * slender + 0.375 * slender**2
 
     @property
     def extent(self) -> float:
@@ -343,5 +438,221 @@ class Spherocylinders(Model):
         cylinder, ends = self._masses
         return cylinder * self.radius**2 / 2 + 0.4 * ends * self.radius**2
 
+    @property
+    def largest_inertia(self) -> float:
+        """Largest moment of inertia [kg m^2]: across the rod."""
+        return self.inertia
 
-Grains = Annotated[Spheres | Spherocylinders, Field(discriminator="shape")]
+
+MOST_SPHERES = 8
+"""Largest number of spheres of a clump."""
+
+
+@dataclass(frozen=True)
+class BodySphere:
+    """Sphere of a clump.
+
+    Attributes:
+        centre: Centre in the body frame, whose origin is the centre of mass of the clump [m].
+        radius: Radius [m].
+    """
+
+    centre: Triple
+    radius: float
+
+
+class Clumps(EqualGrains):
+    """Equal rigid clumps of up to eight spheres, which may overlap: any convex or concave grain.
+
+    Mass and moments of inertia are those of the union of the spheres. The body frame has its origin in the centre of
+    mass, and its axes are the principal axes: x that of the largest moment of inertia, z that of the smallest, along
+    which the clump is long.
+    """
+
+    noun: ClassVar[str] = "clump"
+
+    shape: Literal["clump"] = "clump"
+    diameter: Length
+    """Diameter d of the largest sphere; `d` is a unit of length in all other keys."""
+    centres: Annotated[tuple[GrainPoint, ...], Field(min_length=1, max_length=MOST_SPHERES)]
+    """Centres of the spheres, in any frame, such as `[[-0.4 d, 0 d, 0 d], [0.4 d, 0 d, 0 d]]`; 1 to 8 of them."""
+    # those of equal spheres are left out of what is stored and hashed
+    diameters: Annotated[tuple[GrainLength, ...], Field(exclude_if=lambda diameters: not diameters)] = ()
+    """Diameters of the spheres in the order of `centres`, the largest of them d; none: all are d."""
+    density: Density
+    """Density ρ_p of the grains' material."""
+    count: Count
+    """Number of grains N."""
+
+    @model_validator(mode="after")
+    def _is_possible(self):
+        refuse(self._faults())
+        return self
+
+    def _faults(self) -> Iterator[Fault]:
+        d, smallest, n = self.diameter, SMALLEST_PART * self.diameter, len(self.centres)
+        if self.diameters:
+            if len(self.diameters) != n:
+                reason = f"there are {n} centres and {len(self.diameters)} diameters"
+                yield Fault("diameters", reason, "state one of each sphere, or leave diameters out: all are then d")
+                return
+            if not math.isclose(max(self.diameters), d, rel_tol=1e-9):
+                reason = (
+                    f"the largest sphere has {max(self.diameters) * 1e3:g} mm, and grains.diameter is {d * 1e3:g} mm"
+                )
+                yield Fault("diameters", reason, "let d be the diameter of the largest sphere")
+            if min(self.diameters) < smallest:
+                reason = f"a sphere has {min(self.diameters) * 1e3:g} mm, less than d/10"
+                yield Fault("diameters", reason, f"use {smallest * 1e3:g} mm or more")
+        radii = self._radii
+        for i, j in itertools.permutations(range(n), 2):
+            apart = math.dist(self.centres[i], self.centres[j])
+            if apart + radii[i] <= radii[j] * (1 + 1e-6) and (radii[i] < radii[j] or i > j):
+                reason = f"sphere {i + 1} lies within sphere {j + 1} and never touches anything"
+                yield Fault("centres", reason, "leave it out")
+        linked, reached = {0}, [0]
+        while reached:
+            i = reached.pop()
+            gaps = {j: math.dist(self.centres[i], self.centres[j]) / (radii[i] + radii[j]) for j in range(n)}
+            near = {j for j, gap in gaps.items() if gap <= 1 + 1e-6}
+            reached += near - linked
+            linked |= near
+        if len(linked) < n:
+            apart = min({*range(n)} - linked) + 1
+            yield Fault("centres", f"sphere {apart} is apart from the first one", "let spheres touch or overlap")
+
+    @property
+    def _radii(self) -> tuple[float, ...]:
+        return tuple(size / 2 for size in self.diameters or (self.diameter,) * len(self.centres))
+
+    @property
+    def _union(self) -> UnionProperties:
+        return union_properties(self.centres, self._radii)
+
+    @property
+    def spheres(self) -> tuple[BodySphere, ...]:
+        """Spheres in the body frame, in the order of `centres`."""
+        return _in_body_frame(self.centres, self._radii)
+
+    @property
+    def stated_frame(self) -> tuple[Triple, Triple, Triple]:
+        """Unit vectors along the axes of the body frame, in the frame in which the study states `centres`."""
+        return self._union.axes
+
+    @property
+    def finest(self) -> float:
+        """Diameter of the smallest sphere [m], by which overlaps are judged."""
+        return 2 * min(self._radii)
+
+    @property
+    def round(self) -> bool:
+        """True for clumps of one sphere."""
+        return len(self.centres) == 1
+
+    @property
+    def elongated(self) -> bool:
+        """True if one principal moment is smaller than the others, so that the clump has a long axis."""
+        _, middle, least = self._union.moments
+        return least < middle * (1 - 1e-9)
+
+    @property
+    def bare_spheres(self) -> float:
+        """Sum of the parts of the spheres' surfaces that no other sphere covers: between 1 and their number."""
+        return math.fsum(self._union.bare)
+
+    @property
+    def form(self) -> tuple:
+        """Numbers that decide the shape beside the diameter: centres and radii of the spheres [m]."""
+        return self.centres, self._radii
+
+    @property
+    def overhang(self) -> float:
+        """Distance by which a clump reaches farther than d/2 from its centre of mass [m]."""
+        return max(0.0, self.reach - self.radius)
+
+    @property
+    def reach(self) -> float:
+        """Largest distance of the surface from the centre of mass [m]."""
+        return max(math.hypot(*sphere.centre) + sphere.radius for sphere in self.spheres)
+
+    @property
+    def crowding(self) -> float:
+        """Upper bound of the volume that a clump excludes, mean over orientations, over that of a sphere of diameter d.
+
+        No convex body excludes more than a sphere of its mean width does (Minkowski's inequalities).
+        """
+        return (_mean_width(self.centres, self._radii) / self.diameter) ** 3
+
+    @property
+    def extent(self) -> float:
+        """Largest distance between two points of the surface [m]."""
+        radii = self._radii
+        pairs = itertools.combinations(range(len(radii)), 2)
+        apart = (math.dist(self.centres[i], self.centres[j]) + radii[i] + radii[j] for i, j in pairs)
+        return max([self.diameter, *apart])
+
+    @property
+    def aspect_ratio(self) -> float:
+        """Length from end to end over d."""
+        return self.extent / self.diameter
+
+    @property
+    def volume(self) -> float:
+        """Volume of the union of the spheres of one grain [m^3]."""
+        return math.pi / 6 * self.diameter**3 if self.round else self._union.volume
+
+    @property
+    def equivalent_diameter(self) -> float:
+        """Diameter d* of the sphere of the same volume [m]."""
+        return self.diameter if self.round else (6 * self.volume / math.pi) ** (1 / 3)
+
+    @property
+    def mass(self) -> float:
+        """Mass of one grain [kg]."""
+        return self.density * math.pi / 6 * self.diameter**3 if self.round else self.density * self.volume
+
+    def _moment(self, axis: int) -> float:
+        return 0.4 * self.mass * self.radius**2 if self.round else self.density * self._union.moments[axis]
+
+    @property
+    def largest_inertia(self) -> float:
+        """Largest principal moment of inertia [kg m^2], about the x axis of the body frame."""
+        return self._moment(0)
+
+    @property
+    def inertia(self) -> float:
+        """Middle principal moment of inertia [kg m^2], about the y axis of the body frame."""
+        return self._moment(1)
+
+    @property
+    def inertia_axis(self) -> float:
+        """Smallest principal moment of inertia [kg m^2], about the z axis of the body frame."""
+        return self._moment(2)
+
+
+@once(256)
+def _in_body_frame(centres: tuple[Triple, ...], radii: tuple[float, ...]) -> tuple[BodySphere, ...]:
+    union = union_properties(centres, radii)
+    branches = [tuple(a - b for a, b in zip(centre, union.centre, strict=True)) for centre in centres]
+    turned = [[math.fsum(map(operator.mul, axis, branch)) for axis in union.axes] for branch in branches]
+    return tuple(BodySphere((x, y, z), radius) for (x, y, z), radius in zip(turned, radii, strict=True))
+
+
+_DIRECTIONS = 500
+
+
+@once(256)
+def _mean_width(centres: tuple[Triple, ...], radii: tuple[float, ...]) -> float:
+    """Mean over directions of the distance between two parallel planes that enclose spheres [m]."""
+    golden, total = math.pi * (3 - math.sqrt(5)), 0.0
+    for k in range(_DIRECTIONS):  # on a spiral over the unit sphere
+        z = 1 - (2 * k + 1) / _DIRECTIONS
+        across = math.sqrt(1 - z * z)
+        direction = across * math.cos(k * golden), across * math.sin(k * golden), z
+        heights = [sum(map(operator.mul, direction, centre)) for centre in centres]
+        highest = max(map(operator.add, heights, radii))
+        total += highest - min(map(operator.sub, heights, radii))
+    return total / _DIRECTIONS
+
+
+Grains = Annotated[Spheres | Spherocylinders | Clumps, Field(discriminator="shape")]

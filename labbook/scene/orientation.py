@@ -1,4 +1,4 @@
-"""Orientations and distances of rods that are about to be placed."""
+"""Orientations of grains, and distances of rods that are about to be placed."""
 
 from collections.abc import Iterator
 
@@ -15,6 +15,23 @@ def axes(q: np.ndarray) -> np.ndarray:
     """Compute the unit vectors [n, 3] to which the rotations q [n, 4] (w, x, y, z) take the z axis."""
     w, x, y, z = q.T
     return np.stack([2 * (x * z + w * y), 2 * (y * z - w * x), 1 - 2 * (x * x + y * y)], axis=1)
+
+
+def rotated(q: np.ndarray, v: np.ndarray | tuple[float, float, float]) -> np.ndarray:
+    """Rotate a vector of the body frame.
+
+    Args:
+        q: Unit quaternions (w, x, y, z), shape [n, 4].
+        v: Vector, shape [3], or one for each, shape [n, 3].
+
+    Returns:
+        The vector in space for each orientation, shape [n, 3].
+    """
+    w, x, y, z = q.T
+    a, b, c = np.asarray(v, float).T  # np.cross takes five times as long
+    tx, ty, tz = 2 * (y * c - z * b), 2 * (z * a - x * c), 2 * (x * b - y * a)
+    turned = (a + w * tx + (y * tz - z * ty), b + w * ty + (z * tx - x * tz), c + w * tz + (x * ty - y * tx))
+    return np.stack(turned, axis=1)
 
 
 def distances(c: np.ndarray, a: np.ndarray, b: np.ndarray, half: float) -> np.ndarray:

@@ -4,6 +4,8 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
+from labbook.scene.grains import MOST_SPHERES
+
 _DOUBLE = ("x", "v", "omega")
 _PER_GRAIN = {"diameter": np.float64, "kind": np.int64}
 _SPRING_TYPES = {"pairs": "iu", "pair_spring": "f", "wall_grain": "iu", "wall_name": "U", "wall_spring": "f"}
@@ -24,17 +26,20 @@ class Packing:
         x: Positions [m], shape [n, 3].
         v: Velocities [m/s], shape [n, 3].
         omega: Angular velocities [rad/s], shape [n, 3].
-        q: Unit quaternions (w, x, y, z), shape [n, 4], whose rotation takes the z axis to the rod's; None for spheres.
+        q: Unit quaternions (w, x, y, z), shape [n, 4], whose rotation takes the z axis to the rod's, or the body frame
+            of a clump to space; None for spheres.
         ids: Names of the grains in every table, shape [n]; 0..n-1 unless grains have left.
         diameter: Diameters [m], shape [n]; None where all grains are of one diameter d.
         kind: Places in the scene's `grains.kinds`, shape [n]; None where all grains are of one kind.
         pairs: Grains (i, j) of contacts, rows of `x` with i < j, shape [p, 2].
         pair_spring: Friction springs of `pairs` [m], acting on i, shape [p, 3].
+        pair_parts: Spheres of clumps that touch in `pairs`, by their places in i and j, shape [p, 2]; None for other
+            grains.
         wall_grain: Grains of contacts at walls, rows of `x`, shape [k].
         wall_name: Names of these walls, shape [k].
         wall_spring: Friction springs at walls [m], acting on the grain, shape [k, 3].
         wall_part: Points of a rod at the wall, or features of a mesh; 0 for spheres at other walls, shape [k]. See
-            `labbook_dem.walls`.
+            `labbook_dem.walls`. Of clumps 8 times the feature, or 0, plus the place of the sphere.
         pair_rolling: Torques of rolling springs of `pairs` [N m], acting on i, shape [p, 3]; None where there are none.
         wall_rolling: Torques of rolling springs at walls [N m], shape [k, 3]; None where there are none.
         waiting: Mask of grains of a stream that have not entered, shape [n]; None where all have. These have no
@@ -54,6 +59,7 @@ class Packing:
     wall_name: np.ndarray = field(default_factory=lambda: np.zeros(0, "U40"))
     wall_spring: np.ndarray = field(default_factory=lambda: np.zeros((0, 3)))
     wall_part: np.ndarray = field(default_factory=lambda: np.zeros(0, np.int64))
+    pair_parts: np.ndarray | None = None
     pair_rolling: np.ndarray | None = None
     wall_rolling: np.ndarray | None = None
     waiting: np.ndarray | None = None
@@ -104,6 +110,11 @@ class Packing:
                 raise ValueError(f"packing: {name} has shape {np.shape(array)}, not {shape}")
             if np.asarray(array).dtype.kind != "f":
                 raise ValueError(f"packing: {name} holds {np.asarray(array).dtype}")
+        if (parts := self.pair_parts) is not None:
+            if np.shape(parts) != (pairs, 2) or np.asarray(parts).dtype.kind not in "iu":
+                raise ValueError(f"packing: pair_parts is no array of whole numbers of shape ({pairs}, 2)")
+            if pairs and not (parts.min() >= 0 and parts.max() < MOST_SPHERES):
+                raise ValueError(f"packing: pair_parts are not from 0 to {MOST_SPHERES - 1}")
         for name, kind in _SPRING_TYPES.items():
             if np.asarray(getattr(self, name)).dtype.kind not in kind:
                 raise ValueError(f"packing: {name} holds {np.asarray(getattr(self, name)).dtype}")
@@ -196,7 +207,7 @@ class Packing:
         """
         place = np.argsort(order)
         pairs = place[self.pairs]
-        turned = (pairs[:, 0] > pairs[:, 1])[:, None]
+        turned, parts = (pairs[:, 0] > pairs[:, 1])[:, None], self.pair_parts
         rows = {name: getattr(self, name) for name in (*_DOUBLE, "ids", "q", *_PER_GRAIN)}
         rolling = self.pair_rolling
         return replace(
@@ -204,6 +215,7 @@ class Packing:
             **{name: array[order] for name, array in rows.items() if array is not None},
             pairs=np.where(turned, pairs[:, ::-1], pairs),
             pair_spring=np.where(turned, -self.pair_spring, self.pair_spring),
+            pair_parts=None if parts is None else np.where(turned, parts[:, ::-1], parts),
             pair_rolling=None if rolling is None else np.where(turned, -rolling, rolling),
             wall_grain=place[self.wall_grain],
             waiting=None if self.waiting is None else self.waiting[order],
@@ -217,7 +229,7 @@ class Packing:
         """
         names = (*_DOUBLE, "ids", "pairs", "pair_spring", "wall_grain", "wall_name", "wall_spring", "wall_part")
         arrays = {name: getattr(self, name) for name in names}
-        optional = ("q", *_PER_GRAIN, *_ROLLING, "waiting")
+        optional = ("q", *_PER_GRAIN, "pair_parts", *_ROLLING, "waiting")
         extras = {name: array for name in optional if (array := getattr(self, name)) is not None}
         return {**arrays, **extras}
 

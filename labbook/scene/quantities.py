@@ -406,6 +406,8 @@ listed = BeforeValidator(_listed)
 # Limits keep every product of these finite; no granular matter lies near them.
 Length = Annotated[float, _m, _m_, Field(ge=1e-9, le=1e6)]
 GrainLength = Annotated[float, _own, BeforeValidator(_own), Field(ge=1e-9, le=1e6)]
+_GrainCoordinate = Annotated[float, _own, BeforeValidator(_own), Field(ge=-1e6, le=1e6)]
+GrainPoint = Annotated[tuple[_GrainCoordinate, _GrainCoordinate, _GrainCoordinate], listed]
 Coordinate = Annotated[float, _m, _m_, Field(ge=-1e9, le=1e9)]
 Distance = Annotated[float, _m, _m_, Field(ge=0, le=1e6)]
 Angle = Annotated[float, _rad, _rad_, Field(ge=-1e3, le=1e3)]

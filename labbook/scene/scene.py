@@ -11,7 +11,7 @@ from labbook.scene.contact import AnyLaw, ContactLaw, useless
 from labbook.scene.container import Container
 from labbook.scene.drawing import describe, svg
 from labbook.scene.feed import Feed
-from labbook.scene.grains import Grains, Spherocylinders
+from labbook.scene.grains import Grains
 from labbook.scene.material import Material
 from labbook.scene.mesh import TriangleMesh
 from labbook.scene.model import Fault, Model, refuse
@@ -67,11 +67,11 @@ class Scene(Model):
             if size < d:
                 reason = f"the {key} ({size * 1e3:g} mm) is less than the grain diameter"
                 yield Fault(f"container.{key}", reason, f"make it {1.01 * d * 1e3:g} mm (1.01 d) or more")
-        if self.grains.half_length > 0:
+        if not self.grains.round:
             for wall in c.walls():
                 if wall.shape.spheres_only:
                     key = "container.lip" if getattr(c, "lip", None) is not None else "container.parts"
-                    reason = f"the wall {wall.name} is a {wall.shape.kind}, which has no contacts with rods"
+                    reason = f"the wall {wall.name} is a {wall.shape.kind}, which has no contacts with {self.grains.noun}s"
                     yield Fault(key, reason, "use spheres, or leave it out")
                     break
         for part in c.parts:
@@ -95,8 +95,9 @@ class Scene(Model):
         Yields:
             Reasons against it.
         """
-        if law.rolling_model == "epsd" and isinstance(self.grains, Spherocylinders):
-            yield Fault("contact.rolling_model", "rods have no rolling springs", "use cdt, or spheres")
+        if law.rolling_model == "epsd" and self.grains.oriented:
+            reason = f"{self.grains.noun}s have no rolling springs"
+            yield Fault("contact.rolling_model", reason, "use cdt, or spheres")
         yield from self._faults_between_kinds(law)
         yield from self._faults_of_stiffness(law)
         yield from self._faults_of_ignored(law)

@@ -6,7 +6,7 @@ from functools import wraps
 
 from labbook.scene.contact import ContactLaw
 from labbook.scene.container import Primitives
-from labbook.scene.grains import Grains, Spherocylinders
+from labbook.scene.grains import Grains
 from labbook.scene.model import once
 from labbook.scene.scene import Scene
 
@@ -133,6 +133,9 @@ def largest_stable_step(scene: Scene) -> float:
     at the distance R. Beds of 300 spheres with mu_r from 0.3 to 2 and eta_r from 0 to 1 came to rest at 0.9 of this
     limit. Those with a dashpot did not at 1.3 of it.
 
+    A clump has the contacts of several spheres and one mass: A and B of rods count once for each sphere, as far as no
+    other covers it.
+
     Args:
         scene: Scene.
 
@@ -140,7 +143,7 @@ def largest_stable_step(scene: Scene) -> float:
         Time step [s].
     """
     law = scene.contact
-    a, b = law.stability(isinstance(scene.grains, Spherocylinders))
+    a, b = (scene.grains.bare_spheres * value for value in law.stability(scene.grains.oriented))
     ratios = [law.damping_ratio(surface.restitution) for surface in scene.surfaces]
     if law.rolling_model == "epsd":
         stiffness, damping = law.rolling_spring

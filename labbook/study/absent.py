@@ -178,16 +178,17 @@ TABLE = (
     ),
     Absent(
         "grains.shape",
-        "clump clumps multisphere polyhedron polyhedra superquadric superellipsoid ellipsoid cylinder cylinders cube "
+        "clumps multisphere polyhedron polyhedra superquadric superellipsoid ellipsoid cylinder cylinders cube "
         "cubes tetrahedron disk disc bondedsphere",
         "there are no grains of this shape",
-        "use spherocylinder for long grains, or sphere with rolling_friction for angular ones",
+        "use spherocylinder for long grains, clump for other shapes by spheres, or sphere with rolling_friction for "
+        "angular ones",
     ),
     Absent(
         "grains",
         "clump clumps spheres multisphere template templates",
-        "grains are not put together from spheres",
-        "use shape: spherocylinder for long grains, or sphere with rolling_friction for angular ones",
+        "grains put together from spheres have keys of their own",
+        "use shape: clump, with the centres and diameters of its spheres",
     ),
     Absent(
         "measure",

@@ -225,7 +225,7 @@ def _restless(point: Point) -> Iterator[tuple[str, str, str]]:
     if (at_fault := undamped(point)) is None:
         return
     closed = point.scene.close(point.fill.friction, point.fill.contact)
-    rods = closed.grains.half_length > 0
+    rods = not closed.grains.round
     if not any(surface.friction > 0 or (rods and surface.rolling_friction > 0) for surface in closed.surfaces):
         key, remedy = at_fault
         yield key, "neither impacts nor friction lose energy, so that the bed never comes to rest", remedy
@@ -341,7 +341,7 @@ def _kind(scene: Scene) -> tuple:
     """Properties that determine the quantities of a scene."""
     c, grains = scene.container, scene.grains
     thin = c.front_to_back < 2 * grains.diameter
-    return c.kind, grains.half_length > 0, grains.varied, thin, len(c.outlets), c.planes, c.zones
+    return c.kind, grains.round, grains.elongated, grains.varied, thin, len(c.outlets), c.planes, c.zones
 
 
 def _units_of(measures: Iterable[str], scenes: Iterable[Scene]) -> dict[str, str]:

@@ -9,7 +9,7 @@ from labbook import sources
 from labbook.filling.placing import STARTS
 from labbook.fit import LAWS
 from labbook.measure import MEASURES
-from labbook.scene import LinearSpringDashpot, LogNormal, Scene, WedgeHopper
+from labbook.scene import Clumps, LinearSpringDashpot, LogNormal, Scene, Spherocylinders, WedgeHopper
 from labbook.scene.contact import CONTACT_LAWS, ContactLaw
 from labbook.sources import METHODS, SOURCES, Source, named_in
 from labbook.study.load import Study
@@ -87,8 +87,10 @@ def _uses(study: Study) -> Iterator[_Used]:
     yield "all results", [itself()]
     yield from _contacts(study)
     scenes = [point.scene for point in study.points]
-    if any(scene.grains.half_length > 0 for scene in scenes):
+    if any(isinstance(scene.grains, Spherocylinders) and not scene.grains.round for scene in scenes):
         yield _method("contacts of rods")
+    if any(isinstance(scene.grains, Clumps) for scene in scenes):
+        yield _method("motion of clumps")
     if any(isinstance(sort.sizes, LogNormal) and sort.sizes.by == "mass" for s in scenes for sort in s.grains.species):
         yield _method("log-normal sizes by mass")
     for start in dict.fromkeys(point.fill.kind for point in study.points):

@@ -215,8 +215,11 @@ def _leaf(name: str, field: FieldInfo, base: Any, metadata: list[Any], of: str, 
     if get_origin(base) is tuple:
         parts = get_args(base)
         inner, inner_metadata = _unwrap(parts[0], [])
+        is_point = get_origin(inner) is tuple
+        if is_point:
+            inner, inner_metadata = _unwrap(get_args(inner)[0], [])
         unit = next((mark.symbol for mark in inner_metadata if isinstance(mark, Unit)), None)
-        items = "names" if inner is str else "quantities" if unit else "numbers"
+        items = "points" if is_point else "names" if inner is str else "quantities" if unit else "numbers"
         length = f"list of {items}" if parts[-1] is Ellipsis else f"list of {len(parts)} {items}"
         base = inner
     choices = tuple(map(str, get_args(base))) if get_origin(base) is Literal else ()

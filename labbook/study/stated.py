@@ -61,17 +61,17 @@ Changed = TypedDict("Changed", {
     "grains.sizes.mean": object, "grains.sizes.deviation": object, "grains.sizes.median": object,
     "grains.sizes.spread": object, "grains.sizes.by": object, "grains.sizes.diameters": object,
     "grains.sizes.number_fractions": object, "grains.sizes.mass_fractions": object, "grains.length": object,
-    "contact.law": object, "contact.friction": object, "contact.rolling_friction": object,
-    "contact.restitution": object, "contact.damping": object, "contact.rolling": object,
-    "contact.rolling_model": object, "contact.rolling_stiffness": object, "contact.rolling_damping": object,
-    "contact.shear_modulus": object, "contact.poisson_ratio": object, "contact.tangential_damping": object,
-    "contact.normal_damping": object, "contact.youngs_modulus": object, "contact.tension": object,
-    "contact.normal_stiffness": object, "contact.tangential_stiffness": object, "contact.contact_time": object,
-    "contact.largest_overlap": object, "contact.impact_speed": object, "container.kind": object,
-    "container.sink": object, "container.width": object, "container.height": object, "container.thickness": object,
-    "container.angle": object, "container.orifice": object, "container.lip.radius": object,
-    "container.lip.thickness": object, "container.gap": object, "container.diameter": object,
-    "container.rotation": object, "container.depth": object, "container.lid": object,
+    "grains.centres": object, "grains.diameters": object, "contact.law": object, "contact.friction": object,
+    "contact.rolling_friction": object, "contact.restitution": object, "contact.damping": object,
+    "contact.rolling": object, "contact.rolling_model": object, "contact.rolling_stiffness": object,
+    "contact.rolling_damping": object, "contact.shear_modulus": object, "contact.poisson_ratio": object,
+    "contact.tangential_damping": object, "contact.normal_damping": object, "contact.youngs_modulus": object,
+    "contact.tension": object, "contact.normal_stiffness": object, "contact.tangential_stiffness": object,
+    "contact.contact_time": object, "contact.largest_overlap": object, "contact.impact_speed": object,
+    "container.kind": object, "container.sink": object, "container.width": object, "container.height": object,
+    "container.thickness": object, "container.angle": object, "container.orifice": object,
+    "container.lip.radius": object, "container.lip.thickness": object, "container.gap": object,
+    "container.diameter": object, "container.rotation": object, "container.depth": object, "container.lid": object,
     "container.outlet_plane": object, "walls.all.friction": object, "walls.all.rolling_friction": object,
     "walls.all.restitution": object, "walls.all.youngs_modulus": object, "walls.all.shear_modulus": object,
     "walls.all.poisson_ratio": object, "walls.all.normal_stiffness": object, "gravity": object, "feed.kind": object,
@@ -276,14 +276,17 @@ class GrainsKindsKeys(TypedDict, total=False):
 class GrainsKeys(TypedDict, total=False):
     """Section `grains`."""
 
-    shape: Literal["sphere", "spherocylinder"] | object
+    shape: Literal["sphere", "spherocylinder", "clump"] | object
     """`sphere`: Spheres, equal or of several sizes and materials; `spherocylinder`: Equal rods: cylinders with
-    hemispheres on both ends."""
+    hemispheres on both ends; `clump`: Equal rigid clumps of up to eight spheres, which may overlap: any convex or
+    concave grain."""
     diameter: object
     """shape: sphere: Diameter d of the largest grains; `d` is a unit of length in all other keys [m]. Range: above
     0.
 
-    shape: spherocylinder: Diameter d; `d` is a unit of length in all other keys [m]. Range: above 0."""
+    shape: spherocylinder: Diameter d; `d` is a unit of length in all other keys [m]. Range: above 0.
+
+    shape: clump: Diameter d of the largest sphere; `d` is a unit of length in all other keys [m]. Range: above 0."""
     density: object
     """Density ρ_p of the grains' material [kg/m^3]. Range: above 0."""
     count: object
@@ -291,6 +294,10 @@ class GrainsKeys(TypedDict, total=False):
     length: object
     """Length L from end to end, at least the diameter; an aspect ratio of 3.3 is a length of `3.3 d` [m]. Range:
     above 0."""
+    centres: object
+    """Centres of the spheres, in any frame, such as `[[-0.4 d, 0 d, 0 d], [0.4 d, 0 d, 0 d]]`; 1 to 8 of them [m]."""
+    diameters: object
+    """Diameters of the spheres in the order of `centres`, the largest of them d; none: all are d [m]."""
     sizes: GrainsSizesKeys | object
     kinds: Sequence[GrainsKindsKeys | object] | object
 
@@ -794,7 +801,7 @@ KEYS = """\
     window: start, end, after [s], until [s], gap [s], moment [s], interval [s], layer [m]
     stop: discharged, max_time [s], stall [s], still, fill_height [m]
     record: every [s], replicates, film
-    grains: shape, diameter [m], density [kg/m^3], count, length [m]
+    grains: shape, diameter [m], density [kg/m^3], count, length [m], centres [m], diameters [m]
     grains.sizes: kind, smallest [m], mean [m], deviation [m], median [m], spread, by, diameters [m],
         number_fractions, mass_fractions
     grains.kinds[]: name, share, mass_share, diameter [m], density [kg/m^3], youngs_modulus [Pa], shear_modulus

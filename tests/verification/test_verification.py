@@ -6,7 +6,7 @@ import pytest
 from stands import Bundled, specialised, stands, where
 
 from labbook.backend import Unsupported
-from labbook.checks.verify import mesh, mesh_rods, moving
+from labbook.checks.verify import clumps, mesh, mesh_rods, moving
 from labbook.checks.verify.case import Case, Criterion, judge
 from labbook.checks.verify.cases import CASES, select_cases
 from labbook.checks.verify.materials import EVERY_LAW
@@ -71,6 +71,7 @@ LONG_BY_THE_REFERENCE = {
     *("rod-without-length", "turning-rim-impact", "energy-cycle-hertz-mindlin", "energy-cycle-linear"),
     *("unlike-stack-hertz-mindlin", "unlike-stack-linear", "energy-slide", "energy-parts"),
     "mesh-order",
+    *("clump-free-top", "clump-landing", "clump-momenta", "clump-bed-at-rest", "clump-of-one-sphere"),
 }
 """Cases that plain Python takes more than five seconds for: in the ring."""
 LONG = {
@@ -96,6 +97,7 @@ BY_THE_REFERENCE = {
     *("unlike-stack-hertz-mindlin", "unlike-stack-linear"),
     *("unlike-materials-hertz-mindlin", "unlike-materials-linear"),
     *("unlike-materials-oblique-hertz-mindlin", "unlike-materials-oblique-linear"),
+    *(case.name for case in clumps.CASES),
 }
 """Cases that plain Python takes in seconds. In others the reference stands beside the backends: test_reference_rods,
 test_reference_spheres, and the whole contract."""

@@ -2,6 +2,7 @@
 
 from labbook.checks.verify import (
     bed,
+    clumps,
     collision,
     edge,
     energy,
@@ -40,6 +41,7 @@ CASES: tuple[Case, ...] = (
     *round.CASES,
     *rods.CASES,
     *mesh_rods.CASES,
+    *clumps.CASES,
     *rim.CASES,
     *energy.CASES,
     *mixture.CASES,

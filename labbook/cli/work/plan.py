@@ -145,13 +145,13 @@ def _count(number: float) -> str:
 
 def _size(point: PointPlan, sizes: set[str]) -> str:
     """The size of a grain that an outlet is measured in, if points differ in it."""
-    return "" if len(sizes) == 1 else " L" if point.shared.scene.grains.half_length > 0 else " d"
+    return "" if len(sizes) == 1 else " d" if point.shared.scene.grains.round else " L"
 
 
 def _physics(plan: Plan) -> Table:
     """Step, steps, outlet and bed of every point; points that agree in all of that share a row."""
 
-    sizes = {"L" if point.shared.scene.grains.half_length > 0 else "d" for point in plan.points}
+    sizes = {"d" if point.shared.scene.grains.round else "L" for point in plan.points}
     ratio = f"D/{next(iter(sizes))}" if len(sizes) == 1 else "D"  # points then say what they are measured in
     table = Table(box=box.SIMPLE_HEAD)
     for heading in ("point", "dt", "of limit", "fill steps", "steps", ratio, "bed height"):

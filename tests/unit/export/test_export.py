@@ -15,7 +15,7 @@ from labbook.export.wall_shapes import DrawnWall
 from labbook.fields import ContactRows, GrainRows, Layer, Ring, Space, coarse_grain
 from labbook.lab.evaluations import evaluate
 from labbook.results.frames import frames
-from labbook.scene import Kind, PartMotion, Spherocylinders, Wall
+from labbook.scene import Clumps, Kind, PartMotion, Spherocylinders, Wall
 from labbook.scene.geometry import Mesh
 from labbook.study.schema import Reference, ReferenceEntry, Statement
 
@@ -312,6 +312,48 @@ def test_every_rod_of_a_recorded_run_is_there_with_its_axis_and_length(synthetic
         )
         assert set(found["length"]) == {float(np.float32(0.009))}
         assert set(found["radius"]) == {float(np.float32(0.0015))}
+
+
+def test_every_sphere_of_a_recorded_clump_is_there_with_the_axes_of_its_clump(synthetic, tmp_path):
+    """A turn by an angle about the y axis takes z to (sin, 0, cos) of it, and x to (cos, 0, -sin)."""
+    point = synthetic.point(0, 0.03)
+    clumps = Clumps(
+        diameter=0.003, centres=((0.0, 0, 0), (0.0, 0, 0.002)), diameters=(0.003, 0.002), density=2500,
+        count=point.scene.grains.count,
+    )  # fmt: skip
+    point = replace(point, scene=point.scene.model_copy(update={"grains": clumps}))
+    angle = 1e-3 * np.arange(clumps.count)
+
+    class Recorded:
+        def __init__(self):
+            self.run = synthetic.FinishedDouble(point, 1, recorded=True)
+
+        def __getattr__(self, name):
+            return getattr(self.run, name)
+
+        def data(self):
+            return replace(self.run.data(), recorded=self.recording)
+
+        def recording(self):
+            table, zero = self.run.recording(), np.zeros
+            turn = angle[table["id"]] / 2
+            return table | {"qw": np.cos(turn), "qx": zero(len(turn)), "qy": np.sin(turn), "qz": zero(len(turn))}
+
+    runs: Any = [Recorded()]
+    table = runs[0].recording()
+    (_, *files) = write_recordings(analyse(synthetic.study_of([point]), runs), tmp_path)
+    _, found = read_vtk(files[0])
+    now = table["time"] == table["time"].min()
+    ids, turn = table["id"][now], angle[table["id"][now]]
+    assert found["id"].tolist() == np.repeat(ids, 2).tolist()
+    assert found["sphere"].tolist() == [0, 1] * len(ids)
+    assert found["radius"] == pytest.approx(np.tile([0.0015, 0.001], len(ids)))
+    axis = np.stack([np.sin(turn), 0 * turn, np.cos(turn)], axis=1)
+    np.testing.assert_allclose(found["axis"], np.repeat(axis, 2, axis=0), atol=1e-6)
+    first = np.stack([np.cos(turn), 0 * turn, -np.sin(turn)], axis=1)
+    np.testing.assert_allclose(found["first_axis"], np.repeat(first, 2, axis=0), atol=1e-6)
+    low, high = found["points"][::2], found["points"][1::2]
+    np.testing.assert_allclose(high - low, 0.002 * axis, atol=1e-7)
 
 
 def test_walls_are_written_for_each_frame_only_where_a_part_moves(tmp_path):

@@ -17,6 +17,7 @@ from labbook.export.wall_shapes import drawn_walls
 from labbook.picture import layer_colours
 from labbook.scene import (
     Box,
+    Clumps,
     CylinderSilo,
     LinearSpringDashpot,
     Packing,
@@ -334,6 +335,33 @@ def test_rods_are_capsules_and_the_bottom_turns(synthetic, tmp_path):
     assert np.array(first[0]) == pytest.approx([0.003, 0.02, 0.03], abs=1e-7)
     (_, turned) = column(found["/walls/bottom", False], "Transform3D:quaternion")
     assert np.ravel(turned) == pytest.approx([0, 0, np.sqrt(0.5), np.sqrt(0.5)], abs=1e-6)  # a quarter turn
+
+
+def test_clumps_are_points_one_for_each_sphere(synthetic, tmp_path):
+    clump = Clumps(
+        diameter=6e-3, centres=((0.0, 0, -2e-3), (0.0, 0, 3e-3)), diameters=(6e-3, 4e-3), density=620, count=5
+    )
+    silo = CylinderSilo(diameter=0.19, height=0.5, orifice=0.06)
+    scene = synthetic.scene().model_copy(update={"grains": clump, "container": silo})
+    run = replace(synthetic.observe(synthetic.scene(), seed=1), scene=scene, tables={}, outcome="emptied", duration=1.0)
+    counts, rng = [5, 2], np.random.default_rng(1)
+    q = rng.normal(size=(sum(counts), 4))
+    q /= np.linalg.norm(q, axis=1)[:, None]
+    table = dict(zip(("qw", "qx", "qy", "qz"), q.T, strict=True))
+    table |= {name: rng.uniform(0, 0.05, sum(counts)) for name in ("x", "y", "z", "vx", "vy", "vz")}
+    table |= {"time": np.repeat([0.0, 0.4], counts), "id": np.concatenate([np.arange(n) for n in counts])}
+    parts = chunks(write([RecordedRun.of(run, table, "a")], tmp_path / "a.rrd", "1" * 16))["/grains", False]
+    for name in ("positions", "radii", "colors"):
+        assert [len(row) for row in column(parts, f"Points3D:{name}")] == [10, 4, 0], name
+    assert np.concatenate(column(parts, "Points3D:radii")) == pytest.approx(np.tile([3e-3, 2e-3], 7))
+    # both spheres lie on the z axis of the body, 5 mm apart
+    w, x, y, z = q.T
+    along = np.stack([2 * (x * z + w * y), 2 * (y * z - w * x), 1 - 2 * (x * x + y * y)], axis=1)
+    rows = [np.reshape(row, (-1, 3)) for row in column(parts, "Points3D:positions")]
+    ends = np.concatenate(rows).reshape(7, 2, 3)
+    assert ends[:, 1] - ends[:, 0] == pytest.approx(5e-3 * along, abs=1e-8)
+    at = np.column_stack([table[name] for name in "xyz"])
+    assert ends[:, 0] - at == pytest.approx(clump.spheres[0].centre[2] * along, abs=1e-8)
 
 
 def test_every_frame_has_a_length_and_a_radius_for_every_rod(synthetic, tmp_path):

@@ -197,4 +197,6 @@ def test_the_packing_fraction_counts_true_volumes():
     region = Region((-0.01, -0.01, -0.01), (0.03, 0.01, 0.01), False)
     two = Packing(x=x, v=0 * x, omega=0 * x, diameter=np.array([6e-3, 2e-3]))
     volume = math.pi / 6 * (6e-3**3 + 2e-3**3)
-    assert packing_fraction(two, 6e-3, region) == pytest.approx(volume / (0.04 * 0.02 * 0.02), rel=1e-6)
+    assert packing_fraction(two, Spheres(diameter=6e-3, density=1000, count=2), region) == pytest.approx(
+        volume / (0.04 * 0.02 * 0.02), rel=1e-6
+    )

@@ -10,6 +10,7 @@ from labbook.measure.packing import area_fraction, packing_fraction
 from labbook.measure.region import Annulus, Region, bulk
 from labbook.scene import (
     Box,
+    Clumps,
     ConicalSilo,
     CylinderSilo,
     HertzMindlin,
@@ -19,6 +20,7 @@ from labbook.scene import (
     Spherocylinders,
     WedgeHopper,
 )
+from labbook.scene.orientation import random_turns
 from labbook.scene.packing import Packing
 
 D = 3e-3
@@ -61,7 +63,10 @@ def test_a_hexagonal_layer_is_exact_over_whole_periods():
     layer = hexagonal_layer(40, 40)
     period = math.sqrt(3) * D
     region = Region((-10 * D, -0.505 * D, 5 * period), (10 * D, 0.505 * D, 15 * period), True)
-    flat, solid = area_fraction(layer, D, region), packing_fraction(layer, D, region)
+    flat, solid = (
+        area_fraction(layer, D, region),
+        packing_fraction(layer, Spheres(diameter=D, density=1000, count=1600), region),
+    )
     assert flat == pytest.approx(math.pi / (2 * math.sqrt(3)), rel=1e-12)
     assert solid == pytest.approx(math.pi / (2 * math.sqrt(3)) / (1.5 * 1.01), rel=1e-4)
     assert solid == pytest.approx(0.599, abs=1e-3)
@@ -165,6 +170,25 @@ def rods_on_a_lattice(axis, spacing, x):
     """Rods of d = 3 mm and L = 6 mm along `axis` at x."""
     turn = {"z": (1.0, 0, 0, 0), "x": (math.sqrt(0.5), 0, math.sqrt(0.5), 0)}[axis]
     return Packing(x, np.zeros_like(x), np.zeros_like(x), q=np.tile(turn, (len(x), 1)))
+
+
+def test_clumps_at_random_have_the_fraction_of_their_number():
+    """5000 clumps anywhere and in any direction: within 5 standard errors; one that is whole in a box is exact."""
+    rng, n = np.random.default_rng(9), 5000
+    grains = Clumps(
+        diameter=D, centres=((0.0, 0, 0), (0.0, 0, D / 2), (D / 3, 0, 0)), diameters=(D, 0.8 * D, 0.7 * D),
+        density=2500, count=n,
+    )  # fmt: skip
+    x = rng.uniform([-0.045, -0.045, 0], [0.045, 0.045, 0.6], (n, 3))
+    clumps = Packing(x, np.zeros_like(x), np.zeros_like(x), q=random_turns(rng, n))
+    expected = n * grains.volume / (0.09 * 0.09 * 0.6)
+    for container in (CYLINDER, Box(width=0.09, depth=0.09, height=1.0)):
+        found = numbers(Scene(grains=grains, contact=LAW, container=container), clumps)["packing_fraction"]
+        assert abs(found.value - expected) < 5 * found.error
+        assert found.error < 0.04 * expected
+    one = Packing(np.zeros((1, 3)), np.zeros((1, 3)), np.zeros((1, 3)), q=random_turns(rng, 1))
+    box = Region((-2 * D, -2 * D, -2 * D), (2 * D, 2 * D, 2 * D), False)
+    assert packing_fraction(one, grains, box) == pytest.approx(grains.volume / (4 * D) ** 3, rel=1e-6)
 
 
 @pytest.mark.parametrize("axis", ["x", "z"])

@@ -14,6 +14,7 @@ from labbook import picture
 from labbook.picture import Raster, bed, cut, layers, render
 from labbook.scene import (
     Box,
+    Clumps,
     Container,
     CylinderSilo,
     Grains,
@@ -174,6 +175,18 @@ def test_a_rod_covers_the_area_of_its_capsule(axis):
         row, col = pixel(view, 0.1 + reach * ax, 0.3 + reach * az)
         inside = 0 <= row < view.down and 0 <= col < view.across
         assert (alpha[row, col] if inside else 0) == pytest.approx(covered, abs=0.5)
+
+
+def test_a_clump_covers_the_area_of_all_its_spheres():
+    """Two discs of diameter d whose centres are 0.6 d apart: 2 pi r^2 less their lens."""
+    pair = Clumps(diameter=D, centres=((0.0, 0, -0.3 * D), (0.0, 0, 0.3 * D)), density=1000, count=1)
+    free = scene(Primitives(), pair)
+    r, apart = D / 2, 0.6 * D
+    lens = 2 * r**2 * math.acos(apart / D) - apart / 2 * math.sqrt(4 * r**2 - apart**2)
+    for axis, area in (((1, 0, 0), 2 * math.pi * r**2 - lens), ((0, 1, 0), math.pi * r**2)):
+        now = packing((0.1, 0, 0.3), q=np.array([turned(*axis)]))
+        view, alpha = Raster.of(free, now, now), render(free, now, now)[..., 3] / 255
+        assert alpha.sum() / view.scale**2 == pytest.approx(area, rel=0.03)
 
 
 def test_layers_are_equally_thick_and_neighbours_differ_in_colour():

@@ -206,6 +206,18 @@ STUDIES: dict[str, dict[str, Any]] = {
         "fill": {"kind": "stream", "stream": STREAM, "until": "2 s"},
         "stop": {"max_time": "10 s"},
     },
+    "clumps": {
+        "grains": {
+            "shape": "clump",
+            "diameter": "0.002 m",
+            "centres": [["0 m", "0.0003 m", "-0.0005 m"], ["0 m", "0 m", "0.0006 m"]],
+            "diameters": ["0.002 m", "0.0015 m"],
+            "density": "1300 kg/m^3",
+            "count": 10,
+        },
+        "contact": HERTZ,
+        "container": {"kind": "cylinder-silo", "diameter": "0.05 m", "height": "0.1 m", "orifice": "0.03 m"},
+    },
     "walls": {
         "grains": {
             "shape": "spherocylinder",
@@ -251,7 +263,7 @@ def quantities(data: Any, place: Path = ()) -> Iterator[tuple[Path, str, str]]:
             yield from quantities(inner, (*place, index))
     elif isinstance(data, str):
         shape = "".join(f"[{part}]" if isinstance(part, int) else f".{part}" for part in place).removeprefix(".")
-        units = {key.unit for name in (shape, re.sub(r"\[\d+\]$", "", shape)) for key in find(name) if key.unit}
+        units = {key.unit for name in (shape, re.sub(r"(\[\d+\])+$", "", shape)) for key in find(name) if key.unit}
         if units:
             (unit,) = units
             yield place, shape, unit
@@ -299,7 +311,7 @@ PLACES = [(name, *found) for name, data in STUDIES.items() for found in quantiti
 
 def test_the_studies_have_every_key_with_a_unit():
     stated = {re.sub(r"\[\d+\]", "[]", key) for _, _, key, _ in PLACES}
-    stated |= {re.sub(r"\[\]$", "", key) for key in stated}
+    stated |= {re.sub(r"(\[\])+$", "", key) for key in stated}
     stated = {re.sub(r"^walls\.\w+", "walls.*", key) for key in stated}
     # a part that moves or vanishes is a mesh, whose file a study from Python has not: test_plan_moving_parts.py; zones
     # are in test_measure_velocities.py
