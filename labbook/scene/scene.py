@@ -71,7 +71,8 @@ class Scene(Model):
             for wall in c.walls():
                 if wall.shape.spheres_only:
                     key = "container.lip" if getattr(c, "lip", None) is not None else "container.parts"
-                    reason = f"the wall {wall.name} is a {wall.shape.kind}, which has no contacts with {self.grains.noun}s"
+                    noun = self.grains.noun
+                    reason = f"the wall {wall.name} is a {wall.shape.kind}, which has no contacts with {noun}s"
                     yield Fault(key, reason, "use spheres, or leave it out")
                     break
         for part in c.parts:
