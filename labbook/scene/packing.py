@@ -175,7 +175,8 @@ class Packing:
         """Mirror the packing in x = 0.
 
         x and v_x change sign; omega, an axial vector, and the rotation q change sign in y and z. Walls called left and
-        right (`left`, `bottom-left` ...) swap names.
+        right (`left`, `bottom-left` ...) swap names. Clumps have a mirror image in themselves only if they are
+        symmetric in the plane x = 0 of their body frame, as those with all centres in a plane are.
 
         Returns:
             Mirror image.

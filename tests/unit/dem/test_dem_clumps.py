@@ -19,14 +19,16 @@ Q = random_turns(np.random.default_rng(5), 4)
 
 def turned(q, m, dt: float, steps: int):
     flat, slender = flatness(SEED), slenderness(SEED)
+    w, x, y, z = q
     for _ in range(steps):
-        q = turn_clump(*q, m, flat, slender, dt)
-    return q
+        w, x, y, z = turn_clump(w, x, y, z, m, flat, slender, dt)
+    return w, x, y, z
 
 
 def test_body_vectors_and_axes_turn_with_the_clump():
     for q, frame in zip(Q.tolist(), frame_of(Q), strict=True):
-        v = from_body(*q, vec3(1.0, -2.0, 0.5))
+        w, x, y, z = q
+        v = from_body(w, x, y, z, vec3(1.0, -2.0, 0.5))
         assert (v.x, v.y, v.z) == pytest.approx(tuple(frame @ [1.0, -2.0, 0.5]), abs=1e-14)
         first, third = first_axis(*q), axis(*q)
         assert (first.x, first.y, first.z) == pytest.approx(tuple(frame[:, 0]), abs=1e-14)
@@ -71,15 +73,14 @@ def test_free_motion_is_right_to_second_order_in_the_step():
 
 
 def test_symmetric_tops_turn_as_rods_do():
-    q, m = Q[1].tolist(), vec3(30.0, -20.0, 50.0)
-    assert turn_clump(*q, m, 0.0, 0.8, 1e-3) == pytest.approx(turn(*q, m, 0.8, 1e-3), abs=1e-15)
+    (w, x, y, z), m = Q[1].tolist(), vec3(30.0, -20.0, 50.0)
+    assert turn_clump(w, x, y, z, m, 0.0, 0.8, 1e-3) == pytest.approx(turn(w, x, y, z, m, 0.8, 1e-3), abs=1e-15)
     # with the axis of symmetry along x, the same motion of a clump whose frame is turned by a quarter about y
     half = math.sqrt(0.5)
-    w, x, y, z = q
     onto_x = (half * (w - y), half * (x - z), half * (y + w), half * (z + x))  # q times the quarter turn: its x is -z
-    first, third = first_axis(*onto_x), axis(*q)
+    first, third = first_axis(*onto_x), axis(w, x, y, z)
     assert (first.x, first.y, first.z) == pytest.approx((-third.x, -third.y, -third.z), abs=1e-14)
-    a, b = turn_clump(*onto_x, m, 0.8, 0.0, 1e-3), turn(*q, m, 0.8, 1e-3)
+    a, b = turn_clump(*onto_x, m, 0.8, 0.0, 1e-3), turn(w, x, y, z, m, 0.8, 1e-3)
     assert rotated(np.array([a]), (1.0, 0, 0)) == pytest.approx(-rotated(np.array([b]), (0, 0, 1.0)), abs=1e-12)
 
 
@@ -98,10 +99,13 @@ def test_a_contact_of_equal_spheres_on_levers_is_that_of_rods():
         r, mass, rate = 2e-3, 1e-4, 1e-6
         away = vec3(0.0, 3.9e-3, 0.0)
         overlap2 = 4 * r * r - 3.9e-3**2
-        levers, moving = (vector(3e-3), vector(3e-3)), [vector(0.1), vector(0.1), *(vector(10.0) for _ in range(4))]
+        lever_i, lever_j, u, v = vector(3e-3), vector(3e-3), vector(0.1), vector(0.1)
+        spins = vector(10.0), vector(10.0), vector(10.0), vector(10.0)
         spring = vec3(1e-6, 0.0, 2e-6)
-        ours = clump_on_clump(c, r, r, mass, mass, away, overlap2, *levers, *moving, spring, 1e-5, rate, rate)
-        theirs = rod_on_rod(c, r, mass, away, overlap2, *levers, *moving, spring, 1e-5, rate)
+        ours = clump_on_clump(
+            c, r, r, mass, mass, away, overlap2, lever_i, lever_j, u, v, *spins, spring, 1e-5, rate, rate
+        )
+        theirs = rod_on_rod(c, r, mass, away, overlap2, lever_i, lever_j, u, v, *spins, spring, 1e-5, rate)
     for mine, other in zip(ours[:4], theirs[:4], strict=True):
         assert (mine.x, mine.y, mine.z) == pytest.approx((other.x, other.y, other.z), rel=1e-12)
     assert ours[4] == pytest.approx(theirs[4], rel=1e-12)

@@ -1,6 +1,7 @@
 """Clumps on the reference backend: checkpoints, packings, walls, placing and feeding."""
 
 from dataclasses import replace
+from typing import Any
 
 import labbook_reference
 import numpy as np
@@ -10,13 +11,14 @@ from labbook.backend.numerics import Numerics
 from labbook.backend.probes import Contacts, Crossing, Ledger, Traction
 from labbook.checks.verify.clumps import SEED, D
 from labbook.checks.verify.mesh import of_triangles, sheet
-from labbook.filling.feeding import Feeder
+from labbook.filling.feeding import Feeder, Refill, refill
 from labbook.filling.placing import STARTS, PlacingError, place
 from labbook.scene import (
     Box,
     Clumps,
     ConicalSilo,
     CylinderSilo,
+    Feed,
     LinearSpringDashpot,
     Packing,
     Primitives,
@@ -33,6 +35,26 @@ NUMERICS = Numerics(dt=4e-5, steps_per_beat=40)
 
 def grains(count: int) -> Clumps:
     return SEED.model_copy(update={"count": count})
+
+
+def at(x, v=(0, 0, 0), omega=(0, 0, 0), q=None) -> Packing:
+    """One clump."""
+    vectors = (np.array([vector], float) for vector in (x, v, omega))
+    return Packing(*vectors, q=None if q is None else np.array(q, float))
+
+
+def spheres_of(packing: Packing) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Centres [m] and radii [m] of all spheres of seeds, and the rows of their clumps."""
+    assert packing.q is not None
+    each = len(SEED.spheres)
+    radii = np.tile([sphere.radius for sphere in SEED.spheres], len(packing))
+    return sphere_centres(SEED, packing.x, packing.q), radii, np.repeat(np.arange(len(packing)), each)
+
+
+def least_gap(centres: np.ndarray, radii: np.ndarray, own: np.ndarray) -> float:
+    """Smallest gap between spheres of different clumps [m]."""
+    apart = np.linalg.norm(centres[:, None] - centres[None], axis=2) - radii[:, None] - radii[None]
+    return float(apart[own[:, None] != own[None]].min())
 
 
 def bed(count: int = 5) -> Scene:
@@ -89,8 +111,8 @@ def test_contacts_act_between_spheres_that_overlap_and_elastic_forces_see_the_sa
     rows = {type(probe).__name__: table for probe, table in ensemble.drain().items()}
     packing, contacts = ensemble.packing(member), rows["Contacts"]
     touching = [(int(i), int(j), int(w)) for i, j, w in zip(*(contacts[n] for n in ("i", "j", "wall")), strict=True)]
-    centres = sphere_centres(scene.grains, packing.x, packing.q).reshape(-1, 3, 3)
-    radii, expected = np.array([sphere.radius for sphere in scene.grains.spheres]), []
+    centres = spheres_of(packing)[0].reshape(-1, 3, 3)
+    radii, expected = np.array([sphere.radius for sphere in SEED.spheres]), []
     for i in range(len(packing)):
         for j in range(i + 1, len(packing)):
             apart = np.linalg.norm(centres[i][:, None] - centres[j][None], axis=2)
@@ -111,7 +133,7 @@ def test_a_wall_of_triangles_and_a_plane_act_alike():
     rng = np.random.default_rng(3)
     q = random_turns(rng, 1)
     lowest = min(rotated(q, s.centre)[0, 2] - s.radius for s in SEED.spheres)
-    start = Packing(x=[[0.3 * D, 0.2 * D, -lowest + 1e-6]], v=[[0.1, 0.05, -0.3]], omega=[[3.0, 5.0, -2.0]], q=q)
+    start = at((0.3 * D, 0.2 * D, -lowest + 1e-6), (0.1, 0.05, -0.3), (3.0, 5.0, -2.0), q)
     ends = []
     for wall in (plane, mesh):
         scene = Scene(grains=grains(1), contact=LAW, container=Primitives(parts=(wall,)))
@@ -126,7 +148,7 @@ def test_forces_on_walls_are_those_of_all_spheres():
     flat = SEED.model_copy(update={"centres": ((-0.5 * D, 0, 0), (0.5 * D, 0, 0)), "diameters": (), "count": 1})
     scene = Scene(grains=flat, contact=LAW, container=Box(width=8 * D, depth=8 * D, height=0.1))
     half = np.sqrt(0.5)
-    start = Packing(x=[[0, 0, 0.499 * D]], v=[[0, 0, 0]], omega=[[0, 0, 0]], q=[[half, 0, half, 0]])
+    start = at((0, 0, 0.499 * D), q=[[half, 0, half, 0]])
     table = BACKEND.tractions(scene, NUMERICS, start, Traction(size=2 * D, every=1))
     assert table["contacts"].sum() == 2
     assert table["normal"].sum() == pytest.approx(2 * 400 * 0.001 * D, rel=1e-3)
@@ -135,7 +157,7 @@ def test_forces_on_walls_are_those_of_all_spheres():
 def test_crossings_have_orientations_and_grains_leave():
     silo = CylinderSilo(diameter=6 * D, height=0.1, orifice=4 * D)
     scene, q = Scene(grains=grains(1), contact=LAW, container=silo), random_turns(np.random.default_rng(1), 1)
-    start = Packing(x=[[0, 0, 2 * D]], v=[[0, 0, -2.0]], omega=[[0, 0, 0]], q=q)
+    start = at((0, 0, 2 * D), (0, 0, -2.0), q=q)
     probe = Crossing(0.0)
     ensemble = BACKEND.open(BACKEND.specialise(scene, NUMERICS, (probe,)))
     member = ensemble.admit(scene, NUMERICS, start)
@@ -154,18 +176,16 @@ def test_crossings_have_orientations_and_grains_leave():
 def test_placed_clumps_overlap_neither_walls_nor_each_other(container):
     closed = Scene(grains=grains(120), contact=LAW, container=container).close()
     start = place(closed, "gas", 4)
-    centres = sphere_centres(closed.grains, start.x, start.q)
-    radii = np.tile([sphere.radius for sphere in closed.grains.spheres], len(start))
+    centres, radii, own = spheres_of(start)
     for wall in closed.container.walls():
         assert (wall.shape.distance(centres) >= radii).all()
-    apart = np.linalg.norm(centres[:, None] - centres[None], axis=2) - radii[:, None] - radii[None]
-    own = np.repeat(np.arange(120), 3)
-    assert apart[own[:, None] != own[None]].min() >= 0
+    assert least_gap(centres, radii, own) >= 0
 
 
 def test_orientations_of_placed_clumps_are_uniform():
     closed = Scene(grains=grains(3000), contact=LAW, container=Box(width=0.2, depth=0.2, height=2.0))
     start = place(closed, "rain", 2)
+    assert start.q is not None
     frames = np.stack([rotated(start.q, axis) for axis in np.eye(3)])
     assert np.abs(frames.mean(axis=1)).max() < 5 / np.sqrt(3 * 3000)  # five standard errors of a component
     second = np.einsum("anj,ank->ajk", frames, frames) / 3000
@@ -174,20 +194,15 @@ def test_orientations_of_placed_clumps_are_uniform():
 
 def test_clumps_come_back_above_the_bed_without_overlaps():
     silo = CylinderSilo(diameter=8 * D, height=0.5, orifice=4 * D)
-    scene = Scene(grains=grains(40), contact=LAW, container=silo, feed={"kind": "reinject"})
+    scene = Scene(grains=grains(40), contact=LAW, container=silo, feed=Feed(kind="reinject"))
     start = place(scene.close(), "gas", 1)
-    feeder = Feeder(scene, start, "gas", 1)
     there = start.part(np.arange(30))
-    from labbook.filling.feeding import Refill, refill
-
-    [back] = refill([Refill(feeder, there, 3)])
+    [back] = refill([Refill(Feeder(scene, start, "gas", 1), there, 3)])
     assert back is not None
-    assert sorted(back.ids.tolist()) == [*range(30, 40)]
-    both_x, both_q = np.concatenate([there.x, back.x]), np.concatenate([there.q, back.q])
-    centres = sphere_centres(scene.grains, both_x, both_q)
-    radii, own = np.tile([s.radius for s in scene.grains.spheres], 40), np.repeat(np.arange(40), 3)
-    apart = np.linalg.norm(centres[:, None] - centres[None], axis=2) - radii[:, None] - radii[None]
-    assert apart[own[:, None] != own[None]].min() >= 0
+    assert np.array_equal(np.sort(np.asarray(back.ids)), np.arange(30, 40))
+    parts = [spheres_of(there), spheres_of(back)]
+    centres, radii = (np.concatenate([part[k] for part in parts]) for k in (0, 1))
+    assert least_gap(centres, radii, np.repeat(np.arange(40), 3)) >= 0
 
 
 def test_starts_without_clumps_say_so():
@@ -204,7 +219,12 @@ def test_starts_without_clumps_say_so():
 ])  # fmt: skip
 def test_packings_of_other_grains_are_refused(changed, message):
     q = random_turns(np.random.default_rng(1), 2)
-    given = {"x": [[0, 0, D], [0, 0, 3 * D]], "v": np.zeros((2, 3)), "omega": np.zeros((2, 3)), "q": q}
+    given: dict[str, Any] = {
+        "x": np.array([[0, 0, D], [0, 0, 3 * D]]),
+        "v": np.zeros((2, 3)),
+        "omega": np.zeros((2, 3)),
+        "q": q,
+    }
     given |= {"pairs": np.array([[0, 1]]), "pair_spring": np.zeros((1, 3)), **changed}
     with pytest.raises(ValueError, match=message):
         advanced(bed(2), Packing(**given), 0)
@@ -212,6 +232,6 @@ def test_packings_of_other_grains_are_refused(changed, message):
 
 @pytest.mark.parametrize("parts", [np.zeros((1, 2)), np.zeros((2, 2), int), np.array([[0, 8]]), np.array([[-1, 0]])])
 def test_a_packing_names_spheres_that_clumps_may_have(parts):
-    at = np.array([[0, 0, 0], [0, 0, D]])
+    x = np.array([[0, 0, 0], [0, 0, D]])
     with pytest.raises(ValueError, match="pair_parts"):
-        Packing(x=at, v=0 * at, omega=0 * at, pairs=np.array([[0, 1]]), pair_spring=np.zeros((1, 3)), pair_parts=parts)
+        Packing(x=x, v=0 * x, omega=0 * x, pairs=np.array([[0, 1]]), pair_spring=np.zeros((1, 3)), pair_parts=parts)

@@ -161,8 +161,8 @@ def test_the_height_of_a_turned_clump_is_that_of_its_highest_sphere():
     grains = clump(diameters=["3 mm", "2.4 mm"])
     upright, upside_down = np.array([[1.0, 0, 0, 0]]), np.array([[0.0, 1, 0, 0]])
     low, high = grains.spheres
-    assert upper_reach(grains, 1.5e-3, upright)[0] == pytest.approx(high.centre[2] + high.radius)
-    assert upper_reach(grains, 1.5e-3, upside_down)[0] == pytest.approx(low.radius - low.centre[2])
+    assert np.asarray(upper_reach(grains, 1.5e-3, upright))[0] == pytest.approx(high.centre[2] + high.radius)
+    assert np.asarray(upper_reach(grains, 1.5e-3, upside_down))[0] == pytest.approx(low.radius - low.centre[2])
 
 
 def scene(**law) -> Scene:
