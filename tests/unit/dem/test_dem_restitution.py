@@ -60,6 +60,14 @@ def test_damping_solved_for_e_gives_back_e(e):
     assert damping.hertz_restitution(damping.hertz_c_n(e)) == pytest.approx(e, abs=1e-8)
 
 
+def test_stored_damping_gives_back_e():
+    for hundredths, c_n in enumerate(damping.HERTZ_C_N, 1):
+        assert damping.hertz_restitution(c_n) == pytest.approx(hundredths / 100, abs=1e-8)
+        assert damping.hertz_c_n(hundredths / 100) == c_n
+    assert len(damping.HERTZ_C_N) == 99
+    assert damping.solve_hertz_c_n(0.37) == pytest.approx(damping.hertz_c_n(0.37), rel=1e-9)
+
+
 def test_no_damping_is_elastic():
     assert damping.linear_ratio(1) == damping.hertz_c_n(1) == 0
     assert damping.linear_restitution(0) == damping.hertz_restitution(0) == 1
