@@ -148,10 +148,10 @@ def _leaves(value: Any, name: str) -> Iterator[tuple[str, float | str | bool | N
         yield name, f"({len(value)} values)"
     elif isinstance(value, list):
         for place, inner in enumerate(value):
-            named = isinstance(inner, Mapping) and "name" in inner
-            own = inner["name"] if named else place
-            rest = {key: content for key, content in inner.items() if key != "name"} if named else inner
-            yield from _leaves(rest, f"{name}.{own}")
+            has_name = isinstance(inner, Mapping) and "name" in inner
+            own = inner["name"] if has_name else place
+            content = {key: part for key, part in inner.items() if key != "name"} if has_name else inner
+            yield from _leaves(content, f"{name}.{own}")
     else:
         yield name, value
 
