@@ -20,7 +20,7 @@ from labbook.scene import BedTop, Bodies, Packing, Scene
 _TRIES = 400
 _BELOW = 0.501
 """Distance below the level, over twice the reach of a grain, from which on grains of the bed may be in the way:
-centres of fed grains are half a length above it or more, and those of grains that touch at most twice the reach apart."""
+centres of fed grains are half a length above it or more, and grains that touch at most twice the reach apart."""
 _ROOM = 4.0
 """Least distance between the highest grain of the bed and the upper end of the side walls, in lengths of a grain."""
 

@@ -150,8 +150,8 @@ def _leaves(value: Any, name: str) -> Iterator[tuple[str, float | str | bool | N
         for place, inner in enumerate(value):
             has_name = isinstance(inner, Mapping) and "name" in inner
             own = inner["name"] if has_name else place
-            rest = {key: content for key, content in inner.items() if key != "name"} if has_name else inner
-            yield from _leaves(rest, f"{name}.{own}")
+            content = {key: part for key, part in inner.items() if key != "name"} if has_name else inner
+            yield from _leaves(content, f"{name}.{own}")
     else:
         yield name, value
 

@@ -70,7 +70,7 @@ test_reference_rods has rods over a turning bottom beside the reference."""
 LONG_BY_THE_REFERENCE = {
     *("rod-without-length", "turning-rim-impact", "energy-cycle-hertz-mindlin", "energy-cycle-linear"),
     *("unlike-stack-hertz-mindlin", "unlike-stack-linear", "energy-slide", "energy-parts"),
-    "mesh-order",
+    *("mesh-order", "lip-slot", "lip-hole"),
     *("clump-free-top", "clump-landing", "clump-momenta", "clump-bed-at-rest", "clump-of-one-sphere"),
 }
 """Cases that plain Python takes more than five seconds for: in the ring."""
@@ -91,7 +91,7 @@ LONG = {
 BY_THE_REFERENCE = {
     *("restitution-at-study-step", "contact-time", "pair-momenta", "rod-impact", "rod-without-length"),
     *("turning-rim-impact", "energy-cycle-hertz-mindlin", "energy-cycle-linear", "energy-impact"),
-    *("energy-slide", "energy-parts", "mesh-order", "mesh-valley", "mesh-round"),
+    *("energy-slide", "energy-parts", "mesh-order", "mesh-valley", "mesh-round", "lip-slot", "lip-hole"),
     *("unlike-restitution-hertz-mindlin", "unlike-restitution-linear", "unlike-impact-hertz-mindlin"),
     *("unlike-impact-linear", "unlike-momenta-hertz-mindlin", "unlike-momenta-linear"),
     *("unlike-stack-hertz-mindlin", "unlike-stack-linear"),
