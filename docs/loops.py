@@ -27,8 +27,9 @@ ROOT = Path(__file__).parents[1]
 OUT = ROOT / "docs" / "loops"
 LARGEST = 80_000
 """Bytes of a loop."""
-LEFT_OUT = ("accuracy-", "clogging-", "pongo2022-clogging")
-"""Beginnings of names: calibrations, and studies whose small version does not clog, so that it shows something else."""
+LEFT_OUT = ("accuracy-", "clogging-", "pongo2022-clogging", "janssen-", "mixture-cone")
+"""Beginnings of names: calibrations, studies whose small version does not clog, beds at rest, and one that is empty
+after a few frames."""
 SIZE, FRAMES, SECONDS = 150, (24, 12, 8), 4.0
 """Pixels of the longer side, numbers of frames to try until the file is small enough, and duration [s]."""
 _EVERY = 0.01  # s between recorded frames
