@@ -93,9 +93,7 @@ def scrolled(page: Page, to: str, path: Path) -> None:
 def brushed(page: Page, path: Path) -> None:
     """The parallel coordinates with a range on the second axis."""
     page.locator("#parallel").evaluate("element => { element.closest('details').open = true; }")
-    page.locator("#parallel-title").evaluate(
-        "element => window.scrollTo(0, element.getBoundingClientRect().top + scrollY - 80)"
-    )
+    page.locator("#all-points").evaluate(_SCROLL)
     box = page.locator("#parallel .grip").nth(2).bounding_box()
     assert box is not None
     x = box["x"] + box["width"] / 2
@@ -104,6 +102,7 @@ def brushed(page: Page, path: Path) -> None:
     page.mouse.move(x, box["y"] + 0.45 * box["height"], steps=8)
     page.mouse.up()
     page.wait_for_timeout(500)
+    page.locator("#all-points").evaluate(_SCROLL)  # the table above has fewer rows now
     photograph(page, path)
 
 
