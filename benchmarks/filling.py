@@ -86,7 +86,7 @@ def coordination(grains: Grains, packing: Packing) -> float:
     from scipy.spatial import KDTree
 
     radius = Bodies.of(grains, packing).radius
-    reach = 2 * (radius.max() + grains.half_length)
+    reach = 2 * (radius.max() + grains.overhang)
     i, j = KDTree(packing.x).query_pairs(reach, output_type="ndarray").T
     branch = packing.x[i] - packing.x[j]
     if isinstance(grains, Spherocylinders):

@@ -190,7 +190,7 @@ def test_a_turning_rod_is_as_fast_as_its_ends(rods):
     start = rods_at([[0.0, 0.0, 0.0]], [[1.0, 0.0, 0.0, 0.0]], [[v, 0.0, 0.0]], [[0.0, spin, 0.0]])
     assert start.q is not None
     along = np.linalg.norm(np.cross([0.0, spin, 0.0], axes(start.q)[0]))
-    fastest = v + free.grains.half_length * along
+    fastest = v + free.grains.overhang * along
     assert fastest > 2 * v
     for limit, stopped in ((1.001 * fastest, False), (0.999 * fastest, True)):
         how = rods.numerics(DT, steps_per_beat=20, speed_limit=limit)

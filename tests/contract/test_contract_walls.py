@@ -47,7 +47,7 @@ def with_far_walls(scene: Scene, many: int) -> Scene:
 def sliding(scene: Scene) -> Packing:
     """The body lies on the floor, a rod askew, and slides."""
     askew = np.array([[np.cos(0.4), np.sin(0.4), 0.0, 0.0]])  # from upright by 0.8 rad
-    half = scene.grains.half_length
+    half = scene.grains.overhang
     z = D / 2 + half * np.cos(0.8) + 1e-6
     q = askew if half else None
     return Packing(x=np.array([[0.3 * TILE, 0.0, z]]), v=np.array([[SPEED, 0.1, 0.0]]), omega=np.zeros((1, 3)), q=q)

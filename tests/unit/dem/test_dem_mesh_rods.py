@@ -158,7 +158,7 @@ def load(on: PlainWalls, x: float, z: float, tilt: float, direction: float = 0.4
 
 def test_over_the_edge_of_a_plate_it_is_carried_as_by_a_strip():
     triangles, strip = plates()
-    radius, half = triangles.scene.grains.radius, triangles.scene.grains.half_length
+    radius, half = triangles.scene.grains.radius, triangles.scene.grains.overhang
     for place in np.linspace(-1.2, 1.2, 13):
         for tilt in (-3e-6, -1e-6, 0.0, 1e-6, 2e-6):
             x, z = place * half, radius * (1 - 1e-5)
@@ -168,7 +168,7 @@ def test_over_the_edge_of_a_plate_it_is_carried_as_by_a_strip():
 
 def test_the_force_is_continuous_as_a_rod_slides_off_and_tips_over():
     triangles, _ = plates()
-    radius, half = triangles.scene.grains.radius, triangles.scene.grains.half_length
+    radius, half = triangles.scene.grains.radius, triangles.scene.grains.overhang
     k = triangles.scene.contact.model_dump()["normal_stiffness"]
     largest = k * 1e-5 * radius
     passes = math.cos(0.4)  # half lengths from the edge at which an end passes it

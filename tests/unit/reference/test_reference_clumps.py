@@ -14,6 +14,7 @@ from labbook.checks.verify.mesh import of_triangles, sheet
 from labbook.filling.feeding import Feeder, Refill, refill
 from labbook.filling.placing import STARTS, PlacingError, place
 from labbook.scene import (
+    BedTop,
     Box,
     Clumps,
     ConicalSilo,
@@ -197,7 +198,7 @@ def test_clumps_come_back_above_the_bed_without_overlaps():
     scene = Scene(grains=grains(40), contact=LAW, container=silo, feed=Feed(kind="reinject"))
     start = place(scene.close(), "gas", 1)
     there = start.part(np.arange(30))
-    [back] = refill([Refill(Feeder(scene, start, "gas", 1), there, 3)])
+    [back] = refill([Refill(Feeder(scene, start, "gas", 1), BedTop.of(there), 3)])
     assert back is not None
     assert np.array_equal(np.sort(np.asarray(back.ids)), np.arange(30, 40))
     parts = [spheres_of(there), spheres_of(back)]

@@ -84,7 +84,7 @@ def _point(point: Point, index: int, narrowest: float) -> Point:
     scene = _small(point.scene, narrowest)
     numerics = _soft(scene, point.numerics)
     filling = None if point.fill.numerics is None else _soft(scene, point.fill.numerics)
-    settled = {"settled_below": 1e-3 if scene.grains.half_length > 0 else 1e-4, "moving": 0.05, "max_time": None}
+    settled = {"settled_below": 1e-3 if scene.grains.overhang > 0 else 1e-4, "moving": 0.05, "max_time": None}
     return replace(
         point,
         index=index,
@@ -106,14 +106,14 @@ def _small(scene: Scene, narrowest: float) -> Scene:
     if not isinstance(container, WedgeHopper | CylinderSilo | ConicalSilo):
         few = container.outlet_plane is None and grains.count > SPHERES
         return _changed(scene, grains=_changed(grains, count=SPHERES)) if few else scene
-    rods = grains.half_length > 0
+    rods = grains.overhang > 0
     count = min(grains.count, RODS if rods else SPHERES)
     if isinstance(container, WedgeHopper):
         across, dimensions, width = "width", 2, container.width
     else:
         across, dimensions, width = "diameter", 3, container.diameter
     ratio = (count / grains.count) ** (1 / dimensions)
-    length = grains.diameter + 2 * grains.half_length
+    length = grains.extent
     least = length * (NARROWEST_OF_RODS if rods else NARROWEST[type(container)])
     orifice = max(ratio * container.orifice, least * min(container.orifice / narrowest, 1.5))
     width = max(ratio * width, 1.5 * orifice)
