@@ -107,16 +107,19 @@ class Claim:
         self._path, self._handle = path, handle
 
     def release(self) -> None:
-        """Release the key.
+        """Release the key; again, without effect: a failure may release what its job releases too.
 
         The file is removed before it is unlocked: removed later, it could be the file that another process has just
         locked. A file that cannot be removed locks nothing.
         """
+        handle, self._handle = self._handle, -1
+        if handle < 0:
+            return  # another file may have the number of the handle by now
         try:
             with suppress(OSError):
                 os.unlink(self._path)
         finally:
-            os.close(self._handle)  # closing frees the lock; a killed process frees its locks in the same way
+            os.close(handle)  # closing frees the lock; a killed process frees its locks in the same way
 
 
 def lock(path: Path, operation: int) -> Claim | None:

@@ -14,7 +14,7 @@ from toy_lab import carry_out, labbook, leftovers, study, study_file
 
 from labbook.lab import Catalogue, LabFolder
 from labbook.lab.database import connect
-from labbook.lab.folder import NoLocks, file_system, is_locked, is_network
+from labbook.lab.folder import NoLocks, file_system, is_locked, is_network, lock
 
 SMALL = {"count": 60, "orifices": "[24]", "replicates": 1}
 MOUNTS = """\
@@ -99,6 +99,17 @@ def test_an_error_that_says_nothing_of_locks_stays_what_it_is(tmp_path, monkeypa
     with pytest.raises(OSError, match="Input/output") as raised:
         LabFolder(tmp_path / "lab").claim("a")
     assert not isinstance(raised.value, NoLocks)
+
+
+def test_a_claim_that_is_released_twice_closes_no_other_file(tmp_path):
+    """The number of its handle belongs to the next file that is opened."""
+    claim = lock(tmp_path / "key", fcntl.LOCK_EX)
+    assert claim is not None
+    claim.release()
+    with open(tmp_path / "other", "w") as other:
+        claim.release()
+        other.write("still open")
+    assert (tmp_path / "other").read_text() == "still open"
 
 
 def test_who_looks_never_makes_a_claim_fail(tmp_path):
