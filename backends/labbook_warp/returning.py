@@ -16,7 +16,7 @@ import warp as wp
 from labbook_warp.arrays import Arrays, fetch
 from labbook_warp.kernels.words import PARKED
 
-_COLUMNS = 8  # row, x, y, z, and of rods qw, qx, qy, qz
+_COLUMNS = 8  # row, x, y, z, and of rods qw, qx, qy, qz, as `_read` writes them
 
 
 @dataclass(frozen=True, eq=False)

@@ -20,7 +20,7 @@ from labbook.scene import BedTop, Bodies, Packing, Scene
 _TRIES = 400
 _BELOW = 0.501
 """Distance below the level, over twice the reach of a grain, from which on grains of the bed may be in the way:
-centres of fed grains are half a length above it or more, and grains that touch at most twice the reach apart."""
+centres of fed grains are their reach above it or more, and those of grains that touch at most twice the reach apart."""
 _ROOM = 4.0
 """Least distance between the highest grain of the bed and the upper end of the side walls, in lengths of a grain."""
 
@@ -42,7 +42,8 @@ class Feeder:
         assert scene.feed is not None
         assert start.ids is not None
         self.grains, self.start, self._key = scene.grains, start, (scene.feed.version, seed)
-        self._radius, self._length = Bodies.of(scene.grains, start).radius, scene.grains.extent
+        # twice the reach: a clump may reach farther from its centre of mass than half its length
+        self._radius, self._length = Bodies.of(scene.grains, start).radius, 2 * scene.grains.reach
         closed, clearance, flat = scene.container.close(), scene.grains.radius * APART, STARTS[fill].flat
         self.room = Room(closed, clearance, flat)
         self.like = (closed, clearance, flat, scene.grains.form)
@@ -55,7 +56,7 @@ class Feeder:
                 f"the bed reaches up to {self.level * 1e3:.4g} mm, and the side walls to {self._roof * 1e3:.4g} mm: no "
                 f"room for fed grains; raise container.height by {_ROOM:g} grains or more, or use fewer grains"
             )
-        self.floor = self.level - _BELOW * 2 * scene.grains.reach
+        self.floor = self.level - _BELOW * self._length
         """Height z [m] above which grains of the bed may be in the way."""
         self._rows = np.full(int(start.ids.max()) + 1, -1)
         self._rows[start.ids] = np.arange(len(start))

@@ -59,7 +59,7 @@ class Arch(Measure):
         bed_*: The bed near the last arch, as `StoppedBed` reads it.
 
     Raises:
-        MeasureError: Grains are rods, there is no gravity, or the container does not have one slot or one hole.
+        MeasureError: Grains are not spheres, there is no gravity, or the container does not have one slot or one hole.
     """
 
     name = NAME

@@ -62,8 +62,8 @@ class EnergyBalance(Measure):
 
     P_g = P_out + P_c + dE_kin/dt + P_rest. Elastic energy that springs store and give back within the window cancels.
     The potential energy of grains that left, but are still followed, is that of free fall from the outlet. The parts of
-    P_c are given for spheres only, since the contact points of rods are not known. Quantities of a run that clogged end
-    in `_flowing`.
+    P_c are given for spheres only, since the contact points of rods and clumps are not known. Quantities of a run that
+    clogged end in `_flowing`.
 
     Quantities:
         power_released: P_g [W], potential energy that the bed gives up per time.

@@ -179,7 +179,7 @@ def outlet_profile(run: RunData, window: Window, bins: int = BINS) -> OutletProf
         The profiles; None for too few grains or frames.
 
     Raises:
-        MeasureError: The outlet is no slot, grains are rods, or the run recorded no grains at the outlet.
+        MeasureError: The outlet is no slot, grains are not spheres, or the run recorded no grains at the outlet.
     """
     if "slab" not in run.tables:
         raise MeasureError("outlet_profiles: the run recorded no grains at the outlet; run it again with this measure")
@@ -243,7 +243,7 @@ class OutletProfiles(Measure):
         edges, R, area_fraction, flux, ...: Those of `OutletProfile`.
 
     Raises:
-        MeasureError: The outlet is no slot, or grains are rods.
+        MeasureError: The outlet is no slot, or grains are not spheres.
     """
 
     name = "outlet_profiles"

@@ -288,7 +288,7 @@ def clogging(results: StudyResults) -> tuple[SeriesClogging, ...]:
         return ()
     every = []
     for series in results.series:
-        points = tuple(clogging for result in series.points if (clogging := clogging_of(result)) is not None)
+        points = tuple(of_point for result in series.points if (of_point := clogging_of(result)) is not None)
         if points:
             every.append(SeriesClogging(series, points, *_fits(points)))
     return tuple(every)

@@ -77,6 +77,8 @@ def by_outlet(points: Sequence[PointResult]) -> tuple[PointResult, ...]:
 
 
 def _parts(result: PointResult) -> Sequence[PointResult]:
+    if isinstance(result, OutletResult):
+        return (result,)
     outlets = result.point.scene.container.outlets
     measured = {name for run in result.runs for name in run.measures} & {OutletRates.name, Clogging.name}
     if len(outlets) < 2 or not measured:

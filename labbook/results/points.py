@@ -448,6 +448,7 @@ def pooled_point(study: Study, point: Point, extra: frozenset[str], runs: tuple[
     """A point with its numbers pooled over beds, of the runs that count."""
     rule = stopping_rule(study)
     declared = [quantity for measure in MEASURES.values() for quantity in measure.declared]
+    declared += [quantity for name in study.measure for quantity in MEASURES[name].quantities(point.scene)]
     unpooled = {quantity.name for quantity in declared if not quantity.pooled}
     rates = {quantity.name for quantity in declared if quantity.estimator == "rate"}
     values: dict[str, list[tuple[int, Measured]]] = {}

@@ -46,7 +46,8 @@ def series_at(series: Sequence[Series], at: Mapping[str, Any] | None, like: Poin
 
     Args:
         series: all series of a study.
-        at: values as for `point_at`; None if there is one series.
+        at: values as for `point_at`, and `outlet` (`slot` or `hole`) where outlets of both forms are in one silo; None
+            if there is one series.
         like: a point of the study, whose grain diameter is the unit `d`.
 
     Raises:
@@ -54,17 +55,25 @@ def series_at(series: Sequence[Series], at: Mapping[str, Any] | None, like: Poin
     """
     if not series:
         raise LookupError("there is no series, as no point with an orifice is done")
-    values: dict[str, float | str] = {}
-    for key, value in (at or {}).items():
+    wanted, values = dict(at or {}), dict[str, float | str]()
+    if any(each_series.of_one_form for each_series in series) and "outlet" in wanted:
+        form = wanted.pop("outlet")
+        series = [each_series for each_series in series if each_series.outlet == form]
+    for key, value in wanted.items():
         name = _series_key(series, str(key))
         values[name] = value_of_key(name, value, like)
     matches = [each_series for each_series in series if has(each_series.at, values)]
     if len(matches) == 1:
         return matches[0]
-    there = "; ".join(listed([_as_text(each_series.at) for each_series in series]))
+    there = "; ".join(listed([_as_text(_selector(each_series)) for each_series in series]))
     if at:
         raise LookupError(f"{len(matches)} series are at {dict(at)}; there are: {there}")
     raise LookupError(f"the study has several series: say which by `at`; there are: {there}")
+
+
+def _selector(series: Series) -> Mapping[str, float | str]:
+    """Argument `at` that selects a series."""
+    return {**series.at, **({"outlet": series.outlet} if series.of_one_form else {})}
 
 
 def _series_key(series: Sequence[Series], name: str) -> str:

@@ -1,6 +1,7 @@
 """Series: points that differ only in their orifice, and the laws fitted to their flow rates."""
 
 import math
+from collections import Counter
 from collections.abc import Callable, Hashable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from types import MappingProxyType
@@ -80,6 +81,8 @@ class Series:
     unset: tuple[str, ...] = ()
     further: Mapping[str, FurtherFit] = field(default_factory=dict)
     """Fits of papers beside the laws of the flow rate, by name, if the study requests them."""
+    of_one_form: bool = False
+    """True if the points have outlets of both forms, and this series has those of one."""
 
     def parameters(self, name: str) -> Mapping[str, Parameter]:
         """Fitted parameters of the law or further fit `name`; empty where it was not fitted."""
@@ -104,7 +107,8 @@ class Series:
     def label_without(self, key: str) -> str:
         """The label, leaving out what it says of `key`."""
         unset = [f"{display.key(name).name} not set" for name in self.unset if name != key]
-        return ", ".join(filter(None, (display.label(self.at, {key}), *unset)))
+        form = f"{self.outlet}s" if self.of_one_form else ""
+        return ", ".join(filter(None, (display.label(self.at, {key}), form, *unset)))
 
     @property
     def outlet(self) -> Literal["slot", "hole"]:
@@ -177,8 +181,13 @@ def series_of(
     all_series = (
         _series(dict(key), sorted(group, key=lambda r: r.orifice), laws, further) for (key, _), group in ordered
     )
+    forms = Counter(key for key, _ in groups)
     return tuple(
-        replace(each_series, unset=tuple(name for name in names if name not in each_series.at))
+        replace(
+            each_series,
+            unset=tuple(name for name in names if name not in each_series.at),
+            of_one_form=forms[tuple(each_series.at.items())] > 1,
+        )
         for each_series in all_series
     )
 

@@ -60,11 +60,14 @@ class AtStart:
 
     def unsteady_in(self, series: Series) -> int:
         """Number of runs of a series without a steady part, if the window opens at the end of the start-up."""
-        return sum(self.unsteady.get(result.point.index, 0) for result in series.points) if self.window.auto else 0
+        return (
+            sum(self.unsteady.get(result.point.index, 0) for result in series.whole_points) if self.window.auto else 0
+        )
 
     def of(self, series: Series) -> Series | None:
         """The same series with this start; None if it rests on other points, for want of grains."""
-        moved = next((candidate for candidate in self.series if candidate.at == series.at), None)
+        same = (each for each in self.series if (each.at, each.outlet) == (series.at, series.outlet))
+        moved = next(same, None)
         return moved if moved is not None and moved.used == series.used else None
 
 

@@ -80,7 +80,7 @@ class Finalizer:
 
     def _continue_alone(self, action: str, problem: HelperLost) -> None:
         self._helper, self._alone = None, True
-        _LOG.warning("%s by this process, as the process beside it ended: %s", action, problem)
+        _LOG.warning("%s by this process, as no process beside it could be used: %s", action, problem)
 
     def finalize(self, output: JobOutput) -> LabEntry:
         """Write an output to the lab and measure it; if the helper is lost, this process goes on where it ended."""

@@ -535,11 +535,6 @@ class Clumps(EqualGrains):
         return _in_body_frame(self.centres, self._radii)
 
     @property
-    def stated_frame(self) -> tuple[Triple, Triple, Triple]:
-        """Unit vectors along the axes of the body frame, in the frame in which the study states `centres`."""
-        return self._union.axes
-
-    @property
     def finest(self) -> float:
         """Diameter of the smallest sphere [m], by which overlaps are judged."""
         return 2 * min(self._radii)

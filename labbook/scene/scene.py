@@ -11,7 +11,7 @@ from labbook.scene.contact import AnyLaw, ContactLaw, useless
 from labbook.scene.container import Container
 from labbook.scene.drawing import describe, svg
 from labbook.scene.feed import Feed
-from labbook.scene.grains import Grains
+from labbook.scene.grains import Grains, Spherocylinders
 from labbook.scene.material import Material
 from labbook.scene.mesh import TriangleMesh
 from labbook.scene.model import Fault, Model, refuse
@@ -67,12 +67,11 @@ class Scene(Model):
             if size < d:
                 reason = f"the {key} ({size * 1e3:g} mm) is less than the grain diameter"
                 yield Fault(f"container.{key}", reason, f"make it {1.01 * d * 1e3:g} mm (1.01 d) or more")
-        if not self.grains.round:
+        if isinstance(self.grains, Spherocylinders):
             for wall in c.walls():
                 if wall.shape.spheres_only:
                     key = "container.lip" if getattr(c, "lip", None) is not None else "container.parts"
-                    noun = self.grains.noun
-                    reason = f"the wall {wall.name} is a {wall.shape.kind}, which has no contacts with {noun}s"
+                    reason = f"the wall {wall.name} is a {wall.shape.kind}, which has no contacts with rods"
                     yield Fault(key, reason, "use spheres, or leave it out")
                     break
         for part in c.parts:

@@ -52,6 +52,11 @@ def test_hertz_restitution_is_that_of_the_clamped_collision(c_n, speed):
     assert damping.hertz_restitution(c_n) == pytest.approx(collide(force, speed, scale), rel=1e-5)
 
 
+@pytest.mark.parametrize("percent", [1, 20, 55, 90, 99])
+def test_stored_damping_is_what_the_solver_gives(percent):
+    assert damping.HERTZ_C_N[percent - 1] == pytest.approx(damping.solve_hertz_c_n(percent / 100), rel=1e-12)
+
+
 @pytest.mark.slow
 @settings(max_examples=40)
 @given(e=st.floats(0.02, 1.0))

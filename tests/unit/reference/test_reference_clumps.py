@@ -24,9 +24,11 @@ from labbook.scene import (
     Packing,
     Primitives,
     Scene,
+    Spheres,
 )
 from labbook.scene.hulls import sphere_centres
 from labbook.scene.orientation import random_turns, rotated
+from labbook.scene.thick_plate import Lip
 from labbook.scene.walls import Plane, Wall
 
 LAW = LinearSpringDashpot(normal_stiffness=400, friction=0.5, rolling_friction=0.05, restitution=0.5)
@@ -204,6 +206,34 @@ def test_clumps_come_back_above_the_bed_without_overlaps():
     parts = [spheres_of(there), spheres_of(back)]
     centres, radii = (np.concatenate([part[k] for part in parts]) for k in (0, 1))
     assert least_gap(centres, radii, np.repeat(np.arange(40), 3)) >= 0
+
+
+def test_clumps_that_reach_far_to_one_side_are_fed_clear_of_the_bed():
+    """The centre of mass lies near the large sphere: the small one reaches farther than half the length."""
+    drop = Clumps(diameter=D, centres=((0, 0, 0), (0, 0, 0.6 * D)), diameters=(D, D / 4), density=2500, count=40)
+    assert drop.reach > 1.1 * drop.extent / 2
+    silo = CylinderSilo(diameter=8 * D, height=0.5, orifice=4 * D)
+    scene = Scene(grains=drop, contact=LAW, container=silo, feed=Feed(kind="reinject"))
+    feeder = Feeder(scene, place(scene.close(), "gas", 1), "gas", 1)
+    search = feeder.search(np.arange(5), BedTop.of(feeder.start, feeder.floor), 1)
+    lowest = min(float(search.draw(k, search.radius)[:, 2].min()) for k in range(50))
+    assert lowest - 2 * drop.reach > feeder.floor
+
+
+def test_a_clump_meets_a_lip_by_its_spheres():
+    """A clump of one sphere over the rounded edge of an outlet moves as that sphere does."""
+    silo = CylinderSilo(diameter=20 * D, height=0.5, orifice=4 * D, lip=Lip(radius=D))
+    start = at([2.6 * D, 0, 0.4 * D], v=(0, 0, -0.3))
+    packings = []
+    size = {"diameter": D, "density": 2500.0, "count": 1}
+    for kind in (Spheres(**size), Clumps(centres=((0, 0, 0),), **size)):
+        turned = start if isinstance(kind, Spheres) else replace(start, q=np.array([[1.0, 0, 0, 0]]))
+        ensemble, member = advanced(Scene(grains=kind, contact=LAW, container=silo), turned, 20)
+        packings.append(ensemble.packing(member))
+    sphere, clump = packings
+    assert sphere.v[0, 0] < -0.01  # it has met the edge, which pushes it towards the axis
+    assert clump.x == pytest.approx(sphere.x, abs=1e-12)
+    assert clump.v == pytest.approx(sphere.v, abs=1e-10)
 
 
 def test_starts_without_clumps_say_so():

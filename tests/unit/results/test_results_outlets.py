@@ -13,6 +13,8 @@ from labbook.report.clogging import clogging_sections, clogging_table
 from labbook.report.sections import series_sections
 from labbook.results.clogging import clogging
 from labbook.results.frames import frames
+from labbook.results.outlets import by_outlet
+from labbook.results.series import series_of
 from labbook.scene.packing import Packing
 from labbook.study import StudyError, load
 from labbook.study.schema import Window
@@ -110,6 +112,14 @@ def test_a_law_goes_through_the_outlets_of_one_silo(results):
     assert fit.parameters["k"].low < K < fit.parameters["k"].high
     assert len(series.used) == 3
     assert len(series.whole_points) == 1
+
+
+def test_outlets_are_expanded_once(results):
+    """A law that the study does not fit goes through the same three outlets, each once."""
+    points = by_outlet(results.points)
+    assert by_outlet(points) == points
+    (series,) = series_of(results.series[0].points, ("janda",))
+    assert [one.label for one in series.points] == ["narrow", "middle", "wide"]
 
 
 def test_each_outlet_has_its_avalanches(results):

@@ -76,7 +76,7 @@ def test_what_a_process_that_is_killed_was_given_is_written_here(tmp_path, toget
     asked = study(tmp_path, replicates=4)
     assert carry_out(asked, tmp_path / "lab", workers=1).complete
     assert len(killed) == 1
-    assert "written by this process, as the process beside it ended" in caplog.text
+    assert "written by this process, as no process beside it could be used" in caplog.text
     assert carry_out(asked, tmp_path / "lab", workers=1).tally.ran == {}, "nothing was left to do"
 
 
@@ -100,7 +100,7 @@ def test_a_process_killed_while_it_measures_loses_no_run(tmp_path, together, mon
     asked = study(tmp_path, replicates=4)
     assert carry_out(asked, tmp_path / "lab", workers=1, checkpoint_every=0.0).complete
     assert len(killed) == 1
-    assert "measured by this process, as the process beside it ended" in caplog.text
+    assert "measured by this process, as no process beside it could be used" in caplog.text
     assert carry_out(asked, tmp_path / "lab", workers=1).tally.ran == {}, "nothing was left to do"
 
 
@@ -248,7 +248,7 @@ def test_a_process_killed_while_it_places_loses_no_filling(tmp_path, together, m
 
     monkeypatch.setattr(HelperProcess, "call", kill)
     assert carry_out(study(tmp_path, replicates=4), tmp_path / "lab", workers=1).complete
-    assert "placed by this process, as the process beside it ended" in caplog.text
+    assert "placed by this process, as no process beside it could be used" in caplog.text
 
 
 def test_looks_at_runs_do_not_grow_with_the_square_of_the_replicates(tmp_path, monkeypatch):
