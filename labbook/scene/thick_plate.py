@@ -22,8 +22,8 @@ class ThickPlate(WallShape):
     """All points within `radius` of a middle line, which goes from `far` to `edge` and then down to `foot`.
 
     The line lies in the x-z plane and is continued along y; `turned`: it lies in the plane of radius and height and is
-    rotated about the vertical axis x = y = 0. Grains are spheres or clumps, on the outer side of the bend. Spheres have one
-    contact with it, also at the edge.
+    rotated about the vertical axis x = y = 0. Grains are spheres or clumps, on the outer side of the bend. A sphere has
+    one contact with it, also at the edge.
     """
 
     spheres_only: ClassVar[bool] = True
