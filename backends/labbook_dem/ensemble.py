@@ -303,9 +303,10 @@ def explain(guard: str, grain: int, step: int, value: float, scene: Scene, numer
         guard: overlap, speed, spin, or state for all else that is NaN or too large for the quanta.
         grain: id of the grain.
         step: step of the failure.
-        value: overlap [m] or speed [m/s]; unused for the others.
-        scene: scene.
-        numerics: numerics.
+        value: overlap [m], infinite if the grain has too many contacts with a mesh; or speed [m/s]; unused for the
+            others.
+        scene: scene of the member; overlaps are stated in its smallest diameter.
+        numerics: its time step, and the limits that the message names.
     """
     where = f"grain {grain} at step {step} ({span(step * numerics.dt)}, dt = {span(numerics.dt)})"
     if guard == "overlap" and math.isinf(value):

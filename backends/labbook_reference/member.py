@@ -66,7 +66,7 @@ class Forces:
     """Forces on n grains.
 
     Attributes:
-        f: forces [N], shape [n, 3].
+        f: forces of contacts and weight [N], shape [n, 3].
         t: torques [N m], shape [n, 3].
         springs: friction springs now [m].
         rolling: torques of rolling springs now [N m].
@@ -141,8 +141,6 @@ class Run(Standing):
         """Return the context in which the formulas are those of the scene's contact law."""
         contact = self.scene.contact
         return choose(contact.law, twist=contact.rolling == "full", springs=contact.rolling_model == "epsd")
-
-    # start
 
     @classmethod
     def started(
@@ -251,8 +249,6 @@ class Run(Standing):
         rows = order[np.searchsorted(self.ids, ids, sorter=order)]
         self.v[rows], self.u[rows] = v, v
 
-    # beats
-
     @property
     def grains(self) -> int:
         """Number of grains that have not left."""
@@ -351,8 +347,6 @@ class Run(Standing):
                 {key: s for key, s in springs.items() if key[0] in there and (is_wall(key) or key[1] in there)}
                 for springs in (self.springs, self.rolling)
             )
-
-    # forces
 
     def forces(self) -> Forces:
         """Return the forces at the present positions; the motion is not changed."""
@@ -508,8 +502,6 @@ class Run(Standing):
 
     def _spins(self, m: np.ndarray) -> np.ndarray:
         return rotation.spins(self.scene.grains, m, self.q)
-
-    # readings
 
     def whole_step(self) -> tuple[np.ndarray, np.ndarray]:
         """Velocities [m/s] and angular velocities [rad/s], shape [n, 3], at the time of the positions."""

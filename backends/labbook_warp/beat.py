@@ -203,7 +203,7 @@ class Beat:
     def whole_step(self) -> tuple[Any, Any]:
         """Return velocities [m/s] and reduced angular momenta [rad/s] at the whole step, on the device.
 
-        The state does not change.
+        The state does not change. The next call writes into the same arrays.
         """
         if self._whole_step_arrays is None:
             double3 = self.kernels.wide3

@@ -44,12 +44,12 @@ class Observation:
 
     @property
     def factors(self) -> list[float]:
-        """Factors that may differ between runs from one bed, shape [4]."""
+        """Overlap, step^2, mixed (0 or 1) and overlap^2 of the flow: factors that may differ between runs of a bed."""
         return [self.overlap, self.step**2, float(self.mixed), self.overlap**2]
 
     @property
     def filling(self) -> list[float]:
-        """Factors that may differ between beds, shape [2]."""
+        """Overlap and mixed (0 or 1) of the filling: factors that may differ between beds."""
         return [self.filled, float(self.filled_mixed)]
 
 
@@ -67,9 +67,10 @@ class Slopes:
             None where ln W was fitted linearly.
         curvature_p: Probability of a curvature as large in a scene that has none; NaN with fewer than three overlaps.
         mixed_flow: Effect of a flow in mixed precision on ln W, and its variance; None if no bed flowed in both.
-        mixed: The same for flow and filling in mixed precision; None if beds were filled in one precision only.
+        mixed: The same for flow and filling in mixed precision; None unless beds were filled in both precisions, and
+            some bed flowed in both.
         within: Standard deviation of ln W between settings in one bed that the slopes do not explain.
-        between: Standard deviation from bed to bed, for runs of one setting.
+        between: Standard deviation of ln W between runs of one setting from different beds; `within` is part of it.
         freedom: Degrees of freedom of the fit within beds.
         runs: Number of runs.
         beds: Number of beds.

@@ -120,8 +120,8 @@ class Lab:
         """Make the runs that a study still needs; finished runs are not repeated.
 
         Ctrl-C saves unfinished runs and returns; a second one raises KeyboardInterrupt and keeps the last checkpoints.
-        Either way the next call continues. Failed runs give a warning and are named in the summary. If anything is to
-        run, the warnings of the plan are repeated before, unless `progress` is False.
+        Either way the next call continues. Failed runs are named in the summary, and give a warning unless `progress`
+        is a Watcher. If anything is to run, the warnings of the plan are repeated before, unless `progress` is False.
 
         Args:
             study: The study.
@@ -254,7 +254,8 @@ class Lab:
         """Choose the numerics of a study by its pilot: runs that measure the effect of numerics on the flow rate.
 
         The calibration is written beside the study file, where `load` finds it, or into the lab for a study made in
-        Python. A study that sweeps numerics is its own pilot.
+        Python. With `seeds` it replaces an older one; without, effects are added to the older one, and replace those of
+        the same scenes. A study that sweeps numerics is its own pilot.
 
         Args:
             study: The study.
@@ -381,7 +382,7 @@ def effects_of_numerics(lab: Lab, pilot: Study, progress: bool | Watcher = True)
 
     Raises:
         PilotStopped: Ctrl-C ended the runs.
-        NotCalibrated: No scene has enough runs.
+        NotCalibrated: A scene cannot be calibrated (raised before anything runs), or none has enough runs.
     """
     for point in pilot.points:
         flow_and_filling(point)  # refuses, before anything runs, scenes that have no groups

@@ -58,13 +58,9 @@ class Map(Goal):
     beds: ClassVar[int] = _BEDS
 
     quantity: Annotated[str, Internal()]
-    """The quantity."""
     error: Annotated[float, Internal()]
-    """Half width of the 95 % interval to reach, relative to the quantity."""
     over: Annotated[tuple[str, ...], Internal()]
-    """The swept keys."""
     on: Annotated[float, Internal()]
-    """Part of the range on which it is reached."""
 
     @model_validator(mode="before")
     @classmethod
@@ -132,6 +128,8 @@ class Map(Goal):
 
     def step(self, study: Any, trials: Sequence[Trial]) -> Step:
         """Propose runs where they lower the error most, or held-out runs once it is small enough.
+
+        If the number of beds limits the error, more beds in the middle of the range are proposed.
 
         Args:
             study: The study, whose sweep is the range.

@@ -10,7 +10,7 @@ from labbook.cli.screen import saying, screen
 
 
 def register(app: typer.Typer) -> None:
-    """Add the verb."""
+    """Add the command to the app."""
 
     @app.command()
     def bench(

@@ -15,7 +15,7 @@ AsBibtex = Annotated[bool, typer.Option("--bibtex", help="Print BibTeX.")]
 
 
 def register(app: typer.Typer) -> None:
-    """Add the verb."""
+    """Add the command to the app."""
 
     @app.command()
     def cite(study: StudyFile, bibtex: AsBibtex = False, as_json: AsJson = False) -> None:

@@ -33,7 +33,7 @@ Options = Annotated[
 
 
 def register(app: typer.Typer) -> None:
-    """Add the verb."""
+    """Add the command to the app."""
     group = typer.Typer(no_args_is_help=True, rich_markup_mode=None)
     app.add_typer(group, name="cluster", help="Start a Dask cluster for labbook run STUDY --cluster ADDRESS.")
 

@@ -8,7 +8,7 @@ from labbook.cli.options import LAB, AsJson, Lab, StudyFile
 
 
 def register(app: typer.Typer) -> None:
-    """Add the verb."""
+    """Add the command to the app."""
 
     @app.command()
     def compare(

@@ -11,7 +11,7 @@ from labbook.cli.screen import say, screen
 
 
 def register(app: typer.Typer) -> None:
-    """Add the verb."""
+    """Add the command to the app."""
 
     @app.command()
     def export(

@@ -12,7 +12,7 @@ Sources = Annotated[list[Path], typer.Argument(help="Other lab folders.", metava
 
 
 def register(app: typer.Typer) -> None:
-    """Add the verb."""
+    """Add the command to the app."""
 
     @app.command(name="import")
     def import_(folders: Sources, lab: Lab = LAB) -> None:

@@ -10,7 +10,7 @@ from labbook.commands import command
 
 
 def register(app: typer.Typer) -> None:
-    """Add the verb."""
+    """Add the command to the app."""
 
     @app.command()
     def new(

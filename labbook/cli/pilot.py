@@ -17,7 +17,7 @@ Out = Annotated[
 
 
 def register(app: typer.Typer) -> None:
-    """Add the verb."""
+    """Add the command to the app."""
 
     @app.command()
     def pilot(

@@ -6,7 +6,7 @@ from labbook.cli.options import BACKEND, LAB, AsJson, Device, Lab, RunsOn, Study
 
 
 def register(app: typer.Typer) -> None:
-    """Add the verb."""
+    """Add the command to the app."""
 
     @app.command()
     def plan(

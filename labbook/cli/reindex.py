@@ -9,7 +9,7 @@ from labbook.cli.screen import say, ticking
 
 
 def register(app: typer.Typer) -> None:
-    """Add the verb."""
+    """Add the command to the app."""
 
     @app.command()
     def reindex(

@@ -37,7 +37,7 @@ Every = Annotated[
 
 
 def register(app: typer.Typer) -> None:
-    """Add the verb."""
+    """Add the command to the app."""
 
     @app.command()
     def run(

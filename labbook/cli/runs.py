@@ -23,7 +23,7 @@ Limit = Annotated[int, typer.Option("--limit", help="Number of runs to list, the
 
 
 def register(app: typer.Typer) -> None:
-    """Add the verb."""
+    """Add the command to the app."""
 
     @app.command()
     def runs(

@@ -12,7 +12,7 @@ Key = Annotated[
 
 
 def register(app: typer.Typer) -> None:
-    """Add the verb."""
+    """Add the command to the app."""
 
     @app.command()
     def show(run: Key, lab: Lab = LAB, as_json: AsJson = False) -> None:

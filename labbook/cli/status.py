@@ -13,7 +13,7 @@ _DAMAGED = 10
 
 
 def register(app: typer.Typer) -> None:
-    """Add the verb."""
+    """Add the command to the app."""
 
     @app.command()
     def status(lab: Lab = LAB, as_json: AsJson = False) -> None:

@@ -434,9 +434,6 @@ def _beside_hole(left: float, right: float, r: float, z: float) -> Iterator[Segm
             yield (low, z), (high, z)
 
 
-# composition
-
-
 def _times(shots: Sequence[Shot], seconds: float) -> np.ndarray:
     """Times of the frames of a film [s], from the opening to the end of the longest run: at most so many as were
     recorded until then, and `_RATE` a second."""
@@ -577,9 +574,6 @@ def _fitting(text: str, width: float) -> str:
     while text and _extent(f"{text}…")[0] > width:
         text = text[:-1]
     return f"{text.rstrip(' ,')}…"
-
-
-# files
 
 
 def _write(frames: Iterator["Image"], path: Path, seconds: float, source: str = "") -> FilmFile:

@@ -117,7 +117,7 @@ def coarse_grain(
     act at the contact point, and the stress of a wall's contact spreads from there to the centre. With `normalised` the
     kernel of each grain is scaled to sum to 1 over the grid, so that mass is conserved to round-off. The grid should
     then end at the walls. Stresses are never scaled: their divergence balances gravity as they are. Cells should be no
-    wider than omega.
+    wider than omega. Raises ImportError without Numba.
     """
     compiled = _compiled()
     used = threads or compiled.threads()

@@ -40,7 +40,9 @@ class Breaker:
         return None if rest else number + 1
 
     def pushed(self, there: Packing, beat: int, number: int) -> tuple[np.ndarray, np.ndarray]:
-        """Draw velocities of the grains above the outlet; they depend on seed and beat alone.
+        """Draw velocities of the grains above the outlet.
+
+        Their speed depends on `number`, their random directions on seed and beat.
 
         Args:
             there: The bed.

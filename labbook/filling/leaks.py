@@ -39,7 +39,8 @@ class Leak:
 
     Args:
         certain: False if the grid cannot decide whether grains fit through.
-        at: Centre of a grain on its way through the plane of the outlet [m].
+        at: Centre of a grain on its way through the plane of the outlet [m]; x = y = 0 if the grid is too coarse to
+            find a way.
         spacing: Spacing of the grid [m].
     """
 

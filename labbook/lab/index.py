@@ -82,7 +82,8 @@ class Index:
 
     Args:
         lab: Folder of the lab.
-        again: Rebuild the index from the folders.
+        again: Rebuild the index from the folders, and add the hash of their arrays to older packings (writes into their
+            folders).
         tick: Progress callback.
 
     Raises:

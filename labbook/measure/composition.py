@@ -196,7 +196,8 @@ def lacey_index(mass: np.ndarray, group: np.ndarray, x: np.ndarray, edge: float)
 
     s^2 is the variance over cells of the mass fractions, weighted by the mass of the cells and summed over classes;
     s_0^2 is that of a separated bed, and s_r^2 its expectation in a random bed of these cells. M is 1 on average in a
-    random bed, and 0 if every cell has a single class. After Lacey, J. Appl. Chem. 4 (1954) 257.
+    random bed, 0 if every cell has a single class, and NaN if a single cell is occupied. After Lacey, J. Appl. Chem. 4
+    (1954) 257.
 
     Args:
         mass: of each grain [kg], shape [n].

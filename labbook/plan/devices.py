@@ -37,7 +37,10 @@ def parse_devices(devices: str, backend: Backend) -> tuple[str, ...]:
 
 
 def speeds(devices: Sequence[str], backend: Backend, points: Sequence[PointDemand]) -> tuple[float, ...]:
-    """Forecast the grain-steps per second of each device with all workers busy; only ratios matter."""
+    """Forecast the grain-steps per second of each device with all workers busy.
+
+    The scene is that of the first point: only ratios matter.
+    """
     scene, numerics = points[0].scene, points[0].numerics
     name, shape = backend.capabilities.name, scene.grains.shape
     return tuple(
@@ -49,7 +52,8 @@ def speeds(devices: Sequence[str], backend: Backend, points: Sequence[PointDeman
 def slots(backend: Backend, device: str, points: Iterable[PointPlan]) -> int:
     """Number of members that a worker of a device steps together.
 
-    It is 1 on a CPU, where every core has a worker; else as many as fit for the point that needs most memory.
+    It is 1 on a CPU, where every core has a worker; else as many as fit for the point that needs most memory, and
+    sys.maxsize if the backend knows no limit.
     """
     if device == "cpu":
         return 1

@@ -132,7 +132,8 @@ class PointClogging:
 
     @cached_property
     def times(self) -> tuple[np.ndarray, np.ndarray] | None:
-        """Times between grains [s] of an agitated silo, and if a grain ended each; None of others."""
+        """Times between grains [s] of an agitated silo, and if a grain ended each; None of others, and of one of
+        several outlets."""
         if self.place is not None:
             return None
         of_runs = [waits for run, _ in self.runs if (waits := run.waits) is not None]

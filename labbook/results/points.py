@@ -137,7 +137,7 @@ class RunResult:
         return self.run.entry.frame_interval
 
     def evaluation(self, measure: Measure | str) -> Evaluation:
-        """Evaluation of a measure on this run; empty if the measure does not apply to it.
+        """Evaluation of a measure on this run, made if none is stored; empty if the measure does not apply or fails.
 
         Args:
             measure: the measure, or its name in `labbook.measure.MEASURES`.
@@ -294,17 +294,17 @@ class PointResult:
 
     @property
     def outcomes(self) -> Counter[str]:
-        """Number of replicates by outcome."""
+        """Number of runs by outcome."""
         return Counter(run.outcome for run in self.runs)
 
     @property
     def suspect(self) -> tuple[RunResult, ...]:
-        """Replicates that are suspect, whether they count or not."""
+        """Runs that are suspect, whether they count or not."""
         return tuple(run for run in self.runs if run.suspect)
 
     @cached_property
     def notes(self) -> Counter[str]:
-        """Number of replicates by note on their flow rate (`trending` ...)."""
+        """Number of runs by note on their flow rate (`trending` ...)."""
         carried = (run.measured[FLOW_RATE].notes for run in self.runs if FLOW_RATE in run.measured)
         return Counter(merge_notes(Counter(note for notes in carried for note in notes)))
 
@@ -320,8 +320,8 @@ class PointResult:
     def trending(self) -> bool:
         """True if the flow has no plateau.
 
-        Either more than half of the replicates trend, or their mean drift is above 5 % with a 95 % interval that
-        excludes zero: single replicates may be too noisy to show a drift.
+        Either more than half of the runs trend, or the mean drift of the beds is above 5 % with a 95 % interval that
+        excludes zero: single runs may be too noisy to show a drift.
         """
         drift = self.pooled.get(DRIFT)
         together = drift is not None and abs(drift.value) > max(MATERIAL, drift.half_width)
@@ -350,7 +350,7 @@ class PointResult:
 
     @property
     def partial(self) -> bool:
-        """True if replicates are missing. Runs that end first flow fastest, so that they are a biased sample."""
+        """True if runs are missing. Runs that end first flow fastest, so that they are a biased sample."""
         return len(self.runs) < self.requested
 
     @property

@@ -133,7 +133,7 @@ class Series:
         return self.contenders[0] if len(self.contenders) == 1 else UNDECIDED
 
     def residuals(self, law: str) -> tuple[Residual, ...]:
-        """Of every point with a flow rate, in order of the orifice."""
+        """Residual of every point with a flow rate, in order of the orifice. Raises KeyError for a law without fit."""
         measured = [(result.orifice, result.flow_rate) for result in self.points if result.flow_rate is not None]
         fit = self.fits[law]
         expected, _, _ = fit.band(np.array([orifice for orifice, _ in measured]))
@@ -170,7 +170,8 @@ def series_of(
     points: Sequence[PointResult], laws: Sequence[str], further: Mapping[str, FitTo] = MappingProxyType({})
 ) -> tuple[Series, ...]:
     """Group points by what was swept beside the orifice, and fit `laws` to each group: those of the flow rate, and of
-    others those that `further` has. Each of several outlets of a point counts as a point."""
+    others those that `further` has. Each of several outlets of a point counts as a point; points without the width of
+    an orifice are left out."""
     groups: dict[tuple[tuple[tuple[str, float | str], ...], str | None], list[PointResult]] = {}
     for result in by_outlet(points):
         if math.isfinite(result.orifice):

@@ -81,8 +81,10 @@ class Summary:
 
     @property
     def suspect(self) -> dict[str, dict[int, str]]:
-        """Reasons of suspect runs, by label of their point and seed; for several discharges of a bed the first
-        reason."""
+        """Reasons of suspect runs that are left out of means, by label of their point and seed.
+
+        There are none with `accuracy.count_suspect`. For several discharges of a bed it is the first reason.
+        """
         reasons: dict[str, dict[int, str]] = {}
         for label, runs in self._suspect.items():
             for run, reason in runs:

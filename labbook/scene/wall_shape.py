@@ -42,7 +42,8 @@ AT_REST = SurfaceMotion()
 class WallShape(Model, ABC):
     """Base of all walls: the geometry that filling, pictures, recordings and measures use.
 
-    Only `distance` is abstract. All else follows from it by numbers; a shape overrides what it knows exactly.
+    Only `distance` is abstract. The rest follows from it by numbers, or is unknown by default (`mirrored` raises). A
+    shape overrides what it knows.
     """
 
     physics: ClassVar[str]

@@ -58,7 +58,7 @@ class CalibrateReader:
         accuracy = self._accuracy(raw.get("accuracy", {}), parameters)
         predict = tuple(self._predict(raw.get("predict", [])))
         measurements = tuple(self._measurements(parameters, predict))
-        batch, budget = self._whole(raw), self._budget(raw)
+        batch, budget = self._batch(raw), self._budget(raw)
         if batch is not None and not 8 <= batch <= 1024:
             self._problem(("batch",), f"{batch} runs are no round", "write a number from 8 to 1024")
         if not self.problems and not any(not one.withheld for one in measurements):
@@ -194,7 +194,7 @@ class CalibrateReader:
             self._problem(place_of, f"a part from {least:g} to 1 is needed{meaning}", "write 3 %")
         return part
 
-    def _whole(self, raw: Mapping[str, Any]) -> int | None:
+    def _batch(self, raw: Mapping[str, Any]) -> int | None:
         try:
             return TypeAdapter(int | None).validate_python(raw.get("batch"))
         except ValidationError:

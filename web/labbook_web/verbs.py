@@ -15,7 +15,7 @@ Studies = Annotated[
 
 
 def register(app: typer.Typer) -> None:
-    """Add the verbs."""
+    """Add the commands to the app."""
 
     @app.command()
     def web(

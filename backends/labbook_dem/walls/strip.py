@@ -43,9 +43,10 @@ def strip_edge(start: section, along: section, length: wide, x: wide3, part: int
 def strip_rod(
     start: section, along: section, length: wide, x: wide3, a: wide3, half: wide, radius: wide, part: int
 ):  # fmt: skip
-    """Distance [m] of a part of a rod from the plate, unit normal, and where on the segment it is; see `walls`.
+    """Distance [m] of a part of a rod from the plate, unit normal, and place on the rod's axis from its centre [m].
 
-    x: centre [m]; a: unit axis; half: half the length of the segment [m]. Part 2 is the edge at `start`.
+    The distance is 1e9 m if the part is not there; see `walls`. start, along, length: plate, as in `strip_distance`; x:
+    centre of the rod [m]; a: its unit axis; half: half the length of its segment [m]; part: 2 is the edge at `start`.
     """
     zero = wide(0.0)
     nowhere = wide(1e9)

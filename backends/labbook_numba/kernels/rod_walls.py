@@ -124,7 +124,7 @@ def heritage(spring, k, part, before, now, is_mesh, older):
 
 @kernel
 def wall_forces(st: State, p: Params):
-    """Add the forces of walls on rods to loads; continues the totals of `pair_forces`."""
+    """Add the forces of walls on rods to loads, and advance their springs; continues the totals of `pair_forces`."""
     dt = real(0.5) * real(p.dt)
     rate = rolling_rate(rolling_inertia(p.inertia, p.slender), real(p.dt))
     zero = real(0.0)

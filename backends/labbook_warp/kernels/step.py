@@ -97,7 +97,9 @@ def advance(
 ):  # fmt: skip
     """Move grain i by one step and write it to q (leapfrog; `labbook_dem.motion`).
 
-    rest: rounding error of its vertical velocity so far [m/s]; force [N], torque [N m].
+    Record its passage, failure and work too, and park it once it is far below the outlet.
+
+    rest: rounding error of its vertical velocity so far [m/s]; force: of contacts, without weight [N]; torque [N m].
     """
     kick_dt = m.dt
     if now == wp.int64(0):

@@ -83,7 +83,11 @@ class Admitted:
     members: Sequence[Member]
 
     def motions(self, events: Sequence[Event]) -> list[Motion]:
-        """Collect the course of each member; `events`: all events of the ensemble so far."""
+        """Drain the ensemble and collect the course of each member; a second call finds no rows.
+
+        Args:
+            events: All events so far.
+        """
         tables = self.ensemble.drain()
         return [
             Motion(

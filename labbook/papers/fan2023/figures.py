@@ -145,8 +145,8 @@ def outlet_middles(
 ) -> "Figure":
     """Plot v_c against sqrt(R), phi_c against R, and the flow rate from profiles over the counted one.
 
-    Lines: sqrt(2 g gamma R) and eq 12; bands: 95 %, of the law and of one more outlet; dots: the law with the
-    reference's parameters.
+    Lines: sqrt(2 g gamma R) and eq 12; bars: one standard error; bands: 95 %, of the law and of one more outlet; dots:
+    the law with the reference's parameters.
     """
     from matplotlib.figure import Figure
 

@@ -125,7 +125,7 @@ def shared_parameters(definition: str, points: Sequence[PointResult]) -> dict[st
     """Fit the profiles of a series as `fit_along` does, for the parameters alone: without bootstrap and intervals.
 
     Returns:
-        Parameters by name, empty without profiles.
+        Parameters by name, empty without profiles, or if no grain moved across one of the outlets.
     """
     seeds = [outlets for result in points if (outlets := result.outlets(definition))]
     if not seeds or any(not outlet.has_flow for outlets in seeds for outlet in outlets):

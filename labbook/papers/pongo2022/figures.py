@@ -47,9 +47,10 @@ _PANELS = {
 
 
 def flow_against_rotation(curves: Sequence[Rotation]) -> "Figure":
-    """Plot Q(f) above and Q(f)/Q(0) below, if any is measured; a column a shape, a line an outlet; dots: seeds.
+    """Plot Q(f) above and Q(f)/Q(0) below, if any is measured; a column a shape, a line an outlet.
 
-    Points with a remark are hollow, and so are ratios to one.
+    Above, dots are seeds, and bars one standard error; below, bars are 90 % intervals. Points with a remark are hollow,
+    and so are ratios to one.
     """
     from matplotlib.figure import Figure
 
@@ -118,7 +119,10 @@ def _hollow(ax: "Axes", f: Sequence[float], values: Sequence[float], flags: Sequ
 
 
 def drop_and_rise(curves: Sequence[Rotation]) -> "Figure":
-    """Plot Q_min/Q(0) and Q(fastest)/Q_min against L/d; full lines: equal D/d*, dashed: equal D."""
+    """Plot Q_min/Q(0) and Q(fastest)/Q_min against L/d.
+
+    Full lines: equal D/d*, dashed: equal D; bars: 90 % intervals.
+    """
     from matplotlib.figure import Figure
 
     determined = [curve for curve in curves if curve.lowest() is not None]
@@ -163,7 +167,10 @@ def _lines(curves: Sequence[Rotation]) -> list[tuple[str, list[Rotation], bool]]
 
 
 def above_orifice(curves: Sequence[Rotation]) -> "Figure":
-    """Plot means above the orifice against f, a panel a quantity, a line a shape and outlet; bars: standard errors."""
+    """Plot means above the orifice against f, a panel a quantity, a line a shape and outlet.
+
+    Bars: one standard error.
+    """
     from matplotlib.figure import Figure
 
     panels = [name for name in _PANELS if any(curve.has(name) for curve in curves)]
@@ -334,13 +341,16 @@ def speed_maps(rows: Sequence[Sequence[Flowing]]) -> "Figure":
 
 
 def pressure_maps(pressed: Sequence[tuple[Flowing, Fields]]) -> "Figure":
-    """Map a third of the trace of the contact stress, a column a point."""
+    """Map a third of the trace of the contact stress, a column a point, for the first four points."""
     maps = [_mirrored(flowing, stress, contact_pressure(stress), pattern_of(stress).bed) for flowing, stress in pressed]
     return _points([flowing for flowing, _ in pressed], [("contact pressure [Pa]", maps)])
 
 
 def order_maps(patterns: Sequence[Flowing]) -> "Figure":
-    """Map O_zz of rods and, below, the order S (largest eigenvalue of the orientation tensor), a column a point."""
+    """Map O_zz of rods and, below, the order S (largest eigenvalue of the orientation tensor).
+
+    A column a point, for the first four points.
+    """
 
     def maps(of: Callable[[Fields], np.ndarray]) -> list[Map]:
         return [_mirrored(flowing, flowing.fields, of(flowing.fields), flowing.pattern.bed) for flowing in patterns]
@@ -350,7 +360,7 @@ def order_maps(patterns: Sequence[Flowing]) -> "Figure":
 
 
 def _points(patterns: Sequence[Flowing], rows: Sequence[tuple[str, Sequence[Map]]]) -> "Figure":
-    """Map means over the window: a column a point; a row, with a scale of its own, a quantity."""
+    """Map means over the window: a column a point, for the first four points; a row a quantity, with its own scale."""
     from matplotlib.cm import ScalarMappable
     from matplotlib.colors import Normalize
     from matplotlib.figure import Figure

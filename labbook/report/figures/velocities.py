@@ -18,7 +18,10 @@ _TITLE = 36  # characters in a line of a panel's title
 
 
 def outlet_velocities(points: Sequence[PooledProfile]) -> "Figure":
-    """Draw the velocity over the outlet, a panel for each point, of mixtures a line for each class of grains."""
+    """Draw the velocity over the outlet: a panel for each point, of mixtures a line for each class of grains.
+
+    Bars: 95 % intervals.
+    """
     from matplotlib.figure import Figure
 
     columns = min(_COLUMNS, len(points))

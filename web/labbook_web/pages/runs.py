@@ -33,7 +33,8 @@ def runs_page(store: LabStore, query: Mapping[str, str]) -> Page:
             a column, after a minus sign in descending order; `page`: number of the page, from 1.
 
     Raises:
-        NotFound: A page beyond the last one, or a column that these runs do not have.
+        NotFound: A page beyond the last one, a column that these runs do not have, or more runs with the tag than can
+            be listed.
         NoMoment: A malformed date.
     """
     filters = {name: query[name] for name in FILTERS if query.get(name)}
@@ -79,7 +80,7 @@ def runs_page(store: LabStore, query: Mapping[str, str]) -> Page:
             "outcomes": sorted({count.outcome for count in studies}) + [SUSPECT] * bool(catalogue.suspect_count()),
             "known_tags": sorted({tag for each in tags.values() for tag in each}),
         },
-        query={**filters, **_order(query)},
+        query={**filters, **_sort_and_page(query)},
     )
 
 
@@ -129,7 +130,7 @@ def _news(catalogue: Catalogue, listing: Listing) -> dict[str, int]:
     return {str(name): int(count) for name, count in frame["study"].value_counts().items() if name}
 
 
-def _order(query: Mapping[str, str]) -> dict[str, Any]:
+def _sort_and_page(query: Mapping[str, str]) -> dict[str, Any]:
     return {name: query[name] for name in ("sort", "page") if name in query}
 
 
