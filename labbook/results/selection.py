@@ -55,11 +55,11 @@ def series_at(series: Sequence[Series], at: Mapping[str, Any] | None, like: Poin
     """
     if not series:
         raise LookupError("there is no series, as no point with an orifice is done")
-    wanted, values = dict(at or {}), dict[str, float | str]()
-    if any(each_series.of_one_form for each_series in series) and "outlet" in wanted:
-        form = wanted.pop("outlet")
+    selector, values = dict(at or {}), dict[str, float | str]()
+    if any(each_series.of_one_form for each_series in series) and "outlet" in selector:
+        form = selector.pop("outlet")
         series = [each_series for each_series in series if each_series.outlet == form]
-    for key, value in wanted.items():
+    for key, value in selector.items():
         name = _series_key(series, str(key))
         values[name] = value_of_key(name, value, like)
     matches = [each_series for each_series in series if has(each_series.at, values)]

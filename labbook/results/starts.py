@@ -66,8 +66,8 @@ class AtStart:
 
     def of(self, series: Series) -> Series | None:
         """The same series with this start; None if it rests on other points, for want of grains."""
-        same = (each for each in self.series if (each.at, each.outlet) == (series.at, series.outlet))
-        moved = next(same, None)
+        candidates = (moved for moved in self.series if (moved.at, moved.outlet) == (series.at, series.outlet))
+        moved = next(candidates, None)
         return moved if moved is not None and moved.used == series.used else None
 
 

@@ -13,7 +13,8 @@ from labbook.report.clogging import clogging_sections, clogging_table
 from labbook.report.sections import series_sections
 from labbook.results.clogging import clogging
 from labbook.results.frames import frames
-from labbook.results.outlets import by_outlet
+from labbook.results.outlets import OutletResult, by_outlet
+from labbook.results.selection import series_at
 from labbook.results.series import series_of
 from labbook.scene.packing import Packing
 from labbook.study import StudyError, load
@@ -193,3 +194,14 @@ def test_studies_that_ask_too_much_of_outlets_are_refused(tmp_path):
     path.write_text(STUDY + "accuracy: {clogging: 20 %}\n")
     with pytest.raises(StudyError, match="several outlets, each with its own probability"):
         load(path)
+
+
+def test_slots_and_holes_of_one_silo_are_two_series(results, monkeypatch):
+    """They have the same swept values: the label has the form, and `at={"outlet": ...}` says which."""
+    form = property(lambda self: "hole" if self.outlet.name == "wide" else "slot")
+    monkeypatch.setattr(OutletResult, "outlet_form", form)
+    series, point = series_of(results.points, ()), results.study.points[0]
+    assert sorted(one.label for one in series) == ["holes", "slots"]
+    assert [result.outlet.name for result in series_at(series, {"outlet": "hole"}, point).points] == ["wide"]
+    with pytest.raises(LookupError, match="'outlet': 'slot'"):
+        series_at(series, None, point)
