@@ -198,10 +198,13 @@ def test_studies_that_ask_too_much_of_outlets_are_refused(tmp_path):
 
 def test_slots_and_holes_of_one_silo_are_two_series(results, monkeypatch):
     """They have the same swept values: the label has the form, and `at={"outlet": ...}` says which."""
-    form = property(lambda self: "hole" if self.outlet.name == "wide" else "slot")
-    monkeypatch.setattr(OutletResult, "outlet_form", form)
+
+    def form(result: OutletResult) -> str:
+        return "hole" if result.outlet.name == "wide" else "slot"
+
+    monkeypatch.setattr(OutletResult, "outlet_form", property(form))
     series, point = series_of(results.points, ()), results.study.points[0]
     assert sorted(one.label for one in series) == ["holes", "slots"]
-    assert [result.outlet.name for result in series_at(series, {"outlet": "hole"}, point).points] == ["wide"]
+    assert [result.label for result in series_at(series, {"outlet": "hole"}, point).points] == ["wide"]
     with pytest.raises(LookupError, match="'outlet': 'slot'"):
         series_at(series, None, point)
