@@ -9,7 +9,7 @@ from types import ModuleType
 
 import labbook_dem
 import numpy as np
-from labbook_dem import contact, rods, source, spheres, words
+from labbook_dem import clumps, contact, rods, rotation, source, spheres, words
 from labbook_dem.chosen import choose
 from labbook_dem.laws import hertz_lammps, hertz_liggghts, hertz_mindlin, hertz_printed, linear
 
@@ -17,7 +17,7 @@ from labbook.scene import HertzLammps, HertzLiggghts, HertzMindlin, HertzPrinted
 
 COUNT = 400
 LAW = "hertz-mindlin"
-"""Of contacts of spheres and rods."""
+"""Of contacts of spheres, rods and clumps."""
 SURFACE = Surface(friction=0.5, rolling_friction=0.01, restitution=0.2)
 COEFFICIENTS = {
     "hertz_mindlin": hertz_mindlin.coefficients(HertzMindlin(shear_modulus=1e8, poisson_ratio=0.25), SURFACE),
@@ -32,7 +32,7 @@ COEFFICIENTS = {
     },
 }
 COEFFICIENTS["traction"] = COEFFICIENTS["hertz_mindlin"]
-COEFFICIENTS["hertz"] = COEFFICIENTS["spheres"] = COEFFICIENTS["rods"] = COEFFICIENTS["hertz_mindlin"]
+COEFFICIENTS |= dict.fromkeys(("hertz", "spheres", "rods", "clumps"), COEFFICIENTS["hertz_mindlin"])
 SWITCHES: dict[str, object] = {"FRICTION": True, "ROLLING": True, "TWIST": True, "VARIED": True}
 # ranges of arguments in which every branch of the laws is taken; all others lie between 0.1 and 2
 RANGES = {
@@ -84,9 +84,11 @@ def needed(module: ModuleType) -> list[ModuleType]:
     law = (contact, *hertz_mindlin.NEEDS, hertz_mindlin)
     if module is contact:
         return [contact]
-    return {spheres: [*law, spheres], rods: [*law, spheres, rods]}.get(
-        module, [contact, *getattr(module, "NEEDS", ()), module]
-    )
+    return {
+        spheres: [*law, spheres],
+        rods: [*law, spheres, rods],
+        clumps: [*law, spheres, rotation, clumps],
+    }.get(module, [contact, *getattr(module, "NEEDS", ()), module])
 
 
 def kinds(function) -> list[str]:

@@ -18,6 +18,8 @@ from labbook.study import load as load_study
 STUDIES = Path(__file__).parents[3] / "studies"
 KEPT = Path(__file__).with_name("kept_keys.json")
 BACKENDS = ("numba", "reference", "warp")
+DIGITS = 12
+"""Leading digits of a key that are kept: enough to see a change, and half of the file."""
 
 
 def keys(path: Path) -> dict[str, dict[str, list[str]]]:
@@ -28,7 +30,9 @@ def keys(path: Path) -> dict[str, dict[str, list[str]]]:
         made = [demand.keys(backend) for backend in capabilities]
         entry = {"scene": [demand.shared.scene_key, demand.shared.closed_key]}
         entry |= {name: [one.packing, one.run] for name, one in zip(BACKENDS, made, strict=True)}
-        result[f"{demand.point.index + 1}: {demand.point.label}"] = entry
+        result[f"{demand.point.index + 1}: {demand.point.label}"] = {
+            name: [key[:DIGITS] for key in of] for name, of in entry.items()
+        }
     return result
 
 
