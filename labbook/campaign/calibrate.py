@@ -156,7 +156,7 @@ class Calibrate(Goal):
             return Step(Proposal.end(f"{reason}: {lacking or progress}"))
         share = f"emulator's variance {inference.share:.2g} of that of the measurements"
         if self._lacks_beds(inference):
-            at, beds = self._central(inference, trials)
+            at, beds = self._anchor(inference, trials)
             reason = f"{progress}, {share}, most of it of the beds: {self.batch} beds more at a likely point"
             return Step(Proposal((Assignment(at, beds + self.batch),), reason))
         points = self._round(inference, trials)
@@ -229,19 +229,26 @@ class Calibrate(Goal):
         mean = float(np.diagonal(covariance, axis1=1, axis2=2).mean())
         return inference.shares[quantity] > ALLOWED_SHARE and inference.observed[quantity].of_bed_means > 0.5 * mean
 
-    def _central(self, inference: Inference, trials: Sequence[Trial]) -> tuple[dict[str, float], int]:
-        """Find the point of the runs nearest to the mean of the posterior, and its number of beds."""
-        off = {
-            place(trial.at): sum(
+    def _anchor(self, inference: Inference, trials: Sequence[Trial]) -> tuple[dict[str, float], int]:
+        """Find the point that gets further beds, and its number of beds.
+
+        It is the likely point with most rounds of beds, since only seeds that no other point has are new beds: another
+        point would need those of this one first. Of several it is the nearest to the mean of the posterior.
+        """
+        off, beds, likely = dict[tuple, float](), dict[tuple, int](), set[tuple]()
+        for trial, inside in zip(trials, inference.likely, strict=True):
+            if trial.outcome in ("clogged", "diverged"):
+                continue
+            where = place(trial.at)
+            beds[where] = max(beds.get(where, 0), trial.seed)
+            off[where] = sum(
                 float(axis.unit(float(trial.at[axis.key])) - mean) ** 2
                 for axis, mean in zip(self.axes, inference.posterior.mean, strict=True)
             )
-            for trial in trials
-            if trial.outcome not in ("clogged", "diverged")
-        }
-        nearest = min(off, key=lambda at: off[at])
-        beds = max(trial.seed for trial in trials if place(trial.at) == nearest)
-        return {key: float(value) for key, value in nearest}, beds
+            if inside:
+                likely.add(where)
+        anchor = min(likely or off, key=lambda at: (-(beds[at] // self.batch), off[at]))
+        return {key: float(value) for key, value in anchor}, beds[anchor]
 
     def _region(self, inference: Inference, number: int, stream: int) -> np.ndarray:
         """Select parameter sets that fill the region of the posterior, shape [number, p]."""

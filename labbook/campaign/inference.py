@@ -341,14 +341,17 @@ class Inference:
                 experiments.append(Experiment(quantity, at, error, 1 / math.sqrt(max(1 - explained, 1e-9))))
         return sorted(experiments, key=lambda entry: -entry.gain)
 
-    def clogged(self) -> tuple[int, int]:
-        """Count clogged runs, and all runs, at parameter sets within the region of the posterior."""
+    @cached_property
+    def likely(self) -> np.ndarray:
+        """True for each run whose parameter set lies within the region of the posterior, shape [runs]."""
         edge = math.log(max(self.posterior.threshold(REGION), 1e-300))
         places = np.array([self._place(trial) for trial in self.trials])
-        logs = self.log_likelihood(places)
-        inside = logs - self._largest >= edge
+        return self.log_likelihood(places) - self._largest >= edge
+
+    def clogged(self) -> tuple[int, int]:
+        """Count clogged runs, and all runs, at parameter sets within the region of the posterior."""
         stops = [trial.outcome == "clogged" for trial in self.trials]
-        return int(np.sum(inside & np.array(stops))), int(inside.sum())
+        return int(np.sum(self.likely & np.array(stops))), int(self.likely.sum())
 
     def lacking(self) -> str:
         """Give the reason why the posterior is no answer yet; empty if it is one."""

@@ -25,7 +25,8 @@ def clogging_sections(results: StudyResults, folder: Path) -> list[Section]:
     for index, series in enumerate(every):
         suffix = f"-{index + 1}" if len(every) > 1 else ""
         stem = folder / f"clogging{suffix}"
-        figure = picture(figures.clogging_figure(series), stem, "survival, hazard and mean of avalanches", _CAPTION)
+        drawing, text = figures.clogging_figure(series), "avalanches, and times between grains"
+        figure = picture(drawing, stem, text, _caption(series))
         blocks: list[Block] = [clogging_table(series), figure, memory_table(series)]
         blocks += [table] if (table := times_table(series)) is not None else []
         blocks += [Prose(sentence) for sentence in series.doubts]
@@ -63,6 +64,19 @@ def clogging_table(series: SeriesClogging) -> Table:
     return Table((*headings, f"{flow.heading}", f"{flow.heading}, flowing"), tuple(rows), notes=tuple(notes))
 
 
+def _caption(series: SeriesClogging) -> str:
+    """Explain the panels that the figure of a series has."""
+    panels = []
+    if any(point.probability is not None and not point.probability.bound for point in series.points):
+        panels += ["part of the avalanches that are longer than s (Kaplan and Meier); grey: a flow without memory",
+                   "stops per grain in bins of s, over their mean"]  # fmt: skip
+    panels.append("mean avalanche with 95 % intervals and fitted laws; arrows: lower bounds of outlets without a stop")
+    if any(point.times is not None for point in series.points):
+        panels.append("part of the times between grains that are longer (Kaplan and Meier); dashed: power law of the "
+                      "tail")  # fmt: skip
+    return "From left to right: " + ". ".join(f"({index}) {text}" for index, text in enumerate(panels, 1)) + "."
+
+
 def memory_table(series: SeriesClogging) -> Table:
     """Tests of whether the flow has no memory, and of whether avalanches are independent."""
     rows = []
@@ -83,17 +97,17 @@ def times_table(series: SeriesClogging) -> Table | None:
     for point in (point for point in series.points if point.times is not None):
         label, part = point.result.label or "the only point", f"{point.flowing_fraction:.3g}"
         if isinstance(point.tail, str):
-            rows.append((label, part, *("–",) * 7))
+            rows.append((label, part, *("–",) * 8))
             reasons.append(f"{label}: {point.tail}.")
             continue
         tail = point.tail
         alpha = f"{tail.alpha:.2f} ({tail.low:.2f} to {tail.high:.2f})"
         counts = f"{tail.n} (+{tail.censored} censored)"
-        ratios = f"{tail.exponential:.1f}", f"{tail.stretched:.1f}", f"{point.tail_goodness:.2g}"
+        ratios = f"{tail.exponential:.1f}", f"{tail.stretched:.1f}", f"{point.tail_goodness:.2g}", f"{tail.longest:.1g}"
         rows.append((label, part, alpha, f"{tail.t_min:.3g}", counts, *ratios, tail.verdict))
     headings = ("point", "flowing fraction", "α (95 %)", "t_min [s]", "times", "ln L, exponential",
-                "ln L, stretched", "p", "verdict")  # fmt: skip
-    return Table(headings, tuple(rows), frozenset({0, 8}), notes=(_TIMES, *reasons)) if rows else None
+                "ln L, stretched", "p", "p, longest", "verdict")  # fmt: skip
+    return Table(headings, tuple(rows), frozenset({0, 9}), notes=(_TIMES, *reasons)) if rows else None
 
 
 def law_tables(series: SeriesClogging) -> list[Table]:
@@ -142,11 +156,6 @@ def _correlation(found: Correlation) -> str:
     return f"{found.value:.2f} ({found.low:.2f} to {found.high:.2f})" if math.isfinite(found.value) else "–"
 
 
-_CAPTION = (
-    "Left: part of the avalanches that are longer than s (Kaplan and Meier); grey: a flow without memory. Middle: "
-    "stops per grain in bins of s, over their mean. Right: mean avalanche with 95 % intervals and fitted laws; arrows: "
-    "lower bounds of outlets without a stop."
-)
 _TABLE = (
     "q is the probability that a grain is the last before a stop: stops over grains, both beyond the first "
     "{transient}. Runs that ended without a stop are censored: their grains count. Interval of q: exact for a Poisson "
@@ -161,8 +170,9 @@ _TIMES = (
     "and “flows” are P(α ≤ 2) above 0.95 and below 0.05. ln L: ratio of the likelihood of the power law to that of an "
     "exponential and of a stretched exponential tail. Above 0 the power law is better. A stretched exponential has it "
     "as a limit: it is better below −2. p: probability that a power law is farther from its fit (parametric bootstrap "
-    "with t_min as it is). Below 0.1 the tail is no power law, and α has no meaning. Flowing fraction: part of the "
-    "time without gaps (window.gap)."
+    "with t_min as it is). Below 0.1 the tail is no power law, and α has no meaning. p, longest: probability of a "
+    "time as long as the longest one. Below 0.01 there are longer gaps than the power law has, and nothing is decided. "
+    "Flowing fraction: part of the time without gaps (window.gap)."
 )
 _MEMORY = (
     "In a flow without memory the hazard is constant. Consecutive: correlation of ln s of avalanches after each other "

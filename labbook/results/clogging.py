@@ -186,7 +186,7 @@ class PointClogging:
             row |= {"alpha": tail.alpha, "alpha_low": tail.low, "alpha_high": tail.high, "t_min": tail.t_min}
             row |= {"times": tail.n, "censored": tail.censored, "probability_of_divergence": tail.clogs}
             row |= {"over_exponential": tail.exponential, "over_stretched": tail.stretched}
-            row |= {"goodness": self.tail_goodness, "verdict": tail.verdict}
+            row |= {"goodness": self.tail_goodness, "longest_p": tail.longest, "verdict": tail.verdict}
         return row
 
     def _of_beds(self, pair: Callable[[Avalanches], tuple[float, float]]) -> np.ndarray:

@@ -81,7 +81,8 @@ class Emulator:
         plane = ConstantKernel(_SLOPES**2, "fixed") * DotProduct(1.0, "fixed")
         deviation = ConstantKernel(0.1, _SIZES) * Matern(lengths, bounds, nu=2.5)  # pyright: ignore[reportArgumentType]
         same_bed = ConstantKernel(max(of_beds / scale**2, 1e-12), "fixed") * RBF(apart, "fixed")  # pyright: ignore[reportArgumentType]
-        process = GaussianProcessRegressor(plane + deviation + same_bed, alpha=max(variance / scale**2, 1e-10))
+        settings, values, beds, noise = _with_means(settings, values, beds, max(variance, 1e-10 * scale**2), of_beds)
+        process = GaussianProcessRegressor(plane + deviation + same_bed, alpha=noise / scale**2)  # pyright: ignore[reportArgumentType]
         with warnings.catch_warnings(), threadpool_limits(1, "blas"):
             warnings.simplefilter("ignore", ConvergenceWarning)  # a length at its bound: the response is a plane there
             process.fit(_rows(settings, beds), (values - mean) / scale)
@@ -142,6 +143,26 @@ def _rows(settings: np.ndarray, beds: np.ndarray | None = None) -> np.ndarray:
     return np.column_stack([2 * settings - 1, seeds / _FAR])
 
 
+def _with_means(
+    settings: np.ndarray, values: np.ndarray, beds: np.ndarray, variance: float, of_beds: float
+) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+    """Replace runs at one setting, whose beds have no other run, by their mean, which has the same information.
+
+    The covariance of beds counts that of one bed for each row, and the mean of m beds has an m-th of it. The noise of
+    such a row is therefore less by the difference, and may be below zero; their sum is not.
+
+    Returns:
+        Settings, values and beds of r <= n rows, and their variances of noise, shape [r].
+    """
+    _, of_bed, runs = np.unique(beds, return_inverse=True, return_counts=True)
+    _, of_setting = np.unique(settings, axis=0, return_inverse=True)
+    # runs of a bed with several are rows of their own; others are named by their setting
+    names = np.where(runs[of_bed] == 1, of_setting.ravel(), of_setting.max() + 1 + np.arange(len(beds)))
+    _, first, of_row, counts = np.unique(names, return_index=True, return_inverse=True, return_counts=True)
+    means = np.bincount(of_row.ravel(), values) / counts
+    return settings[first], means, beds[first], (variance + of_beds) / counts - of_beds
+
+
 def best_settings(
     covariances: Sequence[np.ndarray], noises: Sequence[float], weights: Sequence[np.ndarray], number: int
 ) -> list[int]:
@@ -149,6 +170,7 @@ def best_settings(
 
     Each run is the best one given those before, by the sum of variances over all candidates. That is the criterion of
     Cohn (Adv. Neural Inf. Process. Syst. 6 (1994) 679), which does not depend on the results of the runs.
+
     Args:
         covariances: Covariance of the errors of each emulator among k candidates, shape [k, k].
         noises: Variance of a run about each emulator.

@@ -12,6 +12,8 @@ from labbook.stats.rates import PooledRate, rate
 FEWEST_TIMES = 50
 """Fewest times above `t_min` for a power law (Clauset, Shalizi & Newman, SIAM Rev. 51 (2009) 661)."""
 _DECIDED = 0.05
+_IMPROBABLE = 0.01
+"""Probability of the longest time below which the tail is no power law."""
 _CUTS = 100
 """Largest number of trial values of t_min."""
 _LARGEST_STRETCH = 5.0
@@ -197,6 +199,8 @@ class PowerTail:
         exponential: ln of the likelihood ratio to an exponential tail; positive if the power law is better.
         stretched: The same to a stretched exponential, exp(-l (t^b - t_min^b)), whose limit of small b is the power
             law. It is never positive; below -2 the stretched one is better in spite of its further parameter.
+        longest: Probability that the longest of as many times from this power law is as long as the longest one here.
+            The fit is one of many short times: a small probability shows longer ones than it allows.
     """
 
     alpha: float
@@ -208,10 +212,14 @@ class PowerTail:
     clogs: float
     exponential: float
     stretched: float
+    longest: float
 
     @property
     def verdict(self) -> Verdict:
-        """State of the agitated silo; `undecided` if P(alpha <= 2) is between 0.05 and 0.95."""
+        """State of the agitated silo; `undecided` if P(alpha <= 2) is between 0.05 and 0.95, or the longest time is
+        improbable: then alpha does not describe the times that decide."""
+        if self.longest < _IMPROBABLE:
+            return "undecided"
         if self.clogs > 1 - _DECIDED:
             return "clogs"
         return "flows" if self.clogs < _DECIDED else "undecided"
@@ -258,7 +266,10 @@ def power_tail(times: np.ndarray, ended: np.ndarray, t_min: float | None = None,
         power - _stretched(logs, ended[tail], b) + n * math.log(t_min) for b in (1.0, _best_stretch(logs, ended[tail]))
     )
     clogs = float(chdtr(2 * n, 2 * total))
-    return PowerTail(alpha, low, high, t_min, n, int((~ended[tail]).sum()), clogs, exponential, min(stretched, 0.0))
+    # a censored time enters as if it ended when it was cut off: the true longest time is even less probable
+    longest = -math.expm1(len(logs) * math.log1p(-math.exp((1 - alpha) * float(logs.max()))))
+    censored = len(logs) - n
+    return PowerTail(alpha, low, high, t_min, n, censored, clogs, exponential, min(stretched, 0.0), longest)
 
 
 def tail_goodness(times: np.ndarray, ended: np.ndarray, tail: PowerTail, draws: int = 200, seed: int = 0) -> float:

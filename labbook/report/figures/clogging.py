@@ -1,4 +1,4 @@
-"""Survival of avalanches, hazard per grain, and mean avalanche against D/d."""
+"""Survival of avalanches, hazard per grain, mean avalanche against D/d, and times between grains."""
 
 import math
 from collections.abc import Sequence
@@ -8,40 +8,79 @@ import numpy as np
 
 from labbook.report.style import COLOURS, DASHES, FAINT, MARKERS, MILLIMETRE, PAGE, house
 from labbook.results.clogging import PointClogging, SeriesClogging
+from labbook.stats.survival import PowerTail, kaplan_meier
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
 _PANELS = 7
-"""Points drawn in the two panels of avalanches, at most."""
+"""Points drawn in the panels of avalanches and of times, at most."""
+_BEGIN = 0.98
+"""Part of the times that are longer than the shortest one drawn."""
 
 
 def clogging_figure(series: SeriesClogging) -> "Figure":
-    """Draw three panels: the part of avalanches that are longer than s, the hazard over its mean, and 1/q against
-    D/d with the fitted laws."""
+    """Draw the clogging of a series in two to four panels.
+
+    They are the part of avalanches that are longer than s and the hazard over its mean, where a flow stopped; 1/q
+    against D/d with the fitted laws; and the times between grains with their power laws, where walls move.
+
+    Args:
+        series: The points of one outlet or one other setting.
+    """
     from matplotlib.figure import Figure
 
+    points = [point for point in series.points if point.probability is not None]
+    stopped = [point for point in points if point.probability is not None and not point.probability.bound]
+    timed = [point for point in series.points if point.times is not None]
     with house():
         figure = Figure(figsize=(PAGE, 62 * MILLIMETRE))
-        longer, hazards, mean = figure.subplots(1, 3)
-        points = [point for point in series.points if point.probability is not None]
-        stopped = [point for point in points if point.probability is not None and not point.probability.bound]
-        spread = np.unique(np.linspace(0, len(stopped) - 1, min(_PANELS, len(stopped))).round().astype(int))
-        for place, index in enumerate(spread):
-            _survival(longer, stopped[index], place)
-            _hazard(hazards, stopped[index], place)
-        longer.plot([0, 6], [1, math.exp(-6)], color=FAINT, linewidth=0.8, zorder=1)
-        longer.set(
-            yscale="log", ylim=(2e-3, 1.2), xlim=(0, 6), xlabel="grains $s$ / mean avalanche", ylabel="part longer"
-        )
-        hazards.axhline(1, color=FAINT, linewidth=0.8, zorder=1)
-        hazards.set(xlabel="grains $s$ / mean avalanche", ylabel="stops per grain / $q$", ylim=(0, None))
-        hazards.set_xlim(left=0)
-        _means(mean, series, points)
-        if len(spread):
-            longer.legend(loc="upper right", title="$D/d$", title_fontsize=6.5)
+        axes = list(figure.subplots(1, 2 * bool(stopped) + 1 + bool(timed), squeeze=False)[0])
+        if stopped:
+            _avalanches(axes[0], axes[1], stopped)
+        if timed:
+            _times(axes[-1], timed)
+        _means(axes[2 * bool(stopped)], series, points)
     return figure
+
+
+def _avalanches(longer: "Axes", hazards: "Axes", stopped: Sequence[PointClogging]) -> None:
+    for place, index in enumerate(_spread(stopped)):
+        _survival(longer, stopped[index], place)
+        _hazard(hazards, stopped[index], place)
+    longer.plot([0, 6], [1, math.exp(-6)], color=FAINT, linewidth=0.8, zorder=1)
+    longer.set(yscale="log", ylim=(2e-3, 1.2), xlim=(0, 6), xlabel="grains $s$ / mean avalanche", ylabel="part longer")
+    longer.legend(loc="upper right", title="$D/d$", title_fontsize=6.5)
+    hazards.axhline(1, color=FAINT, linewidth=0.8, zorder=1)
+    hazards.set(xlabel="grains $s$ / mean avalanche", ylabel="stops per grain / $q$", ylim=(0, None))
+    hazards.set_xlim(left=0)
+
+
+def _spread(points: Sequence[PointClogging]) -> list[int]:
+    """Indices of at most `_PANELS` points, evenly spaced."""
+    return sorted({round(index) for index in np.linspace(0, len(points) - 1, min(_PANELS, len(points)))})
+
+
+def _times(ax: "Axes", points: Sequence[PointClogging]) -> None:
+    begins, ends = list[float](), list[float]()
+    for place, index in enumerate(_spread(points)):
+        point, colour = points[index], COLOURS[place]
+        assert point.times is not None
+        curve, label = kaplan_meier(*point.times), f"{point.width:.3g}"
+        if isinstance(tail := point.tail, PowerTail):
+            longest = float(point.times[0].max())
+            start = float(curve.p[max(np.searchsorted(curve.x, tail.t_min) - 1, 0)])
+            power = np.array([1.0, (longest / tail.t_min) ** (1 - tail.alpha)])
+            ax.plot([tail.t_min, longest], start * power, color=colour, linestyle=DASHES[1], linewidth=0.9)
+            label += f": α = {tail.alpha:.2f}"
+        ax.step(curve.x, curve.p, where="post", color=colour, linewidth=0.9, label=label)
+        begins.append(float(curve.x[np.argmax(curve.p < _BEGIN)]))
+        ends.append(float(curve.p[curve.p > 0].min()))
+    ax.set(xscale="log", yscale="log", xlabel="time between grains $T$ [s]", ylabel="part longer")
+    ax.set_xlim(left=min(begins))
+    ax.set_ylim(min(ends) / 5, 1.5)
+    ax.legend(loc="lower left", title="$D/d$", title_fontsize=6.5)
 
 
 def _survival(ax: "Axes", point: PointClogging, place: int) -> None:

@@ -21,6 +21,7 @@ def wall_profiles(walls: PooledWalls, fits: Mapping[str, Mapping[str, JanssenFit
     """Normal and shear stress by height of walls that are not level; normal stress on level walls; and the normal force
     on upright walls after the opening, over that at rest."""
     from matplotlib.figure import Figure
+    from matplotlib.lines import Line2D
 
     layout = walls.layout
     level = [name for name, along in zip(layout.names, layout.coordinates, strict=True) if along != "height"]
@@ -34,7 +35,11 @@ def wall_profiles(walls: PooledWalls, fits: Mapping[str, Mapping[str, JanssenFit
             _by_height(ax, walls, component, fits)
             ax.set_xlabel(f"{heading} stress [kPa]")
         axes[0].set_ylabel("z [mm]")
-        figure.legend(*axes[0].get_legend_handles_labels(), loc="outside lower center", ncols=5)
+        handles, labels = axes[0].get_legend_handles_labels()
+        mark = {"color": FAINT, "marker": "o", "markersize": 3, "linestyle": ""}
+        handles += [Line2D([], [], fillstyle="full", **mark), Line2D([], [], fillstyle="none", **mark)]
+        labels += ["at rest", "later"]
+        figure.legend(handles, labels, loc="outside lower center", ncols=7)
         if touched:
             _on_level_walls(axes[2], walls, touched)
         if len(time):

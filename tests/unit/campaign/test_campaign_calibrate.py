@@ -198,6 +198,30 @@ def test_beds_are_not_added_for_an_emulator_that_is_good_enough():
 
 
 @pytest.mark.slow
+def test_further_beds_are_new_ones():
+    """A packing fraction whose scatter is all of the beds, measured with the error of a mean of 20 of them: at least 80
+    beds are needed, and seeds of one point after the other would be the same beds again. So each round of beds goes on
+    where the last one ended, and the campaign ends."""
+    shared = np.random.default_rng(9).normal(size=3000)
+
+    class Packed(Bench):
+        def run(self, at, seed):
+            trial = super().run(at, seed)
+            numbers = trial.numbers | {"packing_fraction": 0.6 * math.exp(-0.5 * at[ROLLING] + 0.005 * shared[seed])}
+            return trial.__class__(trial.at, seed, trial.key, trial.outcome, numbers)
+
+    bench = Packed(flow_and_fraction, 1)
+    *rates, _ = draw_measurements(TRUTH, np.random.default_rng(3))
+    fraction = value("packing_fraction", 0.6 * math.exp(-0.5 * TRUTH[1]), 0.005 / math.sqrt(20), **rates[-1].at)
+    campaign = bench.campaign(goal((*rates, fraction)))
+    rounds = [g.assignments[0] for g in campaign.generations if "beds more at a likely point" in g.reason]
+    assert len(rounds) >= 2
+    assert len({tuple(entry.at.items()) for entry in rounds}) == 1
+    assert [entry.replicates for entry in rounds] == [rounds[0].replicates + 32 * n for n in range(len(rounds))]
+    assert "Promise kept" in (campaign.ended or "")
+
+
+@pytest.mark.slow
 def test_a_withheld_measurement_is_predicted(stopped):
     bench, one, _ = stopped
     (prediction,) = one.infer(bench.study, bench.trials).predictions()
@@ -211,10 +235,12 @@ def test_a_withheld_measurement_is_predicted(stopped):
 def test_regions_cover():
     """A2, A3, A6: of 100 calibrations with an emulator of their own the 95 % region holds the parameters in 86 or more
     (99 % of the time at 93 %). The campaigns take a tenth of the runs of a grid, and their posteriors are at most a
-    tenth wider than with an emulator without error, which no grid has."""
+    tenth wider than with an emulator without error, which no grid has. Of right emulators one of 200 fails the test by
+    its held-out runs, and says so: three of 100 once in 70 times."""
     figures = coverage(100)
     assert figures["region"] >= 0.86
-    assert figures["answers"] == 1
+    assert figures["answers"] >= 0.98
+    assert figures["promise kept"] >= 0.98
     assert figures["runs"] <= 650
     for key in (FRICTION, ROLLING):
         assert figures[f"sd of {key} over that of an exact emulator"] <= 1.1

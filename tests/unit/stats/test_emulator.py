@@ -54,6 +54,29 @@ def test_what_beds_have_in_common_stays_in_the_error():
         assert emulator.at(np.array([[0.5]]))[1][0] == pytest.approx(expected, rel=0.15)
 
 
+def test_many_beds_at_one_setting_count_as_their_mean_and_give_the_same_answer():
+    """Beds that have one run each, at one setting: fewer rows, and mean and error are those of all runs, by the
+    normal distribution of all values written out."""
+    U = np.vstack([RNG.uniform(size=(12, 1)), np.full((30, 1), 0.4)])
+    beds = np.array([*[1, 2, 3] * 4, *range(1, 31)])
+    y = 1 + U[:, 0] + 0.02 * RNG.normal(size=42) + 0.03 * np.random.default_rng(3).normal(size=31)[beds]
+    emulator = Emulator.of(U, y, 0.02**2, beds, of_beds=0.03**2)
+    assert len(emulator._process.X_train_) == 12 + 3 + 1
+    smooth = emulator._process.kernel_.k1
+    rows, where = 2 * U - 1, np.array([[0.1], [-0.7]])
+
+    def row(x):
+        return np.column_stack([x, np.zeros(len(x))])
+
+    noise = (0.02**2 * np.eye(42) + 0.03**2 * (beds[:, None] == beds)) / emulator._scale**2
+    K, k = smooth(row(rows)) + noise, smooth(row(where), row(rows))
+    mean = k @ np.linalg.solve(K, (y - emulator._mean) / emulator._scale) * emulator._scale + emulator._mean
+    error = np.sqrt(np.diag(smooth(row(where)) - k @ np.linalg.solve(K, k.T))) * emulator._scale
+    ours = emulator.at((where + 1) / 2)
+    assert ours[0] == pytest.approx(mean, rel=1e-6)
+    assert ours[1] == pytest.approx(error, rel=1e-5)
+
+
 def test_runs_go_where_they_lower_the_error():
     """Of two groups of candidates the uncertain one is chosen, one run for each half of it."""
     covariance = np.zeros((6, 6))

@@ -147,6 +147,26 @@ def test_a_stretched_exponential_tail_is_told_from_a_power_law():
     assert found.exponential == pytest.approx(log_power - (400 * math.log(400 / length) - 400))
 
 
+def test_gaps_that_are_too_long_for_the_power_law_leave_it_undecided():
+    """The probability of the longest time is uniform for power laws: 15 of 300 below 0.05, give or take 3.8. Two gaps
+    of 2000 t_min among 600 times with alpha = 2.8, of which 2000^-1.8 = 10^-6 are as long, change alpha little; the
+    distance of Kolmogorov and Smirnov does not see them."""
+    rng = np.random.default_rng(5)
+    drawn = [rng.random(100) ** -1.0 for _ in range(300)]
+    longest = np.array([power_tail(times, np.ones(100, bool), 1.0).longest for times in drawn])
+    assert np.mean(longest < 0.05) == pytest.approx(0.05, abs=0.04)
+    assert np.mean(longest) == pytest.approx(0.5, abs=0.06)
+    times = rng.random(600) ** (-1 / 1.8)
+    ended = np.ones(602, bool)
+    assert power_tail(times, ended[:600], 1.0).verdict == "flows"
+    gaps = np.append(times, [2000.0, 2000.0])
+    found = power_tail(gaps, ended, 1.0)
+    assert found.alpha > 2.6
+    assert tail_goodness(gaps, ended, found, 100) > 0.1
+    assert found.longest < 0.01
+    assert found.verdict == "undecided"
+
+
 @pytest.mark.slow
 def test_the_goodness_of_a_tail_is_uniform_for_power_laws_and_small_for_others():
     """The mean of 60 uniform numbers is 0.5 +- 0.037; one time of sixty is censored."""
