@@ -83,9 +83,8 @@ TABLE = (
     Absent(
         ". container",
         "periodic boundary boundaries boundaryconditions pbc",
-        "grains that leave on one side do not enter on the other",
-        "there are no periodic boundaries: give the container walls, and make it wide; walls: {front: {friction: 0}, "
-        "back: {friction: 0}} disturb least",
+        "a wedge-hopper and a box may repeat along y, and nothing else does",
+        "state periodic: y in such a container, in place of its front and back wall",
     ),
     Absent(
         "reference reference.* reference.*[]",

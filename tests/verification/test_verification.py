@@ -6,7 +6,7 @@ import pytest
 from stands import Bundled, specialised, stands, where
 
 from labbook.backend import Unsupported
-from labbook.checks.verify import clumps, mesh, mesh_rods, moving
+from labbook.checks.verify import clumps, mesh, mesh_rods, moving, periodic
 from labbook.checks.verify.case import Case, Criterion, judge
 from labbook.checks.verify.cases import CASES, select_cases
 from labbook.checks.verify.materials import EVERY_LAW
@@ -97,7 +97,7 @@ BY_THE_REFERENCE = {
     *("unlike-stack-hertz-mindlin", "unlike-stack-linear"),
     *("unlike-materials-hertz-mindlin", "unlike-materials-linear"),
     *("unlike-materials-oblique-hertz-mindlin", "unlike-materials-oblique-linear"),
-    *(case.name for case in clumps.CASES),
+    *(case.name for case in (*clumps.CASES, *periodic.CASES)),
 }
 """Cases that plain Python takes in seconds. In others the reference stands beside the backends: test_reference_rods,
 test_reference_spheres, and the whole contract."""
