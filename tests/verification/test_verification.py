@@ -33,7 +33,7 @@ IN_ONE = {
     "edge-roll-off",
     "rim-roll-off",
     "edge-without-slip",
-    *(case.name for case in (*mesh.CASES, *mesh_rods.CASES, *moving.CASES)),
+    *(case.name for case in (*mesh.CASES, *mesh_rods.CASES, *moving.CASES, *periodic.CASES)),
     "rolling-round-a-cylinder",
     "rod-landing",
     "rod-over-rim",
@@ -86,6 +86,8 @@ LONG = {
     *("moving-turntable", "moving-balance"),
     # kernels of rods at meshes are compiled for these only; test_dem_mesh_rods has their contacts
     *(case.name for case in mesh_rods.CASES),
+    # and those of rods between periodic sides; the other cases have spheres there
+    "periodic-rods",
 }
 """Cases that take twenty seconds and more anywhere on a processor, with kernels of their own or many steps."""
 BY_THE_REFERENCE = {
