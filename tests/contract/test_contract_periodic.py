@@ -48,12 +48,12 @@ def ends(stand: Bundled, of: Scene, start: Packing | Checkpoint, beats: int, ste
 
 def touching(packing: Packing, period: float) -> dict[tuple[int, int], np.ndarray]:
     """Branches of touching pairs by ids, among grains and two images of each."""
-    n = len(packing)
+    n, ids = len(packing), ids_of(packing)
     every = np.concatenate([packing.x + np.array([0, k * period, 0]) for k in (0, -1, 1)])
     pairs = KDTree(every).query_pairs(D, output_type="ndarray")
     pairs = pairs[(pairs < n).any(axis=1)]
     first, second = np.where(pairs[:, :1] < n, pairs, pairs[:, ::-1]).T
-    i, j = packing.ids[first % n], packing.ids[second % n]
+    i, j = ids[first % n], ids[second % n]
     branch = every[second] - every[first]
     return {
         (min(a, b), max(a, b)): b_ij if a < b else -b_ij
@@ -61,9 +61,14 @@ def touching(packing: Packing, period: float) -> dict[tuple[int, int], np.ndarra
     }
 
 
+def ids_of(packing: Packing) -> np.ndarray:
+    assert packing.ids is not None
+    return packing.ids
+
+
 def across(branches: Sequence[np.ndarray], packing: Packing, pairs: Sequence[tuple[int, int]]) -> int:
     """Number of contacts across the sides."""
-    x = packing.x[np.argsort(packing.ids)]
+    x = packing.x[np.argsort(ids_of(packing))]
     return sum(abs(x[j, 1] - x[i, 1] - b[1]) > D for (i, j), b in zip(pairs, branches, strict=True))
 
 
@@ -91,6 +96,6 @@ def test_on_from_a_checkpoint_with_the_same_bits(stand: Bundled):
     again, _, _ = ends(stand, of, half, 1, 60)
     assert identical(whole, again)
     assert np.abs(whole.x[:, 1]).max() <= of.container.period / 2, "places outside are brought into the box"
-    order = np.argsort(whole.ids)
+    order = np.argsort(ids_of(whole))
     moved = nearest_images(whole.x[order] - start.x, of.container.period)
     assert np.abs(moved[:, 1]).min() > D

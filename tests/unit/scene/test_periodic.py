@@ -10,6 +10,7 @@ from pydantic import ValidationError
 from scipy.spatial import KDTree
 
 from labbook.filling.placing import place
+from labbook.lab.identity import scene_key
 from labbook.measure.packing import packing_fraction
 from labbook.measure.region import Region
 from labbook.scene import (
@@ -58,6 +59,13 @@ def test_a_container_has_no_front_and_back_and_its_key_changes_only_with_periodi
     assert math.isinf(walled.period)
     assert "periodic" not in walled.model_dump()
     assert box().model_dump()["periodic"] == "y"
+
+
+def test_keys_tell_periods_apart_which_no_wall_does():
+    hopper = WedgeHopper(width=5 * D, height=60 * D, thickness=PERIOD, orifice=2 * D, periodic="y").close()
+    scenes = [scene(container) for container in (box(), box(1.1 * PERIOD), box().model_copy(update={"periodic": None}))]
+    assert len({scene_key(of) for of in (*scenes, scene(hopper))}) == 4
+    assert scenes[0].container.walls() == scenes[1].container.walls()
 
 
 @pytest.mark.parametrize("grains", [Spheres(diameter=D, density=1, count=1),
